@@ -54,7 +54,7 @@ class Pose:
     Raises
     ------
     PoseError
-        If shapes or values are no rigid transform.
+        If they are not a rigid transform.
     """
 
     __slots__ = ("rotation", "translation")
@@ -83,7 +83,7 @@ class Pose:
         Raises
         ------
         PoseError
-            If it is no rigid transform.
+            If it is not a rigid transform.
         """
         array = as_float64(
             matrix, "entries of a pose's matrix", error=PoseError, expected="numbers of shape (4, 4)"
@@ -103,14 +103,14 @@ class Pose:
         Parameters
         ----------
         xyzw : (4,) float64
-            Of norm 1, within 1 %; it is divided by its norm. (0, 0, 0, 1) turns nothing.
+            Of norm 1, within 1 %; it is divided by its norm. (0, 0, 0, 1) is the identity.
         translation : (3,) float64, m
             Zero where not given.
 
         Raises
         ------
         PoseError
-            If it is no such quaternion, or the translation is not 3 finite numbers.
+            If it is not a unit quaternion, or the translation is not 3 finite numbers.
         """
         array = as_float64(xyzw, "entries of a quaternion", error=PoseError, expected="4 numbers x, y, z, w")
         if array.shape != (4,):
@@ -130,7 +130,7 @@ class Pose:
 
     @classmethod
     def known(cls, rotation: np.ndarray, translation: np.ndarray) -> "Pose":
-        """Return the pose of arrays that are known to be one, to the bit; they are copied, not looked at.
+        """Return the pose of arrays that are known to be a rigid transform: copied, not checked.
 
         Parameters
         ----------
@@ -147,12 +147,12 @@ class Pose:
 
     @classmethod
     def of(cls, pose: Any) -> "Pose":
-        """Return *pose* as a `Pose`: one already, or a (4, 4) matrix.
+        """Return *pose*, a `Pose` or a (4, 4) matrix, as a `Pose`.
 
         Parameters
         ----------
         pose : Pose or (4, 4) array-like
-            What a caller may hand over as a pose.
+            The pose.
 
         Raises
         ------
@@ -171,16 +171,16 @@ class Pose:
 
     @property
     def is_identity(self) -> bool:
-        """Whether nothing turns or shifts."""
+        """Whether rotation and translation are the identity."""
         return bool(np.array_equal(self.rotation, np.eye(3)) and not self.translation.any())
 
     @property
     def inverse(self) -> "Pose":
-        """The pose that leads back."""
+        """The inverse pose."""
         return Pose(self.rotation.T, -(self.rotation.T @ self.translation))
 
     def point(self, points: Any) -> np.ndarray:
-        """Take points (..., 3), m, from the source frame to the target frame.
+        """Return points (..., 3), m, of the source frame in the target frame.
 
         Parameters
         ----------
@@ -195,7 +195,7 @@ class Pose:
         return as_points(points) @ self.rotation.T + self.translation
 
     def direction(self, directions: Any) -> np.ndarray:
-        """Take directions (..., 3) from the source frame to the target frame; they turn, never shift.
+        """Return directions (..., 3) of the source frame in the target frame: rotated, not translated.
 
         Parameters
         ----------
@@ -231,7 +231,7 @@ def _checked_rotation(rotation: Any) -> np.ndarray:
     if not off <= ORTHONORMAL_TOLERANCE:
         raise PoseError(
             f"a pose's rotation is not orthonormal (rotation times its transpose is off by {off:.3g}): "
-            "a pose turns and shifts, it cannot scale or shear"
+            "a pose can rotate and translate, but not scale or shear"
         )
     if np.linalg.det(array) < 0.0:
         raise PoseError("a pose's rotation mirrors (determinant -1), expected +1")

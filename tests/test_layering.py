@@ -71,12 +71,13 @@ moves_input · openxr_input · sensor · stream
 gloves · openxr_runtime · part_prediction · reception · sources
 """,
     "proximity.web": """
-viewing
+guided · viewing
 page_process
 bridge
-page_client · slices
-feeding · geometry · keeping · page_files · served_scene · sources
-access · display_mesh · layout
+page_client · scene_page · slices
+feeding · geometry · keeping · served_scene · sources
+server
+display_mesh · layout
 slice_fields
 """,
     "proximity.decaff": """
@@ -87,11 +88,22 @@ drum · glove
 arguments
 """,
     "proximity.studies": """
-part_press · sweep
+experiment · part_press · sweep
 claims · figures
 engine · stability
 simulation
 multibody · paper
+""",
+    "proximity.studies.experiment": """
+analysis
+sitting
+drum_display · observers
+conduct
+session
+dataset · display
+design_file · methods · trial_log
+plan
+coupled_controller · design · libraries
 """,
     "proximity.certificate": """
 certificate_job · report
@@ -102,7 +114,8 @@ deadlines · fingerprint · period · subject · tick_times · vr_application ·
 """,
     "proximity.cli": """
 commands
-drum_loop · drum_motors · guided_calibration · questions · scene_press
+calibration · experiment_run
+drum_loop · drum_motors · experiment_page · experiment_terminal · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording

@@ -36,9 +36,9 @@ class Repairs:
             deeds.append(f"dropped {what}")
         if self.turned_face_count:
             what = _counted(self.turned_face_count, "face", "faces")
-            deeds.append(f"turned {what} to run the way of the others")
+            deeds.append(f"turned {what} to match the orientation of the others")
         if self.is_turned_inside_out:
-            deeds.append("turned the body inside out")
+            deeds.append("flipped the body, which was inside out")
         sentence = ", ".join(deeds)
         return sentence and sentence[0].upper() + sentence[1:] + "."
 

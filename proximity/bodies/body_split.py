@@ -95,7 +95,7 @@ class _Stock:
         self.unit_positions = np.ldexp(self.positions, self.exponent)
         self.is_sliver = np.zeros(mesh.face_count, dtype=bool)
         self.is_duplicate = np.zeros(mesh.face_count, dtype=bool)
-        self.is_turned = np.zeros(mesh.face_count, dtype=bool)  # to run the way of the others
+        self.is_turned = np.zeros(mesh.face_count, dtype=bool)  # to match the orientation of the others
         self.is_inside_out = np.zeros(mesh.face_count, dtype=bool)  # turned (once more) with all others
         self.rows = np.arange(mesh.face_count)  # faces that are left
         self.edges: EdgeRuns | None = None  # of all faces, where all are left as they were given

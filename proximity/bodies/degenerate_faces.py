@@ -3,7 +3,7 @@
 Such a face goes only where its going leaves no more edges unbalanced (run more often one way than the
 other) than before. A sliver between two rows of faces that meet at different points along a line has no area
 and still closes the surface; the coincident faces of two bodies may run the same way and are both needed.
-Faces are judged in groups connected by edges: a body that is there twice goes as a whole.
+Faces are judged in groups connected by edges: a body that occurs twice goes as a whole.
 """
 
 import numpy as np

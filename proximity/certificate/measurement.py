@@ -82,7 +82,9 @@ def measure(
     motion_rows: dict[str, np.ndarray] = {"random": np.ascontiguousarray(wandering[:, :fingers])}
     if subject.recording is not None:
         if not subject.recording.is_present.any():
-            raise RecordingError(f"{subject.recording.path}: no finger is seen at any tick, expected some")
+            raise RecordingError(
+                f"{subject.recording.path}: no finger is tracked at any tick, expected at least one"
+            )
         motion_rows = {
             "recording": motions.repeated(subject.recording.positions, tick_count),
             **motion_rows,

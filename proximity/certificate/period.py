@@ -47,7 +47,7 @@ def parse_period(text: str) -> float:
         seconds = math.nan
     # Room for what a period loses on its way through a rate.
     if not SHORTEST_PERIOD * (1.0 - 1e-9) <= seconds <= LONGEST_PERIOD * (1.0 + 1e-9):
-        raise ServiceError(f"{text!r} is no period, {expected}")
+        raise ServiceError(f"{text!r} is not a period, {expected}")
     return seconds
 
 

@@ -47,7 +47,7 @@ class Subject:
     settings: dict[str, Any] = field(default_factory=dict)  # of a `Tracker`, where they are not its own
     recording: Recording | None = None  # placed, at the rate of the ticks
     files: tuple[str, ...] = ()  # that it came from
-    real_time: bool = True  # whether the loop asks the system for priority
+    real_time: bool = False  # whether the loop asks the system for priority
     core: int | None = None
     corners: np.ndarray | None = None  # (M, K, 3) m, finger's frame, of paths that may come; None: none may
     moves: bool = False  # whether it may be given that parts move
@@ -112,7 +112,7 @@ def read_subject(
     period : float, s
         Instead of the scene file's; 1 ms where nobody says.
     real_time : bool
-        Instead of what the scene file says; True where nobody says.
+        Instead of what the scene file says; False if neither is given.
     sample : callable
         Tells of a recording for when there is none.
 
@@ -127,7 +127,7 @@ def read_subject(
         If the recording cannot be read.
     """
     if fingers is not None and fingers < 1:
-        raise ServiceError(f"{fingers} fingers cannot be ticked, expected 1 or more")
+        raise ServiceError(f"{fingers} fingers cannot be tracked, expected 1 or more")
     # Before the parts: a mistake here should not take as long as they do.
     hand = None if recording is None else read_recording(recording)
     if Path(path).suffix.lower() == SCENE_SUFFIX:

@@ -65,7 +65,9 @@ def as_float64(
                 return copied(array)
             return np.require(array, np.float64, ["C", "A", "W"])
     except (OverflowError, TypeError, ValueError) as unfit:
-        raise error(f"{name} hold something that is not a number ({unfit}), expected {expected}") from unfit
+        raise error(
+            f"{name} contain something that is not a number ({unfit}), expected {expected}"
+        ) from unfit
 
 
 def copied(array: np.ndarray) -> np.ndarray:
@@ -146,7 +148,7 @@ def refuse_trimesh(value: Any, error: type[ProximityError]) -> None:
         Of type *error*.
     """
     if kind := trimesh_kind(value):
-        raise error(f"a trimesh.{kind} was given: proximity.from_trimesh makes a scene of it, with solids")
+        raise error(f"a trimesh.{kind} was given: proximity.from_trimesh makes a scene of it")
 
 
 def as_points(values: Any, name: str = "points") -> np.ndarray:

@@ -26,22 +26,21 @@ from proximity.cli.commands.service import (
     serve,
     watch,
 )
-from proximity.cli.commands.studies import bench, figures, replay, simulate, study
+from proximity.cli.commands.studies import bench, experiment, figures, replay, simulate, study
 from proximity.cli.program import Command, Group
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
     (
         "Exact distance from points, rays and segments to CAD parts.",
-        "Reads STL, OBJ, PLY, OFF, glTF/GLB, 3MF and STEP, and what compile wrote. Every part of a file is "
-        "measured on its own; "
-        "signed distance is negative inside. Coordinates and answers are in millimetres, or in what --units "
-        "says.",
-        "Exit codes: 0 answered; 1 check --strict found a part without an inside, replay a bound that does "
-        "not hold, bench a scene that does not fit its gate, record, watch, drum or demo no frame, or "
-        "calibrate too little input, or study conditions that failed; 2 the files, the points, the addresses "
-        "or the options cannot be used, or the log of serve lacks frames; "
-        "130 interrupted; 141 the reader of "
-        "the output went first.",
+        "Reads STL, OBJ, PLY, OFF, glTF/GLB, 3MF, STEP and compiled scenes (see compile). Every part of a "
+        "file is measured separately. Signed distance is negative inside. Coordinates and answers are in "
+        "millimetres; --units chooses another unit.",
+        "Exit codes: 0: done. 1: the command ran, but the result is negative: check --strict found a part "
+        "without an inside, a bound or a certified time of replay did not hold, a scene does not fit the "
+        "--gate of bench, a condition of study failed, record, watch, drum or demo received no frame, or "
+        "calibrate received too little "
+        "input. 2: a file, a point, an address or an option cannot be used, or the log of serve lacks "
+        "frames. 130: interrupted. 141: the reader of the output ended first.",
     )
 )
 
@@ -65,9 +64,11 @@ for module in COMMANDS:
         module.__name__.rpartition(".")[2],
         cls=Command,
         epilog=module.EXAMPLES,
-        help=module.HELP,
+        help=module.HELP.replace("[", "\\["),  # what is in brackets is no mark of Rich's
         no_args_is_help=module not in RUN_BARE,
     )(module.command)
+
+app.add_typer(experiment.app, name="experiment")
 
 
 def _print_version(is_asked: bool) -> None:

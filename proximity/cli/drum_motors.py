@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 import typer
 
+from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
@@ -44,7 +45,11 @@ def armable_motors(addresses: list[str], gloves: list[CalibratedGlove]) -> Itera
 
 
 def ready_bench(
-    rate: float, gloves: list[CalibratedGlove], motors: list[MotorDrum], stop: threading.Event
+    rate: float,
+    gloves: list[CalibratedGlove],
+    motors: list[MotorDrum],
+    stop: threading.Event,
+    cable: CableRule | None = None,
 ) -> DrumBench:
     """Return the drums of all fingers, their motors homed; what takes long is done before a motor is on.
 
@@ -58,8 +63,10 @@ def ready_bench(
         Open; they move.
     stop : threading.Event
         Set when to give up.
+    cable : CableRule
+        Whose stretch is made up for; none where not given.
     """
-    bench = DrumBench(rate, gloves, motors=motors)
+    bench = DrumBench(rate, gloves, motors=motors, cable=cable)
     bench.warm_up()
     home_all(motors, stop.wait, _report)
     return bench
@@ -77,7 +84,7 @@ def watch_motors(motors: list[MotorDrum], stop: threading.Event, limit: float | 
     limit : float, s
         After which to end; None: never.
     """
-    _report("not armed: the motors are read, and stay off (--arm has them move)")
+    _report("not armed: the motors are read, and stay off (--arm lets them move)")
     ends, due = None if limit is None else time.monotonic() + limit, 0.0
     for motor in motors:
         motor.await_answer(stop.wait)

@@ -20,7 +20,9 @@ def _complete_units(incomplete: str) -> list[str]:
 
 FILE = Annotated[
     Path,
-    typer.Argument(metavar="FILE", help="STL, OBJ, PLY, OFF, glTF/GLB, 3MF or STEP, or a compiled scene."),
+    typer.Argument(
+        metavar="FILE", help="Parts: STL, OBJ, PLY, OFF, glTF/GLB, 3MF, STEP or a compiled scene."
+    ),
 ]
 
 UNITS = Annotated[
@@ -29,7 +31,7 @@ UNITS = Annotated[
         "--units",
         metavar="UNIT",
         autocompletion=_complete_units,
-        help="Unit of coordinates and answers, and of a file without units: m, cm, mm, um, in, ft ...",
+        help="Unit of coordinates and answers, and of files that declare none: m, cm, mm, um, in, ft ...",
     ),
 ]
 
@@ -52,14 +54,27 @@ UNPACKED_LIMIT_GB = 2.0
 ADDRESS = Annotated[
     str,
     typer.Argument(
-        metavar="ADDRESS", help="iox2://NAME on this machine, udp://HOST:PORT to listen on, or zenoh://KEY."
+        metavar="ADDRESS", help="iox2://NAME (this machine), udp://HOST:PORT (to listen on) or zenoh://KEY."
     ),
 ]
 
 LIMIT = Annotated[
     float | None,
-    typer.Option("--limit", metavar="SECONDS", help="Stop after this time; without it, when asked to."),
+    typer.Option(
+        "--limit", metavar="SECONDS", help="Stop after this many seconds; Ctrl-C stops at any time."
+    ),
 ]
+
+CABLE = Annotated[
+    str | None,
+    typer.Option(
+        "--cable",
+        metavar="N/M|FILE",
+        help="Stiffness of the cable at the fingertip, or the calibration of the glove that it was measured "
+        "in. Without it, no cable.",
+    ),
+]
+SOFTEST_CABLE, STIFFEST_CABLE = 10.0, 1e6  # N/m at the fingertip
 
 
 def check_range(value: float, option: str, meaning: str, smallest: float, largest: float) -> None:
@@ -92,6 +107,31 @@ def check_limit(limit: float | None) -> None:
         raise typer.BadParameter(
             f"{limit:g} seconds: expected more than 0, up to {LONGEST_S:g}", param_hint="--limit"
         )
+
+
+def cable_stiffness(text: str, max_age: float | None = None) -> float:
+    """Return the stiffness of a cable at the fingertip, half bent, N/m.
+
+    Parameters
+    ----------
+    text : str
+        A number, or the file of a glove's calibration.
+    max_age : float, days
+        Of a calibration; that of `check_age` where not given.
+    """
+    try:
+        stiffness = float(text)
+    except ValueError:
+        if not Path(text).exists():
+            raise typer.BadParameter(
+                f"{text!r}: expected a stiffness in N/m, or the file of a calibration", param_hint="--cable"
+            ) from None
+        from proximity.decaff.glove.default_bend import CONTACT_BEND
+        from proximity.decaff.glove.glove_set import read_glove
+
+        stiffness = float(read_glove(text, max_age).glove.tip_stiffness(CONTACT_BEND))
+    check_range(stiffness, "--cable", "N/m at the fingertip", SOFTEST_CABLE, STIFFEST_CABLE)
+    return stiffness
 
 
 def load_options(step_tolerance: float, unpacked_limit: float) -> dict[str, float]:

@@ -272,7 +272,7 @@ def _why_no_number(text: str) -> str:
         return f"{_shown(text)} has a decimal comma, expected a decimal point: {text.replace(',', '.')}"
     numbers = [word for word in BETWEEN_NUMBERS.split(text) if word]
     if ("," in text or ";" in text) and numbers and all(map(_is_number, numbers)):
-        return f"{_shown(text)} is not a number; separate numbers by spaces alone: {_cut(' '.join(numbers))}"
+        return f"{_shown(text)} is not a number; separate numbers by spaces only: {_cut(' '.join(numbers))}"
     return f"{_shown(text)} is not a number"
 
 

@@ -1,7 +1,7 @@
-"""What a person sees who waits: a spinner or a bar on stderr, after a second, and only on a terminal."""
+"""Progress for a person who waits: a spinner or a bar on stderr, after a second, and only on a terminal."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from threading import Timer
 from types import TracebackType
@@ -9,7 +9,15 @@ from typing import TypeVar
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 import proximity
 from proximity.cli.console import Console
@@ -19,25 +27,53 @@ STATUS_EVERY_S = 0.5
 
 
 T = TypeVar("T")
+C = TypeVar("C", bound=Sized)
 
 
 @contextmanager
-def spinner(doing: str) -> Iterator[None]:
-    """Show *doing* while the block runs, if it runs long and stderr is a terminal."""
+def spinner(doing: str) -> Iterator[Callable[[int, int | None], None]]:
+    """Show *doing* and the seconds that have passed, if the block runs long and stderr is a terminal.
+
+    Gives a function that shows a count: how many are done, and of how many (None: not known).
+    """
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield
+        yield lambda done, total: None
         return
-    status = console.status(escape(doing))  # a file may be named like Rich's marks
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TextColumn("{task.fields[count]}")
+    status = Progress(*columns, TimeElapsedColumn(), console=console, transient=True)
+    task = status.add_task(escape(doing), count="", total=None)  # a file may be named like Rich's marks
+
+    def show(done: int, total: int | None) -> None:
+        status.update(task, count=f"{done}" if total is None else f"{done} of {total}")
+
     timer = Timer(ANNOUNCE_AFTER_S, status.start)
     timer.daemon = True
     timer.start()
     try:
-        yield
+        yield show
     finally:
         timer.cancel()
         timer.join()
-        status.stop()
+        if status.live.is_started:
+            status.stop()
+
+
+def counted(chunks: Iterable[C], show: Callable[[int, int | None], None]) -> Iterator[C]:
+    """Pass *chunks* on, and show how many items they held so far.
+
+    Parameters
+    ----------
+    chunks : iterable of sized
+        What is passed on.
+    show : callable
+        Given by `spinner`.
+    """
+    done = 0
+    for chunk in chunks:
+        yield chunk
+        done += len(chunk)
+        show(done, None)
 
 
 def with_bar(
@@ -113,6 +149,9 @@ def prepare_kernels() -> None:
     """Compile the kernels, with a word on stderr, where they have not been compiled on this machine yet."""
     if proximity.kernels_are_cached():
         return
-    typer.echo("proximity: compiling for this processor, this once; it takes a minute or two", err=True)
+    typer.echo(
+        "proximity: compiling the kernels for this processor; this happens once and takes a minute or two",
+        err=True,
+    )
     with spinner("compiling"):
         proximity.warm_up()

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from proximity.studies.part_press import PartSimulation
     from proximity.studies.simulation.simulated_press import Setup
 
-NOTED = ("part", "approach", "reported by")  # below the figure
+NOTED = ("part", "approach", "reported by", "drum", "cable")  # below the figure
 ROWS = (  # label, field, factor from SI units, digits, whether a recorded hand has it
     ("force begins \\[ms after the touch]", "onset", 1e3, 2, True),
     ("peak force \\[N]", "peak", 1.0, 3, True),
@@ -68,8 +68,10 @@ def run(
     from proximity.formats import metres_per_unit
     from proximity.studies import part_press
     from proximity.studies.engine.engine_setup import Distances, EngineSetup
-    from proximity.studies.figures import press_plots
+    from proximity.studies.figures import captions, press_plots
     from proximity.studies.simulation import simulated_press
+    from proximity.studies.simulation.sweeps import Stretch
+    from proximity.studies.simulation.tip_cable import TipCable
 
     reported = EngineSetup(
         Distances.SENSOR if is_sensor else Distances.ENGINE,
@@ -77,6 +79,8 @@ def run(
         setup.latency,
         None if policy is None else simulated_press.POLICIES[policy],
         with_random_phases(DRUMS[setup.drum], 1)[0],
+        None if setup.cable is None else TipCable.usual(setup.cable),
+        Stretch(setup.stretch),
     )
     metres = metres_per_unit(pressed_part.units)
     at = None if pressed_part.at is None else [metres * coordinate for coordinate in pressed_part.at]
@@ -87,7 +91,8 @@ def run(
     with progress.spinner("simulating"):
         press = part_press.simulate_on_part(scene, reported, at=at, speed=setup.speed, recording=recorded)
         if out is not None:
-            note = "\n".join(words for name, words in part_press.describe(press) if name in NOTED)
+            noted = [f"{name} {words}" for name, words in part_press.describe(press) if name in NOTED]
+            note = f"{'; '.join(noted)}. {captions.hand_words(press.engine.response.hand)}"
             press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF, note)
     if as_json:
         write_document(part_press.document(press))

@@ -142,7 +142,7 @@ def _check_large(head: bytes, size: int, extension: str, unpacked_limit: float) 
 def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry, ...], list[str]]:
     meshes = [mesh for mesh in raw.meshes if len(mesh.faces)]
     if not meshes:
-        raise MeshFormatError("it holds no faces")
+        raise MeshFormatError("it contains no faces")
     names, notes = unique_names([mesh.name.strip() or stem for mesh in meshes])
     shared: dict[tuple, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
     geometries = []

@@ -74,7 +74,7 @@ def place(matrix: np.ndarray | None) -> Placement:
     linear, translation = matrix[:3, :3], matrix[:3, 3].copy()
     left, stretches, right = np.linalg.svd(linear)
     if stretches[2] <= RIGID_TOLERANCE * stretches[0]:
-        raise MeshFormatError("it is placed by a matrix that flattens it, expected one that can be undone")
+        raise MeshFormatError("it is placed by a matrix that flattens it, expected an invertible one")
     sign = 1.0 if np.linalg.det(left) * np.linalg.det(right) > 0.0 else -1.0
     rotation = sign * (left @ right)
     if stretches[0] - stretches[2] > RIGID_TOLERANCE * stretches[0]:

@@ -70,7 +70,7 @@ class _Lines:
             )
         elif key and key not in _PASSED_OVER:
             raise MeshFormatError(
-                f"line {line_id} begins with {text_rows.shortened(key)}, which OBJ does not know"
+                f"line {line_id} begins with {text_rows.shortened(key)}, which is not a statement of OBJ"
             )
 
 
@@ -103,7 +103,7 @@ def read_obj(source: Source) -> RawFile:
             f"it holds {len(vertices)} vertices and no faces, only {kind}: there is no surface"
         )
     faces, source_faces = _read_faces(lines, vertices)
-    notes = ["its points and lines were left out, they bound nothing"] if lines.others else []
+    notes = ["its points and lines were ignored: they enclose nothing"] if lines.others else []
     notes += text_rows.end_notes(source.data)
     return RawFile("OBJ", _split_objects(lines, vertices, faces, source_faces), notes=notes)
 
@@ -148,7 +148,7 @@ def _read_faces(lines: _Lines, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
             row, column = np.argwhere(too_far)[0]
             raise MeshFormatError(
                 f"{locate(row_ids[row])} refers to vertex {table[row, column]:g}, counted back, but "
-                f"{before[row_ids[row]]} vertices stand before it"
+                f"{before[row_ids[row]]} vertices precede it"
             )
         pieces.append((row_ids, np.full(len(row_ids), table.shape[1]), corners))
     return polygons.assemble(vertices, pieces, len(rows), locate)

@@ -25,7 +25,7 @@ def read_off(source: Source) -> RawFile:
         raise MeshFormatError("it does not begin with OFF, COFF, NOFF or CNOFF")
     rest_of_first = keyword.group(2).strip()
     if rest_of_first.split(maxsplit=1)[:1] == ["BINARY"]:
-        raise MeshFormatError("it is a binary OFF file, which is not read; export it as text")
+        raise MeshFormatError("it is a binary OFF file, which is not supported; export it as text")
     lines = [(lines[0][0], rest_of_first), *lines[1:]] if rest_of_first else lines[1:]
     vertex_count, face_count = _counts(lines)
     line_ids = [line_id for line_id, _ in lines[1:]]

@@ -67,7 +67,7 @@ def _read_binary(data: bytes) -> RawFile:
     if held != claimed:
         raise MeshFormatError(
             f"its header claims {claimed} faces, but there are bytes for {held}: "
-            f"{'it is cut off' if held < claimed else 'its face count is wrong'}, or it is no STL file"
+            f"{'it is cut off' if held < claimed else 'its face count is wrong'}, or it is not an STL file"
         )
     facets = np.frombuffer(data, dtype=FACET, count=claimed, offset=STL_HEADER_BYTES)
     vertices = facets["corners"].reshape(-1, 3).astype(np.float64)
@@ -105,7 +105,7 @@ def _solids(text: str, lowered: str) -> Iterator[tuple[str, slice]]:
         closes = lowered.endswith("end", 0, line.start())
         start = line.start() - (3 if closes else 0)
         if closes == (begin is None):
-            raise MeshFormatError("its lines solid and endsolid do not take turns")
+            raise MeshFormatError("its lines solid and endsolid do not alternate")
         if begin is None:
             _check_blank(text[end:start])
             begin = line
@@ -146,7 +146,7 @@ def _read_facets(body: str, first_row: int) -> np.ndarray:
     )
     if not is_whole:
         raise MeshFormatError(
-            f"facet {first_row + _first_odd(groups)} is not whole, expected facet normal, outer loop, three "
+            f"facet {first_row + _first_odd(groups)} is incomplete, expected facet normal, outer loop, three "
             "times vertex, endloop, endfacet"
         )
     return np.ascontiguousarray(table[:, _CORNER_COLUMNS]).reshape(-1, 3)

@@ -52,7 +52,7 @@ class TriangleMesh:
 
     @classmethod
     def of_own(cls, vertices: np.ndarray, faces: np.ndarray) -> "TriangleMesh":
-        """Return a mesh of arrays that it takes over, which are read-only from then on.
+        """Return a mesh that takes over the arrays and makes them read-only.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class TriangleMesh:
         Parameters
         ----------
         vertices : (V, 3) float64, m
-            As many as here; checked already. The mesh takes them over, and makes them read-only.
+            As many as in this mesh, already checked. The mesh takes them over and makes them read-only.
         """
         mesh = TriangleMesh.__new__(TriangleMesh)
         mesh.vertices, mesh.faces = vertices, self.faces
@@ -113,7 +113,7 @@ def _checked_faces(faces: Any, vertex_count: int) -> np.ndarray:
     if array.size == 0:
         raise MeshError("the mesh has no faces, expected at least one")
     if np.ma.is_masked(faces):
-        raise MeshError("faces are masked in places, expected a vertex at every corner")
+        raise MeshError("some entries of faces are masked, expected a vertex at every corner")
     if array.dtype.kind == "O":
         array = _from_objects(array)
     if array.dtype.kind == "f" and _holds_whole_numbers(array):
@@ -148,7 +148,7 @@ def _from_objects(array: np.ndarray) -> np.ndarray:
     try:
         return array.astype(np.int64)
     except OverflowError as large:
-        raise MeshError("faces hold a number beyond 64 bits, expected rows of vertices") from large
+        raise MeshError("faces contain a number beyond 64 bits, expected rows of vertices") from large
 
 
 def _check_finite(vertices: np.ndarray, faces: np.ndarray) -> None:

@@ -45,10 +45,10 @@ from proximity.message.inputs import (
 )
 
 RECORDS = {
-    "prefix": ("What every message begins with.", PREFIX_FIELDS),
+    "prefix": ("The beginning of every message.", PREFIX_FIELDS),
     "frame_header": ("The header of a frame; `count` contacts follow.", FRAME_FIELDS),
     "contact": ("One finger of a frame.", CONTACT_FIELDS),
-    "input_header": ("The header of what a service is fed with; `count` records follow.", INPUT_FIELDS),
+    "input_header": ("The header of a message to a service; `count` records follow.", INPUT_FIELDS),
     "pose": ("One finger of a `poses` message.", POSE_FIELDS),
     "path_pose": ("One finger of a `path_poses` message.", PATH_POSE_FIELDS),
     "glove_pose": ("One finger of a `glove_poses` message.", GLOVE_POSE_FIELDS),

@@ -21,33 +21,35 @@ class ContactFlag(IntFlag):
     """What is known about a finger at this tick; a set of bits in ``contacts["flags"]``."""
 
     TRACKED = contact_columns.TRACKED
-    """The pose given for this tick was a position. Otherwise the bounds promise nothing: -inf and inf."""
+    """The finger had a position at this tick. Otherwise the bounds are -inf and inf."""
     PREDICTED = contact_columns.PREDICTED
-    """The velocity is known, so that predictions and times to contact mean something."""
+    """The velocity is known, so that predictions and times to contact are valid."""
     EXACT = contact_columns.EXACT
     """lower = signed_distance = upper."""
     BOUNDED = contact_columns.BOUNDED
     """The work budget ran out, or a part moves and its pose is of another instant: the bounds hold, the
     distance is the nearest surface found so far."""
     SKIPPED = contact_columns.SKIPPED
-    """Nothing was searched for: out of the working range, within the tolerance, or in a crowd whose steps
-    were spent. The bounds follow from what was known before, and from how far finger and parts have moved."""
+    """No search was made: the finger is outside the working range, within the tolerance, or the budget of
+    all fingers was used up. The bounds follow from the last search and from the motion of finger and parts
+    since."""
     SIGNED = contact_columns.SIGNED
-    """The side is known. Otherwise the distance has no sign: the nearest part has no inside."""
+    """Inside or outside is known. Otherwise the distance has no sign, because the nearest part has no
+    inside."""
     INSIDE = contact_columns.INSIDE
     """The centre of the fingertip is inside a part."""
     IN_RANGE = contact_columns.IN_RANGE
     """The distance is within the working range."""
     PART_CHANGED = contact_columns.PART_CHANGED
-    """The nearest part is another than at the tick before: the closest point may have jumped."""
+    """The nearest part is not the one of the tick before: the closest point may have jumped."""
     JUMPED = contact_columns.JUMPED
-    """The pose is farther from the one before than a hand can move: the velocity starts anew, or, back from a
-    jump of a pose or two, goes on."""
+    """The pose is farther from the previous one than a hand can move. The velocity is reset; after a jump
+    of one or two poses it continues."""
     ON_PATH = contact_columns.ON_PATH
-    """The place of contact is along the path that was given. So is the time, where the finger
-    goes that way: where ``bend_rate`` is positive."""
+    """The predicted contact lies on the given path. The time to contact does as well, if the finger is
+    closing (``bend_rate`` is positive)."""
     CONTACT_FOUND = contact_columns.CONTACT_FOUND
-    """The place of contact on the path is confirmed: within ``contact_bend_error``."""
+    """The position of the contact on the path is confirmed within ``contact_bend_error``."""
 
     @classmethod
     def _missing_(cls, value: Any) -> Any:
@@ -62,7 +64,7 @@ TRACKED_BIT, PREDICTED_BIT, BOUNDED_BIT = (
 
 
 class Surface(IntEnum):
-    """How a part answers a touch."""
+    """How a part reacts to a touch."""
 
     UNKNOWN = contact_columns.SURFACE_UNKNOWN
     RIGID = contact_columns.SURFACE_RIGID
@@ -70,12 +72,12 @@ class Surface(IntEnum):
 
 
 class Mode(IntEnum):
-    """What the controller is advised to do with the drum; where it is uncertain it does less."""
+    """Advice for the controller of the drum; the less is known, the more cautious."""
 
     RETRACT = contact_columns.MODE_RETRACT
     """Nothing is expected to be touched within the horizon."""
     POSITION = contact_columns.MODE_POSITION
-    """A rigid surface is near or touched: the drum stands where the contact is."""
+    """A rigid surface is near or touched: the drum is at the position of the contact."""
     FORCE = contact_columns.MODE_FORCE
     """A deformable surface is near or touched: the drum presses by the surface's law."""
     HOLD = contact_columns.MODE_HOLD
@@ -89,7 +91,9 @@ CONTACT_FIELDS = (
     Field("age_ns", "<i8", "ns", "of the pose at the tick"),
     Field("position", "<f8", "m", "centre of the fingertip sphere at pose_ns", VECTOR),
     Field("velocity", "<f8", "m/s", "of the finger", VECTOR),
-    Field("signed_distance", "<f8", "m", "of the sphere: of its centre, less the radius; negative inside"),
+    Field(
+        "signed_distance", "<f8", "m", "of the sphere: that of its centre minus the radius; negative inside"
+    ),
     Field("lower", "<f8", "m", "never above the true signed distance"),
     Field("upper", "<f8", "m", "never below it"),
     Field("point_on_finger", "<f8", "m", "the point of the sphere that is nearest", VECTOR),
@@ -105,7 +109,7 @@ CONTACT_FIELDS = (
     Field("approach_speed", "<f8", "m/s", "-d/dt of the signed distance"),
     Field("predicted_ns", "<i8", "ns", "instant at which the controller acts; of the pose if that is later"),
     Field("predicted_distance", "<f8", "m", "expected then"),
-    Field("predicted_lower", "<f8", "m", "if the finger accelerates by no more than was said"),
+    Field("predicted_lower", "<f8", "m", "bound of it, while the finger keeps to max_acceleration"),
     Field("predicted_upper", "<f8", "m", "likewise"),
     Field(
         "time_to_contact",
@@ -117,8 +121,9 @@ CONTACT_FIELDS = (
         "time_to_contact_lower",
         "<f8",
         "s",
-        "from pose_ns: no surface is touched before, for certain, as long as velocities stay, or the finger "
-        "on its path",
+        "from pose_ns: certainly no surface is touched before, as long as velocities stay constant "
+        "or the finger "
+        "stays on its path",
     ),
     Field(
         "bend",
@@ -139,7 +144,7 @@ CONTACT_FIELDS = (
     Field("surface", "<u1", "", "a Surface"),
     Field("mode", "<u1", "", "a Mode"),
     Field("source", "<u1", "", "a Source"),
-    Field("force_is_valid", "<u1", "", "1 where the force means something"),
+    Field("force_is_valid", "<u1", "", "1 where the force is valid"),
 )
 
 

@@ -34,7 +34,7 @@ PREFIX_FIELDS = (
         "session",
         "<u8",
         "ns",
-        "of the calendar at which the publisher's run began: another one is another run of it",
+        "calendar time at which the publisher started: another value means another run",
     ),
     Field("sequence", "<u8", "", "0, 1, 2, … of this kind within a session; gaps are messages lost"),
 )
@@ -81,30 +81,30 @@ class Flaw(Enum):
     SHORT = "shorter than a header"
     MAGIC = "another kind of message, or none"
     VERSION = "another version of the layout"
-    SIZE = "not as long as it says"
-    CHECKSUM = "damaged on the way"
+    SIZE = "not as long as it declares"
+    CHECKSUM = "damaged in transit"
     OLD = "overtaken or repeated"
     FUTURE = "from the future"
     CONTENT = "without sense"
 
 
 class Message:
-    """Room for one message with a fixed number of records, and its parts as arrays.
+    """One message with a fixed number of records; its header and records are arrays.
 
-    Write ``header[field]`` and ``records[field]``, the fields of its kind; ``data`` are the bytes of both.
-    Who publishes it sees to session, sequence and checksum; what else all messages begin with is there.
+    Write ``header[field]`` and ``records[field]``, the fields of its kind; ``data`` has the bytes of both.
+    The publisher fills in session, sequence and checksum; the other fields of the prefix are already set.
 
     Parameters
     ----------
     kind : Kind
-        What it is to be, such as `POSES`.
+        Kind of the message, such as `POSES`.
     count : int
-        How many records: 0 to 4096.
+        Number of records, 0 to 4096.
 
     Raises
     ------
     QueryError
-        If it cannot have as many.
+        If *count* is out of range.
     """
 
     kind: Kind

@@ -8,19 +8,18 @@ from proximity.message.fields import Field, dtype_of, reserved
 
 
 class State(IntEnum):
-    """How far a frame can be trusted; the subscriber makes it worse, never better."""
+    """How far a frame can be trusted. The subscriber may lower the state, never raise it."""
 
     STARTING = 0
-    """The service is up and has no poses yet."""
+    """The service is running and has no poses yet."""
     OK = 1
     """Every finger is tracked, and the frame was in time."""
     DEGRADED = 2
-    """In time, but with less than was asked for: a finger is not tracked, or is near with bounds only."""
+    """In time, but a finger is not tracked, or is near a part and only bounds are known."""
     LATE = 3
-    """Ticks were missed, or a pose, of a finger or of a part that moves, is older than the frame may be used:
-    what holds are its bounds."""
+    """Ticks were missed, or the pose of a finger or of a moving part is too old: only the bounds hold."""
     STALE = 4
-    """Too old, or nothing came: nothing is known."""
+    """The newest frame is too old, or none came: nothing is known."""
     STOPPING = 5
     """The last frame of a service that was asked to stop."""
 
@@ -49,7 +48,7 @@ FRAME_FIELDS = (
     ),
     Field("period_ns", "<i8", "ns", "between ticks"),
     Field("epoch", "<u8", "", "counts the scene's changes: parts added, removed, deformed, hidden, shown"),
-    Field("missed", "<u8", "", "ticks of this session that were left out because others took too long"),
+    Field("missed", "<u8", "", "ticks of this session that were skipped because earlier ones took too long"),
     Field("count", "<u4", "", "of fingers: records that follow"),
     Field("state", "<u1", "", "a State"),
     Field("source", "<u1", "", "a Source"),

@@ -26,7 +26,7 @@ POSE_FIELDS = (
     Field("pose_ns", "<i8", "ns", "instant of the pose"),
     Field("position", "<f8", "m", "centre of the fingertip sphere; nan: not tracked", VECTOR),
     Field("velocity", "<f8", "m/s", "nan: to be estimated", VECTOR),
-    Field("bend", "<f8", "", "of the finger, 0 to 1; nan: not known, on a path the nearest place"),
+    Field("bend", "<f8", "", "of the finger, 0 to 1; nan: not known, on a path the nearest position"),
 )
 POSE = dtype_of(POSE_FIELDS)
 """One finger of a ``poses`` message, 72 bytes."""
@@ -56,7 +56,7 @@ GLOVE_POSE_FIELDS = (
         (3, 3),
     ),
     Field("translation", "<f8", "m", "of the knuckle; nan: not tracked", VECTOR),
-    Field("bend", "<f8", "", "of the finger, 0 to 1; nan: the counts tell"),
+    Field("bend", "<f8", "", "of the finger, 0 to 1; nan: derived from the counts"),
     Field("counts", "<f8", "counts", "what the glove's potentiometer reads; nan: the bend is reported"),
 )
 GLOVE_POSE = dtype_of(GLOVE_POSE_FIELDS)
@@ -80,7 +80,7 @@ MEASUREMENT_FIELDS = (
     reserved(2),
     Field("measured_ns", "<i8", "ns", "instant of the measurement"),
     Field("signed_distance", "<f8", "m", "of the fingertip's surface; nan: nothing was measured"),
-    Field("error", "<f8", "m", "how far off the distance may be"),
+    Field("error", "<f8", "m", "largest error of the distance"),
     Field("position", "<f8", "m", "centre of the fingertip sphere; nan: not known", VECTOR),
     Field("velocity", "<f8", "m/s", "of the fingertip; nan: not known", VECTOR),
     Field("normal", "<f8", "", "unit, from the object to the finger; nan: not known", VECTOR),

@@ -60,7 +60,7 @@ def _instead(reason: str) -> tuple[str, Any]:
     if importlib.util.find_spec("numba") is None:
         raise ImportError(
             f"proximity: {reason}, and numba, which compiles them when they are called, is not installed: "
-            f'{_REBUILD}, or install numba: `python -m pip install "proximity[jit]"`'
+            f'{_REBUILD}, or install numba: `python -m pip install "cad-proximity[jit]"`'
         )
     if sys.stderr is not None:
         print(

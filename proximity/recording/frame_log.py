@@ -124,7 +124,7 @@ class FrameLog:
             if self._is_regular:
                 os.fsync(self._file)
         except OSError as failure:
-            raise self._error("may not be whole on the disk", failure) from failure
+            raise self._error("may be incomplete on the disk", failure) from failure
         finally:
             self._release()
 

@@ -75,10 +75,10 @@ class FrameReader:
                 f"damaged in {damaged}, {size} bytes skipped, the first at byte {self.damage[0].start}"
             )
         if self.torn_size:
-            reported.append(f"{self.torn_size} bytes of a torn frame at the end left out")
+            reported.append(f"{self.torn_size} bytes of a torn frame at the end were skipped")
         if self.foreign_count:
             frames = "1 frame" if self.foreign_count == 1 else f"{self.foreign_count} frames"
-            reported.append(f"{frames} of another version of the message left out")
+            reported.append(f"{frames} of another version of the message were skipped")
         return reported
 
     def _forget(self) -> None:

@@ -26,7 +26,7 @@ LARGEST_HAND = 2**31 - 1
 LARGEST_POSITION = 1e6  # m; no sensor sees as far
 LARGEST_TIME_NS = 2.0**62
 LINE_ENDS = "\n\r"
-MAYBE_CUT = "the last line has no end: it may be cut"
+MAYBE_CUT = "the last line has no line end: the file may be cut off"
 LINES_PER_CHUNK = 4096  # lines converted at once
 
 
@@ -66,10 +66,10 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     positions[frame, column] = points
     missing = int(np.isnan(points).any(axis=1).sum())
     if missing == len(points):
-        raise RecordingError(f"{name}: all positions are nan, expected a number in one line at least")
+        raise RecordingError(f"{name}: all positions are nan, expected a number in at least one line")
     notes = [f"{missing} of {len(points)} positions are nan: the finger is missing there"] if missing else []
     if table.ignored:
-        notes.append(f"columns not read: {', '.join(table.ignored)}")
+        notes.append(f"ignored columns: {', '.join(table.ignored)}")
     if text[-1] not in LINE_ENDS:
         notes.append(MAYBE_CUT)
     return Recording(

@@ -9,6 +9,7 @@ import numpy as np
 
 from proximity.errors import RecordingError
 from proximity.message import ContactFlag
+from proximity.system.extras import installation
 
 TIME = "time"
 """Of ticks, s from the first frame of their session."""
@@ -51,7 +52,7 @@ def write_rerun(
         rerun = import_module("rerun")
     except ModuleNotFoundError as missing:
         raise RecordingError(
-            'a recording for Rerun needs rerun-sdk, which is not installed: pip install "proximity[rerun]"'
+            f"a recording for Rerun needs rerun-sdk, which is not installed: {installation('rerun')}"
         ) from missing
     recording = rerun.RecordingStream("proximity")
     try:

@@ -23,12 +23,12 @@ class Clearance(NamedTuple):
 
 
 def clearance(scene: Scene, first: str, second: str, *, workers: int = 1) -> Clearance:
-    """Return how far two parts of a scene are apart, hidden or not.
+    """Return the distance between two parts of a scene, hidden or not.
 
     Parameters
     ----------
     scene : Scene
-        Where they are; measured as they stand now.
+        The scene of the parts; their present poses are used.
     first, second : str
         Names of the parts.
     workers : int
@@ -46,9 +46,9 @@ def clearance(scene: Scene, first: str, second: str, *, workers: int = 1) -> Cle
 
     Notes
     -----
-    Of two triangles that do not cross, the shortest connection has an end on an edge of one of them. So the
-    edges of each part are asked for their distance from the other; of these only those that may be nearer
-    than the nearest vertex.
+    The shortest connection between two triangles that do not intersect has an end on an edge of one of
+    them. So the distance of the edges of each part from the other part is computed, for those edges only
+    that may be nearer than the nearest vertex.
     """
     parts = scene.part(first), scene.part(second)
     others = _alone(parts[1]), _alone(parts[0])

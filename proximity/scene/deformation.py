@@ -82,7 +82,7 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
         normals[:] = normals_before  # to the bit: they had been added in another order
         arrays.is_overwritten = arrays.is_overwritten and not is_own
         raise MeshError(
-            f"part {name!r} would be turned inside out: its faces would enclose less than nothing"
+            f"part {name!r} would be turned inside out: its faces would enclose a negative volume"
         )
     model.frames[row, layout.FRAME_OWN_LOWER_XYZ] = lower
     model.frames[row, layout.FRAME_OWN_UPPER_XYZ] = upper
@@ -104,8 +104,7 @@ def _why_not(vertices: np.ndarray, first_vertices: np.ndarray, row: int, name: s
         return f"vertex {row} of part {name!r} would be at {position}, expected finite coordinates"
     if np.abs(vertices[row]).max() > FARTHEST:
         return (
-            f"vertex {row} of part {name!r} would be at {position}, "
-            f"expected coordinates up to {FARTHEST:g} m, which can be computed with"
+            f"vertex {row} of part {name!r} would be at {position}, expected coordinates up to {FARTHEST:g} m"
         )
     first = first_vertices[row]
     return (

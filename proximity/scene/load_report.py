@@ -10,15 +10,15 @@ class LoadReport:
     Parameters
     ----------
     path : str
-        Of the file.
+        Name of the file.
     format : str
-        As people say it: "STL, binary".
+        Name of the format, for example "STL, binary".
     units : str
-        Of the file's coordinates.
+        Unit of the file's coordinates.
     units_declared : bool
-        False: the file names none, *units* is what the caller said.
+        False: the file declares none, and *units* is that of the caller.
     notes : tuple of str
-        Sentences a user should know.
+        Sentences for the user.
     """
 
     path: str

@@ -1,7 +1,7 @@
 """Loading files as scenes."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -30,6 +30,7 @@ def load(
     units: str = "mm",
     step_tolerance: float = STEP_TOLERANCE,
     unpacked_limit: float = UNPACKED_LIMIT,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Scene:
     """Return the scene in a file: STL, OBJ, PLY, OFF, glTF, GLB, 3MF or STEP, or one that `Scene.save` wrote.
 
@@ -38,12 +39,17 @@ def load(
     path : path
         The file.
     units : str
-        Of its coordinates, where the file declares none: "mm", "m", "in", ...; ``scene.report`` says which.
+        Unit of the coordinates if the file declares none: "mm", "m", "in", ...; ``scene.report`` says
+        which.
     step_tolerance : m
-        How far triangles may leave the curved surfaces of a STEP file; distances are exact to the triangles.
+        Largest deviation of triangles from the curved surfaces of a STEP file; distances are exact to the
+        triangles.
         ``scene.report`` repeats it.
     unpacked_limit : bytes
-        What a 3MF file, which is an archive, may unpack to.
+        Largest size that a 3MF file, which is an archive, may unpack to.
+    progress : callable
+        Called with the number of meshes that are prepared and the number of all, after each of them. Not
+        called for a compiled scene.
 
     Returns
     -------
@@ -53,20 +59,20 @@ def load(
     Raises
     ------
     MeshFormatError
-        If the file is missing, damaged, or not what it claims; it is never partly read.
+        If the file is missing, damaged, or not in the format of its name. A file is never read in part.
     MeshError
         If what is in it cannot be used, *units* are unknown, or an option is out of range.
 
     Notes
     -----
-    Vertices at equal positions are welded, near ones only where that closes a body; faces without area and
-    exact duplicates are dropped. ``part.repairs`` counts what was done, ``part.source_faces`` leads back to
-    the file's faces. Of parts with a size that is not likely, ``scene.report.notes`` names the likely unit.
+    Vertices at equal positions are welded, near ones only if that closes a body. Faces without area and
+    exact duplicates are dropped. ``part.repairs`` counts the repairs; ``part.source_faces`` has the rows of
+    the file's faces. If parts have an unlikely size, ``scene.report.notes`` names the likely unit.
 
-    A saved scene is mapped, not read: it opens at the speed of a glance over its bytes, shares memory with
-    other processes that have it open, and must not be changed in place meanwhile; saving again replaces it,
-    which is no such change. It is recognised by its first bytes, whatever its name is. *units* do not matter
-    to it, and ``report`` is that of the file which it was made of.
+    A saved scene is memory-mapped; only its checksum is computed. Processes that have it open share the
+    memory. Do not change the file in place meanwhile; saving again replaces it, which is safe. It is
+    recognised by its first bytes, whatever its name is. *units* are ignored, and ``report`` is that of the
+    original file.
     """
     if is_archive(path):
         metres_per_unit(units)  # refuses what is no unit, as for any file
@@ -77,7 +83,16 @@ def load(
     report = LoadReport(
         contents.path, contents.format, contents.units, contents.units_declared, contents.notes
     )
-    return scene_of(contents.geometries, os.fspath(path), report)
+    return scene_of(_counted(contents.geometries, progress), os.fspath(path), report)
+
+
+def _counted(
+    geometries: Sequence[Geometry], progress: Callable[[int, int], None] | None
+) -> Iterator[Geometry]:
+    for count, geometry in enumerate(geometries, start=1):
+        yield geometry
+        if progress is not None:
+            progress(count, len(geometries))
 
 
 def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) -> Scene:

@@ -24,9 +24,9 @@ class Part:
 
     ``pose`` is world_from_part. ``velocity``, m/s, is that of the part's origin, ``angular_velocity``, rad/s,
     about it, both in the scene's frame. ``source_faces`` has, for each row of ``solid.mesh.faces``, the row
-    of the file's or the caller's faces; ``repairs`` counts what was mended on loading. A part with
-    ``is_hidden`` is found by no question. ``stiffness``, N/m, and ``damping``, N s/m, are of a part that
-    gives way; a ``stiffness`` of None is rigid.
+    of the file's or the caller's faces; ``repairs`` counts what was repaired on loading. A part with
+    ``is_hidden`` is ignored by queries and ticks. ``stiffness``, N/m, and ``damping``, N s/m, are those of
+    a deformable part; a ``stiffness`` of None is rigid.
     """
 
     name: str

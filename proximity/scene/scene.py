@@ -21,27 +21,27 @@ from proximity.system.locks import fork_safe_lock
 
 
 class Scene(Queries):
-    """Parts that are asked together; they may move, change shape, come and go between questions.
+    """Parts that are queried together. They may be moved, deformed, added and removed between queries.
 
     Parameters
     ----------
     parts : iterable of Part or Solid
         At least one; names must differ. A `Solid` becomes a part at the identity pose.
     report : LoadReport
-        Where it came from, if from a file.
+        Report of the file that the scene was loaded from.
 
     Raises
     ------
     SceneError
-        If there are no parts, two have one name, something else than parts is given, or velocities, stiffness
-        or damping of a part are no numbers for it.
+        If there are no parts, something else than parts, or two of one name, or if velocities, stiffness or
+        damping of a part are out of range.
     PoseError
-        If a part's pose is no rigid transform, or goes too far.
+        If a part's pose is not a rigid transform, or is too far away.
 
     Notes
     -----
-    Thread: many threads may ask while another moves parts: an answer is that of one moment, before or after.
-    Only `deform` must have the scene for itself.
+    Thread: many threads may query while another moves parts; every answer is consistent with one state,
+    before or after the move. Only `deform` must not run at the same time as queries.
     """
 
     report: LoadReport | None
@@ -60,7 +60,7 @@ class Scene(Queries):
 
     @classmethod
     def from_mesh(cls, vertices: Any, faces: Any = None, *, name: str = "mesh") -> "Scene":
-        """Return a scene of the bodies in a mesh: welded, split and signed, as a file's are.
+        """Return a scene of the bodies in a mesh, welded, split and signed as when loaded from a file.
 
         Parameters
         ----------
@@ -69,7 +69,7 @@ class Scene(Queries):
         faces : (F, 3) integers
             Rows of *vertices*, counter-clockwise seen from outside.
         name : str
-            Of the part; several bodies are numbered.
+            Name of the part; several bodies are numbered.
 
         Raises
         ------
@@ -98,10 +98,9 @@ class Scene(Queries):
             return _made_again, (list(self._parts), self.report, state.dynamic_rows, state.epoch)
 
     def snapshot(self) -> Model:
-        """Return the arrays of this moment, as queries and trackers take them.
+        """Return the arrays of the present state, as queries and trackers use them.
 
-        What it shows does not change while somebody holds it: let it go when done, since while several are
-        held, the next needs more memory.
+        A snapshot does not change. Release it when no longer needed: each further one needs more memory.
         """
         return self._parts.state.current or self._updated()
 
@@ -116,13 +115,13 @@ class Scene(Queries):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """The parts, as they are at present."""
+        """The parts in their present state."""
         with self._lock:
             return tuple(self._parts)
 
     @property
     def epoch(self) -> int:
-        """A number that grows whenever indices of parts, their faces, or what is hidden change."""
+        """A number that grows when indices of parts, their faces, or hidden parts change."""
         return self._parts.state.epoch
 
     @property
@@ -154,7 +153,7 @@ class Scene(Queries):
         Raises
         ------
         SceneError
-            If there is none; the message lists the names.
+            If there is no such part; the message lists the names.
         """
         with self._lock:
             return self._parts[self._parts.find(name)]
@@ -162,12 +161,12 @@ class Scene(Queries):
     def move(
         self, name: str, pose: Any, *, velocity: Any = NO_VELOCITY, angular_velocity: Any = NO_VELOCITY
     ) -> None:
-        """Put a part somewhere else, and say how fast it moves there.
+        """Set the pose of a part, and the velocity that it has there.
 
         Parameters
         ----------
         name : str
-            Of the part.
+            Name of the part.
         pose : Pose or (4, 4) float64
             ``world_from_part``, metres.
         velocity : (3,) float64, m/s, scene's frame
@@ -181,7 +180,7 @@ class Scene(Queries):
         SceneError
             If there is no such part, or a velocity is not finite, or beyond 1e9 m/s or rad/s.
         PoseError
-            If the pose is no rigid transform.
+            If the pose is not a rigid transform.
 
         Notes
         -----
@@ -194,12 +193,12 @@ class Scene(Queries):
     def move_many(
         self, names: Iterable[str], poses: Any, velocities: Any = None, angular_velocities: Any = None
     ) -> None:
-        """Put several parts somewhere else, all or, if one cannot be, none.
+        """Set the poses of several parts; if one cannot be set, none is.
 
         Parameters
         ----------
         names : iterable of str
-            Of K parts, each once.
+            Names of K parts, each once.
         poses : (K, 4, 4) float64, or a list of Pose
             ``world_from_part``, metres.
         velocities : (K, 3) float64, m/s, scene's frame
@@ -213,7 +212,7 @@ class Scene(Queries):
             If there is no such part, one is named twice, or velocities are not finite, beyond 1e9 m/s or
             rad/s, or not as many.
         PoseError
-            If some pose is no rigid transform; the message names the part.
+            If a pose is not a rigid transform; the message names the part.
 
         Notes
         -----
@@ -229,19 +228,19 @@ class Scene(Queries):
             self._parts.state.move(rows, *checked_moves(names, poses, velocities, angular_velocities))
 
     def add(self, part: Part | Solid) -> None:
-        """Add a part behind the others.
+        """Add a part after the others.
 
         Parameters
         ----------
         part : Part or Solid
-            With a name of its own. A `Solid` becomes a part at the identity pose.
+            Its name must be new. A `Solid` becomes a part at the identity pose.
 
         Raises
         ------
         SceneError
-            If the name is taken, or it is no part.
+            If the name is in use, or it is not a part.
         PoseError
-            If its pose is no rigid transform, or goes too far.
+            If its pose is not a rigid transform, or is too far away.
 
         Notes
         -----
@@ -256,17 +255,17 @@ class Scene(Queries):
             self._parts = self._parts.with_part(part)
 
     def remove(self, name: str) -> None:
-        """Take a part out; indices of those behind it go down by one.
+        """Remove a part; the indices of later parts go down by one.
 
         Parameters
         ----------
         name : str
-            Of the part. Its solid, which somebody may have, can still be asked, and added again.
+            Name of the part. Its solid can still be used, and added again.
 
         Raises
         ------
         SceneError
-            If there is no such part, or no other.
+            If there is no such part, or it is the only one.
 
         Notes
         -----
@@ -275,16 +274,16 @@ class Scene(Queries):
         with self._lock:
             row = self._parts.find(name)
             if len(self._parts) == 1:
-                raise SceneError(f"part {name!r} is the only one, and a scene has at least one: hide it")
+                raise SceneError(f"part {name!r} is the only one and cannot be removed: hide it instead")
             self._parts = self._parts.without(row)
 
     def hide(self, name: str) -> None:
-        """Let no question find a part, until it is shown; what is hidden may move.
+        """Hide a part from queries and ticks until it is shown. A hidden part may be moved.
 
         Parameters
         ----------
         name : str
-            Of the part.
+            Name of the part.
 
         Raises
         ------
@@ -295,12 +294,12 @@ class Scene(Queries):
             self._parts.state.set_hidden(self._parts.find(name), True)
 
     def show(self, name: str) -> None:
-        """Let questions find a part again.
+        """Show a hidden part again.
 
         Parameters
         ----------
         name : str
-            Of the part.
+            Name of the part.
 
         Raises
         ------
@@ -311,42 +310,42 @@ class Scene(Queries):
             self._parts.state.set_hidden(self._parts.find(name), False)
 
     def set_surface(self, name: str, *, stiffness: float | None = None, damping: float = 0.0) -> None:
-        """Say how a part answers a touch: rigid, or as a spring with a damper. Distances do not change.
+        """Set how a part reacts to a touch: rigid, or as a spring with a damper. Distances do not change.
 
         Parameters
         ----------
         name : str
-            Of the part.
+            Name of the part.
         stiffness : N/m
             Above 0; None for a rigid part.
         damping : N s/m
-            0 or more; of a part that is not rigid.
+            0 or more; not allowed for a rigid part.
 
         Raises
         ------
         SceneError
-            If there is no such part, or they are no such numbers.
+            If there is no such part, or a number is out of range.
         """
         with self._lock:
             self._parts.state.set_surface(self._parts.find(name), *checked_surface(name, stiffness, damping))
 
     def save(self, path: Any) -> None:
-        """Write the scene as it stands to a file that `load` maps: no tree is made anew then.
+        """Write the scene to a file that `load` opens in milliseconds: no tree has to be built again.
 
         Parameters
         ----------
         path : path
-            By custom it ends in ".prox". A file that is there is replaced, at once or not at all.
+            Usually named "….prox". An existing file is replaced, wholly or not at all.
 
         Raises
         ------
         SceneError
-            If it cannot be written; nothing is left behind then.
+            If the file cannot be written; no incomplete file is left.
 
         Notes
         -----
         Cost: 176 bytes a face on the disk.
-        Thread: parts may be asked and moved meanwhile; what is written is how they stood at one moment.
+        Thread: parts may be queried and moved meanwhile; the file has the state of one moment.
         """
         while True:
             model = self.snapshot()
@@ -357,35 +356,35 @@ class Scene(Queries):
         write_scene(path, model, parts, self.report)
 
     def deform(self, name: str, vertices: Any) -> None:
-        """Give a part another shape with the same faces; its tree is refitted, not rebuilt.
+        """Move the vertices of a part; its faces stay, and its tree is refitted, not rebuilt.
 
-        ``part(name).solid`` is another solid from then on; whoever holds the one before has its old shape.
+        ``part(name).solid`` is a new solid afterwards; the previous solid keeps its shape.
 
         Parameters
         ----------
         name : str
-            Of the part.
+            Name of the part.
         vertices : (V, 3) float64, m, part's frame
-            Where each of ``part(name).solid.mesh.vertices`` is from now on. Those at one position are one
-            corner and must stay together. Others may meet.
+            New positions of ``part(name).solid.mesh.vertices``. Vertices at the same position are one
+            corner and must stay together. Other vertices may meet.
 
         Raises
         ------
         SceneError
             If there is no such part.
         MeshError
-            If they cannot be used, would tear the surface, or would turn a closed part inside out; nothing
-            changes then.
+            If they cannot be used, would tear the surface, or would turn a closed part inside out. The part
+            is then unchanged.
 
         Notes
         -----
-        Sign: as decided when the part was made. That was checked then, and is not now: of a part that meets
-        itself since, or is pressed quite flat, pseudo-normals may tell the wrong side, even far off.
+        Sign: by the method chosen when the part was made; it is not checked again. If the part now
+        intersects itself or is almost flat, pseudo-normals may give the wrong sign, even far away.
         Degenerate: faces may lose their area.
-        Cost: a fortieth of making the part anew, 12 ms for 300 k faces; the first time somewhat more.
-        Answers stay exact; where a part changes much, searches take longer than in a new tree. `contains`
-        asks the surface, where it would look into a grid.
-        Thread: must not run while another thread asks this scene or a solid of its parts.
+        Cost: 12 ms for 300 k faces, a fortieth of making the part again; somewhat more the first time.
+        Answers stay exact; after a large change, searches take longer than in a new tree. `contains`
+        searches the surface instead of a grid.
+        Thread: must not run while another thread queries this scene or a solid of its parts.
         """
         with self._lock:
             self._parts.mend()

@@ -49,8 +49,8 @@ class SignMethod(Enum):
     """The method that decides the sign of a distance.
 
     PSEUDONORMAL: by the normal of the nearest face, edge or corner of a closed and oriented surface.
-    WINDING_NUMBER: by how often the surface winds around the point, where it is closed but much of it meets
-    itself, or has small holes. NONE: there is no inside, and distances have no sign.
+    WINDING_NUMBER: by how often the surface winds around the point, if it is closed but intersects itself,
+    or has small holes. NONE: there is no inside, and distances have no sign.
     """
 
     PSEUDONORMAL = "pseudo-normal"
@@ -90,8 +90,8 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
                 why += _exceptions(signed)
             return signed, SignMethod.PSEUDONORMAL, why
         why = (
-            "closed and oriented, but it meets itself or has shells that face the wrong way: the nearest "
-            f"face and the winding number disagree at {against} of {asked} sample points"
+            "closed and oriented, but it intersects itself or has shells that face the wrong way: the "
+            f"nearest face and the winding number disagree at {against} of {asked} sample points"
         )
         return replace(signed, sign=layout.SIGN_WINDING, folded=NO_FOLDED), SignMethod.WINDING_NUMBER, why
     if topology.is_balanced:
@@ -116,12 +116,12 @@ def _edges(count: int) -> str:
 
 
 def _exceptions(signed: PartArrays) -> str:
-    """Where, and why there, the winding number tells the side of a part that has pseudo-normals."""
+    """Where and why the winding number decides inside and outside of a part that has pseudo-normals."""
     thin_count = int(np.unpackbits(beside_thin_faces(signed)).sum())
     folded_count = int(np.unpackbits(signed.folded).sum()) - thin_count
-    kinds = ((thin_count, "as thin as a line"), (folded_count, "folded over, pass through others"))
+    kinds = ((thin_count, "as thin as a line"), (folded_count, "folded over, or pass through others"))
     return "".join(
-        f"; {count} faces are {kind}, or are next to such, and there it tells the side"
+        f"; {count} faces are {kind}, or next to such faces: there it decides inside and outside"
         for count, kind in kinds
         if count
     )

@@ -20,25 +20,26 @@ from proximity.scene.queries.all_queries import Queries
 from proximity.scene.sign import SignMethod, choose_sign
 from proximity.scene.solid_arrays import SolidArrays
 
-DEFORMED = "; decided when the part was made, and not looked at since it has been deformed"
+DEFORMED = "; decided before the part was deformed, and not checked since"
 
 
 class Solid(Queries):
-    """One body from arrays, ready for queries. It never changes: deforming a part makes another solid.
+    """One body, ready for queries. It never changes: deforming a part makes another solid.
 
-    ``mesh`` holds vertices and faces; ``sign_method`` says how inside is decided, and ``sign_reason`` why so.
+    ``mesh`` holds vertices and faces; ``sign_method`` says how inside and outside are decided,
+    ``sign_reason`` why.
 
     Parameters
     ----------
     vertices : (V, 3) float64, m
         Corners. Equal positions count as one corner; near ones do not.
     faces : (F, 3) integers
-        Rows of *vertices*, counter-clockwise seen from outside. Where they enclose a negative volume they
-        are turned, and `sign_reason` says so.
+        Rows of *vertices*, counter-clockwise seen from outside. If they enclose a negative volume they are
+        flipped, and `sign_reason` says so.
     name : str
-        For reports.
+        Name, for reports.
     frame : LocalFrame
-        Shared with the other parts of a file, which can then be asked as one tree; see `model.common_frame`.
+        Frame shared with the other parts of a file, which then form one tree; see `model.common_frame`.
 
     Raises
     ------
@@ -79,7 +80,7 @@ class Solid(Queries):
         piece, self.sign_method, self.sign_reason = choose_sign(piece, topology)
         self._arrays = SolidArrays.own(piece)
         if is_turned:
-            self.sign_reason += "; all faces were turned, since they ran clockwise seen from outside"
+            self.sign_reason += "; all faces were flipped: they ran clockwise seen from outside"
 
     @classmethod
     def _of_mesh(
@@ -127,7 +128,8 @@ class Solid(Queries):
 
         Notes
         -----
-        Cost: nothing, but for a solid whose part a scene has deformed since: its tree is built anew, once.
+        Cost: none, except after a scene has deformed the part of this solid: then its tree is built again,
+        once.
         """
         arrays = self._arrays
         return arrays.rebuilt(self.mesh) if arrays.is_overwritten else arrays.model

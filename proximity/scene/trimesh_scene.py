@@ -40,12 +40,12 @@ def from_trimesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> 
     Parameters
     ----------
     mesh : trimesh.Trimesh or trimesh.Scene
-        Its meshes, each placed by the scene's graph; a matrix that scales or mirrors changes the part's
-        vertices, and the rest of it is the part's pose.
+        The meshes; those of a scene are placed by its graph. The scale or mirroring of a matrix is applied
+        to the part's vertices, the rest is the part's pose.
     units : str
-        Of its coordinates: "mm", "m", "in", ...; needed where ``mesh.units`` says none.
+        Unit of the coordinates: "mm", "m", "in", ...; required if ``mesh.units`` is not set.
     name : str
-        Of the part, where there is one mesh; the parts of a scene are named after their nodes.
+        Name of the part, if there is one mesh. The parts of a scene are named after their nodes.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def from_trimesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> 
     Raises
     ------
     MeshError
-        If it is nothing of the kind, names no unit or another one than *units*, has no faces, or cannot be
+        If it is neither of the two, has no unit or another one than *units*, has no faces, or cannot be
         used.
     """
     kind = trimesh_kind(mesh)
@@ -67,7 +67,7 @@ def from_trimesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> 
     if not meshes:
         raise MeshError(f"the trimesh.{kind} holds no faces")
     left_out = len(placed) - len(meshes)
-    notes = (f"{left_out} of its geometries have no faces and were left out",) if left_out else ()
+    notes = (f"{left_out} of its geometries have no faces and were ignored",) if left_out else ()
     # Where None was assigned, trimesh says "none".
     declared = {str(each[1].units) for each in meshes} - {"None", "none"}
     units = _agreed_units(declared, units)

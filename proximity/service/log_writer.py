@@ -97,7 +97,7 @@ class LogWriter:
         self._thread.join(CLOSE_TIMEOUT)
         if self._thread.is_alive():
             self.lost += self._head - self._tail
-            LOGGER.warning("the log does not answer: it is left as it is")
+            LOGGER.warning("the log does not respond: it is abandoned")
 
     def _write_all(self) -> None:
         while True:

@@ -131,7 +131,7 @@ class Service:
             If it has run already.
         """
         if self._has_run:
-            raise ServiceError("the service has run already, and all that it used is closed: make another")
+            raise ServiceError("this service has already run and is closed: make a new one")
         self._has_run = True
         with ExitStack() as stack:
             stack.callback(self._close)

@@ -46,20 +46,20 @@ def undisturbed() -> Iterator[None]:
 
 
 class RealTime:
-    """Asks the system for what it gives only to some, for the thread that enters; given back when it leaves.
+    """Ask for what needs a permission, for the thread that enters the ``with`` block; undone at its end.
 
     Parameters
     ----------
     priority : int
         Of SCHED_FIFO, 1 to 99.
     core : int
-        The one to stay on; None: the last one that the process may use, where there are several.
+        Core to run on; None: the last one that the process may use, where there are several.
     lock_memory : bool
         Whether memory is kept from being swapped out.
     """
 
-    notes: list[str]  # what was given and what not, a sentence each
-    refused: list[str]  # those of what was not
+    notes: list[str]  # what was granted or refused, a sentence each
+    refused: list[str]  # those of what was refused
 
     def __init__(
         self, *, priority: int = PRIORITY, core: int | None = None, lock_memory: bool = True
@@ -97,17 +97,17 @@ class RealTime:
         before, settings = os.sched_getscheduler(0), os.sched_getparam(0)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self._priority))
         self._undo.callback(os.sched_setscheduler, 0, before, settings)
-        return f"SCHED_FIFO {self._priority}"
+        return f"real-time (SCHED_FIFO {self._priority})"
 
     def _stay_on_core(self) -> str:
         """Stay on one core: caches stay warm."""
         usable = os.sched_getaffinity(0)
         if self._core is None and len(usable) == 1:
-            return "the process has one only"
+            return "the process may use one core only"
         core = max(usable) if self._core is None else self._core
         os.sched_setaffinity(0, {core})
         self._undo.callback(os.sched_setaffinity, 0, usable)
-        return f"stays on {core}"
+        return f"{core}, and no other"
 
     def _keep_memory(self) -> str:
         """Lock what is touched already, and what will be."""
@@ -121,7 +121,7 @@ class RealTime:
             number = ctypes.get_errno()
             raise OSError(number, os.strerror(number))
         self._undo.callback(libc.munlockall)
-        return "stays" if is_unlimited else "stays as far as it is in use now"
+        return "locked" if is_unlimited else "locked as far as it is in use now"
 
 
 def _may_lock_all() -> bool:

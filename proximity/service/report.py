@@ -22,7 +22,7 @@ class Report:
     publish_failures: dict[str, int] = field(default_factory=dict)  # by address
     log_written: int = 0
     log_lost: int = 0
-    notes: list[str] = field(default_factory=list)  # sentences: what failed, what the system did not permit
+    notes: list[str] = field(default_factory=list)  # sentences: failures, what the system granted or refused
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as numbers, texts and lists, for JSON."""

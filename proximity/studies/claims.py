@@ -15,6 +15,7 @@ from proximity.studies.paper.walls import RealWall, steady_excess
 from proximity.studies.simulation.closed_loop import decaff, ideal_drum, penalty_wall, real_wall
 from proximity.studies.simulation.devices import COUPLED_DEVICE, Decaff, Link, Sensing
 from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.hunting import FELT_SWING
 from proximity.studies.simulation.metrics import deviation, drum_offset
 from proximity.studies.simulation.response import Response
 from proximity.studies.simulation.sweeps import Stretch, best_penalty_wall, needed_cable, with_transmission
@@ -26,7 +27,6 @@ YES, PARTLY, NO = "yes", "only if", "no"
 TIMES = (0.0, 0.520, 1e-5)  # s: from, to, step of the curves
 HAND = Hand()
 PHASES = 16  # of the encoder, at random
-FELT_SWING = 0.005  # N, p-p: about the least that is felt at 250 Hz, 1 µm of a fingertip; assumed
 SHAKING = 0.1  # N rms
 CABLE = TipCable.of(Glove())
 FREE = 0.010  # s before the touch, until when the finger is free

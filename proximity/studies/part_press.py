@@ -18,7 +18,7 @@ from proximity.studies.figures import press_plots
 from proximity.studies.figures.tables import Table
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import drum_offset
-from proximity.studies.simulation.simulated_press import Felt, felt
+from proximity.studies.simulation.simulated_press import Felt, cable_words, felt
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +95,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
         ("approach", comes),
         ("reported by", f"{reported} at {setup.rate:g} Hz, {1e3 * setup.expected_latency:g} ms late"),
         ("drum", f"{who}, servo at {SERVO_RATE:g} Hz"),
+        *([("cable", cable_words(setup.cable.stiffness, setup.stretch))] if setup.cable else []),
         ("frames", str(press.counts)),
         ("states", ", ".join(f"{state} {count / SERVO_RATE:.3f} s" for state, count in press.states.items())),
     ]
@@ -103,8 +104,9 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
         lines.append(
             (
                 "no force",
-                f"no frame is younger than {1e3 * fresh:g} ms when it arrives: by our own rule for old "
-                "frames the controller then lets the drum come no nearer",
+                f"no frame is younger than {1e3 * fresh:g} ms when it arrives: the controller does "
+                "not let the "
+                "drum come nearer on such old frames",
             )
         )
     if math.isfinite(press.switched_at):
@@ -129,6 +131,8 @@ def document(simulation: PartSimulation) -> dict[str, Any]:
         "distances": str(setup.distances),
         "rate": setup.rate,
         "latency": setup.expected_latency,
+        "cable": None if setup.cable is None else setup.cable.stiffness,
+        "stretch": None if setup.cable is None else str(setup.stretch),
         "reported_contact": press.reported_contact,
         "reported_error": press.reported_error,
         "drum_offset": drum_offset(press.response),

@@ -65,39 +65,40 @@ class Tracker:
     fingers : int
         How many fingertips.
     radius : float or (fingers,) floats, m
-        Of the fingertip spheres, 0.1 at most; 0 is a point, whose contact with a sheet, which has no inside,
-        is foreseen on its path but never confirmed.
+        Of the fingertip spheres, 0.1 at most; 0 is a point, whose contact with a sheet (which has no
+        inside) is predicted on its path but never confirmed.
     period : float, s
-        Between ticks; only asked to those who ask.
+        Time between ticks; only returned by the property `period`.
     latency : float, s
-        From a tick until the controller acts on its answer: predictions are for then.
+        From a tick until the controller acts on its answer: predictions are for that instant.
     budget : int
-        Nodes and leaves visited for a finger in a tick, at most, but for a few that tell side and path; None:
-        250, which keeps any tick of five fingers below 0.2 ms. All fingers share 20 budgets for distances,
-        eight where there are thousands, and four for looking ahead. A crowd that would need more takes turns:
-        its bounds are apart by as small a share of each distance as can be had, the same for all.
+        Largest number of nodes and leaves visited per finger and tick, without a few for the side and the
+        path. None: 250, which keeps any tick of five fingers below 0.2 ms. All fingers together have 20
+        budgets for distances (eight if there are thousands) and four for predictions. If that is not
+        enough, fingers take turns, and the bounds of all differ by the same share of their distance, as
+        small as possible.
     working_range : float, m
-        10 at most. Beyond it there are bounds only: a finger that cannot have come nearer is not searched
-        for.
+        10 at most. At a larger distance only bounds are computed.
     tolerance : float
-        Share of its distance by which the bounds of a finger may be apart. 0: exact at every tick. For skins
-        of thousands: with 0.05 most ticks of
-        most points follow from the tick before, and searches end sooner.
+        Share of its distance by which the bounds of a finger may differ. 0: exact at every tick. 0.05 suits
+        skins of thousands of points: most answers then follow from the tick before, and searches end
+        earlier.
     horizon : float, s
-        How far ahead contacts are looked for.
+        Contacts are predicted up to this time ahead.
     max_speed : float, m/s
-        Poses farther apart than this allows are tracking jumps.
+        A finger that seems faster than this is treated as a tracking jump.
     max_acceleration : float, m/s²
-        Of a fingertip: bounds of predictions hold as long as neither is exceeded.
+        Largest acceleration of a fingertip: bounds of predictions hold as long as neither is exceeded.
 
     Raises
     ------
     QueryError
-        If an argument cannot be used; the message says which and what was expected.
+        If an argument cannot be used; the message names it and what was expected.
 
     Notes
     -----
-    Thread: a tick releases the interpreter lock; one thread ticks a tracker, any may move parts meanwhile.
+    Thread: a tick releases the interpreter lock. One thread ticks a tracker; any thread may move parts
+    meanwhile.
     Source: conservative advancement after Mirtich 1996.
     """
 
@@ -156,21 +157,23 @@ class Tracker:
 
     @property
     def scene(self) -> Scene:
-        """The scene that it looks at; for another, make another tracker."""
+        """The scene. For another scene, make another tracker."""
         return self._scene
 
     @property
     def period(self) -> float:
-        """Between ticks, s, as given to the tracker."""
+        """Time between ticks, s, as given to the tracker."""
         return self._period
 
     @property
     def latency(self) -> float:
-        """From a tick until the instant that predictions are for, s; for another, make another tracker."""
+        """From a tick until the instant that predictions are for, s, as given to the tracker."""
         return float(self._settings[track.SETTING_LATENCY])
 
     def __reduce__(self) -> tuple[Any, ...]:
-        raise QueryError("a tracker cannot be copied, since it lives by its ticks: make another of its scene")
+        raise QueryError(
+            "a tracker cannot be copied, because its state depends on its ticks: make a new one of its scene"
+        )
 
     def tick(
         self,
@@ -189,36 +192,37 @@ class Tracker:
         ----------
         positions : (fingers, 3) float64, m, scene's frame
             Centres of the fingertips. A row that is not finite is a finger that is not tracked: its record
-            says so, the others go on. They are read during the tick: nobody else should write them then.
+            says so, and the others are answered. Do not write to the array during the tick.
         t_pose_ns : int or (fingers,) int64, ns
-            Instant of the positions, on the clock of *now_ns*. The same instant again changes no velocity; an
-            earlier one starts the velocity anew.
+            Instant of the positions, on the clock of *now_ns*. The same instant again does not change the
+            velocity; an earlier one resets it.
         now_ns : int, ns
             Instant of the tick, as `time.monotonic_ns` gives it.
         velocities : (fingers, 3) float64, m/s
-            Where they are known better than the poses tell; rows that are not finite are estimated.
+            Velocities, if they are known better than from the poses. Rows that are not finite are
+            estimated.
         paths : (fingers, K, 3) float64, m, scene's frame
-            Where each fingertip goes as the finger bends: the corners of a polyline. A finger whose first
+            Path of each fingertip as the finger bends: the corners of a polyline. A finger whose first
             corner is not finite has no path.
         path_bends : (K,) float64
-            Bend at each corner, increasing; evenly from 0 to 1 where not given.
+            Bend at each corner, increasing. Default: evenly from 0 to 1.
         bends : (fingers,) float64
-            Bend of each finger at its pose; the nearest position on the path where not given.
+            Bend of each finger at its pose. Default: that of the nearest position on the path.
 
         Returns
         -------
         (fingers,) CONTACT
-            The same array each time: copy what must outlive the next tick.
+            The same array at each tick: copy what you need after the next tick.
 
         Raises
         ------
         QueryError
-            If shapes or types do not fit, bends come without paths, or instants are plainly seconds. Nothing
-            a sensor may deliver raises.
+            If shapes or types do not fit, bends are given without paths, or instants are obviously seconds.
+            No value that a sensor may deliver raises an error.
 
         Notes
         -----
-        Sign: as `Scene.signed_distance`, less the radius.
+        Sign: as `Scene.signed_distance`, minus the radius.
         Cost: some 10 µs for five fingers near parts of 100 k faces.
         """
         if velocities is not None or self._has_velocities:
@@ -273,11 +277,11 @@ class Tracker:
 
     @property
     def epoch(self) -> int:
-        """Epoch of the scene as the last tick saw it: what parts and faces in `contacts` mean. Before, -1."""
+        """Epoch of the scene at the last tick, to which parts and faces in contacts refer; -1 before it."""
         return self._last_epoch
 
     def reset(self) -> None:
-        """Forget all fingers: the next tick is like the first."""
+        """Forget all fingers: the next tick is treated as the first."""
         self._arrays["motions"][:] = 0.0
         self._arrays["motion_marks"][:] = 0
         self._arrays["marks"][:, track.TRACK_REPORTED_PART] = NO_PART
@@ -353,7 +357,7 @@ class Tracker:
         if paths is None:
             self._settings[track.SETTING_HAS_PATHS] = self._has_paths = False
             if bends is not None or path_bends is not None:
-                raise QueryError("bends are of places on paths, but no paths are given")
+                raise QueryError("path_bends are given without paths")
             return
         expected = f"({len(self.contacts)}, K, 3) with K of 2 or more"
         corners = as_float64(

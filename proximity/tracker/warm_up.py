@@ -29,9 +29,9 @@ def kernels_are_cached() -> bool:
 
 
 def warm_up() -> None:
-    """Have every kernel ready.
+    """Prepare every kernel.
 
-    Kernels that were compiled ahead of time are ready at once. Where numba compiles them it takes some
+    Kernels that were compiled ahead of time are ready at once. If numba compiles them, that takes some
     minutes the first time on a machine, and less than a second later.
     """
     if not IS_JIT:

@@ -35,24 +35,24 @@ __all__ = [
 
 
 def open_publisher(address: str) -> Publisher:
-    """Open an address to publish messages at.
+    """Open an address for publishing.
 
     Parameters
     ----------
     address : str
-        ``mailbox:NAME`` inside this process, ``iox2://NAME`` on this machine, ``udp://HOST:PORT`` for whoever
-        listens there (``?bind=ADDRESS``: sent from where, if not from loopback; ``?key=FILE``: with tags of
-        that key), ``zenoh://KEY`` across machines.
+        ``mailbox:NAME`` inside this process, ``iox2://NAME`` on this machine, ``udp://HOST:PORT`` to
+        whatever listens there (``?bind=ADDRESS``: address to send from, default loopback; ``?key=FILE``:
+        append tags of that key), ``zenoh://KEY`` across machines.
 
     Returns
     -------
     Publisher
-        To be closed, or used in a ``with`` block.
+        To be closed, or to be used in a ``with`` block.
 
     Raises
     ------
     PublishError
-        If the address is none, is in use, or cannot be opened; the message says what was expected.
+        If the address is invalid, in use, or cannot be opened; the message says what was expected.
     """
     return Publisher(open_outlet(address), address)
 
@@ -63,23 +63,24 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     Parameters
     ----------
     address : str
-        As of `open_publisher`; ``udp://HOST:PORT`` is where to listen (``?from=HOST``: to whom, if not to
-        this machine; ``?key=FILE``: only what that key verifies).
+        As for `open_publisher`. ``udp://HOST:PORT`` is the address to listen on (``?from=HOST``: accept
+        that sender, default this machine; ``?key=FILE``: accept only what that key verifies).
     settings
-        ``stale_after`` (s after a frame's ``valid_until`` until it is worth nothing, 0.08), ``max_speed``
+        ``stale_after`` (s after a frame's ``valid_until`` until nothing of it is reported, 0.08),
+        ``max_speed``
         (m/s, 3) and ``max_acceleration`` (m/s², 120) of a finger, by which bounds widen meanwhile.
 
     Returns
     -------
     Subscriber
-        To be closed, or used in a ``with`` block. That nobody publishes yet is no error.
+        To be closed, or to be used in a ``with`` block. It is not an error if nobody publishes yet.
 
     Raises
     ------
     PublishError
-        If the address is none, is in use, or cannot be opened.
+        If the address is invalid, in use, or cannot be opened.
     QueryError
-        If a setting is no number of 0 or more.
+        If a setting is not a number of 0 or more.
     """
     inlet = open_inlet(address)
     try:

@@ -128,7 +128,7 @@ def _explained(address: Address, failure: Exception) -> PublishError:
     """Say why a service could not be opened."""
     reason = str(failure)
     if "ExceedsMaxNumberOfNodes" in reason:
-        return address.refuse(f"{NODES} publishers and subscribers have it open, which is the most")
+        return address.refuse(f"{NODES} publishers and subscribers have it open, the maximum")
     if "Incompatible" in reason or "DoesNotSupport" in reason:
         return address.refuse(
             f"another program made it with other settings ({reason}); expected slices of uint8, 1 publisher, "
@@ -140,7 +140,7 @@ def _explained(address: Address, failure: Exception) -> PublishError:
 def _taken(role: str, node: Any, service: Any) -> str:
     """Say which process publishes already, or that there are no more subscribers to be had."""
     if role == "subscriber":
-        return f"has {SUBSCRIBERS} subscribers already, which is the most"
+        return f"has {SUBSCRIBERS} subscribers already, the maximum"
     for state in service.nodes:
         other = state[0]
         is_another = isinstance(state, iceoryx2.NodeState.Alive) and other.id != node.id

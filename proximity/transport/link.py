@@ -5,6 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
+from proximity.system.extras import installation
+
 
 class Outlet(Protocol):
     """The sending end of a transport."""
@@ -68,5 +70,5 @@ TRANSPORTS = {
         "pip install iceoryx2 (made for Linux and Windows on x86_64, and for macOS on arm64)",
     ),
     "udp": Transport("proximity.transport.udp", ""),
-    "zenoh": Transport("proximity.transport.zenoh", 'pip install "proximity[zenoh]"'),
+    "zenoh": Transport("proximity.transport.zenoh", installation("zenoh")),
 }

@@ -49,7 +49,7 @@ class Counts:
         parts = [f"{self.received} received", f"{self.lost} lost"]
         parts += [f"{count} {flaw.value}" for flaw, count in self.flawed.items()]
         if self.refused:
-            parts.append(f"{self.refused} from a stranger")
+            parts.append(f"{self.refused} from another sender")
         if self.unverified:
             parts.append(f"{self.unverified} not verified by the key")
         return ", ".join(parts)

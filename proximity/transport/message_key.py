@@ -83,7 +83,7 @@ def key_of(address: Address) -> Key | None:
         secret = b""
     if len(secret) != KEY_BYTES or len(digits) != _DIGITS:
         raise address.refuse(
-            f"{path!r} is no key (expected {_DIGITS} hexadecimal digits, as `proximity key` writes them)"
+            f"{path!r} is not a key (expected {_DIGITS} hexadecimal digits, as `proximity key` writes them)"
         )
     return Key(secret)
 
@@ -100,7 +100,7 @@ def write_key(path: str) -> None:
         number = os.open(path, _WRITE_FLAGS, 0o600)
     except FileExistsError as taken:
         raise PublishError(
-            f"{path}: is there already, and a key is never written over (expected the name of a new file)"
+            f"{path}: exists already, and a key is never overwritten (expected the name of a new file)"
         ) from taken
     except (OSError, ValueError) as failure:
         raise _not_written(path, failure) from failure

@@ -29,14 +29,14 @@ def _calendar_offset_ns() -> int:
 class Publisher:
     """Publishes messages at an address; made by `open_publisher`.
 
-    ``session`` is the instant of the calendar, ns, at which its run began: receivers tell a restart by it.
+    ``session`` is the calendar time, ns, at which it started: receivers recognise a restart by it.
 
     Parameters
     ----------
     outlet : Outlet
         The transport's sending end.
     address : str
-        What it was opened as.
+        Address that it was opened with.
 
     Notes
     -----
@@ -59,10 +59,10 @@ class Publisher:
         return sum(self._sequences.values())
 
     def publish(self, message: Message) -> None:
-        """Number, seal and send a message; its number is spent even where sending fails.
+        """Number, seal and send a message. Its number is used up even if sending fails.
 
-        After the machine slept another run begins: its monotonic clock stood still meanwhile, and receivers
-        on other machines must learn it anew.
+        After the machine slept a new session begins: its monotonic clock stood still, and receivers on
+        other machines must estimate it again.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class Publisher:
         Raises
         ------
         PublishError
-            If the transport refuses it.
+            If the transport cannot send it.
         """
         before, self._awake_ns = self._awake_ns, _calendar_offset_ns()
         if self._awake_ns > before + ASLEEP_NS:
@@ -84,7 +84,7 @@ class Publisher:
         self._outlet.send(message.seal(self.session, sequence))
 
     def close(self) -> None:
-        """Give the address back; closing twice is once."""
+        """Release the address. Closing again does nothing."""
         self._outlet.close()
 
     def __enter__(self) -> "Publisher":

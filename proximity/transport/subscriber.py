@@ -37,15 +37,14 @@ _NO_CONTACTS = np.zeros(0, CONTACT)
 class Reading:
     """State of a subscriber: the newest frame and its validity.
 
-    Up to ``valid_until``, and a second after its oldest pose at most, a frame is reported as it was
-    published. From then on, or where it says itself that it is LATE, contacts are made worse, see `widen`:
-    their bounds hold for now and widen, and what was exact is not any more. In the end, and where a frame
-    says so itself, nothing is left of them: STALE, or STOPPING.
+    Until ``valid_until``, and at most a second after its oldest pose, a frame is reported as published.
+    After that, or if the frame itself is LATE, only the bounds hold, and they widen with time. Later, or if
+    the frame itself says so, nothing is reported of the fingers: STALE, or STOPPING.
 
-    ``state`` says how far it goes; ``is_new``, whether a reading before had the same frame. ``contacts`` are
-    records of `CONTACT`, ``header`` those numbers of the frame that are not of a finger, None before the
-    first. Later readings overwrite both: copy what must outlive the next. ``now_ns`` is the instant of the
-    reading on the publisher's clock, ``age_ns`` the time since the oldest pose of a tracked finger, -1
+    ``state`` says how far the frame can be trusted, ``is_new`` whether it is new since the previous
+    reading. ``contacts`` are records of `CONTACT`; ``header`` has the fields of the frame, None before the
+    first frame. The next reading overwrites both: copy what you need later. ``now_ns`` is the instant of
+    the reading on the publisher's clock, ``age_ns`` the time since the oldest pose of a tracked finger, -1
     before the first frame.
     """
 
@@ -58,36 +57,36 @@ class Reading:
 
     @property
     def is_valid(self) -> bool:
-        """Whether distances may be used as they are: neither late nor worse."""
+        """Whether the distances may be used as they are: the frame is neither LATE nor STALE."""
         return self.state in _VALID
 
 
 class Subscriber:
-    """Receives frames at an address and distrusts them; made by `open_subscriber`.
+    """Receives frames at an address and verifies them; made by `open_subscriber`.
 
-    Size, version, checksum and number of each frame are verified, and that its contacts make sense. What
-    does not hold is dropped and counted, and the frame before goes on ageing. The newest frame is what
-    counts: after STOPPING, a later one of the same publisher is used again.
+    Size, version, checksum, sequence number and the values of the contacts of each frame are checked. A
+    frame that fails is dropped and counted; the previous frame stays and ages. After STOPPING, a later
+    frame of the same publisher is used again.
 
     Parameters
     ----------
     inlet : Inlet
         The transport's receiving end.
     address : str
-        What it was opened as.
+        Address that it was opened with.
     stale_after : float, s
-        After a frame's ``valid_until``, until it is worth nothing.
+        Time after a frame's ``valid_until`` until nothing of it is reported.
     max_speed : float, m/s
-        Of a finger: how fast bounds widen meanwhile.
+        Largest speed of a finger, by which bounds widen.
     max_acceleration : float, m/s²
-        Of a finger, likewise.
+        Largest acceleration of a finger, likewise.
     clock : callable
-        Gives now, ns, monotonic.
+        Gives the present instant, ns, monotonic.
 
     Raises
     ------
     QueryError
-        If one of the three numbers is none, not finite or negative.
+        If one of the three numbers is not a finite number of 0 or more.
 
     Notes
     -----
@@ -134,15 +133,15 @@ class Subscriber:
     def description(self) -> Description | None:
         """The newest description that was read: names, hidden parts, radii; None before the first.
 
-        It comes beside frames: after the first ones, within a second of each change, and when asked for.
+        It is sent besides frames: after the first ones, within a second of each change, and on request.
         """
         return self._description.newest
 
     @property
     def part_names(self) -> tuple[str, ...]:
-        """Names of the parts that ``contacts["part"]`` of the last reading counts; empty until known.
+        """Names of the parts that ``contacts["part"]`` of the last reading refers to; empty until known.
 
-        They are empty again from a change of the scene on until the service has described it anew.
+        They are empty after a change of the scene, until the service has described it again.
         """
         newest, held = self._description.newest, self._held
         if newest is None or held is None:
@@ -157,17 +156,17 @@ class Subscriber:
         return () if newest is None else newest.finger_names
 
     def read(self) -> Reading:
-        """Take what has arrived and say what is known now; never waits.
+        """Return what is known now, from everything that has arrived; never waits.
 
         Returns
         -------
         Reading
-            Of the newest frame that can be used, or of the one before, older now.
+            Of the newest frame that can be used; it may be the one of the reading before.
 
         Raises
         ------
         PublishError
-            If the transport cannot receive any more, as a socket that was closed.
+            If the transport cannot receive, for example because a socket was closed.
         """
         for kind, _, now in self._examiner.messages(self._content_flaw):
             if kind is FRAME:
@@ -175,17 +174,17 @@ class Subscriber:
         return self._reading()
 
     def wait(self, timeout: float) -> Reading:
-        """Like `read`, but wait for a new frame, no longer than that.
+        """Wait for a new frame, at most *timeout*, and return what `read` returns.
 
         Parameters
         ----------
         timeout : float, s
-            How long to wait at most: inf for ever, 0 or less not at all.
+            Longest wait; inf: without a limit, 0 or less: none.
 
         Raises
         ------
         QueryError
-            If it is no number.
+            If *timeout* is not a number.
         PublishError
             As of `read`.
         """
@@ -200,7 +199,7 @@ class Subscriber:
             self._inlet.wait(min(left, LONGEST_WAIT))
 
     def frames(self) -> Iterator[np.ndarray]:
-        """Give every frame that has arrived and can be used, oldest first, as its bytes: for recorders.
+        """Yield the bytes of every frame that has arrived and can be used, oldest first: for recorders.
 
         The bytes are overwritten by the next frame. The next reading is of the last one.
         """
@@ -210,7 +209,7 @@ class Subscriber:
                 yield data
 
     def close(self) -> None:
-        """Give the address back; closing twice is once."""
+        """Release the address. Closing again does nothing."""
         self._inlet.close()
 
     def __enter__(self) -> "Subscriber":

@@ -91,9 +91,9 @@ class UdpOutlet:
         bind = address.options.get("bind")
         if bind is None and not endpoint.is_loopback:
             raise address.refuse(
-                f"{endpoint.host} is not on this machine, and messages go from loopback unless asked "
-                "otherwise (expected ?bind=ADDRESS, that of the network card to send from, or ?bind=0.0.0.0 "
-                "for any)"
+                f"{endpoint.host} is not on this machine, and messages are sent from loopback by "
+                "default (expected ?bind=ADDRESS, the address of the network card to send from, or "
+                "?bind=0.0.0.0 for any)"
             )
         loopback = "::1" if endpoint.family == socket.AF_INET6 else "127.0.0.1"
         source = _look_up(address, _bracketed(loopback) if bind is None else bind, family=endpoint.family)
@@ -169,8 +169,7 @@ class UdpInlet:
             self.shares_clock = True
         else:
             raise address.refuse(
-                f"{endpoint.host} can be reached by others "
-                "(expected ?from=HOST, that of the one to listen to)"
+                f"{endpoint.host} can be reached by others (expected ?from=HOST, the sender to listen to)"
             )
         self._socket = _open(address, endpoint)
         self._poll = select.poll() if hasattr(select, "poll") else None
@@ -245,7 +244,7 @@ def _look_up(address: Address, text: str, *, family: int = 0, needs_port: bool =
         raise address.refuse(f"there is no {host!r}{other} ({_reason(failure)})") from failure
     found = [entry for entry in found if entry[0] in (socket.AF_INET, socket.AF_INET6)]
     if not found:
-        raise address.refuse(f"{host!r} is no address of IPv4 or IPv6")
+        raise address.refuse(f"{host!r} is not an IPv4 or IPv6 address")
     first = min(found, key=lambda entry: entry[0] != socket.AF_INET)
     return _Endpoint(first[0], first[4], port)
 

@@ -133,7 +133,9 @@ def _key_of(address: Address) -> Any:
     except zenoh.ZError as unfit:
         raise address.refuse(f"expected a key such as decaff/poses ({_zenoh_message(unfit)})") from unfit
     if "*" in address.location:
-        raise address.refuse("expected one key, without wildcards: several publishers cannot be known apart")
+        raise address.refuse(
+            "expected one key, without wildcards: several publishers could not be distinguished"
+        )
     return key
 
 

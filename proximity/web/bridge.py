@@ -7,42 +7,26 @@ page gets as text is a JSON document with one key or a few; what is binary is a 
 
 import asyncio
 import contextlib
-import json
-import logging
 import time
 from dataclasses import dataclass, field
 from typing import Any
 
-from websockets.asyncio.server import Server, ServerConnection, serve
-from websockets.datastructures import Headers
+from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
-from websockets.http11 import Request, Response
 
 from proximity.scene.scene import Scene
-from proximity.web.access import HELD_UP, HELLO_S, MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
-from proximity.web.feeding import Feed, HeldUpError, UnfitError
+from proximity.web.feeding import Feed, HeldUpError
 from proximity.web.page_client import PageClient
-from proximity.web.page_files import PageFiles
+from proximity.web.server.access import HELD_UP, TOO_MUCH, UNFIT, Access, UnfitError
+from proximity.web.server.page_files import PageFiles
+from proximity.web.server.page_server import PageServer, document
 from proximity.web.slices import clearance_document, slice_bytes
 from proximity.web.sources import LiveFrames, LoggedFrames, OtherPrograms
 
-LIVE = "/live"
-"""Where the live connection is asked for."""
 LOOK_S = 0.001
 """Between two looks for a new frame, while a page is there."""
 IDLE_LOOK_S = 0.05
 MOST_PAGES = 8
-QUIET = logging.getLogger("proximity.web.connections")
-"""Of the library: browsers open connections and send nothing, which it would call a failure."""
-QUIET.addHandler(logging.NullHandler())
-QUIET.propagate = False
-REASONS = {
-    200: "OK",
-    403: "Forbidden",
-    404: "Not Found",
-    405: "Method Not Allowed",
-    421: "Misdirected Request",
-}
 
 
 @dataclass(slots=True, eq=False)
@@ -73,37 +57,11 @@ class Bridge:
     """
 
     def __init__(self, shown: Shown, access: Access, files: PageFiles) -> None:
-        self._shown, self._access, self._files = shown, access, files
+        self.server = PageServer(access, files, self._meet)
+        self._shown = shown
         self._clients: list[PageClient] = []
         self._number = 0
         self._tasks: set[asyncio.Task[Any]] = set()
-        self.refused: dict[str, int] = {}  # how often, by what was wrong
-
-    async def listen(self, host: str, port: int, ssl: Any = None) -> Server:
-        """Begin to listen; closed by the caller.
-
-        Parameters
-        ----------
-        host : str
-            Address of this machine.
-        port : int
-            0: any that is free.
-        ssl : SSLContext
-            For TLS.
-        """
-        return await serve(
-            self._page,
-            host,
-            port,
-            ssl=ssl,
-            process_request=self._request,
-            compression=None,
-            max_size=MOST_BYTES,
-            max_queue=64,
-            open_timeout=HELLO_S,
-            logger=QUIET,
-            server_header=None,
-        )
 
     async def hand_on(self) -> None:
         """Hand frames of the service to pages, until cancelled; of a log pages ask for them."""
@@ -125,49 +83,9 @@ class Bridge:
         for client in self._clients:
             self._start(client.tell(notice=sentence))
 
-    # HTTP
-
-    def _request(self, connection: ServerConnection, request: Request) -> Response | None:
-        del connection
-        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
-        path = request.path.partition("?")[0]
-        is_live = path == LIVE
-        if len(hosts) > 1 or len(origins) > 1:
-            return self._answer(403, b"A header is there twice.")
-        refusal = self._access.refusal(
-            hosts[0] if hosts else None, origins[0] if origins else None, is_live=is_live
-        )
-        if refusal is not None:
-            self._count(refusal[1])
-            return self._answer(refusal[0], refusal[1].encode())
-        if is_live:
-            return None
-        found = self._files.get(path)
-        if found is None:
-            return self._answer(404, b"There is no such file.")
-        kind, content = found
-        return self._answer(200, content, {"Content-Type": kind, "Content-Encoding": "gzip"})
-
-    def _answer(self, status: int, body: bytes, more: dict[str, str] | None = None) -> Response:
-        headers = Headers({"Content-Type": "text/plain; charset=utf-8"} | self._files.headers | (more or {}))
-        headers["Content-Length"] = str(len(body))
-        headers["Connection"] = "close"
-        return Response(status, REASONS[status], headers, body)
-
-    # The live connection
-
-    async def _page(self, connection: ServerConnection) -> None:
-        try:
-            async with asyncio.timeout(HELLO_S):
-                hello = _document(await connection.recv())
-        except (TimeoutError, ConnectionClosed, UnfitError):
-            hello = {}
-        if not self._access.is_token(hello.get("hello")):
-            self._count("wrong token")
-            await connection.close(WRONG_TOKEN, "open the address that was printed: it has the token")
-            return
+    async def _meet(self, connection: ServerConnection, token: str) -> None:
         if len(self._clients) >= MOST_PAGES:
-            await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages already")
+            await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages connected already")
             return
         self._number += 1
         client = PageClient(connection, self._number)
@@ -179,11 +97,11 @@ class Bridge:
         except ConnectionClosed:
             pass
         except HeldUpError as held_up:
-            await self._refuse(client, HELD_UP, str(held_up))
+            await self.server.refuse(connection, HELD_UP, str(held_up))
         except UnfitError as unfit:
-            await self._refuse(client, UNFIT, str(unfit))
+            await self.server.refuse(connection, UNFIT, str(unfit))
         except _TooMuchError as flood:
-            await self._refuse(client, TOO_MUCH, str(flood))
+            await self.server.refuse(connection, TOO_MUCH, str(flood))
         finally:
             sending.cancel()
             self._leave(client)
@@ -241,7 +159,7 @@ class Bridge:
         if data == "ok":
             client.shown()
             return
-        asked = _document(data)
+        asked = document(data)
         if "clock" in asked:
             self._start(client.tell(clock=_number(asked["clock"]), now_ns=str(time.monotonic_ns())))
         elif "feed" in asked:
@@ -294,17 +212,9 @@ class Bridge:
         await client.tell(place=place, ms=frames.ms_at(place))
         await client.connection.send(frames.at(place))
 
-    async def _refuse(self, client: PageClient, code: int, sentence: str) -> None:
-        self._count(sentence)
-        with contextlib.suppress(ConnectionClosed):
-            await client.connection.close(code, sentence[:120])
-
     def _tell_all(self, data: bytes) -> None:
         for client in self._clients:
             self._start(client.connection.send(data))
-
-    def _count(self, what: str) -> None:
-        self.refused[what] = self.refused.get(what, 0) + 1
 
     def _start(self, coroutine: Any) -> None:
         """Have something done beside; that its page has gone is no failure."""
@@ -324,16 +234,5 @@ class _TooMuchError(Exception):
 
 def _number(given: Any) -> float:
     if isinstance(given, bool) or not isinstance(given, int | float):
-        raise UnfitError("a clock is asked with a number")
+        raise UnfitError("a request for the clock needs a number")
     return float(given)
-
-
-def _document(data: str | bytes) -> dict[str, Any]:
-    """A JSON object."""
-    try:
-        found = json.loads(data)
-    except (ValueError, RecursionError) as unfit:
-        raise UnfitError("a text is no JSON document") from unfit
-    if not isinstance(found, dict):
-        raise UnfitError("a document is no object")
-    return found

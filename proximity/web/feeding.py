@@ -17,6 +17,7 @@ from proximity.scene.scene import Scene
 from proximity.service.inputs.changes_input import carry_out
 from proximity.transport import Publisher, open_publisher
 from proximity.transport.publisher_clock import ForeignClock
+from proximity.web.server.access import UnfitError
 
 KINDS = {kind.magic: kind for kind in (POSES, PATH_POSES, MOVES, CHANGES)}
 FARTHEST = 1e4
@@ -25,10 +26,6 @@ OLDEST_NS = 1_000_000_000
 """A message that was under way for longer is of a connection that was held up, or of a machine that slept."""
 SPREAD_NS = 1_000_000_000
 """An instant of a pose is no farther from that of its sending."""
-
-
-class UnfitError(Exception):
-    """A message of a page that cannot be used; the text says why."""
 
 
 class HeldUpError(UnfitError):
@@ -54,7 +51,7 @@ class PageClock:
         self._clock.arrived(sent_ns, now_ns)
         ahead = now_ns - self._clock.theirs(now_ns)
         if now_ns - (sent_ns + ahead) > OLDEST_NS:
-            raise HeldUpError("messages of this page are held up for more than a second")
+            raise HeldUpError("messages of this page are delayed by more than a second")
         return ahead if self._clock.is_certain else None
 
 
@@ -162,7 +159,7 @@ class Feed:
             raise UnfitError("this page may not feed poses: the scene file does not let it")
         if len(records) > self.count or int(records["finger"].max()) >= self.count:
             raise UnfitError(
-                f"a pose is of a finger that there is not, expected fingers 0 to {self.count - 1}"
+                f"a pose is for a finger that does not exist, expected fingers 0 to {self.count - 1}"
             )
         numbers = [records["position"], records["velocity"]]
         numbers += [records["corners"]] if kind is PATH_POSES else []
@@ -193,7 +190,7 @@ class Feed:
         if not self.may_hide or self._scene is None:
             raise UnfitError("this page may not hide parts: the scene file does not let it")
         if not set(records["action"].tolist()) <= {PartAction.HIDE, PartAction.SHOW}:
-            raise UnfitError("a page may hide and show parts, and change nothing else of them")
+            raise UnfitError("a page may hide and show parts, but not change anything else of them")
         message = Message(CHANGES, len(records))
         message.records[...] = records
         actions = map(PartAction, records["action"].tolist())
@@ -250,9 +247,9 @@ def _most(numbers: np.ndarray) -> float:
 def _nearest_rotation(given: np.ndarray) -> np.ndarray:
     """The rotation that a page means, which computes poses of parts in single precision at worst."""
     if not np.isfinite(given).all() or np.abs(given @ given.T - np.eye(3)).max() > 1e-4:
-        raise UnfitError("a part is moved by what is no rotation")
+        raise UnfitError("a part is moved by something that is not a rotation")
     left, _, right = np.linalg.svd(given)
     rotation = left @ right
     if np.linalg.det(rotation) < 0.0:
-        raise UnfitError("a part is moved by what mirrors it")
+        raise UnfitError("a part is moved by a rotation that mirrors it")
     return np.asarray(rotation)

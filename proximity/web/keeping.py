@@ -59,9 +59,9 @@ class ServiceKeeper:
             if self._over.is_set():
                 return
             if len(begun) > MOST_RESTARTS:
-                self._say(f"the service has ended {len(begun)} times in a minute: it is not started again")
+                self._say(f"the service has ended {len(begun)} times in a minute: it is not restarted")
                 return
-            self._say("the service has ended: it is started anew")
+            self._say("the service has ended and is restarted")
 
     def _end(self, service: RunningService) -> None:
         try:

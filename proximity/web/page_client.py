@@ -5,8 +5,8 @@ import json
 import time
 from typing import Any
 
-from proximity.web.access import Allowance
 from proximity.web.feeding import PageClock
+from proximity.web.server.access import Allowance
 
 MOST_IN_FLIGHT = 2
 """Frames that were sent and that the page has not said to have shown: a slow page skips, and never lags."""

@@ -26,13 +26,14 @@ from proximity.service.config import (
     read_input,
     read_scene_file,
 )
+from proximity.system.extras import installation
 from proximity.tracker.replay import fitted_pose
 from proximity.tracker.tracker import DEFAULT_BUDGET
-from proximity.web.access import LOOPBACK, Access, new_token
 from proximity.web.geometry import scene_glb
 from proximity.web.keeping import ServiceKeeper
-from proximity.web.page_files import PageFiles
+from proximity.web.scene_page import scene_page_files
 from proximity.web.served_scene import Addresses, own_addresses, write_scene_file
+from proximity.web.server.access import LOOPBACK, Access, new_token
 
 if TYPE_CHECKING:
     from proximity.web.bridge import Bridge, Shown
@@ -93,7 +94,7 @@ def run_page(
         from proximity.web.bridge import Bridge
     except ModuleNotFoundError as missing:
         raise ServiceError(
-            f'the page needs {missing.name}, which is not installed: pip install "proximity[web]"'
+            f"the page needs {missing.name}, which is not installed: {installation('web')}"
         ) from missing
     tls = _tls(settings)
     with ExitStack() as opened:
@@ -103,20 +104,20 @@ def run_page(
         token = new_token()
         with socket.create_server((settings.bind, settings.port), family=_family(settings.bind)) as free:
             port = free.getsockname()[1]
-        access = Access.of(token, _names(settings), port, is_secure=tls is not None)
-        files = PageFiles(FRAMED_BY_NOTEBOOKS if settings.may_be_framed else "'self'")
+        access = Access.of((token,), _names(settings), port, is_secure=tls is not None)
+        files = scene_page_files(FRAMED_BY_NOTEBOOKS if settings.may_be_framed else "'self'")
         bridge = Bridge(made.shown, access, files)
         url = f"{access.scheme}://{_shown_host(settings.bind)}:{port}/#token={token}"
 
         async def serve() -> None:
-            server = await bridge.listen(settings.bind, port, tls)
+            server = await bridge.server.listen(settings.bind, port, tls)
             try:
                 await _until_stopped(bridge, made, stop, say, lambda: begun({"url": url, "pid": os.getpid()}))
             finally:
                 server.close()
 
         asyncio.run(serve())
-        return {"refused": bridge.refused}
+        return {"refused": bridge.server.refused}
 
 
 async def _until_stopped(
@@ -293,7 +294,7 @@ def _tls(settings: PageSettings) -> ssl.SSLContext | None:
         if not is_local or settings.certificate or settings.key:
             raise ServiceError(
                 f"a page at {settings.bind} needs a certificate and its key, expected --cert and --key: "
-                "without them anybody between could read along, and browsers give no headset"
+                "without them others could read the connection, and browsers do not offer a headset"
             )
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)

@@ -8,7 +8,8 @@ import numpy as np
 from proximity.errors import SceneError
 from proximity.scene.clearance import clearance
 from proximity.scene.scene import Scene
-from proximity.web.feeding import FARTHEST, UnfitError
+from proximity.web.feeding import FARTHEST
+from proximity.web.server.access import UnfitError
 from proximity.web.slice_fields import SLICE_HEADER, SLICE_MAGIC
 
 MOST_POINTS = 40_000

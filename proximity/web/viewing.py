@@ -20,20 +20,20 @@ BEGIN_TIMEOUT = 600.0
 class RunningPage(RunningService):
     """A page that can be opened at ``url``; made by `view`, ended by ``stop()`` or with this process.
 
-    At the end of a notebook's cell it is shown below it.
+    As the last value of a notebook's cell, it is shown below the cell.
 
     Parameters
     ----------
     words : sequence of str
-        What ``proximity view`` is given.
+        Arguments of ``proximity view``.
     name : str
-        What is shown, for messages.
+        Name of what is shown, for messages.
     say : callable
-        Is given what the page's process says meanwhile, by another thread.
+        Called with the messages of the page's process, by another thread.
     height : int
-        Of the frame in a notebook, in pixels.
+        Height of the frame in a notebook, in pixels.
     folder : TemporaryDirectory
-        Of what is shown; it goes with this object.
+        Folder of temporary files, removed with this object.
     """
 
     def __init__(
@@ -52,21 +52,21 @@ class RunningPage(RunningService):
 
     @property
     def url(self) -> str:
-        """Where the page is, with the token that lets one in."""
+        """Address of the page, with the token that it requires."""
         return str(self.beginning["url"])
 
     def stop(self, timeout: float = STOP_TIMEOUT) -> dict[str, Any]:
-        """End the page, its bridge and the service behind it; stopping twice is once.
+        """Stop the page, its bridge and its service. Stopping again does nothing.
 
         Parameters
         ----------
         timeout : float, s
-            How long to wait; then it is killed.
+            Longest wait; then the process is killed.
 
         Returns
         -------
         dict
-            ``refused``: how often a page or a request was refused, by what was wrong.
+            ``refused``: how often pages and requests were refused, by reason.
         """
         try:
             return super().stop(timeout)
@@ -87,28 +87,26 @@ class RunningPage(RunningService):
 def view(
     scene: Scene | str | os.PathLike[str], *, open_browser: bool | None = None, height: int = 600
 ) -> RunningPage:
-    """Show a scene in the browser, with hands over it and their distances.
+    """Show a scene in the browser, with hands and the distances of their fingertips.
 
     Parameters
     ----------
     scene : Scene, or path
-        What is shown: a scene as it is now, a file of parts, or a scene file. What is changed of a `Scene`
-        later is not seen.
+        A scene, a file of parts, or a scene file. Later changes of a `Scene` are not shown.
     open_browser : bool
-        Whether a browser is opened. Where not given: unless this is a notebook, which shows the page below
-        the cell.
+        Whether to open a browser. Default: yes, except in a notebook, which shows the page below the cell.
     height : int
-        Of the frame in a notebook, in pixels.
+        Height of the frame in a notebook, in pixels.
 
     Returns
     -------
     RunningPage
-        Its ``url`` can be opened; ``stop()`` ends it, and so does the end of this process.
+        Its ``url`` can be opened; ``stop()`` or the end of this process ends it.
 
     Raises
     ------
     ServiceError
-        If it cannot be shown, with the sentence that says why.
+        If it cannot be shown; the message says why.
     """
     if isinstance(scene, Scene):
         folder = tempfile.TemporaryDirectory(prefix="proximity-view-", ignore_cleanup_errors=True)

@@ -253,7 +253,7 @@ def test_faces_back_to_back_are_not_duplicates():
 
 
 def test_faces_lost_are_counted_at_the_body_that_had_them_though_others_touch_it():
-    """A cube that is there twice, a sheet at four of its corners, and a body at one."""
+    """A cube that occurs twice, a sheet at four of its corners, and a body at one."""
     sheet = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, -1, 0]]), np.array([[0, 1, 2]])
     corner = shapes.moved(shapes.tetrahedron(), (1, 1, 1))
     mesh = with_faces(shapes.join(shapes.cube(), shapes.cube(), sheet, corner), [16, 16, 0], [16, 0, 1])
@@ -568,12 +568,13 @@ def test_repairs_are_described_in_one_sentence():
 
     assert one.describe() == (
         "Merged 1 equal vertex, welded 1 near vertex at most 2.5e-09 m apart to close the body, "
-        "dropped 1 face without area, dropped 1 duplicate face, turned 1 face to run the way of the others."
+        "dropped 1 face without area, dropped 1 duplicate face, turned 1 face to match the "
+        "orientation of the others."
     )
     assert many.describe() == (
         "Merged 2 equal vertices, welded 3 near vertices at most 0.001 m apart to close the body, "
         "dropped 4 faces without area, dropped 5 duplicate faces, "
-        "turned 6 faces to run the way of the others, turned the body inside out."
+        "turned 6 faces to match the orientation of the others, flipped the body, which was inside out."
     )
 
 

@@ -102,7 +102,7 @@ def test_period_is_read_as_people_write_it(text, seconds):
 @pytest.mark.parametrize("text", ["", "1", "fast", "-1ms", "nanms", "11s"])
 def test_what_is_no_period_is_refused(text):
     with pytest.raises(
-        ServiceError, match="is no period, expected a time or a rate such as 1ms, 200us or 1kHz"
+        ServiceError, match="is not a period, expected a time or a rate such as 1ms, 200us or 1kHz"
     ):
         period.parse_period(text)
 

@@ -11,7 +11,7 @@ from certificates import TICKS, ball_subject, case, certificate, found, loop
 
 from proximity import DecaffError, ServiceError
 from proximity.certificate import measurement, wording
-from proximity.certificate.certification import check_request, judge, load_of_times
+from proximity.certificate.certification import MachineVerdict, check_request, judge, load_of_times
 from proximity.certificate.deadlines import PERIODS, Period
 from proximity.certificate.report import files
 from proximity.certificate.report.document import document, periods_of
@@ -56,11 +56,21 @@ def test_interruptions_of_one_run_do_not_fail_a_scene():
 
 def test_loop_that_computes_too_long_fails_a_scene_and_waking_late_does_not():
     assert not certificate(report=loop(compute_us=1500)).verdict(0.001).fits
-    late = certificate(report=loop(late_us=5000, missed=9000)).verdict(0.001)
-    assert late.fits
-    told = ". The machine did not keep 1 ms, busy as it was: 9000 of 11000 deadlines were missed"
-    assert late.sentence.endswith(told)
-    assert "The machine" not in certificate(report=loop(missed=2)).verdict(0.001).sentence
+    assert certificate(report=loop(late_us=5000, missed=9000)).verdict(0.001).fits
+
+
+@pytest.mark.parametrize(
+    ("missed", "kept", "sentence"),
+    [
+        (0, True, "this machine kept 1 ms: 0 of 2000 deadlines missed, at most 0.1 % allowed"),
+        (2, True, "this machine kept 1 ms: 2 of 2002 deadlines missed, at most 0.1 % allowed"),
+        (3, False, "this machine did not keep 1 ms: 3 of 2003 deadlines missed, at most 0.1 % allowed"),
+    ],
+)
+def test_deadlines_of_the_machine_are_a_verdict_of_their_own(missed, kept, sentence):
+    verdict = certificate(report=loop(missed=missed)).machine_verdict()
+
+    assert verdict == MachineVerdict(0.001, kept, missed, 2000 + missed, sentence)
 
 
 def test_where_so_few_ticks_tell_no_tail_the_longest_counts():
@@ -76,7 +86,7 @@ def test_where_so_few_ticks_tell_no_tail_the_longest_counts():
         ((999, 1.0, 0), r"999 ticks are too few for p99\.9"),
         ((1000, 0.0, 0), "the loop cannot run for 0 s, expected up to 3600 s"),
         ((1000, float("nan"), 0), "the loop cannot run for nan s"),
-        ((1000, 1.0, -1), "-1 is no seed, expected a whole number of 0 or more"),
+        ((1000, 1.0, -1), "-1 is not a seed, expected a whole number of 0 or more"),
     ],
 )
 def test_what_cannot_be_measured_is_refused(request_, sentence):
@@ -96,7 +106,7 @@ def test_document_has_what_its_schema_says(told):
     assert (told["kind"], told["schema"]) == ("proximity latency certificate", 1)
     assert list(told) == [
         "kind", "schema", "scene", "machine", "versions", "settings", "search", "cases", "loop", "feeling",
-        "verdict",
+        "verdict", "machine_verdict",
     ]  # fmt: skip
     assert set(told["scene"]) == {"sha256", "files", "parts", "faces", "bounds"}
     assert re.fullmatch("[0-9a-f]{64}", told["scene"]["sha256"])
@@ -111,6 +121,7 @@ def test_document_has_what_its_schema_says(told):
     assert {"name", "counts", "ticks", "compute", "wall", "best", "periods", "tail"} <= set(told["cases"][0])
     assert {"missed", "missed_per_million", "missed_per_million_upper_95"} <= set(told["loop"])
     assert set(told["verdict"]) == {"period_s", "fits", "case", "measure", "time_ns", "sentence"}
+    assert set(told["machine_verdict"]) == {"period_s", "kept", "missed", "due", "sentence"}
 
 
 def test_shares_and_misses_are_of_the_period(told):
@@ -202,7 +213,10 @@ def test_page_says_the_same_as_the_document(text, told):
     assert text.count("<svg ") == 3
     assert told["scene"]["sha256"] in text
     assert "The scene fits 0.5 ms: p99.9 of computing is 400 µs (worst, passing)" in text
-    assert "<b>Fits.</b>" in text
+    assert "<b>Fits.</b>" in text and "<b>Deadlines kept.</b>" in text
+    assert told["machine_verdict"]["sentence"][1:] in text
+    late = page(document(certificate(report=loop(missed=9000))), SURFACE)
+    assert "<b>Fits.</b>" in late and "<b>Deadlines not kept.</b>" in late
     assert "ball &amp; &lt;co&gt;.stl" in text and "<co>" not in text
     assert "core: stays on &lt;1&gt;" in text
     assert "Does not fit" in page(document(certificate(), 0.0002), SURFACE)
@@ -222,10 +236,10 @@ def test_page_and_numbers_are_written_beside_each_other(told, tmp_path):
 
 def test_numbers_are_written_even_without_matplotlib_or_jinja(told, tmp_path, monkeypatch):
     def missing():
-        raise DecaffError('figures need matplotlib, which is not installed: pip install "proximity[sim]"')
+        raise DecaffError('figures need matplotlib, which is not installed: pip install "cad-proximity[sim]"')
 
     monkeypatch.setattr(style, "load_figure", missing)
-    with pytest.raises(DecaffError, match=r"pip install .*proximity\[sim\]"):
+    with pytest.raises(DecaffError, match=r'pip install "cad-proximity\[sim\]"$'):
         files.write_report(tmp_path / "cell.html", told, ball_subject().scene)
 
     assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]

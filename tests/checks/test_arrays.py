@@ -121,9 +121,9 @@ def test_other_shapes_are_refused(rows, shape):
         (np.array(["1", 2, 3], object), "points hold '1', which is not a number"),
         (np.array([1, None, 3], object), "points hold None, which is not a number"),
         (None, "points hold None, which is not a number"),
-        ({}, r"points hold something that is not a number \(float\(\) argument .* not 'dict'\)"),
-        (np.array([1j, 2, 3], object), r"points hold something that is not a number \(.*complex'\)"),
-        (np.array([10**400, 2, 3], object), r"points hold something that is not a number \(int too large"),
+        ({}, r"points contain something that is not a number \(float\(\) argument .* not 'dict'\)"),
+        (np.array([1j, 2, 3], object), r"points contain something that is not a number \(.*complex'\)"),
+        (np.array([10**400, 2, 3], object), r"points contain something that is not a number \(int too large"),
     ],
 )
 def test_what_holds_no_numbers_is_refused_with_the_reason(rows, reason):

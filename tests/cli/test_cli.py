@@ -132,7 +132,7 @@ def test_unknown_option_is_a_usage_error(run, option):
         ((1, "-inf", 3), "'-inf' is not finite, expected a number"),
         ((1, "1e400", 3), "'1e400' is beyond 1.8e+308, the largest number"),
         ((1, 2, 3, "--ray", 0, "nan", 1), "'nan' is not finite, expected a number"),
-        (("1,2,3",), "'1,2,3' is not a number; separate numbers by spaces alone: 1 2 3"),
+        (("1,2,3",), "'1,2,3' is not a number; separate numbers by spaces only: 1 2 3"),
         (("1,5", 2, 3), "'1,5' has a decimal comma, expected a decimal point: 1.5"),
         ((), "give a point, or --points FILE"),
         ((1, 2, 3, "--points", "-"), "points are given as arguments already"),
@@ -195,7 +195,7 @@ def test_what_is_too_far_off_is_told_in_words():
 
     for mode, answer in (("closest", point), ("ray", ray)):
         assert query_answers.block(mode, answer, "mm", "") == [
-            ("distance", "nan (too far off to be computed)")
+            ("distance", "nan (too far away to be computed)")
         ]
 
 
@@ -206,7 +206,7 @@ def test_segment_is_told(run):
         "distance": "2 mm",
         "on segment": "0  0  12 mm",
         "on solid": "0  0  10 mm",
-        "fraction": "0 of the way",
+        "fraction": "0 of the segment",
         "part": "ball",
         "face": "107 of the file",
     }
@@ -404,8 +404,8 @@ def test_version_is_printed(run):
     [
         (("--help",), "--version"),
         (("query", "--help"), "shuf points.txt | proximity query bracket.stl --points - --workers -1"),
-        (("check", "--help"), "with --strict it is 1 if some part has no inside"),
-        (("-h",), "Exit codes: 0 answered"),
+        (("check", "--help"), "With --strict it is 1 if a part has no inside"),
+        (("-h",), "Exit codes: 0: done. 1: the command ran, but the result is negative"),
     ],
 )
 def test_help_has_examples_and_exit_codes(run, arguments, words):
@@ -423,7 +423,9 @@ def test_first_compilation_is_announced_on_stderr(run, monkeypatch):
     result = run("query", "ball.stl", 0, 0, 12.5, "--json")
 
     assert compiled == ["all"]
-    assert result.err == "proximity: compiling for this processor, this once; it takes a minute or two\n"
+    assert result.err == (
+        "proximity: compiling the kernels for this processor; this happens once and takes a minute or two\n"
+    )
     assert len(json.loads(result.out)["answers"]) == 1
 
 
@@ -451,6 +453,30 @@ def test_long_reading_shows_a_spinner_on_a_terminal(name, monkeypatch):
             progress.time.sleep(0.05)
 
     assert f"reading {name}" in screen.getvalue()
+
+
+def test_spinner_counts_what_is_done(monkeypatch):
+    screen = terminal(monkeypatch)
+    monkeypatch.setattr(progress, "ANNOUNCE_AFTER_S", 0.0)
+
+    with progress.spinner("reading gears.step") as count:
+        passed = list(progress.counted(["ab", "c"], count))
+        ends = progress.time.monotonic() + 60.0
+        while "reading gears.step 3" not in screen.getvalue() and progress.time.monotonic() < ends:
+            progress.time.sleep(0.05)
+        count(7, 12)
+        while "7 of 12" not in screen.getvalue() and progress.time.monotonic() < ends:
+            progress.time.sleep(0.05)
+
+    assert passed == ["ab", "c"]
+    assert "reading gears.step 3" in screen.getvalue() and "reading gears.step 7 of 12" in screen.getvalue()
+
+
+def test_count_without_a_terminal_shows_nothing(capsys):
+    with progress.spinner("reading ball.stl") as count:
+        count(1, 2)
+
+    assert capsys.readouterr() == ("", "")
 
 
 def test_short_reading_shows_nothing(monkeypatch):

@@ -46,7 +46,8 @@ def test_certificate_is_told_in_tables_and_written(run, tmp_path):
     assert re.search(r"worst, passing +200 +396 +400 +400 +1 +8.0 +13 +40 +200", result.out)
     assert re.search(r"service: woken late +20\.\d", result.out)
     assert "deadlines       0 of 2000 missed by the loop at 1 ms: 0 a million (< 1 500)" in result.out
-    assert "verdict         the scene fits 1 ms: p99.9 of computing is 400 µs (worst, passing)" in result.out
+    assert "scene verdict   the scene fits 1 ms: p99.9 of computing is 400 µs (worst, passing)" in result.out
+    assert "machine verdict this machine kept 1 ms: 0 of 2000 deadlines missed" in result.out
     assert result.err == "proximity: wrote latency.html and latency.json\n"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["latency.html", "latency.json"]
 
@@ -98,7 +99,7 @@ def test_without_matplotlib_the_numbers_are_written_and_the_gate_holds(
     """Only who asked for the page by name has not got what was asked for."""
 
     def missing():
-        raise DecaffError('figures need matplotlib, which is not installed: pip install "proximity[sim]"')
+        raise DecaffError('figures need matplotlib, which is not installed: pip install "cad-proximity[sim]"')
 
     monkeypatch.setattr(style, "load_figure", missing)
 
@@ -131,10 +132,10 @@ def test_recording_is_given_or_a_sample(run):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--gate", "soon"), "'soon' is no period, expected a time or a rate such as 1ms, 200us or 1kHz"),
+        (("--gate", "soon"), "'soon' is not a period, expected a time or a rate such as 1ms, 200us or 1kHz"),
         (("--ticks", 10), "10 ticks are too few for p99.9, expected 1000 or more"),
         (("--seconds", 0), "the loop cannot run for 0 s"),
-        (("--fingers", 0), "0 fingers cannot be ticked, expected 1 or more"),
+        (("--fingers", 0), "0 fingers cannot be tracked, expected 1 or more"),
         (("--out", "cell.pdf"), "cell.pdf does not end in .html or .json"),
         (("--recording", "no.csv"), "no.csv"),
         (("--seed", -2), "-2 is no seed"),
@@ -166,7 +167,7 @@ def test_all_of_it_runs_on_a_box(run, monkeypatch):
     monkeypatch.setattr(package, "certify", certification.certify)
     box = str(make.FOLDER / "box.stl")
 
-    result = run(box, "--ticks", 1000, "--seconds", 0.05, "--no-real-time", "--json")
+    result = run(box, "--ticks", 1000, "--seconds", 0.05, "--no-realtime", "--json")
 
     document = json.loads(result.out)
     assert result.code == 0 and result.err == ""

@@ -1,14 +1,24 @@
 """``proximity calibrate``: a person is guided, interrupted, corrected, and gets a calibration."""
 
 import json
+import os
 import re
+import signal
+import threading
 
 import numpy as np
 import pytest
+from simulated_motors import ODriveMotor
 
-from proximity.decaff.calibrating.tasks import POSES
+from proximity.cli.calibration.guide import guide
+from proximity.decaff.calibrating.readings import Readings
+from proximity.decaff.calibrating.results import Session
+from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
+from proximity.decaff.calibrating.tasks import FREE, POSES, Bench
+from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.calibration import check_age, read_calibration
+from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.message import GLOVE_POSES, Message
 from proximity.transport import open_publisher
@@ -95,8 +105,8 @@ def test_counts_come_from_the_glove_and_a_hand_that_moves_is_asked_again(run, tm
             message.records["finger"], message.records["counts"] = 1, next(reported, 21850.0)
             sender.publish(message)
 
-        monkeypatch.setattr("proximity.cli.guided_calibration.time.sleep", sleep)
-        monkeypatch.setattr("proximity.cli.guided_calibration.LISTENING_S", 0.01)
+        monkeypatch.setattr("proximity.cli.calibration.asked_instruments.time.sleep", sleep)
+        monkeypatch.setattr("proximity.cli.calibration.asked_instruments.LISTENING_S", 0.01)
         ended = run(tmp_path / "g.json", "--counts", "mailbox:calibrate/poses", "--finger", "1", stdin="\n\n")
 
     assert ended.code == 1
@@ -129,6 +139,11 @@ def test_results_are_printed_as_json_and_a_task_is_measured_again(run, tmp_path)
         (("--seed", "3"), "requires --simulate"),
         (("--simulate", "--counts", "udp://127.0.0.1:1"), "a simulated glove has its own counts"),
         (("--skip", "pose 1"), "'pose 1': expected 'free drum' or 'held drum'"),
+        (("--simulate", "--motor", "canopen://can0"), "a simulated glove has its own drum"),
+        (("--arm",), "there is no --motor to arm"),
+        (("--port", "8080"), "requires --page"),
+        (("--no-browser",), "requires --page"),
+        (("--page", "--port", "70000"), "expected 0 to 65535"),
         (("--phalanges", "45", "-26", "20"), "one of phalanges is -0.026"),
     ],
 )
@@ -137,3 +152,80 @@ def test_what_cannot_be_is_refused(run, tmp_path, options, words):
 
     assert ended.code == 2
     assert words in ended.words
+
+
+# --- motors -------------------------------------------------------------------------------------------------
+
+
+def test_motor_is_only_read_until_it_is_armed(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("proximity.cli.drum_motors.SHOWN_S", 0.1)
+    with ODriveMotor("calibrate-unarmed") as motor:
+        stop = threading.Timer(1.0, lambda: os.kill(os.getpid(), signal.SIGINT))
+        stop.start()
+        ended = run(tmp_path / "glove.json", "--motor", f"{motor.url}&watchdog=300")
+        stop.join()
+        assert not motor.has_moved and motor.mode == "off"
+
+    assert ended.code == 0
+    assert "motor 0: 0.0000 turns, 0.000 A, off" in ended.out
+    assert "No motor driver was ever run on hardware" in ended.err
+    assert not (tmp_path / "glove.readings.json").exists()
+
+
+def test_armed_motor_is_homed_and_off_while_the_person_turns_it(run, tmp_path, monkeypatch):
+    """Counts are typed; the angles of touches are those of the motor's encoder."""
+    counts = GLOVE.counts(np.array(POSES)).tolist()
+    lines = [*map(str, counts * 3), *["35000", "35060"] * 3, *["35000", "34954"] * 3]
+    touches = [(1 / 6, 1 / 2, 5 / 6)[i % 3] for i in range(9)]
+    modes = []
+    with ODriveMotor("calibrate-armed") as motor:
+
+        def typed(question):
+            modes.append(motor.mode)
+            if lines:
+                return lines.pop(0)
+            if not touches:
+                raise EOFError
+            bend = touches.pop(0)
+            back = FingerPath(GLOVE).drum_angles[1] + 0.1 - float(GLOVE.drum_angle(bend)) - 0.031
+            motor.turns = motor.stop - back * 4.0 / (2.0 * np.pi)  # by hand, from the stop
+            return str(GLOVE.counts(bend))
+
+        monkeypatch.setattr("builtins.input", typed)
+        ended = run(tmp_path / "glove.json", "--motor", f"{motor.url}&watchdog=300", "--arm")
+        assert motor.has_moved and motor.mode == "off"
+
+    assert ended.code == 1, ended.err
+    assert "the motor moves now, to find its stop" in ended.err
+    assert set(modes) == {"off"}
+    offset = re.search(r"drum zero \[mrad\] +([\d.]+)", ended.out)
+    assert float(offset[1]) == pytest.approx(31.0, abs=0.5)
+
+
+def test_motor_that_is_jammed_ends_with_a_sentence_and_off(run, tmp_path):
+    with ODriveMotor("calibrate-jammed") as motor:
+        motor.is_stalled = True
+        ended = run(tmp_path / "glove.json", "--motor", f"{motor.url}&watchdog=300", "--arm")
+        assert motor.mode == "off"
+
+    assert ended.code == 2 and "the motor was switched off" in ended.err
+
+
+def test_person_is_waited_for_before_the_motor_swings(tmp_path):
+    """Also where nothing else is waited for, because numbers are typed."""
+
+    class Told(Exception):
+        pass
+
+    class Asking:
+        def begin(self, prompt):
+            assert (prompt.title, prompt.waits) == ("free drum, 1 of 5", True)
+            raise Told
+
+    glove = SimulatedGlove(0, GLOVE, GEAR4)
+    session = Session(Bench(glove.instruments, GLOVE), Readings(tmp_path / "r.json", "test"))
+    for task in session.tasks:
+        if task is not FREE:
+            session.skip(task)
+    with pytest.raises(Told):
+        guide(session, Asking(), None, waits=False)

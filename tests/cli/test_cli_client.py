@@ -45,7 +45,7 @@ def test_folder_that_cannot_be_made_is_told(run, tmp_path):
     code, out, err = run("cpp", "--out", tmp_path / "file")
 
     assert (code, out) == (2, "")
-    assert err == f"proximity: {tmp_path}/file: is no folder and cannot be made one (File exists)\n"
+    assert err == f"proximity: {tmp_path}/file: is not a folder and cannot be created (File exists)\n"
 
 
 def test_file_that_cannot_be_written_is_told(run, tmp_path):

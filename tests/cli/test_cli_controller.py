@@ -7,6 +7,7 @@ import pytest
 from proximity import cli
 from proximity.decaff.chip.constants import ChipSettings
 from proximity.decaff.chip.sources import controller_sources
+from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.drum.drum_model import DIRECT
 from proximity.decaff.glove.glove import Glove
 
@@ -35,12 +36,27 @@ def test_sources_are_written(run, tmp_path):
     assert out.splitlines() == [f"{folder / name}: written" for name in controller_sources([Glove()])]
 
 
+def test_cable_is_in_the_sources(run, tmp_path):
+    code, _, err = run("--out", tmp_path, "--cable", 1212)
+
+    assert (code, err) == (0, "")
+    text = (tmp_path / "decaff_controller.h").read_text(encoding="ascii")
+    assert text == controller_sources([Glove()], ChipSettings(cable=CableRule(1212.0)))["decaff_controller.h"]
+    assert "#define DECAFF_CABLE_STIFFNESS 1212.0\n" in text
+
+
+def test_cable_that_is_none_is_told(run, tmp_path):
+    code, _, err = run("--out", tmp_path, "--cable", "stiff")
+
+    assert code == 2 and "'stiff': expected a stiffness in N/m" in err
+
+
 def test_folder_that_cannot_be_made_is_told(run, tmp_path):
     (tmp_path / "file").write_text("")
     code, _, err = run("--out", tmp_path / "file")
 
     assert code == 2
-    assert err == f"proximity: {tmp_path}/file: is no folder and cannot be made one (File exists)\n"
+    assert err == f"proximity: {tmp_path}/file: is not a folder and cannot be created (File exists)\n"
 
 
 def test_rate_that_a_watchdog_would_stop_is_told(run, tmp_path):

@@ -19,6 +19,7 @@ from proximity import cli
 from proximity.cli import drum_loop
 from proximity.cli.views import screen
 from proximity.cli.views.drum_log import DrumLog
+from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller_states import DrumState
 from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.drum.drum_model import GEAR4
@@ -93,6 +94,19 @@ def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
         step(bench, Reading(State.STALE, False, sample * MS, 0, None, empty))
     assert finger.action.state.value == "retracted"
     assert finger.plant.position == pytest.approx(finger.path.retracted, abs=1e-3)
+
+
+def test_drum_makes_up_for_the_stretch_of_a_cable():
+    """Pad and cable are springs in a row; brought nearer, the drum presses as without a cable."""
+    forces = []
+    for rule in (CableRule(), CableRule(1200.0)):
+        bench = DrumBench(1000.0, cable=rule)
+        for sample, bend in enumerate([*np.linspace(0.3, 0.52, 220), *[0.52] * 1000]):
+            step(bench, reading(sample * MS, bend))
+        assert bench.fingers[0].action.state.value == "position"
+        forces.append(bench.fingers[0].plant.force)
+
+    assert forces[0] == pytest.approx(forces[1], rel=0.03)
 
 
 def test_table_has_a_row_for_each_finger():
@@ -219,7 +233,7 @@ def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_fr
     result = run(ADDRESS, "--limit", 20, *["--calibration", path] * 3)
 
     assert result.code == 2
-    assert result.err == ("proximity: 3 calibrations for 2 fingers, expected one for all or one each\n")
+    assert result.err == ("proximity: 3 calibrations for 2 fingers, expected one for all, or one for each\n")
 
 
 @pytest.mark.parametrize(
@@ -228,7 +242,7 @@ def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_fr
         (
             "old.json",
             (),
-            r"old\.json: the calibration is of .*, 31 days ago, expected 30 at most: calibrate anew",
+            r"old\.json: the calibration is of .*, 31 days ago, expected 30 at most: calibrate again",
         ),
         ("far.json", (), r"far\.json: the table has counts from 60000 to 70000, expected 0 to 65535 of this"),
         ("none.json", (), r"none\.json: cannot be read \(No such file or directory\)"),
@@ -247,7 +261,7 @@ def test_age_of_no_calibration_is_refused(run):
     result = run(ADDRESS, "--limit", 1, "--max-age", 5)
 
     assert result.code == 2
-    assert "only a --calibration has an age" in " ".join(result.err.split())
+    assert "requires --calibration" in " ".join(result.err.split())
 
 
 # -------------------------------------------------------------------------------------- what drums cannot do
@@ -269,7 +283,8 @@ def test_drum_without_bends_is_shown_as_if_fingers_bent_straight_and_that_is_sai
     assert finger.action.state.value == "position" and finger.touches == 1
     assert finger.plant.force == pytest.approx(0.2, rel=0.15)  # 200 N/m of a pad
     assert bench.warnings() == [
-        "no bend is reported of finger 0: shown as if bent straight into what is nearest; a real drum stays "
+        "no bend is reported of finger 0: shown as if it bent straight towards the nearest surface; "
+        "a real drum stays "
         "retracted without a bend, which comes from a path or a glove"
     ]
     assert bench.warnings() == []
@@ -303,13 +318,13 @@ def test_stiffness_beyond_what_is_passive_is_said_once(stiffness, is_said):
 
     shown, _ = bench.fingers[0].controller.law.displayed(stiffness, 0.0)
     expected = (
-        "the part before finger 0 has 100000 N/m, beyond what this drum can display at 500 Hz without "
-        f"feeding energy: it feels as {shown:.0f} N/m"
+        "the part before finger 0 has 100000 N/m, more than this drum can render at 500 Hz without "
+        f"adding energy: it is rendered as {shown:.0f} N/m"
     )
     lacking = bench.fingers[0].controller.law.lacking(stiffness, 0.0)
     left = (
-        f"at {shown:.0f} N/m the drum itself lacks {lacking:.2g} N s/m of damping to be passive whatever "
-        "leans on it: it counts on the damping of a fingertip"
+        f"at {shown:.0f} N/m the drum itself lacks {lacking:.2g} N s/m of damping to be passive on "
+        "its own: it relies on the damping of a fingertip"
     )
     assert told == ([expected, left] if is_said else [left])
     assert shown == pytest.approx(2.0 / (1.5 / 500.0), rel=1e-3) or not is_said  # B over 1.5 periods
@@ -415,4 +430,4 @@ def test_armed_motor_that_is_jammed_ends_with_a_sentence(run):
 def test_arm_needs_a_motor(run):
     result = run(ADDRESS, "--arm")
     assert result.code == 2
-    assert "there is no --motor to arm" in result.words
+    assert "requires --motor" in result.words

@@ -128,7 +128,7 @@ def test_damage_is_left_out_and_told(run, tmp_path):
     assert result.out == "run.csv: 2 frames, 2 lines\n"
     assert result.err.splitlines() == [
         f"proximity: {log}: damaged in 1 place, 30 bytes skipped, the first at byte {size}",
-        f"proximity: {log}: {size - 9} bytes of a torn frame at the end left out",
+        f"proximity: {log}: {size - 9} bytes of a torn frame at the end were skipped",
     ]
 
 
@@ -192,7 +192,7 @@ def test_missing_pyarrow_is_told_with_what_to_install(run, tmp_path, monkeypatch
 
     assert result.code == 2
     assert result.err == (
-        'proximity: Parquet needs pyarrow, which is not installed: pip install "proximity[parquet]"\n'
+        'proximity: Parquet needs pyarrow, which is not installed: pip install "cad-proximity[parquet]"\n'
     )
     assert list(tmp_path.iterdir()) == [log]
 

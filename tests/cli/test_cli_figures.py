@@ -4,13 +4,16 @@ import json
 import re
 import sys
 
+import glove_files
 import pytest
 from project import MESHES
 
 from proximity.cli.views.json_output import plain
 from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
+from proximity.decaff.glove.glove import Glove
 from proximity.scene.loader import load
 from proximity.studies.engine.engine_setup import EngineSetup
+from proximity.studies.figures.catalogue import PLATES
 from proximity.studies.part_press import document as part_document
 from proximity.studies.part_press import simulate_on_part
 from proximity.studies.simulation.simulated_press import Setup, Wall, document, simulate
@@ -38,6 +41,16 @@ def test_figures_are_written_and_progress_is_told(run, tmp_path):
     assert sorted(path.name for path in (tmp_path / "paper").iterdir()) == [
         "figure-5d.csv", "figure-5d.svg", "notes.txt", "stability.csv", "stability.svg",
     ]  # fmt: skip
+
+
+def test_json_is_the_summary_of_figures_as_a_document(run, tmp_path):
+    result = run("figures", "5d", "--out", "paper", "--format", "svg", "--json")
+
+    told = json.loads(result.out)
+    assert result.code == 0
+    assert told["out"] == "paper" and told["seconds"] >= told["figures"][0].pop("seconds") > 0.0
+    files = ["paper/figure-5d.svg", "paper/figure-5d.csv"]
+    assert told["figures"] == [{"name": "5d", "title": PLATES["5d"].title, "files": files}]
 
 
 def test_unknown_figure_is_refused_with_the_list(run, tmp_path):
@@ -96,6 +109,40 @@ def test_press_that_makes_no_sense_is_refused(run, options, sentence):
     assert sentence in " ".join(result.err.split())
 
 
+@pytest.mark.parametrize("is_measured", [False, True])
+def test_cable_is_in_the_press_by_its_stiffness_or_by_the_calibration_of_a_glove(run, tmp_path, is_measured):
+    stiffness = float(Glove().tip_stiffness(0.5))
+    cable = glove_files.write(tmp_path / "glove.json") if is_measured else stiffness
+    result = run("simulate", "--speed", 1, "--cable", cable, "--stretch", "sensor", "--json")
+
+    expected = document(simulate(Setup(speed=1.0, cable=stiffness, stretch="sensor")))
+    assert (result.code, result.err) == (0, "")
+    assert json.loads(result.out) == expected
+    assert expected["cable"] == stiffness
+    words = run("simulate", "--speed", 1, "--cable", 1212).out
+    assert "cable of 1212 N/m at the fingertip, its stretch left" in " ".join(words.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--wall", "real", "--cable", 1212), "a real wall has none"),
+        (("--stretch", "torque"), "there is no --cable that stretches"),
+        (("--scene", MESHES / "box.stl", "--stretch", "torque"), "there is no --cable that stretches"),
+        (("--cable", 1212, "--stretch", "much"), "'much': expected one of left, torque, sensor"),
+        (("--cable", "stiff"), "'stiff': expected a stiffness in N/m, or the file of a calibration"),
+        (("--cable", 5), "5 N/m at the fingertip: expected 10 to 1e+06"),
+        (("--cable", "nan"), "nan N/m at the fingertip: expected 10 to 1e+06"),
+        (("--cable", MESHES / "box.stl"), "box.stl"),
+    ],
+)
+def test_cable_that_makes_no_sense_is_refused(run, options, sentence):
+    result = run("simulate", *options)
+
+    assert (result.code, result.out) == (2, "")
+    assert sentence in " ".join(result.err.replace("│", " ").split())
+
+
 def test_csv_of_a_press_needs_no_matplotlib(run, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
 
@@ -130,6 +177,17 @@ def test_json_of_a_press_on_a_part_is_the_models(run):
     expected = simulate_on_part(scene, setup, at=(0.020, 0.015, 0.025), speed=1.0)
     assert (result.code, result.err) == (0, "")
     assert json.loads(result.out) == plain(part_document(expected))
+
+
+def test_cable_of_a_press_on_a_part_is_told_and_made_up_for(run):
+    left, made_up = (run("simulate", *FAST, "--cable", 1212, *how) for how in ((), ("--stretch", "sensor")))
+
+    assert "cable           1212 N/m at the fingertip, its stretch left" in left.out
+    assert (
+        "cable           1212 N/m at the fingertip, its stretch made up for by a force sensor" in made_up.out
+    )
+    rests = [float(re.search(r"force at rest \[N\] +(\S+)", one.out).group(1)) for one in (left, made_up)]
+    assert rests[0] < 0.76 and rests[1] == pytest.approx(0.8, abs=0.02)
 
 
 def test_recorded_hand_and_far_end_are_simulated(run, tmp_path):

@@ -9,7 +9,7 @@ from project import MESHES
 
 from proximity import cli
 
-pytest.importorskip("vtkmodules", reason="pictures need VTK: pip install proximity[picture]")
+pytest.importorskip("vtkmodules", reason="pictures need VTK: pip install cad-proximity[picture]")
 
 BOX = MESHES / "box.stl"
 
@@ -45,8 +45,8 @@ def test_picture_is_written(run, tmp_path):
     ("options", "sentence"),
     [
         (("-o", "box.jpg"), "box.jpg does not end in .png"),
-        (("-o", "box.png", "--size", "wide"), "'wide': expected width and height, as 1400x800"),
-        (("-o", "box.png", "--slice", "3"), "'3': expected an axis and a position, as z=3"),
+        (("-o", "box.png", "--size", "wide"), "'wide': expected width and height, for example 1400x800"),
+        (("-o", "box.png", "--slice", "3"), "'3': expected an axis and a position, for example z=3"),
         (("-o", "box.png", "--slice", "z=nan"), "nan"),
         (("-o", "box.png", "--view", "above"), "no view 'above', expected one of iso"),
         (("-o", "box.png", "--points", "none.csv"), "none.csv"),
@@ -68,4 +68,4 @@ def test_missing_library_is_reported_before_the_file_is_read(run, monkeypatch):
     result = run("none.stl", "-o", "none.png")
 
     assert result.code == 2
-    assert 'pip install "proximity[picture]"' in result.err
+    assert 'pip install "cad-proximity[picture]"' in result.err

@@ -346,7 +346,7 @@ def test_key_is_made_once(run, tmp_path):
     assert made.out == f'{path}: made; name it at both ends: "udp://HOST:PORT?key={path}"\n'
     assert key_of(parse(f"udp://127.0.0.1:9100?key={path}")) is not None
     assert (again.code, again.out) == (2, "")
-    assert again.err.startswith(f"proximity: {path}: is there already, and a key is never written over")
+    assert again.err.startswith(f"proximity: {path}: exists already, and a key is never overwritten")
 
 
 def test_header_is_printed_or_written(run, tmp_path):

@@ -1,5 +1,6 @@
 """``proximity record``: every frame that comes is in the file, whatever ends the recording."""
 
+import json
 import os
 import re
 import signal
@@ -83,10 +84,30 @@ def test_what_is_lost_and_refused_is_told(run, tmp_path):
     assert result.code == 0
     assert (
         result.out.split(" s, ")[1]
-        == "2 lost, 3 refused (2 overtaken or repeated, 1 damaged on the way), 2 sessions\n"
+        == "2 lost, 3 refused (2 overtaken or repeated, 1 damaged in transit), 2 sessions\n"
     )
     assert result.out.split(": ")[1].startswith("4 frames in 0.")
     assert sequences(tmp_path / "run.frames") == [0, 1, 4, 0]
+
+
+def test_json_is_the_summary_as_a_document(run, tmp_path):
+    outlet, path = open_outlet(ADDRESS), tmp_path / "run.frames"
+    for number in (0, 3, 3):
+        outlet.send(np.frombuffer(sealed([number]), np.uint8))
+
+    result = run(ADDRESS, path, "--limit", 0.05, "--json")
+
+    told = json.loads(result.out)
+    assert (result.code, result.err) == (0, "")
+    assert 0.0 < told.pop("seconds") < 60.0
+    assert told == {
+        "file": str(path),
+        "frames": 2,
+        "lost": 2,
+        "refused": 1,
+        "reasons": {"overtaken or repeated": 1},
+        "sessions": 1,
+    }
 
 
 def test_log_is_continued_and_what_was_torn_is_told(run, tmp_path):
@@ -107,7 +128,7 @@ def test_no_frame_is_exit_code_1(run, tmp_path, monkeypatch):
     result = run(ADDRESS, tmp_path / "run.frames", "--limit", 0.2)
 
     assert result.code == 1
-    assert result.err == f"proximity: nothing has come from {ADDRESS} yet\n"
+    assert result.err == f"proximity: no frame has come from {ADDRESS} yet\n"
     assert ": 0 frames in 0.2 s, 0 lost, 0 refused\n" in result.out
 
 

@@ -64,7 +64,9 @@ def test_hand_at_the_bracket_is_told_in_words(run):
     assert lines["touch"][0] == "thumb: 2 times, first at 1.638 s, 1.178 mm deep"
     assert lines["bounds"] == ["12483 of 12483 hold, checked against exact distances"]
     assert re.fullmatch(r"\d+\.\d % within their bounds, error p50 .* mm", lines["predictions"][0])
-    assert "of lower bounds not above the time until the touch" in lines["contact times"][0]
+    assert re.fullmatch(
+        r"(\d+) of \1 certified times held \(velocity constant within 5 %\)", lines["contact times"][0]
+    )
 
 
 def test_histogram_counts_every_tick(run):
@@ -168,6 +170,23 @@ def test_broken_bound_is_said_and_ends_with_1(run, tmp_path):
     assert (tmp_path / "log.npy").exists()
 
 
+def test_broken_certified_time_is_said_and_ends_with_1(run):
+    def spoil(contacts, tick):
+        contacts["time_to_contact_lower"] *= 4.0
+
+    run.spoil = spoil
+    result = run(BRACKET, HAND, *AS_RECORDED)
+
+    assert result.code == 1
+    assert re.fullmatch(
+        r"proximity: (\d+) of (\d+) certified times that were checked do not hold, the first: \w+ at .* s: "
+        r"touched after .* s, certified .* s\n",
+        result.err,
+    )
+    held, checked = map(int, re.findall(r"\d+", lines_of(result.out)["contact times"][0])[:2])
+    assert held < checked
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -199,7 +218,10 @@ def test_wrong_use_is_a_usage_error(run, options, message):
             (BRACKET, HAND, "--out", "a.txt"),
             "proximity: a.txt: expected a name that ends in .npz, .npy, .csv\n",
         ),
-        ((BRACKET, HAND, "--turn", "inf", 0, 0), "proximity: a turn of inf degrees about x is no rotation\n"),
+        (
+            (BRACKET, HAND, "--turn", "inf", 0, 0),
+            "proximity: a rotation of inf degrees about x, expected finite numbers\n",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_one_line(run, arguments, message):
@@ -229,7 +251,7 @@ def test_notes_of_a_recording_are_told(run, tmp_path):
 
     assert lines["note"] == [
         "1 of 2 positions are nan: the finger is missing there",
-        "columns not read: grip",
+        "ignored columns: grip",
     ]
     assert lines["touch"] == ["thumb: 1 time, first at 0 s, 3.5 mm deep"]
 
@@ -241,7 +263,7 @@ def test_recording_that_may_be_cut_is_said_to_be(run, tmp_path):
 
     lines = lines_of(run(BRACKET, path, *AS_RECORDED).out)
 
-    assert lines["note"] == ["the last line has no end: it may be cut"]
+    assert lines["note"] == ["the last line has no line end: the file may be cut off"]
 
 
 def test_times_of_a_calendar_are_told_since_the_recording_begins(run, tmp_path):
@@ -282,4 +304,4 @@ def test_nearest_approach_to_a_part_that_was_not_found_is_told_as_a_bound(run):
 
     lines = lines_of(run(BRACKET, HAND, *AS_RECORDED, "--budget", 1).out)
 
-    assert lines["nearest"] == ["little at 2.597 s: -2.867 mm at most from some part"]
+    assert lines["nearest"] == ["little at 2.597 s: -2.867 mm at most, from an unknown part"]

@@ -17,11 +17,13 @@ from project import MESHES
 from proximity.errors import PublishError, RecordingError
 from proximity.message import State
 from proximity.recording import FrameLog, FrameReader
-from proximity.service import Report
+from proximity.service import Report, realtime
 from proximity.system.stop_signals import stop_at_input
 from proximity.transport.link import TRANSPORTS, Transport
 
 COMMAND = ("serve",)
+LIBRARY = {"prctl": lambda *_: 0, "mlockall": lambda _: 0, "munlockall": lambda: 0}
+"""Of C, where memory may be locked."""
 SCENE = """\
 [service]
 rate_hz = 500
@@ -65,6 +67,7 @@ def test_beginning_and_end_are_told_in_words(run, scene_path):
     assert result.err == (
         f"proximity: serving {scene_path}: 5 fingers at 1 part, 12 faces\n"
         "proximity: 500 Hz to mailbox:a, mailbox:b\n"
+        "proximity: ordinary priority, memory not locked, any core; --realtime asks for more\n"
     )
     lines = [(line[:16].strip(), line[16:]) for line in result.out.splitlines()]
     assert [label for label, _ in lines] == [
@@ -95,6 +98,7 @@ def test_json_is_a_document_at_the_beginning_and_one_at_the_end(run, scene_path)
         "publish": ["mailbox:a", "mailbox:b"],
         "rate_hz": 500.0,
         "log": None,
+        "real_time": False,
         "finger_count": 5,
         "part_count": 1,
         "face_count": 12,
@@ -111,7 +115,7 @@ def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_rep
 
     result = run(scene_path, "--ticks", 5)
 
-    note = f"{path}: the last line has no end: it may be cut"
+    note = f"{path}: the last line has no line end: the file may be cut off"
     assert f"proximity: {note}\n" in result.err and f"note            {note}\n" in result.out
 
 
@@ -149,7 +153,7 @@ def test_options_hold_instead_of_what_the_file_says(run, scene_path, calls):
         "mailbox:y",
         "--log",
         "a",
-        "--no-real-time",
+        "--no-realtime",
     )
     run(scene_path, *options, "--limit", 2.5, "--ticks", 7)
 
@@ -160,6 +164,34 @@ def test_options_hold_instead_of_what_the_file_says(run, scene_path, calls):
     assert given["log"] == Path("a")
     assert given["real_time"] is False
     assert (given["seconds"], given["tick_count"]) == (2.5, 7)
+
+
+def test_realtime_is_asked_for_only_where_it_is_wanted_and_what_came_of_it_is_said(
+    run, scene_path, monkeypatch
+):
+    asked = []
+
+    def refuse(*arguments):
+        asked.append(arguments)
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse, raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0}, raising=False)
+    monkeypatch.setattr(realtime, "_libc", lambda: SimpleNamespace(**LIBRARY))
+    monkeypatch.setattr(realtime, "_may_lock_all", lambda: True)
+    scene_path.write_text(SCENE.replace("real_time = false\n", ""))
+
+    quiet, wanted = run(scene_path, "--ticks", 3), run(scene_path, "--ticks", 3, "--realtime")
+
+    assert (
+        "proximity: ordinary priority, memory not locked, any core; --realtime asks for more\n" in quiet.err
+    )
+    assert len(asked) == 1 and "ordinary" not in wanted.err
+    assert wanted.err.splitlines()[2:] == [
+        "proximity: memory: locked",
+        "proximity: core: the process may use one core only",
+        "proximity: priority: not permitted (Operation not permitted)",
+    ]
 
 
 def test_without_options_the_file_holds(run, scene_path, calls):

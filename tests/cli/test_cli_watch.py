@@ -1,6 +1,7 @@
 """``proximity watch``: what is shown of a reading, and that it follows a service and ends when told."""
 
 import io
+import json
 import os
 import re
 import signal
@@ -14,11 +15,13 @@ import pytest
 import queued_transport
 from ports import free_port
 from rich.console import Console
-from sealed_frames import SESSION, frame
+from sealed_frames import SESSION, frame, sealed
 
 from proximity.cli.views import distance_bar, screen, service_watch, watch_view
-from proximity.message import CONTACT, ContactFlag, Flaw, Mode, State
-from proximity.transport import Counts, Reading, forget, open_publisher, open_subscriber
+from proximity.cli.views.frame_json import frame_document
+from proximity.message import CONTACT, FRAME, ContactFlag, Flaw, Mode, State
+from proximity.recording.frame_bytes import frame_type
+from proximity.transport import Counts, Reading, forget, open_outlet, open_publisher, open_subscriber
 from proximity.transport.message_key import write_key
 
 ADDRESS = "queue:decaff"
@@ -144,7 +147,7 @@ def test_stale_is_a_red_line_and_no_number_is_left():
 def test_stale_says_whether_nothing_came_ever_or_only_poses_are_missing():
     never = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT))
     seen = watch_view.Seen(ADDRESS, Counts(), 0.0, 2.0)
-    assert "nothing has come from queue:decaff yet, for 2.0 s" in drawn(never, seen=seen)[0]
+    assert "no frame has come from queue:decaff yet, for 2.0 s" in drawn(never, seen=seen)[0]
     assert len(drawn(never, seen=seen)) == 2
 
     poseless = reading(State.STALE)
@@ -305,6 +308,43 @@ def test_pipe_gets_plain_lines(run, service, monkeypatch):
     assert "; 0: 10.00 mm, retract; 1: 20.00 mm, retract" in result.out
 
 
+def test_json_is_a_line_for_every_frame_that_came(run):
+    outlet = open_outlet(ADDRESS)
+    for number in range(20):
+        outlet.send(np.frombuffer(sealed([number], 2), np.uint8))
+
+    result = run(ADDRESS, "--limit", 0.2, "--json")
+
+    assert (result.code, result.err) == (0, "")
+    frames = list(map(json.loads, result.out.splitlines()))
+    assert [told["sequence"] for told in frames] == list(range(20))
+    assert (frames[0]["state"], frames[0]["session"], len(frames[0]["fingers"])) == ("ok", SESSION, 2)
+    finger = frames[0]["fingers"][1]
+    assert (finger["finger"], finger["signed_distance"], finger["mode"]) == (1, 0.02, "retract")
+    assert finger["flags"] == ["tracked", "predicted", "exact", "signed", "in_range"]
+    assert finger["time_to_contact"] is None  # infinite: JSON has no word for that
+    assert finger["normal"] == [0.0, 0.0, 1.0] and finger["part_name"] is None
+
+
+def test_json_names_parts_states_and_numbers_that_are_not_known():
+    message = frame(2)
+    message.records["part"], message.records["mode"] = [1, 7], [Mode.FORCE, 99]
+    message.header["state"] = State.LATE
+    (one,) = message.seal(SESSION, 3).view(frame_type(FRAME.size(2)))
+
+    told = frame_document(one, ("lid", "box"))
+
+    assert (told["state"], told["sequence"]) == ("late", 3)
+    assert [finger["part_name"] for finger in told["fingers"]] == ["box", None]
+    assert [finger["mode"] for finger in told["fingers"]] == ["force", "99"]
+
+
+def test_json_of_nothing_is_exit_code_1(run):
+    result = run(ADDRESS, "--limit", 0.1, "--json")
+
+    assert (result.code, result.out) == (1, "")
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_terminal_gets_a_table_until_told_to_stop(run, service, monkeypatch, number):
     monkeypatch.setenv("FORCE_COLOR", "1")
@@ -331,7 +371,7 @@ def test_nothing_that_comes_is_exit_code_1(run):
     result = run(ADDRESS, "--limit", 0.3)
 
     assert result.code == 1
-    assert "STALE: 0 Hz, 0 lost, 0 refused; nothing has come from queue:decaff yet, for 0." in result.out
+    assert "STALE: 0 Hz, 0 lost, 0 refused; no frame has come from queue:decaff yet, for 0." in result.out
 
 
 def test_address_that_is_none_is_told(run):
@@ -360,4 +400,4 @@ def test_key_of_another_is_told(run, tmp_path):
         thread.join()
 
     assert result.code == 1
-    assert f"what comes is not verified by the key of udp://127.0.0.1:{port}?key={path}" in result.out
+    assert f"messages are not verified by the key of udp://127.0.0.1:{port}?key={path}" in result.out

@@ -157,7 +157,7 @@ def test_touches_as_calibrated_are_taken_and_others_refused(drum):
     with pytest.raises(
         DecaffError,
         match=r"^touch-off disagrees by 0\.35 mm at \d+ counts and a drum angle of -?[\d.]+ rad, expected "
-        r"0\.3 mm at most: calibrate anew$",
+        r"0\.3 mm at most: calibrate again$",
     ):
         glove.check_touches(counts, angles + 0.35e-3 * per_metre * [0, 1, 0])
     with pytest.raises(DecaffError, match=r"^touch-off disagrees by nan mm"):
@@ -171,7 +171,7 @@ def test_reading_that_no_hand_gave_is_refused(counts):
     with pytest.raises(
         DecaffError,
         match=rf"^the potentiometer reads {counts:g}, expected 21\d+ to 44\d+ as when the glove was "
-        r"calibrated on 2026-11-21: calibrate anew$",
+        r"calibrated on 2026-11-21: calibrate again$",
     ):
         GLOVE.check_counts(counts)
 
@@ -204,7 +204,7 @@ FLAT, FIST = (float(counts) for counts in HAND.counts([0.0, 1.0]))
     ],
 )
 def test_table_that_cannot_be_of_this_glove_is_refused(changes, message):
-    with pytest.raises(DecaffError, match=f"^{message}, by how this glove is designed$"):
+    with pytest.raises(DecaffError, match=f"^{message}, from the design of this glove$"):
         CalibratedGlove(DESIGN, calibrated(**changes))
 
 
@@ -222,7 +222,7 @@ def test_table_of_a_glove_that_is_not_quite_as_designed_is_taken(pulley, mounted
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"made": "2026"}, "the date is 2026, expected one with its time zone"),
+        ({"made": "2026"}, "the date is 2026, expected a date with a time zone"),
         ({"counts": [1, 2, 3]}, "counts have shape (3,), expected 7 increasing numbers"),
         (
             {"counts": [1, 2, 3, 3, 5, 6, 7]},
@@ -296,14 +296,14 @@ def test_folder_that_is_not_there_is_told(tmp_path):
         ({"version": 2}, "has version 2, expected 1: calibrate again with this version"),
         (
             {"format": "hand"},
-            "is no calibration of a glove, expected a format of 'proximity glove calibration'",
+            "is not a calibration of a glove, expected the format 'proximity glove calibration'",
         ),
         ({"latency_s": ...}, "lacks 'latency_s'"),
         ({"latency_ms": 1}, "has an unknown field 'latency_ms'"),
-        ({"made": "yesterday"}, "the date is 'yesterday', expected one as 2026-11-21T19:30:00+00:00"),
+        ({"made": "yesterday"}, "the date is 'yesterday', expected a date such as 2026-11-21T19:30:00+00:00"),
         (
             {"made": "2026-11-21T19:30:00"},
-            "the date is 2026-11-21 19:30:00, expected one with its time zone",
+            "the date is 2026-11-21 19:30:00, expected a date with a time zone",
         ),
         ({"name": 7}, "the name is 7, expected text"),
         ({"phalanges_m": 7}, "phalanges are 7, expected three numbers of metres"),
@@ -325,10 +325,10 @@ def test_file_that_was_changed_wrongly_is_refused(tmp_path, change, message):
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", r"is no JSON \(Expecting value"),
-        (b"\xff\xfe{}", r"is no JSON \('utf-8' codec"),
+        (b"", r"is not JSON \(Expecting value"),
+        (b"\xff\xfe{}", r"is not JSON \('utf-8' codec"),
         (b"[1, 2]", "is no calibration of a glove"),
-        (b"[" * 60000, "is no JSON"),
+        (b"[" * 60000, "is not JSON"),
         (
             b'{"latency_s": 0.1, "name": "", "latency_s": 0.9}',
             "has 'latency_s' twice, expected each field once",
@@ -358,7 +358,8 @@ def test_touches_that_disagree_are_refused():
     counts, angles = touches([0.2, 0.5, 0.8])
 
     with pytest.raises(
-        DecaffError, match=r"^the touches disagree by 0\.4\d mm, expected 0\.3 mm at most: touch off anew$"
+        DecaffError,
+        match=r"^the touches disagree by 0\.4\d mm, expected 0\.3 mm at most: repeat the touches$",
     ):
         touch_offset(DESIGN, counts, angles + np.array([0.0, 5e-3, 0.0]))
     with pytest.raises(
@@ -390,15 +391,16 @@ def test_compliance_and_backlash_are_found_again():
         (lambda: cable_compliance(HAND, [1, 2, 3]), "3 counts and 2 tensions, expected two of each"),
         (
             lambda: backlash(HAND, 20010, 20000),
-            "counts are 20010 closing and 20000 opening, expected no fewer opening",
+            "counts are 20010 closing and 20000 opening, expected at least as many opening",
         ),
         (
             lambda: step_latency([0, 1, 2], [5, 5, 5], 1.0),
-            "no answer follows the step at 1 s, expected one that begins after it",
+            "no response follows the step at 1 s, expected one that begins after it",
         ),
         (
             lambda: step_latency([0, 0], [1, 2], 0.0),
-            "times and values of a step test do not fit, expected two or more, times increasing",
+            "times and values of a step test do not match, expected two or more of each, with "
+            "increasing times",
         ),
     ],
 )

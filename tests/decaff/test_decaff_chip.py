@@ -14,6 +14,7 @@ from wire import MS, SESSION, Clock, Wire
 
 from proximity.decaff.chip.constants import MODULE_CONSTANTS, ChipSettings
 from proximity.decaff.chip.sources import controller_sources, write_controller
+from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import FrameMark, Observation
 from proximity.decaff.controller.drum_limits import Limits
@@ -57,13 +58,13 @@ def program(tmp_path_factory):
 class Glove3kHz:
     """A subscriber and a controller in Python at 3 kHz, and what they meet, noted for those in C."""
 
-    def __init__(self, shares_clock=True, rng=None):
-        self.rng = rng
+    def __init__(self, shares_clock=True, cable=None):
         self.clock, self.wire = Clock(), Wire(shares_clock)
         self.subscriber = Subscriber(self.wire, "wire:", clock=self.clock)
-        self.controller = FingerController(PATH, RATE)
+        self.controller = FingerController(PATH, RATE, cable=cable)
         self.events, self.flaws = Events(shares_clock), []
         self.drum, self.bend = PATH.retracted, 0.2
+        self.has_sensor, self.motor_force = True, 0.0
 
     def offer(self, data):
         before = self.subscriber.counts.flawed.copy()
@@ -76,11 +77,13 @@ class Glove3kHz:
         self.clock.now += PERIOD_NS
         reading = self.subscriber.read()
         finger = PATH.position(self.bend)
-        force = max(0.0, 200.0 * (finger - self.drum))
+        pressing = max(0.0, 200.0 * (finger - self.drum))
+        force = pressing if self.has_sensor else np.nan
+        self.motor_force += 0.3 * (pressing + 0.1 - self.motor_force)
         seen = Observation(
             reading.now_ns, PATH.bend(min(finger, self.drum)), PATH.drum_angle(self.drum), reading.state,
             reading.contacts[0] if len(reading.contacts) else None, force,
-            sample_ns=self.clock.now, frame=FrameMark.of(reading.header),
+            sample_ns=self.clock.now, frame=FrameMark.of(reading.header), motor_force=self.motor_force,
         )  # fmt: skip
         action = self.controller.step(seen)
         self.events.look(seen, answer_of(self.controller, action, reading.state))
@@ -108,7 +111,7 @@ class Glove3kHz:
         while at < len(data):
             kind = chr(data[at])
             yield kind
-            at += 13 + int.from_bytes(data[at + 9 : at + 13], "little") if kind == "D" else 34
+            at += 13 + int.from_bytes(data[at + 9 : at + 13], "little") if kind == "D" else 42
 
 
 def frame_of(glove, number, late_ns=0, **fields_):
@@ -173,6 +176,22 @@ def test_datagrams_lead_to_the_same_states_and_targets(program, shares_clock, tm
     glove.check(program, tmp_path)
 
 
+@pytest.mark.parametrize("has_sensor", [True, False])
+def test_stretch_of_the_cable_is_made_up_for_alike(has_sensor, tmp_path):
+    """Two presses of a second and a half each, frames at 1 kHz."""
+    cable = CableRule(1200.0, 10.0 if has_sensor else 2.0)
+    glove, sent = Glove3kHz(cable=cable), []
+    glove.has_sensor = has_sensor
+    for sample in range(9000):
+        glove.bend = 0.2 + min(0.0003 * (sample % 4500), 0.31)
+        if sample % 3 == 0:
+            glove.offer(frame_of(glove, sample).seal(SESSION, sample).tobytes())
+        sent.append(PATH.position(0.5) - glove.sample().position)
+
+    assert sent[4400] == pytest.approx(0.5e-3, rel=0.5)
+    glove.check(build(tmp_path, ChipSettings(RATE, cable=cable)), tmp_path)
+
+
 def test_what_the_key_does_not_verify_is_not_used(program, tmp_path):
     """The datagram with its tag is used, and no other."""
     from hashlib import blake2s
@@ -210,12 +229,13 @@ def test_servo_demands_what_the_kernel_demands(name, tmp_path):
             )  # fmt: skip
         DrumCommand(mode, *numbers).write(command)
         force = max(0.0, 200.0 * (0.06 - drive[drum_kernels.DRIVE_POSITION]))
-        drum_kernels.serve(*arrays, drive, command, force)
+        measured = force if sample % 100 < 70 else np.nan
+        drum_kernels.serve(*arrays, drive, command, measured)
         read = drive[drum_kernels.DRIVE_LAST_POSITION]  # by the encoder
         applied = drive[drum_kernels.DRIVE_APPLIED]
         expected.append(applied)
         events.data += b"V" + np.array([mode], np.uint8).tobytes()
-        events.data += np.array([*numbers, read, force, 0.0]).tobytes()
+        events.data += np.array([*numbers, read, measured, 0.0]).tobytes()
         drive[drum_kernels.DRIVE_SPEED] += (applied + force) / drum.mass / RATE
         drive[drum_kernels.DRIVE_POSITION] += drive[drum_kernels.DRIVE_SPEED] / RATE
 

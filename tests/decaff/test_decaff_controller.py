@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sealed_frames import frame
 
+from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.contact_location import is_sound, locate
 from proximity.decaff.controller.controller import SERVO_LAG, FingerController
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
@@ -139,7 +140,9 @@ def test_drum_that_turns_back_is_refused():
         def drum_angle(self, bend):
             return -np.asarray(bend)
 
-    with pytest.raises(DecaffError, match="the drum turns back at the flat hand, expected one that follows"):
+    with pytest.raises(
+        DecaffError, match="the drum moves backwards at the flat hand, expected one that follows"
+    ):
         FingerPath(Backward())
 
 
@@ -193,6 +196,87 @@ def test_finger_that_is_free_is_not_pressed_whatever_is_said_of_its_way(position
         action = bench.run(1, position=position, signed_distance=0.021, lower=0.020)
         assert action.state in (DrumState.RETRACTED, DrumState.APPROACH)
         assert action.position >= nearest - 3e-6
+
+
+# --------------------------------------------------------------------------------------- stretch of the cable
+
+CABLE = CableRule(1200.0)
+
+
+def stretch(bench):
+    """By which the drum is sent nearer than the contact, m."""
+    return PATH.position(WALL) - bench.action.position
+
+
+@pytest.mark.parametrize("force", ["force", "motor_force"])
+def test_stretch_of_the_cable_is_made_up_for_while_the_drum_is_touched(force):
+    """By the force that is measured; where none is, by the motor's; slowly, and gone with the contact."""
+    bench = approaching(cable=CABLE)
+    bench.bend, pressing = WALL, {"force": math.nan} | {force: 0.6}
+    bench.step(contact(bench.now, WALL), **pressing)
+    assert 0.0 <= stretch(bench) < 1e-7
+    for milliseconds, share in ((55, 0.15), (80, 0.5), (865, 1.0)):
+        for _ in range(milliseconds):
+            bench.step(contact(bench.now, WALL), **pressing)
+        assert stretch(bench) == pytest.approx(share * 0.6 / 1200.0, rel=0.1)
+    assert bench.action.state is DrumState.CONTACT_POSITION
+    assert bench.action.angle == pytest.approx(PATH.drum_angle(bench.action.position))
+
+    bench.bend = 0.3
+    bench.step(contact(bench.now, 0.3), force=0.0)
+    assert stretch(bench) == pytest.approx(0.0, abs=3e-6)
+
+
+def test_cable_without_a_stiffness_and_a_force_that_nobody_knows_leave_the_drum():
+    for options, seen in (({}, {"force": 0.6}), ({"cable": CABLE}, {"force": math.nan})):
+        bench = approaching(**options)
+        bench.bend, bench.drum = WALL, PATH.position(WALL)
+        for _ in range(300):
+            bench.step(contact(bench.now, WALL), **seen)
+        assert bench.action.state is DrumState.CONTACT_POSITION
+        assert stretch(bench) == pytest.approx(0.0, abs=3e-6)
+
+
+def test_stretch_does_not_grow_while_frames_are_old_and_counts_no_more_than_the_force_that_may_last():
+    bench = approaching(cable=CABLE)
+    bench.bend, bench.force = WALL, 0.6
+    bench.run(100)
+    old = contact(bench.now, WALL)
+    bench.age(25, old)
+    before = stretch(bench)
+    bench.age(60, old)
+    assert bench.action.state is DrumState.HOLD
+    assert stretch(bench) == before
+    bench.force = 0.0
+    bench.age(200, old)
+    assert stretch(bench) < before
+    bench.force = 1e3
+    for _ in range(1000):
+        bench.step(contact(bench.now, WALL))
+    assert stretch(bench) == pytest.approx(LIMITS.continuous_force / 1200.0, rel=0.01)
+
+
+def test_stopped_drum_goes_all_the_way_back():
+    bench = approaching(cable=CABLE)
+    bench.bend, bench.force = WALL, 0.6
+    bench.run(200)
+    bench.controller.stop()
+
+    assert bench.run(1).position == PATH.retracted
+
+
+@pytest.mark.parametrize(
+    ("numbers", "sentence"),
+    [
+        ({"stiffness": 0.0}, "stiffness is 0.0, expected a positive number of newtons a metre"),
+        ({"smoothing": -1.0}, "smoothing is -1.0, expected a positive number of hertz"),
+    ],
+)
+def test_cable_that_cannot_be_is_named(numbers, sentence):
+    with pytest.raises(DecaffError) as caught:
+        CableRule(**numbers)
+
+    assert str(caught.value) == sentence
 
 
 # ------------------------------------------------------------------------------------------------ transitions
@@ -689,10 +773,10 @@ def test_finger_that_is_inside_does_not_carry_the_surface_along():
 
 
 FAULTS = {
-    "the potentiometer reads no bend": {"bend": math.nan},
+    "the potentiometer gives no bend": {"bend": math.nan},
     "the potentiometer reads a bend of 2.85, expected -0.1 to 1.1": {"bend": 2.85},  # its wire is off
     "the potentiometer reads a bend of -0.72, expected -0.1 to 1.1": {"bend": -0.72},
-    "the encoder reads no drum angle": {"drum_angle": math.inf},
+    "the encoder gives no drum angle": {"drum_angle": math.inf},
     "the encoder reads a drum angle of 60 rad, but the finger's path goes from 0.0921 to 1.81 rad": {
         "drum_angle": 60.0  # degrees
     },

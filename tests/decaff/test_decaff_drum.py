@@ -18,8 +18,11 @@ from proximity.studies.stability import servo_response
 FRICTIONLESS = Motor(friction=0.0)
 
 
-def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0):
-    """Positions and forces of a drum, one a sample, under a command and a steady force on it."""
+def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0, measured=None):
+    """Positions and forces of a drum, one a sample, under a command and a steady force on it.
+
+    The servo is given what is *measured* of that force: all of it, where that is None.
+    """
     numbers, gains, drive = (
         drum.as_array(),
         servo_for(drum, rate).as_array(),
@@ -33,7 +36,7 @@ def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0):
     steps = servo.steps_a_sample(rate)
     rows = []
     for _ in range(samples):
-        drum_kernels.serve(numbers, gains, drive, command, contact)
+        drum_kernels.serve(numbers, gains, drive, command, contact if measured is None else measured)
         for _ in range(steps):
             drive[drum_kernels.DRIVE_POSITION], drive[drum_kernels.DRIVE_SPEED] = drum_kernels.pushed(
                 numbers,
@@ -115,6 +118,19 @@ def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
     assert not rows[:, drum_kernels.DRIVE_APPLIED].any()
     # Semi-implicit steps are half a step ahead.
     assert rows[-1, drum_kernels.DRIVE_POSITION] - 0.01 == pytest.approx(fallen, rel=2e-3)
+
+
+@pytest.mark.internals
+def test_force_that_is_not_measured_is_served_without_an_integral():
+    """Of nan the integral became nan, and with it the motor's force, for good."""
+    asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_FORCE, drum_kernels.COMMAND_TARGET: 0.5}
+    asked |= {drum_kernels.COMMAND_START_FORCE: math.nan, drum_kernels.COMMAND_SLEW: math.inf}
+    blind = driven(GEAR4, asked, 30, contact=0.5, measured=math.nan)
+    seeing = driven(GEAR4, asked, 30, contact=0.5, measured=0.4)
+
+    assert not blind[:, drum_kernels.DRIVE_INTEGRATED].any()
+    assert blind[-1, drum_kernels.DRIVE_APPLIED] == pytest.approx(-0.5)
+    assert seeing[-1, drum_kernels.DRIVE_INTEGRATED] > 0.0
 
 
 # ----------------------------------------------------------------------------------------------- the servo

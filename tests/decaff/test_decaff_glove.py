@@ -125,8 +125,8 @@ def test_careless_linkage_of_the_paper_folds_back_and_is_refused():
     assert np.flatnonzero(rate > 0.0)[0] / 1000 == printed("0.9")
     with pytest.raises(
         DecaffError,
-        match=r"^the linkage folds back at bend 0\.90\d: expected an angle that goes one way from flat hand "
-        r"to fist$",
+        match=r"^the linkage folds back at bend 0\.90\d: expected an angle that only grows or only shrinks "
+        r"from flat hand to fist$",
     ):
         Glove(linkage=CARELESS)
 

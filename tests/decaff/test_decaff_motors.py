@@ -4,6 +4,7 @@ import itertools
 import math
 import time
 
+import glove_files
 import numpy as np
 import pytest
 from sealed_frames import frame
@@ -13,6 +14,7 @@ from proximity.decaff.controller.controller_states import DrumAction, DrumState
 from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove_set import read_glove
 from proximity.decaff.motors.motor_address import MotorSettings, open_motor
 from proximity.decaff.motors.motor_drum import MotorDrum
 from proximity.decaff.motors.motor_scale import MotorScale
@@ -231,7 +233,7 @@ def test_controller_moves_a_motor_and_draws_back_when_frames_are_stale(motor, dr
     assert drum.position == pytest.approx(float(Glove().finger.path_length(0.0, 0.5)), abs=2e-3)
     step(150, State.STALE, 100)
     assert drum.position == pytest.approx(PATH.retracted, abs=2e-3)
-    assert bench.warnings() == ["no frame is young enough to be trusted: the drums let go and draw back"]
+    assert bench.warnings() == ["all frames are too old to be used: the drums release and retract"]
     with pytest.raises(MotorError, match="from its last sample"):
         step(1, State.OK, 400)  # a second late: the controller's own watchdog
 
@@ -239,9 +241,9 @@ def test_controller_moves_a_motor_and_draws_back_when_frames_are_stale(motor, dr
 @pytest.mark.parametrize(
     ("url", "sentence"),
     [
-        ("stepper://x", "no motor is called 'stepper'"),
+        ("stepper://x", "there is no kind of motor 'stepper'"),
         ("odrive-can://", "names no bus or port"),
-        ("odrive-can://x?bus=virtual&tork=1", "no option is called 'tork'"),
+        ("odrive-can://x?bus=virtual&tork=1", "there is no option 'tork'"),
         ("odrive-can://x?bus=virtual&ratio=none", "ratio=none, expected a number from 0.01 to 1000"),
         ("odrive-can://x?bus=virtual&direction=0", "expected 1 or -1"),
         ("odrive-can://x?bus=nothing", "the bus cannot be opened"),
@@ -263,3 +265,17 @@ def test_closing_says_that_a_motor_did_not_confirm():
             shaft.is_silent = True
         assert said == [f"{shaft.url}{PATIENT}: the motor did not confirm that it is off"]
         assert shaft.mode == "off"
+
+
+def test_drum_of_a_calibrated_glove_counts_from_the_stop_as_when_it_was_calibrated(motor, tmp_path):
+    """The offset of its touches counts; the stop does not move with it."""
+    path = FingerPath(read_glove(glove_files.write(tmp_path / "glove.json")))
+    assert abs(path.drum_angles[1] - PATH.drum_angles[1]) > 0.03
+    with opened_motors([motor.url + PATIENT], [path], lambda sentence: None) as (drum,):
+        drum.home()
+        angle = drum.angle
+        turns = motor.turns
+
+    stop = angle + (motor.stop - turns) * 2.0 * math.pi / 4.0
+    assert stop == pytest.approx(PATH.drum_angles[1] + 0.1, abs=0.02)
+    assert angle == pytest.approx(min(path.drum_angles[1], stop - 0.02), abs=0.03)

@@ -174,7 +174,7 @@ def test_obj_names_may_hold_a_number_sign(tmp_path):
 def test_obj_lines_are_left_out_and_a_missing_end_is_said(tmp_path):
     contents = read(tmp_path, "part.obj", mesh_files.obj(VERTICES, FACES) + b"l 1 2")
     assert contents.notes == (
-        "its points and lines were left out, they bound nothing",
+        "its points and lines were ignored: they enclose nothing",
         "its last line has no end: it may have been cut off",
     )
 
@@ -295,7 +295,7 @@ def test_what_is_left_out_of_a_scene_is_said(tmp_path):
     assert len(contents.geometries) == 2 and len(contents.geometries[0].faces) == 12
     assert contents.notes[:6] == (
         "2 bytes after its end were ignored",
-        "points and lines were left out, they bound nothing",
+        "points and lines were ignored: they enclose nothing",
         "it holds several scenes, the default one was read",
         "its animations were not applied",
         "its morph targets were not applied, the meshes are in their basic shape",
@@ -387,7 +387,7 @@ def test_3mf_declares_its_unit_and_places_its_objects(tmp_path, unit, name, metr
     assert np.allclose(turned.pose.translation, np.array([5, 6, 7]) * metres, rtol=1e-15)
     assert np.allclose(turned.pose.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
     assert np.array_equal(doubled.vertices, VERTICES * (2 * metres))
-    assert "1 of its objects are not placed by the build and were left out" in contents.notes
+    assert "1 of its objects are not part of the build and were ignored" in contents.notes
 
 
 def test_3mf_behind_a_large_picture_is_recognised(tmp_path):
@@ -412,7 +412,8 @@ def test_step_declares_its_unit_and_triangles_know_their_cad_face(tmp_path, unit
     assert volume(geometry) == pytest.approx(6 * metres**3, rel=1e-6)  # it comes in single precision
     assert np.bincount(geometry.source_faces).tolist() == [2] * 6
     assert contents.notes == (
-        "curved faces are met within 0.01 mm by flat triangles: distances are exact to these",
+        "curved faces are approximated within 0.01 mm by flat triangles: distances are exact to the "
+        "triangles",
     )
 
 

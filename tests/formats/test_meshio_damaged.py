@@ -183,15 +183,15 @@ HEAD = BINARY_STL[:80]
             BINARY_STL + b"\0" * 50,
             "its header claims 12 faces, but there are bytes for 13: its face count is wrong",
         ),
-        (HEAD + bytes(4), "it holds no faces"),
+        (HEAD + bytes(4), "it contains no faces"),
         (ASCII_STL.replace(b"endsolid part", b""), "the line endsolid is missing at the end: it is cut off"),
-        (b"solid a\nsolid b\nendsolid\n", "its lines solid and endsolid do not take turns"),
-        (b"solid a\nendsolid a\n", "it holds no faces"),
+        (b"solid a\nsolid b\nendsolid\n", "its lines solid and endsolid do not alternate"),
+        (b"solid a\nendsolid a\n", "it contains no faces"),
         (ASCII_STL + b"facet\n", "there is 'facet' outside of solid and endsolid"),
         (ASCII_STL.replace(b"vertex 1.0", b"vertex one", 1), "facet 0 has 'one', expected a number"),
         (
             ASCII_STL.replace(b"endloop\n", b"", 3),
-            "facet 0 is not whole, expected facet normal, outer loop, three",
+            "facet 0 is incomplete, expected facet normal, outer loop, three",
         ),
     ],
 )
@@ -223,7 +223,7 @@ def test_four_billion_faces_are_not_allocated(tmp_path):
         ),
         (
             OBJ + b"f -1 -2 -9\n",
-            "line 21 (face 12) refers to vertex -9, counted back, but 8 vertices stand before it",
+            "line 21 (face 12) refers to vertex -9, counted back, but 8 vertices precede it",
         ),
         (
             OBJ + b"f 1 / 1 2 / 1 3 / 1\n",
@@ -233,11 +233,11 @@ def test_four_billion_faces_are_not_allocated(tmp_path):
         (OBJ + b"f 1 2 three\n", "line 21 (face 12) has 'three', expected a number"),
         (OBJ + b"f 1 2 2.5\n", "line 21 (face 12) refers to vertex 1.5, expected a whole number"),
         (b"v 1 2\n" + OBJ, "line 1 (vertex 1) has 2 numbers, expected 3"),
-        (OBJ + b"\x07garbage\n", "line 21 begins with '\\x07garbage', which OBJ does not know"),
+        (OBJ + b"\x07garbage\n", "line 21 begins with '\\x07garbage', which is not a statement of OBJ"),
         (OBJ + b"surf 0 1 0 1\n", "line 21 is a free-form curve or surface (surf), expected polygons only"),
         (b"v 0 0 0\nv 1 1 1\nl 1 2\n", "it holds 2 vertices and no faces, only lines: there is no surface"),
         (b"v 0 0 0\nv 1 1 1\n", "it holds 2 vertices and no faces, only points: there is no surface"),
-        (b"# nothing\n", "it holds no faces"),
+        (b"# nothing\n", "it contains no faces"),
     ],
 )
 def test_damaged_obj_is_refused(tmp_path, data, message):
@@ -251,7 +251,7 @@ def test_damaged_obj_is_refused(tmp_path, data, message):
     ("data", "message"),
     [
         (b"FOO\n" + OFF[4:], "it does not begin with OFF, COFF, NOFF or CNOFF"),
-        (b"OFF BINARY\n" + bytes(99), "it is a binary OFF file, which is not read; export it as text"),
+        (b"OFF BINARY\n" + bytes(99), "it is a binary OFF file, which is not supported; export it as text"),
         (b"OFF\n", "its counts of vertices, faces and edges are not three whole numbers"),
         (OFF[:-9], "it announces 8 vertices and 12 faces, but 19 lines follow: it is cut off"),
         (
@@ -265,7 +265,7 @@ def test_damaged_obj_is_refused(tmp_path, data, message):
         (OFF.replace(b"3 1 7 5", b"4 1 7 5"), "line 22 (face 11) announces 4 corners, but 3 numbers follow"),
         (OFF.replace(b"3 1 7 5", b"2 1 7 5"), "line 22 (face 11) has 2 corners, expected at least 3"),
         (OFF.replace(b"1.0 1.0 1.0", b"1.0 1.0"), "line 10 (vertex 7) has 2 numbers, expected 3 or more"),
-        (b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", "it holds no faces"),
+        (b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", "it contains no faces"),
         (
             OFF.replace(b"8 12 0", b"9 11 0"),
             "line 11 (vertex 8) has 4 numbers, but other vertices have 3: it is damaged, or its counts are",
@@ -287,7 +287,7 @@ def ply(old, new, data=ASCII_PLY):
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (ASCII_PLY[:60], "its header has no line end_header: it is cut off, or no PLY file"),
+        (ASCII_PLY[:60], "its header has no line end_header: it is cut off, or not a PLY file"),
         (
             ply(b"property list", b"property bag"),
             "line 9 of its header is 'property bag uchar int vertex_indices'",
@@ -376,7 +376,7 @@ def changed_gltf(*path, to):
             "it ends within the header of a chunk: it is cut off",
         ),
         (GLB.replace(b'{"asset"', b'["asset"'), "its JSON cannot be read ("),
-        (changed_gltf("asset", to=None), "its JSON has no asset: it is no glTF"),
+        (changed_gltf("asset", to=None), "its JSON has no asset: it is not a glTF file"),
         (changed_gltf("asset", "version", to="1.0"), "it is glTF version '1.0', expected 2.0"),
         (changed_gltf("buffers", 0, "byteLength", to=10**9), "buffer 0 has "),
         (
@@ -385,7 +385,7 @@ def changed_gltf(*path, to):
         ),
         (
             changed_gltf("buffers", 0, "uri", to="data:;base64,***"),
-            "buffer 0 inside the file is no base64 text",
+            "buffer 0 inside the file is not base64 text",
         ),
         (changed_gltf("buffers", 0, "uri", to=5), "the uri of buffer 0 is no text"),
         (mesh_files.glb(GLTF, BLOB).replace(b"BIN\0", b"XXX\0"), "buffer 0 is not there: it has no uri"),
@@ -411,7 +411,7 @@ def changed_gltf(*path, to):
         ),
         (
             changed_gltf("accessors", 1, "count", to=35),
-            "primitive 0 of mesh 0 has 35 corners, which is no multiple of 3",
+            "primitive 0 of mesh 0 has 35 corners, which is not a multiple of 3",
         ),
         (
             changed_gltf("accessors", 0, "count", to=7),
@@ -426,7 +426,7 @@ def changed_gltf(*path, to):
             changed_gltf("meshes", 0, "primitives", 0, "mode", to=6),
             "primitive 0 of mesh 0 has mode 6, expected triangles",
         ),
-        (changed_gltf("nodes", 0, "children", to=[0]), "node 0 hangs in the scene twice, expected a tree"),
+        (changed_gltf("nodes", 0, "children", to=[0]), "node 0 occurs in the scene twice, expected a tree"),
         (changed_gltf("nodes", 0, "scale", to=[1, 1]), "the scale of node 0 is not 3 finite numbers"),
         (
             changed_gltf("nodes", 0, "scale", to=[1, 0, 1]),
@@ -449,15 +449,15 @@ def changed_gltf(*path, to):
             changed_gltf("accessors", 0, "min", to=[0, 0, 0.5]),
             "accessor 0 (primitive 0 of mesh 0) says that its min is (0, 0, 0.5), but it is (0, 0, 0)",
         ),
-        (changed_gltf("nodes", to={"a": 1}), "its JSON has nodes that are no list"),
+        (changed_gltf("nodes", to={"a": 1}), "its JSON has nodes that are not a list"),
         (
             changed_gltf("meshes", 0, "primitives", 0, "attributes", to=None),
             "primitive 0 of mesh 0 has no attributes",
         ),
-        (changed_gltf("meshes", 0, "primitives", 0, "mode", to=0), "it holds no faces"),
+        (changed_gltf("meshes", 0, "primitives", 0, "mode", to=0), "it contains no faces"),
         (
             changed_gltf("meshes", 0, "primitives", 0, "extensions", to=5),
-            "primitive 0 of mesh 0 has extensions that are no object of JSON",
+            "primitive 0 of mesh 0 has extensions that are not a JSON object",
         ),
         (
             changed_gltf("nodes", 0, "mesh", to=10**400),
@@ -465,7 +465,7 @@ def changed_gltf(*path, to):
         ),
         (
             changed_gltf("extensionsRequired", to=["KHR_draco_mesh_compression"]),
-            "its geometry is stored by KHR_draco_mesh_compression, which is not read; export it without",
+            "its geometry is stored by KHR_draco_mesh_compression, which is not supported; export it without",
         ),
         (
             changed_gltf("extensionsRequired", to=["KHR_texture_transform", "ACME_curved_surfaces"]),
@@ -530,7 +530,7 @@ def test_json_nested_without_end_is_refused(tmp_path):
             mesh_files.threemf(MODEL.replace('transform="1 ', 'transform="nan ')),
             "'part1': it is placed by a matrix that",
         ),
-        (mesh_files.threemf(MODEL[:-9]), "'3D/3dmodel.model' is no XML (unclosed token: line 1, column "),
+        (mesh_files.threemf(MODEL[:-9]), "'3D/3dmodel.model' is not XML (unclosed token: line 1, column "),
         (
             mesh_files.threemf(MODEL.replace('x="1.0"', 'x="one"', 1)),
             "line 1 of '3D/3dmodel.model': <vertex> cannot",
@@ -566,9 +566,9 @@ def test_json_nested_without_end_is_refused(tmp_path):
                     '<item objectid="1"', '<item objectid="7"/><item objectid="1"'
                 )
             ),
-            "object '7' has no mesh and no components: what it is made of is not read",
+            "object '7' has no mesh and no components: its content is not supported",
         ),
-        (mesh_files.threemf(mesh_files.threemf_model({1: (VERTICES, [])}, [ITEM])), "it holds no faces"),
+        (mesh_files.threemf(mesh_files.threemf_model({1: (VERTICES, [])}, [ITEM])), "it contains no faces"),
     ],
 )
 def test_damaged_3mf_is_refused(tmp_path, data, message):
@@ -617,7 +617,7 @@ def test_model_file_of_a_3mf_may_hold_objects_that_are_not_placed(tmp_path):
     extra = "<object id='7'><mesh/></object>" + COMPONENTS.format(8, 1)
     contents = formats.read_geometries(write(tmp_path, "part.3mf", spread_3mf(1, extra=extra)))
     assert [len(geometry.faces) for geometry in contents.geometries] == [12]
-    assert contents.notes == ("1 of its objects are not placed by the build and were left out",)
+    assert contents.notes == ("1 of its objects are not part of the build and were ignored",)
 
 
 @pytest.mark.parametrize(
@@ -625,7 +625,7 @@ def test_model_file_of_a_3mf_may_hold_objects_that_are_not_placed(tmp_path):
     [
         (
             mesh_files.threemf(MODEL.replace("</resources>", "<object id='1'/></resources>")),
-            "object '1' of '3D/3dmodel.model' is there twice",
+            "object '1' of '3D/3dmodel.model' occurs twice",
         ),
         (
             mesh_files.threemf(
@@ -663,7 +663,7 @@ def test_3mf_that_would_be_put_together_wrongly_is_refused(tmp_path, data, messa
             STEP.replace(b"ADVANCED_FACE", b"ADVANCED_FACX", 1),
             "its shells list 6 faces, but OpenCASCADE could mesh 5",
         ),
-        (STEP.replace(b"CLOSED_SHELL", b"NO_SHELL"), "it holds no faces"),
+        (STEP.replace(b"CLOSED_SHELL", b"NO_SHELL"), "it contains no faces"),
         (STEP[:2000] + STEP[-30:], "OpenCASCADE could not read all of it: ERR"),
         (STEP + STEP, "it is several STEP files in one, of which OpenCASCADE would read the first only"),
     ],

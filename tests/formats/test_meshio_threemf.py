@@ -70,7 +70,7 @@ def test_chain_of_components_is_followed_to_its_end(tmp_path):
 
 def test_comments_that_never_end_are_refused_at_once(tmp_path):
     model = mesh_files.threemf_model({1: (VERTICES, FACES)}, [(1, SHIFT.format(0, 0))])
-    with pytest.raises(MeshFormatError, match="is no XML"):
+    with pytest.raises(MeshFormatError, match="is not XML"):
         formats.read_geometries(write(tmp_path, with_objects(model, "<!--" * 400_000)))
 
 

@@ -73,10 +73,10 @@ def test_vertices_that_cannot_be_used_are_refused(vertices, message):
         ([[True, False, True]], "faces have dtype bool, expected integers of shape (F, 3)"),
         (
             np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]]),  # was: what the mask hides was taken for a vertex
-            "faces are masked in places, expected a vertex at every corner",
+            "some entries of faces are masked, expected a vertex at every corner",
         ),
         (np.array([[0, 1, None]], object), "faces hold None, expected integers of shape (F, 3)"),
-        ([[0, 1, 2**70]], "faces hold a number beyond 64 bits, expected rows of vertices"),
+        ([[0, 1, 2**70]], "faces contain a number beyond 64 bits, expected rows of vertices"),
         ([[0, 2, 1], [0, 9, 3]], "face 1 refers to vertex 9, but the mesh has 4 vertices"),
         ([[0, 2, 1], [0, -1, 3]], "face 1 refers to vertex -1, but the mesh has 4 vertices"),
         (np.array([[0, 1, 2**63]], np.uint64), "face 0 refers to vertex 9223372036854775808, but the mesh"),

@@ -283,7 +283,7 @@ def test_port_in_use_is_told(driver):
 def test_key_that_cannot_be_used_is_told(driver, key):
     words = ["listen", "127.0.0.1", 9100, "-", key]
     key.write_text("ab" * 31)
-    assert ask(driver, *words, code=1) == f"the key {key} is no key (expected 64 hexadecimal digits)\n"
+    assert ask(driver, *words, code=1) == f"the key {key} is not a key (expected 64 hexadecimal digits)\n"
     if "mono" in str(driver[0]):
         return  # .NET of Unity's age cannot ask for permissions
     key.chmod(0o644)

@@ -345,6 +345,6 @@ def test_key_that_cannot_be_used_is_told(program, key):
     assert complaint() == f"receiver: {key} may be used by others (expected permissions 0600)\n"
     key.chmod(0o600)
     key.write_text("ab" * 31)
-    assert complaint() == f"receiver: {key} is no key (expected 64 hexadecimal digits)\n"
+    assert complaint() == f"receiver: {key} is not a key (expected 64 hexadecimal digits)\n"
     key.unlink()
     assert complaint() == f"receiver: {key} cannot be opened\n"

@@ -101,7 +101,7 @@ def test_torn_tail_is_left_out_wherever_it_was_torn(path, monkeypatch, chunk):
         reader, found = read(path)
         assert [sequence for _, sequence, _ in found] == [0, 1]
         assert (reader.torn_size, reader.damage) == (torn, [])
-    assert reader.notes == [f"{SIZE - 1} bytes of a torn frame at the end left out"]
+    assert reader.notes == [f"{SIZE - 1} bytes of a torn frame at the end were skipped"]
 
 
 def test_flipped_bit_costs_its_frame_only(path):
@@ -143,7 +143,7 @@ def test_frames_of_another_version_are_left_out_and_counted(path):
 
     assert [sequence for _, sequence, _ in found] == [0, 2]
     assert (reader.foreign_count, reader.damage) == (1, [])
-    assert reader.notes == ["1 frame of another version of the message left out"]
+    assert reader.notes == ["1 frame of another version of the message were skipped"]
 
 
 def test_frames_are_told_as_the_message_itself_tells_them():
@@ -379,7 +379,7 @@ def test_disk_that_fails_at_the_end_is_told(path, monkeypatch):
     log = FrameLog(path)
     monkeypatch.setattr(os, "fsync", fail)
     with pytest.raises(
-        RecordingError, match=r"run\.frames: may not be whole on the disk \(Input/output error"
+        RecordingError, match=r"run\.frames: may be incomplete on the disk \(Input/output error"
     ):
         log.close()
     log.close()

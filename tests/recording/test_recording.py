@@ -64,7 +64,7 @@ def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
         assert cut == "."  # no numbers
         return
 
-    assert recording.notes == ("the last line has no end: it may be cut",)
+    assert recording.notes == ("the last line has no line end: the file may be cut off",)
     for end in ("\n", "\r\n", "\r", "\n\n", "\n# the end\n"):
         assert read(whole + end).notes == ()
 
@@ -109,7 +109,7 @@ def test_columns_stand_in_any_order_and_others_are_named(read):
 
     assert recording.fingers == ((7, 4),)
     np.testing.assert_array_equal(recording.positions, [[[1, 2, 3]]])
-    assert recording.notes == ("columns not read: confidence",)
+    assert recording.notes == ("ignored columns: confidence",)
 
 
 def test_millimetres_and_milliseconds_are_converted(read):
@@ -150,7 +150,7 @@ def test_position_of_nan_is_a_missing_finger(read):
             PLAIN + "0.02,0,0,9,9,9\n",
             "line 7: finger 0 of hand 0 has a position at this time already, on line 5",
         ),
-        (HEADER + "0,0,0,nan,2,3\n", "all positions are nan, expected a number in one line at least"),
+        (HEADER + "0,0,0,nan,2,3\n", "all positions are nan, expected a number in at least one line"),
         (PLAIN + '0.03,0,0,"1,2,3\n', "line 7: unexpected end of data, expected columns time_s"),
         (
             PLAIN.replace("0.01,0,0,1.5", '0.01,0,0,"1.\n5"'),

@@ -484,7 +484,7 @@ def test_cut_file_is_refused(count, whole, refused):
 def test_file_with_something_behind_it_is_refused(more, whole, refused):
     told = refused(whole + bytes(more))
 
-    assert told == f"there are {more} bytes behind its end; save the scene again with this version"
+    assert told == f"there are {more} bytes after its end; save the scene again with this version"
 
 
 def test_empty_file_is_refused(refused):
@@ -527,9 +527,7 @@ def test_file_for_another_layout_is_refused(whole, refused):
                            (missing, "MOMENT_STRIDE is None, expected "),
                            (added, "A_NEW_COLUMN is 9, expected None")):  # fmt: skip
         reason = refused(remade(whole, document=document))
-        assert reason.startswith(
-            f"it was saved by another version, which lays out trees in another way ({told}"
-        )
+        assert reason.startswith(f"it was saved by another version, with another layout of trees ({told}")
         assert reason.endswith("); save the scene again with this version")
 
 
@@ -577,7 +575,7 @@ def test_contents_that_contradict_each_other_are_refused(key, value, told, whole
 
     reason = refused(remade(whole, document=document))
 
-    assert reason.startswith(f"its contents do not hold together ({told}")
+    assert reason.startswith(f"its contents are inconsistent ({told}")
     assert reason.endswith("); save the scene again with this version")
 
 
@@ -587,7 +585,7 @@ def test_arrays_of_another_shape_or_number_are_refused(whole, refused, monkeypat
     frames["shape"] = [frames["shape"][0] * 2, frames["shape"][1] // 2]
 
     assert refused(remade(whole, document=document)).startswith(
-        f"its contents do not hold together (frames are float64 of shape ({frames['shape'][0]}, 24)); "
+        f"its contents are inconsistent (frames are float64 of shape ({frames['shape'][0]}, 24)); "
     )
 
     write = archive.write_archive
@@ -599,7 +597,7 @@ def test_arrays_of_another_shape_or_number_are_refused(whole, refused, monkeypat
     with tempfile.TemporaryDirectory() as folder:
         data = saved(solid_in_two_parts(), Path(folder)).read_bytes()
     assert refused(data) == (
-        "its contents do not hold together (there are 2 parts, but the trees of 1); "
+        "its contents are inconsistent (there are 2 parts, but the trees of 1); "
         "save the scene again with this version"
     )
 

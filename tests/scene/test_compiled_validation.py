@@ -38,7 +38,7 @@ def refused(contents, tmp_path):
         with pytest.raises(MeshFormatError) as reason:
             proximity.load(path)
         begins, ends = (
-            f"{path}: its contents do not hold together (",
+            f"{path}: its contents are inconsistent (",
             "); save the scene again with this version",
         )
         told = str(reason.value)

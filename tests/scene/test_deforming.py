@@ -385,7 +385,7 @@ def test_deformed_solid_tells_what_it_is():
         scene.deform("lid", factor * shapes.cube()[0])
 
     solid = scene.part("lid").solid
-    suffix = "; decided when the part was made, and not looked at since it has been deformed"
+    suffix = "; decided before the part was deformed, and not checked since"
     assert solid.sign_reason == told + suffix
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert solid.has_inside and solid.is_watertight and solid.topology.is_watertight
@@ -432,7 +432,7 @@ def spoilt(row, values):
         ),
         (
             -50.0 * spoilt(3, (0.0, 0.0, 0.0)),
-            "part 'cube' would be turned inside out: its faces would enclose less than nothing",
+            "part 'cube' would be turned inside out: its faces would enclose a negative volume",
         ),
     ],
 )

@@ -4,6 +4,7 @@ import mesh_files
 import numpy as np
 import pytest
 import shapes
+from project import MESHES
 
 import proximity
 from proximity import Part, Scene
@@ -71,3 +72,12 @@ def test_file_that_places_a_part_too_far_off_is_refused(tmp_path):
     assert str(refusal.value).startswith(
         f"{path}: part 'lid' would be moved by 1e+200 m, which is farther than"
     )
+
+
+def test_progress_of_loading_counts_meshes():
+    counted = []
+
+    proximity.load(MESHES / "assembly.step", progress=lambda done, total: counted.append((done, total)))
+
+    total = len(counted)
+    assert total > 1 and counted == [(done, total) for done in range(1, total + 1)]

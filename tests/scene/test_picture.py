@@ -17,8 +17,8 @@ from proximity.scene.picture.field_slice import FieldSlice
 from proximity.scene.picture.glyphs import sphere, tube
 from proximity.scene.picture.scene_image import INK, triangles_of
 
-pytest.importorskip("vtkmodules", reason="pictures need VTK: pip install proximity[picture]")
-pytest.importorskip("matplotlib", reason="pictures need matplotlib: pip install proximity[picture]")
+pytest.importorskip("vtkmodules", reason="pictures need VTK: pip install cad-proximity[picture]")
+pytest.importorskip("matplotlib", reason="pictures need matplotlib: pip install cad-proximity[picture]")
 
 SIZE = (700, 400)
 
@@ -117,7 +117,7 @@ def test_what_cannot_be_drawn_is_refused(box, options, sentence):
 def test_missing_vtk_is_reported_with_what_to_install(box, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "vtkmodules.vtkRenderingCore", None)
 
-    with pytest.raises(QueryError, match=r'pictures need VTK.*pip install "proximity\[picture\]"'):
+    with pytest.raises(QueryError, match=r'pictures need VTK.*pip install "cad-proximity\[picture\]"'):
         page.draw(Picture(box, "box", size=SIZE))
 
 

@@ -234,7 +234,7 @@ def test_change_that_does_not_fit_is_refused(change, message):
 
 def test_last_part_cannot_be_removed():
     scene = Scene(some_parts(1))
-    message = "part 'part 0' is the only one, and a scene has at least one: hide it"
+    message = "part 'part 0' is the only one and cannot be removed: hide it instead"
 
     with pytest.raises(SceneError, match=f"^{re.escape(message)}$"):
         scene.remove("part 0")

@@ -19,7 +19,7 @@ from proximity.tracker.tracker import Tracker
 
 AGREES = r"closed and oriented; agrees with the winding number at (\d+) of \1 sample points"
 MEETS_ITSELF = (
-    r"closed and oriented, but it meets itself or has shells that face the wrong way: the nearest face "
+    r"closed and oriented, but it intersects itself or has shells that face the wrong way: the nearest face "
     r"and the winding number disagree at [1-9]\d* of \d+ sample points"
 )
 MANY_FACES = r"closed, but edges have more than two faces"
@@ -214,7 +214,7 @@ def test_cube_inside_out_is_turned_and_says_so():
 
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert re.fullmatch(
-        AGREES + "; all faces were turned, since they ran clockwise seen from outside", solid.sign_reason
+        AGREES + "; all faces were flipped: they ran clockwise seen from outside", solid.sign_reason
     )
     assert solid.signed_distance([0.5, 0.5, 0.5]) == -0.5
 
@@ -251,7 +251,8 @@ def test_thin_faces_are_said():
     assert solid.is_watertight
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert re.fullmatch(
-        AGREES + "; 10 faces are as thin as a line, or are next to such, and there it tells the side",
+        AGREES
+        + "; 10 faces are as thin as a line, or next to such faces: there it decides inside and outside",
         solid.sign_reason,
     )
 

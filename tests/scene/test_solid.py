@@ -359,7 +359,7 @@ def test_faces_that_run_the_wrong_way_are_turned_and_it_is_said():
     solid = Solid(*shapes.inside_out(shapes.cube()))
 
     assert solid.signed_distance((0.5, 0.5, 0.5)) == -0.5
-    assert solid.sign_reason.endswith("all faces were turned, since they ran clockwise seen from outside")
+    assert solid.sign_reason.endswith("all faces were flipped: they ran clockwise seen from outside")
     judging.assert_answer_holds_together(
         solid.closest((2.0, 0.3, 0.4)), solid.mesh.vertices, solid.mesh.faces, (2.0, 0.3, 0.4)
     )

@@ -82,7 +82,7 @@ def test_what_has_no_faces_is_left_out_and_said():
     loaded = from_trimesh(scene)
 
     assert len(loaded.parts) == 1
-    assert loaded.report.notes == ("1 of its geometries have no faces and were left out",)
+    assert loaded.report.notes == ("1 of its geometries have no faces and were ignored",)
     with pytest.raises(MeshError, match=r"^the trimesh.Scene holds no faces$"):
         from_trimesh(trimesh.Scene(trimesh.PointCloud(np.eye(3))), units="m")
 

@@ -207,13 +207,13 @@ RECORDED = '[input]\nrecording = "hand.csv"\n'
 
 MISTAKES = [
     # no TOML
-    ("rate = \n", "1: no TOML at column "),
-    ("\n[service\nrate_hz = 1\n", "2: no TOML at column "),
+    ("rate = \n", "1: invalid TOML at column "),
+    ("\n[service\nrate_hz = 1\n", "2: invalid TOML at column "),
     ("[service]\nlog = 'a\n", "2: "),
     ("[service]\npublish = [1,\n\n", "2: the file ends too early: "),
-    ("[service]\nrate_hz = 1\nrate_hz = 2\n", "3: no TOML at column 12: Cannot overwrite a value"),
+    ("[service]\nrate_hz = 1\nrate_hz = 2\n", "3: invalid TOML at column 12: Cannot overwrite a value"),
     (f"a = {'9' * 5000}\n", "1: Exceeds the limit"),
-    ("a = " + "[" * 100_000, "1: brackets within brackets, too deep to be read"),
+    ("a = " + "[" * 100_000, "1: brackets are nested too deeply"),
     ("", "1: the file is empty, expected a scene file in TOML"),
     (b"[service]\nlog = '\xff'\n", "2: not UTF-8, expected a scene file in TOML"),
     # tables
@@ -266,7 +266,7 @@ MISTAKES = [
     ),
     (
         PART + POSES + "[service]\npublish = ['mailbox:a', 'mailbox:a']\n",
-        "6: service.publish has an address twice, expected addresses that differ",
+        "6: service.publish has an address twice, expected different addresses",
     ),
     # fingers
     (
@@ -315,7 +315,8 @@ MISTAKES = [
     (PART + "[input]\n", "3: [input] has no source, expected recording, openxr, poses or sensor"),
     (
         PART + POSES + "recording = 'hand.csv'\n",
-        "4: input.poses stands beside input.recording, expected only one of recording, openxr, poses or "
+        "4: input.poses is given together with input.recording, expected only one of recording, "
+        "openxr, poses or "
         "sensor",
     ),
     (
@@ -330,20 +331,20 @@ MISTAKES = [
     ),
     (
         PART + POSES + "parts_from = '.'\n",
-        "5: input.parts_from is of messages that add parts, and there is no input.changes",
+        "5: input.parts_from requires input.changes",
     ),
     (SENSOR + "[fingers]\nradius = 0.01\n", "4: fingers.radius cannot be used: distances are measured"),
     (
         PART + POSES + "repeat = true\n",
-        "5: input.repeat is of a recording, and there is no input.recording",
+        "5: input.repeat requires input.recording",
     ),
     (
         PART + RECORDED + "fit = true\nposition = [0, 0, 0]\n",
-        "6: input.position stands beside fit = true, expected only one of them",
+        "6: input.position is given together with fit = true, expected only one of them",
     ),
     (
         PART + POSES + "[service]\npublish = 'mailbox:poses'\n",
-        "4: input.poses is mailbox:poses, where frames are published",
+        "4: input.poses is mailbox:poses, which is also in service.publish",
     ),
     (
         PART + POSES + "moves = 'mailbox:poses'\n",

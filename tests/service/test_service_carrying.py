@@ -175,7 +175,7 @@ def test_part_that_is_taken_out_while_it_moves_is_counted_once_and_the_others_go
         served.tick(NOW + ms * MS, NOW + ms * MS)
 
     np.testing.assert_allclose(served.scene.part("far").pose.translation, (0.002, 0, 0), atol=1e-15)
-    assert served.source.notes == ["queue:: 1 moves of parts that cannot be"]
+    assert served.source.notes == ["queue:: 1 moves of parts that are invalid"]
 
 
 # --- parts that no question finds ---
@@ -222,7 +222,7 @@ def test_silent_part_that_is_taken_out_makes_nothing_late_and_no_bound_wider(inl
     served.scene.remove("box")
     assert watched.is_sure(310) and watched.is_sure(3000)
     assert served.source.notes == [
-        "queue:: 1 velocities of parts of which nothing more was reported for 100 ms"
+        "queue:: 1 velocities of parts that ended, because nothing was reported for 100 ms"
     ]  # nobody wanted to move it any more
 
     served.scene.add(box)
@@ -303,7 +303,7 @@ def test_part_that_goes_just_before_it_is_moved_is_no_unfit_move(inlet, monkeypa
         assert_holds(contacts, pose_ns)
         np.testing.assert_allclose(served.scene.part("box").pose.translation, 0.02 * VELOCITY, atol=1e-15)
     else:
-        assert served.source.notes == ["queue:: 1 moves of parts that cannot be"]
+        assert served.source.notes == ["queue:: 1 moves of parts that are invalid"]
         assert watched.is_sure(30)
 
 

@@ -252,7 +252,7 @@ def test_last_part_stays_and_nothing_of_its_message_is_done(changer, inlet):
     request = asked(inlet, changes(("a", PartAction.REMOVE), ("b", PartAction.REMOVE)))
     changer.carry_out(request)
 
-    assert request.refusal == "part 'b' is the only one, and a scene has at least one: hide it"
+    assert request.refusal == "part 'b' is the only one and cannot be removed: hide it instead"
     assert changer.served() is before
     assert names(before) == ["a", "b"]
 

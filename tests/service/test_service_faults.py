@@ -323,7 +323,8 @@ def test_scene_file_that_is_replaced_is_taken_or_refused_between_two_frames(serv
         PATIENCE,
     )
     assert served.said[-1].startswith(
-        f"the edit is not taken, the scene before goes on: {served.path}:8: parts[0].file is 'brocket.stl'"
+        f"the edit is refused, the previous scene stays in use: {served.path}:8: parts[0].file is "
+        "'brocket.stl'"
     )
     still = seen(subscriber, is_ok, distance_is_of_its_scene)
     assert still.header["epoch"] == before.header["epoch"]

@@ -128,8 +128,8 @@ def test_finger_that_bends_beyond_its_table_goes_straight_on(gloves_of, inlet):
 @pytest.mark.parametrize(
     ("fields", "note"),
     [
-        ({"counts": 60_000.0}, "queue:: 2 counts that the calibration does not reach: calibrate anew"),
-        ({"bend": 0.3, "rotation": np.diag([1.0, 1.0, -1.0])}, "queue:: 2 rotations that are none"),
+        ({"counts": 60_000.0}, "queue:: 2 counts outside the calibration: calibrate again"),
+        ({"bend": 0.3, "rotation": np.diag([1.0, 1.0, -1.0])}, "queue:: 2 rotations that are invalid"),
         ({"bend": 0.3, "translation": math.nan}, None),
         ({"bend": 1e300}, None),
         ({}, None),
@@ -195,12 +195,12 @@ def test_each_finger_may_have_a_calibration_of_its_own(gloves_of, folder):
 REFUSED = [
     ('calibration = "none.json"', "6: glove.calibration is 'none.json', but .* is not there, expected a cal"),
     ("", "5: glove.calibration is missing, expected a calibration of a glove, as text in quotes, or a list"),
-    ('calibration = "box.stl"', "6: glove.calibration: .*box.stl: is no JSON"),
+    ('calibration = "box.stl"', "6: glove.calibration: .*box.stl: is not JSON"),
     ('calibration = "old.json"', "old.json: the calibration is of .*, 31 days ago, expected 30 at most: cal"),
     ('calibration = "far.json"', "expected 0 to 65535 of this potentiometer"),
     (
         'calibration = ["glove.json", "glove.json", "glove.json"]',
-        "6: glove.calibration: 3 calibrations for 2 fingers, expected one for all or one each",
+        "6: glove.calibration: 3 calibrations for 2 fingers, expected one for all, or one for each",
     ),
 ]
 

@@ -150,6 +150,6 @@ def test_log_that_never_answers_is_left(monkeypatch, caplog):
     writer.close()
 
     assert writer.lost == 2
-    assert [record.message for record in caplog.records] == ["the log does not answer: it is left as it is"]
+    assert [record.message for record in caplog.records] == ["the log does not respond: it is abandoned"]
     gate.set()
     writer._thread.join(PATIENCE)

@@ -107,9 +107,9 @@ def test_part_that_cannot_be_moved_is_counted_and_the_others_move(inlet, caplog,
     source.apply(parts, NOW)
 
     assert places(parts) == {"a": [1, 0, 0], "b": [0, 0, 0], "c": [3, 0, 0]}
-    assert source.notes == ["queue:: 2 moves of parts that cannot be"]
+    assert source.notes == ["queue:: 2 moves of parts that are invalid"]
     (said,) = [record.message for record in caplog.records]
-    assert said.startswith(f"queue:: moves of parts that cannot be ({reason}")
+    assert said.startswith(f"queue:: moves of parts that are invalid ({reason}")
 
 
 def test_part_that_is_named_twice_goes_where_it_is_told_last(inlet):
@@ -188,7 +188,9 @@ def test_part_of_which_nothing_more_is_told_is_not_believed_to_go_on(inlet):
     source.apply(parts, NOW + 100 * MS)
     assert parts.part("a").velocity.tolist() == [0, 0, 0]
     assert places(parts) == {"a": [1.05, 0, 0], "b": [2, 0, 0]}  # where it was when it was believed last
-    assert source.notes == ["queue:: 1 velocities of parts of which nothing more was reported for 100 ms"]
+    assert source.notes == [
+        "queue:: 1 velocities of parts that ended, because nothing was reported for 100 ms"
+    ]
     assert source.is_late
 
     source.apply(parts, NOW + 300 * MS)

@@ -111,8 +111,8 @@ def test_scene_file_says_where_the_hands_are(tmp_path):
     [
         ("openxr = false", "input.openxr is false, expected true, or another source of poses"),
         ("openxr = 1", "input.openxr is 1, expected true or false"),
-        ("openxr = true\nscale = 2.0", "is of a recording, and there is no input.recording"),
-        ('openxr = true\nposes = "iox2://poses"', "stands beside input.openxr"),
+        ("openxr = true\nscale = 2.0", "requires input.recording"),
+        ('openxr = true\nposes = "iox2://poses"', "is given together with input.openxr"),
     ],
 )
 def test_scene_file_that_makes_no_sense_is_refused(tmp_path, text, sentence):
@@ -123,7 +123,9 @@ def test_scene_file_that_makes_no_sense_is_refused(tmp_path, text, sentence):
 def test_missing_pyopenxr_is_reported_with_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "xr", None)
 
-    with pytest.raises(ServiceError, match=r'input.openxr needs pyopenxr.*pip install "proximity\[openxr\]"'):
+    with pytest.raises(
+        ServiceError, match=r'input.openxr needs pyopenxr.*pip install "cad-proximity\[openxr\]"'
+    ):
         OpenXrHands()
 
 
@@ -133,7 +135,9 @@ def test_missing_pyopenxr_is_reported_with_what_to_install(monkeypatch):
 @pytest.fixture
 def runtime(monkeypatch):
     """Calls as a runtime answers them, in pyopenxr's own structures; the list of what was called."""
-    xr = pytest.importorskip("xr", reason='calls of OpenXR need pyopenxr: pip install "proximity[openxr]"')
+    xr = pytest.importorskip(
+        "xr", reason='calls of OpenXR need pyopenxr: pip install "cad-proximity[openxr]"'
+    )
     called = []
 
     def locate(tracker, info, locations):

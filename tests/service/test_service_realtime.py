@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+import re
 import subprocess
 import sys
 
@@ -64,7 +65,11 @@ def test_all_is_asked_for_and_given_back_in_reverse(monkeypatch):
         ("sched_setaffinity", 0, {0, 1, 2}),
         ("munlockall",),
     ]
-    assert real_time.notes == ["memory: stays", "core: stays on 2", "priority: SCHED_FIFO 42"]
+    assert real_time.notes == [
+        "memory: locked",
+        "core: 2, and no other",
+        "priority: real-time (SCHED_FIFO 42)",
+    ]
     assert real_time.refused == []
 
 
@@ -92,7 +97,7 @@ def test_memory_of_the_future_is_left_alone_where_it_is_limited(monkeypatch):
 
     with RealTime() as real_time:
         assert system.calls[0] == ("mlockall", 5)
-    assert real_time.notes[0] == "memory: stays as far as it is in use now"
+    assert real_time.notes[0] == "memory: locked as far as it is in use now"
 
 
 def test_process_with_one_core_stays_there_anyway(monkeypatch):
@@ -100,7 +105,7 @@ def test_process_with_one_core_stays_there_anyway(monkeypatch):
 
     with RealTime(lock_memory=False) as real_time:
         assert system.calls == [("sched_setscheduler", 0, 1, realtime.PRIORITY)]
-    assert real_time.notes[0] == "core: the process has one only"
+    assert real_time.notes[0] == "core: the process may use one core only"
 
 
 def test_system_without_such_things_is_no_error(monkeypatch):
@@ -147,7 +152,7 @@ def test_user_without_permission_is_told_so():
 
     memory, core, priority = result.stdout.splitlines()
     assert memory == f"memory: not permitted ({os.strerror(12)})"
-    assert core.startswith("core: stays on ")
+    assert re.fullmatch(r"core: \d+, and no other", core)
     assert priority == "priority: not permitted (Operation not permitted)"
 
 

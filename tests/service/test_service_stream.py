@@ -152,8 +152,8 @@ def test_damage_repetition_and_loss_are_counted_and_the_rest_taken(inlet):
 
     assert (source.poll(NOW).positions == 1).all()
     assert source.notes == [
-        "queue:: 2 received, 3 lost, 1 overtaken or repeated, 1 damaged on the way, "
-        "1 shorter than a header, 1 not as long as it says"
+        "queue:: 2 received, 3 lost, 1 overtaken or repeated, 1 damaged in transit, "
+        "1 shorter than a header, 1 not as long as it declares"
     ]
 
 
@@ -254,7 +254,7 @@ def test_sender_whose_clock_is_beyond_all_measure_is_left_out(monkeypatch, ahead
 
     assert told == [None] * 20
     (note,) = sender.source.notes
-    assert note.endswith(" messages of a clock that cannot be")
+    assert note.endswith(" messages with an impossible time")
 
 
 def test_address_that_cannot_be_opened_is_refused_at_once():

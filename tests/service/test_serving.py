@@ -263,7 +263,7 @@ def test_measured_distances_are_published_without_geometry(scene_path, folder, r
         edit(scene_path, "count = 2", "count = 2 # of a glove")
         wait_until(lambda: served.said, "the edit was noticed")
 
-    assert served.said == [f"{scene_path} was edited, to no effect"]
+    assert served.said == [f"{scene_path} was edited without effect"]
     assert (served.beginnings[0].part_count, served.beginnings[0].finger_count) == (0, 2)
 
 
@@ -361,7 +361,7 @@ def test_refused_edit_is_said_once(looking):
         looking.editing.look()
 
     assert len(looking.said) == 1
-    assert looking.said[0].startswith("the edit is not taken, the scene before goes on: ")
+    assert looking.said[0].startswith("the edit is refused, the previous scene stays in use: ")
     assert looking.replaced == []
 
 
@@ -399,7 +399,7 @@ def test_mistake_of_ours_in_an_edit_is_said(looking, monkeypatch):
     looking.editing.look()
 
     assert looking.said == [
-        "the edit is not taken, the scene before goes on: TypeError: 'NoneType' object is not callable"
+        "the edit is refused, the previous scene stays in use: TypeError: 'NoneType' object is not callable"
     ]
 
 
@@ -769,7 +769,7 @@ def test_service_in_its_own_process_serves_is_edited_and_stops(scene_path, folde
         assert subscriber.read().header["state"] == State.STOPPING
 
     assert said[0].startswith(
-        f"the edit is not taken, the scene before goes on: {scene_path}:7: parts[0].file is"
+        f"the edit is refused, the previous scene stays in use: {scene_path}:7: parts[0].file is"
     )
     (run,) = FrameReader(log)
     assert run["header"]["state"].tolist()[-3:] == [State.STOPPING] * 3

@@ -6,12 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from proximity.decaff.controller.cable_stretch import CableRule
+from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_model import GEAR4, Motor
+from proximity.decaff.drum.servo import SERVO_RATE
+from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.studies.simulation import press_kernels
 from proximity.studies.simulation.closed_loop import decaff, penalty_wall
+from proximity.studies.simulation.controller_in_loop import ControllerInLoop
 from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation
@@ -23,6 +28,7 @@ HAND = Hand()
 GLOVE = Decaff()
 CABLE = TipCable.of(Glove())
 SMOOTH = TipCable(CABLE.stiffness)
+PATH = FingerPath(Glove())
 LONG = 0.5  # s of hold, for what settles slowly
 
 
@@ -107,6 +113,24 @@ def test_policy_outside_compiled_code_does_the_same_with_a_cable(stretch):
     found, expected = decaff(HAND, press, glove, policy).record, decaff(HAND, press, glove).record
     np.testing.assert_allclose(found, expected, atol=1e-9)
     assert (expected[press_kernels.RECORD_THIMBLE] - expected[press_kernels.RECORD_LINK]).max() > 3e-4
+
+
+@pytest.mark.parametrize(
+    ("stretch", "steady", "swing"),
+    [(Stretch.LEFT, -0.080, 0.001), (Stretch.TORQUE, 0.0, 0.005), (Stretch.SENSOR, 0.0, 0.001)],
+)
+def test_drums_controller_makes_up_for_the_stretch_as_the_policy_does(stretch, steady, swing):
+    """The one of `proximity drum`, to which the one in C is equal."""
+    glove, press = with_transmission(GLOVE, CABLE, stretch), HAND.press(0.25, hold=LONG)
+    rule = CableRule(CABLE.stiffness, glove.holding.smoothing) if stretch != Stretch.LEFT else None
+    controller = ControllerInLoop(
+        FingerController(PATH, SERVO_RATE, cable=rule), PATH, has_force_sensor=stretch != Stretch.TORQUE
+    )
+    found = deviation(decaff(HAND, press, glove, controller))
+
+    assert found.steady_error == pytest.approx(steady, abs=0.012)
+    assert found.swing < swing
+    assert found.error == pytest.approx(deviation(decaff(HAND, press, glove)).error, abs=0.01)
 
 
 @pytest.mark.internals

@@ -1,6 +1,7 @@
 """Figures: what is written beside them is what the models say, and what is drawn is a picture."""
 
 import csv
+import re
 import sys
 from dataclasses import asdict
 
@@ -16,6 +17,7 @@ from proximity.studies.engine.engine_setup import EngineSetup
 from proximity.studies.engine.finger_placement import place_finger
 from proximity.studies.figures import (
     arrival_plots,
+    cable_plots,
     catalogue,
     engine_plots,
     error_plots,
@@ -168,15 +170,23 @@ def test_every_kind_of_figure_is_drawn(name, tmp_path):
 @pytest.mark.parametrize(
     ("draw", "numbers"),
     [
+        (stability_plots.draw, stability_plots.numbers),
+        (cable_plots.draw, cable_plots.numbers),
+        (engine_plots.draw, engine_plots.numbers),
+        (arrival_plots.draw_motion, arrival_plots.motion_numbers),
         (error_plots.draw_against_speed, lambda: error_plots.numbers(error_plots.SPEED_PANELS, [1.0])),
         (error_plots.draw_against_latency, lambda: error_plots.numbers([0.010], error_plots.LATENCY_PANELS)),
         (arrival_plots.draw, arrival_plots.numbers),
     ],
 )
-def test_sweeps_are_drawn(draw, numbers, monkeypatch):
-    monkeypatch.setattr(arrival_plots, "SPEEDS", (0.5,))
+def test_sweeps_are_drawn_with_their_parameters_and_whose_they_are(draw, numbers, monkeypatch):
+    for plots, name in ((arrival_plots, "SPEEDS"), (engine_plots, "SPEEDS"), (cable_plots, "STIFFNESSES")):
+        monkeypatch.setattr(plots, name, getattr(plots, name)[-1:])
+    drawn = style.render(draw, numbers(), (7.0, 3.0), "svg")
 
-    assert style.render(draw, numbers(), (7.0, 3.0), "svg").startswith(STARTS["svg"])
+    assert drawn.startswith(STARTS["svg"])
+    text = drawn.decode()
+    assert "(ours)" in text and re.search(r"\d (kg|g|kHz|Hz)\b", text)
 
 
 def test_error_against_latency_is_the_staircase_that_it_is(monkeypatch):
@@ -217,7 +227,7 @@ def test_folder_that_is_a_file_is_refused(tmp_path):
 
 def test_missing_matplotlib_is_told_with_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(DecaffError, match=r'figures need matplotlib.*pip install "proximity\[sim\]"'):
+    with pytest.raises(DecaffError, match=r'figures need matplotlib.*pip install "cad-proximity\[sim\]"'):
         catalogue.write_figure("5a", tmp_path / "folder")
     assert not list(tmp_path.iterdir())
 
@@ -275,7 +285,7 @@ def test_drawn_press_shows_its_force_error_and_says_how_it_was_made(tmp_path):
     text = (tmp_path / "press.svg").read_text()
 
     np.testing.assert_array_equal(error, 1e3 * (table["force_N"] - table["real_force_N"]))
-    for words in ("gear4", "time-stamped", "0.25 m/s", "hand 300 N/m, 3 N s/m", "pad 200 N/m, 6 N s/m"):
+    for words in ("gear4", "time-stamped", "0.25 m/s", "Pad 200 N/m, 6 N·s/m (the", "on one another"):
         assert words in text
 
 
@@ -305,6 +315,9 @@ def test_document_of_a_press_has_what_concerns_its_wall():
             r"damping is 100000, expected 0 to 10000 newton seconds a metre",
         ),
         ({"stiffness": 100.0}, "tuned together: expected both of them, or none"),
+        ({"cable": 5.0}, r"cable is 5, expected 10 to 1e\+06 newtons a metre"),
+        ({"cable": 500.0, "stretch": "much"}, "stretch is 'much', expected one of left, torque, sensor"),
+        ({"stretch": "torque"}, "stretch is 'torque', but there is no cable: expected its stiffness"),
     ],
 )
 def test_setup_that_makes_no_sense_is_refused(numbers, sentence):

@@ -1,16 +1,17 @@
-"""A drum at rest on a wall, which lies anywhere between two encoder counts, is still."""
+"""A drum at rest on a wall, which lies anywhere between two encoder counts, is still; and by which cure."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from pages import PAGES
 
 from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
-from proximity.studies.claims import FELT_SWING
 from proximity.studies.simulation.closed_loop import decaff
 from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.hunting import CURES, FELT_SWING, cell, rest_of
 from proximity.studies.simulation.metrics import deviation
 
 HAND = Hand()
@@ -32,3 +33,27 @@ def test_force_at_rest_swings_less_than_is_felt(name, speed):
     """Without the deadband, most phases swing by up to 44 (gear4), 140 (direct) and 18 mN (gear10)."""
     assert swings(name, speed).max() < FELT_SWING
     assert (swings(name, speed, deadband=0.0) > FELT_SWING).mean() > 0.5
+
+
+@pytest.mark.parametrize("name", DRUMS)
+def test_deadband_is_the_cure_at_rest_and_a_finer_encoder_makes_the_steps_before_smaller(name):
+    found = {cure: rest_of(DRUMS[name], CURES[cure], phases=4) for cure in CURES}
+    hunting = {cure for cure, one in found.items() if one.swing > FELT_SWING}
+
+    assert {"none", "friction", "small dither", "dither"} <= hunting
+    assert not hunting & {"deadband", "smooth", "both"}
+    assert found["deadband"].swing == pytest.approx(0.0, abs=1e-4)
+    assert found["deadband"].step > FELT_SWING
+    assert found["both"].step < 0.15 * found["deadband"].step
+    assert found["smooth"].step > 0.7 * found["deadband"].step
+
+
+def test_page_has_the_comparison_of_the_cures():
+    """Run ``python -m proximity.studies.simulation.hunting`` for what belongs there; gear4 is checked."""
+    page = PAGES["science/drum.md"].splitlines()
+    begin = page.index("| cure | direct | gear4 | gear10 |")
+    rows = page[begin + 2 : begin + 2 + len(CURES)]
+
+    for row, cure in zip(rows, CURES.values(), strict=True):
+        words = [part.strip() for part in row.strip("|").split("|")]
+        assert (words[0], words[2]) == (cure.words, cell(rest_of(DRUMS["gear4"], cure)))

@@ -294,7 +294,7 @@ def test_one_link_agrees_with_one_mass():
         (lambda: PlanarFinger.of_rods([], []), "a finger of 0 links, expected one or more"),
         (
             lambda: PlanarFinger.of_rods((0.1, 0.1), (0.1,)),
-            "masses are [0.1], expected 2 finite numbers, one a link",
+            "masses are [0.1], expected 2 finite numbers, one per link",
         ),
         (
             lambda: PlanarFinger.of_rods("ab", 1),
@@ -302,7 +302,7 @@ def test_one_link_agrees_with_one_mass():
         ),
         (
             lambda: press(INDEX_FINGER, PRESSED, CLOSING, step=1e-3),
-            "the motion runs away in steps of 0.001 s, expected shorter ones",
+            "the motion diverges in steps of 0.001 s, expected shorter ones",
         ),
         (lambda: PlanarFinger.of_rods([0.1], [0.0]), "masses are [0.0], expected positive numbers"),
         (
@@ -311,7 +311,7 @@ def test_one_link_agrees_with_one_mass():
         ),
         (
             lambda: PlanarFinger.of_rods([0.1], [0.1], rest_angles=np.nan),
-            "rest_angles are [nan], expected 1 finite numbers, one a link",
+            "rest_angles are [nan], expected 1 finite numbers, one per link",
         ),
         (
             lambda: PlanarFinger.of_rods([0.1], [0.1], gravity=-9.81),
@@ -322,7 +322,7 @@ def test_one_link_agrees_with_one_mass():
         (lambda: Plane(stiffness=-1), "stiffness is -1, expected a number of newtons a metre of 0 or more"),
         (
             lambda: press(FREE, (0, 0), CLOSING),
-            "angles are [0.0, 0.0], expected 3 finite numbers, one a joint",
+            "angles are [0.0, 0.0], expected 3 finite numbers, one per joint",
         ),
         (
             lambda: press(FREE, PRESSED, CLOSING, duration=100.0),

@@ -26,8 +26,8 @@ WORDS = ("state", "mode", "trust", "fault", "seen", "dropped", "awaited", "zero"
 ANSWER = np.dtype([(name, "<i4") for name in WORDS] + [(name, "<f8") for name in NUMBERS])
 STATES = list(DrumState)
 FAULTS = (  # in the order of enum decaff_fault, by how Python's sentences begin
-    "", "the servo was", "the potentiometer reads no bend", "the potentiometer reads a bend of",
-    "the encoder reads no drum angle", "the encoder reads a drum angle of", "the motor reports a fault",
+    "", "the servo was", "the potentiometer gives no bend", "the potentiometer reads a bend of",
+    "the encoder gives no drum angle", "the encoder reads a drum angle of", "the motor reports a fault",
 )  # fmt: skip
 NANOMETRE = 1e-9
 
@@ -59,8 +59,8 @@ class Events:
         has_contact = seen.contact is not None and mark is not None
         session, sequence, start_ns = mark or (0, 0, 0)
         self.data += b"O" + struct.pack(
-            "<qqqQQBBdddB", seen.sample_ns, seen.now_ns, start_ns, session, sequence, int(seen.state),
-            has_contact, seen.bend, seen.drum_angle, seen.force, seen.has_fault,
+            "<qqqQQBBddddB", seen.sample_ns, seen.now_ns, start_ns, session, sequence, int(seen.state),
+            has_contact, seen.bend, seen.drum_angle, seen.force, seen.motor_force, seen.has_fault,
         )  # fmt: skip
         self.data += seen.contact.tobytes() if has_contact else b""
         self.expected.append(answer)
@@ -70,8 +70,9 @@ class Events:
 
     def look(self, seen, answer):
         measured = struct.pack(
-            "<qdddB", seen.sample_ns, seen.bend, seen.drum_angle, seen.force, seen.has_fault
-        )
+            "<qddddB", seen.sample_ns, seen.bend, seen.drum_angle, seen.force, seen.motor_force,
+            seen.has_fault,
+        )  # fmt: skip
         self.data += b"L" + measured
         self.expected.append(answer)
 

@@ -3,6 +3,7 @@
 They are written from the protocols' documents, not from the drivers: what a driver misreads, they do not.
 """
 
+import math
 import os
 import random
 import struct
@@ -17,12 +18,17 @@ OFF, POSITION, TORQUE = "off", "position", "torque"
 
 
 class Shaft:
-    """Rotor with friction, a position loop, a torque limit, and a mechanical stop; turns and N m."""
+    """Rotor with friction, a position loop, a torque limit, and a mechanical stop; turns and N m.
+
+    Below `held_at` it presses on a spring, as on the replica of a finger that is held.
+    """
 
     def __init__(self, turns=0.0, stop=0.2):
         self.turns, self.speed, self.stop = turns, 0.0, stop
         self.mode, self.target, self.torque_target, self.cap = OFF, turns, 0.0, 0.0
         self.torque = 0.0
+        self.inertia, self.viscous, self.friction = 6e-5, 2e-3, 0.0  # N m s² and N m s a turn, N m
+        self.held_at, self.stiffness = -math.inf, 0.0  # turns, N m a turn
         self.is_stalled = self.is_silent = self.is_wrong = False
         self.loss = 0.0  # share of answers that are lost
         self.has_moved = False
@@ -35,7 +41,7 @@ class Shaft:
         return not self.is_silent and self._random.random() >= self.loss
 
     def advance(self, seconds):
-        """Integrate in small steps: inertia of 6e-5 N m s² a turn, friction of 0.5 mN m."""
+        """Integrate in small steps."""
         for _ in range(max(1, round(seconds / 2e-4))):
             wish = 0.0
             if self.mode == POSITION:
@@ -43,7 +49,10 @@ class Shaft:
             elif self.mode == TORQUE:
                 wish = self.torque_target
             self.torque = min(max(wish, -self.cap), self.cap)
-            self.speed += (self.torque - 2e-3 * self.speed) / 6e-5 * 2e-4
+            spring = self.stiffness * max(self.held_at - self.turns, 0.0)
+            self.speed += (self.torque + spring - self.viscous * self.speed) / self.inertia * 2e-4
+            braked = self.friction / self.inertia * 2e-4
+            self.speed -= min(max(self.speed, -braked), braked)
             self.speed = 0.0 if self.is_stalled or self.mode == OFF else self.speed
             before = self.turns
             self.turns += self.speed * 2e-4

@@ -200,25 +200,61 @@ def test_prediction_for_an_instant_that_was_not_recorded_does_not_count(scene):
     assert bounds_check.judge_predictions(scene, run, RADIUS).checked_count == 0
 
 
-def test_time_to_contact_is_held_against_the_touch_that_came(scene):
-    braking = [0.020, 0.0165, 0.0135, 0.011, 0.009, 0.0075, 0.0065, 0.0055, 0.0049]
-    hasty = [0.020, 0.0195, 0.0185, 0.0165, 0.0125, 0.0049]
-
-    foretold = [
-        bounds_check.judge_touches(run_over(scene, recording_above_the_box(heights))[0])
-        for heights in (braking, hasty)
-    ]
-
-    assert foretold[0] == bounds_check.TouchesForetold(8, 8)
-    assert foretold[1].checked_count == 5
-    assert foretold[1].kept_count == 1  # the touch itself: velocities before were too low
+STEADY = np.linspace(0.0202, 0.0047, 32)  # 0.5 m/s; touches at 31 ms
 
 
-def test_touch_after_the_finger_was_lost_does_not_count(scene):
-    run, _ = run_over(scene, recording_above_the_box([0.02, 0.018, np.nan, 0.004, 0.003]))
+def certified_times(scene, heights, **options):
+    run, _ = run_over(scene, recording_above_the_box(heights), **options)
+    return bounds_check.judge_certified_times(scene, run, RADIUS)
 
-    # Only the last tick: the one before has no velocity.
-    assert bounds_check.judge_touches(run).checked_count == 1
+
+def test_certified_times_of_a_steady_finger_hold(scene):
+    """All but those of its first tick, which has no velocity, and of the one that touches."""
+    assert certified_times(scene, STEADY) == bounds_check.CertifiedTimes(30, 0, "")
+
+
+@pytest.mark.parametrize("factor", [1.2, 3.0])
+def test_certified_time_that_is_too_long_is_noticed(scene, factor):
+    def spoil(contacts, tick):
+        if tick == 12:
+            contacts["time_to_contact_lower"][0] *= factor
+
+    judged = certified_times(scene, STEADY, spoil=spoil)
+
+    assert (judged.checked_count, judged.broken_count) == (30, 1)
+    certified = factor * (STEADY[11] - RADIUS) / 0.5
+    assert judged.first_broken == (
+        f"index at 0.011000 s: touched after 0.020000 s, certified {certified:.6f} s"
+    )
+
+
+@pytest.mark.parametrize(
+    "heights",
+    [
+        [0.020, 0.0195, 0.0185, 0.0165, 0.0125, 0.0049],  # ever faster: it touches before the certified time
+        [0.020, 0.018, np.nan, np.nan, 0.004, 0.003],  # lost before the touch
+        [0.020, 0.019],  # the recording ends before
+    ],
+)
+def test_certified_time_is_not_checked_where_velocity_or_finger_was_lost(scene, heights):
+    assert certified_times(scene, heights).checked_count == 0
+
+
+def test_touch_that_a_small_change_of_velocity_led_to_breaks_nothing(scene):
+    """A finger slides along the box towards what lies far ahead, and sinks by 2 % of its displacement."""
+    ticks = np.arange(60)
+    recording = recording_above_the_box(0.0055 - 0.00002 * np.maximum(ticks - 30, 0))
+    recording.positions.flags.writeable = True
+    recording.positions[:, 0, 0] = 0.005 + 0.0005 * ticks
+
+    def spoil(contacts, tick):
+        if tick <= 30:  # it does not sink yet
+            contacts["time_to_contact_lower"][0] = 0.040
+
+    run, _ = run_over(scene, recording, spoil=spoil)
+    judged = bounds_check.judge_certified_times(scene, run, RADIUS)
+
+    assert judged.broken_count == 0 and judged.checked_count > 0
 
 
 # ---------------------------------------------------------------------------------------------- fitting
@@ -302,5 +338,5 @@ def test_turns_are_about_x_then_y_then_z():
 
 
 def test_turn_that_is_none_is_refused():
-    with pytest.raises(PoseError, match="a turn of nan degrees about y is no rotation"):
+    with pytest.raises(PoseError, match="a rotation of nan degrees about y, expected finite numbers"):
         turn_about_axes((0.0, np.nan, 0.0))

@@ -374,7 +374,7 @@ def test_part_whose_pose_is_not_rigid_is_refused_and_ticks_go_on():
 def test_bends_without_paths_are_refused(given):
     tracker = Tracker(Scene([plate()]), fingers=1)
 
-    with pytest.raises(QueryError, match="bends are of places on paths, but no paths are given"):
+    with pytest.raises(QueryError, match="path_bends are given without paths"):
         tracker.tick([[0.0, 0.0, 0.05]], 0, 0, **given)
 
 

@@ -37,7 +37,7 @@ def text_of(path):
 def test_one_subscriber_too_many_is_refused_until_another_leaves(address):
     inlets = [open_inlet(address) for _ in range(iceoryx_names.SUBSCRIBERS)]
 
-    with pytest.raises(PublishError, match=r"iox2://.*: has 16 subscribers already, which is the most"):
+    with pytest.raises(PublishError, match=r"iox2://.*: has 16 subscribers already, the maximum"):
         open_inlet(address)
     inlets.pop().close()
     inlets.append(open_inlet(address))

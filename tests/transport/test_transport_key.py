@@ -92,7 +92,7 @@ def test_key_is_random_and_its_owner_alone_may_read_it(tmp_path):
 def test_key_is_never_written_over(key):
     before = key.read_bytes()
 
-    with pytest.raises(PublishError, match=r"frames.key: is there already, and a key is never written over"):
+    with pytest.raises(PublishError, match=r"frames.key: exists already, and a key is never overwritten"):
         write_key(str(key))
     assert key.read_bytes() == before
 

@@ -179,8 +179,8 @@ def test_who_listens_for_others_must_say_to_whom(port):
 def test_who_sends_to_others_must_say_from_where():
     with pytest.raises(
         PublishError,
-        match=r"^udp://192.0.2.7:9100: 192.0.2.7 is not on this machine, and messages go from loopback "
-        r"unless asked otherwise \(expected \?bind=ADDRESS, that of the network card to send from, or ",
+        match=r"^udp://192.0.2.7:9100: 192.0.2.7 is not on this machine, and messages are sent from "
+        r"loopback by default \(expected \?bind=ADDRESS, the address of the network card to send from, or ",
     ):
         open_publisher("udp://192.0.2.7:9100")
 

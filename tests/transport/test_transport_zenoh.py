@@ -202,7 +202,9 @@ def test_without_the_library_the_error_says_what_to_install(monkeypatch):
     monkeypatch.delitem(sys.modules, "proximity.transport.zenoh", raising=False)
     monkeypatch.setitem(sys.modules, "zenoh", None)
 
-    with pytest.raises(PublishError, match=r'zenoh://decaff: needs zenoh: pip install "proximity\[zenoh\]"'):
+    with pytest.raises(
+        PublishError, match=r'zenoh://decaff: needs zenoh: pip install "cad-proximity\[zenoh\]"'
+    ):
         open_publisher("zenoh://decaff")
 
 

@@ -29,12 +29,12 @@ from proximity.message import (
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.transport import open_inlet, open_publisher
-from proximity.web.access import MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
 from proximity.web.bridge import Bridge, Shown
 from proximity.web.feeding import Feed
 from proximity.web.geometry import scene_glb
 from proximity.web.page_client import MOST_IN_FLIGHT
-from proximity.web.page_files import PageFiles
+from proximity.web.scene_page import scene_page_files
+from proximity.web.server.access import MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
 from proximity.web.slice_fields import SLICE_HEADER
 from proximity.web.sources import LiveFrames, OtherPrograms
 
@@ -64,11 +64,13 @@ class Running:
         assert self.begun.wait(PATIENCE)
 
     async def run(self):
-        access = Access(TOKEN, frozenset())
-        self.bridge = Bridge(self.shown, access, PageFiles())
-        server = await self.bridge.listen("127.0.0.1", 0)
+        access = Access((TOKEN,), frozenset())
+        self.bridge = Bridge(self.shown, access, scene_page_files())
+        server = await self.bridge.server.listen("127.0.0.1", 0)
         self.port = server.sockets[0].getsockname()[1]
-        self.bridge._access = Access.of(TOKEN, ("127.0.0.1", "localhost"), self.port, is_secure=False)
+        self.bridge.server.access = Access.of(
+            (TOKEN,), ("127.0.0.1", "localhost"), self.port, is_secure=False
+        )
         handing = asyncio.create_task(self.bridge.hand_on())
         self.begun.set()
         while not self.stop.is_set():
@@ -538,4 +540,4 @@ def test_messages_that_were_held_up_end_the_connection(bridge):
 
     code, reason = closed(page)
 
-    assert (code, reason) == (4408, "messages of this page are held up for more than a second")
+    assert (code, reason) == (4408, "messages of this page are delayed by more than a second")

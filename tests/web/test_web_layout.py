@@ -12,7 +12,7 @@ from proximity.message import FRAME, MOVES, PATH_POSES, Message
 from proximity.message.c_header import KINDS, RECORDS
 from proximity.message.fields import dtype_of
 from proximity.web.layout import page_layout
-from proximity.web.page_files import PAGE
+from proximity.web.scene_page import PAGE
 from proximity.web.slice_fields import SLICE_FIELDS
 
 ALL = {name: fields for name, (_, fields) in RECORDS.items()} | {"slice_header": SLICE_FIELDS}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from proximity.web.page_files import PAGE, PageFiles
+from proximity.web.scene_page import PAGE, scene_page_files
 
 FOLDERS = [PAGE / "vendor" / "three", Path(__file__).parent / "vendor"]
 
@@ -31,7 +31,7 @@ def test_vendored_files_have_their_licence(folder):
 
 
 def test_the_page_weighs_less_than_a_megabyte():
-    assert PageFiles().compressed_size <= 1_000_000
+    assert scene_page_files().compressed_size <= 1_000_000
 
 
 def test_the_page_loads_nothing_from_elsewhere():
@@ -43,7 +43,7 @@ def test_the_page_loads_nothing_from_elsewhere():
 
 
 def test_every_import_of_the_page_is_there():
-    files = PageFiles()
+    files = scene_page_files()
     for path in PAGE.rglob("*.js"):
         if "vendor" in path.parts:
             continue
@@ -53,7 +53,7 @@ def test_every_import_of_the_page_is_there():
 
 
 def test_only_files_of_the_page_are_given():
-    files = PageFiles()
+    files = scene_page_files()
 
     for name in ("/../bridge.py", "/vendor/three/SHA256SUMS", "/%2e%2e/bridge.py", "//etc/passwd", ""):
         assert files.get(name) is None
@@ -62,7 +62,7 @@ def test_only_files_of_the_page_are_given():
 
 
 def test_the_policy_lets_nothing_in_but_what_is_served():
-    policy = PageFiles().headers["Content-Security-Policy"]
+    policy = scene_page_files().headers["Content-Security-Policy"]
 
     assert "default-src 'none'" in policy
     assert re.search(r"script-src 'self' 'sha256-[^']+';", policy)

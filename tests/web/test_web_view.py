@@ -128,7 +128,9 @@ def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
     monkeypatch.delitem(sys.modules, "proximity.web.bridge", raising=False)
 
-    with pytest.raises(ServiceError, match=r'^the page needs websockets.*: pip install "proximity\[web\]"$'):
+    with pytest.raises(
+        ServiceError, match=r'^the page needs websockets.*: pip install "cad-proximity\[web\]"$'
+    ):
         shown()
 
 

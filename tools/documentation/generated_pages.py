@@ -4,6 +4,7 @@ MkDocs calls the functions named ``on_…``: tools/documentation/mkdocs.yml name
 """
 
 import json
+import re
 import sys
 import textwrap
 from pathlib import Path
@@ -89,9 +90,14 @@ def _command_line():
     """Every command with its arguments, options and examples, as ``--help`` has them."""
     command = typer.main.get_command(cli.app)
     context = typer.Context(command, info_name="proximity")
-    text = get_docs_for_click(obj=command, ctx=context, name="proximity")
+    text = get_docs_for_click(obj=command, ctx=context, name="proximity").partition("\n")[2]
+    for name, each in command.commands.items():
+        summary = (each.help or "").partition("\n")[0]
+        text = re.sub(
+            rf"(?m)^\* `{name}`: .*$", lambda _, name=name, summary=summary: f"* `{name}`: {summary}", text
+        )
     head = "# Command line\n\nWhat `proximity COMMAND --help` says, on one page.\n\n"
-    return head + _examples_as_blocks(text.partition("\n")[2])
+    return head + _examples_as_blocks(text)
 
 
 def _examples_as_blocks(text):

@@ -229,8 +229,8 @@ def _vr(documents):
     document = documents["vr"]
     how = (
         f"{_run('vr', document, _first(documents))} Time from the pose of a hand to the frame that answers "
-        "it, in front of tori, with ticks at 1 kHz. *native* publishes poses and subscribes to frames in shared "
-        "memory. *page* is what `proximity view` runs, without drawing. *moving* has one part that moves."
+        "it, in front of tori, with ticks at 1 kHz. *native* publishes poses and subscribes to frames in "
+        "shared memory. *page* is what `proximity view` runs, without drawing. *moving* has one moving part."
     )
     read = (
         "On average a pose waits for half a tick. Service and bridge are shares of a core. p99.9 of about "

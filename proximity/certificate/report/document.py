@@ -13,7 +13,8 @@ nanoseconds, lengths metres, forces newtons, energies joules; null is what so fe
   percentiles; and for ``compute`` the ``periods``: shares, and deadlines that it alone would miss
 - ``loop``: the service's own loop: ``compute``, ``lateness`` of waking, each as a case's; ``missed``
 - ``feeling``: for each period the delay, and for speeds what it means at the finger
-- ``verdict``: of the gate, or of the scene's own period
+- ``verdict``: whether the scene fits the gate, or its own period
+- ``machine_verdict``: whether this machine kept the deadlines of the loop
 """
 
 from dataclasses import asdict
@@ -60,7 +61,6 @@ def document(certificate: Certificate, gate: float | None = None, *, version: st
     subject = certificate.subject
     lower, upper = subject.scene.bounds
     periods = periods_of(subject.period if gate is None else gate)
-    verdict = certificate.verdict(subject.period if gate is None else gate)
     return {
         "kind": KIND,
         "schema": SCHEMA,
@@ -91,13 +91,27 @@ def document(certificate: Certificate, gate: float | None = None, *, version: st
         "cases": [_case(case, periods) for case in certificate.cases],
         "loop": _loop(certificate, periods),
         "feeling": _feeling(certificate, periods),
+        **_verdicts(certificate, subject.period if gate is None else gate),
+    }
+
+
+def _verdicts(certificate: Certificate, period: float) -> dict[str, Any]:
+    fit, kept = certificate.verdict(period), certificate.machine_verdict()
+    return {
         "verdict": {
-            "period_s": verdict.period,
-            "fits": verdict.fits,
-            "case": verdict.worst.name,
-            "measure": verdict.worst.measure,
-            "time_ns": verdict.worst.tail_ns,
-            "sentence": verdict.sentence,
+            "period_s": fit.period,
+            "fits": fit.fits,
+            "case": fit.worst.name,
+            "measure": fit.worst.measure,
+            "time_ns": fit.worst.tail_ns,
+            "sentence": fit.sentence,
+        },
+        "machine_verdict": {
+            "period_s": kept.period,
+            "kept": kept.kept,
+            "missed": kept.missed,
+            "due": kept.due,
+            "sentence": kept.sentence,
         },
     }
 

@@ -92,9 +92,11 @@ def _ends(reported: dict[str, Any]) -> Lines:
         (
             "at the finger",
             f"{wording.three(1e3 * felt['delay_s'])} ms of computing and waking: "
-            f"at {speed['speed']:g} m/s a wall is entered by {wording.two(1e3 * speed['penetration'])} mm, "
-            f"force {wording.two(1e3 * speed['force_error'])} mN and "
-            f"work {wording.two(1e3 * speed['energy_error'])} mJ too large",
+            f"a finger at {speed['speed']:g} m/s enters a wall by "
+            f"{wording.two(1e3 * speed['penetration'])} mm, its force is "
+            f"{wording.two(1e3 * speed['force_error'])} mN and its work "
+            f"{wording.two(1e3 * speed['energy_error'])} mJ too large",
         ),
-        ("verdict", reported["verdict"]["sentence"]),
+        ("scene verdict", reported["verdict"]["sentence"]),
+        ("machine verdict", reported["machine_verdict"]["sentence"]),
     ]

@@ -1,5 +1,6 @@
-"""Picture of a bent finger in a terminal, in the dots of Braille letters."""
+"""Pictures of a bent finger: in a terminal in the dots of Braille letters, on a page as SVG."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -39,6 +40,34 @@ def pose_picture(glove: Glove, bend: float) -> list[str]:
     return "\n".join(lines).strip("\n").split("\n")
 
 
+def pose_drawing(glove: Glove, bend: float) -> str:
+    """Return an SVG of the same: back of the hand and finger, its joints, and the path of the fingertip.
+
+    Parameters
+    ----------
+    glove : Glove
+        Whose finger is drawn.
+    bend : float
+        Of the finger.
+    """
+    joints = [np.zeros(2), *_joints(glove, bend)]
+    path = [_joints(glove, each)[-1] for each in np.linspace(0.0, 1.0, 61)]
+    lower = 1e3 * min(point[1] for point in path) - 14.0
+    left, right = 1e3 * LEFT, 1e3 * max(point[0] for point in path) + 14.0
+    wide = 2e3 * glove.finger.pad_radius
+    dots = "".join(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="1.6"/>' for x, y in _screen(joints[:-1]))
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{6 * (right - left):.0f}" '
+        f'height="{6 * (14.0 - lower):.0f}" viewBox="{left:.1f} -14 {right - left:.1f} {14.0 - lower:.1f}" '
+        'fill="none" stroke-linecap="round" stroke-linejoin="round">'
+        f'<polyline points="{_points(path)}" stroke="#9fb6cc" stroke-width="0.6" stroke-dasharray="1.5 2"/>'
+        f'<polyline points="{left - 20:.1f},0 0,0" stroke="#d9a98c" stroke-width="{1.3 * wide:.2f}"/>'
+        f'<polyline points="{_points(joints)}" stroke="#edc9b0" stroke-width="{wide:.2f}"/>'
+        f'<polyline points="{_points(joints)}" stroke="#7a4f35" stroke-width="0.7"/>'
+        f'<g fill="#7a4f35">{dots}</g></svg>'
+    )
+
+
 def joint_angles(glove: Glove, bend: float) -> str:
     """Return the angles of the three joints at a bend, in words."""
     knuckle, middle, last = (round(np.degrees(bend * flexion)) for flexion in glove.finger.flexions)
@@ -49,6 +78,15 @@ def _joints(glove: Glove, bend: float) -> list[np.ndarray]:
     angles = -bend * np.cumsum(glove.finger.flexions)
     steps = np.stack([np.cos(angles), np.sin(angles)], axis=-1) * np.array(glove.finger.phalanges)[:, None]
     return list(np.cumsum(steps, axis=0))
+
+
+def _screen(points: Sequence[np.ndarray]) -> np.ndarray:
+    """Millimetres, downwards."""
+    return np.array([1e3, -1e3]) * np.array(points)
+
+
+def _points(points: Sequence[np.ndarray]) -> str:
+    return " ".join(f"{x:.2f},{y:.2f}" for x, y in _screen(points))
 
 
 def _line(canvas: np.ndarray, start: np.ndarray, end: np.ndarray) -> None:

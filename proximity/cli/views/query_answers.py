@@ -26,7 +26,7 @@ Fields = dict[str, list[Any]]
 TERMINAL_ROWS = 100  # more than a person reads from a screen
 NUMBER_WIDTH = 16  # -1.23456789e-100
 COUNT_WIDTH = 9
-TOO_FAR = "too far off to be computed"
+TOO_FAR = "too far away to be computed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,7 +271,7 @@ def _reported(name: str, answer: dict[str, Any], units: str) -> str:
     if name == "feature":
         return {"face": "a face", "edge": "an edge", "vertex": "a corner"}.get(value, MISSING)
     if name == "fraction":
-        return f"{number(value)} of the way"
+        return f"{number(value)} of the segment"
     if name == "signed_distance":
         where = str(side(value, answer["is_signed"]))
         words = {"surface": "on the surface", "unknown": "which side is unknown"}

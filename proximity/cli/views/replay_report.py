@@ -10,7 +10,7 @@ from proximity.cli.views.json_output import write_document
 from proximity.cli.wording import counted, number
 from proximity.recording import NANOSECONDS, Recording
 from proximity.system.time_units import NS_PER_US
-from proximity.tracker.replay import BoundsKept, ReplaySummary, TickTimes
+from proximity.tracker.replay import VELOCITY_SHARE, ReplaySummary, TickTimes
 
 BAR_WIDTH = 40
 SHOWN_DIGITS = 4
@@ -50,6 +50,7 @@ def results(summary: ReplaySummary, metres: float) -> dict[str, Any]:
         Metres in one unit.
     """
     nearest, bounds, predictions = summary.nearest, summary.bounds, summary.predictions
+    certified = summary.certified_times
     return {
         "ticks": {
             "tick_count": summary.tick_count,
@@ -90,19 +91,25 @@ def results(summary: ReplaySummary, metres: float) -> dict[str, Any]:
             "error_p50": in_unit(predictions.error_p50, metres),
             "error_p95": in_unit(predictions.error_p95, metres),
         },
-        "times_to_contact": {
-            "checked_count": summary.times_to_contact.checked_count,
-            "kept_count": summary.times_to_contact.kept_count,
+        "certified_times": {
+            "checked_count": certified.checked_count,
+            "broken_count": certified.broken_count,
+            "first_broken": certified.first_broken or None,
+            "velocity_share": VELOCITY_SHARE,
         },
     }
 
 
-def broken(bounds: BoundsKept) -> str:
-    """Return the sentence on bounds that do not hold."""
-    return (
-        f"{bounds.broken_count} of {bounds.checked_count} bounds that were checked do not hold, "
-        f"the first: {bounds.first_broken}"
-    )
+def broken(summary: ReplaySummary) -> list[str]:
+    """Return a sentence on the bounds that do not hold, and one on the certified times; none if all hold."""
+    bounds, times = summary.bounds, summary.certified_times
+    checks = (("bounds", bounds), ("certified times", times))
+    return [
+        f"{check.broken_count} of {check.checked_count} {what} that were checked do not hold, "
+        f"the first: {check.first_broken}"
+        for what, check in checks
+        if check.broken_count
+    ]
 
 
 def write(report: dict[str, Any], *, as_json: bool) -> None:
@@ -204,7 +211,9 @@ def _found(report: dict[str, Any], units: str) -> Lines:
         length = f"{_short(nearest['signed_distance'])} {units}"
         # Where the budget was spent before any face was met, the distance is a bound only.
         location = (
-            f"{length} from {nearest['part']}" if nearest["part"] else f"{length} at most from some part"
+            f"{length} from {nearest['part']}"
+            if nearest["part"]
+            else f"{length} at most, from an unknown part"
         )
         approach = f"{nearest['finger']} at {_since(begins, nearest['time_s'])} s: {location}"
     touches = [
@@ -223,12 +232,12 @@ def _found(report: dict[str, Any], units: str) -> Lines:
 
 
 def _kept(report: dict[str, Any], units: str) -> Lines:
-    bounds, predictions, times = report["bounds"], report["predictions"], report["times_to_contact"]
+    bounds, predictions, times = report["bounds"], report["predictions"], report["certified_times"]
     kept = bounds["checked_count"] - bounds["broken_count"]
     worst = f", the worst is off by {_short(bounds['worst'])} {units}" if bounds["broken_count"] else ""
     median, most = _short(predictions["error_p50"]), _short(predictions["error_p95"])
     of_predictions = _share(predictions["kept_count"], predictions["checked_count"])
-    of_times = _share(times["kept_count"], times["checked_count"])
+    held = times["checked_count"] - times["broken_count"]
     lines = [("bounds", f"{kept} of {bounds['checked_count']} hold, checked against exact distances{worst}")]
     if predictions["checked_count"]:
         lines.append(
@@ -241,7 +250,8 @@ def _kept(report: dict[str, Any], units: str) -> Lines:
         lines.append(
             (
                 "contact times",
-                f"{of_times} of lower bounds not above the time until the touch, kept while velocity is",
+                f"{held} of {times['checked_count']} certified times held "
+                f"(velocity constant within {100.0 * times['velocity_share']:.0f} %)",
             )
         )
     return lines

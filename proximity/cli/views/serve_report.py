@@ -12,11 +12,12 @@ from proximity.service import Histogram, Report
 from proximity.service.hosting import Beginning
 from proximity.system.time_units import NS_PER_US
 
+ORDINARY = "ordinary priority, memory not locked, any core; --realtime asks for more"
 SHOWN_PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9}
 
 
 def write_beginning(beginning: Beginning, *, as_json: bool) -> None:
-    """Say that the first frame is out: of what, where, at what rate, and what the system did not permit.
+    """Report the start of a service: scene, addresses, rate, and what the system granted and refused.
 
     Parameters
     ----------
@@ -36,6 +37,7 @@ def write_beginning(beginning: Beginning, *, as_json: bool) -> None:
                 "publish": list(service.publish),
                 "rate_hz": service.rate_hz,
                 "log": service.log,
+                "real_time": service.real_time,
                 "finger_count": beginning.finger_count,
                 "part_count": beginning.part_count,
                 "face_count": beginning.face_count,
@@ -45,11 +47,13 @@ def write_beginning(beginning: Beginning, *, as_json: bool) -> None:
         )
         return
     fingers = counted(beginning.finger_count, "finger")
-    where = "as a sensor measures them"
+    where = "measured by a sensor"
     if beginning.part_count:
         where = f"at {counted(beginning.part_count, 'part')}, {counted(beginning.face_count, 'face')}"
     _say(f"serving {settings.path}: {fingers} {where}")
     _say(f"{rate} Hz to {', '.join(service.publish)}{f', logged in {service.log}' if service.log else ''}")
+    if not service.real_time:
+        _say(ORDINARY)
     for note in beginning.notes:
         _say(note)
 

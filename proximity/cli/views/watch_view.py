@@ -53,7 +53,7 @@ ENOUGH_BAR = 24
 SMALLEST_BAR = 14
 LARGEST_BAR = 60
 FLAGS_LEGEND = f"Flags: {', '.join(f'{letter} {word}' for letter, word in FLAG_LETTERS.values())}"
-BARS_LEGEND = "Bars: █ free for certain, ▒ between the bounds, ◆ predicted, » farther"
+BARS_LEGEND = "Bars: █ certainly free, ▒ between the bounds, ◆ predicted, » farther"
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,13 +172,14 @@ def _meaning(reading: Reading, seen: Seen) -> str:
     if reading.state is not State.STALE:
         return MEANINGS[reading.state]
     if seen.counts.unverified and seen.rate_hz == 0.0:
-        return f"what comes is not verified by the key of {seen.address}, expected the publisher's key"
+        return f"messages are not verified by the key of {seen.address}, expected the publisher's key"
     if reading.header is None and seen.counts.flawed[Flaw.SIZE]:
         return (
-            "messages are not as long as they declare: if they are sent with a key, add ?key=FILE here, too"
+            "messages have another length than they declare: if they are sent with a key, add ?key=FILE "
+            "here as well"
         )
     if reading.header is None:
-        return f"nothing has come from {seen.address} yet, for {seen.silent_s:.1f} s"
+        return f"no frame has come from {seen.address} yet, for {seen.silent_s:.1f} s"
     if reading.header["state"] == State.STALE and seen.rate_hz > 0.0:
         return "the service has no new poses: nothing is known of any finger"
     return f"no frame for {seen.silent_s:.1f} s: nothing is known of any finger"

@@ -38,6 +38,7 @@ LONGEST_STEP = 2.5e-5  # s, of the simulated swing
 WEAKEST_ANSWER = 4.0  # encoder steps from end to end that a swing must reach
 MOST_MISFIT = 0.15  # of the swing, that the model may leave unexplained
 MOST_TORQUE_OFF = 0.3  # share of the chirp by which the motor's own torque may differ from the command
+LATEST_CURRENT = 0.01  # s that the current may be read behind the command
 LEAST_CYCLES = 6.0  # samples to a cycle of the fastest swing
 DIFFERENCES = (0.02, 0.005)  # shares; over less, friction that holds and lets go hides where the misfit falls
 SEARCHED = np.geomspace(0.25, 4.0, 33)  # times the modelled inertia or stiffness, where the search begins
@@ -257,8 +258,13 @@ def _fitted(
 
 def _check_motor(record: DrumRecord) -> None:
     """Refuse a record in which the motor, by its current, did something else than what was commanded."""
-    swung = float(np.std(record.commanded))
-    off = float(np.median(np.abs(record.torques - record.commanded)))
+    swung, count = float(np.std(record.commanded)), len(record.times)
+    late = min(math.ceil(LATEST_CURRENT / _period(record)), count - 1)
+    # The current is read some samples late.
+    off = min(
+        float(np.median(np.abs(record.torques[lag:] - record.commanded[: count - lag])))
+        for lag in range(late + 1)
+    )
     if not off <= MOST_TORQUE_OFF * swung:
         raise DecaffError(
             f"the motor's torque is {off:.3g} N m off its command, expected "

@@ -3,6 +3,7 @@
 A laboratory's own instruments, the simulated glove and a person who types numbers stand behind it alike.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -27,6 +28,9 @@ class DrumPort(Protocol):
     def angle(self) -> float:
         """Return the angle that the encoder reads, rad."""
 
+    def newest_angle(self) -> float:
+        """Return the angle right now, rad, to be shown; nan where nobody may be asked meanwhile."""
+
     def swing(self, torques: np.ndarray) -> DrumRecord:
         """Command torques, N m at the drum, one a sample, then none; return what was read meanwhile."""
 
@@ -36,6 +40,9 @@ class HandPort(Protocol):
 
     def counts(self) -> np.ndarray:
         """Return readings of a moment, (K,) float64; one where only one is known."""
+
+    def newest_counts(self) -> float:
+        """Return the counts right now, to be shown; nan where nobody may be asked meanwhile."""
 
     def latency(self) -> tuple[float, float]:
         """Return the latency that a step test finds, s, and how finely it was sampled, s."""
@@ -48,3 +55,11 @@ class Instruments:
     name: str  # readings of other instruments are never mixed with these
     hand: HandPort
     drum: DrumPort
+
+    def live(self) -> dict[str, str]:
+        """Return what is read right now, by names, with units."""
+        read = {
+            "potentiometer": (self.hand.newest_counts(), "{:.0f} counts"),
+            "drum": (self.drum.newest_angle(), "{:.3f} rad"),
+        }
+        return {name: shown.format(value) for name, (value, shown) in read.items() if math.isfinite(value)}

@@ -136,6 +136,14 @@ class Readings:
             self.write()
         return dropped
 
+    def drop_newest(self) -> bool:
+        """Forget the newest reading; whether there was one."""
+        had = bool(self.all)
+        if had:
+            self.all.pop()
+            self.write()
+        return had
+
     def _read(self) -> None:
         try:
             with open_regular(self.path) as stream:

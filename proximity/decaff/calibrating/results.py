@@ -79,6 +79,19 @@ class Session:
         """Return what is to be measured next; None: all is there."""
         return self.readings.next(self.tasks, self.bench)
 
+    def skip(self, task: Task) -> None:
+        """Leave a task out, until the session is opened again."""
+        self.tasks = tuple(each for each in self.tasks if each is not task)
+
+    def repeat(self) -> bool:
+        """Forget the newest reading; whether there was one."""
+        return self.readings.drop_newest()
+
+    def missing(self) -> list[str]:
+        """Return the keys of tasks that a calibration needs and that are not done."""
+        needed = [task for task in tasks_for(self.bench) if task not in (FREE, HELD)]
+        return [task.key for task in needed if len(self.of(task)) < task.repeats]
+
     def take(self, asked: Asked, ready: Ready) -> None:
         """Measure, and keep the reading.
 
@@ -171,7 +184,7 @@ def _quantities(bench: Bench) -> list[_Quantity]:
     designed = glove.potentiometer.counts(glove.replica_angle(POSES))
 
     def value(name: str, factor: float = 1.0) -> Callable[[Reading], float]:
-        return lambda reading: factor * reading[name]
+        return lambda reading: factor * reading.get(name, math.nan)
 
     def hidden(amount: float) -> Callable[[Reading], float]:
         return lambda reading: amount

@@ -4,6 +4,7 @@ A task is repeated until enough of its readings agree. Nothing here waits or pri
 passes `Ready`, which returns once the person has done what a part of the task says.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -134,9 +135,11 @@ def _latency(bench: Bench, bend: float, ready: Ready) -> Values:
 def _free(bench: Bench, bend: float, ready: Ready) -> Values:
     ready(0)
     record = _swung(bench, free_chirp(bench.drum))
-    step, step_error = encoder_step(record.angles)
     found = identify_free(record, bench.drum)
-    return {**found, "step": step, "step_error": step_error, "record": _as_lists(record)}
+    step, step_error = encoder_step(record.angles)
+    if math.isfinite(step):  # an encoder finer than what is sent of it shows none
+        found |= {"step": step, "step_error": step_error}
+    return {**found, "record": _as_lists(record)}
 
 
 def _held(bench: Bench, bend: float, ready: Ready) -> Values:

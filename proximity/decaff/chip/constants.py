@@ -9,6 +9,7 @@ from typing import Any
 
 from proximity.decaff.chip.remarks import remarks_of
 from proximity.decaff.controller import contact_location, controller, frame_trust, surface_law
+from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.controller.steady_force import Handover, SteadyForce, SteadyRule
 from proximity.decaff.drum import drum_kernels
@@ -47,6 +48,7 @@ class ChipSettings:
     limits: Limits = field(default_factory=Limits)
     handover: Handover = field(default_factory=Handover)
     servo: Servo | None = None  # None: the one that suits the drum
+    cable: CableRule = field(default_factory=CableRule)
 
     @property
     def used_servo(self) -> Servo:
@@ -60,12 +62,19 @@ def constants_text(settings: ChipSettings, path_count: int) -> str:
     Parameters
     ----------
     settings : ChipSettings
-        Rate, drum, limits, rules and servo.
+        Rate, drum, limits, rules, servo and cable.
     path_count : int
         Tables of fingers' paths that there are.
     """
     lines = [*_definition("PATH_COUNT", path_count, "paths of fingers in decaff_glove.c"), ""]
-    for group in (_modules(), _limits(settings), _steady(settings), _motion(settings), _servo(settings)):
+    for group in (
+        _modules(),
+        _limits(settings),
+        _steady(settings),
+        _motion(settings),
+        _cable(settings),
+        _servo(settings),
+    ):
         for name, value, remark in group:
             lines += _definition(name, value, remark)
         lines.append("")
@@ -128,6 +137,16 @@ def _motion(settings: ChipSettings) -> Iterator[_Constant]:
     yield "NEAR_SPEED", settings.limits.near_speed(drum.mass), "m/s, at which the drum has near_energy"
     yield "BRAKING", braking, "m/s²: the share of what the drum can brake with, counted on near the finger"
     yield "UNBRAKED_SPEED", unbraked, "m/s: what it brakes too late, in a sample and the servo's lag"
+
+
+def _cable(settings: ChipSettings) -> Iterator[_Constant]:
+    cable = settings.cable
+    yield "CABLE_STIFFNESS", cable.stiffness, remarks_of(inspect.getsource(CableRule))["stiffness"]
+    yield (
+        "CABLE_DECAY",
+        2.0 * math.pi * cable.smoothing,
+        f"1/s: {cable.smoothing:g} Hz, of the force that stretches the cable, low-passed twice",
+    )
 
 
 def _servo(settings: ChipSettings) -> Iterator[_Constant]:

@@ -10,6 +10,7 @@ fresh frame is known.
 import math
 
 from proximity.decaff.arguments import positive
+from proximity.decaff.controller.cable_stretch import CableRule, CableStretch
 from proximity.decaff.controller.contact_location import ContactReading
 from proximity.decaff.controller.controller_states import (
     IN_CONTACT,
@@ -51,6 +52,8 @@ class FingerController:
         Of ages, speeds and forces.
     handover : Handover
         When position gives way to force in teleoperation.
+    cable : CableRule
+        Whose stretch is made up for while a position is held; none where not given.
 
     Raises
     ------
@@ -74,11 +77,13 @@ class FingerController:
         drum: Drum = GEAR4,
         limits: Limits | None = None,
         handover: Handover | None = None,
+        cable: CableRule | None = None,
     ) -> None:
         self._path, self._rate, self._limits = path, positive("rate", rate, "hertz"), limits or Limits()
         self._handover = handover or Handover()
         self._near_speed = self._limits.near_speed(drum.mass)
         self._drum, self._braking = drum, BRAKING_SHARE * drum.acceleration
+        self._stretch = CableStretch(cable or CableRule(), self._limits.continuous_force)
         self.law = SurfaceLaw(rate, DRUM_DAMPING)
         self.frames = FrameTrust(path, self._limits)
         self.reset()
@@ -94,6 +99,7 @@ class FingerController:
         self._sample_ns: int | None = None
         self._finger = self._speed = math.nan
         self._leave_contact()
+        self._stretch.forget()
         self._release = Release(self._limits)
         self._budget = ForceBudget(self._limits)
 
@@ -130,13 +136,13 @@ class FingerController:
         if not 0 <= late_ns <= self._limits.watchdog_ns:
             return f"the servo was {1e-6 * late_ns:.1f} ms from its last sample"
         if not math.isfinite(seen.bend):
-            return "the potentiometer reads no bend"
+            return "the potentiometer gives no bend"
         if not LEAST_BEND <= seen.bend <= MOST_BEND:
             return (
                 f"the potentiometer reads a bend of {seen.bend:g}, expected {LEAST_BEND:g} to {MOST_BEND:g}"
             )
         if not math.isfinite(seen.drum_angle):
-            return "the encoder reads no drum angle"
+            return "the encoder gives no drum angle"
         least, most = self._path.drum_angles
         if not least - STRAY_ANGLE <= seen.drum_angle <= most + STRAY_ANGLE:
             return (
@@ -186,9 +192,10 @@ class FingerController:
 
     def _free_action(self, position: float, drum: float, cap: float) -> DrumAction:
         self._force = math.inf
+        self._stretch.forget()
         self._target = self._allowed(position)
         self._mark_late(drum, may_begin=self.state is DrumState.APPROACH)
-        if self._target >= drum or drum - self._finger > self._limits.near_gap:
+        if self._sent >= drum or drum - self._finger > self._limits.near_gap:
             cap = math.inf  # nothing is pressed there but the drum's own mass
         return self._at_position(drum, cap)
 
@@ -204,6 +211,7 @@ class FingerController:
             self.state = DrumState.RETRACTED
             return self._free_action(self._path.retracted, drum, cap)
         self._mark_late(drum, may_begin=self.state not in IN_CONTACT)
+        self._stretch.take(seen.pressing_force, elapsed, may_grow=self.trust is Trust.FRESH)
         force = self._force_wanted(seen, drum, elapsed)
         if self.trust is Trust.FRESH:
             self.state = DrumState.CONTACT_POSITION if math.isnan(force) else DrumState.CONTACT_FORCE
@@ -226,7 +234,7 @@ class FingerController:
         if reading is None or (self.trust is not Trust.FRESH and self._force == math.inf):
             return math.nan  # where it is uncertain no force begins
         if self._follows_law:
-            if drum < self._target - self._limits.late_gap:
+            if drum < self._sent - self._limits.late_gap:
                 # It came too near: what a surface serves that is not reached would not hold it.
                 return math.nan
             self._serves_force = True
@@ -281,6 +289,11 @@ class FingerController:
 
     # --- what is sent ---
 
+    @property
+    def _sent(self) -> float:
+        """The target, nearer by the stretch of the cable."""
+        return self._target - self._stretch.metres
+
     def _allowed(self, position: float) -> float:
         """The target that may be set: nearer to the finger only while a fresh frame is known."""
         if not math.isfinite(position):
@@ -297,7 +310,7 @@ class FingerController:
 
     def _at_position(self, drum: float, cap: float) -> DrumAction:
         speed = math.inf
-        if self._target < drum:
+        if self._sent < drum:
             speed = self._closing_cap(drum - self._finger)
             if self._is_late:
                 speed = min(speed, self._limits.late_speed)
@@ -325,8 +338,8 @@ class FingerController:
         return DrumAction(
             self.state,
             mode,
-            self._target,
-            self._path.drum_angle(self._target),
+            self._sent,
+            self._path.drum_angle(self._sent),
             force,
             speed,
             cap,

@@ -77,8 +77,14 @@ class Observation:
     contact: Any = None  # CONTACT, this finger's record of it; None: no frame yet
     force: float = math.nan  # N, between finger and drum; nan: not measured
     has_fault: bool = False  # of motor or current
+    motor_force: float = math.nan  # N, by which the motor presses on the finger; nan: not known
     sample_ns: int = field(kw_only=True)  # of the sample, on this machine's monotonic clock
     frame: FrameMark | None = field(default=None, kw_only=True)  # that the record is of; None: no frame yet
+
+    @property
+    def pressing_force(self) -> float:
+        """Force between finger and drum, N: as it is measured, else the motor's; nan: neither is known."""
+        return self.motor_force if math.isnan(self.force) else self.force
 
 
 @dataclass(frozen=True, slots=True)

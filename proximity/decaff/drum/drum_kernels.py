@@ -186,11 +186,14 @@ def demand_force(
     measured: float,
     limit: float,
 ) -> float:
-    """The force reference, slewed to *target*, with an integral of what is missing, and damping."""
+    """The force reference, slewed to *target*, with an integral of what is missing, and damping.
+
+    Of a force that is not measured nothing is known to be missing.
+    """
     most = slew * servo[SERVO_PERIOD]
     drive[DRIVE_FORCE_REFERENCE] += max(-most, min(most, target - drive[DRIVE_FORCE_REFERENCE]))
     demand = -drive[DRIVE_FORCE_REFERENCE] - drive[DRIVE_INTEGRATED] - servo[SERVO_FORCE_DAMPING] * speed
-    if abs(demand) <= limit:
+    if abs(demand) <= limit and measured == measured:
         drive[DRIVE_INTEGRATED] += (
             servo[SERVO_FORCE_GAIN] * (drive[DRIVE_FORCE_REFERENCE] - measured) * servo[SERVO_PERIOD]
         )
@@ -203,7 +206,7 @@ def serve(
 ) -> None:
     """One sample of the servo: apply what the last one computed, and compute the next.
 
-    *measured* is the force between link and drum, N; only force mode looks at it.
+    *measured* is the force between link and drum, N, or nan; only force mode looks at it.
     """
     reported = read_encoder(drum, drive[DRIVE_POSITION])
     speed = (reported - drive[DRIVE_LAST_POSITION]) / servo[SERVO_PERIOD]

@@ -164,7 +164,7 @@ class CalibratedGlove:
             first, last = self.calibration.counts[[0, -1]]
             raise DecaffError(
                 f"the potentiometer reads {counts:g}, expected {first:g} to {last:g} as when the glove was "
-                f"calibrated on {self.calibration.made:%Y-%m-%d}: calibrate anew"
+                f"calibrated on {self.calibration.made:%Y-%m-%d}: calibrate again"
             )
 
     def check_touches(self, counts: ArrayLike, drum_angles: ArrayLike) -> None:
@@ -192,7 +192,7 @@ class CalibratedGlove:
             if not abs(off) <= TOUCH_TOLERANCE:
                 raise DecaffError(
                     f"touch-off disagrees by {1e3 * off:.2f} mm at {count:g} counts and a drum angle of "
-                    f"{angle:.4f} rad, expected {1e3 * TOUCH_TOLERANCE:g} mm at most: calibrate anew"
+                    f"{angle:.4f} rad, expected {1e3 * TOUCH_TOLERANCE:g} mm at most: calibrate again"
                 )
 
     def touch_error(self, counts: ArrayLike, drum_angles: ArrayLike) -> np.ndarray:
@@ -241,7 +241,7 @@ def _check_table(glove: Glove, calibration: Calibration) -> None:
     if not off[row] <= most:
         raise DecaffError(
             f"the table has {counts[row]:g} counts at bend {bends[row]:g}, expected {designed[row]:.0f}, "
-            f"give or take {most:.0f}, by how this glove is designed"
+            f"give or take {most:.0f}, from the design of this glove"
         )
     steps, expected = np.diff(counts), np.diff(designed)
     uneven = np.flatnonzero((MOST_UNEVEN * steps < expected) | (steps > MOST_UNEVEN * expected))
@@ -249,5 +249,5 @@ def _check_table(glove: Glove, calibration: Calibration) -> None:
         row = int(uneven[0])
         raise DecaffError(
             f"counts go up by {steps[row]:g} from bend {bends[row]:g} to {bends[row + 1]:g}, expected about "
-            f"{expected[row]:.0f}, by how this glove is designed"
+            f"{expected[row]:.0f}, from the design of this glove"
         )

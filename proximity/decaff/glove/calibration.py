@@ -57,7 +57,7 @@ class Calibration:
 
     def __post_init__(self) -> None:
         if not isinstance(self.made, datetime) or self.made.tzinfo is None:
-            raise DecaffError(f"the date is {self.made}, expected one with its time zone")
+            raise DecaffError(f"the date is {self.made}, expected a date with a time zone")
         for name in ("counts", "bends"):
             object.__setattr__(self, name, _column(name, getattr(self, name)))
         if not (self.bends[0] == 0.0 and self.bends[-1] == 1.0):
@@ -134,12 +134,12 @@ def check_age(calibration: Calibration, *, most_days: float | None = None) -> No
     date = f"{calibration.made:%Y-%m-%d}"
     if age > most:
         raise DecaffError(
-            f"the calibration is of {date}, {age:.0f} days ago, expected {most:g} at most: calibrate anew"
+            f"the calibration is of {date}, {age:.0f} days ago, expected {most:g} at most: calibrate again"
         )
     if age < -SLACK_DAYS:
         raise DecaffError(
-            f"the calibration is of {date}, which is to come, expected a date that is past: set the clock or "
-            "calibrate anew"
+            f"the calibration is of {date}, which is in the future, expected a date in the past: "
+            "set the clock or calibrate again"
         )
 
 
@@ -186,9 +186,9 @@ def _read_document(path: Path) -> dict[str, Any]:
     except DecaffError:
         raise
     except (ValueError, RecursionError) as unfit:
-        raise DecaffError(f"is no JSON ({unfit})") from unfit
+        raise DecaffError(f"is not JSON ({unfit})") from unfit
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise DecaffError(f"is no calibration of a glove, expected a format of {FORMAT!r}")
+        raise DecaffError(f"is not a calibration of a glove, expected the format {FORMAT!r}")
     if document.get("version") != FILE_VERSION or isinstance(document["version"], bool):
         raise DecaffError(
             f"has version {document.get('version')!r}, expected {FILE_VERSION}: "
@@ -218,7 +218,7 @@ def _of_document(document: dict[str, Any]) -> Calibration:
         values["made"] = datetime.fromisoformat(values["made"])
     except (TypeError, ValueError):
         raise DecaffError(
-            f"the date is {values['made']!r}, expected one as 2026-11-21T19:30:00+00:00"
+            f"the date is {values['made']!r}, expected a date such as 2026-11-21T19:30:00+00:00"
         ) from None
     if not isinstance(values["phalanges"], list):
         raise DecaffError(f"phalanges are {values['phalanges']!r}, expected three numbers of metres")

@@ -73,7 +73,7 @@ def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> flo
     if not off <= TOUCH_TOLERANCE:
         raise DecaffError(
             f"the touches disagree by {1e3 * off:.2f} mm, expected {1e3 * TOUCH_TOLERANCE:g} mm at most: "
-            "touch off anew"
+            "repeat the touches"
         )
     return mean
 
@@ -129,7 +129,8 @@ def backlash(glove: Glove, closing_counts: float, opening_counts: float) -> floa
     travel = (opening_counts - closing_counts) / glove.potentiometer.gain * glove.cable.replica_pulley
     if travel < 0.0:
         raise DecaffError(
-            f"counts are {closing_counts:g} closing and {opening_counts:g} opening, expected no fewer opening"
+            f"counts are {closing_counts:g} closing and {opening_counts:g} opening, "
+            "expected at least as many opening"
         )
     return float(travel)
 
@@ -156,7 +157,8 @@ def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float
     is_usable = len(instants) == len(answer) >= 2
     if not (is_usable and np.isfinite(answer).all() and (np.diff(instants) > 0.0).all()):
         raise DecaffError(
-            "times and values of a step test do not fit, expected two or more, times increasing"
+            "times and values of a step test do not match, expected two or more of each, with "
+            "increasing times"
         )
     before = instants <= step_time
     rest = float(answer[before].mean()) if before.any() else np.nan
@@ -164,7 +166,9 @@ def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float
     share = (answer - rest) / change if change else np.full(len(answer), np.nan)
     begun = np.flatnonzero(share >= STEP_SHARE)
     if not len(begun) or before[begun[0]]:
-        raise DecaffError(f"no answer follows the step at {step_time:g} s, expected one that begins after it")
+        raise DecaffError(
+            f"no response follows the step at {step_time:g} s, expected one that begins after it"
+        )
     row = int(begun[0])
     passed = np.interp(STEP_SHARE, share[row - 1 : row + 1], instants[row - 1 : row + 1])
     return float(passed - step_time)

@@ -39,6 +39,9 @@ class FingerPath:
     drum_angles: tuple[float, float]
     """rad: the drum's angle at the flat hand, or a little beyond it, and where it is retracted."""
 
+    designed_retracted: float
+    """rad: the same angle by the design alone. Homing counts from there, before and after a calibration."""
+
     def __init__(self, glove: Glove | CalibratedGlove) -> None:
         angles = np.asarray(glove.drum_angle(BENDS), np.float64)
         flat = int(np.searchsorted(BENDS, 0.0))
@@ -48,13 +51,18 @@ class FingerPath:
         starts = np.flatnonzero(~rises[:flat])
         first = int(starts[-1]) + 1 if len(starts) else 0
         if last <= flat:
-            raise DecaffError("the drum turns back at the flat hand, expected one that follows the finger")
+            raise DecaffError(
+                "the drum moves backwards at the flat hand, expected a drum that follows the finger"
+            )
         bends = BENDS[first : last + 1]
         # Lists: for a single number NumPy takes ten times as long.
         self._bends, self._angles = bends.tolist(), angles[first : last + 1].tolist()
         self._positions = np.asarray(glove.finger.path_length(0.0, bends), np.float64).tolist()
         self.retracted = self._positions[-1]
         self.drum_angles = self._angles[0], self._angles[-1]
+        self.designed_retracted = self.drum_angles[1]
+        if isinstance(glove, CalibratedGlove):
+            self.designed_retracted = FingerPath(glove.glove).drum_angles[1]
 
     def tables(self) -> tuple[list[float], list[float], list[float]]:
         """Return the rows of the tables, each rising: bends, positions in m, the drum's angles in rad."""

@@ -51,5 +51,7 @@ def as_many(gloves: Sequence[G], count: int) -> list[G]:
         If there is another number of them.
     """
     if len(gloves) not in (1, count):
-        raise DecaffError(f"{len(gloves)} calibrations for {count} fingers, expected one for all or one each")
+        raise DecaffError(
+            f"{len(gloves)} calibrations for {count} fingers, expected one for all, or one for each"
+        )
     return list(gloves) * count if len(gloves) == 1 else list(gloves)

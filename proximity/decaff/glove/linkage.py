@@ -147,7 +147,7 @@ class Linkage:
         if is_back.any():
             raise DecaffError(
                 f"the linkage folds back at bend {CHECKED_BENDS[np.argmax(is_back)]:.3f}: expected an angle "
-                "that goes one way from flat hand to fist"
+                "that only grows or only shrinks from flat hand to fist"
             )
 
     def _offset(self, finger: Finger, bend: ArrayLike) -> np.ndarray:

@@ -14,6 +14,7 @@ from urllib.parse import parse_qsl, urlsplit
 from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.motors.motor_driver import MotorDriver
 from proximity.errors import MotorError
+from proximity.system.extras import installation
 
 DRIVERS = {
     "odrive-can": "proximity.decaff.motors.odrive_can",
@@ -39,7 +40,9 @@ class MotorAddress:
         place = (parts.netloc + parts.path) if parts.netloc else parts.path
         address = cls(text, parts.scheme, place, dict(parse_qsl(parts.query, keep_blank_values=True)))
         if address.scheme not in DRIVERS:
-            raise address.refuse(f"no motor is called {address.scheme!r} (expected {', '.join(DRIVERS)})")
+            raise address.refuse(
+                f"there is no kind of motor {address.scheme!r} (expected {', '.join(DRIVERS)})"
+            )
         if not place:
             raise address.refuse(
                 "it names no bus or port, as in odrive-can://can0 or simplefoc:///dev/ttyACM0"
@@ -73,9 +76,7 @@ class MotorAddress:
         """Refuse options that this motor does not have: one that is misspelt would be a limit that is not."""
         unknown = sorted(set(self.options) - self.asked)
         if unknown:
-            raise self.refuse(
-                f"no option is called {unknown[0]!r} (expected {', '.join(sorted(self.asked))})"
-            )
+            raise self.refuse(f"there is no option {unknown[0]!r} (expected {', '.join(sorted(self.asked))})")
 
     def refuse(self, reason: str) -> MotorError:
         """Return the error that says why this address cannot be used."""
@@ -128,4 +129,4 @@ def open_motor(text: str) -> tuple[MotorDriver, MotorSettings]:
     try:
         return opener(address, settings), settings
     except ModuleNotFoundError as missing:
-        raise address.refuse(f'needs {missing.name}: pip install "proximity[motor]"') from missing
+        raise address.refuse(f"needs {missing.name}: {installation('motor')}") from missing

@@ -32,6 +32,7 @@ START_TIME = 3.0  # s that a motor may take for its first answer: some boards st
 CONFIRM_TIME = 1.0  # s for a motor to say that it is on, and a fifth of that to say that it is off
 HOMING_SPEED, HOMING_SHARE = 0.4, 0.2  # rad/s of the drum, and share of the torque
 HOMING_PERIOD = 0.004  # s
+CLEAR_OF_STOP = 0.02  # rad that the retracted drum stays off it
 BACK_OFF, STOP_TOLERANCE = 0.1, 0.03  # rad off the stop, and by how much two touches of it may differ
 
 
@@ -53,7 +54,10 @@ class MotorDrum:
     def __init__(self, driver: MotorDriver, settings: MotorSettings, path: FingerPath) -> None:
         self._driver, self.settings, self._path = driver, settings, path
         self._scale = MotorScale(path, settings)
-        self._least, self._retracted = path.drum_angles
+        self._least, retracted = path.drum_angles
+        # Homing gives the stop its designed angle: from there a calibration measures where the drum touches.
+        self._stop = path.designed_retracted + settings.stop
+        self._retracted = min(retracted, self._stop - CLEAR_OF_STOP)
         self._time: float | None = None
         self._silence = self._behind = 0.0
         self._marked_angle = self._reference = 0.0
@@ -75,6 +79,11 @@ class MotorDrum:
     def torque(self) -> float:
         """Torque of the motor by its current, N m at its shaft; pressing on the finger is positive."""
         return -self.settings.direction * self.reading.torque
+
+    @property
+    def drum_torque(self) -> float:
+        """Torque at the drum by the motor's current, N m, positive away from the finger."""
+        return self.settings.direction * self.settings.ratio * self.reading.torque
 
     @property
     def force(self) -> float:
@@ -120,6 +129,19 @@ class MotorDrum:
             self.look()
             self._pause(pause or _slept)
 
+    def refresh(self, pause: Callable[[float], bool] | None = None) -> None:
+        """Wait for an answer to a question that is asked from now on.
+
+        Parameters
+        ----------
+        pause : callable
+            Waits for a time, s, and returns whether to give up.
+        """
+        answers = self.reading.answers + 1  # the next may be on its way already
+        while self.reading.answers <= answers:
+            self.look()
+            self._pause(pause or _slept)
+
     def home(self, pause: Callable[[float], bool] | None = None) -> None:
         """Switch the motor on, and find the mechanical stop that lies beyond the retracted drum, twice.
 
@@ -129,7 +151,10 @@ class MotorDrum:
             Waits for a time, s, and returns whether to give up.
         """
         pause = pause or _slept
-        self._switch_on(pause)
+        self.await_answer(pause)
+        self._scale.set_home(self.reading.turns, 0.0)
+        self._reference = 0.0
+        self._switch_on(MotorCommand(turns=self.reading.turns), pause)
         cap = HOMING_SHARE * self.settings.torque
         first = self._touched_stop(cap, pause)
         self._travel(first - BACK_OFF, cap, pause)
@@ -156,7 +181,7 @@ class MotorDrum:
             Since the last action.
         """
         if not (self.is_homed and self._is_on):
-            raise self.failed("the motor was to move before it was homed")
+            raise self.failed("a motion was commanded before the motor was homed")
         self.look()
         if action.mode is DriveMode.OFF:
             raise self.failed("the controller reports a fault")
@@ -172,6 +197,48 @@ class MotorDrum:
         if action.state in IN_CONTACT:
             self._behind = 0.0  # a finger may hold it
         self._check_stall(seconds, action.state)
+
+    def resume(self, pause: Callable[[float], bool] | None = None) -> None:
+        """Switch a homed motor on again, without a torque; it may have been turned by hand meanwhile.
+
+        Parameters
+        ----------
+        pause : callable
+            Waits for a time, s, and returns whether to give up.
+        """
+        if not self.is_homed:
+            raise self.failed("the motor was to move before it was homed")
+        self.refresh(pause)
+        self._switch_on(MotorCommand(DriveMode.FORCE, torque_cap=self.settings.torque), pause or _slept)
+
+    def rest(self, pause: Callable[[float], bool] | None = None) -> None:
+        """Take the power off until `resume`, and wait until the motor confirms it.
+
+        Parameters
+        ----------
+        pause : callable
+            Waits for a time, s, and returns whether to give up.
+        """
+        self.switch_off(is_emergency=False)
+        self._confirm("off", pause or _slept)
+
+    def push(self, torque: float) -> float:
+        """Give the drum a torque, N m, positive away from the finger; return it, within the motor's limit.
+
+        Parameters
+        ----------
+        torque : float, N m
+            At the drum.
+        """
+        if not (self.is_homed and self._is_on):
+            raise self.failed("the motor was to move before it was homed")
+        self.look()
+        settings = self.settings
+        most = settings.torque * settings.ratio
+        given = max(-most, min(torque, most))
+        shaft = settings.direction * given / settings.ratio
+        self._send(MotorCommand(DriveMode.FORCE, 0.0, shaft, settings.torque))
+        return given
 
     def hold(self) -> None:
         """Keep the motor where it was sent last, while there is no controller yet."""
@@ -217,10 +284,6 @@ class MotorDrum:
         self._driver.close()
         return "" if is_off else f"{self.settings.name}: the motor did not confirm that it is off"
 
-    @property
-    def _stop(self) -> float:
-        return self._retracted + self.settings.stop
-
     def _elapsed(self) -> float:
         now, before = time.monotonic(), self._time
         self._time = now
@@ -251,22 +314,23 @@ class MotorDrum:
         if state not in IN_CONTACT and self._is_stalled(seconds):
             raise self.failed(f"the shaft does not turn (drum at {self.angle:.2f} rad, {state.value})")
 
-    def _switch_on(self, pause: Callable[[float], bool]) -> None:
-        self.await_answer(pause)
-        self._scale.set_home(self.reading.turns, 0.0)
-        self._reference = 0.0
-        self._command = MotorCommand(turns=self.reading.turns)
+    def _switch_on(self, command: MotorCommand, pause: Callable[[float], bool]) -> None:
+        self._command = command
         try:
             self._driver.switch_on(self._command)
         except MotorError as failure:
             raise self.failed(str(failure)) from failure
+        self._confirm("on", pause)
+        self._is_on = True
+
+    def _confirm(self, state: str, pause: Callable[[float], bool]) -> None:
+        """Wait until the motor says that it is on, or off."""
         ends = time.monotonic() + CONFIRM_TIME
-        while not self.reading.is_on:
+        while self.reading.is_on != (state == "on"):
             if time.monotonic() > ends:
-                raise self.failed("the motor does not say that it is on")
+                raise self.failed(f"the motor does not report that it is {state}")
             self._pause(pause)
             self.look()
-        self._is_on = True
 
     def _pause(self, pause: Callable[[float], bool]) -> None:
         if pause(HOMING_PERIOD):

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import (
     IN_CONTACT,
@@ -143,6 +144,8 @@ class DrumBench:
         Of every controller.
     motors : sequence of MotorDrum
         Of the first fingers, homed; the others are simulated.
+    cable : CableRule
+        Of every controller, and of the simulated drums.
 
     Raises
     ------
@@ -160,8 +163,10 @@ class DrumBench:
         gloves: Sequence[Glove | CalibratedGlove] | None = None,
         limits: Limits | None = None,
         motors: Sequence[MotorDrum] = (),
+        cable: CableRule | None = None,
     ) -> None:
         self._rate, self._limits, self._motors = rate, limits, motors
+        self._cable = cable or CableRule()
         self._paths = [FingerPath(glove) for glove in gloves or [Glove()]]
         self._sample_ns: int | None = None
         self._announced: set[str] = set()  # matters
@@ -202,7 +207,7 @@ class DrumBench:
 
     def warm_up(self) -> None:
         """Compile what a step needs, on a finger that is thrown away."""
-        finger = self._finger(self._paths[0], DrumPlant(self._paths[0], GEAR4))
+        finger = self._finger(self._paths[0], self._plant(self._paths[0]))
         nothing = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT))
         finger.step(nothing, 0, 0.0, None, None)
         finger.step(nothing, 1_000_000, 1e-3, None, None)
@@ -223,12 +228,13 @@ class DrumBench:
         silent = silent[len(bendless) :]
         if self._motors and self._is_stale and "stale" not in self._announced:
             self._announced.add("stale")
-            reported.append("no frame is young enough to be trusted: the drums let go and draw back")
+            reported.append("all frames are too old to be used: the drums release and retract")
         if silent and "bends" not in self._announced:
             self._announced.add("bends")
             reported.append(
-                f"no bend is reported of finger {', '.join(map(str, silent))}: shown as if bent straight "
-                "into what is nearest; a real drum stays retracted without a bend, which comes from a "
+                f"no bend is reported of finger {', '.join(map(str, silent))}: shown as if it bent "
+                "straight towards the nearest surface; a real drum stays retracted without a bend, "
+                "which comes from a "
                 "path or a glove"
             )
         for i, finger in enumerate(self.fingers):
@@ -243,13 +249,13 @@ class DrumBench:
             self._announced.add(matter)
             if shown < (1.0 - SOFTER) * surface.stiffness:
                 reported.append(
-                    f"the part before finger {i} has {matter}, beyond what this drum can display at "
-                    f"{self._rate:g} Hz without feeding energy: it feels as {shown:.0f} N/m"
+                    f"the part before finger {i} has {matter}, more than this drum can render at "
+                    f"{self._rate:g} Hz without adding energy: it is rendered as {shown:.0f} N/m"
                 )
             if law.lacking(*asked) > 0.0:
                 reported.append(
                     f"at {shown:.0f} N/m the drum itself lacks {law.lacking(*asked):.2g} N s/m of damping "
-                    "to be passive whatever leans on it: it counts on the damping of a fingertip"
+                    "to be passive on its own: it relies on the damping of a fingertip"
                 )
         return reported
 
@@ -258,8 +264,12 @@ class DrumBench:
             raise MotorError(f"{len(self._motors)} motors are given, but the service has {count} fingers")
         paths = as_many(self._paths, count)
         plants: list[DrumPlant | MotorDrum] = [*self._motors]
-        plants += [DrumPlant(path, GEAR4) for path in paths[len(plants) :]]
+        plants += [self._plant(path) for path in paths[len(plants) :]]
         return [self._finger(path, plant) for path, plant in zip(paths, plants, strict=True)]
 
     def _finger(self, path: FingerPath, plant: DrumPlant | MotorDrum) -> FingerBench:
-        return FingerBench(path, FingerController(path, self._rate, GEAR4, self._limits), plant)
+        controller = FingerController(path, self._rate, GEAR4, self._limits, cable=self._cable)
+        return FingerBench(path, controller, plant)
+
+    def _plant(self, path: FingerPath) -> DrumPlant:
+        return DrumPlant(path, GEAR4, self._cable.stiffness)

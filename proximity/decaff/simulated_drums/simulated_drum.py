@@ -3,6 +3,8 @@
 Forces and masses are those of the drum's rim, taken as at the fingertip, as the closed loop has it.
 """
 
+import math
+
 import numpy as np
 
 from proximity.decaff.controller.controller_states import DrumAction, commanded
@@ -24,19 +26,21 @@ class DrumPlant:
         Of the finger.
     drum : Drum
         What is driven.
+    cable : float, N/m
+        Stiffness of the cable at the fingertip; inf: it does not stretch.
     """
 
     drum: Drum
     force: float  # N, on the finger
     link: float  # m, of the replica's link: where the finger is, or where the drum stops it
 
-    def __init__(self, path: FingerPath, drum: Drum = GEAR4) -> None:
+    def __init__(self, path: FingerPath, drum: Drum = GEAR4, cable: float = math.inf) -> None:
         servo = servo_for(drum, SERVO_RATE)
         self._path, self._period = path, servo.period
         self.drum = drum
         self._drum, self._servo = drum.as_array(), servo.as_array()
         self._steps = steps_a_sample(SERVO_RATE)
-        self._stiffness = PAD_STIFFNESS
+        self._stiffness = 1.0 / (1.0 / PAD_STIFFNESS + 1.0 / cable)
         self._drive = np.zeros(drum_kernels.DRIVE_SIZE)
         self._command = np.zeros(drum_kernels.COMMAND_SIZE)
         self._left = 0.0

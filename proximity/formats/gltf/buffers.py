@@ -64,7 +64,7 @@ def entries(holder: dict[str, Any], key: str) -> list[Any]:
     """
     values = holder.get(key) or []
     if not isinstance(values, list):
-        raise MeshFormatError(f"its JSON has {key} that are no list")
+        raise MeshFormatError(f"its JSON has {key} that are not a list")
     return values
 
 
@@ -156,14 +156,14 @@ def parse_document(header: bytes, path: str, binary: bytes | None) -> Document:
     Raises
     ------
     MeshFormatError
-        If it is no JSON or no glTF 2, or a buffer is missing or short.
+        If it is not JSON or no glTF 2, or a buffer is missing or short.
     """
     try:
         tree = json.loads(header.decode("utf-8-sig"))
     except (ValueError, RecursionError) as reason:
         raise MeshFormatError(f"its JSON cannot be read ({' '.join(str(reason).split())[:120]})") from reason
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
-        raise MeshFormatError("its JSON has no asset: it is no glTF")
+        raise MeshFormatError("its JSON has no asset: it is not a glTF file")
     version = str(tree["asset"].get("version", ""))
     if version.split(".")[0] != "2":
         raise MeshFormatError(f"it is glTF version {text_rows.shortened(version)}, expected 2.0")
@@ -193,7 +193,7 @@ def _buffer_bytes(uri: Any, k: int, path: str, binary: bytes | None, length: int
         try:
             return base64.b64decode(uri.partition("base64,")[2], validate=True)
         except (binascii.Error, ValueError) as reason:
-            raise MeshFormatError(f"buffer {k} inside the file is no base64 text ({reason})") from reason
+            raise MeshFormatError(f"buffer {k} inside the file is not base64 text ({reason})") from reason
     return _read_beside(uri, f"buffer {k} is the file {text_rows.shortened(uri, 80)}", path, length)
 
 
@@ -244,7 +244,8 @@ def check_accessor(
     name = f"accessor {index} ({place})"
     if kind == accessor.get("type") == "VEC3" and accessor.get("componentType") in _QUANTISED:
         raise MeshFormatError(
-            f"{name} has quantised positions (KHR_mesh_quantization), which are not read; export it without"
+            f"{name} has quantised positions (KHR_mesh_quantization), which are not supported; export it "
+            "without"
         )
     if accessor.get("type") != kind or accessor.get("componentType") not in component_types:
         raise MeshFormatError(

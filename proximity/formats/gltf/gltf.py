@@ -86,7 +86,9 @@ def _check_extensions(document: Document) -> None:
     named = [name for key in _EXTENSION_LISTS for name in buffers.entries(document.json, key)]
     lost = [name for name in _LOST_EXTENSIONS if name in named]
     if lost:
-        raise MeshFormatError(f"its geometry is stored by {lost[0]}, which is not read; export it without")
+        raise MeshFormatError(
+            f"its geometry is stored by {lost[0]}, which is not supported; export it without"
+        )
     for name in map(str, buffers.entries(document.json, "extensionsRequired")):
         if not _LOOKS.search(name):
             raise MeshFormatError(
@@ -106,7 +108,7 @@ def _primitives(document: Document, mesh: int, notes: list[str]) -> list[dict[st
             raise MeshFormatError(f"{place} has no attributes")
         mode = integer(primitive.get("mode", _TRIANGLES), f"the mode of {place}")
         if mode < _TRIANGLES:
-            note = "points and lines were left out, they bound nothing"
+            note = "points and lines were ignored: they enclose nothing"
             notes += [] if note in notes else [note]
             continue
         if mode not in (_TRIANGLES, _TRIANGLE_STRIP):
@@ -126,12 +128,12 @@ def _checked_primitive(
         reduced["indices"] = integer(primitive["indices"], f"the indices of {place}")
         corner_count = buffers.check_accessor(document, reduced["indices"], place, "SCALAR", _INDEX_TYPES)
     if mode == _TRIANGLES and corner_count % 3:
-        raise MeshFormatError(f"{place} has {corner_count} corners, which is no multiple of 3")
+        raise MeshFormatError(f"{place} has {corner_count} corners, which is not a multiple of 3")
     if mode == _TRIANGLE_STRIP and corner_count < 3:
         raise MeshFormatError(f"{place} is a strip of {corner_count} corners, expected at least 3")
     extensions = primitive.get("extensions") or {}
     if not isinstance(extensions, dict):
-        raise MeshFormatError(f"{place} has extensions that are no object of JSON")
+        raise MeshFormatError(f"{place} has extensions that are not a JSON object")
     face_ids = extensions.get("TM_brep_faces")
     if isinstance(face_ids, dict) and "faceIndices" in face_ids:
         index = integer(face_ids["faceIndices"], f"the CAD faces of {place}")

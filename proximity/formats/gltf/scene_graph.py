@@ -49,7 +49,7 @@ def walk(document: Document, *, named_after_meshes: bool = False) -> list[Node]:
     while waiting:
         index, world_from_parent = waiting.pop()
         if index in seen:
-            raise MeshFormatError(f"node {index} hangs in the scene twice, expected a tree")
+            raise MeshFormatError(f"node {index} occurs in the scene twice, expected a tree")
         seen.add(index)
         entry = document.entry("nodes", index)
         nodes.append(_node(document, entry, index, world_from_parent, named_after_meshes))

@@ -57,7 +57,7 @@ def read_header(data: bytes) -> Header:
     """
     last_line = _END.search(data)
     if last_line is None:
-        raise MeshFormatError("its header has no line end_header: it is cut off, or no PLY file")
+        raise MeshFormatError("its header has no line end_header: it is cut off, or not a PLY file")
     end, data_start = last_line.start(1), last_line.end()
     lines = data[:end].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if lines[0].strip().lower() != "ply":

@@ -62,7 +62,7 @@ def count_bodies(text: str) -> int:
     for use, (assembly, part) in records.uses.items():
         # A part without any shape, as in lists of material, need not be placed.
         if part in shapes and use not in placed:
-            raise MeshFormatError(f"{_USE} {use} has no {_PLACEMENT}: a part of the assembly has no place")
+            raise MeshFormatError(f"{_USE} {use} has no {_PLACEMENT}: a part of the assembly has no position")
         for product in (assembly, part):
             if use in placed and product not in shapes:
                 raise MeshFormatError(

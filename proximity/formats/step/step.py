@@ -91,7 +91,8 @@ def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> 
             f"its assemblies hold {body_count} parts, but OpenCASCADE could read {len(raw.meshes)} only"
         )
     raw.notes.append(
-        f"curved faces are met within {tolerance * 1e3:g} mm by flat triangles: distances are exact to these"
+        f"curved faces are approximated within {tolerance * 1e3:g} mm by flat triangles: distances "
+        "are exact to the triangles"
     )
     raw.units = ", ".join(units) or None
     raw.metres_per_number = 1.0 if units else undeclared_metres / _ASSUMED_METRES

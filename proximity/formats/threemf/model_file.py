@@ -72,12 +72,12 @@ class ModelParser:
         Raises
         ------
         MeshFormatError
-            If it is no XML, or says what is not understood.
+            If it is not XML, or says what is not understood.
         """
         try:
             self._expat.Parse(data, is_last)
         except expat.ExpatError as reason:
-            raise MeshFormatError(f"{_shown(self._file)} is no XML ({reason})") from reason
+            raise MeshFormatError(f"{_shown(self._file)} is not XML ({reason})") from reason
         if is_last and self.unit is None:
             raise MeshFormatError("its model file has no element model")
 
@@ -123,7 +123,7 @@ class ModelParser:
         if name == "object":
             own_id = attributes["id"]
             if own_id in self.objects:
-                raise MeshFormatError(f"object {_shown(own_id)} of {_shown(self._file)} is there twice")
+                raise MeshFormatError(f"object {_shown(own_id)} of {_shown(self._file)} occurs twice")
             self._current = self.objects[own_id] = Object(attributes.get("name", "").strip() or own_id)
         elif name == "item":
             self._current = None

@@ -55,7 +55,7 @@ def read_3mf(source: Source, unpacked_limit: float = UNPACKED_LIMIT) -> RawFile:
         if len(arrays[target][1])
     ]
     unplaced = sum(1 for key, held in objects.items() if held.has_mesh and key not in arrays)
-    notes = [f"{unplaced} of its objects are not placed by the build and were left out"] if unplaced else []
+    notes = [f"{unplaced} of its objects are not part of the build and were ignored"] if unplaced else []
     return RawFile("3MF", meshes, units=unit, notes=notes)
 
 
@@ -66,7 +66,7 @@ def _read_models(data: bytes, unpacked_limit: float) -> dict[str, ModelParser]:
             entries = [entry for entry in archive.infolist() if entry.filename.lower().endswith(".model")]
             entries.sort(key=lambda entry: not entry.filename.lower().endswith("3d/3dmodel.model"))
             if not entries or not entries[0].filename.lower().endswith("3d/3dmodel.model"):
-                raise MeshFormatError("the archive has no file 3D/3dmodel.model: it is no 3MF")
+                raise MeshFormatError("the archive has no file 3D/3dmodel.model: it is not a 3MF file")
             if len({entry.filename for entry in entries}) < len(entries):
                 raise MeshFormatError("its archive holds two model files of one name, expected each once")
             # The archive gives no more bytes than it declares.
@@ -128,7 +128,7 @@ def _check_references(objects: dict[_Id, Object], items: list[Reference]) -> Non
             raise MeshFormatError(f"{kind} refers to object {shown}, which is not there")
         if not (target.has_mesh or target.components):
             raise MeshFormatError(
-                f"object {shown} has no mesh and no components: what it is made of is not read"
+                f"object {shown} has no mesh and no components: its content is not supported"
             )
 
 

@@ -92,7 +92,7 @@ def write_sources(
         target.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as failure:
         reason = getattr(failure, "strerror", None) or failure
-        raise ProximityError(f"{folder}: is no folder and cannot be made one ({reason})") from failure
+        raise ProximityError(f"{folder}: is not a folder and cannot be created ({reason})") from failure
     written = {}
     for name, text in texts.items():
         path = target / name

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import QueryError
+from proximity.system.extras import installation
 
 MAP = "RdBu"
 TICKS = 9
@@ -66,7 +67,6 @@ def load_matplotlib() -> Any:
         import matplotlib.ticker
     except ImportError as missing:
         raise QueryError(
-            f"pictures need matplotlib, which cannot be imported ({missing}): "
-            'pip install "proximity[picture]"'
+            f"pictures need matplotlib, which cannot be imported ({missing}): {installation('picture')}"
         ) from missing
     return matplotlib

@@ -12,6 +12,7 @@ import numpy as np
 
 from proximity.errors import QueryError
 from proximity.scene.picture.camera import Camera
+from proximity.system.extras import installation
 
 SHARP_EDGE = 25.0  # degrees between faces: an edge is drawn, and the surface is not shaded across it
 EDGE_COLOR = (0.13, 0.18, 0.24)
@@ -58,7 +59,7 @@ def load_vtk() -> Any:
             names |= vars(import_module(f"vtkmodules.{name}"))
     except ImportError as missing:
         raise QueryError(
-            f'pictures need VTK, which cannot be imported ({missing}): pip install "proximity[picture]"'
+            f"pictures need VTK, which cannot be imported ({missing}): {installation('picture')}"
         ) from missing
     names["vtkLogger"].SetStderrVerbosity(names["vtkLogger"].VERBOSITY_OFF)
     return type("Vtk", (), {name: value for name, value in names.items() if not name.startswith("__")})

@@ -64,9 +64,9 @@ class LineQueries(HasSnapshot):
         Parameters
         ----------
         origins : (..., 3) float64, m
-            Where rays start. Shapes broadcast against *directions*.
+            Starting points of the rays. Shapes broadcast against *directions*.
         directions : (..., 3) float64
-            Where they go; any length but zero.
+            Directions of the rays; any length except zero.
         max_distance : float or (...) float64, m
             Look no farther along a ray than this; an array broadcasts against the leading shape of the rays.
         workers : int
@@ -75,21 +75,22 @@ class LineQueries(HasSnapshot):
         Returns
         -------
         RayHits
-            Arrays of the broadcast leading shape. A row that is not finite, or starts farther off than 1e100
+            Arrays of the broadcast leading shape. A row that is not finite, or starts farther away than
+            1e100
             part sizes, answers nan and `NO_FACE`.
 
         Raises
         ------
         QueryError
             If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
-            *workers* is no number of threads.
+            *workers* is not a number of threads.
 
         Notes
         -----
         On the surface: a ray that starts there hits at distance 0.
         Ties: the lowest part; within a part any of the faces, the same on every run.
-        Degenerate: through an edge or corner of a closed surface a ray never slips; a face seen edge on is
-        not hit.
+        Degenerate: a ray never passes through an edge or corner of a closed surface. A face that is
+        parallel to the ray is not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
         record = RayHits()
@@ -104,14 +105,14 @@ class LineQueries(HasSnapshot):
         max_distance: npt.ArrayLike = inf,
         workers: int = 1,
     ) -> Reals:
-        """Return how far rays go until they hit something, m: the distances of `cast`, and faster.
+        """Return the distances of `cast`, m, faster than `cast`.
 
         Parameters
         ----------
         origins : (..., 3) float64, m
-            Where rays start. Shapes broadcast against *directions*.
+            Starting points of the rays. Shapes broadcast against *directions*.
         directions : (..., 3) float64
-            Where they go; any length but zero.
+            Directions of the rays; any length except zero.
         max_distance : float or (...) float64, m
             Look no farther along a ray than this; an array broadcasts against the leading shape of the rays.
         workers : int
@@ -121,13 +122,13 @@ class LineQueries(HasSnapshot):
         -------
         (...) float64, m
             Of the broadcast leading shape; inf where nothing is hit, nan in a row that is not finite, or
-            starts farther off than 1e100 part sizes.
+            starts farther away than 1e100 part sizes.
 
         Raises
         ------
         QueryError
             If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
-            *workers* is no number of threads.
+            *workers* is not a number of threads.
         """
         return _cast_distance(self.snapshot(), origins, directions, max_distance, workers)
 
@@ -159,8 +160,8 @@ class LineQueries(HasSnapshot):
         Raises
         ------
         QueryError
-            If shapes or types do not fit, *max_distance* is negative or nan, or *workers* is no number of
-            threads.
+            If shapes or types do not fit, *max_distance* is negative or nan, or *workers* is not a number
+            of threads.
 
         Notes
         -----

@@ -49,12 +49,12 @@ class PointQueries(HasSnapshot):
         Parameters
         ----------
         points : (..., 3) float64, m
-            Where to measure from. A row that is not finite, or farther than 1e100 part sizes, answers nan and
-            `NO_FACE`; the others go on.
+            Points to measure from. A point that is not finite, or farther away than 1e100 part sizes, is
+            answered with nan and `NO_FACE`; the others are answered as usual.
         max_distance : float or (...) float64, m
             Search no farther than this. An array broadcasts against the leading shape of *points*, which
-            then is that of both. It changes the cost, never an answer within it; what is deeper
-            inside than this has none.
+            then is that of both. It changes the cost, never an answer within it. Points deeper inside than
+            this have no answer.
         workers : int
             Threads; -1 for all cores. The answers are the same, bit for bit.
 
@@ -67,7 +67,7 @@ class PointQueries(HasSnapshot):
         ------
         QueryError
             If *points* are not numbers of shape (..., 3), *max_distance* is negative or nan or does not
-            broadcast, or *workers* is no number of threads.
+            broadcast, or *workers* is not a number of threads.
 
         Notes
         -----
@@ -79,7 +79,7 @@ class PointQueries(HasSnapshot):
         normals of faces back to back cancel, there is no direction out: the gradient is 0.
         Cost: about O(log F) on the surface, O(√F) near one that is finely meshed, towards O(F) at centres of
         symmetry.
-        Thread: any number of threads may ask; the interpreter lock is released.
+        Thread: any number of threads may query; the interpreter lock is released.
         Source: Bærentzen & Aanæs 2005; Barill et al. 2018; see `kernels`.
         """
         record = ClosestPoints()
@@ -92,7 +92,7 @@ class PointQueries(HasSnapshot):
         Parameters
         ----------
         points : (..., 3) float64, m
-            Where to measure from. A row that is not finite answers nan.
+            Points to measure from. A point that is not finite is answered with nan.
         workers : int
             Threads; -1 for all cores.
 
@@ -103,7 +103,7 @@ class PointQueries(HasSnapshot):
         Raises
         ------
         QueryError
-            If *points* are not numbers of shape (..., 3), or *workers* is no number of threads.
+            If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
         """
         return _signed_distance(self.snapshot(), points, inf, workers)
 
@@ -113,7 +113,7 @@ class PointQueries(HasSnapshot):
         Parameters
         ----------
         points : (..., 3) float64, m
-            Where to measure from. A row that is not finite answers nan.
+            Points to measure from. A point that is not finite is answered with nan.
         workers : int
             Threads; -1 for all cores.
 
@@ -124,7 +124,7 @@ class PointQueries(HasSnapshot):
         Raises
         ------
         QueryError
-            If *points* are not numbers of shape (..., 3), or *workers* is no number of threads.
+            If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
         """
         return _distance(self.snapshot(), points, inf, workers)
 
@@ -134,7 +134,7 @@ class PointQueries(HasSnapshot):
         Parameters
         ----------
         points : (..., 3) float64, m
-            Where to look. A row that is not finite is not inside.
+            Points to test. A point that is not finite is not inside.
         workers : int
             Threads; -1 for all cores.
 
@@ -146,8 +146,8 @@ class PointQueries(HasSnapshot):
         Raises
         ------
         QueryError
-            If *points* are not numbers of shape (..., 3), or *workers* is no number of threads.
+            If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
         NotWatertightError
-            If nothing here has an inside.
+            If no part has an inside.
         """
         return _contains(self.snapshot(), points, inf, workers)

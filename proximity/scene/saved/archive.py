@@ -186,7 +186,7 @@ def _checked_header(whole: np.ndarray) -> int:
     if len(whole) < file_bytes:
         raise MeshFormatError(f"it is cut off after {len(whole)} of {file_bytes} bytes; {_AGAIN}")
     if len(whole) > file_bytes:
-        raise MeshFormatError(f"there are {len(whole) - file_bytes} bytes behind its end; {_AGAIN}")
+        raise MeshFormatError(f"there are {len(whole) - file_bytes} bytes after its end; {_AGAIN}")
     if text_checksum != zlib.crc32(whole[HEADER.size : HEADER.size + text_bytes].data):
         raise MeshFormatError(f"it is damaged: the checksum of its description differs; {_AGAIN}")
     return int(text_bytes)
@@ -196,7 +196,7 @@ def _check_layout(written: dict[str, int], expected: dict[str, int]) -> None:
     for name in sorted({*written, *expected}):
         if written.get(name) != expected.get(name):
             raise MeshFormatError(
-                "it was saved by another version, which lays out trees in another way "
+                "it was saved by another version, with another layout of trees "
                 f"({name} is {written.get(name)}, expected {expected.get(name)}); {_AGAIN}"
             )
 

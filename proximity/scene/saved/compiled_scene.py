@@ -112,7 +112,7 @@ def read_scene(path: Any) -> CompiledScene:
         return _scene(contents.metadata, contents.arrays)
     except _CONTRADICTIONS as reason:  # its checksums are right, but not what it says
         raise MeshFormatError(
-            f"{path}: its contents do not hold together ({reason}); save the scene again with this version"
+            f"{path}: its contents are inconsistent ({reason}); save the scene again with this version"
         ) from reason
 
 

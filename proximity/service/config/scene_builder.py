@@ -192,7 +192,7 @@ def place_recording(settings: SceneFile, recording: Recording, scene: Scene) -> 
     """
     entry = settings.input.recording
     if entry is None:
-        raise ServiceError(f"{settings.path}: the input is no recording")
+        raise ServiceError(f"{settings.path}: the input is not a recording")
     try:
         rotation = turn_about_axes(entry.turn_degrees)
         pose = Pose(rotation, entry.position)

@@ -132,7 +132,7 @@ class _Reader:
         named = table.texts("publish", default.publish, meaning="an address such as iox2://decaff")
         publish = tuple(self._checked_address(table, "publish", address) for address in named)
         if len(set(publish)) < len(publish):
-            table.complain("publish", "has an address twice, expected addresses that differ")
+            table.complain("publish", "has an address twice, expected different addresses")
         return ServiceSettings(
             rate_hz=table.number("rate_hz", default.rate_hz, RATE_RANGE),
             latency=table.number("latency", default.latency, LATENCY_RANGE),
@@ -149,7 +149,7 @@ class _Reader:
         names = table.texts("names", None, meaning="what a finger is called")
         count = table.whole("count", None if names is None else len(names), COUNT_RANGE)
         if names is not None and len(names) != count:
-            table.complain("names", f"has {len(names)} names, expected {count}, as fingers.count says")
+            table.complain("names", f"has {len(names)} names, expected {count}, the number in fingers.count")
         for key in TRACKER_KEYS:
             if self._is_measured and table.has(key):
                 table.complain(key, WITHOUT_GEOMETRY)
@@ -210,13 +210,13 @@ class _Reader:
             self._document.complain(("input",), f"[input] has no source, expected {_either(SOURCES)}")
         for more in declared[1:]:
             table.complain(
-                more, f"stands beside input.{declared[0]}, expected only one of {_either(SOURCES)}"
+                more, f"is given together with input.{declared[0]}, expected only one of {_either(SOURCES)}"
             )
         for key in RECORDING_KEYS:
             if key in PLACE_KEYS and "openxr" in declared:
                 continue
             if table.has(key) and "recording" not in declared:
-                table.complain(key, "is of a recording, and there is no input.recording")
+                table.complain(key, "requires input.recording")
         return InputSettings(
             recording=self._recording(table) if table.has("recording") else None,
             openxr=self._openxr(table) if table.has("openxr") else None,
@@ -274,7 +274,7 @@ class _Reader:
     def _recording(self, table: Table) -> RecordingEntry:
         is_fitted = table.truth("fit", False)
         if is_fitted and table.has("position"):
-            table.complain("position", "stands beside fit = true, expected only one of them")
+            table.complain("position", "is given together with fit = true, expected only one of them")
         return RecordingEntry(
             file=self._file(table, "recording", "a recording"),
             repeat=table.truth("repeat", False),
@@ -313,7 +313,7 @@ class _Reader:
         """Folders that are there."""
         named = table.texts(key, (), meaning="a folder of parts that messages may add")
         if named and not table.has("changes"):
-            table.complain(key, "is of messages that add parts, and there is no input.changes")
+            table.complain(key, "requires input.changes")
         folders = tuple(str(self._from_here(each)) for each in named)
         for each, folder in zip(named, folders, strict=True):
             if not os.path.isdir(folder):
@@ -359,13 +359,11 @@ def _check_together(settings: SceneFile) -> None:
     for key in ("poses", "sensor", "moves", "changes"):
         address = getattr(inputs, key)
         if address is not None and address in settings.service.publish:
-            complain(("input", key), f"input.{key} is {address}, where frames are published")
+            complain(("input", key), f"input.{key} is {address}, which is also in service.publish")
     if settings.web.feed and inputs.poses is None and inputs.moves is None:
-        complain(
-            ("web", "feed"), "web.feed is true, and there is neither input.poses nor input.moves to feed"
-        )
+        complain(("web", "feed"), "web.feed is true, which requires input.poses or input.moves")
     if settings.glove is not None and inputs.poses is None:
-        complain(("glove",), "[glove] is of a hand whose poses come in, and there is no input.poses")
+        complain(("glove",), "[glove] requires input.poses")
     for key, other in (("moves", "poses"), ("changes", "poses"), ("changes", "moves")):
         if getattr(inputs, key) is not None and getattr(inputs, key) == getattr(inputs, other):
             complain(("input", key), f"input.{key} is input.{other}, expected another address")

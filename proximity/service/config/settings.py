@@ -21,8 +21,8 @@ class ServiceSettings:
     valid_for: float = 0.020  # s, from a pose on
     publish: tuple[str, ...] = ("iox2://decaff",)
     log: str | None = None  # file of all frames
-    real_time: bool = True
-    core: int | None = None  # None: the service chooses
+    real_time: bool = False  # whether the system is asked for priority, locked memory and a core
+    core: int | None = None  # with real_time; None: the service chooses
 
     @property
     def period(self) -> float:

@@ -185,6 +185,6 @@ def shown(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     if isinstance(value, int) and abs(value) > LARGEST_SHOWN:
-        return "a number beyond all measure"
+        return "a number that is too large"
     text = repr(value) if isinstance(value, str) else str(value)
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}…"

@@ -40,16 +40,17 @@ class Document:
     """
 
     name: str
+    text: str
     data: dict[str, Any]
 
     def __init__(self, text: str, name: str) -> None:
-        self.name = name
+        self.name, self.text = name, text
         self._text_lines = text.replace("\r\n", "\n").split("\n")
         self._complaints: list[tuple[int, str]] = []
         try:
             self.data = tomllib.loads(text)
         except RecursionError as deep:
-            raise ServiceError(f"{name}:1: brackets within brackets, too deep to be read") from deep
+            raise ServiceError(f"{name}:1: brackets are nested too deeply") from deep
         except ValueError as unfit:  # tomllib.TOMLDecodeError, or a number of thousands of digits
             raise self._no_toml(str(unfit)) from unfit
 
@@ -120,18 +121,18 @@ class Document:
         if position[1] is None:
             last = max(number for number, line in enumerate(self._text_lines, start=1) if line.strip())
             return ServiceError(f"{self.name}:{last}: the file ends too early: {what}")
-        return ServiceError(f"{self.name}:{position[1]}: no TOML at column {position[2]}: {what}")
+        return ServiceError(f"{self.name}:{position[1]}: invalid TOML at column {position[2]}: {what}")
 
 
-def read_document(path: str | os.PathLike[str], kind: str = "a scene file") -> Document:
+def read_document(path: str | os.PathLike[str], what: str = "a scene file") -> Document:
     """Return what is in a TOML file.
 
     Parameters
     ----------
     path : path
         The file.
-    kind : str
-        What messages expect it to be.
+    what : str
+        What messages say was expected.
 
     Raises
     ------
@@ -145,14 +146,14 @@ def read_document(path: str | os.PathLike[str], kind: str = "a scene file") -> D
     except (OSError, ValueError) as failed:  # a name with a zero in it is a ValueError
         raise ServiceError(f"{name}: cannot be read ({getattr(failed, 'strerror', failed)})") from failed
     if len(content) > MOST_FILE_BYTES:
-        raise ServiceError(f"{name}: larger than {MOST_FILE_BYTES >> 20} MiB, expected {kind} in TOML")
+        raise ServiceError(f"{name}: larger than {MOST_FILE_BYTES >> 20} MiB, expected {what} in TOML")
     try:
         text = content.decode("utf-8-sig")  # some editors begin a file with a mark
     except UnicodeDecodeError as unfit:
         line = content.count(b"\n", 0, unfit.start) + 1
-        raise ServiceError(f"{name}:{line}: not UTF-8, expected {kind} in TOML") from unfit
+        raise ServiceError(f"{name}:{line}: not UTF-8, expected {what} in TOML") from unfit
     if not text.strip():
-        raise ServiceError(f"{name}:1: the file is empty, expected {kind} in TOML")
+        raise ServiceError(f"{name}:1: the file is empty, expected {what} in TOML")
     return Document(text, name)
 
 

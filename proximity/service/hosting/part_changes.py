@@ -50,7 +50,7 @@ class PartChanger:
 
     def _carry_out(self, request: Request) -> None:
         settings, answering = self._settings(), self._service.answering
-        assert isinstance(answering, TrackerAnswers), "a service that measures has no input of changes"
+        assert isinstance(answering, TrackerAnswers), "a service with input.sensor has no parts to change"
         added = [part for each in request.additions for part in _read(each, settings.input.parts_from)]
         scene = copy.copy(answering.tracker.scene)
         for part in added:

@@ -31,26 +31,26 @@ KEPT_LINES = 40
 SPOKEN_BY = "proximity: "
 EXIT_UNUSABLE = 2
 OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log"}
-SWITCHES = {"real_time": ("--no-real-time", "--real-time")}
+SWITCHES = {"real_time": ("--no-realtime", "--realtime")}
 LOGGER = logging.getLogger("proximity.hosting")
 
 
 class RunningService:
     """A service in a process of its own; made by `start_service`, stopped at the end of a ``with`` block.
 
-    ``beginning`` is what it said with its first frame: ``publish``, ``rate_hz``, ``finger_count``,
+    ``beginning`` is the report with its first frame: ``publish``, ``rate_hz``, ``finger_count``,
     ``part_count``, ``face_count``, ``pid``, ``notes`` and more.
 
     Parameters
     ----------
     command : list of str
-        What to run.
+        Command line of the process.
     path : str
-        The scene file, for messages.
+        Scene file, for messages.
     say : callable
-        Is given what the service says meanwhile, by another thread.
+        Called with the messages of the service, by another thread.
     timeout : float, s
-        That it has until its first frame.
+        Longest wait for the first frame.
     """
 
     beginning: dict[str, Any]  # publish, rate_hz, finger_count, part_count, face_count, pid, notes
@@ -91,27 +91,27 @@ class RunningService:
 
     @property
     def is_running(self) -> bool:
-        """Whether it still serves: it also ends with a recording that is not repeated."""
+        """Whether it is still serving. It ends by itself with a recording that is not repeated."""
         return self._process.poll() is None
 
     def stop(self, timeout: float = STOP_TIMEOUT) -> dict[str, Any]:
-        """Have it publish that it stops, and wait until it has ended; stopping twice is once.
+        """Stop the service and wait until it has ended. Stopping again does nothing.
 
         Parameters
         ----------
         timeout : float, s
-            How long to wait; then it is killed.
+            Longest wait; then the process is killed.
 
         Returns
         -------
         dict
-            What it has done: ``ticks``, ``missed``, ``compute``, ``lateness``, ``states``,
+            The report: ``ticks``, ``missed``, ``compute``, ``lateness``, ``states``,
             ``publish_failures``, ``notes`` and more, as ``proximity serve --json`` writes it.
 
         Raises
         ------
         ServiceError
-            If it has failed, or did not end in time; or if *timeout* is no number of 0 or more.
+            If the service failed or did not end in time, or if *timeout* is not a number of 0 or more.
         """
         timeout = checked_seconds("timeout", timeout)
         with suppress(OSError, ValueError):  # it has ended already, or was reported already
@@ -205,31 +205,31 @@ def start_service(
 ) -> RunningService:
     """Serve a scene file in a process of its own; return when its first frame is out.
 
-    The process ends with this one, however this one ends.
+    The process ends when this one ends, for whatever reason.
 
     Parameters
     ----------
     path : path
-        The scene file; ``meshes/demo.toml`` explains such files. It may be edited while it is served.
+        Scene file; ``meshes/demo.toml`` explains its keys. It may be edited while it is served.
     timeout : float, s
-        That the service has until its first frame; parts must be read, and kernels compiled the first time.
+        Longest wait for the first frame: parts are read, and kernels may be compiled once.
     say : callable
-        Is given sentences meanwhile, by another thread: edits that were taken or not, what has failed. They
-        are logged as warnings of "proximity.hosting" where it is not given.
+        Called with messages by another thread: edits that took effect or were refused, and failures.
+        Default: they are logged as warnings of "proximity.hosting".
     overrides
-        What holds instead of what the file's [service] says: ``publish``, ``rate_hz``, ``log``,
-        ``real_time``. None: the file holds.
+        Values that replace those of the file's [service]: ``publish``, ``rate_hz``, ``log``, ``real_time``.
+        None: as in the file.
 
     Returns
     -------
     RunningService
-        To be stopped, or used in a ``with`` block.
+        To be stopped, or to be used in a ``with`` block.
 
     Raises
     ------
     ServiceError
-        If the file, an address, an override or *timeout* cannot be used, with the sentence that says why; or
-        if there is no frame in time.
+        If the file, an address, an override or *timeout* cannot be used, or if no frame comes in time; the
+        message says why.
     """
     timeout = checked_seconds("timeout", timeout)
     name = os.fsdecode(path)

@@ -14,7 +14,7 @@ from proximity.service.config import SceneFile, make_tracker, override, read_sce
 from proximity.service.config.toml_document import Path, spelled
 from proximity.service.hosting.service_assembly import Made
 
-REFUSED = "the edit is not taken, the scene before goes on"
+REFUSED = "the edit is refused, the previous scene stays in use"
 
 
 class SceneReloader:
@@ -66,13 +66,13 @@ class SceneReloader:
         self._seen = self._looked_at = {**_stamps(settings), **self._looked_at}
         refuse_what_needs_a_restart(before, settings)
         if self._made.scene is None:
-            return f"{settings.path} was edited, to no effect"
+            return f"{settings.path} was edited without effect"
         scene = self._made.files.scene(settings)
         tracker = make_tracker(settings, scene, self._made.count)
         self._made.service.replace(TrackerAnswers(tracker, self._made.moves, self._made.changes))
         self._settings = settings
         self._seen = self._looked_at = {path: self._looked_at[path] for path in _stamps(settings)}
-        return f"{settings.path} was edited: {scene} is served, after {time.monotonic() - started:.1f} s"
+        return f"{settings.path} was edited: {scene} is in use, after {time.monotonic() - started:.1f} s"
 
 
 def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
@@ -87,7 +87,7 @@ def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
     for path, value in _fixed(before).items():
         if reported[path] != value:
             raise after.error(
-                path, f"{spelled(path)} is not as it was, and a running service keeps it: start it anew"
+                path, f"{spelled(path)} was changed, which needs a new start: restart the service"
             )
 
 

@@ -38,7 +38,7 @@ class Beginning:
     finger_count: int
     part_count: int  # 0: distances are measured
     face_count: int
-    notes: tuple[str, ...]  # sentences: what the system did not permit
+    notes: tuple[str, ...]  # sentences: what the system granted and refused, what is odd about the input
 
 
 def serve(
@@ -53,38 +53,38 @@ def serve(
 ) -> Report:
     """Serve a scene file in this process until asked to stop; ``meshes/demo.toml`` explains such files.
 
-    While it serves, an edit of the file, or of a file of its parts, is taken between two ticks; one that
-    cannot be used is said, and the scene before goes on.
+    While it serves, an edit of the file or of a file of its parts takes effect between two ticks. An
+    invalid edit is reported, and the previous scene stays in use.
 
     Parameters
     ----------
     path : path
-        The scene file.
+        Scene file.
     stop : threading.Event
-        Ends it when set by another thread. In the main thread Ctrl-C and SIGTERM do as well.
+        Ends the service when set. In the main thread Ctrl-C and SIGTERM end it as well.
     tick_count : int
-        Ends it after so many ticks; None: it goes on.
+        Number of ticks to run; None: no limit.
     seconds : float, s
-        Ends it so long after the first frame; None: it goes on.
+        Time to run after the first frame; None: no limit.
     say : callable
-        Is given sentences meanwhile, by other threads: edits that were taken or not, what has failed. They
-        are logged as warnings of "proximity.hosting" where it is not given.
+        Called with messages by other threads: edits that took effect or were refused, and failures.
+        Default: they are logged as warnings of "proximity.hosting".
     begun : callable
-        Called, by another thread, when the first frame is out.
+        Called by another thread when the first frame is published.
     overrides
-        What holds instead of what the file's [service] says, by its keys: ``publish``, ``rate_hz``, ``log``,
-        ``real_time``, … None: the file holds.
+        Values that replace those of the file's [service]: ``publish``, ``rate_hz``, ``log``, ``real_time``,
+        … None: as in the file.
 
     Returns
     -------
     Report
-        Ticks, how late and how long they were, what failed.
+        Number of ticks, how late and how long they were, and failures.
 
     Raises
     ------
     ServiceError
-        If the file cannot be used; the message has the line. If *tick_count* or *seconds* are no such
-        numbers.
+        If the file cannot be used; the message names the line. If *tick_count* or *seconds* is out of
+        range.
     PublishError
         If an address cannot be opened.
     RecordingError
@@ -92,8 +92,8 @@ def serve(
 
     Notes
     -----
-    Thread: the calling thread ticks. Others of this process that hold the interpreter lock delay it:
-    `start_service` has a process of its own.
+    Thread: the calling thread ticks. Other threads of this process that hold the interpreter lock delay it;
+    `start_service` uses a process of its own.
     """
     if tick_count is not None:
         whole("tick_count", tick_count, 0, error=ServiceError)

@@ -30,7 +30,7 @@ class GloveChoices:
         rows : (F,) int
             Which fingers.
         reported : (F,) float64
-            Bends; nan: the counts tell.
+            Bends; nan: derived from the counts.
         counts : (F,) float64
             What potentiometers read.
         """

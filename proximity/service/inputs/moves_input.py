@@ -15,8 +15,8 @@ from proximity.service.presence import Presence
 from proximity.service.samples import FingerPoses
 from proximity.system.time_units import NS_PER_S
 
-SILENT_PARTS = "velocities of parts of which nothing more was reported for 100 ms"
-UNFIT = "moves of parts that cannot be"
+SILENT_PARTS = "velocities of parts that ended, because nothing was reported for 100 ms"
+UNFIT = "moves of parts that are invalid"
 FUTURE, BACKWARDS = "moves from the future", "moves older than the one before"
 
 EXACT = 1e-9
@@ -215,7 +215,7 @@ class MovesInput:
             carried = [] if self._carried is None else self._carried.names
             gone = [name for name in carried if name not in presence.names and name not in self._silent]
             if gone:
-                self._reception.leave_out(UNFIT, len(gone), f"part {gone[0]!r} was taken out")
+                self._reception.leave_out(UNFIT, len(gone), f"part {gone[0]!r} was removed")
         return {name: reported for name, reported in moving.items() if name in presence.names}
 
     def _carry(self, carried: Carried, scene: Scene, now_ns: int, instant_ns: int) -> None:
@@ -230,7 +230,7 @@ class MovesInput:
         try:
             scene.move_many(carried.names, *poses)
         except (SceneError, PoseError):
-            # One goes farther than can be computed with, or was taken out just now: the next tick sees that.
+            # One goes farther than can be computed with, or was removed just now: the next tick sees that.
             is_edited = scene.epoch != self._epoch
             each = zip(*poses, [0] * len(carried.names), strict=True)
             moves = {

@@ -106,7 +106,7 @@ class Reception:
         if abs(offset_ns) <= FARTHEST_NS:
             yield kind, records, offset_ns
         else:
-            self.leave_out("messages of a clock that cannot be", 1)
+            self.leave_out("messages with an impossible time", 1)
 
     def leave_out(self, what: str, count: int, why: str = "") -> None:
         """Count what of a message is not used; the first time is logged.

@@ -103,10 +103,10 @@ class StreamInput:
         poses, fingers = self._poses, records["finger"]
         is_placed = np.isfinite(records["translation"]).all(axis=1)
         is_turn = is_rotation(records["rotation"])
-        self._leave_out("rotations that are none", is_placed & ~is_turn)
+        self._leave_out("rotations that are invalid", is_placed & ~is_turn)
         bends = self._gloves.bend(fingers, records["bend"], records["counts"])
         self._leave_out(
-            "counts that the calibration does not reach: calibrate anew",
+            "counts outside the calibration: calibrate again",
             np.isnan(bends) & np.isfinite(records["counts"]),
         )
         knuckles = np.where((is_placed & is_turn)[:, None], records["translation"], np.nan)

@@ -10,6 +10,7 @@ Forces are along the finger's path, as its one degree of freedom has them.
 
 import math
 
+from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import FrameMark
 from proximity.decaff.drum.drum_command import DrumCommand
@@ -34,6 +35,7 @@ from proximity.studies.simulation.controller_in_loop import START_NS
 from proximity.studies.simulation.devices import Decaff, Sensing
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.response import Response
+from proximity.studies.simulation.sweeps import Stretch, with_transmission
 from proximity.studies.simulation.target_policies import DistanceSample, Holding, TargetPolicy
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
@@ -105,13 +107,17 @@ class Engine:
         self._ticks = 0
         self.reported_contact = self.reported_error = math.nan
         self._has_touched = False
+        holding = _glove(finger, setup).holding
         if setup.reading is None:
+            cable = CableRule(1.0 / holding.compliance, holding.smoothing) if holding.compliance else None
             self.reader = ControllerReader(
-                FingerController(finger.path, SERVO_RATE, setup.drum), finger.path, self._wall
+                FingerController(finger.path, SERVO_RATE, setup.drum, cable=cable),
+                finger.path,
+                self._wall,
+                has_force_sensor=setup.stretch != Stretch.TORQUE,
             )
         else:
-            policy = TargetPolicy(setup.reading, Holding(retracted=finger.retraction))
-            self.reader = PolicyReader(policy, finger.path, self._wall)
+            self.reader = PolicyReader(TargetPolicy(setup.reading, holding), finger.path, self._wall)
 
     @property
     def counts(self) -> Counts:
@@ -178,14 +184,15 @@ def _feed(finger: PlacedFinger, setup: EngineSetup, period: float) -> Feed:
 
 
 def _glove(finger: PlacedFinger, setup: EngineSetup) -> Decaff:
-    """Drum and servo; the drum waits where the controller's own is retracted."""
+    """Drum, servo and cable; the drum waits where the controller's own is retracted."""
     reach = min(setup.start_distance, finger.contact_position - LEAD)
-    return Decaff(
+    glove = Decaff(
         drum=setup.drum,
         servo=servo_for(setup.drum, SERVO_RATE),
         sensing=Sensing(reach=reach),
         holding=Holding(retracted=finger.retraction),
     )
+    return glove if setup.cable is None else with_transmission(glove, setup.cable, setup.stretch)
 
 
 def _instant_ns(time: float) -> int:

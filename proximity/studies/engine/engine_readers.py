@@ -67,11 +67,16 @@ class ControllerReader(Reader):
         Of the finger.
     wall : float, m
         The position of contact on it.
+    has_force_sensor : bool
+        Whether the force between link and drum is measured.
     """
 
-    def __init__(self, controller: FingerController, path: FingerPath, wall: float) -> None:
+    def __init__(
+        self, controller: FingerController, path: FingerPath, wall: float, *, has_force_sensor: bool = True
+    ) -> None:
         super().__init__()
         self.controller, self._path, self._wall = controller, path, wall
+        self._has_force_sensor = has_force_sensor
         self._target = path.retracted
 
     def command(
@@ -85,9 +90,18 @@ class ControllerReader(Reader):
         """Return what the controller wants."""
         path, wall = self._path, self._wall
         bend, angle = path.bend(wall + distance_sample.link), path.drum_angle(wall + distance_sample.drum)
+        force = distance_sample.force if self._has_force_sensor else math.nan
         action = self.controller.step(
             Observation(
-                now_ns, bend, angle, state, contact, distance_sample.force, sample_ns=now_ns, frame=frame
+                now_ns,
+                bend,
+                angle,
+                state,
+                contact,
+                force,
+                motor_force=-distance_sample.applied,
+                sample_ns=now_ns,
+                frame=frame,
             )
         )
         self.states[action.state.value] += 1

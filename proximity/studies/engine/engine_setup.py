@@ -10,7 +10,9 @@ from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.studies.engine.delayed_link import Latency
+from proximity.studies.simulation.sweeps import Stretch
 from proximity.studies.simulation.target_policies import Target
+from proximity.studies.simulation.tip_cable import TipCable
 
 FARTHEST = 0.100  # m, that a wall is known of; assumed
 DRUM = with_random_phases(GEAR4, 1)[0]
@@ -38,6 +40,8 @@ class EngineSetup:
     latency: Latency = 0.001  # s, from the pose until its frame has arrived
     reading: Target | None = None  # a plain reading of distances instead of the controller
     drum: Drum = DRUM  # its servo runs at 3 kHz
+    cable: TipCable | None = None  # between finger and link; None: the finger holds the link itself
+    stretch: Stretch = Stretch.LEFT  # of the cable, how it is made up for
     far_force: float | None = None  # N, that the sensor measures; None: what the real wall does
     corners: int = PATH_CORNERS  # of the polyline that a tracker takes as the finger's path
     tolerance: float = 0.0  # of the tracker: share of a distance by which its bounds may be apart

@@ -117,7 +117,7 @@ def place_finger(
     if best is None:
         reported = ", ".join(f"{1e3 * coordinate:g}" for coordinate in point)
         raise DecaffError(
-            f"({reported}) mm: no hand gets its finger there without touching before, expected a position "
+            f"({reported}) mm: no finger gets there without touching the part before, expected a position "
             f"with {1e3 * MIN_FREE_PATH:g} mm of free path before it"
         )
     return placed(scene, glove, *best)

@@ -177,8 +177,8 @@ def _first_touch(
             best = min(best, (float(times[came[0]]), column, int(came[0])))
     if best[1] < 0:
         raise DecaffError(
-            f"{path}: no finger comes to the parts from outside and touches, expected one that does: "
-            "place the recording where it does"
+            f"{path}: no finger approaches the parts from outside and touches them: move the recording to "
+            "where one does"
         )
     return best[1], best[2]
 

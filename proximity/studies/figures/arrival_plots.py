@@ -4,12 +4,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from proximity.decaff.drum.drum_model import DRUMS
+from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, move, servo_for, settling_time
 from proximity.studies.figures import style
+from proximity.studies.figures.captions import caption, hand_words
 from proximity.studies.figures.tables import Table
-from proximity.studies.simulation.arrival import ARRIVED_WITHIN, arrival_time, look_ahead, needed_look_ahead
-from proximity.studies.simulation.devices import Decaff
+from proximity.studies.simulation.arrival import (
+    ARRIVED_WITHIN,
+    GRID,
+    arrival_time,
+    look_ahead,
+    needed_look_ahead,
+)
+from proximity.studies.simulation.devices import Decaff, Sensing
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.sweeps import with_drum, with_latency
 
@@ -20,8 +27,10 @@ TRAVEL = 0.030  # m, from where a drum waits
 DURATION = 0.080  # s, of the ways shown
 SPEEDS = (0.1, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0)  # m/s
 LATENCIES = (0.001, 0.010, 0.040)  # s
-MOTION_SIZE = (style.COLUMN_WIDTH, 2.4)
-SIZE = (style.PAGE_WIDTH, 2.7)
+MOTION_SIZE = (style.COLUMN_WIDTH, 2.8)
+SIZE = (style.PAGE_WIDTH, 3.1)
+PLACED = {name: with_random_phases(drum, 1)[0] for name, drum in DRUMS.items()}
+"""Drums with the wall at random within a count of their encoder."""
 STROKES = dict(zip(DRUMS, (style.PENALTY, style.TIME_STAMPED, style.LATCHED), strict=True))
 
 
@@ -29,7 +38,7 @@ def motion_numbers() -> Table:
     """Return how far each drum is from its position after it was sent there, and when it stays there."""
     instants = np.arange(round(DURATION / style.SAMPLING) + 1) * style.SAMPLING
     columns = {"time_s": instants}
-    for name, drum in DRUMS.items():
+    for name, drum in PLACED.items():
         servo = servo_for(drum, SERVO_RATE)
         times, positions = move(drum, servo, TRAVEL, DURATION + style.SAMPLING)
         columns[f"{name}_left_m"] = TRAVEL - np.interp(
@@ -60,13 +69,24 @@ def draw_motion(figure: "Figure", table: Table) -> None:
     panel.set_xlim(0.0, 1e3 * DURATION)
     panel.set_xlabel("time [ms]")
     panel.set_ylabel("left to go [mm]")
-    panel.legend(title="within 0.1 mm after", title_fontsize=7, loc="upper right")
+    panel.legend(title="marks: within 0.1 mm after", title_fontsize=7, loc="upper right")
+    servos = {name: servo_for(drum, SERVO_RATE) for name, drum in DRUMS.items()}
+    caption(
+        figure,
+        f"{1e3 * TRAVEL:g} mm from rest to rest, nothing in the path; servos at {1e-3 * SERVO_RATE:g} kHz; "
+        "the target is at random within a count of the encoder (ours). At rest all lie on one another.",
+        *(
+            f"{name}: {1e3 * DRUMS[name].mass:.0f} g, {1e-3 * servo.stiffness:.3g} kN/m, "
+            f"{servo.damping:.0f} N·s/m, at most {servo.acceleration:.0f} m/s², {servo.speed:.2g} m/s"
+            for name, servo in servos.items()
+        ),
+    )
 
 
 def numbers() -> Table:
     """Return the look-ahead that each drum needs, found by simulated presses and by the formula."""
     hand, rows = Hand(), []
-    for name, drum in DRUMS.items():
+    for name, drum in PLACED.items():
         glove = with_drum(Decaff(), drum, SERVO_RATE)
         for latency in LATENCIES:
             reported = with_latency(glove, latency)
@@ -111,3 +131,11 @@ def draw(figure: "Figure", table: Table) -> None:
     panels[0].set_ylabel("look-ahead needed [mm]")
     style.letter_panels(panels, (f"{1e3 * latency:g} ms of latency" for latency in LATENCIES))
     style.legend_above(figure, panels[0], 5)
+    caption(
+        figure,
+        f"v: speed, τ: latency, f: {Sensing().rate:g} Hz of distances, t: time of arrival after "
+        f"{1e3 * TRAVEL:g} mm by the formula. Simulated in steps of {1e3 * GRID:g} mm: the drum is within "
+        f"{1e3 * ARRIVED_WITHIN:g} mm as the link comes.",
+        f"{hand_words(Hand())}; servos at {1e-3 * SERVO_RATE:g} kHz, the wall at random within a count of "
+        "the encoder, no cable (ours). At low speed marks of several drums lie on one another.",
+    )

@@ -8,6 +8,7 @@ import numpy as np
 from proximity.decaff.drum.drum_model import GEAR4, with_random_phases
 from proximity.decaff.glove.glove import Glove
 from proximity.studies.figures import style
+from proximity.studies.figures.captions import caption, drum_words, hand_words
 from proximity.studies.figures.tables import Table
 from proximity.studies.simulation import sweeps
 from proximity.studies.simulation.closed_loop import decaff, penalty_wall
@@ -15,7 +16,7 @@ from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation
 from proximity.studies.simulation.sweeps import Stretch
-from proximity.studies.simulation.tip_cable import TipCable
+from proximity.studies.simulation.tip_cable import FRICTION, PRELOAD, WRAP, TipCable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 STIFFNESSES = tuple(np.geomspace(200.0, 1e5, 13).tolist())  # N/m, at the fingertip
 SPEEDS = (0.1, 0.5)  # m/s
 RATE, LATENCY = 1000.0, 0.001  # Hz, s
-SIZE = (style.PAGE_WIDTH, 3.3)
+SIZE = (style.PAGE_WIDTH, 3.6)
 CURVES = {
     "left": (Stretch.LEFT, style.PENALTY, "stretch left"),
     "torque": (Stretch.TORQUE, style.TIME_STAMPED, "made up for by torque"),
@@ -98,13 +99,13 @@ def draw(figure: "Figure", table: Table) -> None:
         panel.set_xscale("log")
         panel.axvline(usual, **style.GUIDE)
         panel.set_xlabel("stiffness of the cable\nat the fingertip [N/m]")
-    panels[-1].text(
-        0.98, 0.03,
-        f"dotted: 20 N/mm, {usual:.0f} N/m here\n"
-        "sheath: μ 0.1, 90°; pad 200 N/m,\n6 N s/m; gear4, 1 kHz, 1 ms;\nour model. By the sensor, both\n"
-        "curves lie on one another",
-        transform=panels[-1].transAxes, ha="right", va="bottom", fontsize=6.0,
-    )  # fmt: skip
+    caption(
+        figure,
+        f"Dotted: the glove's cable of {1e-3 * Glove().cable.stiffness:g} N/mm, {usual:.0f} N/m at the "
+        f"fingertip; friction {FRICTION:g} over {np.degrees(WRAP):.0f}°, preload {PRELOAD:g} N (ours). "
+        f"{hand_words(Hand())}; {drum_words('gear4', GEAR4)}; distances at {1e-3 * RATE:g} kHz, "
+        f"{1e3 * LATENCY:g} ms late. In (c) both curves by the sensor lie on one another.",
+    )
     captions = [f"approach at {speed:g} m/s" for speed in SPEEDS]
     style.letter_panels(panels, [*captions, f"at rest, {SPEEDS[0]:g} m/s"])
     style.legend_above(figure, panels[0], 3)

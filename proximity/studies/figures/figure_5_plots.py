@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from proximity.studies.figures import style
+from proximity.studies.figures.captions import caption
 from proximity.studies.figures.tables import Table
 from proximity.studies.paper import figure_5
 from proximity.studies.paper.figure_5 import DELAY, FIGURES, GAIN_SHARE, PENETRATED, PRESS, SIMULATED
@@ -33,10 +34,11 @@ CAPTIONS = {
 }
 
 PARAMETERS = (
-    f"Finger {FINGER.stiffness:g} N/m and {FINGER.damping:g} N·s/m (the paper's), {1e3 * FINGER.mass:g} g;\n"
-    f"touch at {PRESS.speed:g} m/s, pressed {1e3 * PRESS.depth:g} mm on the real wall (ours)."
+    f"Finger {FINGER.stiffness:g} N/m and {FINGER.damping:g} N·s/m (the paper's), {1e3 * FINGER.mass:g} g;",
+    f"touch at {PRESS.speed:g} m/s, pressed {1e3 * PRESS.depth:g} mm on the real wall (ours).",
 )
-REACTION = f"\n5f: draws back by {GAIN_SHARE:g} times the stable gain (ours); forces below 0 are none."
+DASHES = "Where curves coincide, the dashes lie on the black line."
+REACTION = f"5f: draws back by {GAIN_SHARE:g} times the stable gain (ours); negative forces are 0."
 
 
 def numbers(name: str) -> Table:
@@ -118,7 +120,8 @@ def drawer(name: str) -> "Callable[[Figure, Table], None]":
         below.set_xlabel("time [ms]")
         below.set_xlim(0.0, times[-1])
         _mark_events(above, below)
-        figure.supxlabel(PARAMETERS + (REACTION if name == "5f" else ""), fontsize=5.5, color="0.35")
+        last = {"5a": (), "5f": (REACTION, DASHES)}.get(name, (DASHES,))
+        caption(figure, *PARAMETERS, *last)
 
     return draw
 
@@ -149,8 +152,9 @@ def draw_all(figure: "Figure", table: Table) -> None:
         panel.set_xlabel("time [ms]")
         panel.set_xlim(0.0, times[-1])
     style.legend_above(figure, panels[1], 2)
-    cut = f" Above {FORCES_SHOWN[1]:g} N they are cut off: the highest is {table['5f_force_N'].max():.1f} N."
-    figure.supxlabel(PARAMETERS.replace("\n", " ") + REACTION + cut, fontsize=6, color="0.35")
+    cut = f"Above {FORCES_SHOWN[1]:g} N they are cut off: the highest is {table['5f_force_N'].max():.1f} N."
+    dotted = "Dotted: the finger touches, and leaves, the real wall."
+    caption(figure, f"{' '.join(PARAMETERS)} {dotted} {DASHES}", f"{REACTION} {cut}")
 
 
 def _mark_events(*panels: "Axes") -> None:

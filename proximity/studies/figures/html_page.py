@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from proximity.errors import DecaffError
+from proximity.system.extras import installation
 
 
 def render_page(
@@ -36,7 +37,7 @@ def render_page(
         jinja, markup = import_module("jinja2"), import_module("markupsafe").Markup
     except ModuleNotFoundError as missing:
         raise DecaffError(
-            f'pages need {missing.name}, which is not installed: pip install "proximity[sim]"'
+            f"pages need {missing.name}, which is not installed: {installation('sim')}"
         ) from missing
     environment = jinja.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja.StrictUndefined

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from proximity.studies.figures import style
+from proximity.studies.figures.captions import COINCIDE, caption, hand_words
 from proximity.studies.figures.tables import Table
 from proximity.studies.simulation.response import Response
 from proximity.studies.simulation.simulated_press import Simulation, Wall, describe
@@ -107,7 +108,7 @@ def draw(figure: "Figure", table: Table, wall: Wall, note: str = "") -> None:
     below.set_ylabel("force [N]")
     error.set_ylabel("force error [mN]")
     error.set_xlabel("time after the touch [ms]")
-    figure.supxlabel(note, fontsize=6.0)
+    caption(figure, *note.splitlines(), COINCIDE)
     handles, names = above.get_legend_handles_labels()
     more, their = below.get_legend_handles_labels()
     figure.legend(handles + more, names + their, loc="outside upper center", ncols=3)
@@ -128,11 +129,7 @@ def write(path: str | os.PathLike[str], simulation: Simulation) -> None:
     DecaffError
         If it ends otherwise, or matplotlib is not there.
     """
-    hand = simulation.response.hand
-    note = (
-        f"{describe(simulation)}\n{simulation.setup.speed:g} m/s; hand {hand.stiffness:g} N/m, "
-        f"{hand.damping:g} N s/m; pad {hand.pad_stiffness:g} N/m, {hand.pad_damping:g} N s/m"
-    )
+    note = f"{describe(simulation)}\n{simulation.setup.speed:g} m/s. {hand_words(simulation.response.hand)}"
     write_curves(path, numbers(simulation), simulation.setup.wall, note)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from proximity.decaff.drum.sampled_mass import Gains, SampledMass, maximum_stiffness
 from proximity.studies.figures import style
+from proximity.studies.figures.captions import caption
 from proximity.studies.figures.tables import Table
 from proximity.studies.stability.sampled_wall import boundary
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 DELAYS = (0, 1, 2, 3)  # samples
 PAPER_WALL = Gains(stiffness=3900.0, damping=60.0)  # the paper's, "marginally stable" at d = 1
-SIZE = (style.PAGE_WIDTH, 2.7)
+SIZE = (style.PAGE_WIDTH, 2.9)
 
 
 def numbers() -> Table:
@@ -64,8 +65,16 @@ def draw(figure: "Figure", table: Table) -> None:
         panel.locator_params(axis="y", nbins=6)
         panel.set_xlabel("damping [N·s/m]")
         panel.set_ylabel("stiffness [kN/m]")
-    style.letter_panels((whole, part), ("0.7 kg at 200 Hz; marks: the stiffest walls", "the same, enlarged"))
+    style.letter_panels(
+        (whole, part), ("stable below the lines; marks: the stiffest walls", "the same, d = 1 to 3")
+    )
     style.legend_above(figure, whole, 5)
+    device = SampledMass()
+    caption(
+        figure,
+        f"Wall of equation (1): a mass of {device.mass:g} kg at {1.0 / device.period:g} Hz (the paper's); d: "
+        "samples from a measurement to its force, 1 in equation (1). Computed from the roots (ours).",
+    )
 
 
 def _region(panel: "Axes", table: Table, delay: int) -> None:

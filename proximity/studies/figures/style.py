@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from proximity.errors import DecaffError
 from proximity.studies.figures.tables import Table
+from proximity.system.extras import installation
 from proximity.system.whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def load_figure() -> "type[Figure]":
         figure: type[Figure] = import_module("matplotlib.figure").Figure
     except ModuleNotFoundError as missing:
         raise DecaffError(
-            f'figures need {missing.name}, which is not installed: pip install "proximity[sim]"'
+            f"figures need {missing.name}, which is not installed: {installation('sim')}"
         ) from missing
     except ValueError as unfit:  # of MPLBACKEND, though nothing is shown
         raise DecaffError(f"figures need matplotlib, which cannot be used ({unfit})") from unfit

@@ -139,7 +139,7 @@ def press(
     table[kernels.PLANE_OFFSET] = height if plane.offset is None else plane.offset
     kernels.press(chain, table, int(shown), _steps(shown, lag, step), step, states, forces)
     if not np.isfinite(states[-1]).all():
-        raise DecaffError(f"the motion runs away in steps of {step:g} s, expected shorter ones")
+        raise DecaffError(f"the motion diverges in steps of {step:g} s, expected shorter ones")
     return _reported(finger, states, forces, step)
 
 
@@ -147,7 +147,7 @@ def _start(name: str, values: ArrayLike, n: int) -> np.ndarray:
     """Initial state of the links themselves."""
     array = np.asarray(values, np.float64)
     if array.shape != (n,) or not np.isfinite(array).all():
-        raise DecaffError(f"{name} are {array.tolist()}, expected {n} finite numbers, one a joint")
+        raise DecaffError(f"{name} are {array.tolist()}, expected {n} finite numbers, one per joint")
     return np.cumsum(array)
 
 

@@ -244,7 +244,7 @@ def _for_each(values: Any, count: int) -> Any:
 def _numbers(name: str, values: Any, count: int) -> np.ndarray:
     array = as_float64(values, name, error=DecaffError, expected=f"{count} numbers, one a link").copy()
     if array.shape != (count,) or not np.isfinite(array).all():
-        raise DecaffError(f"{name} are {array.tolist()}, expected {count} finite numbers, one a link")
+        raise DecaffError(f"{name} are {array.tolist()}, expected {count} finite numbers, one per link")
     array.flags.writeable = False
     return array
 

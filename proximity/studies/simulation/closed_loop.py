@@ -177,6 +177,7 @@ class DecaffLoop:
     """
 
     response: Response  # filled as far as the loop has come
+    drive: np.ndarray  # of drum and servo, as of `drum_kernels`; a study may change what is demanded
 
     def __init__(self, hand: Hand, press: Intent, glove: Decaff) -> None:
         steps = steps_a_sample(glove.servo.rate)
@@ -188,10 +189,10 @@ class DecaffLoop:
         self._drum, self._servo = glove.drum.as_array(), glove.servo.as_array()
         self._sensing, self._holding = glove.sensing.as_array(), glove.holding.as_array()
         self._noise = glove.sensing.noises(self.response.record.shape[1] * self.response.step)
-        self._drive = np.zeros(drum_kernels.DRIVE_SIZE)
+        self.drive = np.zeros(drum_kernels.DRIVE_SIZE)
         self._command = np.zeros(drum_kernels.COMMAND_SIZE)
         self._message = np.zeros(loop_kernels.MESSAGE_SIZE)
-        drum_kernels.rest_drum(self._drum, self._drive, glove.holding.retracted)
+        drum_kernels.rest_drum(self._drum, self.drive, glove.holding.retracted)
         loop_kernels.start_record(self._press, self.response.zero, self.response.step, self.response.record)
 
     @property
@@ -223,10 +224,10 @@ class DecaffLoop:
             self._read(float(response.link[row])),
             float(response.record[press_kernels.RECORD_LINK_SPEED, row]),
             float(response.finger_speed[row]),
-            float(self._drive[drum_kernels.DRIVE_POSITION]),
+            float(self.drive[drum_kernels.DRIVE_POSITION]),
             self._back,
-            float(self._drive[drum_kernels.DRIVE_DEMANDED]),
-            float(self._drive[drum_kernels.DRIVE_APPLIED]),
+            float(self.drive[drum_kernels.DRIVE_DEMANDED]),
+            float(self.drive[drum_kernels.DRIVE_APPLIED]),
             Message(at, link, speed, distance) if at > -math.inf else None,
         )
 
@@ -242,7 +243,7 @@ class DecaffLoop:
         return min(max(self.response.zero + round(time / self.response.step), 0), last)
 
     def link_at(self, time: float) -> tuple[float, float]:
-        """Return where the link was, m, and how fast, m/s.
+        """Return where the link was by the potentiometer, m, and how fast, m/s.
 
         Parameters
         ----------
@@ -250,9 +251,10 @@ class DecaffLoop:
             An instant that is not after this sample.
         """
         row, record = self.row(time), self.response.record
-        return float(record[press_kernels.RECORD_LINK, row]), float(
-            record[press_kernels.RECORD_LINK_SPEED, row]
+        link, speed = (
+            float(record[i, row]) for i in (press_kernels.RECORD_LINK, press_kernels.RECORD_LINK_SPEED)
         )
+        return self._read(link), speed
 
     def tick(self, command: DrumCommand) -> None:
         """Serve a command for one sample, and move everything by it.
@@ -265,13 +267,13 @@ class DecaffLoop:
         self._must_go_on()
         response = self.response
         command.write(self._command)
-        drum_kernels.serve(self._drum, self._servo, self._drive, self._command, self._back)
+        drum_kernels.serve(self._drum, self._servo, self.drive, self._command, self._back)
         last = min(self._first + self._steps, response.record.shape[1])
         self._back = loop_kernels.advance_plant(
             self._body,
             self._press,
             self._drum,
-            self._drive,
+            self.drive,
             self._first,
             last,
             response.zero,
@@ -297,7 +299,7 @@ class DecaffLoop:
             self._press,
             self._drum,
             self._servo,
-            self._drive,
+            self.drive,
             self._sensing,
             self._noise,
             self._holding,

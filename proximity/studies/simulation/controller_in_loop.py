@@ -28,11 +28,23 @@ class ControllerInLoop:
         Of the same rate as the loop's servo.
     path : FingerPath
         Of the controller.
+    surface : (float, float), N/m and N s/m
+        Stiffness and damping of the wall; None: it is rigid.
+    has_force_sensor : bool
+        Whether the force between link and drum is measured.
     """
 
     action: DrumAction | None  # of the last sample
 
-    def __init__(self, controller: FingerController, path: FingerPath) -> None:
+    def __init__(
+        self,
+        controller: FingerController,
+        path: FingerPath,
+        surface: tuple[float, float] | None = None,
+        *,
+        has_force_sensor: bool = True,
+    ) -> None:
+        self._has_force_sensor = has_force_sensor
         self.controller, self._path, self.action = controller, path, None
         self._frame: FrameMark | None = None
         self._wall = path.retracted - Holding().retracted
@@ -40,6 +52,9 @@ class ControllerInLoop:
         self._contact["flags"] = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
         self._contact["normal"] = math.nan
         self._contact["mode"], self._contact["surface"] = Mode.POSITION, Surface.RIGID
+        if surface is not None:
+            self._contact["surface"] = Surface.DEFORMABLE
+            self._contact["stiffness"], self._contact["damping"] = surface
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
         """Return what the drum shall do."""
@@ -53,7 +68,8 @@ class ControllerInLoop:
                 path.drum_angle(self._wall + distance_sample.drum),
                 State.STALE if distance_sample.message is None else State.OK,
                 None if distance_sample.message is None else self._contact,
-                distance_sample.force,
+                distance_sample.force if self._has_force_sensor else math.nan,
+                motor_force=-distance_sample.applied,
                 sample_ns=now_ns,
                 frame=self._frame,
             )

@@ -14,12 +14,20 @@ from proximity.studies.simulation.devices import Decaff, PenaltyWall
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import drum_offset, force_error, onset, rest, work
 from proximity.studies.simulation.response import Response
-from proximity.studies.simulation.sweeps import best_penalty_wall, with_drum, with_latency
+from proximity.studies.simulation.sweeps import (
+    Stretch,
+    best_penalty_wall,
+    with_drum,
+    with_latency,
+    with_transmission,
+)
 from proximity.studies.simulation.target_policies import Target
+from proximity.studies.simulation.tip_cable import TipCable
 
 SPEEDS_ALLOWED = (0.01, 10.0)  # m/s; slower presses are long, and need much memory
 RATES_ALLOWED = (5.0, 50_000.0)  # Hz
 LONGEST_LATENCY = 1.0  # s
+CABLES_ALLOWED = (10.0, 1e6)  # N/m at the fingertip
 STIFFEST, MOST_DAMPED = 1e6, 1e4  # N/m and N s/m, of a coupled wall; beyond, what is unstable overflows
 POLICIES = {
     "naive": Target.NAIVE,
@@ -51,6 +59,8 @@ class Setup:
     policy: str = "time-stamped"  # of `POLICIES`
     stiffness: float | None = None  # N/m, of a coupled wall; None: the best of a grid, as is the damping
     damping: float | None = None  # N s/m
+    cable: float | None = None  # N/m at the fingertip, of the cable to the drum; None: there is none
+    stretch: str = "left"  # of `Stretch`: how the cable's stretch is made up for
 
     def __post_init__(self) -> None:
         _within("speed", self.speed, SPEEDS_ALLOWED, "metres a second")
@@ -59,8 +69,13 @@ class Setup:
         _one_of("wall", self.wall, tuple(Wall))
         _one_of("drum", self.drum, tuple(DRUMS))
         _one_of("policy", self.policy, tuple(POLICIES))
+        _one_of("stretch", self.stretch, tuple(Stretch))
+        if self.cable is not None:
+            _within("cable", self.cable, CABLES_ALLOWED, "newtons a metre")
+        elif self.stretch != Stretch.LEFT:
+            raise DecaffError(f"stretch is {self.stretch!r}, but there is no cable: expected its stiffness")
         if (self.stiffness is None) != (self.damping is None):
-            raise DecaffError("stiffness and damping are tuned together: expected both of them, or none")
+            raise DecaffError("stiffness and damping belong together: expected both or neither")
         if self.stiffness is not None and self.damping is not None:
             _within("stiffness", self.stiffness, (0.0, STIFFEST), "newtons a metre")
             _within("damping", self.damping, (0.0, MOST_DAMPED), "newton seconds a metre")
@@ -119,6 +134,9 @@ def simulate(setup: Setup) -> Simulation:
     elif setup.wall == Wall.DECAFF:
         glove = with_drum(Decaff(), with_random_phases(DRUMS[setup.drum], 1)[0], SERVO_RATE)
         reported = with_latency(glove, setup.latency, setup.rate)
+        if setup.cable is not None:
+            cable = TipCable.usual(setup.cable)
+            reported = with_transmission(reported, cable, Stretch(setup.stretch))
         response = decaff(hand, press, reported, POLICIES[setup.policy])
     else:
         response = real_wall(hand, press)
@@ -162,8 +180,24 @@ def describe(simulation: Simulation) -> str:
     if setup.wall == Wall.COUPLED:
         return f"coupled, {late}"
     if setup.wall == Wall.DECAFF:
-        return f"DECAFF, drum {setup.drum}, {setup.policy} distances, {late}"
+        words = f"DECAFF, drum {setup.drum}, {setup.policy} distances, {late}"
+        return (
+            words if setup.cable is None else f"{words}; cable of {cable_words(setup.cable, setup.stretch)}"
+        )
     return "real"
+
+
+def cable_words(stiffness: float, stretch: str) -> str:
+    """Return a cable in words.
+
+    Parameters
+    ----------
+    stiffness : float, N/m
+        At the fingertip.
+    stretch : str
+        Of `Stretch`.
+    """
+    return f"{stiffness:.4g} N/m at the fingertip, {Stretch(stretch).words}"
 
 
 def document(simulation: Simulation) -> dict[str, Any]:
@@ -174,6 +208,8 @@ def document(simulation: Simulation) -> dict[str, Any]:
         reported |= {"latency": setup.latency, "rate": setup.rate}
     if setup.wall == Wall.DECAFF:
         reported |= {"drum": setup.drum, "policy": setup.policy, "drum_offset": simulation.drum_offset}
+        if setup.cable is not None:
+            reported |= {"cable": setup.cable, "stretch": setup.stretch}
     if penalty is not None:
         reported |= {"stiffness": penalty.stiffness, "damping": penalty.damping}
     reported["force_error"] = simulation.force_error

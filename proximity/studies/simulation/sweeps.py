@@ -170,6 +170,15 @@ class Stretch(StrEnum):
     SENSOR = "sensor"
     """By a force sensor between link and drum."""
 
+    @property
+    def words(self) -> str:
+        """What becomes of the stretch, in words."""
+        return {
+            "left": "its stretch left",
+            "torque": "its stretch made up for by the motor's torque",
+            "sensor": "its stretch made up for by a force sensor",
+        }[self]
+
 
 def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch.LEFT) -> Decaff:
     """Return the same glove with a cable, the counts of its potentiometer, and a motor with a winding.

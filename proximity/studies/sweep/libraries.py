@@ -4,6 +4,7 @@ import importlib
 from typing import Any
 
 from proximity.errors import ServiceError
+from proximity.system.extras import installation
 
 
 def library(name: str) -> Any:
@@ -18,5 +19,5 @@ def library(name: str) -> Any:
         return importlib.import_module(name)
     except ModuleNotFoundError as missing:
         raise ServiceError(
-            f'a study needs {name.partition(".")[0]}, which is not installed: pip install "proximity[study]"'
+            f"a study needs {name.partition('.')[0]}, which is not installed: {installation('study')}"
         ) from missing

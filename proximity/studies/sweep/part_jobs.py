@@ -152,12 +152,12 @@ def run_replay(values: Values, files: NodeFiles) -> dict[str, Any]:
     found = summarise(scene, replay(tracker, ticked, latency=values["latency"]), values["radius"])
     if not found.tracked_count:
         raise ServiceError(f"{values['recording']}: no finger is there at any tick")
-    predictions, times = found.predictions, found.times_to_contact
+    predictions, times = found.predictions, found.certified_times
     return {
         "broken_bounds": found.bounds.broken_count,
         "worst_bound": found.bounds.worst,
         "predictions_kept": _share(predictions.kept_count, predictions.checked_count),
-        "certified_times_kept": _share(times.kept_count, times.checked_count),
+        "certified_times_kept": _share(times.checked_count - times.broken_count, times.checked_count),
         "exact": _share(found.exact_count, found.tracked_count),
         "touches": sum(finger.count for finger in found.touches),
         "deepest": max((finger.deepest for finger in found.touches), default=0.0),

@@ -4,20 +4,26 @@ The clock is simulated: a tick comes as long after the instant of its pose as th
 one follows at once. The tracker is whatever answers ticks; this package knows neither files nor units.
 """
 
-from proximity.tracker.replay.bounds_check import BoundsKept, PredictionsKept, TouchesForetold
+from proximity.tracker.replay.bounds_check import (
+    VELOCITY_SHARE,
+    BoundsKept,
+    CertifiedTimes,
+    PredictionsKept,
+)
 from proximity.tracker.replay.placement import fitted_pose, turn_about_axes
 from proximity.tracker.replay.replay_loop import Replay, Ticking, replay
 from proximity.tracker.replay.summary import FingerTouches, ReplaySummary, TickTimes, summarise
 
 __all__ = [
+    "VELOCITY_SHARE",
     "BoundsKept",
+    "CertifiedTimes",
     "FingerTouches",
     "PredictionsKept",
     "Replay",
     "ReplaySummary",
     "TickTimes",
     "Ticking",
-    "TouchesForetold",
     "fitted_pose",
     "replay",
     "summarise",

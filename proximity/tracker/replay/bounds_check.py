@@ -11,6 +11,9 @@ from proximity.tracker.replay.replay_loop import Replay
 
 CHECKED_COUNT = 20_000  # finger-ticks, evenly chosen
 CHECK_ROUNDING = 1e-12  # of a distance: how far two methods of computing it may be apart
+VELOCITY_SHARE = 0.05
+"""Of the distance travelled: as far may a finger be from the path at constant velocity."""
+ROUNDING_OF_PATH = 1e-9  # m, and of a radius: positions are differences of a recording's coordinates
 COORDINATE_ROUNDING = 8.0 * 2.0**-52  # of the largest coordinate: what a distance of 0 may be off
 
 
@@ -38,14 +41,16 @@ class PredictionsKept:
 
 
 @dataclass(frozen=True, slots=True)
-class TouchesForetold:
-    """time_to_contact_lower, before touches that came: not above the time that was left.
+class CertifiedTimes:
+    """time_to_contact_lower, where the finger kept its velocity: nothing was touched before.
 
-    Not a promise about a recorded hand: it does not keep its velocity.
+    A certified time is checked if the finger was seen until then, or until it touched, and was never farther
+    from the straight path at its velocity than `VELOCITY_SHARE` of the distance travelled.
     """
 
     checked_count: int
-    kept_count: int
+    broken_count: int
+    first_broken: str  # instant and finger of the first; empty if none
 
 
 def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
@@ -108,21 +113,66 @@ def judge_predictions(scene: Scene, run: Replay, radius: float) -> PredictionsKe
     return PredictionsKept(len(points), int(is_kept.sum()), float(p50), float(p95))
 
 
-def judge_touches(run: Replay) -> TouchesForetold:
-    """Hold lower bounds of the time to contact against the touches that came.
+def judge_certified_times(scene: Scene, run: Replay, radius: float) -> CertifiedTimes:
+    """Compare the certified times of a sample of finger-ticks with what the fingers touched.
 
-    A finger-tick counts if the finger was seen from then on until it touched.
+    Parameters
+    ----------
+    scene : Scene
+        As it was during the run.
+    run : Replay
+        What was answered.
+    radius : float, m
+        Of the fingertips.
+
+    Notes
+    -----
+    A touch before the certified time breaks it only if the path at constant velocity touches before it as
+    well, by an exact query: else what the velocity changed within its share led to the touch.
     """
-    is_tracked = _is_tracked(run)
-    count = len(is_tracked)
-    next_touch = _next(touching(run), count)
-    next_loss = _next(~is_tracked, count)
-    counts = is_tracked & _has(run, ContactFlag.PREDICTED) & (next_touch < count) & (next_touch < next_loss)
-    ticks, rows = np.nonzero(counts)
-    times_ns = run.recording.times_ns
-    left = (times_ns[next_touch[ticks, rows]] - times_ns[ticks]) / NANOSECONDS
-    lower = run.contacts["time_to_contact_lower"][ticks, rows]
-    return TouchesForetold(len(ticks), int((lower <= left).sum()))
+    lower = run.contacts["time_to_contact_lower"]
+    is_certified = _is_tracked(run) & _has(run, ContactFlag.PREDICTED) & (lower > 0.0) & (lower < np.inf)
+    ticks, rows = _sample(is_certified)
+    is_checked, touch_at = _followed(run, ticks, rows)
+    suspects = np.flatnonzero(touch_at >= 0)
+    contacts = run.contacts[ticks[suspects], rows[suspects]]
+    starts = run.recording.positions[ticks[suspects], rows[suspects]]
+    ends = starts + contacts["time_to_contact_lower"][:, None] * contacts["velocity"]
+    clearance = scene.closest_to_segments(starts, ends).distance - radius
+    broken = suspects[clearance < -ROUNDING_OF_PATH * radius]
+    first = ""
+    if len(broken):
+        tick, row, touch = ticks[broken[0]], rows[broken[0]], touch_at[broken[0]]
+        times = run.recording.times_ns / NANOSECONDS
+        first = (
+            f"{run.recording.finger_name(int(row))} at {times[tick]:.6f} s: touched after "
+            f"{times[touch] - times[tick]:.6f} s, certified {lower[tick, row]:.6f} s"
+        )
+    return CertifiedTimes(int(is_checked.sum()), len(broken), first)
+
+
+def _followed(run: Replay, ticks: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which certified times can be checked, and the tick of a touch before them; -1 if there is none."""
+    times_ns, positions, is_touching = run.recording.times_ns, run.recording.positions, touching(run)
+    velocity, lower = (run.contacts[name][ticks, rows] for name in ("velocity", "time_to_contact_lower"))
+    speed = np.linalg.norm(velocity, axis=1)
+    is_checked, touch_at = np.zeros(len(ticks), dtype=bool), np.full(len(ticks), -1)
+    going, step = np.arange(len(ticks)), 0
+    while len(going):
+        step += 1
+        going = going[ticks[going] + step < len(times_ns)]
+        at, row = ticks[going] + step, rows[going]
+        elapsed = (times_ns[at] - times_ns[ticks[going]]) / NANOSECONDS
+        straight = positions[ticks[going], row] + elapsed[:, None] * velocity[going]
+        off = np.linalg.norm(positions[at, row] - straight, axis=1)
+        # Written so that a finger that was lost, whose position is nan, is left out.
+        is_steady = off <= VELOCITY_SHARE * speed[going] * elapsed + ROUNDING_OF_PATH
+        is_over = elapsed >= lower[going]
+        is_touch = is_touching[at, row] & ~is_over
+        is_checked[going[is_steady & (is_touch | is_over)]] = True
+        touch_at[going[is_steady & is_touch]] = at[is_steady & is_touch]
+        going = going[is_steady & ~is_touch & ~is_over]
+    return is_checked, touch_at
 
 
 def touching(run: Replay) -> np.ndarray:
@@ -145,12 +195,6 @@ def _sample(is_meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if step > 1 and is_meant.shape[1] % step == 0:
         step += 1  # else the same fingers would be taken at every tick
     return ticks[::step], rows[::step]
-
-
-def _next(is_so: np.ndarray, none: int) -> np.ndarray:
-    """For each tick and finger the first tick, from this one on, at which it is so; *none* if never."""
-    ticks = np.where(is_so, np.arange(len(is_so))[:, None], none)
-    return np.minimum.accumulate(ticks[::-1], axis=0)[::-1]
 
 
 def _positions_at(run: Replay, at_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -92,7 +92,7 @@ def turn_about_axes(degrees: Sequence[float]) -> np.ndarray:
     rotation = np.eye(3)
     for axis, angle in enumerate(degrees):
         if not math.isfinite(angle):
-            raise PoseError(f"a turn of {angle:g} degrees about {'xyz'[axis]} is no rotation")
+            raise PoseError(f"a rotation of {angle:g} degrees about {'xyz'[axis]}, expected finite numbers")
         # whole quarters exactly
         cosine, sine = QUARTERS.get(
             angle % 360.0, (math.cos(math.radians(angle)), math.sin(math.radians(angle)))

@@ -71,7 +71,7 @@ def replay(
         raise RecordingError(
             f"{recording.path}: {shape[0]} ticks of {shape[1]} fingers would make "
             f"{log_bytes / 2**30:.1f} GiB of contacts, "
-            f"expected at most {LARGEST_LOG_BYTES >> 30} GiB: replay less of it at once"
+            f"expected at most {LARGEST_LOG_BYTES >> 30} GiB: replay a shorter part of it"
         )
     contacts = np.zeros(shape, dtype=CONTACT)
     wall_ns, compute_ns = np.zeros((2, shape[0]), dtype=np.int64)

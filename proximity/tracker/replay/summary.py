@@ -9,11 +9,11 @@ from proximity.recording import NANOSECONDS
 from proximity.scene.scene import Scene
 from proximity.tracker.replay.bounds_check import (
     BoundsKept,
+    CertifiedTimes,
     PredictionsKept,
-    TouchesForetold,
     judge_bounds,
+    judge_certified_times,
     judge_predictions,
-    judge_touches,
     touching,
 )
 from proximity.tracker.replay.replay_loop import Replay
@@ -69,7 +69,7 @@ class ReplaySummary:
     touches: tuple[FingerTouches, ...]  # of the fingers that touched
     bounds: BoundsKept
     predictions: PredictionsKept
-    times_to_contact: TouchesForetold
+    certified_times: CertifiedTimes
 
 
 def summarise(scene: Scene, run: Replay, radius: float) -> ReplaySummary:
@@ -103,7 +103,7 @@ def summarise(scene: Scene, run: Replay, radius: float) -> ReplaySummary:
         touches=tuple(_touches(run)),
         bounds=judge_bounds(scene, run, radius),
         predictions=judge_predictions(scene, run, radius),
-        times_to_contact=judge_touches(run),
+        certified_times=judge_certified_times(scene, run, radius),
     )
 
 

@@ -16,11 +16,11 @@ const MAX_SPEED = 3;
 const STATE_NAMES = Object.fromEntries(Object.entries(State).map(([name, value]) => [value, name]));
 const MODE_NAMES = Object.fromEntries(Object.entries(Mode).map(([name, value]) => [value, name]));
 export const MEANINGS = {
-  STARTING: "The service is up and has no hands yet.",
+  STARTING: "The service is running and has no hands yet.",
   OK: "Every finger is tracked, and frames are in time.",
   DEGRADED: "",
-  LATE: "Poses or frames are late: what holds are the bounds, and they widen.",
-  STALE: "Nothing comes from the service: nothing is known.",
+  LATE: "Poses or frames are late: only the bounds hold, and they widen.",
+  STALE: "No frames come from the service: nothing is known of any finger.",
   STOPPING: "The service is stopping.",
 };
 

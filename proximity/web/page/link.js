@@ -7,9 +7,9 @@ const PING_MS = 700;
 const AGAIN_MS = 600;
 const FRAME = RECORDS.frame_header.fields;
 const SENTENCES = {
-  4403: "This address lacks its token: open the address that proximity view printed.",
-  4429: "The bridge has ended the connection, because it had too many pages or messages.",
-  4400: "The bridge could not use what this page sent.",
+  4403: "The address has no token: open the address that proximity view printed.",
+  4429: "The bridge closed the connection: too many pages or messages.",
+  4400: "The bridge refused a message of this page.",
 };
 
 export class Link extends EventTarget {
@@ -44,7 +44,7 @@ export class Link extends EventTarget {
   closed(event) {
     const wasOpen = this.isOpen;
     this.isOpen = false;
-    const sentence = SENTENCES[event.code] ?? "The connection to the bridge is lost; it is tried again.";
+    const sentence = SENTENCES[event.code] ?? "The connection to the bridge is lost. Trying again …";
     this.emit("closed", { sentence, isFinal: event.code === 4403, wasOpen });
     if (event.code !== 4403) setTimeout(() => this.connect(), AGAIN_MS);
   }

@@ -84,9 +84,9 @@ class Page {
     this.tools.mayMove = feeds && this.about.may_move;
     this.parts.mayHide = feeds && this.about.may_hide;
     if (this.feeds) return void this.choose(this.wanted);
-    if (this.about.log) this.choose("none", "Hands are those of the log.");
-    else if (!this.about.may_pose) this.choose("none", "This page only watches: hands come from another program.");
-    else this.choose("none", "Another page feeds the hands; choose one here to take over.");
+    if (this.about.log) this.choose("none", "The hands are those of the log.");
+    else if (!this.about.may_pose) this.choose("none", "This page only shows: hands come from another program.");
+    else this.choose("none", "Another page sends the hands. Choose a source here to take over.");
   }
 
   /** Take hands from elsewhere; *why* is said instead of the usual hint. */
@@ -162,7 +162,7 @@ document.body.classList.toggle("framed", window.top !== window.self);
 if (!document.createElement("canvas").getContext("webgl2")) {
   new Panel().cover("This browser cannot draw in three dimensions: WebGL 2 is missing or switched off.");
 } else if (!token) {
-  new Panel().cover("This address lacks its token: open the address that proximity view printed.");
+  new Panel().cover("The address has no token: open the address that proximity view printed.");
 } else {
   window.page = new Page(token); // for tests and for the console
 }

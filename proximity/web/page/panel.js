@@ -61,7 +61,7 @@ export class Panel {
     if (tracked < contacts.length) {
       return `In time. ${tracked || "No"} of ${contacts.length} fingers ${tracked === 1 ? "is" : "are"} tracked.`;
     }
-    return "In time; of a finger the budget allowed bounds only.";
+    return "In time. For a finger the budget allowed bounds only.";
   }
 
   showNumbers(reading, link, isLogged, header, contacts) {
@@ -137,7 +137,7 @@ export class Panel {
     const { face_count: all, shown_count: shown } = parts.about;
     byId("coarser").hidden = shown >= all;
     const number = (count) => count.toLocaleString("en").replaceAll(",", " ");
-    byId("coarser").textContent = `Shown coarser: ${number(shown)} of ${number(all)} faces. Distances are of the full parts.`;
+    byId("coarser").textContent = `Simplified display: ${number(shown)} of ${number(all)} faces. Distances are computed with all faces.`;
   }
 }
 

@@ -8,8 +8,8 @@ import { SlicePlane } from "./slice_plane.js";
 const STEP = 0.001;
 const TURN = THREE.MathUtils.degToRad(5);
 const HINTS = {
-  move: "Drag a part, or pick one in the list and use the arrow keys. Q and E turn it.",
-  measure: "Click two points of the surface, or two parts in the list.",
+  move: "Drag a part, or select one in the list and use the arrow keys. Q and E turn it.",
+  measure: "Click two points on the surface, or two parts in the list.",
 };
 const KEYS = { KeyM: "move", KeyD: "measure", KeyC: "clip", KeyS: "slice", KeyP: "picture", KeyL: "link", Home: "reset", Slash: "help" };
 
@@ -46,7 +46,7 @@ export class Tools {
   }
 
   setMode(mode) {
-    if (mode === "move" && !this.mayMove) return this.say("This page only watches: parts are moved by another program.");
+    if (mode === "move" && !this.mayMove) return this.say("This page only shows: parts are moved by another program.");
     this.mode = mode;
     for (const name of ["move", "measure"]) byId(`tool-${name}`).setAttribute("aria-pressed", name === mode);
     this.stage.canvas.style.cursor = mode === "move" ? "grab" : mode === "measure" ? "crosshair" : "";
@@ -100,7 +100,7 @@ export class Tools {
     hash.set("view", JSON.stringify(view));
     history.replaceState(null, "", `#${hash}`);
     const copied = await navigator.clipboard?.writeText(location.href).then(() => true, () => false);
-    this.say(`The link with this view is ${copied ? "copied" : "in the address bar"}; it holds while this page is served.`);
+    this.say(`The link to this view is ${copied ? "copied" : "in the address bar"}; it works while this page is served.`);
   }
 
   /** Take the view of the address, if it has one. */

@@ -45,7 +45,7 @@ static void step(decaff_controller *finger, const decaff_observation *seen, deca
 
 static void get_measured(decaff_observation *seen)
 {
-    double numbers[3];
+    double numbers[4];
     uint8_t fault;
 
     GET(numbers);
@@ -53,6 +53,7 @@ static void get_measured(decaff_observation *seen)
     seen->bend = numbers[0];
     seen->drum_angle = numbers[1];
     seen->force = numbers[2];
+    seen->motor_force = numbers[3];
     seen->has_fault = fault != 0;
 }
 

@@ -17,13 +17,12 @@ from proximity.cli.options import (
 
 HELP = "\n\n".join(
     (
-        "Report what FILE holds, part by part.",
-        "For the whole and each part: length, width and height along x, y and z (those of a part in its own "
-        "frame, before it is placed), faces, closed shells, whether it is watertight and oriented, its "
-        "volume, how the sign of distances is known and why, the verdict of manifold3d, and what was "
-        "repaired. An implausible size is noted with the probable unit. On a narrow terminal some "
-        "columns are left out; --json has all figures.",
-        "The exit code is 0 whenever a report can be made; with --strict it is 1 if some part has no inside.",
+        "Report the contents of FILE, part by part.",
+        "For the whole file and for each part: length, width and height along x, y and z (of a part in its "
+        "own frame), faces, closed shells, whether it is watertight and oriented, its volume, how inside "
+        "and outside are decided and why, the verdict of manifold3d, and repairs. An unlikely size is "
+        "reported with the probable unit. A narrow terminal shows fewer columns; --json has all numbers.",
+        "The exit code is 0 if the file can be read. With --strict it is 1 if a part has no inside.",
     )
 )
 
@@ -42,7 +41,9 @@ def command(
     file: FILE,
     as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
     list_all: Annotated[bool, typer.Option("--all", help="List all parts, not only the first 20.")] = False,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 if some part has no inside.")] = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with code 1 if a part has no inside.")
+    ] = False,
     units: UNITS = "mm",
     step_tolerance: STEP_TOLERANCE = STEP_TOLERANCE_MM,
     unpacked_limit: UNPACKED_LIMIT = UNPACKED_LIMIT_GB,
@@ -57,8 +58,8 @@ def command(
 
     metres = metres_per_unit(units)
     progress.prepare_kernels()
-    with progress.spinner(f"reading {file}"):
-        scene = proximity.load(str(file), units=units, **options)
+    with progress.spinner(f"reading {file}") as count:
+        scene = proximity.load(str(file), units=units, progress=count, **options)
         report = check_report.report_of(scene, str(file), units, metres)
     if as_json:
         from proximity.cli.views.json_output import write_document

@@ -20,9 +20,9 @@ from proximity.cli.options import (
 HELP = "\n\n".join(
     (
         "Prepare FILE for fast loading, and write it to OUT.",
-        "OUT is opened in milliseconds wherever a FILE is taken, and gives the same answers, bit for bit. A "
-        "version of proximity that it was not made for refuses it; then it is compiled again. An OUT that is "
-        "there is replaced, at once or not at all.",
+        "OUT can be given wherever a FILE is expected. It opens in milliseconds and gives exactly the same "
+        "answers. Another version of proximity may refuse it; compile FILE again then. An existing OUT is "
+        "replaced only when the new one is complete.",
     )
 )
 
@@ -38,7 +38,7 @@ EXTENSION = ".prox"
 
 def command(
     file: FILE,
-    out: Annotated[Path, typer.Argument(metavar="OUT", help=f"Where to write; ends in {EXTENSION}.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help=f"File to write; its name ends in {EXTENSION}.")],
     units: UNITS = "mm",
     step_tolerance: STEP_TOLERANCE = STEP_TOLERANCE_MM,
     unpacked_limit: UNPACKED_LIMIT = UNPACKED_LIMIT_GB,
@@ -54,8 +54,8 @@ def command(
     from proximity.cli.wording import printable
 
     progress.prepare_kernels()
-    with progress.spinner(f"compiling {file}"):
-        scene = proximity.load(str(file), units=units, **options)
+    with progress.spinner(f"compiling {file}") as count:
+        scene = proximity.load(str(file), units=units, progress=count, **options)
         scene.save(out)
     face_count = sum(part.solid.mesh.face_count for part in scene.parts)
     parts = "1 part" if len(scene.parts) == 1 else f"{len(scene.parts)} parts"

@@ -19,13 +19,15 @@ from proximity.cli.options import (
     load_options,
 )
 from proximity.cli.points import finite_number, read_points
+from proximity.system.extras import installation
 
 HELP = "\n\n".join(
     (
         "Draw the parts of FILE as a PNG file, without a screen.",
-        "--points joins points with the nearest points of the parts; their colours, and numbers where they "
-        "are few, are signed distances. --slice adds a map of the signed distance in a plane. Needs VTK and "
-        'matplotlib: pip install "proximity[picture]".',
+        "--points draws points and the shortest connections from them to the parts. Colours show signed "
+        "distances; if there are few points, numbers do as well. --slice adds a map of the signed distance "
+        "in a plane. Requires VTK and matplotlib: "
+        f"{installation('picture')}.",
     )
 )
 
@@ -42,14 +44,20 @@ POINTS = Annotated[
 ]
 SLICE = Annotated[
     str | None,
-    typer.Option("--slice", metavar="AXIS=POSITION", help="Show the signed distance in a plane, as z=3."),
+    typer.Option(
+        "--slice", metavar="AXIS=POSITION", help="Show the signed distance in a plane, for example z=3."
+    ),
 ]
 VIEW = Annotated[
     str,
-    typer.Option("--view", metavar="VIEW", help="iso, front, back, left, right, top or bottom; z is up."),
+    typer.Option(
+        "--view", metavar="VIEW", help="View: iso, front, back, left, right, top or bottom. z is up."
+    ),
 ]
 SIZE = Annotated[str, typer.Option("--size", metavar="WxH", help="Width and height in pixels.")]
-OUT = Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="The PNG file; replaced if there.")]
+OUT = Annotated[
+    Path, typer.Option("-o", "--out", metavar="FILE", help="PNG file to write. An existing file is replaced.")
+]
 
 
 def command(
@@ -80,8 +88,8 @@ def command(
     load_renderer()
     metres = metres_per_unit(units)
     progress.prepare_kernels()
-    with progress.spinner(f"reading {file}"):
-        scene = proximity.load(str(file), units=units, **options)
+    with progress.spinner(f"reading {file}") as count:
+        scene = proximity.load(str(file), units=units, progress=count, **options)
     drawn = Picture(
         scene,
         file.name,
@@ -100,7 +108,9 @@ def command(
 def _size(text: str) -> tuple[int, int]:
     sides = re.fullmatch(r"(\d{1,6})\s*[xX×]\s*(\d{1,6})", text)
     if sides is None:
-        raise typer.BadParameter(f"{text!r}: expected width and height, as 1400x800", param_hint="--size")
+        raise typer.BadParameter(
+            f"{text!r}: expected width and height, for example 1400x800", param_hint="--size"
+        )
     return int(sides[1]), int(sides[2])
 
 
@@ -108,7 +118,9 @@ def _plane(text: str) -> tuple[str, float]:
     axis, equals, position = text.partition("=")
     axis = axis.strip().lower()
     if axis not in ("x", "y", "z") or not equals:
-        raise typer.BadParameter(f"{text!r}: expected an axis and a position, as z=3", param_hint="--slice")
+        raise typer.BadParameter(
+            f"{text!r}: expected an axis and a position, for example z=3", param_hint="--slice"
+        )
     try:
         return axis, finite_number(position)
     except ValueError as unfit:

@@ -28,15 +28,16 @@ if TYPE_CHECKING:
 HELP = "\n\n".join(
     (
         "Measure from points, rays or segments to the nearest part of FILE.",
-        "One point gives a block to read, many give a table; --json and --csv give lengths with 15 digits. "
-        "Signed distance is negative inside. A part without an inside gives unsigned distances, marked so.",
-        "Points in a file stand one a line, between commas, semicolons or spaces; a first line may name the "
-        "columns, and their unit if it is that of --units; a column called name goes through to the answers. "
-        "# at the start of a line or after a space begins a comment. A point of a file that is not finite "
-        "answers nan; the others go on.",
-        "Answers are written while points are read. Where a line is not a point, the answers before it are "
-        "written, the line is named, and the exit code is 2; a JSON document then ends with the key error. "
-        "Columns of CSV that hold lengths end in their unit.",
+        "A single point is answered with labelled lines, several points with a table. --json and --csv "
+        "write lengths with 15 digits. Signed distance is negative inside. A part without an inside has "
+        "unsigned distances, which are marked.",
+        "A file of points has one point per line, separated by commas, semicolons or spaces. The first line "
+        "may name the columns and their unit, which must be that of --units. A column called name is copied "
+        "to the answers. # at the start of a line or after a space begins a comment. A point that is not "
+        "finite is answered with nan.",
+        "Answers are written while points are read. If a line is not a point, the answers before it are "
+        "written, the error names the line, and the exit code is 2; a JSON document then ends with the key "
+        "error. CSV columns of lengths end in their unit.",
     )
 )
 
@@ -55,7 +56,7 @@ POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is he
 
 COORDINATES = Annotated[
     list[str] | None,
-    typer.Argument(metavar="X Y Z", help="Coordinates of one point or more. Negative numbers are allowed."),
+    typer.Argument(metavar="X Y Z", help="Coordinates of one or more points. Negative numbers are allowed."),
 ]
 POINTS = Annotated[
     str | None,
@@ -107,8 +108,8 @@ def command(
 
         metres = metres_per_unit(units)
         progress.prepare_kernels()
-        with progress.spinner(f"reading {file}"):
-            scene = proximity.load(str(file), units=units, **options)
+        with progress.spinner(f"reading {file}") as count:
+            scene = proximity.load(str(file), units=units, progress=count, **options)
     from proximity.cli.questions import FarPoints, Questions, asker
     from proximity.scene.loader import notes_on_sizes
 

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 HELP = "\n\n".join(
     (
-        "Show FILES in the browser: the parts, hands over them, and how far every fingertip is.",
-        "FILES are parts (STL, OBJ, PLY, OFF, glTF, 3MF, STEP, or a compiled scene); or a scene file, whose "
-        "parts and fingers are taken; or a log of frames (.frames), to be played, with the parts that it is "
-        "of. Hands come from a headset with WebXR, the mouse, or a recording.",
-        "What the page needs is started and ends with Ctrl-C: a service in a process of its own, and a "
-        "bridge between it and the page. Only this machine can connect, and only with the token in the "
-        "address.",
+        "Show FILES in the browser: the parts, hands, and the distance of every fingertip.",
+        "FILES are one of these: parts (STL, OBJ, PLY, OFF, glTF, 3MF, STEP or a compiled scene); a scene "
+        "file (.toml), whose parts and fingers are used; a log of frames (.frames), which is played back, "
+        "together with the parts that it was recorded with. Hands come from a headset with WebXR, the "
+        "mouse, or a recording.",
+        "The command starts a service in a process of its own, and a bridge between it and the page. Ctrl-C "
+        "stops both. Only this machine can connect, and only with the token in the printed address.",
     )
 )
 
@@ -42,36 +42,46 @@ FILES = Annotated[
     list[Path], typer.Argument(metavar="FILES", help="Parts, a scene file (.toml), a log (.frames).")
 ]
 REPLAY = Annotated[
-    Path | None, typer.Option("--replay", metavar="HAND", help="Begin with this recorded hand, as CSV.")
+    Path | None, typer.Option("--replay", metavar="HAND", help="Start with this recorded hand (CSV).")
 ]
-FIT = Annotated[
-    bool, typer.Option("--fit", help="Put the recorded hand where it touches the parts, not where it was.")
-]
+FIT = Annotated[bool, typer.Option("--fit", help="Move the recorded hand to where it touches the parts.")]
 BROWSER = Annotated[
     bool,
-    typer.Option("--browser/--no-browser", help="Open a browser, or do not.", show_default=False),
+    typer.Option("--browser/--no-browser", help="Whether to open a browser.", show_default=False),
 ]
 RERUN = Annotated[
     Path | None,
     typer.Option(
-        "--rerun", metavar="OUT", help="Write a log and its parts for Rerun (.rrd), and show no page."
+        "--rerun",
+        metavar="OUT",
+        help="Write a log and its parts for the viewer Rerun (.rrd) instead of showing a page.",
     ),
 ]
-RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks of the service a second.")]
+RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks of the service per second.")]
 RADIUS = Annotated[
-    float | None, typer.Option("--radius", metavar="MM", help="Of the fingertip spheres; 7 mm without it.")
+    float | None, typer.Option("--radius", metavar="MM", help="Radius of the fingertips; 7 mm if not given.")
 ]
-PORT = Annotated[int, typer.Option("--port", metavar="N", help="Where to listen; 0: any that is free.")]
+PORT = Annotated[int, typer.Option("--port", metavar="N", help="Port to listen on; 0: any free port.")]
 BIND = Annotated[
     str,
-    typer.Option("--bind", metavar="ADDRESS", help="Let other machines connect; needs --cert and --key."),
+    typer.Option(
+        "--bind",
+        metavar="ADDRESS",
+        help="Address to listen on. Other than 127.0.0.1, it requires --cert and --key.",
+    ),
 ]
 NAMES = Annotated[
     list[str] | None,
-    typer.Option("--name", metavar="NAME", help="By which the others call this machine; repeatedly."),
+    typer.Option(
+        "--name",
+        metavar="NAME",
+        help="Host name by which other machines reach this one. Can be given several times.",
+    ),
 ]
 CERT = Annotated[Path | None, typer.Option("--cert", metavar="FILE", help="Certificate for TLS, PEM.")]
-KEY = Annotated[Path | None, typer.Option("--key", metavar="FILE", help="Its private key, PEM.")]
+KEY = Annotated[
+    Path | None, typer.Option("--key", metavar="FILE", help="Private key of the certificate, PEM.")
+]
 BESIDE = Annotated[str | None, typer.Option("--beside", metavar="ADDRESS", hidden=True)]
 FRAMED = Annotated[bool, typer.Option("--framed", hidden=True)]
 AS_JSON = Annotated[bool, typer.Option("--json", hidden=True)]
@@ -179,9 +189,9 @@ def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None)
         for part in load(name, units=units).parts
     ]
     reader = FrameReader(logs[0])
-    with progress.spinner(f"writing {out}"):
+    with progress.spinner(f"writing {out}, frames") as show:
         given = {} if radius is None else {"radius": radius / 1e3}
-        count = write_rerun(out, reader, parts, **given)
+        count = write_rerun(out, progress.counted(reader, show), parts, **given)
     typer.echo(f"{out}: {count} frames")
     for note in reader.notes:
         _say(f"{logs[0]}: {note}")

@@ -1,17 +1,23 @@
 """``proximity calibrate``: measure a finger's glove and its drum, step by step, into a calibration."""
 
 import sys
-from contextlib import redirect_stdout
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from proximity.cli.options import check_range, with_option_groups
 from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
 
 if TYPE_CHECKING:
+    from proximity.cli.calibration.asked_instruments import AskedInstruments
+    from proximity.cli.calibration.guide import Face
+    from proximity.decaff.calibrating.motor_port import MotorPort
     from proximity.decaff.calibrating.results import Session
     from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
+    from proximity.decaff.glove.glove import Glove
 
 HELP = "\n\n".join(
     (
@@ -20,6 +26,10 @@ HELP = "\n\n".join(
         "motor swings the drum, its mass, friction, latency and encoder, and the cable's stiffness. "
         "Each number gets the uncertainty that its repeats show; readings that differ are asked again. "
         "Ctrl-C keeps what was measured, and the same command goes on there.",
+        "With --page a page in the browser guides, with a picture of each pose; else the terminal does.",
+        "With --motor URL and --arm a real motor, as of proximity drum, searches its mechanical stop and "
+        "swings the drum; without --arm it is only read, and nothing is calibrated. These drivers were never "
+        "run on hardware, only against simulated motors.",
         "Numbers are typed, or the counts are taken from the glove_poses messages at --counts. --simulate "
         "measures a simulated glove instead, whose true numbers are shown beside. Readings and results lie "
         "beside FILE as .readings.json, a drawing of them as .png (needs matplotlib).",
@@ -28,9 +38,10 @@ HELP = "\n\n".join(
 
 EXAMPLES = """
 Examples:
-  proximity calibrate glove.json --simulate
+  proximity calibrate glove.json --simulate --page
   proximity calibrate right-index.json --name "right index" --phalanges 45 26 20
   proximity calibrate glove.json --counts iox2://decaff/poses --finger 1
+  proximity calibrate glove.json --motor "odrive-can://can0?node=0&kt=0.05&ratio=4" --arm --page
   proximity calibrate glove.json --again touches
 """
 
@@ -47,6 +58,12 @@ COUNTS = Annotated[
     ),
 ]
 FINGER = Annotated[int, typer.Option("--finger", metavar="N", help="Finger in these messages.")]
+MOTOR = Annotated[
+    str | None, typer.Option("--motor", metavar="URL", help="Motor of the drum, whose encoder is read, too.")
+]
+ARM = Annotated[
+    bool, typer.Option("--arm", help="Home the motor and let it swing the drum. Requires --motor.")
+]
 NAME = Annotated[str, typer.Option("--name", metavar="TEXT", help="Hand and finger, for people.")]
 PHALANGES = Annotated[
     tuple[float, float, float],
@@ -64,97 +81,184 @@ AGAIN = Annotated[
         "--again", metavar="TASK", help="Forget the readings of a task, or of all, and measure anew."
     ),
 ]
-YES = Annotated[bool, typer.Option("--yes", help="With --simulate: do not wait for Enter.")]
+YES = Annotated[bool, typer.Option("--yes", help="With --simulate: do not wait for the person.")]
+PAGE = Annotated[bool, typer.Option("--page", help="Guide on a page in the browser.")]
+BROWSER = Annotated[
+    bool,
+    typer.Option(
+        "--browser/--no-browser", help="With --page: open a browser, or do not.", show_default=False
+    ),
+]
+PORT = Annotated[int, typer.Option("--port", metavar="N", help="Where the page is served; 0: any port.")]
 AS_JSON = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
 
 
+@dataclass(frozen=True)
+class Measured:
+    """What is measured, and with what."""
+
+    simulate: SIMULATE = False
+    seed: SEED = 0
+    counts: COUNTS = None
+    finger: FINGER = 0
+    phalanges: PHALANGES = (45.0, 26.0, 20.0)
+    drum: DRUM = "gear4"
+    motor: MOTOR = None
+    arm: ARM = False
+
+    @property
+    def lengths(self) -> tuple[float, float, float]:
+        """Lengths of the phalanges, m."""
+        first, middle, last = self.phalanges
+        return MM * first, MM * middle, MM * last
+
+
+@dataclass(frozen=True)
+class Asking:
+    """How the person is asked."""
+
+    yes: YES = False
+    page: PAGE = False
+    browser: BROWSER = True
+    port: PORT = 0
+
+
+@with_option_groups
 def command(
     path: FILE,
-    simulate: SIMULATE = False,
-    seed: SEED = 0,
-    counts: COUNTS = None,
-    finger: FINGER = 0,
+    measured: Measured,
+    asking: Asking,
     name: NAME = "",
-    phalanges: PHALANGES = (45.0, 26.0, 20.0),
-    drum: DRUM = "gear4",
     skip: SKIP = None,
     again: AGAIN = None,
-    yes: YES = False,
     as_json: AS_JSON = False,
 ) -> None:
     """Guide through a calibration."""
-    _check(simulate, seed, counts, yes, drum, skip)
+    _check(measured, asking, skip)
     # NumPy, Rich and the models: only now, so that --help and mistakes above answer at once.
-    from proximity.cli.guided_calibration import print_results
-    from proximity.cli.views.json_output import write_document
-    from proximity.decaff.calibrating.results import as_document, contradiction
-    from proximity.decaff.glove.calibration import write_calibration
+    from proximity.cli.calibration.guide import UnfinishedError, guide, result_rows
+    from proximity.decaff.calibrating.results import contradiction
 
-    lengths = (MM * phalanges[0], MM * phalanges[1], MM * phalanges[2])
-    session, simulated = _opened(path, lengths, drum, seed if simulate else None, counts, finger, skip)
-    _begin(session, again)
-    with redirect_stdout(sys.stderr if as_json else sys.stdout):
-        ending = _guided(session, simulated, waits=not yes and (simulate or counts is not None))
-    estimates = session.estimates()
-    if not ending:
-        write_calibration(path, session.calibration(name, lengths))
-        session.readings.write(as_document(estimates))
-    if as_json:
-        write_document(as_document(estimates))
-    else:
-        typer.echo("")
-        print_results(estimates, simulated.truth if simulated is not None else None)
+    if measured.motor is not None and not measured.arm:
+        from proximity.cli.calibration.motor import watch
+
+        watch(measured.motor, _design(measured))
+        return
+    ending, sentence = 0, ""
+    with _port(measured) as port, redirect_stdout(sys.stderr if as_json else sys.stdout):
+        session, asked, simulated = _opened(path, measured, port, skip)
+        truth = None if simulated is None else simulated.truth
+        _begin(session, again)
+        try:
+            with _face(asking, port) as face:
+                asked.numbers = face.numbers
+                if port is not None:
+                    typer.echo("proximity: the motor moves now, to find its stop", err=True)
+                    port.home()
+                waits = not asking.yes and (measured.simulate or measured.counts is not None)
+                guide(session, face, simulated, waits=waits)
+                sentence = _written(session, path, name, measured.lengths)
+                shown = ". ".join(filter(None, [sentence, contradiction(session)]))
+                face.results(result_rows(session.estimates(), truth), shown, path.with_suffix(".png"))
+        except KeyboardInterrupt:
+            ending = EXIT_INTERRUPTED
+        except UnfinishedError as unfinished:
+            ending, sentence = EXIT_NOTHING, str(unfinished)
+    _print(session, truth, as_json=as_json)
     if ending:
         kept = f"{len(session.readings.all)} readings are kept in {session.readings.path}"
-        typer.echo(f"proximity: {kept}; the same command goes on there", err=True)
+        why = f"{sentence}; " if sentence else ""
+        typer.echo(f"proximity: {why}{kept}; the same command goes on there", err=True)
         raise typer.Exit(ending)
-    if sentence := contradiction(session):
-        typer.echo(f"proximity: {sentence}", err=True)
-    typer.echo(f"{path}: written{_drawn(session, path.with_suffix('.png'))}", err=as_json)
+    if contradicts := contradiction(session):
+        typer.echo(f"proximity: {contradicts}", err=True)
+    typer.echo(sentence, err=as_json)
+
+
+def _print(session: "Session", truth: dict[str, float] | None, *, as_json: bool) -> None:
+    """Print what the readings say."""
+    from proximity.cli.calibration.guide import result_rows
+    from proximity.cli.calibration.terminal import print_results
+    from proximity.cli.views.json_output import write_document
+    from proximity.decaff.calibrating.results import as_document
+
+    if as_json:
+        write_document(as_document(session.estimates()))
+    else:
+        typer.echo("")
+        print_results(result_rows(session.estimates(), truth))
+
+
+def _design(measured: Measured) -> "Glove":
+    from proximity.decaff.glove.finger import Finger
+    from proximity.decaff.glove.glove import Glove
+
+    return Glove(finger=Finger(phalanges=measured.lengths))
+
+
+def _port(measured: Measured) -> "AbstractContextManager[MotorPort | None]":
+    """Open the motor, if there is one."""
+    if measured.motor is None:
+        return nullcontext()
+    from proximity.cli.calibration.motor import opened_port
+    from proximity.decaff.drum.drum_model import DRUMS
+
+    return opened_port(measured.motor, _design(measured), DRUMS[measured.drum])
 
 
 def _opened(
-    path: Path,
-    lengths: tuple[float, float, float],
-    drum: str,
-    seed: int | None,
-    counts: str | None,
-    finger: int,
-    skip: list[str] | None,
-) -> tuple["Session", "SimulatedGlove | None"]:
-    """Return the calibration under way, and the simulated glove where there is one."""
-    from proximity.cli.guided_calibration import TypedGlove
+    path: Path, measured: Measured, port: "MotorPort | None", skip: list[str] | None
+) -> tuple["Session", "AskedInstruments", "SimulatedGlove | None"]:
+    """Return the calibration under way, what a person reads, and the simulated glove where there is one."""
+    from proximity.cli.calibration.asked_instruments import AskedInstruments
     from proximity.decaff.calibrating.instruments import Instruments
     from proximity.decaff.calibrating.readings import Readings
     from proximity.decaff.calibrating.results import Session
     from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
     from proximity.decaff.calibrating.tasks import Bench
     from proximity.decaff.drum.drum_model import DRUMS
-    from proximity.decaff.glove.finger import Finger
-    from proximity.decaff.glove.glove import Glove
 
-    design = Glove(finger=Finger(phalanges=lengths))
-    simulated = None if seed is None else SimulatedGlove(seed, design, DRUMS[drum])
+    design, drum = _design(measured), DRUMS[measured.drum]
+    asked = AskedInstruments(measured.counts, measured.finger)
+    simulated = SimulatedGlove(measured.seed, design, drum) if measured.simulate else None
     if simulated is not None:
         instruments = simulated.instruments
+    elif port is not None:
+        instruments = Instruments("a person's instruments and a motor", asked, port)
     else:
-        typed = TypedGlove(counts, finger)
-        instruments = Instruments("a person's instruments", typed, typed)
-    readings = Readings(path.with_suffix(".readings.json"), f"{instruments.name}, {drum} drum")
-    return Session(Bench(instruments, design, DRUMS[drum]), readings, skip or ()), simulated
+        instruments = Instruments("a person's instruments", asked, asked)
+    readings = Readings(path.with_suffix(".readings.json"), f"{instruments.name}, {measured.drum} drum")
+    return Session(Bench(instruments, design, drum), readings, skip or ()), asked, simulated
 
 
-def _guided(session: "Session", simulated: "SimulatedGlove | None", *, waits: bool) -> int:
-    """Measure what is left to do; return the exit code of a calibration that was interrupted, else 0."""
-    from proximity.cli.guided_calibration import UnfinishedError, guide
+def _face(asking: Asking, port: "MotorPort | None") -> "AbstractContextManager[Face]":
+    """Return what asks the person."""
+    from proximity.cli.calibration.page import opened_page
+    from proximity.cli.calibration.terminal import Terminal
 
+    if not asking.page:
+        return nullcontext(Terminal())
+    on_stop = None if port is None else port.stop
+    return opened_page(port=asking.port, opens_browser=asking.browser, on_stop=on_stop)
+
+
+def _written(session: "Session", path: Path, name: str, lengths: tuple[float, float, float]) -> str:
+    """Write the calibration, and draw it; return a sentence."""
+    from proximity.cli.calibration.guide import UnfinishedError
+    from proximity.decaff.calibrating.results import as_document
+    from proximity.decaff.glove.calibration import write_calibration
+    from proximity.errors import DecaffError
+    from proximity.studies.figures import calibration_plots
+
+    if missing := session.missing():
+        raise UnfinishedError(f"{', '.join(missing)} left out, which a calibration needs")
+    write_calibration(path, session.calibration(name, lengths))
+    session.readings.write(as_document(session.estimates()))
     try:
-        guide(session, simulated, waits=waits)
-    except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
-    except UnfinishedError:
-        return EXIT_NOTHING
-    return 0
+        calibration_plots.write(session, path.with_suffix(".png"))
+    except DecaffError as unmade:
+        return f"{path}: written; not drawn: {unmade}"
+    return f"{path}: written; drawn in {path.with_suffix('.png')}"
 
 
 def _begin(session: "Session", again: str | None) -> None:
@@ -179,27 +283,22 @@ def _begin(session: "Session", again: str | None) -> None:
     )
 
 
-def _drawn(session: "Session", path: Path) -> str:
-    """Draw the results; return words for the last line."""
-    from proximity.errors import DecaffError
-    from proximity.studies.figures import calibration_plots
-
-    try:
-        calibration_plots.write(session, path)
-    except DecaffError as missing:
-        return f"; not drawn: {missing}"
-    return f"; drawn in {path}"
-
-
-def _check(
-    simulate: bool, seed: int, counts: str | None, yes: bool, drum: str, skip: list[str] | None
-) -> None:
-    if drum not in ("direct", "gear4", "gear10"):
-        raise typer.BadParameter(f"{drum!r}: expected direct, gear4 or gear10", param_hint="--drum")
-    if simulate and counts is not None:
+def _check(measured: Measured, asking: Asking, skip: list[str] | None) -> None:
+    if measured.drum not in ("direct", "gear4", "gear10"):
+        raise typer.BadParameter(f"{measured.drum!r}: expected direct, gear4 or gear10", param_hint="--drum")
+    if measured.simulate and measured.counts is not None:
         raise typer.BadParameter("a simulated glove has its own counts", param_hint="--counts")
-    if not simulate and (seed or yes):
-        raise typer.BadParameter("requires --simulate", param_hint="--seed" if seed else "--yes")
+    if measured.simulate and measured.motor is not None:
+        raise typer.BadParameter("a simulated glove has its own drum", param_hint="--motor")
+    if measured.arm and measured.motor is None:
+        raise typer.BadParameter("there is no --motor to arm", param_hint="--arm")
+    if not measured.simulate and (measured.seed or asking.yes):
+        hint = "--seed" if measured.seed else "--yes"
+        raise typer.BadParameter("requires --simulate", param_hint=hint)
+    if not asking.page and (asking.port or not asking.browser):
+        hint = "--port" if asking.port else "--no-browser"
+        raise typer.BadParameter("requires --page", param_hint=hint)
+    check_range(asking.port, "--port", "", 0, 65535)
     for task in skip or ():
         if task not in ("free drum", "held drum"):
             raise typer.BadParameter(f"{task!r}: expected 'free drum' or 'held drum'", param_hint="--skip")

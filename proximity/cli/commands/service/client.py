@@ -9,10 +9,10 @@ import typer
 HELP = "\n\n".join(
     (
         "Write a client into a folder: sources in C++, JavaScript or C# that read frames and send poses.",
-        "It verifies frames, lets them age (OK, LATE, STALE) as the subscriber of proximity does, and knows "
-        "the keys of udp://. cpp is header only, for C++20 on POSIX systems and Windows; javascript is ES "
-        "modules for browsers and Node; csharp is for Unity and .NET. With each comes an example, which is "
-        "left alone where it is there already; the other files are replaced.",
+        "It verifies frames and ages them (OK, LATE, STALE) as the subscriber of proximity does, and "
+        "supports the keys of udp://. cpp is header only, for C++20 on POSIX systems and Windows; "
+        "javascript is ES modules for browsers and Node; csharp is for Unity and .NET. An example is "
+        "written as well. An existing example is kept; the other files are replaced.",
     )
 )
 
@@ -33,7 +33,7 @@ class Language(StrEnum):
 
 def command(
     language: Annotated[
-        Language, typer.Argument(metavar="csharp|javascript|cpp", help="The language of your program.")
+        Language, typer.Argument(metavar="csharp|javascript|cpp", help="Language of your program.")
     ],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write the files to.")],
 ) -> None:

@@ -6,16 +6,17 @@ from typing import Annotated
 
 import typer
 
-from proximity.cli.options import check_range
+from proximity.cli.options import CABLE, cable_stiffness, check_range
 
 HELP = "\n\n".join(
     (
         "Write the controller of a contact drum as C99 sources for a microcontroller.",
-        "It receives frames from udp:// with or without a key, and decides at a fixed rate where each drum "
-        "stands, as the controller of proximity drum does: states, limits, safe behaviour and servo are the "
-        "same. It needs no heap and of <math.h> sqrt alone, and a processor with double precision, such as a "
-        "Cortex-M7. With --calibration, decaff_glove.c has the paths of your glove: write it anew after each "
-        "calibration.",
+        "It receives frames from udp://, with or without a key, and decides at a fixed rate where each drum "
+        "stands. States, limits, safe behaviour and servo are those of the controller in proximity drum. It "
+        "needs no heap, from <math.h> only sqrt, and a processor with double precision, such as a "
+        "Cortex-M7. With --calibration, decaff_glove.c contains the finger paths of your glove: run this "
+        "command again after each calibration. With --cable the drum makes up for the stretch of the cable "
+        "while it holds a position, from the measured force, or else from that of the motor.",
     )
 )
 
@@ -23,6 +24,7 @@ EXAMPLES = """
 Examples:
   proximity controller --out firmware
   proximity controller --out firmware --calibration glove.json --drum gear10
+  proximity controller --out firmware --calibration glove.json --cable glove.json
 """
 
 LEAST_RATE_HZ, MOST_RATE_HZ = 150.0, 20000.0  # slower, each sample would trip the watchdog of 10 ms
@@ -43,25 +45,28 @@ def command(
         typer.Option(
             "--calibration",
             metavar="FILE",
-            help="Calibration of the glove: one for all fingers, or one each. Without it the paper's glove.",
+            help="Calibration of the glove: one for all, or one for each finger. Default: the paper's.",
         ),
     ] = None,
     drum: Annotated[
-        DrumName, typer.Option("--drum", metavar="direct|gear4|gear10", help="The drum that is driven.")
+        DrumName, typer.Option("--drum", metavar="direct|gear4|gear10", help="Drum to control.")
     ] = DrumName.gear4,
     rate: Annotated[
         float, typer.Option("--rate", metavar="HZ", help="Rate of controller and servo.")
     ] = 3000.0,
+    cable: CABLE = None,
 ) -> None:
     """Write the files of the controller."""
     check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
     # NumPy and SciPy: only now, so that --help answers at once.
     from proximity.decaff.chip.constants import ChipSettings
     from proximity.decaff.chip.sources import write_controller
+    from proximity.decaff.controller.cable_stretch import CableRule
     from proximity.decaff.drum.drum_model import DRUMS
     from proximity.decaff.glove.glove import Glove
     from proximity.decaff.glove.glove_set import read_glove
 
     gloves = [read_glove(path) for path in calibration] if calibration else [Glove()]
-    for path in write_controller(gloves, out, ChipSettings(rate, DRUMS[drum.value])):
+    rule = CableRule() if cable is None else CableRule(cable_stiffness(cable))
+    for path in write_controller(gloves, out, ChipSettings(rate, DRUMS[drum.value], cable=rule)):
         typer.echo(f"{path}: written")

@@ -23,10 +23,11 @@ if TYPE_CHECKING:
 
 HELP = "\n\n".join(
     (
-        "Demonstrate the whole chain: a recorded hand at the sample bracket, without any configuration.",
+        "Demonstrate the whole chain with a recorded hand at the sample bracket. Nothing has to be "
+        "configured.",
         "A service follows the hand 1000 times a second, in a process of its own. Controllers of simulated "
-        "drums listen to it, as `proximity drum` runs them, and this terminal shows both until Ctrl-C or "
-        "--seconds. It ends with what each of them has done. Nothing is left behind.",
+        "drums listen to it, as `proximity drum` runs them. This terminal shows both until Ctrl-C or "
+        "--seconds, and then a summary. No files are left behind.",
     )
 )
 

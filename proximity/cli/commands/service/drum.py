@@ -4,28 +4,33 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from proximity.cli.options import ADDRESS, LIMIT, check_limit, check_range
+from proximity.cli.options import ADDRESS, CABLE, LIMIT, cable_stiffness, check_limit, check_range
 from proximity.cli.program import EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
+
+if TYPE_CHECKING:
+    from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 
 HELP = "\n\n".join(
     (
         "Run the drums of the service that publishes at ADDRESS, until Ctrl-C or --limit.",
-        "Each finger has a controller, as a real drum would have it, and a simulated drum: the state, the "
-        "positions of drum and finger on the finger's path, the drum's angle, the force between them and "
-        "the motor's torque are shown. A sample that comes 10 ms late is a fault, as on a real drum, and the "
-        "controller starts again. Fingers without a bend are assumed to bend straight into what is nearest, "
-        "and marked so. On a terminal the display is live, elsewhere one line a second; with --json only a "
-        "summary at the end. The exit code is 1 if no frame came.",
-        "With --motor URL a finger's drum is a real one: odrive-can://CHANNEL, canopen://CHANNEL or "
-        "simplefoc://PORT. The motor is only read, whatever ADDRESS has, until --arm is given, too: then it "
-        "searches its mechanical stop, which moves it, and follows. Any uncertainty switches all motors off, "
-        "with a sentence and the exit code 2. These drivers were never run on hardware, only against "
-        "simulated motors.",
+        "Each finger has a controller, the same as for a real drum, and a simulated drum. Shown are the "
+        "state, the positions of drum and finger on the finger's path, the drum's angle, the force between "
+        "them and the torque of the motor. A sample that is 10 ms late is a fault, as on a real drum, and "
+        "the controller starts again. With --cable the drum makes up for the stretch of the cable while a "
+        "finger is on it. A finger whose frames have no bend is assumed to bend straight towards the "
+        "nearest surface, and marked. A terminal shows a live table, any other output one line a second; "
+        "--json prints a summary at the end only. The exit code is 1 if no frame came.",
+        "--motor URL drives a real drum instead: odrive-can://CHANNEL, canopen://CHANNEL or "
+        "simplefoc://PORT. Without --arm the motor is only read and never moves, whatever ADDRESS "
+        "publishes. With --arm it searches its mechanical stop, which moves it, and then follows. Any "
+        "uncertainty switches all motors off; the reason is printed and the exit code is 2. These drivers "
+        "were tested with simulated motors only, never on hardware.",
     )
 )
 
@@ -52,8 +57,8 @@ CALIBRATION = Annotated[
     typer.Option(
         "--calibration",
         metavar="FILE",
-        help="Calibration of the glove: one for all fingers, or one for each. Without it a glove with our "
-        "own dimensions.",
+        help="Calibration of the glove: one for all fingers, or one for each. Default: a glove with assumed "
+        "dimensions.",
     ),
 ]
 MAX_AGE = Annotated[
@@ -62,10 +67,14 @@ MAX_AGE = Annotated[
 ]
 MOTOR = Annotated[
     list[str] | None,
-    typer.Option("--motor", metavar="URL", help="Motor of finger 0; given again, of finger 1, and so on."),
+    typer.Option(
+        "--motor",
+        metavar="URL",
+        help="Motor of finger 0. Can be given several times: then of finger 1, and so on.",
+    ),
 ]
 ARM = Annotated[
-    bool, typer.Option("--arm", help="Home the motors and have them follow: they move. Requires --motor.")
+    bool, typer.Option("--arm", help="Let the motors move: home them, then follow. Requires --motor.")
 ]
 LOG = Annotated[Path | None, typer.Option("--log", metavar="FILE", help="Write every sample to a CSV file.")]
 AS_JSON = Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")]
@@ -77,6 +86,7 @@ def command(
     rate: RATE = 500.0,
     calibration: CALIBRATION = None,
     max_age: MAX_AGE = None,
+    cable: CABLE = None,
     motor: MOTOR = None,
     arm: ARM = False,
     log: LOG = None,
@@ -91,11 +101,10 @@ def command(
     from proximity.cli.drum_motors import armable_motors, ready_bench, watch_motors
     from proximity.cli.views.drum_log import DrumLog
     from proximity.cli.views.screen import Screen
-    from proximity.decaff.glove.glove_set import read_glove
     from proximity.transport import Reading, open_subscriber
 
     sys.setswitchinterval(SWITCH_S)
-    gloves = [read_glove(path, max_age) for path in calibration or ()]
+    gloves, rule = _worn(calibration or [], cable, max_age)
     with stopped_by_signals() as stop, armable_motors(motor or [], gloves) as motors:
         if motors and not arm:
             watch_motors(motors, stop, limit)
@@ -105,7 +114,7 @@ def command(
             DrumLog(log) as written,
             Screen(Console(), is_silent=as_json) as screen,
         ):
-            bench = ready_bench(rate, gloves, motors, stop)
+            bench = ready_bench(rate, gloves, motors, stop, rule)
             started = time.monotonic()
             newest = [subscriber.read()]
 
@@ -123,6 +132,17 @@ def command(
         raise typer.Exit(EXIT_NOTHING)
 
 
+def _worn(
+    calibration: list[Path], cable: str | None, max_age: float | None
+) -> tuple[list["CalibratedGlove"], "CableRule"]:
+    """The gloves, and the cable whose stretch is made up for."""
+    from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.glove.glove_set import read_glove
+
+    rule = CableRule() if cable is None else CableRule(cable_stiffness(cable, max_age))
+    return [read_glove(path, max_age) for path in calibration], rule
+
+
 def _check(
     rate: float,
     max_age: float | None,
@@ -133,9 +153,9 @@ def _check(
 ) -> None:
     check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
     if max_age is not None and not calibration:
-        raise typer.BadParameter("only a --calibration has an age", param_hint="--max-age")
+        raise typer.BadParameter("requires --calibration", param_hint="--max-age")
     if is_armed and not motors:
-        raise typer.BadParameter("there is no --motor to arm", param_hint="--arm")
+        raise typer.BadParameter("requires --motor", param_hint="--arm")
 
 
 def _is_over(started: float, limit: float | None) -> bool:

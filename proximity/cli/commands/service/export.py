@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from proximity.recording import FrameReader
+    from collections.abc import Iterable
+
+    import numpy as np
 
 HELP = "\n\n".join(
     (
-        "Write the frames in FILE, a log that record or serve wrote, as a table with one line for each "
-        "finger and frame.",
-        "A line has the session, number, state and instants of its frame, then all fields of the contact; "
-        "vectors take three columns, instants are nanoseconds, lengths metres. Without --csv and --parquet "
-        "it is CSV on standard output. Torn or damaged frames are left out and reported.",
+        "Write the frames in FILE, a log of record or serve, as a table with one line for each finger and "
+        "frame.",
+        "A line has the session, number, state and instants of its frame, then all fields of the contact. "
+        "Vectors take three columns, instants are in nanoseconds, lengths in metres. Without --csv and "
+        "--parquet, CSV is written to standard output. Torn or damaged frames are skipped and reported.",
     )
 )
 
@@ -31,12 +33,14 @@ STDOUT = Path("-")
 
 
 def command(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A log of frames.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Log of frames.")],
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="OUT", help="Write CSV; - is standard output.")
+        Path | None,
+        typer.Option("--csv", metavar="OUT", help="Write CSV to this file; - is standard output."),
     ] = None,
     parquet: Annotated[
-        Path | None, typer.Option("--parquet", metavar="OUT", help="Write Parquet; needs pyarrow.")
+        Path | None,
+        typer.Option("--parquet", metavar="OUT", help="Write Parquet to this file. Requires pyarrow."),
     ] = None,
 ) -> None:
     """Write a log of frames as a table."""
@@ -55,14 +59,15 @@ def command(
     if out == STDOUT:
         write_frames_csv(sys.stdout, reader)
     else:
-        with progress.spinner(f"writing {out}"):
-            line_count = _write(out, reader, is_parquet=parquet is not None)
+        with progress.spinner(f"writing {out}, frames") as count:
+            runs = progress.counted(reader, count)
+            line_count = _write(out, runs, is_parquet=parquet is not None)
         typer.echo(f"{out}: {reader.frame_count} frames, {line_count} lines")
     for note in reader.notes:
         typer.echo(f"proximity: {file}: {note}", err=True)
 
 
-def _write(out: Path, reader: "FrameReader", *, is_parquet: bool) -> int:
+def _write(out: Path, runs: "Iterable[np.ndarray]", *, is_parquet: bool) -> int:
     """Write a table in place of what is there, at once and wholly; how many lines."""
     from proximity.recording import load_pyarrow, write_frames_csv, write_frames_parquet
     from proximity.system.whole_file import whole_file
@@ -70,6 +75,6 @@ def _write(out: Path, reader: "FrameReader", *, is_parquet: bool) -> int:
     if is_parquet:
         load_pyarrow()  # where it is missing, not even an unfinished file is made
         with whole_file(out) as stream:
-            return write_frames_parquet(stream, reader)
+            return write_frames_parquet(stream, runs)
     with whole_file(out) as stream, io.TextIOWrapper(stream, encoding="utf-8", newline="") as text:
-        return write_frames_csv(text, reader)
+        return write_frames_csv(text, runs)

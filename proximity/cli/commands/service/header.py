@@ -8,9 +8,9 @@ import typer
 HELP = "\n\n".join(
     (
         "Print decaff_message.h, the layout of all messages for C99, C11 and C++.",
-        "It holds structures with a comment for each field, and functions that check whether bytes are a "
-        "frame and how far it can be trusted. It includes standard headers only: a microcontroller that "
-        "receives datagrams from udp:// needs nothing else.",
+        "It contains a structure for each message, with a comment for each field, and functions that check "
+        "whether bytes are a frame and how far it can be trusted. It includes standard headers only: a "
+        "microcontroller that receives udp:// datagrams needs nothing else.",
     )
 )
 

@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 HELP = "\n\n".join(
     (
         "Write every frame published at ADDRESS to FILE, until Ctrl-C, SIGTERM or --limit.",
-        "FILE is only appended to: a log that is there is continued, and a crash costs at most the frame "
-        "that was being written. What is lost on the way shows as gaps in the frames' numbers. The exit code "
-        "is 1 if no frame came.",
+        "FILE is only appended to: an existing log is continued, and a crash loses at most the frame that "
+        "was being written. Frames that were lost in transit are gaps in the sequence numbers. The exit "
+        "code is 1 if no frame came.",
     )
 )
 
 EXAMPLES = """
 Examples:
   proximity record iox2://decaff run.frames
-  proximity record udp://127.0.0.1:9100 run.frames --limit 60
+  proximity record udp://127.0.0.1:9100 run.frames --limit 60 --json
   proximity export run.frames --csv run.csv
 """
 
@@ -39,8 +39,11 @@ ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame before that is said
 
 def command(
     address: ADDRESS,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The log; created, or continued.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Log of frames. Created if missing, otherwise continued.")
+    ],
     limit: LIMIT = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
 ) -> None:
     """Record frames until asked to stop."""
     check_limit(limit)
@@ -62,9 +65,35 @@ def command(
             _record(inlet, subscriber, log, stop, limit)
         finally:  # also on a full disk: the log holds what is reported here
             seconds = time.monotonic() - started
-            typer.echo(f"{file}: {summary(log.frame_count, seconds, subscriber.counts)}")
+            _write_summary(file, log.frame_count, seconds, subscriber.counts, as_json=as_json)
     if not log.frame_count:
         raise typer.Exit(EXIT_NOTHING)
+
+
+def _write_summary(file: Path, frame_count: int, seconds: float, counts: "Counts", *, as_json: bool) -> None:
+    from proximity.cli.views.json_output import write_document
+
+    if not as_json:
+        typer.echo(f"{file}: {summary(frame_count, seconds, counts)}")
+        return
+    write_document(
+        {
+            "file": str(file),
+            "frames": frame_count,
+            "seconds": round(seconds, 3),
+            "lost": counts.lost,
+            "refused": counts.unused,
+            "reasons": _reasons(counts),
+            "sessions": counts.sessions,
+        }
+    )
+
+
+def _reasons(counts: "Counts") -> dict[str, int]:
+    """How many messages were refused, and why."""
+    reasons = {flaw.value: count for flaw, count in counts.flawed.items()}
+    others = {"from another sender": counts.refused, "not verified by the key": counts.unverified}
+    return reasons | {reason: count for reason, count in others.items() if count}
 
 
 def summary(frame_count: int, seconds: float, counts: "Counts") -> str:
@@ -79,9 +108,7 @@ def summary(frame_count: int, seconds: float, counts: "Counts") -> str:
     counts : Counts
         Of the subscriber.
     """
-    reasons = [f"{count} {flaw.value}" for flaw, count in counts.flawed.items()]
-    reasons += [f"{counts.refused} from a stranger"] if counts.refused else []
-    reasons += [f"{counts.unverified} not verified by the key"] if counts.unverified else []
+    reasons = [f"{count} {reason}" for reason, count in _reasons(counts).items()]
     frames = "1 frame" if frame_count == 1 else f"{frame_count} frames"
     return (
         f"{frames} in {seconds:.1f} s, {counts.lost} lost, {counts.unused} refused"
@@ -108,6 +135,6 @@ def _record(
             if log.frame_count:
                 status.show(f"{log.path}: {summary(log.frame_count, elapsed, subscriber.counts)}")
             elif elapsed > ANNOUNCE_AFTER_S:
-                status.say_once(f"nothing has come from {subscriber.address} yet")
+                status.say_once(f"no frame has come from {subscriber.address} yet")
         for data in subscriber.frames():  # what came while the last was being written
             log.append(data)

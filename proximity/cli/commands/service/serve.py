@@ -19,13 +19,14 @@ if TYPE_CHECKING:
 HELP = "\n\n".join(
     (
         "Serve the fingers and parts that SCENE describes: poses in, contacts out, every period.",
-        "SCENE is TOML; meshes/demo.toml explains every key. The service ends with Ctrl-C or SIGTERM, with a "
-        "recording that is not repeated, or after --limit or --ticks; its last frames say that it stops. "
-        "SCENE and the files of its parts may be edited meanwhile: an edit is taken between two ticks, or "
-        "refused with a sentence while the scene before is served on.",
-        "The report on standard output says how many ticks there were, how many were missed, how long they "
-        "took, and how late they began. Exit codes: 0 stopped when asked; 2 SCENE cannot be used, an address "
-        "is in use, or the log that was asked for lacks frames.",
+        "SCENE is a TOML file; meshes/demo.toml explains every key. The service runs until Ctrl-C or "
+        "SIGTERM, until a recording ends that is not repeated, or until --limit or --ticks; its last frames "
+        "have the state STOPPING. You can edit SCENE and the files of its parts while the service runs: a "
+        "valid edit takes effect between two ticks; an invalid edit is reported with its line, and the "
+        "previous scene stays in use.",
+        "The report on standard output has the number of ticks, how many were missed, how long they took "
+        "and how late they began. Exit codes: 0: stopped as asked. 2: SCENE cannot be used, an address is "
+        "in use, or the log lacks frames.",
     )
 )
 
@@ -33,11 +34,13 @@ EXAMPLES = """
 Examples:
   proximity serve meshes/demo.toml
   proximity serve cell.toml --rate 500 --publish udp://192.168.7.2:9100 --log run.frames
-  proximity serve cell.toml --limit 60 --no-real-time --json
+  proximity serve cell.toml --realtime --limit 60 --json
 """
 
 
-SCENE = Annotated[Path, typer.Argument(metavar="SCENE", help="TOML: parts, fingers, input, addresses.")]
+SCENE = Annotated[
+    Path, typer.Argument(metavar="SCENE", help="Scene file (TOML): parts, fingers, input, addresses.")
+]
 RATE = Annotated[
     float | None, typer.Option("--rate", metavar="HZ", help="Ticks per second; overrides SCENE.")
 ]
@@ -55,21 +58,21 @@ LOG = Annotated[
 REAL_TIME = Annotated[
     bool | None,
     typer.Option(
-        "--real-time/--no-real-time",
-        help="Try for priority, locked memory and a core of its own.",
+        "--realtime/--no-realtime",
+        help="Ask the system for real-time priority, locked memory and a core of its own; overrides SCENE.",
         show_default=False,
     ),
 ]
 TICKS = Annotated[int | None, typer.Option("--ticks", metavar="N", help="Stop after this many ticks.")]
 WEB = Annotated[
-    bool, typer.Option("--web", help="Put a page beside it, as proximity view shows; its address is printed.")
+    bool, typer.Option("--web", help="Start the page of proximity view as well, and print its address.")
 ]
 AS_JSON = Annotated[
-    bool, typer.Option("--json", help="Write JSON: one document at the start, and the report at the end.")
+    bool, typer.Option("--json", help="Write one JSON document at the start and one at the end: the report.")
 ]
 UNTIL_STDIN = Annotated[
     bool,
-    typer.Option("--until-stdin", help="Stop at a line on standard input, or when it is closed."),
+    typer.Option("--until-stdin", help="Stop when a line arrives on standard input, or when it is closed."),
 ]
 
 

@@ -1,6 +1,8 @@
 """``proximity watch``: show live what a service publishes."""
 
 import time
+from threading import Event
+from typing import Annotated
 
 import typer
 
@@ -11,10 +13,11 @@ from proximity.system.stop_signals import stopped_by_signals
 HELP = "\n\n".join(
     (
         "Show the fingers of the service that publishes at ADDRESS, until Ctrl-C or --limit.",
-        "Per finger: the nearest part, the distance or its bounds, when it will touch, how fast it comes "
-        "near, what the drum is advised to do, and flags. Above: the state, the rate, the age of the oldest "
-        "pose, frames lost and refused. Where the output is no terminal it is one line a second. The exit "
-        "code is 1 if no frame came.",
+        "For each finger: the nearest part, the distance or its bounds, the time until touch, the approach "
+        "speed, the advised mode of the drum, and flags. Above the table: the state, the frame rate, the "
+        "age of the oldest pose, and how many frames were lost and refused. If the output is not a "
+        "terminal, one line a second is written. --json writes every frame as one line of JSON instead, in "
+        "SI units. The exit code is 1 if no frame came.",
     )
 )
 
@@ -22,25 +25,51 @@ EXAMPLES = """
 Examples:
   proximity watch iox2://decaff
   proximity watch udp://127.0.0.1:9100 --limit 10 > lines.txt
+  proximity watch iox2://decaff --json | head -1
 """
 
 TURN_S = 0.02  # within that a wish to stop is noticed, and a silence shown
 
+AS_JSON = Annotated[bool, typer.Option("--json", help="Write every frame as one line of JSON, in SI units.")]
 
-def command(address: ADDRESS, limit: LIMIT = None) -> None:
+
+def command(address: ADDRESS, limit: LIMIT = None, as_json: AS_JSON = False) -> None:
     """Show a service until asked to stop."""
     check_limit(limit)
+    ends = None if limit is None else time.monotonic() + limit
+    with stopped_by_signals() as stop:
+        received = (_write_lines if as_json else _show)(address, stop, ends)
+    if not received:
+        raise typer.Exit(EXIT_NOTHING)
+
+
+def _show(address: str, stop: Event, ends: float | None) -> int:
+    """Show the newest frame, again and again; return how many came."""
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli.console import Console
     from proximity.cli.views.screen import Screen
     from proximity.cli.views.service_watch import Follower, show
     from proximity.transport import open_subscriber
 
-    ends = None if limit is None else time.monotonic() + limit
-    with stopped_by_signals() as stop, open_subscriber(address) as subscriber, Screen(Console()) as screen:
+    with open_subscriber(address) as subscriber, Screen(Console()) as screen:
         follower = Follower(subscriber)
         while not stop.is_set() and (ends is None or time.monotonic() < ends):
             show(screen, *follower.look(TURN_S))
-        received = subscriber.counts.received
-    if not received:
-        raise typer.Exit(EXIT_NOTHING)
+        return subscriber.counts.received
+
+
+def _write_lines(address: str, stop: Event, ends: float | None) -> int:
+    """Write every frame as a line; return how many came."""
+    from proximity.cli.views.frame_json import frame_document
+    from proximity.cli.views.json_output import write_document
+    from proximity.recording.frame_bytes import frame_type
+    from proximity.transport import Subscriber, open_inlet
+
+    inlet = open_inlet(address)
+    with Subscriber(inlet, address) as subscriber:
+        while not stop.is_set() and (ends is None or time.monotonic() < ends):
+            inlet.wait(TURN_S)
+            for data in subscriber.frames():
+                (frame,) = data.view(frame_type(len(data)))
+                write_document(frame_document(frame, subscriber.part_names), indent=None)
+        return subscriber.counts.received

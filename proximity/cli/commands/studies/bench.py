@@ -18,15 +18,17 @@ HELP = "\n\n".join(
         "with haptic sample periods.",
         "SCENE is a scene file of the service, whose settings are used, or a file of parts. Ticks are timed "
         "one by one: along a recorded hand, in random motion, and with all fingers at the worst positions; "
-        "then the service's own loop runs for some seconds. The report is one page (.html) with its numbers "
-        "beside it (.json); --json prints these instead.",
-        "With --vr two VR applications are run with the parts: one that publishes poses and subscribes to "
-        "frames in shared memory, and what proximity view runs, without drawing. Poses come at 90 and 120 Hz "
+        "then the service's own loop runs for some seconds. The report is one page (.html) and its numbers "
+        "in a file of the same name (.json). --json prints the numbers; files are then written only with "
+        "--out.",
+        "There are two verdicts. The scene fits a period if 99.9 % of the ticks of every motion (best of "
+        "three runs), and half of the loop's ticks, take no longer to compute. This machine kept its "
+        "deadlines if the loop missed at most 0.1 % of them, for whatever reason: interruptions and late "
+        "waking count here. With --gate the exit code is 1 if the scene does not fit PERIOD. The page "
+        "requires jinja2 and matplotlib.",
+        "--vr measures two VR applications instead: one that publishes poses and subscribes to frames in "
+        "shared memory, and the one that proximity view runs, without drawing. Poses come at 90 and 120 Hz "
         "for five and ten fingers, ticks at 1 kHz.",
-        "With --gate the exit code is 1 if a scene does not fit PERIOD. It fits if 99.9 % of the ticks of "
-        "every motion (best of three runs), and half of the loop's ticks, take no longer to compute. Delays "
-        "by the machine, such as interruptions and late waking, are shown but do not count. The page needs "
-        "jinja2 and matplotlib.",
     )
 )
 
@@ -43,13 +45,13 @@ HAND = "hand.csv"
 REPORT = Path("latency.html")
 
 
-SCENE = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (.toml), or parts.")]
+SCENE = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml), or a file of parts.")]
 RECORDING = Annotated[
     Path | None,
     typer.Option(
         "--recording",
         metavar="CSV",
-        help="Recording of a hand, fitted to the parts; without it SCENE's, or a sample.",
+        help="Recording of a hand, fitted to the parts. Default: that of SCENE, else a sample.",
     ),
 ]
 GATE = Annotated[
@@ -61,7 +63,7 @@ OUT = Annotated[
     typer.Option(
         "--out",
         metavar="FILE",
-        help=f"Write the report: .html, or .json alone. Else {REPORT}, or --json.",
+        help=f"File of the report: .html (with .json), or .json alone. Default: {REPORT}, none with --json.",
     ),
 ]
 FINGERS = Annotated[
@@ -69,26 +71,26 @@ FINGERS = Annotated[
     typer.Option(
         "--fingers",
         metavar="N",
-        help="Number of fingers at the worst positions; without it as in SCENE, or 5.",
+        help="Number of fingers at the worst positions. Default: that of SCENE, else 5.",
     ),
 ]
-TICKS = Annotated[int, typer.Option("--ticks", metavar="N", help="Number of ticks of each motion.")]
-SECONDS = Annotated[float, typer.Option("--seconds", metavar="S", help="Time that the service's loop runs.")]
+TICKS = Annotated[int, typer.Option("--ticks", metavar="N", help="Number of ticks for each motion.")]
+SECONDS = Annotated[float, typer.Option("--seconds", metavar="S", help="Duration of the service's loop.")]
 SEED = Annotated[
     int, typer.Option("--seed", metavar="N", help="Seed of the search and of the random motion.")
 ]
 REAL_TIME = Annotated[
     bool | None,
     typer.Option(
-        "--real-time/--no-real-time",
-        help="Try for priority and a core of its own for the loop; without it as in SCENE, or yes.",
+        "--realtime/--no-realtime",
+        help="Ask the system for real-time priority and a core for the loop. Default: as in SCENE, else no.",
         show_default=False,
     ),
 ]
 VR = Annotated[
     bool,
     typer.Option(
-        "--vr", help="Time whole VR applications instead: from the pose of a hand to its distances."
+        "--vr", help="Measure whole VR applications instead, from the pose of a hand to its distances."
     ),
 ]
 AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")]
@@ -181,7 +183,7 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
 
     It is drawn when there is something new only: a thread that draws it meanwhile would be measured as well.
     """
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
     from proximity.cli.console import Console
 
@@ -189,7 +191,7 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
     if not console.is_terminal:
         yield lambda doing, share: None
         return
-    columns = TextColumn("{task.description:<32}"), BarColumn(), TimeElapsedColumn()
+    columns = TextColumn("{task.description:<32}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn()
     with Progress(*columns, console=console, transient=True, auto_refresh=False) as bar:
         task = bar.add_task("", total=1.0)
         yield lambda doing, share: bar.update(task, description=doing, completed=share, refresh=True)

@@ -2,19 +2,18 @@
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 HELP = "\n\n".join(
     (
-        "Draw the figures that are named, or all, into a folder; each with its numbers beside it, as CSV in "
-        "SI units.",
-        "5a to 5h are those of the paper; 5 has all eight on a page. stability shows the sampled wall's "
-        "region; error-speed and error-latency compare coupled walls and drums with the real wall, "
-        "error-engine a drum that the distance service controls at a CAD part; cable shows what the cable of "
-        "a glove costs; drum-motion and arrival show when a drum is in position. Existing files are "
-        "replaced. All take less than a minute. Needs matplotlib.",
+        "Draw the named figures, or all of them, each with its numbers as CSV in SI units.",
+        "5a to 5h are those of the paper; 5 has all eight on one page. stability shows for which springs "
+        "and dampers a sampled wall is stable. error-speed and error-latency compare coupled walls and "
+        "drums with the real wall, error-engine a drum that the distance service controls at a CAD part. "
+        "cable shows what the cable of a glove costs. drum-motion and arrival show when a drum is in "
+        "position. Existing files are replaced. All figures take less than a minute. Requires matplotlib.",
     )
 )
 
@@ -22,6 +21,7 @@ EXAMPLES = """
 Examples:
   proximity figures
   proximity figures 5c 5h stability --out paper --format pdf
+  proximity figures drum-motion --json
 """
 
 
@@ -29,29 +29,44 @@ def command(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[NAME]...",
+            metavar="NAME",
             help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, cable, drum-motion, "
-            "arrival; else all.",
+            "arrival. "
+            "Default: all.",
             show_default=False,
         ),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Output folder; created if missing.")
     ] = Path("figures"),
-    form: Annotated[str, typer.Option("--format", metavar="FORMAT", help="png, svg or pdf.")] = "png",
+    form: Annotated[
+        str, typer.Option("--format", metavar="FORMAT", help="File format: png, svg or pdf.")
+    ] = "png",
+    as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
 ) -> None:
     """Write figures and their numbers."""
     # NumPy, Rich and the models: only now, so that --help answers at once.
     from proximity.cli import progress
+    from proximity.cli.views.json_output import write_document
     from proximity.studies.figures import catalogue
 
     began, file_count = time.monotonic(), 0
+    figures: list[dict[str, Any]] = []
     chosen = catalogue.chosen_names(names or ())
-    for name in chosen:
-        started = time.monotonic()
-        with progress.spinner(f"drawing {catalogue.PLATES[name].title}"):
+    for number, name in enumerate(chosen, start=1):
+        started, title = time.monotonic(), catalogue.PLATES[name].title
+        with progress.spinner(f"drawing {title}, figure") as count:
+            count(number, len(chosen))
             paths = catalogue.write_figure(name, out, form)
+        seconds = time.monotonic() - started
         file_count += len(paths)
+        figures.append(
+            {"name": name, "title": title, "files": list(map(str, paths)), "seconds": round(seconds, 3)}
+        )
         reported = ", ".join(path.name for path in paths)
-        typer.echo(f"proximity: {reported} ({time.monotonic() - started:.1f} s)", err=True)
-    typer.echo(f"{out}: {len(chosen)} figures, {file_count} files, {time.monotonic() - began:.1f} s")
+        typer.echo(f"proximity: {reported} ({seconds:.1f} s)", err=True)
+    seconds = time.monotonic() - began
+    if as_json:
+        write_document({"out": str(out), "figures": figures, "seconds": round(seconds, 3)})
+    else:
+        typer.echo(f"{out}: {len(chosen)} figures, {file_count} files, {seconds:.1f} s")

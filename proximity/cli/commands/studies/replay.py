@@ -18,13 +18,16 @@ if TYPE_CHECKING:
 
 HELP = "\n\n".join(
     (
-        "Run the hand in RECORDING through the tracker, tick by tick, at the parts of FILE.",
-        "RECORDING is CSV with the columns time_s, hand, finger (0 thumb to 4 little), x_m, y_m, z_m. It is "
-        "resampled to the rate of the ticks; a finger lost for more than 50 ms is missing. Unless --place "
-        "says where its origin is, the middle of the hand goes to the middle of the parts, is raised from "
-        "there until no more than a tenth of its samples touch, and brought to a part if none does.",
-        "Every tick is computed as if it came at its time; the summary says how long ticks took, what was "
-        "touched, and whether the bounds were kept. The exit code is 1 if one was not.",
+        "Run a recorded hand past the parts of FILE, tick by tick, and check every bound.",
+        "RECORDING is a CSV file with the columns time_s, hand, finger (0 thumb to 4 little), x_m, y_m, "
+        "z_m. It is resampled to --rate. A finger that the sensor lost for more than 50 ms is not tracked. "
+        "--place sets the position of the recording's origin. Without it the hand is fitted to the parts: "
+        "its middle is moved to their middle, then up until at most a tenth of its samples touch; if no "
+        "sample touches, it is moved to the nearest part.",
+        "Each tick is computed with the instant that it would have in real time. The summary has the "
+        "durations of ticks, the touches, and how many of the bounds and of the certified times to contact "
+        "held. A certified time is checked if the finger kept its velocity within 5 %. The exit code is 1 "
+        "if a bound or a certified time did not hold.",
     )
 )
 
@@ -42,7 +45,7 @@ FARTHEST_M = 1e6
 """How far away a recording may be put, and how large a fingertip may be."""
 
 
-RECORDING = Annotated[Path, typer.Argument(metavar="RECORDING", help="CSV of fingertips over time.")]
+RECORDING = Annotated[Path, typer.Argument(metavar="RECORDING", help="CSV file of fingertips over time.")]
 PLACE = Annotated[
     tuple[float, float, float] | None,
     typer.Option("--place", metavar="X Y Z", help="Position of the recording's origin. Fitted if not given."),
@@ -64,11 +67,13 @@ RADIUS = Annotated[
     float | None, typer.Option("--radius", metavar="R", help="Radius of the fingertips; 7 mm if not given.")
 ]
 LATENCY = Annotated[
-    float, typer.Option("--latency", metavar="MS", help="Age of a pose at its tick, milliseconds.")
+    float, typer.Option("--latency", metavar="MS", help="Age of a pose at its tick, in milliseconds.")
 ]
 BUDGET = Annotated[
     int | None,
-    typer.Option("--budget", metavar="N", help="Most nodes and leaves visited for a finger in a tick."),
+    typer.Option(
+        "--budget", metavar="N", help="Largest number of tree nodes and leaves visited per finger and tick."
+    ),
 ]
 WORKING_RANGE = Annotated[
     float | None,
@@ -80,7 +85,8 @@ LIMIT = Annotated[
     float | None, typer.Option("--limit", metavar="SECONDS", help="Replay only this much of the recording.")
 ]
 OUT = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="Write all contacts: .npz, .npy or .csv.")
+    Path | None,
+    typer.Option("--out", metavar="FILE", help="Write all contacts to this file: .npz, .npy or .csv."),
 ]
 AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
 
@@ -181,8 +187,8 @@ def command(
     if limit is not None:
         recorded = recorded.first(limit)
     progress.prepare_kernels()
-    with progress.spinner(f"reading {file}"):
-        scene = proximity.load(str(file), units=units)
+    with progress.spinner(f"reading {file}") as count:
+        scene = proximity.load(str(file), units=units, progress=count)
     pose = placement.pose(scene, recorded, origin, settings.radius)
     ticked = recorded.placed(pose, placement.scale).resampled(1.0 / settings.rate)
     tracker_of = partial(settings.tracker, scene, len(ticked.fingers))
@@ -199,8 +205,14 @@ def command(
         "out": None if out is None else str(out),
     }
     replay_report.write(report, as_json=as_json)
-    if summary.bounds.broken_count:
-        typer.echo(f"proximity: {replay_report.broken(summary.bounds)}", err=True)
+    _end(replay_report.broken(summary))
+
+
+def _end(broken: list[str]) -> None:
+    """Print what did not hold, and exit with 1 if anything did not."""
+    for sentence in broken:
+        typer.echo(f"proximity: {sentence}", err=True)
+    if broken:
         raise typer.Exit(EXIT_BROKEN_BOUND)
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from proximity.cli.options import UNITS, with_option_groups
+from proximity.cli.options import CABLE, UNITS, cable_stiffness, with_option_groups
 
 if TYPE_CHECKING:
     from proximity.studies.simulation.simulated_press import Setup, Simulation
@@ -14,14 +14,15 @@ if TYPE_CHECKING:
 HELP = "\n\n".join(
     (
         "Simulate a hand that presses on a wall, and compare the force with that of a real wall.",
-        "The hand comes at --speed, holds 0.8 N and leaves. A coupled wall is a spring and a damper, "
-        "displayed by a motor on the finger; without --stiffness and --damping the best of a grid is used. "
-        "A decaff wall is a drum that is sent to the reported position of the wall; --policy chooses the "
-        "position that a distance is combined with. --out draws the press, or writes it as CSV every 0.1 ms.",
-        "With --scene the wall is a CAD part, and the engine sends the drum: the tracker on the finger's "
+        "The hand approaches at --speed, presses with 0.8 N and leaves. A coupled wall is a spring and a "
+        "damper, rendered by a motor on the finger; without --stiffness and --damping the best pair of a "
+        "grid is used. A decaff wall is a drum that moves to the reported position of the wall; --policy "
+        "chooses how a distance becomes a position; --cable puts a cable between finger and drum. --out "
+        "draws the press, or writes it as CSV every 0.1 ms.",
+        "With --scene the wall is a CAD part, and the engine controls the drum: the tracker on the finger's "
         "path, frames with the latency of --latency-ms, and the drum's controller. The result is compared "
-        "with the ideal distance in the same loop, and with the true surface. --stiffness and --damping make "
-        "the part deformable; with --recording the hand repeats a recorded fingertip's motion.",
+        "with the ideal distance in the same loop, and with the true surface. --stiffness and --damping "
+        "make the part deformable. With --recording the hand repeats the motion of a recorded fingertip.",
     )
 )
 
@@ -29,6 +30,7 @@ EXAMPLES = """
 Examples:
   proximity simulate
   proximity simulate --speed 0.5 --latency-ms 10 --policy latched --out late.png
+  proximity simulate --cable 1212 --stretch torque
   proximity simulate --wall coupled --latency-ms 3 --stiffness 734 --damping 4.4 --json
   proximity simulate --scene bracket.stl --at 48 30 20 --latency-ms 10 --out bracket.png
   proximity simulate --scene bracket.stl --recording hand.csv
@@ -39,6 +41,8 @@ USED_BY = {  # options that only some walls have
     "--rate-hz": ("coupled", "decaff"),
     "--drum": ("decaff",),
     "--policy": ("decaff",),
+    "--cable": ("decaff",),
+    "--stretch": ("decaff",),
     "--stiffness": ("coupled",),
     "--damping": ("coupled",),
 }
@@ -52,6 +56,7 @@ ROWS = (  # label, field, factor from SI units, digits
     ("work of the finger \\[mJ]", "work", 1e3, 3),
 )
 SHOWN_LONG = 1e7  # less is shown with all its digits
+STRETCHES = ("left", "torque", "sensor")
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
 
 
@@ -74,7 +79,7 @@ POLICY = Annotated[
     typer.Option(
         "--policy",
         metavar="POLICY",
-        help="naive, latched, feed-forward or time-stamped; else time-stamped, on a part the controller.",
+        help="naive, latched, feed-forward or time-stamped (default; with --scene: the controller).",
     ),
 ]
 STIFFNESS = Annotated[
@@ -87,31 +92,42 @@ DAMPING = Annotated[
     float | None,
     typer.Option("--damping", metavar="NS/M", help="Damping of the surface. Requires --stiffness."),
 ]
+STRETCH = Annotated[
+    str | None,
+    typer.Option(
+        "--stretch",
+        metavar="HOW",
+        help="How the drum makes up for the stretch of the --cable: left (not at all, the default), torque "
+        "(by the motor's) or sensor (by a force sensor).",
+    ),
+]
 SCENE = Annotated[
     Path | None,
     typer.Option("--scene", metavar="FILE", help="Press on a part: a mesh, STEP or scene file (.toml)."),
 ]
 PART = Annotated[
     str | None,
-    typer.Option("--part", metavar="NAME", help="Part of the scene to press on; the others are left out."),
+    typer.Option("--part", metavar="NAME", help="Part of the scene to press on. Other parts are ignored."),
 ]
 AT = Annotated[
     tuple[float, float, float] | None,
     typer.Option(
         "--at",
         metavar="X Y Z",
-        help="Touch the surface point nearest to this; without it from above the middle. With --recording: "
-        "where its origin is; else it is fitted.",
+        help="Press on the surface point nearest to this position. Default: from above the middle. With "
+        "--recording: position of its origin; fitted if not given.",
     ),
 ]
 RECORDING = Annotated[
-    Path | None, typer.Option("--recording", metavar="CSV", help="Fingertips over time, as for replay.")
+    Path | None,
+    typer.Option("--recording", metavar="CSV", help="CSV file of fingertips over time, as for replay."),
 ]
 SENSOR = Annotated[
     bool, typer.Option("--sensor", help="Teleoperation: a sensor at the far end measures the part.")
 ]
 OUT = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="Draw or write: .png, .svg, .pdf or .csv.")
+    Path | None,
+    typer.Option("--out", metavar="FILE", help="Write a drawing (.png, .svg, .pdf) or numbers (.csv)."),
 ]
 AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")]
 
@@ -128,6 +144,8 @@ class WallOptions:
     policy: POLICY = None
     stiffness: STIFFNESS = None
     damping: DAMPING = None
+    cable: CABLE = None
+    stretch: STRETCH = None
 
     def check(self) -> None:
         """Refuse options that a wall of this kind does not have."""
@@ -140,8 +158,11 @@ class WallOptions:
                 "--policy": self.policy,
                 "--stiffness": self.stiffness,
                 "--damping": self.damping,
+                "--cable": self.cable,
+                "--stretch": self.stretch,
             },
         )
+        self._check_stretch()
 
     def check_on_part(self) -> None:
         """Refuse options that a press on a part does not have."""
@@ -149,6 +170,15 @@ class WallOptions:
         _refuse({"--wall": wall}, "on a part of a scene there is only decaff")
         if self.stiffness is None:
             _refuse({"--damping": self.damping}, "a part that has it has a --stiffness as well")
+        self._check_stretch()
+
+    def _check_stretch(self) -> None:
+        if self.stretch not in (None, *STRETCHES):
+            raise typer.BadParameter(
+                f"{self.stretch!r}: expected one of {', '.join(STRETCHES)}", param_hint="--stretch"
+            )
+        if self.cable is None:
+            _refuse({"--stretch": self.stretch}, "there is no --cable that stretches")
 
     def setup(self, *, is_on_part: bool) -> "Setup":
         """Return the setup of the simulation."""
@@ -161,6 +191,8 @@ class WallOptions:
             "stiffness": None if is_on_part else self.stiffness,
             "damping": None if is_on_part else self.damping,
             "latency": None if self.latency_ms is None else 1e-3 * self.latency_ms,
+            "cable": None if self.cable is None else cable_stiffness(self.cable),
+            "stretch": self.stretch,
         }
         chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
         return simulated_press.Setup(wall=simulated_press.Wall(self.wall), speed=self.speed, **chosen)

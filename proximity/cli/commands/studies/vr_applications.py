@@ -41,9 +41,11 @@ def time_applications(
     progress.prepare_kernels()
     hand = read_recording(sample("hand.csv") if recording is None else recording)
     rows = []
-    for path, rate, count in itertools.product(PATHS, POSE_RATES_HZ, FINGER_COUNTS):
-        case = VrCase(path, rate, count, seconds=seconds)
-        with progress.spinner(f"{path}, {count} fingers at {rate:g} Hz"):
+    cases = list(itertools.product(PATHS, POSE_RATES_HZ, FINGER_COUNTS))
+    for number, (path, rate, fingers) in enumerate(cases, start=1):
+        case = VrCase(path, rate, fingers, seconds=seconds)
+        with progress.spinner(f"{path}, {fingers} fingers at {rate:g} Hz, application") as count:
+            count(number, len(cases))
             rows.append(measure(files, case, hand, units=units))
     if as_json:
         typer.echo(json.dumps([asdict(row) for row in rows], indent=2))

@@ -13,7 +13,7 @@ export async function whyNot() {
   if (!isSecureContext) return "A headset needs https, or the address http://localhost by adb reverse (docs/guide/page.md).";
   if (!navigator.xr) return "This browser has no WebXR: open this address in the headset's own browser (docs/guide/page.md).";
   const isThere = await navigator.xr.isSessionSupported("immersive-vr").catch(() => false);
-  return isThere ? "" : "No headset is connected to this browser: connect one, or open this address in it.";
+  return isThere ? "" : "No headset is connected to this browser: connect one, or open this address in the browser of the headset.";
 }
 
 export class Headset {
@@ -28,7 +28,7 @@ export class Headset {
     this.contacts = [];
   }
 
-  hint = "Hands or controllers of the headset. Pinch near a part to take it along.";
+  hint = "Hands or controllers of the headset. Pinch near a part to move it.";
 
   async start() {
     if (this.isOn) return;

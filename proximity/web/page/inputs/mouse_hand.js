@@ -30,7 +30,7 @@ export class MouseHand {
     this.isOn = false;
   }
 
-  hint = "The hand follows the mouse. Wheel: deeper or nearer. Hold F or 1 to 5 to bend its fingers.";
+  hint = "The hand follows the mouse. Wheel: away or towards you. Hold F, or 1 to 5, to bend its fingers.";
 
   start() {
     if (this.isOn) return;

@@ -9,7 +9,7 @@ export class RecordedHand {
     this.send = send;
     this.joints = null;
     this.isOn = false;
-    this.hint = recording ? `${recording.name}, replayed again and again.` : "There is no recorded hand here.";
+    this.hint = recording ? `${recording.name}, repeated.` : "No recorded hand was given: start with --replay HAND.";
   }
 
   start() {

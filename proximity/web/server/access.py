@@ -24,6 +24,10 @@ WRONG_TOKEN, UNFIT, TOO_MUCH, HELD_UP = 4403, 4400, 4429, 4408
 """Codes with which connections are closed."""
 
 
+class UnfitError(Exception):
+    """A message of a page that cannot be used; the text says why."""
+
+
 def new_token() -> str:
     """Return a token that nobody guesses."""
     return secrets.token_urlsafe(24)
@@ -33,18 +37,18 @@ def new_token() -> str:
 class Access:
     """What a request must have."""
 
-    token: str
+    tokens: tuple[str, ...]
     hosts: frozenset[str]  # "name:port", in lower case
     scheme: str = "http"
 
     @classmethod
-    def of(cls, token: str, names: tuple[str, ...], port: int, *, is_secure: bool) -> "Access":
+    def of(cls, tokens: tuple[str, ...], names: tuple[str, ...], port: int, *, is_secure: bool) -> "Access":
         """Return who may come in at these names of this machine.
 
         Parameters
         ----------
-        token : str
-            What the first message must have.
+        tokens : tuple of str
+            One of which the first message must have.
         names : tuple of str
             Names and addresses, IPv6 in brackets.
         port : int
@@ -55,7 +59,7 @@ class Access:
         usual = 443 if is_secure else 80
         hosts = {f"{name.lower()}:{port}" for name in names}
         hosts |= {name.lower() for name in names if port == usual}
-        return cls(token, frozenset(hosts), "https" if is_secure else "http")
+        return cls(tokens, frozenset(hosts), "https" if is_secure else "http")
 
     def refusal(self, host: str | None, origin: str | None, *, is_live: bool) -> tuple[int, str] | None:
         """Return status and sentence of a request that is refused; None: it may come in.
@@ -68,17 +72,20 @@ class Access:
             Whether it asks for the live connection, which must say its origin.
         """
         if host is None or host.lower() not in self.hosts:
-            return 421, "This name is not one of this page: open the address that was printed."
+            return 421, "The page is not served under this name: open the address that was printed."
         expected = f"{self.scheme}://{host.lower()}"
         if origin is None:
-            return (403, "A live connection must say its origin.") if is_live else None
+            return (403, "A live connection must send its origin.") if is_live else None
         if origin.lower() != expected:
-            return 403, "Another page may not come in here."
+            return 403, "Connections from other pages are refused."
         return None
 
-    def is_token(self, given: object) -> bool:
-        """Whether that is the token; takes equally long for any of its length."""
-        return isinstance(given, str) and hmac.compare_digest(given.encode(), self.token.encode())
+    def token_of(self, given: object) -> str | None:
+        """Return which token that is, None if none; takes equally long for any of a length."""
+        if not isinstance(given, str):
+            return None
+        fitting = [token for token in self.tokens if hmac.compare_digest(given.encode(), token.encode())]
+        return fitting[0] if fitting else None
 
 
 @dataclass(slots=True)

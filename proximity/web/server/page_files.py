@@ -7,12 +7,10 @@ import base64
 import gzip
 import hashlib
 import re
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 
-from proximity.web.layout import page_layout
-
-PAGE = Path(__file__).parent / "page"
 TYPES = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
@@ -28,18 +26,22 @@ class PageFiles:
 
     Parameters
     ----------
+    folder : path
+        Of the files, with ``index.html``.
+    made : mapping of str to str
+        Scripts that are no files, by their names, beginning with a slash.
     frame_ancestors : str
         Sources of pages that may show this one in a frame, as a content security policy has them.
     """
 
-    def __init__(self, frame_ancestors: str = "'self'") -> None:
+    def __init__(self, folder: Path, made: Mapping[str, str], frame_ancestors: str = "'self'") -> None:
         self._frame_ancestors = frame_ancestors
         self._known: dict[str, tuple[str, bytes]] = {}
-        for path in sorted(PAGE.rglob("*")):
+        for path in sorted(folder.rglob("*")):
             if path.suffix in TYPES:
-                name = "/" + path.relative_to(PAGE).as_posix()
+                name = "/" + path.relative_to(folder).as_posix()
                 self._known[name] = TYPES[path.suffix], path.read_bytes()
-        self._known["/layout.js"] = TYPES[".js"], page_layout().encode()
+        self._known |= {name: (TYPES[".js"], text.encode()) for name, text in made.items()}
         self._known["/"] = self._known["/index.html"]
         self._packed: dict[str, bytes] = {}
 

@@ -1,0 +1,1 @@
+"""Analysis of an experiment: psychometric functions, scores, their comparison, power, and the report."""

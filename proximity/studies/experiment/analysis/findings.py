@@ -1,0 +1,80 @@
+"""Findings of an experiment: everything that a report shows, from the trials."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from proximity.studies.experiment.analysis.comparison import Comparison, compare
+from proximity.studies.experiment.analysis.psychometric import Psychometric, Shape, fit
+from proximity.studies.experiment.analysis.scores import (
+    Entry,
+    Exclusion,
+    Score,
+    cells_of,
+    counts_of,
+    exclude,
+    scores_of,
+    shapes_of,
+)
+from proximity.studies.experiment.design import Design, Kind
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What was found."""
+
+    design: Design
+    participants: tuple[str, ...]  # that have begun
+    trials: int  # done, of all stages
+    stopped: int  # of them, that a limit ended
+    kept: list[Entry]
+    exclusions: list[Exclusion]
+    shapes: dict[str, Shape]  # by task
+    functions: dict[tuple[str, str, str], Psychometric]  # by participant, task and condition
+    scores: list[Score]
+    comparisons: dict[str, Comparison | None]  # by task; None: too few participants
+
+    @property
+    def excluded(self) -> set[str]:
+        """Participants that are left out."""
+        return {one.participant for one in self.exclusions if one.trial is None}
+
+
+def find(
+    design: Design, entries: Sequence[Entry], progress: Callable[[float], None] = lambda share: None
+) -> Findings:
+    """Return what is found in trials.
+
+    Parameters
+    ----------
+    design : Design
+        Of the experiment.
+    entries : sequence of dict
+        As of `Dataset.trials`.
+    progress : function of a share
+        Called now and then.
+
+    Raises
+    ------
+    DecaffError
+        If psignifit or statsmodels is not installed.
+    """
+    kept, exclusions = exclude(design, entries)
+    shapes = shapes_of(design, kept)
+    cells = {key: own for key, own in cells_of(kept).items() if design.task(key[1]).kind is Kind.STIFFER}
+    functions = {}
+    for key, own in cells.items():
+        functions[key] = fit(counts_of(own), design.task(key[1]).levels, shapes[key[1]])
+        progress(len(functions) / len(cells))
+    scores, names = scores_of(design, kept), [one.name for one in design.conditions]
+    return Findings(
+        design,
+        tuple(sorted({entry["participant"] for entry in entries})),
+        len(entries),
+        sum(bool(entry["stopped"]) for entry in entries),
+        kept,
+        exclusions,
+        shapes,
+        functions,
+        scores,
+        {task.name: compare(task.name, names, scores) for task in design.tasks},
+    )

@@ -1,0 +1,153 @@
+"""Report of an experiment: one page, plots, tables as CSV, and the methods paragraph."""
+
+import base64
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from proximity.studies.experiment.analysis.findings import Findings
+from proximity.studies.experiment.analysis.plots import draw_plots
+from proximity.studies.experiment.analysis.scores import MEANING, shown
+from proximity.studies.experiment.design import CHOICES, Kind, Procedure
+from proximity.studies.experiment.libraries import library
+from proximity.studies.figures.style import write_bytes
+
+Rows = list[Sequence[Any]]
+METHODS = {
+    Procedure.CONSTANT: "the method of constant stimuli",
+    Procedure.STAIRCASE: "a 3-down-1-up staircase",
+    Procedure.QUEST: "QUEST+ (Watson 2017)",
+}
+ASKED = {
+    Kind.STIFFER: "say which of two surfaces is stiffer",
+    Kind.REAL: "say which of two walls is the real one",
+    Kind.RATING: "rate the stiffness of a surface",
+    Kind.CONTACT: "touch a surface once",
+    Kind.FREE: "explore a surface",
+}
+
+
+def write_report(findings: Findings, folder: Path) -> list[Path]:
+    """Write a report, and return its files, the page first.
+
+    Parameters
+    ----------
+    findings : Findings
+        What was found.
+    folder : path
+        Where to; made where it is not there.
+
+    Raises
+    ------
+    DecaffError
+        If Jinja or matplotlib is not there.
+    RecordingError
+        If a file cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    tables, paragraph = tables_of(findings), _paragraph(findings)
+    pictures = draw_plots(findings, "png")
+    files = {f"{name}.csv": _as_csv(names, rows) for name, (names, rows) in tables.items()}
+    files |= {f"{name}.png": content for name, content in pictures.items()}
+    files |= {f"{name}.pdf": content for name, content in draw_plots(findings, "pdf").items()}
+    files["methods.txt"] = (paragraph + "\n").encode()
+    page = {"report.html": _page(findings, paragraph, pictures).encode()}
+    for name, content in (page | files).items():
+        write_bytes(folder / name, content)
+    return [folder / name for name in page | files]
+
+
+def tables_of(findings: Findings) -> dict[str, tuple[tuple[str, ...], Rows]]:
+    """Return the tables of a report by name: their columns, and their rows."""
+    kinds = {task.name: task.kind for task in findings.design.tasks}
+    found = [one for one in findings.comparisons.values() if one is not None]
+    return {
+        "thresholds": (
+            ("participant", "task", "condition", "threshold", "lower", "upper", "width", "lapse", "trials"),
+            [
+                (*key, one.threshold, one.lower, one.upper, one.shape.width, one.shape.lapse, one.trials)
+                for key, one in sorted(findings.functions.items())
+            ],
+        ),
+        "scores": (
+            ("participant", "task", "condition", "score", "shown", "trials"),
+            [
+                (one.participant, one.task, one.condition, one.value, shown(kinds[one.task], one.value),
+                 one.trials)
+                for one in findings.scores
+            ],
+        ),
+        "means": (
+            ("task", "condition", "mean", "lower", "upper", "participants"),
+            [
+                (
+                    comparison.task,
+                    one.condition,
+                    *(shown(kinds[comparison.task], value) for value in (one.value, one.lower, one.upper)),
+                    one.participants,
+                )
+                for comparison in found
+                for one in comparison.means
+            ],
+        ),
+        "models": (("task", "F", "df1", "df2", "p"), [(one.task, one.f, *one.df, one.p) for one in found]),
+        "differences": (
+            ("task", "first", "second", "difference", "lower", "upper", "p_holm", "BF01", "participants"),
+            [
+                (comparison.task, one.first, one.second, one.value, one.lower, one.upper, one.p,
+                 one.bayes_factor_none, one.participants)
+                for comparison in found
+                for one in comparison.differences
+            ],
+        ),
+        "exclusions": (
+            ("participant", "trial", "why"),
+            [
+                (one.participant, "all" if one.trial is None else one.trial, one.why)
+                for one in findings.exclusions
+            ],
+        ),
+    }  # fmt: skip
+
+
+def _filled(template: str, findings: Findings, **more: Any) -> str:
+    """A template beside this file, filled in."""
+    jinja = library("jinja2")
+    environment = jinja.Environment(
+        autoescape=template.endswith(".html.j2"),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja.StrictUndefined,
+    )
+    source = Path(__file__).with_name(template).read_text(encoding="utf-8")
+    return str(environment.from_string(source).render(findings=findings, **more))
+
+
+def _paragraph(findings: Findings) -> str:
+    """The methods in words, with the numbers filled in: a draft for a paper."""
+    text = _filled("methods.txt.j2", findings, asked=ASKED, methods=METHODS, choices=CHOICES, version=version)
+    return " ".join(text.split())
+
+
+def _page(findings: Findings, paragraph: str, pictures: dict[str, bytes]) -> str:
+    return _filled(
+        "report.html.j2",
+        findings,
+        kinds={task.name: task.kind for task in findings.design.tasks},
+        meaning=MEANING,
+        shown=shown,
+        paragraph=paragraph,
+        pictures={name: base64.b64encode(content).decode() for name, content in pictures.items()},
+        tables=list(tables_of(findings)),
+    )
+
+
+def _as_csv(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows([f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in rows)
+    return text.getvalue().encode()

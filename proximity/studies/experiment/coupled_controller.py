@@ -1,0 +1,73 @@
+"""Coupled wall on a contact drum: what DECAFF is compared with, displayed by the same device.
+
+The drum waits at the surface, as for any deformable part; from the touch on it presses with a spring and a
+damper on positions that are some latency old, whether or not that is passive. What a traditional device has
+beside, its motor that the finger carries in free motion, is missing. Frames, faults, limits and the emergency
+stop are the drum controller's own.
+"""
+
+import math
+from collections import deque
+
+from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller_states import DrumAction, Observation
+from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.system.time_units import S_PER_NS
+
+
+class CoupledController(FingerController):
+    """A controller whose deformable surfaces answer late, with gains of their own.
+
+    Parameters
+    ----------
+    path : FingerPath
+        Of the finger.
+    rate : float, Hz
+        Of the samples.
+    limits : Limits
+        Of forces and ages.
+    stiffness : float, N/m
+        Of the wall.
+    damping : float, N s/m
+        Of the wall, on the difference of two samples.
+    latency : float, s
+        Of the positions.
+    """
+
+    def __init__(
+        self,
+        path: FingerPath,
+        rate: float,
+        limits: Limits,
+        *,
+        stiffness: float,
+        damping: float,
+        latency: float,
+    ) -> None:
+        super().__init__(path, rate, limits=limits)
+        self._stiffness, self._damping, self._latency_ns = stiffness, damping, round(latency / S_PER_NS)
+        self._depths: deque[tuple[int, float]] = deque()  # ns of the sample, m past the surface
+
+    def step(self, seen: Observation) -> DrumAction:
+        """Return what the drum shall do until the next sample."""
+        action = super().step(seen)
+        if math.isfinite(self._finger) and math.isfinite(self._target):
+            self._depths.append((seen.sample_ns, self._finger - self._target))
+        return action
+
+    def _force_wanted(self, seen: Observation, drum: float, elapsed: float) -> float:
+        """The force of the wall, N; nan where the drum's own controller would not serve one."""
+        if math.isnan(super()._force_wanted(seen, drum, elapsed)):
+            return math.nan
+        depths, known_ns = self._depths, seen.sample_ns - self._latency_ns
+        while len(depths) > 2 and depths[2][0] <= known_ns:
+            depths.popleft()
+        if len(depths) < 2 or depths[1][0] > known_ns:
+            return 0.0
+        (before_ns, before), (at_ns, depth) = depths[0], depths[1]
+        if not depth > 0.0:
+            return 0.0
+        speed = (depth - before) / (S_PER_NS * (at_ns - before_ns))
+        incidence = 1.0 if self.frames.location is None else self.frames.location.incidence
+        return max(0.0, incidence**2 * (self._stiffness * depth + self._damping * speed))

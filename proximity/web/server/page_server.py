@@ -1,0 +1,151 @@
+"""A server of pages: files over HTTP, and a live connection for each page that has a token.
+
+One thread, `asyncio`. What is said on live connections is the matter of whoever starts the server.
+"""
+
+import asyncio
+import contextlib
+import json
+import logging
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from proximity.web.server.access import HELLO_S, MOST_BYTES, WRONG_TOKEN, Access, UnfitError
+from proximity.web.server.page_files import PageFiles
+
+LIVE = "/live"
+"""Where the live connection is asked for."""
+QUIET = logging.getLogger("proximity.web.connections")
+"""Of the library: browsers open connections and send nothing, which it would call a failure."""
+QUIET.addHandler(logging.NullHandler())
+QUIET.propagate = False
+REASONS = {
+    200: "OK",
+    403: "Forbidden",
+    404: "Not Found",
+    405: "Method Not Allowed",
+    421: "Misdirected Request",
+}
+
+Meet = Callable[[ServerConnection, str], Awaitable[None]]
+"""Is given a connection that may come in and the token that it has; returns when the connection ends."""
+
+
+class PageServer:
+    """Files and live connections.
+
+    Parameters
+    ----------
+    access : Access
+        Who may come in.
+    files : PageFiles
+        Of the page.
+    meet : callable
+        Is given each live connection that may come in.
+    """
+
+    def __init__(self, access: Access, files: PageFiles, meet: Meet) -> None:
+        self.access, self._files, self._meet = access, files, meet
+        self.refused: dict[str, int] = {}  # how often, by what was wrong
+
+    async def listen(self, host: str, port: int, ssl: Any = None) -> Server:
+        """Begin to listen; closed by the caller.
+
+        Parameters
+        ----------
+        host : str
+            Address of this machine.
+        port : int
+            0: any that is free.
+        ssl : SSLContext
+            For TLS.
+        """
+        return await serve(
+            self._page,
+            host,
+            port,
+            ssl=ssl,
+            process_request=self._request,
+            compression=None,
+            max_size=MOST_BYTES,
+            max_queue=64,
+            open_timeout=HELLO_S,
+            logger=QUIET,
+            server_header=None,
+        )
+
+    def count_refused(self, what: str) -> None:
+        """Count what was wrong with a page or a request."""
+        self.refused[what] = self.refused.get(what, 0) + 1
+
+    async def refuse(self, connection: ServerConnection, code: int, sentence: str) -> None:
+        """Close a connection for what its page did.
+
+        Parameters
+        ----------
+        connection : ServerConnection
+            Of the page.
+        code : int
+            One of those of `access`.
+        sentence : str
+            Which says what was wrong.
+        """
+        self.count_refused(sentence)
+        with contextlib.suppress(ConnectionClosed):
+            await connection.close(code, sentence[:120])
+
+    def _request(self, connection: ServerConnection, request: Request) -> Response | None:
+        del connection
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        path = request.path.partition("?")[0]
+        is_live = path == LIVE
+        if len(hosts) > 1 or len(origins) > 1:
+            return self._answer(403, b"A header is there twice.")
+        refusal = self.access.refusal(
+            hosts[0] if hosts else None, origins[0] if origins else None, is_live=is_live
+        )
+        if refusal is not None:
+            self.count_refused(refusal[1])
+            return self._answer(refusal[0], refusal[1].encode())
+        if is_live:
+            return None
+        found = self._files.get(path)
+        if found is None:
+            return self._answer(404, b"There is no such file.")
+        kind, content = found
+        return self._answer(200, content, {"Content-Type": kind, "Content-Encoding": "gzip"})
+
+    def _answer(self, status: int, body: bytes, more: dict[str, str] | None = None) -> Response:
+        headers = Headers({"Content-Type": "text/plain; charset=utf-8"} | self._files.headers | (more or {}))
+        headers["Content-Length"] = str(len(body))
+        headers["Connection"] = "close"
+        return Response(status, REASONS[status], headers, body)
+
+    async def _page(self, connection: ServerConnection) -> None:
+        try:
+            async with asyncio.timeout(HELLO_S):
+                given = document(await connection.recv()).get("hello")
+        except (TimeoutError, ConnectionClosed, UnfitError):
+            given = None
+        token = self.access.token_of(given)
+        if token is None:
+            self.count_refused("wrong token")
+            await connection.close(WRONG_TOKEN, "open the address that was printed: it has the token")
+            return
+        await self._meet(connection, token)
+
+
+def document(data: str | bytes) -> dict[str, Any]:
+    """Return the JSON object that a page sent."""
+    try:
+        found = json.loads(data)
+    except (ValueError, RecursionError) as unfit:
+        raise UnfitError("a text is no JSON document") from unfit
+    if not isinstance(found, dict):
+        raise UnfitError("a document is no object")
+    return found

@@ -1,0 +1,169 @@
+"""Calibrating with a motor: what it drives is identified, and it is on during swings only."""
+
+import itertools
+import math
+import time
+
+import numpy as np
+import pytest
+from simulated_motors import Cia402Motor, ODriveMotor, SimpleFocMotor
+
+from proximity.decaff.calibrating import motor_port
+from proximity.decaff.calibrating.drum_chirp import (
+    drum_stiffness,
+    free_chirp,
+    held_chirp,
+    identify_free,
+    identify_held,
+    inertia,
+)
+from proximity.decaff.calibrating.motor_port import MotorPort
+from proximity.decaff.drum.drum_model import DIRECT, GEAR4
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.glove import Glove
+from proximity.decaff.motors.motor_set import opened_motors
+from proximity.errors import DecaffError, MotorError
+
+GLOVE = Glove()
+PATH = FingerPath(GLOVE)
+CHANNELS = itertools.count()
+PATIENT = "&watchdog=300"  # ms: a busy machine may hold a simulated motor up
+TURN = 2.0 * math.pi
+INERTIA, FRICTION = 1.25 * inertia(GEAR4), 1.5e-3  # kg m² and N m of the drum
+HALF_WAY = 0.5 * (PATH.drum_angles[1] - PATH.drum_angles[0]) * GEAR4.ratio / TURN  # turns of the motor
+STEP = 2e-4  # s
+STIFFNESS = 0.8 * drum_stiffness(GLOVE, GLOVE.cable.stiffness)  # N m/rad
+
+
+def like_the_drum(shaft):
+    """Give a simulated motor the drum's inertia and friction, seen through its gear."""
+    per_turn = TURN / GEAR4.ratio**2
+    shaft.inertia, shaft.viscous, shaft.friction = INERTIA * per_turn, 1e-5 * per_turn, FRICTION / GEAR4.ratio
+    shaft.stiffness = STIFFNESS * per_turn
+    return shaft
+
+
+class LockStep:
+    """Time that passes only while somebody sleeps; the motor turns and answers meanwhile.
+
+    So what is identified does not depend on how busy the machine is.
+    """
+
+    def __init__(self, motor, monkeypatch):
+        self.motor, self.now = motor, 1000.0
+        monkeypatch.setattr(time, "monotonic", lambda *unused: self.now)
+        monkeypatch.setattr(time, "sleep", self.sleep)
+
+    def sleep(self, seconds):
+        for _ in range(max(1, round(seconds / STEP))):
+            self.motor.advance(STEP)
+            self.motor.serve()
+            self.now += STEP
+
+
+@pytest.fixture
+def motor(monkeypatch):
+    """A motor in lock-step: on this bus there is no thread, and no terminal, in between."""
+    shaft = like_the_drum(ODriveMotor(f"port{next(CHANNELS)}"))
+    LockStep(shaft, monkeypatch)
+    yield shaft
+    shaft.close()
+
+
+@pytest.fixture
+def drum(motor):
+    with opened_motors([motor.url], [PATH], lambda sentence: None) as (drum,):
+        yield drum
+
+
+@pytest.fixture
+def port(motor, drum):
+    """The port of a motor that was homed, and that a person then turned to the middle of its path."""
+    drum.home()
+    drum.rest()
+    motor.turns -= HALF_WAY
+    return MotorPort(drum, GEAR4)
+
+
+def test_free_drum_is_identified_and_the_motor_off_again(motor, port):
+    assert port.angle() == pytest.approx(0.5 * sum(PATH.drum_angles), abs=0.05)
+
+    found = identify_free(port.swing(free_chirp(GEAR4).torques(port.rate)), GEAR4)
+
+    assert motor.mode == "off"
+    assert found["inertia"] == pytest.approx(INERTIA, rel=0.02)
+    assert found["friction"] == pytest.approx(FRICTION, rel=0.1)
+    assert 0.0 < found["latency"] < 0.006
+
+
+def test_cable_is_identified_while_the_finger_is_held(motor, port):
+    motor.held_at = motor.turns
+
+    record = port.swing(held_chirp(GLOVE, GEAR4).torques(port.rate))
+
+    assert identify_held(record, GEAR4, GLOVE, 0.0)["stiffness"] == pytest.approx(STIFFNESS, rel=0.05)
+
+
+def test_nothing_moves_before_homing(motor, drum):
+    with pytest.raises(MotorError, match="the motor was to move before it was homed"):
+        MotorPort(drum, GEAR4).swing(np.full(100, 1e-3))
+    assert not motor.has_moved and motor.mode == "off"
+
+
+def test_emergency_stop_ends_a_swing_and_all_that_follow(motor, port):
+    motor.held_at, before = motor.turns, motor.serve
+
+    def stopping():
+        if motor.mode == "torque" and motor.has_moved:
+            port.stop()
+        before()
+
+    motor.has_moved, motor.serve = False, stopping
+    for _ in range(2):
+        with pytest.raises(MotorError, match="the emergency stop was pressed"):
+            port.swing(np.full(100, -1e-2))
+        time.sleep(0.1)
+        assert motor.mode == "off"
+
+
+@pytest.mark.parametrize("make", [lambda: Cia402Motor(f"port{next(CHANNELS)}"), SimpleFocMotor])
+def test_motor_is_read_while_a_person_works_and_a_fault_is_reported(make):
+    """With threads, in real time; the first is a drive that also wants to hear from us."""
+    with (
+        like_the_drum(make()) as motor,
+        opened_motors([motor.url + PATIENT], [PATH], lambda sentence: None) as (drum,),
+    ):
+        drum.home()
+        drum.rest()
+        with MotorPort(drum, GEAR4) as port:
+            motor.turns -= HALF_WAY
+            wait_until(lambda: abs(port.newest_angle() - 0.5 * sum(PATH.drum_angles)) < 0.1)
+            port.swing(np.full(20, 1e-4))
+            assert motor.mode == "off"
+            motor.is_silent = True
+            wait_until(lambda: port._failure is not None)
+            with pytest.raises(MotorError, match="the motor has not answered for"):
+                port.newest_angle()
+
+
+def wait_until(done):
+    ends = time.monotonic() + 20.0
+    while not done():
+        assert time.monotonic() < ends
+        time.sleep(0.01)
+
+
+def test_ratio_that_is_not_the_drums_is_refused(drum):
+    with pytest.raises(
+        DecaffError, match=r"^the motor's address has a ratio of 4 and the drum one of 1, expected the same: "
+    ):
+        MotorPort(drum, DIRECT)
+
+
+def test_answers_that_come_late_are_left_out_and_a_long_silence_is_refused():
+    row = [(0.002 * i, float(i % 2), 0.1 * i, 0.0, i // 2) for i in range(50)]  # every other answer is new
+    record = motor_port._record(row)
+    assert len(record.times) == 25
+    np.testing.assert_allclose(record.commanded, 0.5)
+    with pytest.raises(DecaffError, match=r"^the motor did not answer for 40 ms of a swing, expected an ans"):
+        motor_port._record([row[0], (0.04, 0.0, 0.0, 0.0, 1)])

@@ -1,0 +1,106 @@
+"""Build a release and try it as a stranger would: ``python tools/release.py [--out FOLDER]``.
+
+1. Build the source distribution, and from it the wheel of this machine.
+2. Check both with twine.
+3. Install the wheel in an empty environment.
+4. Run the demo and the Python blocks of the README there, in a folder that has only the sample parts.
+
+Nothing is uploaded. The working tree is what is built: commit first.
+"""
+
+import argparse
+import itertools
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BLOCK = re.compile(r"```(python|text)\n(.*?)```", re.DOTALL)
+IMPORTED_FROM = "import proximity; print(proximity.__file__)"
+
+
+class Environment:
+    """A fresh virtual environment, whose programs do not see the checkout."""
+
+    def __init__(self, folder: Path, *packages: str) -> None:
+        venv.create(folder, with_pip=True)
+        self._programs = folder / ("Scripts" if sys.platform == "win32" else "bin")
+        self.run("python", "-m", "pip", "install", "--quiet", *packages)
+
+    def run(self, program: str, *arguments: str | Path, folder: Path | None = None) -> str:
+        """Run one of its programs and return what it prints; end where it fails."""
+        path = shutil.which(program, path=str(self._programs))
+        assert path is not None, f"{program} was not installed"
+        done = subprocess.run(
+            [path, *map(str, arguments)], cwd=folder, text=True, stdout=subprocess.PIPE, check=False
+        )
+        if done.returncode:
+            raise SystemExit(f"release: {program} {' '.join(map(str, arguments))} failed:\n{done.stdout}")
+        return done.stdout
+
+
+def main() -> None:
+    """Build, check and try; the files are in the folder at the end."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=ROOT / "dist", help="where the files go")
+    out = parser.parse_args().out.resolve()
+    for file in out.glob("cad_proximity-*"):  # of an earlier build
+        file.unlink()
+    with tempfile.TemporaryDirectory() as made:
+        work = Path(made)
+        files = build(work, out)
+        try_wheel(work, next(file for file in files if file.suffix == ".whl"))
+    print("\n".join(map(str, files)))
+
+
+def build(work: Path, out: Path) -> list[Path]:
+    """Return the source distribution and the wheel that was made of it, checked."""
+    say("building and checking; compiling the kernels takes a minute or two")
+    tools = Environment(work / "tools", "build", "twine")
+    tools.run("python", "-m", "build", "--outdir", out, ROOT)
+    files = sorted(out.glob("cad_proximity-*"))
+    if {file.suffix for file in files} != {".gz", ".whl"}:
+        raise SystemExit(f"release: expected a wheel and an archive of sources, got {files}")
+    tools.run("python", "-m", "twine", "check", "--strict", *files)
+    return files
+
+
+def try_wheel(work: Path, wheel: Path) -> None:
+    """Install the wheel in an empty environment, and run the demo and the README's blocks there."""
+    say(f"installing {wheel.name} in an empty environment")
+    empty = Environment(work / "empty", str(wheel))
+    place = work / "stranger"
+    shutil.copytree(ROOT / "meshes", place / "meshes")
+    imported = Path(empty.run("python", "-c", IMPORTED_FROM, folder=place).strip())
+    if not imported.is_relative_to((work / "empty").resolve()):
+        raise SystemExit(f"release: proximity was imported from {imported}, not from the wheel")
+    say("running the demo")
+    empty.run("proximity", "demo", "--seconds", "3", folder=place)
+    for number, (code, printed) in enumerate(examples(), start=1):
+        say(f"running Python block {number} of the README")
+        found = empty.run("python", "-c", code, folder=place)
+        if found != printed:
+            raise SystemExit(f"release: block {number} of README.md printed\n{found}expected\n{printed}")
+
+
+def examples() -> list[tuple[str, str]]:
+    """Return each Python block of the README with the text block that follows it."""
+    blocks = BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+    return [
+        (text, shown)
+        for (language, text), (follows, shown) in itertools.pairwise(blocks)
+        if (language, follows) == ("python", "text")
+    ]
+
+
+def say(sentence: str) -> None:
+    """Report progress."""
+    print(f"release: {sentence}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    main()
