@@ -127,7 +127,7 @@ def _draw_line(
         _draw_points(panel, across, up, line, label)
         return
     groups = [up[across == point] for point in points]
-    if max(map(len, groups)) > 1:
+    if summary is np.median and max(map(len, groups)) > 1:
         low, high = np.array([np.quantile(group, BAND) for group in groups]).T
         panel.fill_between(points, low, high, color=colour, alpha=0.15, linewidth=0)
     panel.plot(
