@@ -62,6 +62,30 @@ def test_page_has_factors_effects_worst_conditions_and_how_to_repeat_them(tmp_pa
     assert "http" not in page.replace("http-equiv", "")
 
 
+@pytest.mark.parametrize(
+    ("plot", "said"),
+    [
+        ('x = "speed"', "Points are medians of the conditions there; bands hold 80 % of them."),
+        ('x = "speed"\npoints = "worst"', "Points are the worst of the conditions there."),
+        ('x = "stiffness"', "bands hold 80 % of them. Dotted: wall hard."),
+        ('x = "cube"\nmeasure = "square"', "square over cube"),
+    ],
+)
+def test_first_plot_is_the_one_that_the_file_asks_for(tmp_path, plot, said):
+    study = study_of(tmp_path, FACTORS, tail=f"[plot]\n{plot}")
+    record(tmp_path, study)
+
+    assert said in text_of(study_page(study, tmp_path))
+
+
+def test_conditions_in_which_x_is_absent_have_a_line_of_their_own(tmp_path):
+    factors = FACTORS.replace("[10, 20]", "['rigid', 10, 20]")
+    study = study_of(tmp_path, factors, tail='[plot]\nx = "stiffness"')
+    record(tmp_path, study)
+
+    assert "Dotted: wall hard. Dashed: stiffness rigid." in text_of(study_page(study, tmp_path))
+
+
 def test_what_failed_is_listed_and_counts_nowhere_else(tmp_path):
     study = study_of(tmp_path, FACTORS)
     record(tmp_path, study, failing=(4,))

@@ -16,7 +16,8 @@ from proximity.studies.sweep.jobs import Factor, Job, Kind
 
 TABLES = ("study", "factors", "conditions", "exclude", "plot")
 STUDY_KEYS = ("name", "job", "design", "samples", "seed", "measures")
-PLOT_KEYS = ("measure", "x", "lines", "columns")
+PLOT_KEYS = ("measure", "x", "lines", "columns", "points")
+POINTS = ("median", "worst")
 SPAN_KEYS = ("from", "to", "count", "spacing")
 BOUND_KEYS = ("above", "below")
 COUNTS = Range("", 1, 1_000_000)
@@ -33,6 +34,7 @@ class PlotChoice:
     x: str | None = None
     lines: str | None = None
     columns: str | None = None
+    points: str = POINTS[0]  # of all conditions at one x
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,6 +188,7 @@ class _StudyReader:
             table.one_of("x", None, (*numbers, *measures)),
             table.one_of("lines", None, factors),
             table.one_of("columns", None, factors),
+            table.one_of("points", POINTS[0], POINTS),
         )
 
     def _listed(self, name: str) -> list[tuple[Path, dict[str, Any]]]:

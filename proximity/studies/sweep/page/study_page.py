@@ -101,7 +101,9 @@ def _choice(asked: PlotChoice, rows: Rows, measure: str, effects: list[Effect]) 
     x = next((name for name in names if effect_plots.is_axis(rows, name)), None)
     names = [name for name in names if name != x]
     free = iter(names)
-    return PlotChoice(measure, x, asked.lines or next(free, None), asked.columns or next(free, None))
+    return PlotChoice(
+        measure, x, asked.lines or next(free, None), asked.columns or next(free, None), asked.points
+    )
 
 
 def _without(rows: Rows, x: str | None) -> str:
