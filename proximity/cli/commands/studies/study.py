@@ -98,7 +98,7 @@ def command(
         return
     from proximity.studies.sweep.study_run import run_study
 
-    with _progress(read.name) as watch:
+    with _progress(read.name or study.stem) as watch:
         ended = run_study(
             read,
             results,
