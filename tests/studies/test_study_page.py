@@ -68,7 +68,7 @@ def test_page_has_factors_effects_worst_conditions_and_how_to_repeat_them(tmp_pa
         ('x = "speed"', "Points are medians of the conditions there; bands hold 80 % of them."),
         ('x = "speed"\npoints = "worst"', "Points are the worst of the conditions there."),
         ('x = "stiffness"', "bands hold 80 % of them. Dotted: wall hard."),
-        ('x = "cube"\nmeasure = "square"', "square over cube"),
+        ('x = "cube"\nmeasure = "square"', "A point is a condition."),
     ],
 )
 def test_first_plot_is_the_one_that_the_file_asks_for(tmp_path, plot, said):

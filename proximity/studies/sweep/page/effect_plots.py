@@ -74,7 +74,7 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
         if len(lines) > 1:
             figure.legend(handles.values(), handles, loc="outside right center", fontsize=7)
 
-    width = 1.4 + max(WIDEST / max(2, len(panels)), NARROWEST) * len(panels)
+    width = 1.4 + max(WIDEST / len(panels), NARROWEST) * len(panels)
     return page_figure.svg(draw, "main", (width, PANEL_HEIGHT))
 
 
