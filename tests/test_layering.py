@@ -114,8 +114,8 @@ deadlines · fingerprint · period · subject · tick_times · vr_application ·
 """,
     "proximity.cli": """
 commands
-calibration · experiment_run
-drum_loop · drum_motors · experiment_page · experiment_terminal · questions · scene_press
+calibration · experiment
+drum_loop · drum_motors · questions · scene_press
 progress · views
 console
 lengths · options · points · program · wording

@@ -49,7 +49,7 @@ class Presentation:
     @property
     def depth(self) -> float:
         """How far what stops the finger went past the surface, m."""
-        touched = self.frames["force"] > 0.0
+        touched = (self.frames["force"] > 0.0) & np.isfinite(self.frames["wall"])
         return float(self.frames["wall"][touched].max(initial=0.0))
 
 

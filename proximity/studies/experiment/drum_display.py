@@ -125,7 +125,7 @@ class DrumDisplay(DrumBench):
                 stiffness=gain, damping=interval.damping, latency=interval.latency,
             )  # fmt: skip
         else:
-            finger.controller = FingerController(finger.path, self._rate, limits=limits)
+            finger.controller = FingerController(finger.path, self._rate, limits=limits, cable=self._cable)
 
     def _displayed(self, reading: Reading, sample_ns: int, interval: Interval | None) -> Reading:
         """The reading that the drums are given: late, with the surface of the interval, or nothing."""

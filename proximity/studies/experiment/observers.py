@@ -92,6 +92,9 @@ class Observer:
         right = trial.planned.odd + 1
         return right if rng.random() < self.probability(trial) else 3 - right
 
+    def explain(self, why: str) -> None:
+        """Take note of it."""
+
     def probability(self, trial: Trial) -> float:
         """Return the probability of the right answer to a trial of two intervals."""
         planned, expected = trial.planned, self._design.observers

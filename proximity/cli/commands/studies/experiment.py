@@ -119,7 +119,7 @@ def run(
     arm: ARM = False,
 ) -> None:
     """Do a session with a person, on the drum of a service's finger, simulated or with a motor."""
-    from proximity.cli.experiment_run import Drums, run_session
+    from proximity.cli.experiment.session_run import Drums, run_session
     from proximity.studies.experiment.dataset import Dataset, check_pseudonym
     from proximity.studies.experiment.design_file import read_design
 

@@ -8,8 +8,8 @@ import typer
 
 from proximity.cli.drum_loop import DrumsBeside
 from proximity.cli.drum_motors import armable_motors
-from proximity.cli.experiment_page import PageRespondent, stop_everything
-from proximity.cli.experiment_terminal import TerminalRespondent
+from proximity.cli.experiment.participant_page import PageRespondent, stop_everything
+from proximity.cli.experiment.participant_terminal import TerminalRespondent
 from proximity.decaff.glove.glove_set import read_glove
 from proximity.decaff.motors.motor_set import home_all
 from proximity.studies.experiment.conduct import Monitor, RefusedError, StoppedError
