@@ -42,7 +42,7 @@ class Study:
     """A study file that was read."""
 
     path: str
-    name: str
+    name: str  # empty where the file gives none
     conditions: ConditionSet
     measures: tuple[str, ...]  # that the page shows; the first ranks conditions
     plot: PlotChoice
@@ -93,7 +93,7 @@ class _StudyReader:
     def study(self) -> Study:
         """The whole file."""
         table = Table(self._document, ("study",), self._document.data.get("study", {}), STUDY_KEYS)
-        name = table.text("name", os.path.basename(self._path), meaning="what the study is called")
+        name = table.text("name", "", meaning="what the study is called")
         job = self._jobs.get(table.one_of("job", REQUIRED, tuple(self._jobs)) or "")
         design = Design(table.one_of("design", Design.GRID, tuple(Design)))
         is_latin = design == Design.LATIN

@@ -8,7 +8,6 @@ import numpy as np
 
 from proximity.studies.figures import page_figure
 from proximity.studies.figures.page_figure import COLOURS, DASHES, INK
-from proximity.studies.sweep.jobs import Kind
 from proximity.studies.sweep.page.effects import NOT_USED, Effect, Rows
 from proximity.studies.sweep.study_file import PlotChoice
 
@@ -75,7 +74,7 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
         if len(lines) > 1:
             figure.legend(handles.values(), handles, loc="outside right center", fontsize=7)
 
-    width = 1.4 + max(WIDEST / max(2, len(panels)), NARROWEST) * len(panels)
+    width = 1.4 + max(WIDEST / len(panels), NARROWEST) * len(panels)
     return page_figure.svg(draw, "main", (width, PANEL_HEIGHT))
 
 
@@ -182,8 +181,3 @@ def _nothing(number: float, _: float) -> str:
 
 def _colour(line: int) -> str:
     return COLOURS[line % len(COLOURS)]
-
-
-def is_axis(rows: Rows, name: str) -> bool:
-    """Whether a factor is a number, which can be drawn along an axis."""
-    return rows.job.factors[name].kind in (Kind.NUMBER, Kind.WHOLE)
