@@ -155,6 +155,7 @@ def typing(monkeypatch, answers):
     return asked
 
 
+@pytest.mark.slow
 def test_session_at_the_terminal_stops_goes_on_and_ends(experiment, tmp_path, monkeypatch, pressing):
     design, data = write_design(tmp_path, PERSON), tmp_path / "data"
     command = ("run", design, "p01", "--address", ADDRESS, "--data", data, "--terminal")

@@ -3,6 +3,7 @@
 import csv
 import math
 import re
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from experiments import SMALL, write_design
 from scipy import integrate, stats
 
+from proximity.errors import DecaffError
 from proximity.studies.experiment.analysis.comparison import (
     bayes_factor_none,
     compare,
@@ -54,6 +56,12 @@ def asked(rng, threshold, count, *, width=0.6, lapse=0.02):
     return counts
 
 
+def test_library_that_is_missing_is_named_with_what_installs_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "psignifit", None)
+    with pytest.raises(DecaffError, match=r"experiments need psignifit, .* pip install .*\[experiment\]"):
+        fit({0.1: (1, 2)}, LEVELS, Shape(0.6, 0.02))
+
+
 def test_threshold_and_shape_are_found_again():
     rng = np.random.default_rng(7)
     true = 0.3 * 10.0 ** (0.1 * rng.standard_normal(20))
@@ -76,6 +84,7 @@ def test_fast_threshold_is_that_of_psignifit():
         assert threshold_mean(counts, LEVELS, shape) == pytest.approx(expected, abs=0.003)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["staircase", "quest+"])
 def test_thresholds_of_adaptive_methods_are_not_biased(shipped, method):
     """Adaptive trials do not tell the shape: with a free one, thresholds may be 0.14 too low in log10."""

@@ -122,6 +122,19 @@ def test_emergency_stop_ends_the_interval_and_the_drum_retracts():
     assert felt.stopped == "emergency stop" and felt.frames["time"][-1] < 0.31
 
 
+def test_stop_before_an_interval_counts_as_well():
+    """Between the participant's "go on" and the first sample somebody stops."""
+    display = DrumDisplay(RATE)
+    display.step(reading(0, 0.004), 0)
+    display.stop("emergency stop")
+    felt = display.present(Interval(Wall.DECAFF, None, 2.0, 0.001, 1500.0, 0.2), 4.0, 3.0)
+    for ms in range(1, 400):
+        display.step(reading(ms, 0.004), ms * MS)
+
+    assert felt.stopped == "emergency stop" and len(felt.frames) == 0 and felt.peak == 0.0
+    assert display.fingers[0].peak_force == 0.0
+
+
 def test_fault_of_the_controller_ends_the_interval():
     def late(display, ms):
         if ms == 200:

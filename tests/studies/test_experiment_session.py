@@ -131,6 +131,7 @@ def test_whole_session_is_in_log_tables_and_frames(dataset):
     assert "finished" in (dataset.folder / "participants.tsv").read_text()
 
 
+@pytest.mark.slow
 def test_killed_session_goes_on_and_nothing_is_lost_or_done_twice(tmp_path, design):
     """The process is killed as often as it takes, wherever it happens to be."""
     reference = Dataset(tmp_path / "reference", design)
@@ -277,11 +278,14 @@ def test_who_does_not_consent_leaves_nothing(dataset):
         def read(self, text):
             return False
 
+    report = dataset.folder / "derivatives" / "report.html"
+    report.parent.mkdir()
+    report.touch()
     observer = Refusing(dataset.design, dataset.admit("p01"))
     with pytest.raises(RefusedError):
         sit(dataset, "p01", observer, observer)
     assert "p01" not in (dataset.folder / "participants.tsv").read_text()
-    assert not (dataset.folder / "sub-p01").exists()
+    assert not (dataset.folder / "sub-p01").exists() and report.exists()
 
 
 @pytest.mark.parametrize("wall", list(Wall))

@@ -206,8 +206,15 @@ class Dataset:
             if entry["event"] == "trial"
         ]
 
-    def forget(self, pseudonym: str) -> None:
-        """Delete all of a participant, and the reports, which were made from it as well.
+    def forget(self, pseudonym: str, *, keeps_reports: bool = False) -> None:
+        """Delete all of a participant.
+
+        Parameters
+        ----------
+        pseudonym : str
+            Of the participant.
+        keeps_reports : bool
+            Keep the reports in the folder: none has data of the participant.
 
         Raises
         ------
@@ -219,7 +226,8 @@ class Dataset:
         if len(left) == len(rows):
             known = ", ".join(row["participant_id"] for row in rows) or "nobody"
             raise RecordingError(f"{self.folder}: no participant {pseudonym!r}, expected one of: {known}")
-        for folder in (self._folder_of(pseudonym), self.folder / DERIVED):
+        reports = () if keeps_reports else (self.folder / DERIVED,)
+        for folder in (self._folder_of(pseudonym), *reports):
             if folder.exists():
                 shutil.rmtree(folder)
         self._write_participants(left)

@@ -66,7 +66,7 @@ class DrumDisplay(DrumBench):
         self._is_over, self._why, self._is_new = threading.Event(), "", False
         self._frames: list[tuple[float, float, float, float]] = []
         self._began_ns = self._touched_ns = self._faults = 0
-        self._failure = ""  # why nothing moves any more
+        self._failure = self._stopped = ""  # why nothing moves any more
         self._readings: deque[tuple[int, Reading]] = deque()  # by the instant of their sample
 
     def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
@@ -81,6 +81,8 @@ class DrumDisplay(DrumBench):
         self._limits_of_interval = (limit_force, limit_seconds)
         self._is_over.clear()
         self._is_new, self._interval = True, interval
+        if self._stopped:  # even if that was a moment ago
+            self._end(self._stopped)
         is_over = self._is_over.wait(limit_seconds + SILENCE_S)
         self._interval = None
         if not is_over or self._failure:
@@ -89,9 +91,13 @@ class DrumDisplay(DrumBench):
         return Presentation(np.array(self._frames, FRAME), self._why)
 
     def stop(self, why: str) -> None:
-        """End the interval and retract: the emergency stop. Any thread may call it."""
-        self._why = self._why or why
-        self._interval = None
+        """Retract, and display nothing any more: the emergency stop. Any thread may call it."""
+        self._stopped = why
+        self._end(why)
+
+    def _end(self, why: str) -> None:
+        """End the interval and retract."""
+        self._why, self._interval = why, None
         for finger in self.fingers:
             finger.controller.stop()
         self._is_over.set()
@@ -104,7 +110,7 @@ class DrumDisplay(DrumBench):
 
     def step(self, reading: Reading, sample_ns: int) -> None:
         """Run a sample of every finger; only the one that displays is believed to be there."""
-        interval = self._interval
+        interval = None if self._stopped else self._interval
         if interval is not None and self.fingers and self._is_new:
             self._begin(interval, sample_ns)
         super().step(self._displayed(reading, sample_ns, interval), sample_ns)
@@ -169,9 +175,9 @@ class DrumDisplay(DrumBench):
             self._touched_ns = sample_ns
         limit_force, limit_seconds = self._limits_of_interval
         if not force <= limit_force and math.isfinite(force):
-            self.stop(stopped_by_force(force, limit_force))
+            self._end(stopped_by_force(force, limit_force))
         elif finger.faults > self._faults:
-            self.stop("the drum's controller had a fault")
+            self._end("the drum's controller had a fault")
         elif seconds >= limit_seconds or (
             self._touched_ns and S_PER_NS * (sample_ns - self._touched_ns) >= RELEASED_S
         ):

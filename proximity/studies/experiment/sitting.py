@@ -58,7 +58,7 @@ def sit(
             finally:
                 dataset.write_tables(pseudonym)
     except RefusedError:
-        dataset.forget(pseudonym)
+        dataset.forget(pseudonym, keeps_reports=True)
         raise
 
 

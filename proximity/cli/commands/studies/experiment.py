@@ -203,6 +203,7 @@ def power(
     repetitions: Annotated[int, typer.Option("--repetitions", metavar="N", min=10)] = 1000,
 ) -> None:
     """Simulate how often an effect is found with so many participants; without --effect the expected one."""
+    from proximity.cli import progress
     from proximity.cli.console import results_console, table
     from proximity.studies.experiment.analysis import simulation
     from proximity.studies.experiment.design_file import read_design
@@ -210,7 +211,8 @@ def power(
     read = read_design(design)
     read = read if effect is None else simulation.with_effect(read, effect)
     sizes = tuple(participants or simulation.PARTICIPANTS)
-    found = simulation.power(read, sizes, repetitions)
+    with progress.spinner("simulating participants"):
+        found = simulation.power(read, sizes, repetitions)
     shown = table(("task", "comparison"), [f"{size} participants" for size in sizes])
     for task, comparison in dict.fromkeys((one.task, one.comparison) for one in found):
         own = [one.share for one in found if (one.task, one.comparison) == (task, comparison)]
@@ -224,13 +226,16 @@ def check(
     repetitions: Annotated[int, typer.Option("--repetitions", metavar="N", min=1)] = 100,
 ) -> None:
     """Try the analysis on simulated observers: false positives, and thresholds found again."""
+    from proximity.cli import progress
     from proximity.studies.experiment.analysis import simulation
     from proximity.studies.experiment.design_file import read_design
 
     read = read_design(design)
-    for task, share in simulation.false_positives(read, repetitions).items():
+    with progress.spinner(f"simulating {repetitions} experiments"):
+        shares = simulation.false_positives(read, repetitions)
+        found = simulation.recovery(read)
+    for task, share in shares.items():
         typer.echo(f"{task}: a difference was found in {share:.0%} of {repetitions} experiments without one")
-    found = simulation.recovery(read)
     typer.echo(
         f"{found.covered} of {found.count} thresholds lie in their 95 % credible intervals; on average they "
         f"are found {found.bias:+.1%} off"

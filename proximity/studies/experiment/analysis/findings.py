@@ -1,6 +1,6 @@
 """Findings of an experiment: everything that a report shows, from the trials."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from proximity.studies.experiment.analysis.comparison import Comparison, compare
@@ -39,9 +39,7 @@ class Findings:
         return {one.participant for one in self.exclusions if one.trial is None}
 
 
-def find(
-    design: Design, entries: Sequence[Entry], progress: Callable[[float], None] = lambda share: None
-) -> Findings:
+def find(design: Design, entries: Sequence[Entry]) -> Findings:
     """Return what is found in trials.
 
     Parameters
@@ -50,8 +48,6 @@ def find(
         Of the experiment.
     entries : sequence of dict
         As of `Dataset.trials`.
-    progress : function of a share
-        Called now and then.
 
     Raises
     ------
@@ -61,10 +57,9 @@ def find(
     kept, exclusions = exclude(design, entries)
     shapes = shapes_of(design, kept)
     cells = {key: own for key, own in cells_of(kept).items() if design.task(key[1]).kind is Kind.STIFFER}
-    functions = {}
-    for key, own in cells.items():
-        functions[key] = fit(counts_of(own), design.task(key[1]).levels, shapes[key[1]])
-        progress(len(functions) / len(cells))
+    functions = {
+        key: fit(counts_of(own), design.task(key[1]).levels, shapes[key[1]]) for key, own in cells.items()
+    }
     scores, names = scores_of(design, kept), [one.name for one in design.conditions]
     return Findings(
         design,

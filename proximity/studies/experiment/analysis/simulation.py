@@ -1,7 +1,7 @@
 """Simulated experiments without presses, fast: power, and checks of the analysis."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -66,9 +66,7 @@ def simulated_trials(design: Design, slot: int, seed: int = 0) -> list[dict[str,
 ANSWERED = (*CHOICES, Kind.RATING)
 
 
-def simulated_scores(
-    design: Design, count: int, seed: int = 0, progress: Callable[[float], None] = lambda share: None
-) -> list[Score]:
+def simulated_scores(design: Design, count: int, seed: int = 0) -> list[Score]:
     """Return the scores of simulated participants.
 
     Parameters
@@ -79,13 +77,10 @@ def simulated_scores(
         Of participants.
     seed : int
         Of their answers.
-    progress : function of a share
-        Called now and then.
     """
     entries: list[dict[str, Any]] = []
     for slot in range(count):
         entries += simulated_trials(design, slot, seed)
-        progress((slot + 1) / count)
     return scores_of(design, exclude(design, entries)[0])
 
 
@@ -115,7 +110,6 @@ def power(
     design: Design,
     participants: Sequence[int] = PARTICIPANTS,
     repetitions: int = 1000,
-    progress: Callable[[float], None] = lambda share: None,
     *,
     pool: int = POOL,
 ) -> list[Power]:
@@ -131,12 +125,10 @@ def power(
         Sizes of samples.
     repetitions : int
         Samples of each size.
-    progress : function of a share
-        Called now and then.
     pool : int
         Simulated participants that the samples are drawn from.
     """
-    scores = simulated_scores(design, pool, progress=progress)
+    scores = simulated_scores(design, pool)
     rng, found = np.random.default_rng(design.seed), []
     for task in design.tasks:
         own = {(one.participant, one.condition): one.value for one in scores if one.task == task.name}
@@ -151,9 +143,7 @@ def power(
     return found
 
 
-def false_positives(
-    design: Design, repetitions: int, progress: Callable[[float], None] = lambda share: None
-) -> dict[str, float]:
+def false_positives(design: Design, repetitions: int) -> dict[str, float]:
     """Return, for each task, the share of whole experiments that find a difference where there is none.
 
     Each has its own participants, and goes through the same mixed model as a report.
@@ -164,8 +154,6 @@ def false_positives(
         Whose conditions are made equal to observers.
     repetitions : int
         Experiments.
-    progress : function of a share
-        Called now and then.
     """
     equal, names = with_effect(design, 1.0), [one.name for one in design.conditions]
     counts = dict.fromkeys((task.name for task in design.tasks if task.kind in ANSWERED), 0)
@@ -174,7 +162,6 @@ def false_positives(
         for task in counts:
             found = compare(task, names, scores)
             counts[task] += found is not None and found.p < SIGNIFICANT
-        progress((repetition + 1) / repetitions)
     return {task: count / repetitions for task, count in counts.items()}
 
 
