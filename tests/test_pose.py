@@ -117,7 +117,7 @@ def test_arrays_are_read_only_copies(field):
         ([[1, 0, 0], [0, 1], [0]], "entries of a pose's rotation have rows of different lengths"),
         (np.eye(3) * np.nan, "a pose's rotation is not finite, expected an orthonormal matrix"),
         (np.full((3, 3), np.inf), "a pose's rotation is not finite, expected an orthonormal matrix"),
-        (np.eye(3) * 2.0, "(rotation times its transpose is off by 3): a pose turns and shifts, it cannot"),
+        (np.eye(3) * 2.0, "(rotation times its transpose is off by 3): a pose can rotate and translate, but"),
         (np.eye(3) + 1e-6, "a pose's rotation is not orthonormal"),
         (np.zeros((3, 3)), "a pose's rotation is not orthonormal"),
         (np.full((3, 3), 1e200), "a pose's rotation is not orthonormal"),

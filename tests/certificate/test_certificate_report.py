@@ -299,7 +299,7 @@ def test_fingers_that_pass_go_through_their_places_at_the_speed_said():
 def test_recording_in_which_nobody_is_seen_is_refused():
     hand = Recording(np.arange(3) * 1_000_000, np.full((3, 1, 3), np.nan), ((0, 1),), "empty.csv")
 
-    with pytest.raises(ValueError, match=r"empty\.csv: no finger is seen at any tick"):
+    with pytest.raises(ValueError, match=r"empty\.csv: no finger is tracked at any tick"):
         measurement.measure(ball_subject(recording=hand), found(), 1000, 1)
 
 

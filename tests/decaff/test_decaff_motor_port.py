@@ -105,7 +105,7 @@ def test_cable_is_identified_while_the_finger_is_held(motor, port):
 
 
 def test_nothing_moves_before_homing(motor, drum):
-    with pytest.raises(MotorError, match="the motor was to move before it was homed"):
+    with pytest.raises(MotorError, match="a motion was commanded before the motor was homed"):
         MotorPort(drum, GEAR4).swing(np.full(100, 1e-3))
     assert not motor.has_moved and motor.mode == "off"
 

@@ -122,7 +122,7 @@ def test_nothing_moves_before_homing(motor, drum):
     for _ in range(20):
         drum.look()
         time.sleep(PERIOD)
-    with pytest.raises(MotorError, match="before it was homed"):
+    with pytest.raises(MotorError, match="before the motor was homed"):
         drum.advance(action(angle=1.0), 0.0, PERIOD)
     assert motor.mode == "off"
     assert not motor.has_moved

@@ -245,7 +245,7 @@ def test_frames_are_received(driver, has_key, key):
 
 # --- what cannot be used is said in a sentence ---
 
-NO_ADDRESS = '"here" is no address of IPv4, expected one such as 127.0.0.1\n'
+NO_ADDRESS = '"here" is not an IPv4 address, expected one such as 127.0.0.1\n'
 REACHED = r"192\.0\.2\.1 can be reached by others, expected `from`, the (one|HOST:PORT) to listen to\n"
 FAR = r"192\.0\.2\.1 is not on this machine, expected `bind`, the address to send from\n"
 TOO_LARGE = r"a message of 294960 bytes does not fit into a datagram \(expected at most 65507 bytes\)\n"

@@ -226,7 +226,5 @@ def test_glove_is_of_poses_that_come_in(folder):
     recorded = SCENE.replace('poses = "mailbox:gloves"', 'sensor = "mailbox:s"').partition("[input]")[2]
     (folder / "cell.toml").write_text("[input]" + recorded + 'calibration = "glove.json"')
 
-    with pytest.raises(
-        ServiceError, match=r":3: \[glove\] is of a hand whose poses come in, and there is no"
-    ):
+    with pytest.raises(ServiceError, match=r":3: \[glove\] requires"):
         read_scene_file(folder / "cell.toml")

@@ -325,7 +325,7 @@ def test_service_runs_once():
     service = Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001, clock=ManualClock())
     service.run(tick_count=1)
 
-    with pytest.raises(ServiceError, match=r"^the service has run already, and all that it used is closed"):
+    with pytest.raises(ServiceError, match=r"^this service has already run and is closed"):
         service.run()
 
 

@@ -270,10 +270,10 @@ def test_measured_distances_are_published_without_geometry(scene_path, folder, r
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("rate_hz = 200", "rate_hz = 100", "2: service.rate_hz is not as it was"),
-        ("/poses", "/other", "10: input.poses is not as it was"),
-        ("[input]\n", '[input]\nmoves = "mailbox:m"\n', "10: input.moves is not as it was"),
-        ('/poses"\n', '/poses"\n[glove]\ncalibration = "box.stl"\n', "11: glove is not as it was"),
+        ("rate_hz = 200", "rate_hz = 100", "2: service.rate_hz was changed"),
+        ("/poses", "/other", "10: input.poses was changed"),
+        ("[input]\n", '[input]\nmoves = "mailbox:m"\n', "10: input.moves was changed"),
+        ('/poses"\n', '/poses"\n[glove]\ncalibration = "box.stl"\n', "11: glove was changed"),
     ],
 )
 def test_edit_that_needs_a_restart_is_refused_with_its_line(scene_path, before, after, message):
@@ -336,7 +336,7 @@ def test_edit_that_needs_a_restart_changes_nothing(looking):
         looking.editing.look()
 
     assert looking.replaced == []
-    assert "2: service.rate_hz is not as it was" in looking.said[0]
+    assert "2: service.rate_hz was changed" in looking.said[0]
 
 
 def test_part_that_is_replaced_by_one_of_the_same_date_and_size_is_taken(looking, folder):

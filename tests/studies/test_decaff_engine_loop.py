@@ -75,7 +75,7 @@ def test_hand_is_turned_until_the_way_is_free():
 def test_place_that_no_finger_reaches_is_refused():
     cavity = Scene([Solid(*shapes.hollow_cube(0.1, 0.04), name="hollow")])
 
-    with pytest.raises(DecaffError, match="no hand gets its finger there without touching before"):
+    with pytest.raises(DecaffError, match="no finger gets there without touching the part before"):
         place_finger(cavity, (0.0, 0.0, 0.015))
     with pytest.raises(DecaffError, match=r"the position is \[0\.0, nan, 0\.0\], expected three coordinates"):
         place_finger(cavity, (0.0, math.nan, 0.0))
@@ -335,7 +335,9 @@ def test_gaps_of_a_recording_are_lost_poses_and_jumps_are_left_out():
 
 
 def test_recording_that_touches_nothing_is_refused():
-    with pytest.raises(DecaffError, match=r"r\.csv: no finger comes to the parts from outside and touches"):
+    with pytest.raises(
+        DecaffError, match=r"r\.csv: no finger approaches the parts from outside and touches them"
+    ):
         recorded_press(box_scene(), recording(motion() - 0.02), 0.007, 0.1)
     with pytest.raises(DecaffError, match=r"r\.csv: 100 s are recorded, expected at most 60 s"):
         recorded_press(box_scene(), recording(np.zeros(1001), 10.0), 0.007, 0.1)

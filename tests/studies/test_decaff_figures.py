@@ -314,7 +314,7 @@ def test_document_of_a_press_has_what_concerns_its_wall():
             {"stiffness": 1.0, "damping": 1e5},
             r"damping is 100000, expected 0 to 10000 newton seconds a metre",
         ),
-        ({"stiffness": 100.0}, "tuned together: expected both of them, or none"),
+        ({"stiffness": 100.0}, "belong together: expected both or neither"),
         ({"cable": 5.0}, r"cable is 5, expected 10 to 1e\+06 newtons a metre"),
         ({"cable": 500.0, "stretch": "much"}, "stretch is 'much', expected one of left, torque, sensor"),
         ({"stretch": "torque"}, "stretch is 'torque', but there is no cable: expected its stiffness"),

@@ -395,5 +395,7 @@ def test_scene_of_a_tracker_stays_and_a_tracker_is_not_copied(tracker):
     with pytest.raises(AttributeError):
         tracker.scene = Scene([plate()])
     for copied in (copy.copy, copy.deepcopy, pickle.dumps):
-        with pytest.raises(QueryError, match="a tracker cannot be copied, since it lives by its ticks: make"):
+        with pytest.raises(
+            QueryError, match="a tracker cannot be copied, because its state depends on its ticks"
+        ):
             copied(tracker)

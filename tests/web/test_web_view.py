@@ -261,7 +261,7 @@ def test_a_scene_that_lets_the_page_feed_nothing_is_refused(tmp_path):
     )
 
     with pytest.raises(
-        ServiceError, match=r"cell\.toml:6: web\.feed is true, and there is neither input\.poses nor"
+        ServiceError, match=r"cell\.toml:6: web\.feed is true, which requires input\.poses or"
     ):
         read_scene_file(scene)
 

@@ -207,7 +207,7 @@ class MotorDrum:
             Waits for a time, s, and returns whether to give up.
         """
         if not self.is_homed:
-            raise self.failed("the motor was to move before it was homed")
+            raise self.failed("a motion was commanded before the motor was homed")
         self.refresh(pause)
         self._switch_on(MotorCommand(DriveMode.FORCE, torque_cap=self.settings.torque), pause or _slept)
 
@@ -231,7 +231,7 @@ class MotorDrum:
             At the drum.
         """
         if not (self.is_homed and self._is_on):
-            raise self.failed("the motor was to move before it was homed")
+            raise self.failed("a motion was commanded before the motor was homed")
         self.look()
         settings = self.settings
         most = settings.torque * settings.ratio

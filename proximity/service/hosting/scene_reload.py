@@ -86,9 +86,7 @@ def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
     reported = _fixed(after)
     for path, value in _fixed(before).items():
         if reported[path] != value:
-            raise after.error(
-                path, f"{spelled(path)} was changed, which needs a new start: restart the service"
-            )
+            raise after.error(path, f"{spelled(path)} was changed: restart the service to apply it")
 
 
 def _fixed(settings: SceneFile) -> dict[Path, Any]:

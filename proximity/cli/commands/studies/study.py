@@ -98,7 +98,7 @@ def command(
         return
     from proximity.studies.sweep.study_run import run_study
 
-    with _progress(read.name) as watch:
+    with _progress(read.name or study.stem) as watch:
         ended = run_study(
             read,
             results,
@@ -150,10 +150,12 @@ def _repeat(study: "Study", out: Path, key: str) -> None:
     print_block(console, [("key", found.condition.key), *((name, shown(given[name])) for name in given)])
     console.print()
     rows = table([""], ("now", "recorded"))
-    for name, value in found.results.items():
+    for name in study.job.measures:
+        value = found.results[name]
         recorded = MISSING if found.recorded is None else _digits(found.recorded[name])
         rows.add_row(name, _digits(value), recorded)
     console.print(rows)
+    print_block(console, [(name, found.results[name]) for name in study.job.texts])
 
 
 def _digits(value: Any) -> str:

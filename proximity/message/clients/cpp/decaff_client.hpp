@@ -434,7 +434,7 @@ inline sockaddr_in endpoint(const std::string &host, std::uint16_t port)
     found.sin_family = AF_INET;
     found.sin_port = htons(port);
     if (inet_pton(AF_INET, host.c_str(), &found.sin_addr) != 1)
-        throw error("\"" + host + "\" is no address of IPv4, expected one such as 127.0.0.1");
+        throw error("\"" + host + "\" is not an IPv4 address, expected one such as 127.0.0.1");
     return found;
 }
 

@@ -549,7 +549,7 @@ namespace Decaff
         {
             IPAddress address;
             if (!IPAddress.TryParse(host, out address) || address.AddressFamily != AddressFamily.InterNetwork)
-                throw new DecaffError("\"" + host + "\" is no address of IPv4, expected one such as 127.0.0.1");
+                throw new DecaffError("\"" + host + "\" is not an IPv4 address, expected one such as 127.0.0.1");
             if (port < 1 || port > 65535)
                 throw new DecaffError("port is " + port + ", expected one from 1 to 65535");
             return new IPEndPoint(address, port);

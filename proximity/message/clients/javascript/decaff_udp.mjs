@@ -118,7 +118,7 @@ export class Publisher {
 }
 
 function checkEnd(host, port) {
-  if (!isAddress(host)) throw new Error(`"${host}" is no address of IPv4, expected one such as 127.0.0.1`);
+  if (!isAddress(host)) throw new Error(`"${host}" is not an IPv4 address, expected one such as 127.0.0.1`);
   if (!Number.isInteger(port) || port < 1 || port > 65535) throw new Error(`port is ${port}, expected one from 1 to 65535`);
 }
 
