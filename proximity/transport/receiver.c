@@ -146,7 +146,7 @@ static const char *read_key(const char *path)
     else if ((status.st_mode & 077) != 0)
         wrong = "may be used by others (expected permissions 0600)";
     else if (read(file, text, sizeof text - 1) < 0 || !decaff_key_of_text(text, key))
-        wrong = "is no key (expected 64 hexadecimal digits)";
+        wrong = "is not a key (expected 64 hexadecimal digits)";
     close(file);
     return wrong;
 }

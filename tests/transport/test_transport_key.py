@@ -142,7 +142,7 @@ def test_file_that_is_no_key_is_refused_and_not_printed(tmp_path, text):
     path.chmod(0o600)
 
     with pytest.raises(
-        PublishError, match=r"x.key' is no key \(expected 64 hexadecimal digits, as"
+        PublishError, match=r"x.key' is not a key \(expected 64 hexadecimal digits, as"
     ) as refusal:
         open_publisher(f"udp://127.0.0.1:9100?key={path}")
     assert "abab" not in str(refusal.value)

@@ -385,7 +385,7 @@ inline key_bytes read_key(const std::string &path)
     stream.read(text.data(), static_cast<std::streamsize>(text.size()));
     key_bytes key{};
     if (!decaff_key_of_text(text.c_str(), key.data()))
-        throw refuse("is no key (expected 64 hexadecimal digits)");
+        throw refuse("is not a key (expected 64 hexadecimal digits)");
     return key;
 }
 
@@ -452,7 +452,7 @@ public:
         start_network();
         handle_ = ::socket(AF_INET, SOCK_DGRAM, 0);
         if (handle_ == no_socket)
-            throw error("there is no socket to be had" + because());
+            throw error("no socket could be made" + because());
 #ifdef _WIN32
         const char is_on = 1;
         setsockopt(handle_, SOL_SOCKET, SO_EXCLUSIVEADDRUSE, &is_on, sizeof is_on);

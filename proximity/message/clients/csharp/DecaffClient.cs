@@ -93,7 +93,7 @@ namespace Decaff
                 key[i / 2] = (byte)(key[i / 2] << 4 | (digit & 15));
             }
             if (!isKey)
-                throw new DecaffError("the key " + path + " is no key (expected 64 hexadecimal digits)");
+                throw new DecaffError("the key " + path + " is not a key (expected 64 hexadecimal digits)");
         }
 
         /// <summary>CRC-32 as zlib has it.</summary>

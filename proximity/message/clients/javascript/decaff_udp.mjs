@@ -148,7 +148,7 @@ export function readKey(path) {
       throw new Error(`the key ${path} may be used by others (expected permissions 0600)`);
     }
     const digits = fs.readFileSync(file, "latin1").replace(/[\r\n]+$/, "");
-    if (!/^[0-9a-fA-F]{64}$/.test(digits)) throw new Error(`the key ${path} is no key (expected 64 hexadecimal digits)`);
+    if (!/^[0-9a-fA-F]{64}$/.test(digits)) throw new Error(`the key ${path} is not a key (expected 64 hexadecimal digits)`);
     return Buffer.from(digits, "hex");
   } finally {
     fs.closeSync(file);
