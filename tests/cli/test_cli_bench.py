@@ -138,7 +138,7 @@ def test_recording_is_given_or_a_sample(run):
         (("--fingers", 0), "0 fingers cannot be tracked, expected 1 or more"),
         (("--out", "cell.pdf"), "cell.pdf does not end in .html or .json"),
         (("--recording", "no.csv"), "no.csv"),
-        (("--seed", -2), "-2 is no seed"),
+        (("--seed", -2), "-2 is not a seed"),
     ],
 )
 def test_what_cannot_be_used_is_one_sentence(run, arguments, sentence):
