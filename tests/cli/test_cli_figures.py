@@ -99,7 +99,7 @@ def test_wall_out_of_control_is_told_in_short_numbers(run):
         (("--wall", "coupled", "--drum", "gear4"), "a coupled wall has none"),
         (("--stiffness", 5), "a decaff wall has none"),
         (("--out", "press.gif"), "press.gif does not end in .png, .svg, .pdf, .csv"),
-        (("--wall", "coupled", "--stiffness", 5), "expected both of them, or none"),
+        (("--wall", "coupled", "--stiffness", 5), "expected both or neither"),
     ],
 )
 def test_press_that_makes_no_sense_is_refused(run, options, sentence):
