@@ -327,7 +327,7 @@ def test_file_that_was_changed_wrongly_is_refused(tmp_path, change, message):
     [
         (b"", r"is not JSON \(Expecting value"),
         (b"\xff\xfe{}", r"is not JSON \('utf-8' codec"),
-        (b"[1, 2]", "is no calibration of a glove"),
+        (b"[1, 2]", "is not a calibration of a glove"),
         (b"[" * 60000, "is not JSON"),
         (
             b'{"latency_s": 0.1, "name": "", "latency_s": 0.9}',

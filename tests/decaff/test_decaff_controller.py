@@ -141,7 +141,7 @@ def test_drum_that_turns_back_is_refused():
             return -np.asarray(bend)
 
     with pytest.raises(
-        DecaffError, match="the drum moves backwards at the flat hand, expected one that follows"
+        DecaffError, match="the drum moves backwards at the flat hand, expected a drum that follows"
     ):
         FingerPath(Backward())
 
