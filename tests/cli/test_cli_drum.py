@@ -339,7 +339,9 @@ def test_doubts_are_said_on_stderr(run):
         result = run(ADDRESS, "--limit", 0.4, "--json")
 
     assert result.code == 0
-    assert result.err.startswith("proximity: no bend is reported of finger 0, 1: shown as if it bent straight")
+    assert result.err.startswith(
+        "proximity: no bend is reported of finger 0, 1: shown as if it bent straight"
+    )
     assert len(result.err.splitlines()) == 1
 
 
