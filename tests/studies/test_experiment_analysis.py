@@ -267,6 +267,15 @@ trials = 1
 """
 
 
+def test_findings_of_people_are_not_called_simulated(shipped, entries):
+    people = altered(entries, lambda entry: True, is_simulated=False)
+    some = altered(entries, lambda entry: entry["participant"] != "3", is_simulated=False)
+
+    assert find(shipped, people).said_of_simulated == ""
+    count = len({entry["participant"] for entry in entries})
+    assert find(shipped, some).said_of_simulated == f"1 of {count} participants are simulated observers."
+
+
 def test_report_has_page_plots_tables_and_methods(tmp_path):
     from proximity.studies.experiment.dataset import Dataset
     from proximity.studies.experiment.sitting import sit
@@ -276,7 +285,7 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
     )
     dataset = Dataset(tmp_path / "data", read_design(write_design(tmp_path, text)))
     for name in ("p01", "p02", "p03", "p04"):
-        observer = Observer(dataset.design, dataset.admit(name))
+        observer = Observer(dataset.design, dataset.admit(name, Observer.name))
         sit(dataset, name, observer, observer)
     files = write_report(find(dataset.design, dataset.trials()), tmp_path / "report")
 
@@ -289,11 +298,15 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
     assert 240.0 < means["rate", "real"] < 360.0  # N/m: what simulated observers say
     assert means["touch", "late"] > means["touch", "real"]  # ms: the coupled wall is late
     methods = (tmp_path / "report" / "methods.txt").read_text()
-    assert methods.startswith("4 of 4 planned participants compared 2 conditions: real (a real surface);")
+    assert methods.startswith(
+        "All 4 participants are simulated observers. 4 of 4 planned participants compared 2 conditions: "
+        "real (a real surface);"
+    )
     assert (
         re.search(r"Stiffness: F\(1, 3\) = [\d.]+, p", methods)
         and "  " not in methods
         and " ." not in methods
     )
     page = (tmp_path / "report" / "report.html").read_text()
+    assert "All 4 participants are simulated observers. Nothing here is about people." in page
     assert page.count("data:image/png") == 6 and "Bayes" in page and "{{" not in page

@@ -156,7 +156,7 @@ def simulate(
     dataset, started = Dataset(data, read), time.monotonic()
     names = [participant] if participant else [f"p{n:02d}" for n in range(1, read.participants + 1)]
     for name in names:
-        observer = Observer(read, dataset.admit(name))
+        observer = Observer(read, dataset.admit(name, Observer.name))
         with progress.spinner(f"{name} presses and answers"):
             sit(dataset, name, observer, observer)
         typer.echo(f"proximity: {name} is done ({time.monotonic() - started:.0f} s)", err=True)
@@ -185,6 +185,8 @@ def report(
     for one in findings.comparisons.values():
         if one is not None:
             typer.echo(f"{one.task}: F({one.df[0]}, {one.df[1]}) = {one.f:.2f}, p = {one.p:.2g}")
+    if findings.simulated:
+        typer.echo(f"proximity: {findings.said_of_simulated}", err=True)
     typer.echo(f"{files[0]}: written, with {len(files) - 1} files beside it")
 
 

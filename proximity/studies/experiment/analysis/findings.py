@@ -24,6 +24,7 @@ class Findings:
 
     design: Design
     participants: tuple[str, ...]  # that have begun
+    simulated: tuple[str, ...]  # of them, who are no people
     trials: int  # done, of all stages
     stopped: int  # of them, that a limit ended
     kept: list[Entry]
@@ -32,6 +33,13 @@ class Findings:
     functions: dict[tuple[str, str, str], Psychometric]  # by participant, task and condition
     scores: list[Score]
     comparisons: dict[str, Comparison | None]  # by task; None: too few participants
+
+    @property
+    def said_of_simulated(self) -> str:
+        """A sentence that says which participants are no people; empty: all are."""
+        count, all_of_them = len(self.simulated), len(self.participants)
+        who = f"All {count}" if count == all_of_them else f"{count} of {all_of_them}"
+        return f"{who} participants are simulated observers." if count else ""
 
     @property
     def excluded(self) -> set[str]:
@@ -64,6 +72,7 @@ def find(design: Design, entries: Sequence[Entry]) -> Findings:
     return Findings(
         design,
         tuple(sorted({entry["participant"] for entry in entries})),
+        tuple(sorted({entry["participant"] for entry in entries if entry["is_simulated"]})),
         len(entries),
         sum(bool(entry["stopped"]) for entry in entries),
         kept,

@@ -53,7 +53,7 @@ def simulated_trials(design: Design, slot: int, seed: int = 0) -> list[dict[str,
             is_right = trial.is_right(answer)
             entries.append(
                 {
-                    "participant": f"{slot}", "number": step.number, "task": step.task,
+                    "participant": f"{slot}", "is_simulated": True, "number": step.number, "task": step.task,
                     "condition": step.condition, "stage": str(step.stage), "level": trial.level,
                     "answer": answer, "is_right": is_right, "response_time": 0.0, "stopped": "",
                     "onset": [], "depth": [], "peak_force": [],
