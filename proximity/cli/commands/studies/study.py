@@ -30,7 +30,7 @@ EXAMPLES = """
 Examples:
   proximity study force-error.toml
   proximity study report force-error.results
-  proximity study force-error.toml --only 1fa4eec7d4
+  proximity study force-error.toml --only KEY
   proximity study catalogue.toml --address 10.0.0.5:6379
 """
 
@@ -152,7 +152,7 @@ def _repeat(study: "Study", out: Path, key: str) -> None:
     rows = table([""], ("now", "recorded"))
     for name in study.job.measures:
         value = found.results[name]
-        recorded = MISSING if found.recorded is None else _digits(found.recorded[name])
+        recorded = MISSING if found.recorded is None else _digits(found.recorded.get(name))
         rows.add_row(name, _digits(value), recorded)
     console.print(rows)
     print_block(console, [(name, found.results[name]) for name in study.job.texts])
