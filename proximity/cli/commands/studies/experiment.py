@@ -29,14 +29,14 @@ HELP = "\n\n".join(
     )
 )
 EXAMPLES = {
-    "new": "proximity experiment new walls.toml",
-    "plan": "proximity experiment plan walls.toml --slot 3",
-    "run": "proximity experiment run walls.toml p07 --address iox2://decaff --data walls",
-    "simulate": "proximity experiment simulate walls.toml --data walls",
-    "report": "proximity experiment report walls",
-    "power": "proximity experiment power walls.toml --participants 8 --participants 12 --effect 1.5",
-    "check": "proximity experiment check walls.toml --repetitions 100",
-    "forget": "proximity experiment forget walls p07",
+    "new": "proximity experiment new comparison.toml",
+    "plan": "proximity experiment plan comparison.toml --slot 3",
+    "run": "proximity experiment run comparison.toml p07 --address iox2://decaff --data people",
+    "simulate": "proximity experiment simulate comparison.toml --data simulated",
+    "report": "proximity experiment report simulated",
+    "power": "proximity experiment power comparison.toml --participants 8 --participants 12 --effect 1.5",
+    "check": "proximity experiment check comparison.toml --repetitions 100",
+    "forget": "proximity experiment forget people p07",
 }
 SHIPPED = "decaff_against_coupled.toml"
 
@@ -63,7 +63,8 @@ def new(path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write
         with path.open("x", encoding="utf-8") as stream:
             stream.write(text)
     except OSError as failed:
-        raise typer.BadParameter(f"{path} cannot be written ({failed.strerror})") from failed
+        hint = ": choose another name" if isinstance(failed, FileExistsError) else ""
+        raise typer.BadParameter(f"{path} cannot be written ({failed.strerror}){hint}") from failed
     typer.echo(f"{path}: written")
 
 

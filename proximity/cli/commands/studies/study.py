@@ -22,7 +22,7 @@ HELP = "\n\n".join(
         "that was stopped or killed goes on where it was.",
         "With the word report and the folder of the results it makes one page: factors, effects, plots, the "
         "worst conditions, and a key that repeats each of them with --only.",
-        "The exit code is 1 if conditions failed. Needs: pip install 'proximity\\[study]'.",
+        "The exit code is 1 if conditions failed. Needs: pip install 'cad-proximity[study]'.",
     )
 )
 
