@@ -101,7 +101,9 @@ def test_edited_log_is_one_sentence(experiment, tmp_path):
 def test_power_is_a_table_and_check_says_both(experiment, tmp_path, monkeypatch):
     from proximity.studies.experiment.analysis import simulation
 
-    monkeypatch.setattr(simulation, "power", lambda *given: [simulation.Power("t", "b against a", 8, 0.5)])
+    monkeypatch.setattr(
+        simulation, "power", lambda *given, watch: [simulation.Power("t", "b against a", 8, 0.5)]
+    )
     design = write_design(tmp_path)
     code, out, _ = experiment("power", design, "--participants", 8, "--effect", 1.5)
     assert code == 0 and "8 participants" in out and "50%" in out

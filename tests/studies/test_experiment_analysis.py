@@ -192,10 +192,13 @@ def test_false_positives_would_be_seen(shipped):
 def test_power_rises_with_participants_and_is_5_percent_without_an_effect(shipped):
     shares = {(one.comparison, one.participants): one.share for one in power(shipped, (4, 12), 400, pool=50)
               if one.task == "stiffness"}  # fmt: skip
-    none = [one.share for one in power(with_effect(shipped, 1.0), (12,), 400, pool=60)]
+    counted = []
+    none = [one.share for one in power(with_effect(shipped, 1.0), (12,), 400, pool=60,
+                                       watch=lambda *count: counted.append(count))]  # fmt: skip
 
     assert shares["any difference", 12] > 0.9 > shares["any difference", 4]
     assert shares["coupled10ms against decaff", 12] > shares["coupled1ms against decaff", 12]
+    assert counted == [(done, 60) for done in range(1, 61)]
     assert all(share < 0.2 for share in none)  # a pool has a chance difference of its own
 
 

@@ -200,7 +200,10 @@ def power(
     effect: Annotated[
         float | None,
         typer.Option(
-            "--effect", metavar="RATIO", min=0.01, help="Threshold of the others, in the first condition's."
+            "--effect",
+            metavar="RATIO",
+            min=0.01,
+            help="Threshold of the others, in the first condition's; holds for thresholds only.",
         ),
     ] = None,
     repetitions: Annotated[int, typer.Option("--repetitions", metavar="N", min=10)] = 1000,
@@ -214,8 +217,8 @@ def power(
     read = read_design(design)
     read = read if effect is None else simulation.with_effect(read, effect)
     sizes = tuple(participants or simulation.PARTICIPANTS)
-    with progress.spinner("simulating participants"):
-        found = simulation.power(read, sizes, repetitions)
+    with progress.spinner("simulating participants") as show:
+        found = simulation.power(read, sizes, repetitions, watch=show)
     shown = table(("task", "comparison"), [f"{size} participants" for size in sizes])
     for task, comparison in dict.fromkeys((one.task, one.comparison) for one in found):
         own = [one.share for one in found if (one.task, one.comparison) == (task, comparison)]
@@ -234,8 +237,8 @@ def check(
     from proximity.studies.experiment.design_file import read_design
 
     read = read_design(design)
-    with progress.spinner(f"simulating {repetitions} experiments"):
-        shares = simulation.false_positives(read, repetitions)
+    with progress.spinner("simulating experiments") as show:
+        shares = simulation.false_positives(read, repetitions, show)
         found = simulation.recovery(read)
     for task, share in shares.items():
         typer.echo(f"{task}: a difference was found in {share:.0%} of {repetitions} experiments without one")

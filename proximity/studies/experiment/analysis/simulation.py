@@ -1,7 +1,7 @@
 """Simulated experiments without presses, fast: power, and checks of the analysis."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +17,8 @@ from proximity.studies.experiment.plan import PlannedTrial
 from proximity.studies.experiment.session import Session
 
 SIGNIFICANT = 0.05
+Watch = Callable[[int, int], None]
+"""Given how many are done, and of how many."""
 POOL = 200  # simulated participants that samples are drawn from
 PARTICIPANTS = (4, 8, 12, 16, 20, 24)
 
@@ -66,7 +68,11 @@ def simulated_trials(design: Design, slot: int, seed: int = 0) -> list[dict[str,
 ANSWERED = (*CHOICES, Kind.RATING)
 
 
-def simulated_scores(design: Design, count: int, seed: int = 0) -> list[Score]:
+def _unwatched(done: int, total: int) -> None:
+    """Take no notice."""
+
+
+def simulated_scores(design: Design, count: int, seed: int = 0, watch: Watch = _unwatched) -> list[Score]:
     """Return the scores of simulated participants.
 
     Parameters
@@ -77,10 +83,13 @@ def simulated_scores(design: Design, count: int, seed: int = 0) -> list[Score]:
         Of participants.
     seed : int
         Of their answers.
+    watch : callable
+        Given how many participants are done.
     """
     entries: list[dict[str, Any]] = []
     for slot in range(count):
         entries += simulated_trials(design, slot, seed)
+        watch(slot + 1, count)
     return scores_of(design, exclude(design, entries)[0])
 
 
@@ -112,6 +121,7 @@ def power(
     repetitions: int = 1000,
     *,
     pool: int = POOL,
+    watch: Watch = _unwatched,
 ) -> list[Power]:
     """Return how often an effect is found with so many participants.
 
@@ -127,8 +137,10 @@ def power(
         Samples of each size.
     pool : int
         Simulated participants that the samples are drawn from.
+    watch : callable
+        Given how many of them are done.
     """
-    scores = simulated_scores(design, pool)
+    scores = simulated_scores(design, pool, watch=watch)
     rng, found = np.random.default_rng(design.seed), []
     for task in design.tasks:
         own = {(one.participant, one.condition): one.value for one in scores if one.task == task.name}
@@ -143,7 +155,7 @@ def power(
     return found
 
 
-def false_positives(design: Design, repetitions: int) -> dict[str, float]:
+def false_positives(design: Design, repetitions: int, watch: Watch = _unwatched) -> dict[str, float]:
     """Return, for each task, the share of whole experiments that find a difference where there is none.
 
     Each has its own participants, and goes through the same mixed model as a report.
@@ -154,6 +166,8 @@ def false_positives(design: Design, repetitions: int) -> dict[str, float]:
         Whose conditions are made equal to observers.
     repetitions : int
         Experiments.
+    watch : callable
+        Given how many of them are done.
     """
     equal, names = with_effect(design, 1.0), [one.name for one in design.conditions]
     counts = dict.fromkeys((task.name for task in design.tasks if task.kind in ANSWERED), 0)
@@ -162,6 +176,7 @@ def false_positives(design: Design, repetitions: int) -> dict[str, float]:
         for task in counts:
             found = compare(task, names, scores)
             counts[task] += found is not None and found.p < SIGNIFICANT
+        watch(repetition + 1, repetitions)
     return {task: count / repetitions for task, count in counts.items()}
 
 
