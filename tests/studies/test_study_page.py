@@ -48,6 +48,7 @@ def test_page_has_factors_effects_worst_conditions_and_how_to_repeat_them(tmp_pa
     page = study_page(study, tmp_path)
     words = text_of(page)
 
+    assert "<h1>some file</h1>" in page
     assert "24 of 24 conditions have a row; they took 12 s of one core." in words
     assert "stiffness 10, 20, not used [N/m]" in words
     assert "Fixed: position 0, 0, 0" in words
