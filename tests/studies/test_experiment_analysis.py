@@ -202,6 +202,22 @@ def test_power_rises_with_participants_and_is_5_percent_without_an_effect(shippe
     assert all(share < 0.2 for share in none)  # a pool has a chance difference of its own
 
 
+def test_what_is_real_is_tested_against_chance_with_holms_adjustment():
+    rng = np.random.default_rng(5)
+    columns = {"a": rng.normal(0.0, 0.5, 12), "b": rng.normal(1.5, 0.5, 12), "c": np.full(12, 3.0)}
+    scores = [
+        Score(f"{i:02d}", "t", name, float(value), 16)
+        for name, values in columns.items()
+        for i, value in enumerate(values)
+    ]
+    found = {one.condition: one.p_zero for one in compare("t", list(columns), scores).means}
+
+    alone = {name: stats.ttest_1samp(columns[name], 0.0).pvalue for name in ("a", "b")}
+    assert found["b"] == pytest.approx(2.0 * alone["b"]) and found["b"] < 1e-4
+    assert found["a"] == pytest.approx(alone["a"]) and found["a"] > 0.05
+    assert math.isnan(found["c"])  # all alike: nothing to test by
+
+
 # --- exclusions ---
 
 
@@ -298,6 +314,9 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
     assert names >= {"report.html", "methods.txt"} | tables | plots
     with (tmp_path / "report" / "means.csv").open() as stream:
         means = {(row["task"], row["condition"]): float(row["mean"]) for row in csv.DictReader(stream)}
+        stream.seek(0)
+        p_chance = {row["task"]: row["p_chance"] for row in csv.DictReader(stream)}
+    assert p_chance["rate"] == "" and p_chance["which"] != ""
     assert 240.0 < means["rate", "real"] < 360.0  # N/m: what simulated observers say
     assert means["touch", "late"] > means["touch", "real"]  # ms: the coupled wall is late
     methods = (tmp_path / "report" / "methods.txt").read_text()
@@ -312,4 +331,9 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
     )
     page = (tmp_path / "report" / "report.html").read_text()
     assert "All 4 participants are simulated observers. Nothing here is about people." in page
-    assert page.count("data:image/png") == 6 and "Bayes" in page and "{{" not in page
+    assert (
+        page.count("data:image/png") == 6
+        and page.count("<th>p against chance</th>") == 1
+        and "Bayes" in page
+        and "{{" not in page
+    )
