@@ -141,7 +141,7 @@ def test_point_cloud_takes_files_of_its_user(tmp_path):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["clearances.py", MESHES / "assembly.glb"], "pin_left   pin_right   38.000"),
+        (["clearances.py", MESHES / "assembly.glb"], "pin_left  pin_right  38.000"),
         (["distance_field.py", MESHES / "gear.stl", 2], "0 of 10000 points are off by more than 1.732 mm"),
     ],
     ids=["clearances", "distance_field"],
