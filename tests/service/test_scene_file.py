@@ -234,7 +234,10 @@ MISTAKES = [
     ),
     (PART + POSES + "[service]\nrate_hz = 100001\n", "6: service.rate_hz is 100001, expected a number"),
     (PART + POSES + "[service]\nrate_hz = nan\n", "6: service.rate_hz is nan, expected a number"),
-    (PART + POSES + "[service]\nrate_hz = 0x" + "f" * 9999, "6: service.rate_hz is a number beyond all"),
+    (
+        PART + POSES + "[service]\nrate_hz = 0x" + "f" * 9999,
+        "6: service.rate_hz is a number that is too large",
+    ),
     (
         PART + POSES + "[service]\nlatency = -0.001\n",
         "6: service.latency is -0.001, expected a number from 0 to 1 (s)",

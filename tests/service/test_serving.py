@@ -485,7 +485,10 @@ def test_what_begun_raises_ends_it(scene_path):
         ({"rate_hz": 0}, "service.rate_hz is 0, expected a number from 1 to 100000 (Hz)"),
         ({"publish": "decaff"}, "service.publish cannot be used: decaff: expected an address such as"),
         ({"rate": 5}, "[service] has no key 'rate': did you mean rate_hz?"),
-        ({"publish": "mailbox:x/poses"}, "{path}:10: input.poses is mailbox:x/poses, where frames are"),
+        (
+            {"publish": "mailbox:x/poses"},
+            "{path}:10: input.poses is mailbox:x/poses, which is also in service.publish",
+        ),
     ],
 )
 def test_override_that_cannot_be_used_is_refused(scene_path, overrides, message):

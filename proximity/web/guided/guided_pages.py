@@ -231,7 +231,7 @@ class GuidedPages:
     async def _meet(self, connection: "ServerConnection", token: str) -> None:
         is_watching = token == self._tokens[1]
         if self._watching >= MOST_PAGES and is_watching:
-            await self._server.refuse(connection, TOO_MUCH, f"there are {MOST_PAGES} pages already")
+            await self._server.refuse(connection, TOO_MUCH, f"there are {MOST_PAGES} pages connected already")
             return
         if is_watching:
             self._watching += 1

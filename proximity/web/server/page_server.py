@@ -105,7 +105,7 @@ class PageServer:
         path = request.path.partition("?")[0]
         is_live = path == LIVE
         if len(hosts) > 1 or len(origins) > 1:
-            return self._answer(403, b"A header is there twice.")
+            return self._answer(403, b"A header occurs twice.")
         refusal = self.access.refusal(
             hosts[0] if hosts else None, origins[0] if origins else None, is_live=is_live
         )
@@ -149,7 +149,7 @@ def document(data: str | bytes) -> dict[str, Any]:
     try:
         found = json.loads(data)
     except (ValueError, RecursionError) as unfit:
-        raise UnfitError("a text is no JSON document") from unfit
+        raise UnfitError("a text is not a JSON document") from unfit
     if not isinstance(found, dict):
-        raise UnfitError("a document is no object")
+        raise UnfitError("a document is not an object")
     return found
