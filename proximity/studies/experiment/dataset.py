@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import RecordingError
-from proximity.studies.experiment.design import Design
+from proximity.studies.experiment.design import SIMULATED, Design
 from proximity.studies.experiment.design_file import read_design
-from proximity.studies.experiment.display import SIMULATED
 from proximity.studies.experiment.trial_log import Entry, TrialLog, read_log
 from proximity.system.whole_file import whole_file
 
@@ -105,7 +104,7 @@ class Dataset:
         pseudonym : str
             Of the participant.
         apparatus : str
-            What displays the surfaces; `display.SIMULATED` where the participant is no person.
+            What displays the surfaces; `design.SIMULATED` where the participant is no person.
 
         Raises
         ------

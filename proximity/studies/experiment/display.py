@@ -10,9 +10,6 @@ from proximity.studies.experiment.plan import PlannedTrial
 from proximity.studies.simulation.metrics import ONSET_FORCE
 from proximity.studies.simulation.simulated_press import Wall
 
-SIMULATED = "simulated observer"
-"""Apparatus of a participant who is nobody."""
-
 FRAME = np.dtype([("time", "<f4"), ("finger", "<f4"), ("wall", "<f4"), ("force", "<f4")])
 """s; m past the surface that is displayed, of the finger and of what stops it; N on the finger."""
 

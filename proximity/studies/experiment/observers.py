@@ -15,8 +15,8 @@ from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.studies.experiment.design import Design, Kind, Question
-from proximity.studies.experiment.display import FRAME, SIMULATED, Interval, Presentation, cut_at_limits
+from proximity.studies.experiment.design import SIMULATED, Design, Kind, Question
+from proximity.studies.experiment.display import FRAME, Interval, Presentation, cut_at_limits
 from proximity.studies.experiment.methods import SIGMAS_OF_WIDTH
 from proximity.studies.experiment.plan import Stage, Text
 from proximity.studies.experiment.session import Trial
