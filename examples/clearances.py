@@ -6,7 +6,8 @@ Start it with a STEP, glTF or 3MF file of your own, or without one for the sampl
     python examples/clearances.py gearbox.step
 
 It prints one line for each pair of parts, the narrowest gap first: the shortest distance in millimetres,
-and the two points between which it is found. A distance of 0 means that the parts touch or overlap.
+and the two points between which it is found. Parts that touch or overlap have the
+distance 0, or some 1e-6 mm where a STEP file is rounded to single precision.
 """
 
 import sys
@@ -31,10 +32,11 @@ def main():
     found = [(proximity.clearance(scene, *pair), *pair) for pair in combinations(names, 2)]
     found.sort(key=lambda row: row[0].distance)
 
-    print(f"{'first':<10} {'second':<10} {'mm':>7}  from, mm -> to, mm")
+    width = max(map(len, [*names, "second"]))
+    print(f"{'first':<{width}} {'second':<{width}} {'mm':>7}  from, mm -> to, mm")
     for gap, first, second in found:
         ends = f"{millimetres(gap.point_on_first)} -> {millimetres(gap.point_on_second)}"
-        print(f"{first:<10} {second:<10} {1e3 * gap.distance:7.3f}  {ends}")
+        print(f"{first:<{width}} {second:<{width}} {1e3 * gap.distance:7.3f}  {ends}")
 
 
 if __name__ == "__main__":

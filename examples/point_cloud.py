@@ -39,8 +39,12 @@ def made_up_scan(scene, count=4000):
 
 
 def main():
-    scene = proximity.load(sys.argv[1] if len(sys.argv) > 2 else BRACKET)
-    if len(sys.argv) > 2:
+    if len(sys.argv) not in (1, 3):
+        sys.exit("expected a part and a scan, or neither")
+    scene = proximity.load(sys.argv[1] if len(sys.argv) > 1 else BRACKET)
+    for note in scene.report.notes:  # such as an unlikely size
+        print(f"note: {note}")
+    if len(sys.argv) > 1:
         points = 1e-3 * np.loadtxt(sys.argv[2], delimiter=",", skiprows=1, usecols=(0, 1, 2), ndmin=2)
     else:
         points = made_up_scan(scene)

@@ -239,7 +239,7 @@ def test_many_points_make_an_aligned_table(run):
     result = run("query", "ball.stl", "--points", "-", stdin="0 0 12.5\n1 2 nan\n-4 0 0\n")
 
     lines = result.out.splitlines()
-    assert lines[0].split()[:6] == ["#", "distance_mm", "side", "x_mm", "y_mm", "z_mm"]
+    assert lines[0].split()[:6] == ["#", "distance_mm", "side", "point_x_mm", "point_y_mm", "point_z_mm"]
     assert " ".join(lines[1].split()) == "0 2.5 outside 0 0 10 0 0 1 107 edge ball"
     assert " ".join(lines[2].split()) == "1 nan - nan nan nan nan nan nan - - -"
     assert " ".join(lines[3].split()) == "2 -6 inside -10 0 0 -1 0 0 107 edge ball"

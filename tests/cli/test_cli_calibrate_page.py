@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
 
 import browsing
@@ -12,10 +13,19 @@ import pytest
 from guided_client import Client
 from project import IMPORT_PATHS
 
+from proximity.cli.calibration.guide import guide
+from proximity.cli.calibration.page import Page
+from proximity.decaff.calibrating.readings import Readings
+from proximity.decaff.calibrating.results import Session
+from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
+from proximity.decaff.calibrating.tasks import Bench
+from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.glove.calibration import read_calibration
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import MotorError
+from proximity.web.guided import GuidedPages
 
 SHORT = ("--simulate", "--skip", "held drum", "--skip", "free drum")
-TASKS_SHORT = 36  # readings, and one again for each hand that slips
 
 
 class Calibrating:
@@ -135,6 +145,27 @@ def test_numbers_are_filled_in_beside_the_pose(tmp_path):
         page.step("pose 2, 1 of 3")
         live = page.get("live")
         assert live == {"last reading": "21845 counts"}
+
+
+def test_emergency_stop_ends_the_calibration_at_once(tmp_path):
+    stopped = threading.Event()
+    glove = SimulatedGlove(0, Glove(), GEAR4)
+    session = Session(Bench(glove.instruments, Glove()), Readings(tmp_path / "r.json", "test"))
+
+    def press(url):
+        with Client(url) as page:
+            page.answer(page.step("pose 1, 1 of 3"))
+            page.step("pose 2, 1 of 3")
+            page.socket.send(json.dumps({"stop": True}))
+            page.get("stopped")
+
+    with GuidedPages("Test", has_stop=True, on_stop=stopped.set) as pages:
+        pressing = threading.Thread(target=press, args=(pages.url,))
+        pressing.start()
+        with pytest.raises(MotorError, match=r"^the emergency stop was pressed; the motor was switched off$"):
+            guide(session, Page(pages), glove, waits=True)
+        pressing.join()
+    assert stopped.is_set() and len(session.readings.all) == 1
 
 
 @pytest.mark.slow

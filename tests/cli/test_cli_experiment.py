@@ -1,6 +1,7 @@
 """``proximity experiment``: commands from the design to the report."""
 
 import builtins
+import re
 import sys
 import threading
 import time
@@ -36,12 +37,23 @@ def test_new_design_is_written_once_and_can_be_planned(experiment, tmp_path):
 
     assert experiment("new", path)[:2] == (0, f"{path}: written\n")
     code, _, err = experiment("new", path)
-    assert code == 2 and "cannot be written (File exists)" in err.replace("\n", " ")
+    assert code == 2 and "cannot be written (File exists): choose another name" in err.replace("\n", " ")
     code, out, err = experiment("plan", path, "--slot", 1)
     assert code == 0 and err.startswith("proximity: 248 trials, 42 minutes as planned, design ")
     lines = out.splitlines()
     assert lines[:3] == ["step\trun\tstage\ttask\tcondition\tlevel\todd", "consent", "question hours"]
     assert len(lines) == 260 and "catch\tstiffness\tdecaff\t1\t" in out
+
+
+def test_commands_in_the_shipped_design_exist(experiment, tmp_path):
+    path = tmp_path / "comparison.toml"
+    experiment("new", path)
+    named = re.findall(r"proximity experiment (\w+) \S+((?: p\d+)?(?: --\w+ \S+)*)", path.read_text())
+
+    assert [name for name, _ in named] == ["new", "plan", "simulate", "run"]
+    for name, rest in named:
+        help_of = experiment(name, "--help")[1]
+        assert all(option in help_of for option in re.findall(r"--\w+", rest)), name
 
 
 def test_whole_experiment_from_design_to_report_and_forgetting(experiment, tmp_path):
@@ -89,7 +101,9 @@ def test_edited_log_is_one_sentence(experiment, tmp_path):
 def test_power_is_a_table_and_check_says_both(experiment, tmp_path, monkeypatch):
     from proximity.studies.experiment.analysis import simulation
 
-    monkeypatch.setattr(simulation, "power", lambda *given: [simulation.Power("t", "b against a", 8, 0.5)])
+    monkeypatch.setattr(
+        simulation, "power", lambda *given, watch: [simulation.Power("t", "b against a", 8, 0.5)]
+    )
     design = write_design(tmp_path)
     code, out, _ = experiment("power", design, "--participants", 8, "--effect", 1.5)
     assert code == 0 and "8 participants" in out and "50%" in out
@@ -155,6 +169,7 @@ def typing(monkeypatch, answers):
     return asked
 
 
+@pytest.mark.slow
 def test_session_at_the_terminal_stops_goes_on_and_ends(experiment, tmp_path, monkeypatch, pressing):
     design, data = write_design(tmp_path, PERSON), tmp_path / "data"
     command = ("run", design, "p01", "--address", ADDRESS, "--data", data, "--terminal")

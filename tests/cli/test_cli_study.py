@@ -63,6 +63,10 @@ def test_what_cannot_be_run_is_one_sentence(run, arguments, said):
     assert said in found.words
 
 
+def test_help_names_the_extra_that_is_needed(run):
+    assert "pip install 'cad-proximity[study]'" in run("--help").out.replace("\n ", " ").replace("  ", "")
+
+
 def test_mistake_in_a_study_has_its_line(run, presses):
     presses.write_text(PRESSES.replace("speed", "sped"))
     found = run(presses)

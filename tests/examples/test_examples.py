@@ -38,8 +38,8 @@ TIME = re.compile(r"\d+(?:\.\d+)?(?= (?:µs|s:))")
 POINT = re.compile(r"\([^)]*\)")
 
 
-def printed(program, *words, folder):
-    """What an example prints, started in an empty folder."""
+def printed(program, *words, folder, notes=r""):
+    """What an example prints in an empty folder; *notes*: the pattern of what a busy machine may add."""
     command = [sys.executable, str(program), *map(str, words)]
     done = subprocess.run(
         command,
@@ -50,7 +50,7 @@ def printed(program, *words, folder):
         encoding="utf-8",
         timeout=PATIENCE,
     )
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0 and re.fullmatch(notes, done.stderr), done.stderr
     return done.stdout
 
 
@@ -141,7 +141,7 @@ def test_point_cloud_takes_files_of_its_user(tmp_path):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["clearances.py", MESHES / "assembly.glb"], "pin_left   pin_right   38.000"),
+        (["clearances.py", MESHES / "assembly.glb"], "pin_left  pin_right  38.000"),
         (["distance_field.py", MESHES / "gear.stl", 2], "0 of 10000 points are off by more than 1.732 mm"),
     ],
     ids=["clearances", "distance_field"],
@@ -190,7 +190,9 @@ def test_service_of_a_vr_program_answers_hands_and_lid(tmp_path):
         replacing=[("iox2://box", f"iox2://box-{uuid.uuid4().hex}")],
     )
 
-    *lines, counts = printed(tmp_path / "vr_service.py", folder=tmp_path).splitlines()
+    # At the end, and where pictures come too slowly, the lid is no longer reported.
+    notes = r"(\S+/moves: velocities of parts that ended, because nothing was reported for 100 ms .*\n)?"
+    *lines, counts = printed(tmp_path / "vr_service.py", folder=tmp_path, notes=notes).splitlines()
 
     seen = [
         re.fullmatch(r"OK, *([\d.]+) ms old: finger (\d) is *(-?[\d.]+) mm from lid", line) for line in lines

@@ -217,7 +217,7 @@ MISTAKES = [
     ("", "1: the file is empty, expected a scene file in TOML"),
     (b"[service]\nlog = '\xff'\n", "2: not UTF-8, expected a scene file in TOML"),
     # tables
-    ("# nothing\n", "1: [[parts]] is missing, expected at least one (and 1 more mistake)"),
+    ("# nothing\n", "1: [[parts]] is missing, expected at least one (and 1 more mistake, on line 1)"),
     (PART, "1: [input] is missing, expected it to have recording, openxr, poses or sensor"),
     (POSES, "1: [[parts]] is missing, expected at least one"),
     (PART + POSES + "[servise]\n", "5: the file has no key 'servise': did you mean service?"),
@@ -261,7 +261,7 @@ MISTAKES = [
     (
         PART + POSES + "[service]\npublish = [\n'mailbox:a',\n'decaff',\n]\nrate_hz = 0\n",
         "6: service.publish cannot be used: decaff: expected an address such as iox2://NAME, "
-        "udp://HOST:PORT, zenoh://KEY or mailbox:NAME (and 1 more mistake)",
+        "udp://HOST:PORT, zenoh://KEY or mailbox:NAME (and 1 more mistake, on line 10)",
     ),
     (
         PART + POSES + "[service]\npublish = 'iox://a'\n",
@@ -378,11 +378,17 @@ def test_file_that_is_not_there_is_named_with_the_place_where_it_was_looked_for(
     assert refusal(text).startswith(message.format(folder))
 
 
-def test_first_mistake_by_line_is_told_and_others_are_counted(refusal):
+def test_first_mistake_by_line_is_told_and_others_are_counted_with_their_lines(refusal):
     told = refusal("[input]\nposes = 'x'\n[service]\nrate_hz = 0\nlatency = 7\n" + PART)
 
     assert told.startswith("2: input.poses cannot be used")
-    assert told.endswith("(and 2 more mistakes)")
+    assert told.endswith("(and 2 more mistakes, on lines 4 and 5)")
+
+
+def test_lines_of_many_mistakes_are_not_all_named(refusal):
+    told = refusal("[service]\n" + "".join(f"key{number} = 1\n" for number in range(20)) + PART + POSES)
+
+    assert told.endswith("(and 19 more mistakes, on lines 3, 4, 5, 6, 7, 8, 9, 10 and others)")
 
 
 def test_scene_file_that_cannot_be_read_is_named(tmp_path):

@@ -350,5 +350,7 @@ def test_press_whose_frames_are_all_old_says_why_there_is_no_force():
     )
 
     assert late.engine.response.force.max() < 0.1 < plain.engine.response.force.max()
-    assert "our own rule for old frames" in dict(part_press.describe(late))["no force"].replace("\n", " ")
+    assert "does not let the drum come nearer on such old frames" in dict(part_press.describe(late))[
+        "no force"
+    ].replace("\n", " ")
     assert "no force" not in dict(part_press.describe(plain))

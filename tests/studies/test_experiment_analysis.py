@@ -3,6 +3,7 @@
 import csv
 import math
 import re
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from experiments import SMALL, write_design
 from scipy import integrate, stats
 
+from proximity.errors import DecaffError
 from proximity.studies.experiment.analysis.comparison import (
     bayes_factor_none,
     compare,
@@ -54,6 +56,12 @@ def asked(rng, threshold, count, *, width=0.6, lapse=0.02):
     return counts
 
 
+def test_library_that_is_missing_is_named_with_what_installs_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "psignifit", None)
+    with pytest.raises(DecaffError, match=r"experiments need psignifit, .* pip install .*\[experiment\]"):
+        fit({0.1: (1, 2)}, LEVELS, Shape(0.6, 0.02))
+
+
 def test_threshold_and_shape_are_found_again():
     rng = np.random.default_rng(7)
     true = 0.3 * 10.0 ** (0.1 * rng.standard_normal(20))
@@ -76,6 +84,7 @@ def test_fast_threshold_is_that_of_psignifit():
         assert threshold_mean(counts, LEVELS, shape) == pytest.approx(expected, abs=0.003)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["staircase", "quest+"])
 def test_thresholds_of_adaptive_methods_are_not_biased(shipped, method):
     """Adaptive trials do not tell the shape: with a free one, thresholds may be 0.14 too low in log10."""
@@ -183,11 +192,30 @@ def test_false_positives_would_be_seen(shipped):
 def test_power_rises_with_participants_and_is_5_percent_without_an_effect(shipped):
     shares = {(one.comparison, one.participants): one.share for one in power(shipped, (4, 12), 400, pool=50)
               if one.task == "stiffness"}  # fmt: skip
-    none = [one.share for one in power(with_effect(shipped, 1.0), (12,), 400, pool=60)]
+    counted = []
+    none = [one.share for one in power(with_effect(shipped, 1.0), (12,), 400, pool=60,
+                                       watch=lambda *count: counted.append(count))]  # fmt: skip
 
     assert shares["any difference", 12] > 0.9 > shares["any difference", 4]
     assert shares["coupled10ms against decaff", 12] > shares["coupled1ms against decaff", 12]
+    assert counted == [(done, 60) for done in range(1, 61)]
     assert all(share < 0.2 for share in none)  # a pool has a chance difference of its own
+
+
+def test_what_is_real_is_tested_against_chance_with_holms_adjustment():
+    rng = np.random.default_rng(5)
+    columns = {"a": rng.normal(0.0, 0.5, 12), "b": rng.normal(1.5, 0.5, 12), "c": np.full(12, 3.0)}
+    scores = [
+        Score(f"{i:02d}", "t", name, float(value), 16)
+        for name, values in columns.items()
+        for i, value in enumerate(values)
+    ]
+    found = {one.condition: one.p_zero for one in compare("t", list(columns), scores).means}
+
+    alone = {name: stats.ttest_1samp(columns[name], 0.0).pvalue for name in ("a", "b")}
+    assert found["b"] == pytest.approx(2.0 * alone["b"]) and found["b"] < 1e-4
+    assert found["a"] == pytest.approx(alone["a"]) and found["a"] > 0.05
+    assert math.isnan(found["c"])  # all alike: nothing to test by
 
 
 # --- exclusions ---
@@ -258,6 +286,15 @@ trials = 1
 """
 
 
+def test_findings_of_people_are_not_called_simulated(shipped, entries):
+    people = altered(entries, lambda entry: True, is_simulated=False)
+    some = altered(entries, lambda entry: entry["participant"] != "3", is_simulated=False)
+
+    assert find(shipped, people).said_of_simulated == ""
+    count = len({entry["participant"] for entry in entries})
+    assert find(shipped, some).said_of_simulated == f"1 of {count} participants are simulated observers."
+
+
 def test_report_has_page_plots_tables_and_methods(tmp_path):
     from proximity.studies.experiment.dataset import Dataset
     from proximity.studies.experiment.sitting import sit
@@ -267,7 +304,7 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
     )
     dataset = Dataset(tmp_path / "data", read_design(write_design(tmp_path, text)))
     for name in ("p01", "p02", "p03", "p04"):
-        observer = Observer(dataset.design, dataset.admit(name))
+        observer = Observer(dataset.design, dataset.admit(name, Observer.name))
         sit(dataset, name, observer, observer)
     files = write_report(find(dataset.design, dataset.trials()), tmp_path / "report")
 
@@ -277,14 +314,26 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
     assert names >= {"report.html", "methods.txt"} | tables | plots
     with (tmp_path / "report" / "means.csv").open() as stream:
         means = {(row["task"], row["condition"]): float(row["mean"]) for row in csv.DictReader(stream)}
+        stream.seek(0)
+        p_chance = {row["task"]: row["p_chance"] for row in csv.DictReader(stream)}
+    assert p_chance["rate"] == "" and p_chance["which"] != ""
     assert 240.0 < means["rate", "real"] < 360.0  # N/m: what simulated observers say
     assert means["touch", "late"] > means["touch", "real"]  # ms: the coupled wall is late
     methods = (tmp_path / "report" / "methods.txt").read_text()
-    assert methods.startswith("4 of 4 planned participants compared 2 conditions: real (a real surface);")
+    assert methods.startswith(
+        "All 4 participants are simulated observers. 4 of 4 planned participants compared 2 conditions: "
+        "real (a real surface);"
+    )
     assert (
         re.search(r"Stiffness: F\(1, 3\) = [\d.]+, p", methods)
         and "  " not in methods
         and " ." not in methods
     )
     page = (tmp_path / "report" / "report.html").read_text()
-    assert page.count("data:image/png") == 6 and "Bayes" in page and "{{" not in page
+    assert "All 4 participants are simulated observers. Nothing here is about people." in page
+    assert (
+        page.count("data:image/png") == 6
+        and page.count("<th>p against chance</th>") == 1
+        and "Bayes" in page
+        and "{{" not in page
+    )

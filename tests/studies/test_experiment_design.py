@@ -97,13 +97,18 @@ def test_steps_come_in_order(tmp_path):
         ('kind = "real"\n', 'kind = "real"\ncatch = 2\n', r'tasks\[1\].catch is of tasks of kind "stiffer"'),
         ('choices = ["right", "left"]', "choices = 3", r"questions\[1\].choices is 3"),
         ('consent = "You press."', "", r"consent is missing"),
-        ("[[questions]]", "[questions]", r"questions are not a list of tables|no TOML"),
     ],
 )  # fmt: skip
 def test_mistake_is_named_by_its_line(tmp_path, old, new, sentence):
     assert old in SMALL
     with pytest.raises(ServiceError, match=sentence):
         read_design(write_design(tmp_path, SMALL.replace(old, new, 1)))
+
+
+def test_one_table_where_several_are_expected_is_said(tmp_path):
+    text = SMALL[: SMALL.index("[[questions]]")] + '[questions]\nkey = "hours"\n'
+    with pytest.raises(ServiceError, match=r"questions are not a list of tables, expected \[\[questions\]\]"):
+        read_design(write_design(tmp_path, text))
 
 
 def test_without_conditions_that_is_said(tmp_path):

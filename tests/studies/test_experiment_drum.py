@@ -5,11 +5,13 @@ import threading
 import numpy as np
 import pytest
 from sealed_frames import frame
+from test_experiment_design import SHIPPED
 
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.message import Mode, State
+from proximity.studies.experiment.design_file import read_design
 from proximity.studies.experiment.display import Interval
 from proximity.studies.experiment.drum_display import DrumDisplay
 from proximity.studies.simulation.simulated_press import Wall
@@ -120,6 +122,29 @@ def test_emergency_stop_ends_the_interval_and_the_drum_retracts():
     )
 
     assert felt.stopped == "emergency stop" and felt.frames["time"][-1] < 0.31
+
+
+def test_stop_before_an_interval_counts_as_well():
+    """Between the participant's "go on" and the first sample somebody stops."""
+    display = DrumDisplay(RATE)
+    display.step(reading(0, 0.004), 0)
+    display.stop("emergency stop")
+    felt = display.present(Interval(Wall.DECAFF, None, 2.0, 0.001, 1500.0, 0.2), 4.0, 3.0)
+    for ms in range(1, 400):
+        display.step(reading(ms, 0.004), ms * MS)
+
+    assert felt.stopped == "emergency stop" and len(felt.frames) == 0 and felt.peak == 0.0
+    assert display.fingers[0].peak_force == 0.0
+
+
+def test_surface_that_the_drum_cannot_display_is_refused():
+    design = read_design(SHIPPED)
+
+    DrumDisplay(1000.0).check(design)
+    with pytest.raises(
+        DecaffError, match=r"task stiffness, condition decaff: 400 N/m with 1 N s/m are asked"
+    ):
+        DrumDisplay(200.0).check(design)
 
 
 def test_fault_of_the_controller_ends_the_interval():

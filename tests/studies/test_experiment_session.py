@@ -40,7 +40,7 @@ def dataset(tmp_path, design):
 
 
 def done_by(dataset, name, **more):
-    observer = Observer(dataset.design, dataset.admit(name))
+    observer = Observer(dataset.design, dataset.admit(name, Observer.name))
     sit(dataset, name, observer, observer, **more)
 
 
@@ -131,6 +131,7 @@ def test_whole_session_is_in_log_tables_and_frames(dataset):
     assert "finished" in (dataset.folder / "participants.tsv").read_text()
 
 
+@pytest.mark.slow
 def test_killed_session_goes_on_and_nothing_is_lost_or_done_twice(tmp_path, design):
     """The process is killed as often as it takes, wherever it happens to be."""
     reference = Dataset(tmp_path / "reference", design)
@@ -263,7 +264,7 @@ def test_emergency_stop_ends_the_sitting_and_the_session_goes_on_later(dataset):
                 monitor.stop.set()
             return super().present(interval, limit_force, limit_seconds)
 
-    observer = Stopping(dataset.design, dataset.admit("p01"))
+    observer = Stopping(dataset.design, dataset.admit("p01", Observer.name))
     with pytest.raises(StoppedError):
         sit(dataset, "p01", observer, observer, monitor)
     last = dataset.entries("p01")[-1]
@@ -277,11 +278,14 @@ def test_who_does_not_consent_leaves_nothing(dataset):
         def read(self, text):
             return False
 
-    observer = Refusing(dataset.design, dataset.admit("p01"))
+    report = dataset.folder / "derivatives" / "report.html"
+    report.parent.mkdir()
+    report.touch()
+    observer = Refusing(dataset.design, dataset.admit("p01", Observer.name))
     with pytest.raises(RefusedError):
         sit(dataset, "p01", observer, observer)
     assert "p01" not in (dataset.folder / "participants.tsv").read_text()
-    assert not (dataset.folder / "sub-p01").exists()
+    assert not (dataset.folder / "sub-p01").exists() and report.exists()
 
 
 @pytest.mark.parametrize("wall", list(Wall))
@@ -317,7 +321,7 @@ def test_nothing_personal_is_in_the_data(dataset):
 @pytest.mark.parametrize("name", ["Anna", "anna", "p1 ", "../p1", "p12345", ""])
 def test_only_pseudonyms_take_part(dataset, name):
     with pytest.raises(RecordingError, match="expected a pseudonym such as p07"):
-        dataset.admit(name)
+        dataset.admit(name, Observer.name)
 
 
 def test_forgotten_participant_is_nowhere_and_the_place_is_free(dataset):
@@ -327,14 +331,44 @@ def test_forgotten_participant_is_nowhere_and_the_place_is_free(dataset):
     report.parent.mkdir(parents=True)
     report.write_text("p01,1\n")
     with pytest.raises(RecordingError, match="all 2 places of the design are taken"):
-        dataset.admit("p03")
+        dataset.admit("p03", Observer.name)
     dataset.forget("p01")
 
     assert not [path for path in dataset.folder.rglob("*") if "p01" in path.name]
     assert not [path for path in dataset.folder.rglob("*") if path.is_file() and b"p01" in path.read_bytes()]
-    assert dataset.admit("p03") == 0
+    assert dataset.admit("p03", Observer.name) == 0
     with pytest.raises(RecordingError, match="no participant 'p01', expected one of: p02, p03"):
         dataset.forget("p01")
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "sentence"),
+    [
+        (
+            Observer.name,
+            "simulated drum",
+            "has data of simulated observers, expected another folder for people",
+        ),
+        ("drum with a motor", Observer.name, "has data of people, expected another folder for simulated"),
+    ],
+)
+def test_people_and_simulated_observers_are_not_mixed(dataset, first, second, sentence):
+    dataset.admit("p01", first)
+
+    for name in ("p01", "p02"):
+        with pytest.raises(RecordingError, match=sentence):
+            dataset.admit(name, second)
+    assert [row["participant_id"] for row in dataset.participants()] == ["p01"]
+
+
+def test_data_say_whether_participants_are_simulated(tmp_path, dataset):
+    people = Dataset(tmp_path / "people", dataset.design)
+    for folder, apparatus in ((dataset, Observer.name), (people, "simulated drum")):
+        folder.admit("p01", apparatus)
+        assert folder.participants()[0]["apparatus"] == apparatus
+    said = "All participants are simulated observers."
+    assert said in (dataset.folder / "dataset_description.json").read_text()
+    assert said not in (people.folder / "dataset_description.json").read_text()
 
 
 def test_folder_belongs_to_one_design(tmp_path, dataset):

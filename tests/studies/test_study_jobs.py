@@ -16,7 +16,7 @@ from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation
 from proximity.studies.simulation.simulated_press import Setup, Wall, simulate
-from proximity.studies.simulation.sweeps import Stretch, with_transmission
+from proximity.studies.simulation.sweeps import Stretch, best_penalty_wall, with_transmission
 from proximity.studies.simulation.tip_cable import TipCable
 from proximity.studies.sweep import node_files
 from proximity.studies.sweep.content import file_digest
@@ -68,6 +68,18 @@ def test_press_on_a_coupled_wall_is_tuned_unless_it_says_otherwise(do):
     assert tuned["force_error"] == simulate(Setup(Wall.COUPLED, 0.5, 0.003)).force_error
     setup = Setup(Wall.COUPLED, latency=0.003, stiffness=734.0, damping=4.4)
     assert given["force_error"] == simulate(setup).force_error
+    assert (given["stiffness_used"], given["damping_used"]) == (734.0, 4.4)
+    wall = best_penalty_wall(Hand(), 1000.0, 0.003)
+    assert (tuned["stiffness_used"], tuned["damping_used"]) == (wall.stiffness, wall.damping)
+
+
+def test_peak_error_is_the_peak_less_that_of_the_real_wall(do):
+    drum, real = do(PRESS, speed=0.25), do(PRESS, wall="real", speed=0.25)
+
+    assert real["peak_error"] == 0.0
+    assert drum["peak_error"] == pytest.approx(drum["peak"] - real["peak"], abs=1e-3)
+    assert drum["peak_error"] < -0.1 * real["peak"]  # the step c v at the touch is blunted
+    assert drum["stiffness_used"] is None and real["damping_used"] is None
 
 
 def test_press_on_a_real_wall_has_no_error(do):

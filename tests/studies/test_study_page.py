@@ -48,6 +48,7 @@ def test_page_has_factors_effects_worst_conditions_and_how_to_repeat_them(tmp_pa
     page = study_page(study, tmp_path)
     words = text_of(page)
 
+    assert "<h1>some file</h1>" in page
     assert "24 of 24 conditions have a row; they took 12 s of one core." in words
     assert "stiffness 10, 20, not used [N/m]" in words
     assert "Fixed: position 0, 0, 0" in words
@@ -60,6 +61,30 @@ def test_page_has_factors_effects_worst_conditions_and_how_to_repeat_them(tmp_pa
     assert "commit commit-1" in words
     assert page.count("<svg") == 2
     assert "http" not in page.replace("http-equiv", "")
+
+
+@pytest.mark.parametrize(
+    ("plot", "said"),
+    [
+        ('x = "speed"', "Points are medians of the conditions there; bands hold 80 % of them."),
+        ('x = "speed"\npoints = "worst"', "Points are the worst of the conditions there."),
+        ('x = "stiffness"', "bands hold 80 % of them. Dotted: wall hard."),
+        ('x = "cube"\nmeasure = "square"', "A point is a condition."),
+    ],
+)
+def test_first_plot_is_the_one_that_the_file_asks_for(tmp_path, plot, said):
+    study = study_of(tmp_path, FACTORS, tail=f"[plot]\n{plot}")
+    record(tmp_path, study)
+
+    assert said in text_of(study_page(study, tmp_path))
+
+
+def test_conditions_in_which_x_is_absent_have_a_line_of_their_own(tmp_path):
+    factors = FACTORS.replace("[10, 20]", "['rigid', 10, 20]")
+    study = study_of(tmp_path, factors, tail='[plot]\nx = "stiffness"')
+    record(tmp_path, study)
+
+    assert "Dotted: wall hard. Dashed: stiffness rigid." in text_of(study_page(study, tmp_path))
 
 
 def test_what_failed_is_listed_and_counts_nowhere_else(tmp_path):
@@ -85,7 +110,10 @@ def test_page_of_one_condition_has_no_plots_and_no_mistakes(tmp_path):
     study = study_of(tmp_path, "number = 2")
     record(tmp_path, study)
 
-    assert "<svg" not in study_page(study, tmp_path)
+    page = study_page(study, tmp_path)
+
+    assert "<svg" not in page
+    assert "<title>Study: some file</title>" in page
 
 
 def test_page_of_nothing_is_refused(tmp_path):
@@ -121,6 +149,19 @@ def test_conditions_in_which_a_factor_does_not_matter_have_no_part_in_its_effect
     assert found.share == pytest.approx(0.0)
 
 
+def test_names_of_rows_have_no_effect_but_numbers_have_one(tmp_path):
+    study = study_of(tmp_path, "number = [1, 2]")
+    record(tmp_path, study)
+    table = read_rows(tmp_path).rows
+    numbers = Rows(study.job, table)
+    named = Rows(
+        study.job, table.set_column(table.schema.get_field_index("wall"), "wall", [["soft", "hard"]])
+    )
+
+    assert effect(numbers, "number", "square").share == pytest.approx(1.0)
+    assert effect(named, "wall", "square") is None
+
+
 def test_many_values_of_a_number_are_binned(tmp_path):
     study = study_of(tmp_path, "number = { from = 0, to = 99, count = 100 }")
     record(tmp_path, study)
@@ -134,6 +175,7 @@ def test_values_are_shown_short():
     assert [shown(value) for value in (1.23456, None, float("nan"), 12, "soft", (1.0, 2.5))] == [
         "1.235", "–", "–", "12", "soft", "1, 2.5",
     ]  # fmt: skip
+    assert [shown(value) for value in (43370.0, 1e12, -3.0)] == ["43370", "1e+12", "-3"]
 
 
 def test_one_condition_is_repeated_beside_its_row(tmp_path):

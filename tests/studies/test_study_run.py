@@ -7,6 +7,7 @@ import sys
 import time
 from collections import Counter
 
+import pyarrow.dataset as dataset
 import pytest
 from project import IMPORT_PATHS
 from study_jobs import done, study_of
@@ -41,6 +42,7 @@ def test_every_condition_has_a_row_with_all_that_made_it(tmp_path):
     assert [(row["number"], row["square"], row["cube"]) for row in rows] == [
         (number, float(number**2), 2.0 * number**3) for number in range(20, 120)
     ]
+    assert dataset.dataset(out / "rows", partitioning="hive").to_table().num_rows == 100
     assert set(done(out).values()) == {1}
     made_by = {name: rows[0][name] for name in ("proximity", "python", "numpy", "ray", "kernels")}
     assert all(made_by.values())

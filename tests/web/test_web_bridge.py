@@ -34,7 +34,7 @@ from proximity.web.feeding import Feed
 from proximity.web.geometry import scene_glb
 from proximity.web.page_client import MOST_IN_FLIGHT
 from proximity.web.scene_page import scene_page_files
-from proximity.web.server.access import MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
+from proximity.web.server.access import HELD_UP, MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
 from proximity.web.slice_fields import SLICE_HEADER
 from proximity.web.sources import LiveFrames, OtherPrograms
 
@@ -221,6 +221,16 @@ def test_without_the_token_nobody_comes_in(bridge, hello):
     assert code == WRONG_TOKEN
     assert TOKEN not in reason
     assert bridge.bridge._clients == []
+
+
+def test_page_that_is_busy_for_too_long_is_asked_to_try_again(bridge, monkeypatch):
+    """A browser that draws in software may open the connection long before it can speak."""
+    monkeypatch.setattr("proximity.web.server.page_server.HELLO_S", 0.1)
+
+    code, reason = closed(bridge.raw())
+
+    assert code == HELD_UP
+    assert "in time" in reason
 
 
 def test_localhost_is_the_same_page(bridge):

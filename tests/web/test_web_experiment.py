@@ -26,7 +26,7 @@ def sitting(tmp_path):
     dataset = Dataset(tmp_path / "data", read_design(write_design(tmp_path, RATING)))
     monitor, ended = Monitor(), []
     with GuidedPages("Small", has_stop=True, on_stop=monitor.stop.set) as pages:
-        observer = Observer(dataset.design, dataset.admit("p01"))
+        observer = Observer(dataset.design, dataset.admit("p01", Observer.name))
         respondent = PageRespondent(pages, monitor, "Small")
 
         def run():

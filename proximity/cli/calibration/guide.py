@@ -74,7 +74,7 @@ class Face(Protocol):
     def refuse(self, sentence: str) -> None:
         """Say why something was not kept, or not done."""
 
-    def results(self, rows: Sequence[tuple[str, ...]], sentence: str, drawing: Path) -> None:
+    def results(self, rows: Sequence[tuple[str, ...]], sentence: str, drawing: Path | None) -> None:
         """Show rows of results, the heading first, what was written, and the drawing if that was made."""
 
 

@@ -9,7 +9,7 @@ import typer
 
 from proximity.cli.calibration.guide import Prompt, RepeatError, SkipError, UnfinishedError
 from proximity.cli.views.pose_picture import joint_angles, pose_drawing
-from proximity.errors import DecaffError, ProximityError
+from proximity.errors import MotorError, ProximityError
 from proximity.web.guided import Answer, Button, Field, GuidedPages, PageLeftError, Step, StoppedError
 
 LIVE_S = 0.1  # between two live readings
@@ -69,10 +69,10 @@ class Page:
         """Show it on the next step."""
         self._refusal = sentence
 
-    def results(self, rows: Sequence[tuple[str, ...]], sentence: str, drawing: Path) -> None:
+    def results(self, rows: Sequence[tuple[str, ...]], sentence: str, drawing: Path | None) -> None:
         """Show results until the person has seen them."""
         self._prompt, self._read = None, {}
-        picture = drawing.read_bytes() if drawing.exists() else ""
+        picture = "" if drawing is None else drawing.read_bytes()
         shown = Step(
             "Result", sentence, picture, "Measured against the model", tuple(rows),
             buttons=(Button("done", "Done", "Enter", "main"),),
@@ -120,7 +120,7 @@ class Page:
         except PageLeftError as left:
             raise UnfinishedError(str(left)) from left
         except StoppedError as stopped:
-            raise DecaffError("the emergency stop was pressed") from stopped
+            raise MotorError("the emergency stop was pressed; the motor was switched off") from stopped
         return answer
 
 

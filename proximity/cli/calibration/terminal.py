@@ -55,7 +55,7 @@ class Terminal:
         """Print it among the errors."""
         typer.echo(f"  {sentence}", err=True)
 
-    def results(self, rows: Sequence[tuple[str, ...]], sentence: str, drawing: Path) -> None:
+    def results(self, rows: Sequence[tuple[str, ...]], sentence: str, drawing: Path | None) -> None:
         """Nothing: results are printed by `print_results`, whatever asked for the readings."""
 
 

@@ -37,12 +37,12 @@ class PageRespondent:
     def read(self, text: Text) -> bool:
         """Show a text; whether the participant goes on."""
         if text.seconds:
-            self._ask(Step("Break", text.text, seconds=text.seconds))
+            self._ask(Step("Break", _paragraphs(text.text), seconds=text.seconds))
         buttons: tuple[Button, ...] = (GO_ON,)
         if text.name == "consent":
             buttons = (Button("agree", "I agree", look="main"), Button("refuse", "I do not agree"))
         title = {"consent": "Consent", "instructions": "What to do", "break": "After the break"}
-        answer = self._ask(Step(title.get(text.name, self._title), text.text, buttons=buttons))
+        answer = self._ask(Step(title.get(text.name, self._title), _paragraphs(text.text), buttons=buttons))
         return answer.button != "refuse"
 
     def choose(self, question: Question) -> Any:
@@ -74,6 +74,11 @@ class PageRespondent:
         field = Field("answer", trial.question or "How stiff?", least=0.001)
         return self._ask(Step("Rating", fields=(field,), buttons=(button,))).values["answer"]
 
+    def explain(self, why: str) -> None:
+        """Say that a trial ended early, until the participant goes on."""
+        if not self._monitor.stop.is_set():
+            self._ask(Step("This trial ended early", f"{why[0].upper()}{why[1:]}.", buttons=(GO_ON,)))
+
     def _ask(self, step: Step) -> Answer:
         try:
             return self._pages.ask(step)
@@ -98,6 +103,11 @@ class PageRespondent:
                 "force limit": f"{monitor.force_limit:g} N",
             },
         )
+
+
+def _paragraphs(text: str) -> str:
+    """A text whose lines end where the page's do."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
 
 
 def stop_everything(monitor: Monitor, display: DrumDisplay) -> None:

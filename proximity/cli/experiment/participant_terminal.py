@@ -55,6 +55,10 @@ class TerminalRespondent:
             typer.echo("  expected a number above 0", err=True)
         return number
 
+    def explain(self, why: str) -> None:
+        """Say that a trial ended early."""
+        typer.echo(f"  This trial ended early: {why}.")
+
 
 def _chosen(prompt: str, choices: tuple[str, ...]) -> str:
     while (text := _line(prompt)) not in choices:

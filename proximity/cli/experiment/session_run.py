@@ -61,6 +61,7 @@ def run_session(
         open_subscriber(drums.address) as subscriber,
     ):
         display = DrumDisplay(drums.rate, drums.finger, gloves, motors)
+        display.check(dataset.design)
         display.warm_up()
         home_all(motors, monitor.stop.wait, lambda sentence: typer.echo(f"proximity: {sentence}", err=True))
         try:

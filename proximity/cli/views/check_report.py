@@ -43,6 +43,7 @@ def report_of(scene: "proximity.Scene", file: str, units: str, metres: float) ->
     origin = scene.report
     assert origin is not None, "a scene read from a file has a report"
     parts = [_part_values(part, metres) for part in scene.parts]
+    lower, upper = _box_of_whole(scene)
     return {
         "file": file,
         "compiled_from": origin.path if origin.path != file else None,
@@ -51,7 +52,9 @@ def report_of(scene: "proximity.Scene", file: str, units: str, metres: float) ->
         "file_units_declared": origin.units_declared,
         "notes": list(origin.notes),
         "units": units,
-        "size": in_units(_size_of_whole(scene), metres).tolist(),
+        "size": in_units(_between(lower, upper), metres).tolist(),
+        "lower": in_units(lower, metres).tolist(),
+        "upper": in_units(upper, metres).tolist(),
         "total": _total(parts),
         "parts": parts,
     }
@@ -79,6 +82,8 @@ def print_report(console: Console, report: Values, *, is_whole: bool) -> None:
             ("format", report["format"]),
             ("units of file", f"{report['file_units']} ({declared})"),
             ("size", f"{_size(report['size'])} {units}"),
+            ("from", f"{_corner(report['lower'])} {units}"),
+            ("to", f"{_corner(report['upper'])} {units}"),
             ("parts", str(len(parts))),
             *(("note", note) for note in report["notes"]),
         ],
@@ -120,13 +125,13 @@ def _part_values(part: "proximity.Part", metres: float) -> Values:
     }
 
 
-def _size_of_whole(scene: "proximity.Scene") -> np.ndarray:
-    """Length, width and height, m, of the box around all faces where they stand in the scene: (3,)."""
+def _box_of_whole(scene: "proximity.Scene") -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner, m, of the box around all faces where they stand in the scene: (3,) each."""
     corners = [
         part.pose.point(part.solid.mesh.vertices[part.solid.mesh.faces.ravel()]) for part in scene.parts
     ]
     lower = np.min([of_part.min(axis=0) for of_part in corners], axis=0)
-    return _between(lower, np.max([of_part.max(axis=0) for of_part in corners], axis=0))
+    return lower, np.max([of_part.max(axis=0) for of_part in corners], axis=0)
 
 
 def _between(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -182,6 +187,10 @@ def _table(parts: list[Values], report: Values, left_out: tuple[str, ...]) -> Ta
     if count > 1:
         table.add_row(*(Text(total_cells[key], style="bold") for key, _, _, _ in columns))
     return table
+
+
+def _corner(position: list[float]) -> str:
+    return "  ".join(f"{coordinate + 0.0:.6g}" for coordinate in position)
 
 
 def _size(size: list[float]) -> str:

@@ -26,6 +26,7 @@ Fields = dict[str, list[Any]]
 TERMINAL_ROWS = 100  # more than a person reads from a screen
 NUMBER_WIDTH = 16  # -1.23456789e-100
 COUNT_WIDTH = 9
+DIRECTION_DECIMALS = 9
 TOO_FAR = "too far away to be computed"
 
 
@@ -39,6 +40,11 @@ class Field:
     width: int = NUMBER_WIDTH  # of its column where lines are streamed; negative: aligned to the left
     is_float: bool = True
     is_dispensable: bool = False  # left out first where the terminal is narrow
+
+    def number(self, value: float) -> str:
+        """Return a value for people; components of directions that are rounding errors are zeros."""
+        is_direction = bool(self.axes) and not self.is_length
+        return number(round(value, DIRECTION_DECIMALS) if is_direction else value)
 
 
 def _text(title: str, width: int = -len("outside")) -> Field:
@@ -59,8 +65,8 @@ FIELDS = {
     "side": _text("side"),
     "is_signed": Field(),
     "fraction": Field(),
-    "point": Field(axes="xyz", is_length=True),
-    "point_on_solid": Field(axes="xyz", is_length=True),
+    "point": Field("point_", axes="xyz", is_length=True),
+    "point_on_solid": Field("solid_", axes="xyz", is_length=True),
     "point_on_segment": Field("segment_", axes="xyz", is_length=True, is_dispensable=True),
     "gradient": Field("normal_", axes="xyz", is_dispensable=True),
     "normal": Field("normal_", axes="xyz", is_dispensable=True),
@@ -224,7 +230,7 @@ class _Column:
 
     def cells(self) -> list[str]:
         if self.field.is_float:
-            return [number(value) for value in self.values]
+            return [self.field.number(value) for value in self.values]
         return [MISSING if value is None else printable(str(value)) for value in self.values]
 
     def _ending(self, units: str) -> str:
@@ -280,7 +286,7 @@ def _reported(name: str, answer: dict[str, Any], units: str) -> str:
         ending += ", touches the surface"
     if not field.is_float:
         return str(value)
-    return "  ".join(map(number, value if field.axes else [value])) + ending
+    return "  ".join(map(field.number, value if field.axes else [value])) + ending
 
 
 def _why_nothing(mode: str, answer: dict[str, Any]) -> str:

@@ -17,6 +17,8 @@ MOST_FILE_BYTES = 1 << 20
 """A scene of thousands of parts has less; what is larger is another file."""
 MOST_LINES = 200
 """Of one statement: behind a longer one no line is named, but that of the statement."""
+MOST_LINES_NAMED = 8
+"""Of further mistakes, in one message."""
 POSITION_IN_MESSAGE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 Path = tuple[str | int, ...]
@@ -80,13 +82,12 @@ class Document:
         Raises
         ------
         ServiceError
-            With the line, and how many more complaints there are.
+            With the line, and how many more complaints there are, with the first of their lines.
         """
         if not self._complaints:
             return
-        line, sentence = min(self._complaints, key=lambda complaint: complaint[0])
-        more = len(self._complaints) - 1
-        also = f" (and {more} more {'mistake' if more == 1 else 'mistakes'})" if more else ""
+        (line, sentence), *more = sorted(self._complaints, key=lambda complaint: complaint[0])
+        also = f" (and {_other_mistakes([number for number, _ in more])})" if more else ""
         raise ServiceError(f"{self._prefix(line)}{sentence}{also}")
 
     @cached_property
@@ -122,6 +123,15 @@ class Document:
             last = max(number for number, line in enumerate(self._text_lines, start=1) if line.strip())
             return ServiceError(f"{self.name}:{last}: the file ends too early: {what}")
         return ServiceError(f"{self.name}:{position[1]}: invalid TOML at column {position[2]}: {what}")
+
+
+def _other_mistakes(numbers: list[int]) -> str:
+    """How many there are, and on which lines: ``2 more mistakes, on lines 4 and 9``."""
+    *lines, last = dict.fromkeys(map(str, numbers))
+    if len(lines) >= MOST_LINES_NAMED:
+        lines, last = lines[:MOST_LINES_NAMED], "others"
+    where = f"lines {', '.join(lines)} and {last}" if lines else f"line {last}"
+    return f"{len(numbers)} more {'mistake' if len(numbers) == 1 else 'mistakes'}, on {where}"
 
 
 def read_document(path: str | os.PathLike[str], what: str = "a scene file") -> Document:

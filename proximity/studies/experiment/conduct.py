@@ -46,6 +46,10 @@ class Respondent(Protocol):
         """Ask for the answer to a trial: 1 or 2, a number, or None where nothing is asked."""
         ...
 
+    def explain(self, why: str) -> None:
+        """Say that a trial ended early."""
+        ...
+
 
 @dataclass(slots=True)
 class Monitor:
@@ -141,6 +145,8 @@ def _do_trial(
     stopped = EMERGENCY if monitor.stop.is_set() else felt[-1].stopped
     asked = time.monotonic()
     answer = None if stopped else respondent.answer(trial, felt)
+    if stopped:
+        respondent.explain(stopped)
     planned = trial.planned
     return {
         "number": planned.number,

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import RecordingError
-from proximity.studies.experiment.design import Design
+from proximity.studies.experiment.design import SIMULATED, Design
 from proximity.studies.experiment.design_file import read_design
 from proximity.studies.experiment.trial_log import Entry, TrialLog, read_log
 from proximity.system.whole_file import whole_file
@@ -49,6 +49,7 @@ PARTICIPANT_COLUMNS = {
     "participant_id": "Pseudonym.",
     "slot": "Place in the plan, from 0.",
     "state": "begun or finished.",
+    "apparatus": "What displayed the surfaces first; simulated observer: the participant is no person.",
     "log_sha256": "Last hash of a log that is finished.",
 }
 
@@ -85,9 +86,8 @@ class Dataset:
                 )
         elif design is not None:
             self.design = design
-            self._write("dataset_description.json", _as_json(_description(design)))
             self._write("participants.json", _as_json(_described(PARTICIPANT_COLUMNS)))
-            self._write("participants.tsv", _as_tsv(PARTICIPANT_COLUMNS, []))
+            self._write_participants([])
             self._write("design.toml", design.text)  # last: with it the folder counts
 
     def participants(self) -> list[dict[str, str]]:
@@ -96,16 +96,30 @@ class Dataset:
         rows = list(csv.DictReader(io.StringIO(text), delimiter="\t"))
         return [row | {"participant_id": row["participant_id"].removeprefix("sub-")} for row in rows]
 
-    def admit(self, pseudonym: str) -> int:
+    def admit(self, pseudonym: str, apparatus: str) -> int:
         """Return the slot of a participant; a new one gets the first that is free.
+
+        Parameters
+        ----------
+        pseudonym : str
+            Of the participant.
+        apparatus : str
+            What displays the surfaces; `design.SIMULATED` where the participant is no person.
 
         Raises
         ------
         RecordingError
-            If it is no pseudonym, or all slots are taken.
+            If it is no pseudonym, all slots are taken, or people and simulated observers would be mixed.
         """
         check_pseudonym(pseudonym)
         rows = self.participants()
+        if any((row["apparatus"] == SIMULATED) != (apparatus == SIMULATED) for row in rows):
+            there, new = (
+                ("people", "simulated observers")
+                if apparatus == SIMULATED
+                else ("simulated observers", "people")
+            )
+            raise RecordingError(f"{self.folder}: has data of {there}, expected another folder for {new}")
         for row in rows:
             if row["participant_id"] == pseudonym:
                 return int(row["slot"])
@@ -115,9 +129,8 @@ class Dataset:
                 f"{self.folder}: all {self.design.participants} places of the design are taken, expected a "
                 "participant who has begun"
             )
-        rows.append(
-            {"participant_id": pseudonym, "slot": str(free[0]), "state": "begun", "log_sha256": "n/a"}
-        )
+        new = {"participant_id": pseudonym, "slot": str(free[0]), "state": "begun", "apparatus": apparatus}
+        rows.append(new | {"log_sha256": "n/a"})
         self._write_participants(rows)
         return free[0]
 
@@ -192,7 +205,7 @@ class Dataset:
             )
 
     def trials(self) -> list[Entry]:
-        """Return the trials of all participants, each with its participant.
+        """Return the trials of all participants, each with its participant and whether that one is simulated.
 
         Raises
         ------
@@ -200,14 +213,21 @@ class Dataset:
             If a log was edited.
         """
         return [
-            {"participant": row["participant_id"]} | entry
+            {"participant": row["participant_id"], "is_simulated": row["apparatus"] == SIMULATED} | entry
             for row in self.participants()
             for entry in self.entries(row["participant_id"])
             if entry["event"] == "trial"
         ]
 
-    def forget(self, pseudonym: str) -> None:
-        """Delete all of a participant, and the reports, which were made from it as well.
+    def forget(self, pseudonym: str, *, keeps_reports: bool = False) -> None:
+        """Delete all of a participant.
+
+        Parameters
+        ----------
+        pseudonym : str
+            Of the participant.
+        keeps_reports : bool
+            Keep the reports in the folder: none has data of the participant.
 
         Raises
         ------
@@ -219,7 +239,8 @@ class Dataset:
         if len(left) == len(rows):
             known = ", ".join(row["participant_id"] for row in rows) or "nobody"
             raise RecordingError(f"{self.folder}: no participant {pseudonym!r}, expected one of: {known}")
-        for folder in (self._folder_of(pseudonym), self.folder / DERIVED):
+        reports = () if keeps_reports else (self.folder / DERIVED,)
+        for folder in (self._folder_of(pseudonym), *reports):
             if folder.exists():
                 shutil.rmtree(folder)
         self._write_participants(left)
@@ -231,6 +252,8 @@ class Dataset:
     def _write_participants(self, rows: list[dict[str, str]]) -> None:
         listed = [row | {"participant_id": f"sub-{row['participant_id']}"} for row in rows]
         self._write("participants.tsv", _as_tsv(PARTICIPANT_COLUMNS, listed))
+        is_simulated = any(row["apparatus"] == SIMULATED for row in rows)
+        self._write("dataset_description.json", _as_json(_description(self.design, is_simulated)))
 
     def _write(self, name: str | Path, text: str) -> None:
         path = self.folder / name
@@ -257,8 +280,10 @@ def check_pseudonym(pseudonym: str) -> None:
         )
 
 
-def _description(design: Design) -> dict[str, Any]:
+def _description(design: Design, is_simulated: bool) -> dict[str, Any]:
     made = {"Name": "proximity experiment", "CodeURL": "n/a"}
+    if is_simulated:
+        made["Description"] = "All participants are simulated observers."
     return {"Name": design.title, "BIDSVersion": "1.9.0", "DatasetType": "raw", "GeneratedBy": [made]}
 
 

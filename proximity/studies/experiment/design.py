@@ -8,6 +8,9 @@ from enum import StrEnum
 
 from proximity.studies.simulation.simulated_press import Wall
 
+SIMULATED = "simulated observer"
+"""Apparatus of a participant who is no person."""
+
 
 class Kind(StrEnum):
     """Kinds of tasks."""

@@ -49,7 +49,7 @@ class Presentation:
     @property
     def depth(self) -> float:
         """How far what stops the finger went past the surface, m."""
-        touched = self.frames["force"] > 0.0
+        touched = (self.frames["force"] > 0.0) & np.isfinite(self.frames["wall"])
         return float(self.frames["wall"][touched].max(initial=0.0))
 
 
@@ -77,12 +77,12 @@ def intervals_of(design: Design, planned: PlannedTrial, level: float) -> tuple[I
     """
     task, condition = design.task(planned.task), design.condition(planned.condition)
     if task.kind not in CHOICES:
-        return (_interval(task, condition, level),)
+        return (interval_of(task, condition, level),)
     if task.kind is Kind.REAL:
-        odd = _interval(task, condition, level)._replace(wall=Wall.REAL)
-        other = _interval(task, condition, level)
+        odd = interval_of(task, condition, level)._replace(wall=Wall.REAL)
+        other = interval_of(task, condition, level)
     else:
-        odd, other = _interval(task, condition, level), _interval(task, condition, 0.0)
+        odd, other = interval_of(task, condition, level), interval_of(task, condition, 0.0)
         if task.varied is Varied.SPEED:
             other = odd
     return (other, odd) if planned.odd else (odd, other)
@@ -113,7 +113,8 @@ def stopped_by_force(force: float, limit: float) -> str:
     return f"{force:.1f} N are beyond the limit of {limit:g} N"
 
 
-def _interval(task: Task, condition: Condition, level: float) -> Interval:
+def interval_of(task: Task, condition: Condition, level: float) -> Interval:
+    """Return a condition's surface at a level of the task's stimulus; 0: without it."""
     stiffness, damping, latency, speed = task.stiffness, condition.damping, condition.latency, task.speed
     if task.varied is Varied.SPEED:
         speed = level or task.speed

@@ -12,18 +12,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller import DRUM_DAMPING, FingerController
 from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.default_bend import with_bend
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.motors.motor_drum import MotorDrum
-from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
+from proximity.decaff.simulated_drums.service_drums import SOFTER, DrumBench, FingerBench
 from proximity.errors import DecaffError
 from proximity.message import Surface
 from proximity.message.contact import ContactFlag
 from proximity.studies.experiment.coupled_controller import CoupledController
-from proximity.studies.experiment.display import FRAME, Interval, Presentation, stopped_by_force
+from proximity.studies.experiment.design import Design
+from proximity.studies.experiment.display import FRAME, Interval, Presentation, interval_of, stopped_by_force
 from proximity.studies.simulation.simulated_press import Wall
 from proximity.system.time_units import NS_PER_MS, S_PER_NS
 from proximity.transport import Reading
@@ -66,8 +68,32 @@ class DrumDisplay(DrumBench):
         self._is_over, self._why, self._is_new = threading.Event(), "", False
         self._frames: list[tuple[float, float, float, float]] = []
         self._began_ns = self._touched_ns = self._faults = 0
-        self._failure = ""  # why nothing moves any more
+        self._failure = self._stopped = ""  # why nothing moves any more
         self._readings: deque[tuple[int, Reading]] = deque()  # by the instant of their sample
+
+    def check(self, design: Design) -> None:
+        """Refuse a design whose soft surfaces this drum would display softer than they are.
+
+        Raises
+        ------
+        DecaffError
+            If it has one; coupled walls are displayed whether or not that is passive.
+        """
+        law = SurfaceLaw(self._rate, DRUM_DAMPING)
+        for task in design.tasks:
+            for condition in design.conditions:
+                if task.stiffness is None or condition.wall is not Wall.DECAFF:
+                    continue
+                level = max(*task.levels, task.catch_level)
+                asked = interval_of(task, condition, level)
+                stiffness = asked.stiffness or 0.0
+                k, b = law.displayed(stiffness, asked.damping)
+                if k < (1.0 - SOFTER) * stiffness or b < asked.damping:
+                    raise DecaffError(
+                        f"task {task.name}, condition {condition.name}: {stiffness:g} N/m with "
+                        f"{asked.damping:g} N s/m are asked for, but at {self._rate:g} Hz this drum displays "
+                        f"{k:.0f} N/m with {b:g} N s/m: expected a softer surface, or a higher --rate"
+                    )
 
     def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
         """Display an interval, until the finger has touched and left, or a limit is passed.
@@ -81,6 +107,8 @@ class DrumDisplay(DrumBench):
         self._limits_of_interval = (limit_force, limit_seconds)
         self._is_over.clear()
         self._is_new, self._interval = True, interval
+        if self._stopped:  # even if that was a moment ago
+            self._end(self._stopped)
         is_over = self._is_over.wait(limit_seconds + SILENCE_S)
         self._interval = None
         if not is_over or self._failure:
@@ -89,9 +117,13 @@ class DrumDisplay(DrumBench):
         return Presentation(np.array(self._frames, FRAME), self._why)
 
     def stop(self, why: str) -> None:
-        """End the interval and retract: the emergency stop. Any thread may call it."""
-        self._why = self._why or why
-        self._interval = None
+        """Retract, and display nothing any more: the emergency stop. Any thread may call it."""
+        self._stopped = why
+        self._end(why)
+
+    def _end(self, why: str) -> None:
+        """End the interval and retract."""
+        self._why, self._interval = why, None
         for finger in self.fingers:
             finger.controller.stop()
         self._is_over.set()
@@ -104,7 +136,7 @@ class DrumDisplay(DrumBench):
 
     def step(self, reading: Reading, sample_ns: int) -> None:
         """Run a sample of every finger; only the one that displays is believed to be there."""
-        interval = self._interval
+        interval = None if self._stopped else self._interval
         if interval is not None and self.fingers and self._is_new:
             self._begin(interval, sample_ns)
         super().step(self._displayed(reading, sample_ns, interval), sample_ns)
@@ -125,7 +157,7 @@ class DrumDisplay(DrumBench):
                 stiffness=gain, damping=interval.damping, latency=interval.latency,
             )  # fmt: skip
         else:
-            finger.controller = FingerController(finger.path, self._rate, limits=limits)
+            finger.controller = FingerController(finger.path, self._rate, limits=limits, cable=self._cable)
 
     def _displayed(self, reading: Reading, sample_ns: int, interval: Interval | None) -> Reading:
         """The reading that the drums are given: late, with the surface of the interval, or nothing."""
@@ -169,9 +201,9 @@ class DrumDisplay(DrumBench):
             self._touched_ns = sample_ns
         limit_force, limit_seconds = self._limits_of_interval
         if not force <= limit_force and math.isfinite(force):
-            self.stop(stopped_by_force(force, limit_force))
+            self._end(stopped_by_force(force, limit_force))
         elif finger.faults > self._faults:
-            self.stop("the drum's controller had a fault")
+            self._end("the drum's controller had a fault")
         elif seconds >= limit_seconds or (
             self._touched_ns and S_PER_NS * (sample_ns - self._touched_ns) >= RELEASED_S
         ):

@@ -15,7 +15,7 @@ from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.studies.experiment.design import Design, Kind, Question
+from proximity.studies.experiment.design import SIMULATED, Design, Kind, Question
 from proximity.studies.experiment.display import FRAME, Interval, Presentation, cut_at_limits
 from proximity.studies.experiment.methods import SIGMAS_OF_WIDTH
 from proximity.studies.experiment.plan import Stage, Text
@@ -46,7 +46,7 @@ class Observer:
         Of the answers, with the design's; another one is another participant in the same place.
     """
 
-    name = "simulated observer"
+    name = SIMULATED
 
     def __init__(self, design: Design, slot: int, seed: int = 0) -> None:
         self._design, self._seeds = design, [design.seed, seed, slot, 1]
@@ -91,6 +91,9 @@ class Observer:
             return None
         right = trial.planned.odd + 1
         return right if rng.random() < self.probability(trial) else 3 - right
+
+    def explain(self, why: str) -> None:
+        """Take note of it."""
 
     def probability(self, trial: Trial) -> float:
         """Return the probability of the right answer to a trial of two intervals."""

@@ -38,13 +38,13 @@ def sit(
     Raises
     ------
     RecordingError
-        If the log was edited, or cannot be written.
+        If the log was edited, or cannot be written, or people and simulated observers would be mixed.
     RefusedError
         If the consent is refused; then nothing is kept.
     StoppedError
         If the experimenter stops everything.
     """
-    session = Session(dataset.design, dataset.admit(pseudonym))
+    session = Session(dataset.design, dataset.admit(pseudonym, apparatus.name))
     try:
         with TrialLog(dataset.log_path(pseudonym)) as log:
             session.replay(log.entries)
@@ -58,7 +58,7 @@ def sit(
             finally:
                 dataset.write_tables(pseudonym)
     except RefusedError:
-        dataset.forget(pseudonym)
+        dataset.forget(pseudonym, keeps_reports=True)
         raise
 
 

@@ -29,6 +29,7 @@ class Deviation:
     ripple: float  # N, standard deviation of the force at rest
     swing: float  # N, of the force at rest, from least to largest
     peak: float  # N, largest force
+    peak_error: float  # N, that less the largest of the real one
     work_error: float  # J, of the finger until the release, less the real one; negative: the wall feeds it
 
 
@@ -53,6 +54,7 @@ def deviation(response: Response, reference: Response | None = None) -> Deviatio
         float(response.force[is_rest].std()),
         float(np.ptp(response.force[is_rest])),
         float(response.force.max()),
+        float(response.force.max() - real.force.max()),
         work(response) - work(real),
     )
 

@@ -78,9 +78,12 @@ MEASURES = {
     "ripple": Measure("N"),
     "swing": Measure("N"),
     "peak": Measure("N"),
+    "peak_error": Measure("N", is_worse_high=False),
     "work_error": Measure("J"),
+    "stiffness_used": Measure("N/m"),
+    "damping_used": Measure("N s/m"),
 }
-"""As of `metrics.Deviation`."""
+"""As of `metrics.Deviation`; the last two are the gains of a coupled wall, given or tuned, else None."""
 
 
 def run(values: Values, files: NodeFiles) -> dict[str, Any]:
@@ -99,16 +102,22 @@ def run(values: Values, files: NodeFiles) -> dict[str, Any]:
         If the numbers make no device.
     """
     del files
-    hand = Hand()
+    hand, coupled = Hand(), None
     press = hand.press(values["speed"], hold=values["hold"])
     if values["wall"] == Wall.REAL:
         response = real_wall(hand, press)
     elif values["wall"] == Wall.COUPLED:
-        response = penalty_wall(hand, press, _penalty(values))
+        coupled = _penalty(values)
+        response = penalty_wall(hand, press, coupled)
     else:
         response = decaff(hand, press, _glove(values), POLICIES[values["policy"]])
     found = deviation(response)
-    return {"force_error": found.error, **{name: getattr(found, name) for name in tuple(MEASURES)[1:]}}
+    return {
+        "force_error": found.error,
+        **{name: getattr(found, name) for name in MEASURES if hasattr(found, name)},
+        "stiffness_used": None if coupled is None else coupled.stiffness,
+        "damping_used": None if coupled is None else coupled.damping,
+    }
 
 
 def _penalty(values: Values) -> PenaltyWall:

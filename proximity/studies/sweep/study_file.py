@@ -16,7 +16,8 @@ from proximity.studies.sweep.jobs import Factor, Job, Kind
 
 TABLES = ("study", "factors", "conditions", "exclude", "plot")
 STUDY_KEYS = ("name", "job", "design", "samples", "seed", "measures")
-PLOT_KEYS = ("measure", "x", "lines", "columns")
+PLOT_KEYS = ("measure", "x", "lines", "columns", "points")
+POINTS = ("median", "worst")
 SPAN_KEYS = ("from", "to", "count", "spacing")
 BOUND_KEYS = ("above", "below")
 COUNTS = Range("", 1, 1_000_000)
@@ -33,6 +34,7 @@ class PlotChoice:
     x: str | None = None
     lines: str | None = None
     columns: str | None = None
+    points: str = POINTS[0]  # of all conditions at one x
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +42,7 @@ class Study:
     """A study file that was read."""
 
     path: str
-    name: str
+    name: str  # empty where the file gives none
     conditions: ConditionSet
     measures: tuple[str, ...]  # that the page shows; the first ranks conditions
     plot: PlotChoice
@@ -91,7 +93,7 @@ class _StudyReader:
     def study(self) -> Study:
         """The whole file."""
         table = Table(self._document, ("study",), self._document.data.get("study", {}), STUDY_KEYS)
-        name = table.text("name", os.path.basename(self._path), meaning="what the study is called")
+        name = table.text("name", "", meaning="what the study is called")
         job = self._jobs.get(table.one_of("job", REQUIRED, tuple(self._jobs)) or "")
         design = Design(table.one_of("design", Design.GRID, tuple(Design)))
         is_latin = design == Design.LATIN
@@ -186,6 +188,7 @@ class _StudyReader:
             table.one_of("x", None, (*numbers, *measures)),
             table.one_of("lines", None, factors),
             table.one_of("columns", None, factors),
+            table.one_of("points", POINTS[0], POINTS),
         )
 
     def _listed(self, name: str) -> list[tuple[Path, dict[str, Any]]]:

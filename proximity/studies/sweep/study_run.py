@@ -130,7 +130,7 @@ class _Run:
 
     def __init__(self, ray: Any, study: Study, out: Path, files: RowFiles, progress: Progress) -> None:
         self._ray, self._files, self._progress = ray, files, progress
-        self._job_name, self._digest_names = study.job.name, study.job.factors
+        self._job_name = study.job.name
         # A lost worker must not have Ray repeat what may have killed it: that is counted here.
         remote = ray.remote(run_batch).options(num_cpus=1, max_retries=0, retry_exceptions=False)
         job, folder = ray.put(study.job), os.fspath(study.folder)

@@ -8,6 +8,7 @@ const AGAIN_MS = 600;
 const FRAME = RECORDS.frame_header.fields;
 const SENTENCES = {
   4403: "The address has no token: open the address that proximity view printed.",
+  4408: "The page was too busy to answer in time. Trying again …",
   4429: "The bridge closed the connection: too many pages or messages.",
   4400: "The bridge refused a message of this page.",
 };

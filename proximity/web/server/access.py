@@ -17,7 +17,7 @@ MESSAGES_PER_S = 1_000.0
 BYTES_PER_S = 8e6
 BURST_S = 1.0
 """For so long a page may have been silent and send what it has at once."""
-HELLO_S = 5.0
+HELLO_S = 30.0
 """Within that the token must come."""
 
 WRONG_TOKEN, UNFIT, TOO_MUCH, HELD_UP = 4403, 4400, 4429, 4408

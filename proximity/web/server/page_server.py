@@ -15,7 +15,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from proximity.web.server.access import HELLO_S, MOST_BYTES, WRONG_TOKEN, Access, UnfitError
+from proximity.web.server.access import HELD_UP, HELLO_S, MOST_BYTES, WRONG_TOKEN, Access, UnfitError
 from proximity.web.server.page_files import PageFiles
 
 LIVE = "/live"
@@ -130,7 +130,11 @@ class PageServer:
         try:
             async with asyncio.timeout(HELLO_S):
                 given = document(await connection.recv()).get("hello")
-        except (TimeoutError, ConnectionClosed, UnfitError):
+        except TimeoutError:  # a browser that draws in software may be busy with its first picture
+            self.count_refused("no token in time")
+            await connection.close(HELD_UP, "the page did not send its token in time")
+            return
+        except (ConnectionClosed, UnfitError):
             given = None
         token = self.access.token_of(given)
         if token is None:

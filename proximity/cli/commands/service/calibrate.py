@@ -157,9 +157,9 @@ def command(
                     port.home()
                 waits = not asking.yes and (measured.simulate or measured.counts is not None)
                 guide(session, face, simulated, waits=waits)
-                sentence = _written(session, path, name, measured.lengths)
+                sentence, drawing = _written(session, path, name, measured.lengths)
                 shown = ". ".join(filter(None, [sentence, contradiction(session)]))
-                face.results(result_rows(session.estimates(), truth), shown, path.with_suffix(".png"))
+                face.results(result_rows(session.estimates(), truth), shown, drawing)
         except KeyboardInterrupt:
             ending = EXIT_INTERRUPTED
         except UnfinishedError as unfinished:
@@ -242,8 +242,10 @@ def _face(asking: Asking, port: "MotorPort | None") -> "AbstractContextManager[F
     return opened_page(port=asking.port, opens_browser=asking.browser, on_stop=on_stop)
 
 
-def _written(session: "Session", path: Path, name: str, lengths: tuple[float, float, float]) -> str:
-    """Write the calibration, and draw it; return a sentence."""
+def _written(
+    session: "Session", path: Path, name: str, lengths: tuple[float, float, float]
+) -> tuple[str, Path | None]:
+    """Write the calibration, and draw it; return a sentence, and where the drawing is."""
     from proximity.cli.calibration.guide import UnfinishedError
     from proximity.decaff.calibrating.results import as_document
     from proximity.decaff.glove.calibration import write_calibration
@@ -254,11 +256,12 @@ def _written(session: "Session", path: Path, name: str, lengths: tuple[float, fl
         raise UnfinishedError(f"{', '.join(missing)} left out, which a calibration needs")
     write_calibration(path, session.calibration(name, lengths))
     session.readings.write(as_document(session.estimates()))
+    drawing = path.with_suffix(".png")
     try:
-        calibration_plots.write(session, path.with_suffix(".png"))
+        calibration_plots.write(session, drawing)
     except DecaffError as unmade:
-        return f"{path}: written; not drawn: {unmade}"
-    return f"{path}: written; drawn in {path.with_suffix('.png')}"
+        return f"{path}: written; not drawn: {unmade}", None
+    return f"{path}: written; drawn in {drawing}", drawing
 
 
 def _begin(session: "Session", again: str | None) -> None:

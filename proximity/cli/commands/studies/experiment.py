@@ -29,14 +29,14 @@ HELP = "\n\n".join(
     )
 )
 EXAMPLES = {
-    "new": "proximity experiment new walls.toml",
-    "plan": "proximity experiment plan walls.toml --slot 3",
-    "run": "proximity experiment run walls.toml p07 --address iox2://decaff --data walls",
-    "simulate": "proximity experiment simulate walls.toml --data walls",
-    "report": "proximity experiment report walls",
-    "power": "proximity experiment power walls.toml --participants 8 --participants 12 --effect 1.5",
-    "check": "proximity experiment check walls.toml --repetitions 100",
-    "forget": "proximity experiment forget walls p07",
+    "new": "proximity experiment new comparison.toml",
+    "plan": "proximity experiment plan comparison.toml --slot 3",
+    "run": "proximity experiment run comparison.toml p07 --address iox2://decaff --data people",
+    "simulate": "proximity experiment simulate comparison.toml --data simulated",
+    "report": "proximity experiment report simulated",
+    "power": "proximity experiment power comparison.toml --participants 8 --participants 12 --effect 1.5",
+    "check": "proximity experiment check comparison.toml --repetitions 100",
+    "forget": "proximity experiment forget people p07",
 }
 SHIPPED = "decaff_against_coupled.toml"
 
@@ -63,7 +63,8 @@ def new(path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write
         with path.open("x", encoding="utf-8") as stream:
             stream.write(text)
     except OSError as failed:
-        raise typer.BadParameter(f"{path} cannot be written ({failed.strerror})") from failed
+        hint = ": choose another name" if isinstance(failed, FileExistsError) else ""
+        raise typer.BadParameter(f"{path} cannot be written ({failed.strerror}){hint}") from failed
     typer.echo(f"{path}: written")
 
 
@@ -112,7 +113,7 @@ def run(
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the participant's page in a browser.")
     ] = True,
-    rate: RATE = 500.0,
+    rate: RATE = 1000.0,
     calibration: CALIBRATION = None,
     max_age: MAX_AGE = None,
     motor: MOTOR = None,
@@ -156,7 +157,7 @@ def simulate(
     dataset, started = Dataset(data, read), time.monotonic()
     names = [participant] if participant else [f"p{n:02d}" for n in range(1, read.participants + 1)]
     for name in names:
-        observer = Observer(read, dataset.admit(name))
+        observer = Observer(read, dataset.admit(name, Observer.name))
         with progress.spinner(f"{name} presses and answers"):
             sit(dataset, name, observer, observer)
         typer.echo(f"proximity: {name} is done ({time.monotonic() - started:.0f} s)", err=True)
@@ -185,6 +186,8 @@ def report(
     for one in findings.comparisons.values():
         if one is not None:
             typer.echo(f"{one.task}: F({one.df[0]}, {one.df[1]}) = {one.f:.2f}, p = {one.p:.2g}")
+    if findings.simulated:
+        typer.echo(f"proximity: {findings.said_of_simulated}", err=True)
     typer.echo(f"{files[0]}: written, with {len(files) - 1} files beside it")
 
 
@@ -197,12 +200,16 @@ def power(
     effect: Annotated[
         float | None,
         typer.Option(
-            "--effect", metavar="RATIO", min=0.01, help="Threshold of the others, in the first condition's."
+            "--effect",
+            metavar="RATIO",
+            min=0.01,
+            help="Threshold of the others, in the first condition's; holds for thresholds only.",
         ),
     ] = None,
     repetitions: Annotated[int, typer.Option("--repetitions", metavar="N", min=10)] = 1000,
 ) -> None:
     """Simulate how often an effect is found with so many participants; without --effect the expected one."""
+    from proximity.cli import progress
     from proximity.cli.console import results_console, table
     from proximity.studies.experiment.analysis import simulation
     from proximity.studies.experiment.design_file import read_design
@@ -210,7 +217,8 @@ def power(
     read = read_design(design)
     read = read if effect is None else simulation.with_effect(read, effect)
     sizes = tuple(participants or simulation.PARTICIPANTS)
-    found = simulation.power(read, sizes, repetitions)
+    with progress.spinner("simulating participants") as show:
+        found = simulation.power(read, sizes, repetitions, watch=show)
     shown = table(("task", "comparison"), [f"{size} participants" for size in sizes])
     for task, comparison in dict.fromkeys((one.task, one.comparison) for one in found):
         own = [one.share for one in found if (one.task, one.comparison) == (task, comparison)]
@@ -224,13 +232,16 @@ def check(
     repetitions: Annotated[int, typer.Option("--repetitions", metavar="N", min=1)] = 100,
 ) -> None:
     """Try the analysis on simulated observers: false positives, and thresholds found again."""
+    from proximity.cli import progress
     from proximity.studies.experiment.analysis import simulation
     from proximity.studies.experiment.design_file import read_design
 
     read = read_design(design)
-    for task, share in simulation.false_positives(read, repetitions).items():
+    with progress.spinner("simulating experiments") as show:
+        shares = simulation.false_positives(read, repetitions, show)
+        found = simulation.recovery(read)
+    for task, share in shares.items():
         typer.echo(f"{task}: a difference was found in {share:.0%} of {repetitions} experiments without one")
-    found = simulation.recovery(read)
     typer.echo(
         f"{found.covered} of {found.count} thresholds lie in their 95 % credible intervals; on average they "
         f"are found {found.bias:+.1%} off"

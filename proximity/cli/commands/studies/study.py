@@ -22,7 +22,7 @@ HELP = "\n\n".join(
         "that was stopped or killed goes on where it was.",
         "With the word report and the folder of the results it makes one page: factors, effects, plots, the "
         "worst conditions, and a key that repeats each of them with --only.",
-        "The exit code is 1 if conditions failed. Needs: pip install 'proximity\\[study]'.",
+        "The exit code is 1 if conditions failed. Needs: pip install 'cad-proximity[study]'.",
     )
 )
 
@@ -30,7 +30,7 @@ EXAMPLES = """
 Examples:
   proximity study force-error.toml
   proximity study report force-error.results
-  proximity study force-error.toml --only 1fa4eec7d4
+  proximity study force-error.toml --only KEY
   proximity study catalogue.toml --address 10.0.0.5:6379
 """
 
@@ -98,7 +98,7 @@ def command(
         return
     from proximity.studies.sweep.study_run import run_study
 
-    with _progress(read.name) as watch:
+    with _progress(read.name or study.stem) as watch:
         ended = run_study(
             read,
             results,
@@ -150,10 +150,12 @@ def _repeat(study: "Study", out: Path, key: str) -> None:
     print_block(console, [("key", found.condition.key), *((name, shown(given[name])) for name in given)])
     console.print()
     rows = table([""], ("now", "recorded"))
-    for name, value in found.results.items():
-        recorded = MISSING if found.recorded is None else _digits(found.recorded[name])
+    for name in study.job.measures:
+        value = found.results[name]
+        recorded = MISSING if found.recorded is None else _digits(found.recorded.get(name))
         rows.add_row(name, _digits(value), recorded)
     console.print(rows)
+    print_block(console, [(name, found.results[name]) for name in study.job.texts])
 
 
 def _digits(value: Any) -> str:

@@ -582,12 +582,14 @@ struct sender_options {
     std::string key = {};
 };
 
-/// A pose of now, of a finger whose centre is there; velocity and bend are not known.
-inline decaff_pose pose_of(std::uint32_t finger, std::span<const double, 3> position)
+/// A pose of a finger whose centre is there; velocity and bend are not known. Give all fingers that were seen
+/// together the same instant: clock_ns() once.
+inline decaff_pose pose_of(std::uint32_t finger, std::span<const double, 3> position,
+                           std::int64_t pose_ns = clock_ns())
 {
     decaff_pose pose{};
     pose.finger = finger;
-    pose.pose_ns = clock_ns();
+    pose.pose_ns = pose_ns;
     std::copy(position.begin(), position.end(), pose.position);
     std::fill_n(pose.velocity, 3, nan);
     pose.bend = nan;
@@ -612,12 +614,14 @@ inline decaff_change change_of(std::string_view name, std::uint32_t action)
     return change;
 }
 
-/// A move of now: the part stands, not turned, with its origin there.
-inline decaff_move move_of(std::string_view name, std::span<const double, 3> translation)
+/// A move: the part stands, with its axes those of the scene and its origin there. Set `rotation` where the part
+/// is turned, and `velocity` while it moves.
+inline decaff_move move_of(std::string_view name, std::span<const double, 3> translation,
+                           std::int64_t pose_ns = clock_ns())
 {
     decaff_move move{};
     detail::name_part(move.name, name);
-    move.pose_ns = clock_ns();
+    move.pose_ns = pose_ns;
     for (int axis = 0; axis < 3; axis++)
         move.rotation[axis][axis] = 1.0;
     std::copy(translation.begin(), translation.end(), move.translation);

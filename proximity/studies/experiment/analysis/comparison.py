@@ -29,6 +29,7 @@ class Mean:
     value: float
     lower: float  # of the 95 % confidence interval
     upper: float
+    p_zero: float  # of a t test against 0, adjusted for the number of conditions (Holm)
     participants: int
 
 
@@ -83,13 +84,18 @@ def compare(task: str, conditions: Sequence[str], scores: Sequence[Score]) -> Co
     table = np.full((len(participants), len(compared)), np.nan)
     for score in own:
         table[participants.index(score.participant), compared.index(score.condition)] = score.value
-    means = tuple(_mean(name, table[:, i]) for i, name in enumerate(compared))
+    means = [_mean(name, table[:, i]) for i, name in enumerate(compared)]
     pairs = [
         _difference(compared[i], compared[j], table[:, j] - table[:, i])
         for i, j in combinations(range(len(compared)), 2)
     ]
     f, df, p = mixed_model(table) if len(compared) > 1 else (math.nan, (0, 0), math.nan)
-    return Comparison(task, f, df, p, means, tuple(_adjusted(pairs)))
+    adjusted = _holm([one.p_zero for one in means])
+    tested = tuple(replace(one, p_zero=own) for one, own in zip(means, adjusted, strict=True))
+    adjusted = _holm([one.p for one in pairs])
+    return Comparison(
+        task, f, df, p, tested, tuple(replace(one, p=own) for one, own in zip(pairs, adjusted, strict=True))
+    )
 
 
 def mixed_model(table: np.ndarray) -> tuple[float, tuple[int, int], float]:
@@ -167,19 +173,16 @@ def bayes_factor_none(t: float, count: int) -> float:
 
 def _mean(condition: str, values: np.ndarray) -> Mean:
     there = values[np.isfinite(values)]
-    half = _half_width(there)
-    return Mean(
-        condition, float(there.mean()), float(there.mean() - half), float(there.mean() + half), len(there)
-    )
+    mean, half = float(there.mean()), _half_width(there)
+    return Mean(condition, mean, mean - half, mean + half, _t_test(there)[1], len(there))
 
 
 def _difference(first: str, second: str, values: np.ndarray) -> Difference:
     there = values[np.isfinite(values)]
-    if len(there) < FEWEST or not there.std() > 0.0:
+    t, p = _t_test(there)
+    if math.isnan(t):
         return Difference(first, second, math.nan, math.nan, math.nan, math.nan, math.nan, len(there))
     mean, half = float(there.mean()), _half_width(there)
-    t = mean / float(stats.sem(there))
-    p = 2.0 * float(stats.t.sf(abs(t), len(there) - 1))
     return Difference(
         first, second, mean, mean - half, mean + half, p, bayes_factor_none(t, len(there)), len(there)
     )
@@ -191,11 +194,19 @@ def _half_width(values: np.ndarray) -> float:
     return float(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1))
 
 
-def _adjusted(pairs: Sequence[Difference]) -> list[Difference]:
-    """Pairs with Holm's adjustment of p."""
-    order = sorted(range(len(pairs)), key=lambda i: pairs[i].p)
-    adjusted, least = list(pairs), 0.0
+def _t_test(values: np.ndarray) -> tuple[float, float]:
+    """t and p of values against 0; nan of too few, or of values that are all the same."""
+    if len(values) < FEWEST or not values.std() > 0.0:
+        return math.nan, math.nan
+    t = float(values.mean() / stats.sem(values))
+    return t, 2.0 * float(stats.t.sf(abs(t), len(values) - 1))
+
+
+def _holm(ps: Sequence[float]) -> list[float]:
+    """p with Holm's adjustment; those that are nan stay so, and do not count."""
+    order = sorted((i for i, p in enumerate(ps) if not math.isnan(p)), key=lambda i: ps[i])
+    adjusted, least = list(ps), 0.0
     for rank, i in enumerate(order):
-        least = max(least, min(1.0, (len(pairs) - rank) * pairs[i].p))
-        adjusted[i] = replace(pairs[i], p=least)
+        least = max(least, min(1.0, (len(order) - rank) * ps[i]))
+        adjusted[i] = least
     return adjusted

@@ -1,6 +1,6 @@
 """Findings of an experiment: everything that a report shows, from the trials."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from proximity.studies.experiment.analysis.comparison import Comparison, compare
@@ -24,6 +24,7 @@ class Findings:
 
     design: Design
     participants: tuple[str, ...]  # that have begun
+    simulated: tuple[str, ...]  # of them, who are no people
     trials: int  # done, of all stages
     stopped: int  # of them, that a limit ended
     kept: list[Entry]
@@ -34,14 +35,19 @@ class Findings:
     comparisons: dict[str, Comparison | None]  # by task; None: too few participants
 
     @property
+    def said_of_simulated(self) -> str:
+        """A sentence that says which participants are no people; empty: all are."""
+        count, all_of_them = len(self.simulated), len(self.participants)
+        who = f"All {count}" if count == all_of_them else f"{count} of {all_of_them}"
+        return f"{who} participants are simulated observers." if count else ""
+
+    @property
     def excluded(self) -> set[str]:
         """Participants that are left out."""
         return {one.participant for one in self.exclusions if one.trial is None}
 
 
-def find(
-    design: Design, entries: Sequence[Entry], progress: Callable[[float], None] = lambda share: None
-) -> Findings:
+def find(design: Design, entries: Sequence[Entry]) -> Findings:
     """Return what is found in trials.
 
     Parameters
@@ -50,8 +56,6 @@ def find(
         Of the experiment.
     entries : sequence of dict
         As of `Dataset.trials`.
-    progress : function of a share
-        Called now and then.
 
     Raises
     ------
@@ -61,14 +65,14 @@ def find(
     kept, exclusions = exclude(design, entries)
     shapes = shapes_of(design, kept)
     cells = {key: own for key, own in cells_of(kept).items() if design.task(key[1]).kind is Kind.STIFFER}
-    functions = {}
-    for key, own in cells.items():
-        functions[key] = fit(counts_of(own), design.task(key[1]).levels, shapes[key[1]])
-        progress(len(functions) / len(cells))
+    functions = {
+        key: fit(counts_of(own), design.task(key[1]).levels, shapes[key[1]]) for key, own in cells.items()
+    }
     scores, names = scores_of(design, kept), [one.name for one in design.conditions]
     return Findings(
         design,
         tuple(sorted({entry["participant"] for entry in entries})),
+        tuple(sorted({entry["participant"] for entry in entries if entry["is_simulated"]})),
         len(entries),
         sum(bool(entry["stopped"]) for entry in entries),
         kept,

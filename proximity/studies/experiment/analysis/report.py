@@ -81,12 +81,13 @@ def tables_of(findings: Findings) -> dict[str, tuple[tuple[str, ...], Rows]]:
             ],
         ),
         "means": (
-            ("task", "condition", "mean", "lower", "upper", "participants"),
+            ("task", "condition", "mean", "lower", "upper", "p_chance", "participants"),
             [
                 (
                     comparison.task,
                     one.condition,
                     *(shown(kinds[comparison.task], value) for value in (one.value, one.lower, one.upper)),
+                    one.p_zero if kinds[comparison.task] is Kind.REAL else "",
                     one.participants,
                 )
                 for comparison in found

@@ -17,6 +17,8 @@ from proximity.studies.experiment.plan import PlannedTrial
 from proximity.studies.experiment.session import Session
 
 SIGNIFICANT = 0.05
+Watch = Callable[[int, int], None]
+"""Given how many are done, and of how many."""
 POOL = 200  # simulated participants that samples are drawn from
 PARTICIPANTS = (4, 8, 12, 16, 20, 24)
 
@@ -53,7 +55,7 @@ def simulated_trials(design: Design, slot: int, seed: int = 0) -> list[dict[str,
             is_right = trial.is_right(answer)
             entries.append(
                 {
-                    "participant": f"{slot}", "number": step.number, "task": step.task,
+                    "participant": f"{slot}", "is_simulated": True, "number": step.number, "task": step.task,
                     "condition": step.condition, "stage": str(step.stage), "level": trial.level,
                     "answer": answer, "is_right": is_right, "response_time": 0.0, "stopped": "",
                     "onset": [], "depth": [], "peak_force": [],
@@ -66,9 +68,11 @@ def simulated_trials(design: Design, slot: int, seed: int = 0) -> list[dict[str,
 ANSWERED = (*CHOICES, Kind.RATING)
 
 
-def simulated_scores(
-    design: Design, count: int, seed: int = 0, progress: Callable[[float], None] = lambda share: None
-) -> list[Score]:
+def _unwatched(done: int, total: int) -> None:
+    """Take no notice."""
+
+
+def simulated_scores(design: Design, count: int, seed: int = 0, watch: Watch = _unwatched) -> list[Score]:
     """Return the scores of simulated participants.
 
     Parameters
@@ -79,13 +83,13 @@ def simulated_scores(
         Of participants.
     seed : int
         Of their answers.
-    progress : function of a share
-        Called now and then.
+    watch : callable
+        Given how many participants are done.
     """
     entries: list[dict[str, Any]] = []
     for slot in range(count):
         entries += simulated_trials(design, slot, seed)
-        progress((slot + 1) / count)
+        watch(slot + 1, count)
     return scores_of(design, exclude(design, entries)[0])
 
 
@@ -115,9 +119,9 @@ def power(
     design: Design,
     participants: Sequence[int] = PARTICIPANTS,
     repetitions: int = 1000,
-    progress: Callable[[float], None] = lambda share: None,
     *,
     pool: int = POOL,
+    watch: Watch = _unwatched,
 ) -> list[Power]:
     """Return how often an effect is found with so many participants.
 
@@ -131,12 +135,12 @@ def power(
         Sizes of samples.
     repetitions : int
         Samples of each size.
-    progress : function of a share
-        Called now and then.
     pool : int
         Simulated participants that the samples are drawn from.
+    watch : callable
+        Given how many of them are done.
     """
-    scores = simulated_scores(design, pool, progress=progress)
+    scores = simulated_scores(design, pool, watch=watch)
     rng, found = np.random.default_rng(design.seed), []
     for task in design.tasks:
         own = {(one.participant, one.condition): one.value for one in scores if one.task == task.name}
@@ -151,9 +155,7 @@ def power(
     return found
 
 
-def false_positives(
-    design: Design, repetitions: int, progress: Callable[[float], None] = lambda share: None
-) -> dict[str, float]:
+def false_positives(design: Design, repetitions: int, watch: Watch = _unwatched) -> dict[str, float]:
     """Return, for each task, the share of whole experiments that find a difference where there is none.
 
     Each has its own participants, and goes through the same mixed model as a report.
@@ -164,8 +166,8 @@ def false_positives(
         Whose conditions are made equal to observers.
     repetitions : int
         Experiments.
-    progress : function of a share
-        Called now and then.
+    watch : callable
+        Given how many of them are done.
     """
     equal, names = with_effect(design, 1.0), [one.name for one in design.conditions]
     counts = dict.fromkeys((task.name for task in design.tasks if task.kind in ANSWERED), 0)
@@ -174,7 +176,7 @@ def false_positives(
         for task in counts:
             found = compare(task, names, scores)
             counts[task] += found is not None and found.p < SIGNIFICANT
-        progress((repetition + 1) / repetitions)
+        watch(repetition + 1, repetitions)
     return {task: count / repetitions for task, count in counts.items()}
 
 

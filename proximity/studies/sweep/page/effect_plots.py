@@ -1,12 +1,13 @@
 """Plots of a study's page: a measure over one factor with lines and panels, and over every factor alone."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from proximity.studies.figures import page_figure
 from proximity.studies.figures.page_figure import COLOURS, DASHES, INK
-from proximity.studies.sweep.jobs import Kind
 from proximity.studies.sweep.page.effects import NOT_USED, Effect, Rows
 from proximity.studies.sweep.study_file import PlotChoice
 
@@ -19,6 +20,8 @@ LOG_RATIO = 10.0
 """From smallest to largest, from which on an axis is logarithmic."""
 CROWDED = 200.0
 """The same, from which on its ticks are the decades alone."""
+LOWEST_SHOWN = 1e-4
+"""Of the largest value on a logarithmic axis: what is smaller may be nothing but rounding."""
 WITHOUT_X = {NOT_USED: (0, (1, 1.5)), None: (0, (6, 2))}
 """Strokes of the level of conditions without x: dotted where x does not matter, dashed where it is absent."""
 BAND = (0.1, 0.9)
@@ -42,6 +45,9 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
     panels, of_panel = _levels(rows, choice.columns, MOST_PANELS)
     lines, of_line = _levels(rows, choice.lines, MOST_LINES)
     across, up = rows.measure(x), rows.measure(measure)
+    worst = np.max if rows.job.measures[measure].is_worse_high else np.min
+    summary = worst if choice.points == "worst" else np.median
+    draw_line = partial(_draw_line, summary=summary)
     own = rows.values(x)
     without = {style: np.array([each == kind for each in own], bool) for kind, style in WITHOUT_X.items()}
 
@@ -50,12 +56,12 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
         for number, (panel, caption) in enumerate(zip(axes, panels, strict=True)):
             for line, label in enumerate(lines):
                 is_meant = (of_panel == number) & (of_line == line) & np.isfinite(up)
-                draw_one = _draw_points if x in rows.job.measures else _draw_line
+                draw_one = _draw_points if x in rows.job.measures else draw_line
                 has_x = is_meant & np.isfinite(across)
                 draw_one(panel, across[has_x], up[has_x], line, label)
                 for style, is_without in without.items():
                     if (is_meant & is_without).any():
-                        level = float(np.median(up[is_meant & is_without]))
+                        level = float(summary(up[is_meant & is_without]))
                         panel.axhline(level, color=_colour(line), linestyle=style, linewidth=1.4)
             panel.set(title=caption, xlabel=_axis(rows, x))
             _scale(panel, across, up)
@@ -68,7 +74,7 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
         if len(lines) > 1:
             figure.legend(handles.values(), handles, loc="outside right center", fontsize=7)
 
-    width = 1.4 + max(WIDEST / max(2, len(panels)), NARROWEST) * len(panels)
+    width = 1.4 + max(WIDEST / len(panels), NARROWEST) * len(panels)
     return page_figure.svg(draw, "main", (width, PANEL_HEIGHT))
 
 
@@ -103,7 +109,15 @@ def _draw_points(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, l
     panel.plot(across, up, ".", color=_colour(line), alpha=0.7, markersize=4, label=label)
 
 
-def _draw_line(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, label: str) -> None:
+def _draw_line(
+    panel: "Axes",
+    across: np.ndarray,
+    up: np.ndarray,
+    line: int,
+    label: str,
+    *,
+    summary: Callable[[np.ndarray], Any],
+) -> None:
     colour, dash = _colour(line), DASHES[line % len(DASHES)]
     points = np.unique(across)
     if not len(points):
@@ -112,11 +126,18 @@ def _draw_line(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, lab
         _draw_points(panel, across, up, line, label)
         return
     groups = [up[across == point] for point in points]
-    if max(map(len, groups)) > 1:
+    if summary is np.median and max(map(len, groups)) > 1:
         low, high = np.array([np.quantile(group, BAND) for group in groups]).T
         panel.fill_between(points, low, high, color=colour, alpha=0.15, linewidth=0)
-    medians = [float(np.median(group)) for group in groups]
-    panel.plot(points, medians, "o", markersize=2.5, linestyle=dash, color=colour, label=label)
+    panel.plot(
+        points,
+        [float(summary(group)) for group in groups],
+        "o",
+        markersize=2.5,
+        linestyle=dash,
+        color=colour,
+        label=label,
+    )
 
 
 def _levels(rows: Rows, name: str | None, most: int) -> tuple[list[str], np.ndarray]:
@@ -143,6 +164,9 @@ def _scale(panel: "Axes", across: np.ndarray, up: np.ndarray) -> None:
             is_long = known.max() > CROWDED * known.min()
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(_nothing if is_long else _two_and_five)
+    most = np.max(up, where=np.isfinite(up), initial=0.0)
+    if panel.get_yscale() == "log" and panel.get_ylim()[0] < LOWEST_SHOWN * most:
+        panel.set_ylim(bottom=LOWEST_SHOWN * most)
     panel.tick_params(labelcolor=INK)
 
 
@@ -157,8 +181,3 @@ def _nothing(number: float, _: float) -> str:
 
 def _colour(line: int) -> str:
     return COLOURS[line % len(COLOURS)]
-
-
-def is_axis(rows: Rows, name: str) -> bool:
-    """Whether a factor is a number, which can be drawn along an axis."""
-    return rows.job.factors[name].kind in (Kind.NUMBER, Kind.WHOLE)

@@ -58,6 +58,10 @@ class Rows:
         """Return the factors with more than one value."""
         return [name for name in self.job.factors if len(set(self.values(name)) - {NOT_USED}) > 1]
 
+    def is_number(self, name: str) -> bool:
+        """Return whether a factor is a number, which can be drawn along an axis."""
+        return self.job.factors[name].kind in (Kind.NUMBER, Kind.WHOLE)
+
     def levels(self, name: str, most: int = MOST_LEVELS) -> tuple[list[Level], np.ndarray]:
         """Return the levels of a factor, and which of them each row has, (N,); none where there are too many.
 
@@ -70,11 +74,10 @@ class Rows:
         """
         values = self.values(name)
         given = sorted(set(values) - {None, NOT_USED})
-        is_number = self.job.factors[name].kind in (Kind.NUMBER, Kind.WHOLE)
         levels: list[Level] = list(given)
         ids = {value: number for number, value in enumerate(given)}
         if len(given) > most:
-            if not is_number:
+            if not self.is_number(name):
                 return [], np.zeros(len(values), int)
             edges = np.quantile(given, np.linspace(0.0, 1.0, min(BINS, most) + 1))
             bins = np.clip(np.searchsorted(edges, given, side="right") - 1, 0, len(edges) - 2)
@@ -129,6 +132,8 @@ def effect(rows: Rows, factor: str, measure: str) -> Effect | None:
     if len(present) < 2 or not numbers.var() > 0.0:
         return None
     counts = [int((ids == level).sum()) for level in present]
+    if max(counts) < 2 and not rows.is_number(factor):  # names of rows, such as files
+        return None
     means = [float(numbers[ids == level].mean()) for level in present]
     between = np.average((np.array(means) - numbers.mean()) ** 2, weights=counts)
     labels = tuple(rows.label(factor, levels[level]) for level in present)

@@ -17,6 +17,8 @@ from proximity.studies.sweep.study_file import PlotChoice, Study
 
 WORST = 12
 FAILURES = 12
+LARGEST_WHOLE = 1e9
+"""Whole numbers below this are shown with all their digits."""
 ROWS_LISTED = 300
 """Rows in the page; all are in the Parquet files."""
 
@@ -56,6 +58,7 @@ def study_page(study: Study, folder: Path) -> str:
         {
             "study": study,
             "source": recorded.source,
+            "title": study.name or Path(recorded.source).stem,
             "folder": str(folder),
             "counts": {"total": recorded.total, "there": count, "failed": failed.num_rows},
             "seconds": float(np.sum(recorded.rows["seconds"].to_numpy())),
@@ -84,7 +87,9 @@ def shown(value: Any) -> str:
         return "–"
     if isinstance(value, (list, tuple)):
         return ", ".join(map(shown, value))
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float) and not (value.is_integer() and abs(value) < LARGEST_WHOLE):
+        return f"{value:.4g}"
+    return f"{value:.0f}" if isinstance(value, float) else str(value)
 
 
 def _effects(rows: Rows, varied: list[str], measure: str) -> list[Effect]:
@@ -98,10 +103,12 @@ def _choice(asked: PlotChoice, rows: Rows, measure: str, effects: list[Effect]) 
     if asked.x is not None:
         return replace(asked, measure=measure)
     names = [each.factor for each in effects if each.factor not in (asked.lines, asked.columns)]
-    x = next((name for name in names if effect_plots.is_axis(rows, name)), None)
+    x = next((name for name in names if rows.is_number(name)), None)
     names = [name for name in names if name != x]
     free = iter(names)
-    return PlotChoice(measure, x, asked.lines or next(free, None), asked.columns or next(free, None))
+    return PlotChoice(
+        measure, x, asked.lines or next(free, None), asked.columns or next(free, None), asked.points
+    )
 
 
 def _without(rows: Rows, x: str | None) -> str:
