@@ -371,6 +371,16 @@ def test_data_say_whether_participants_are_simulated(tmp_path, dataset):
     assert said not in (people.folder / "dataset_description.json").read_text()
 
 
+def test_apparatus_that_the_table_lacks_is_that_of_the_log(dataset):
+    done_by(dataset, "p01")
+    table = dataset.folder / "participants.tsv"
+    table.write_text(re.sub(r"\t(apparatus|simulated observer)", "", table.read_text()))
+
+    assert "simulated" not in table.read_text()
+    assert dataset.participants()[0]["apparatus"] == Observer.name
+    assert all(trial["is_simulated"] for trial in dataset.trials())
+
+
 def test_folder_belongs_to_one_design(tmp_path, dataset):
     other = read_design(write_design(tmp_path, SMALL.replace("seed = 7", "seed = 8")))
 

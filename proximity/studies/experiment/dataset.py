@@ -94,7 +94,9 @@ class Dataset:
         """Return the rows of ``participants.tsv``."""
         text = (self.folder / "participants.tsv").read_text(encoding="utf-8")
         rows = list(csv.DictReader(io.StringIO(text), delimiter="\t"))
-        return [row | {"participant_id": row["participant_id"].removeprefix("sub-")} for row in rows]
+        rows = [row | {"participant_id": row["participant_id"].removeprefix("sub-")} for row in rows]
+        # Folders of earlier versions have the apparatus in the logs only.
+        return [row if "apparatus" in row else row | {"apparatus": self._logged(row)} for row in rows]
 
     def admit(self, pseudonym: str, apparatus: str) -> int:
         """Return the slot of a participant; a new one gets the first that is free.
@@ -129,8 +131,8 @@ class Dataset:
                 f"{self.folder}: all {self.design.participants} places of the design are taken, expected a "
                 "participant who has begun"
             )
-        new = {"participant_id": pseudonym, "slot": str(free[0]), "state": "begun", "apparatus": apparatus}
-        rows.append(new | {"log_sha256": "n/a"})
+        begun = {"participant_id": pseudonym, "slot": str(free[0]), "state": "begun"}
+        rows.append(begun | {"apparatus": apparatus, "log_sha256": "n/a"})
         self._write_participants(rows)
         return free[0]
 
@@ -248,6 +250,11 @@ class Dataset:
     def _folder_of(self, pseudonym: str) -> Path:
         check_pseudonym(pseudonym)
         return self.folder / f"sub-{pseudonym}"
+
+    def _logged(self, row: dict[str, str]) -> str:
+        """The apparatus that a participant began with, as the log has it."""
+        entries = read_log(self.log_path(row["participant_id"]))
+        return next((str(entry["apparatus"]) for entry in entries if entry["event"] == "begin"), "n/a")
 
     def _write_participants(self, rows: list[dict[str, str]]) -> None:
         listed = [row | {"participant_id": f"sub-{row['participant_id']}"} for row in rows]
