@@ -337,3 +337,6 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
         and "Bayes" in page
         and "{{" not in page
     )
+    # "Which was real" has the coupled wall only.
+    assert page.count("there is no other to compare it with") == 1
+    assert "= nan" not in page + methods
