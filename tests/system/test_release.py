@@ -48,6 +48,7 @@ def test_wheel_that_is_not_the_one_imported_ends_the_release(release, tmp_path, 
     """As where the checkout is on the path: the sources would be tried, not the wheel."""
     environment = fake_environment(release, tmp_path)
     monkeypatch.setattr(release, "Environment", lambda *_: environment)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
 
     with pytest.raises(SystemExit, match=r"proximity was imported from .*proximity/__init__\.py, not from"):
         release.try_wheel(tmp_path, tmp_path / "cad_proximity.whl")
