@@ -244,7 +244,7 @@ def test_a_second_page_watches_and_may_take_over(page, chromium, viewing):
     has_mouse_hand(page)
     with Page(chromium, viewing.url).ready() as second:
         second.until(KNOWN)
-        second.until("document.getElementById('input-hint').textContent.startsWith('Another page feeds')")
+        second.until("document.getElementById('input-hint').textContent.startsWith('Another page sends')")
         second.page.get_by_role("radio", name="Mouse").click()
         second.until("page.input === 'mouse' && page.feeds")
         page.until("!page.feeds")
@@ -294,7 +294,7 @@ def test_without_its_token_a_sentence_says_so(chromium, viewing):
     for url in (viewing.url.partition("#")[0], viewing.url.partition("#")[0] + "#token=wrong"):
         with Page(chromium, url) as page:
             page.until(
-                "document.getElementById('cover-text').textContent.startsWith('This address lacks its token')"
+                "document.getElementById('cover-text').textContent.startsWith('The address has no token')"
             )
 
 
