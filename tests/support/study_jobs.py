@@ -19,6 +19,9 @@ FACTORS = {
 MEASURES = {"square": Measure("m²"), "cube": Measure()}
 FAILS, LEAVES = 13, 666
 """Numbers for which a job fails, and for which it ends its process."""
+HELD = "STUDY_HELD"
+"""Environment variable: on a node that has it, a job makes this file and waits to be killed."""
+HELD_SECONDS = 120.0
 
 
 def run(values, files):
@@ -31,6 +34,9 @@ def run(values, files):
         raise ServiceError("13 is an unlucky number")
     if number == LEAVES:
         os._exit(1)
+    if held := os.environ.get(HELD):
+        Path(held).touch()
+        time.sleep(HELD_SECONDS)
     time.sleep(float(os.environ.get("STUDY_PAUSE", "0")))
     return {"square": float(number) ** 2, "cube": float(number) ** 3 * values["speed"]}
 
