@@ -103,7 +103,7 @@ session
 dataset · display
 design_file · methods · trial_log
 plan
-coupled_controller · design · libraries
+coupled_controller · design
 """,
     "proximity.certificate": """
 certificate_job · report

@@ -25,7 +25,7 @@ from proximity.recording import Recording
 from proximity.scene.loader import load
 from proximity.scene.scene import Scene
 from proximity.service.hosting import start_service
-from proximity.system.extras import installation
+from proximity.system.extras import needed
 from proximity.tracker.replay import fitted_pose
 from proximity.transport import open_publisher, open_subscriber
 from proximity.web.served_scene import Addresses, own_addresses, write_scene_file
@@ -227,10 +227,8 @@ def _native(scene_file: Path, part: str, case: VrCase, serving: Serving) -> Iter
 @contextmanager
 def _page(scene_file: Path, part: str) -> Iterator[_Application]:
     """What a page does, without drawing."""
-    try:
+    with needed("the page needs", "web", ServiceError):
         connect = import_module("websockets.sync.client").connect
-    except ModuleNotFoundError as missing:
-        raise ServiceError(f"the page needs websockets: {installation('web')}") from missing
     with ExitStack() as opened:
         page = RunningPage([str(scene_file), "--rate", f"{1.0 / TICK_S:g}"], scene_file.name, _nothing)
         opened.callback(page.stop)

@@ -15,7 +15,7 @@ from proximity.errors import RecordingError
 from proximity.message import FRAME, State
 from proximity.recording.columns import scalar_columns
 from proximity.recording.frame_bytes import frame_type
-from proximity.system.extras import installation
+from proximity.system.extras import needed
 
 ROW_GROUP = 1 << 17
 """Lines of a Parquet file that are kept in memory until they are written: some 50 MB."""
@@ -114,9 +114,5 @@ def load_pyarrow() -> tuple[Any, Any]:
     RecordingError
         If they are not there; it says what to install.
     """
-    try:
+    with needed("Parquet needs", "parquet", RecordingError):
         return import_module("pyarrow"), import_module("pyarrow.parquet")
-    except ModuleNotFoundError as missing:
-        raise RecordingError(
-            f"Parquet needs {missing.name}, which is not installed: {installation('parquet')}"
-        ) from missing

@@ -9,7 +9,7 @@ import numpy as np
 
 from proximity.errors import RecordingError
 from proximity.message import ContactFlag
-from proximity.system.extras import installation
+from proximity.system.extras import needed
 
 TIME = "time"
 """Of ticks, s from the first frame of their session."""
@@ -48,12 +48,8 @@ def write_rerun(
     RecordingError
         If rerun-sdk is not installed, or the file cannot be written.
     """
-    try:
+    with needed("a recording for Rerun needs", "rerun", RecordingError):
         rerun = import_module("rerun")
-    except ModuleNotFoundError as missing:
-        raise RecordingError(
-            f"a recording for Rerun needs rerun-sdk, which is not installed: {installation('rerun')}"
-        ) from missing
     recording = rerun.RecordingStream("proximity")
     try:
         recording.save(os.fspath(path))

@@ -1,7 +1,14 @@
-"""Optional parts of the package, and the command that installs them."""
+"""Optional parts of the package, and the sentence that says what to install where one is missing."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from proximity.errors import ProximityError
 
 DISTRIBUTION = "cad-proximity"
 """Name on the package index, where ``proximity`` is another project."""
+PACKAGES = {"rerun": "rerun-sdk", "vtkmodules": "VTK", "xr": "pyopenxr"}
+"""Names of packages, by that of the module, where they differ."""
 
 
 def installation(extra: str) -> str:
@@ -13,3 +20,26 @@ def installation(extra: str) -> str:
         Its name in ``pyproject.toml``, under optional dependencies.
     """
     return f'pip install "{DISTRIBUTION}[{extra}]"'
+
+
+@contextmanager
+def needed(sentence: str, extra: str, error: type[ProximityError]) -> Iterator[None]:
+    """Say what needs a library that is imported within, and what to install, if it cannot be imported.
+
+    Parameters
+    ----------
+    sentence : str
+        Its beginning: ``figures need``.
+    extra : str
+        Of ``pyproject.toml``, which installs it.
+    error : type
+        What is raised.
+    """
+    try:
+        yield
+    except ImportError as missing:
+        module = (missing.name or "a library").partition(".")[0]
+        package = PACKAGES.get(module, module)
+        is_there = not isinstance(missing, ModuleNotFoundError)
+        how = f"cannot be imported ({missing})" if is_there else "is not installed"
+        raise error(f"{sentence} {package}, which {how}: {installation(extra)}") from missing

@@ -26,7 +26,7 @@ from proximity.service.config import (
     read_input,
     read_scene_file,
 )
-from proximity.system.extras import installation
+from proximity.system.extras import needed
 from proximity.tracker.replay import fitted_pose
 from proximity.tracker.tracker import DEFAULT_BUDGET
 from proximity.web.geometry import scene_glb
@@ -90,12 +90,8 @@ def run_page(
     ServiceError
         If files, address or certificate cannot be used, or websockets is not installed.
     """
-    try:
+    with needed("the page needs", "web", ServiceError):
         from proximity.web.bridge import Bridge
-    except ModuleNotFoundError as missing:
-        raise ServiceError(
-            f"the page needs {missing.name}, which is not installed: {installation('web')}"
-        ) from missing
     tls = _tls(settings)
     with ExitStack() as opened:
         made = _made(settings, opened)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import QueryError
-from proximity.system.extras import installation
+from proximity.system.extras import needed
 
 MAP = "RdBu"
 TICKS = 9
@@ -58,15 +58,11 @@ def load_matplotlib() -> Any:
     QueryError
         If it is not installed; the message says how to install it.
     """
-    try:
+    with needed("pictures need", "picture", QueryError):
         import matplotlib
         import matplotlib.figure
         import matplotlib.lines
         import matplotlib.patches
         import matplotlib.patheffects
         import matplotlib.ticker
-    except ImportError as missing:
-        raise QueryError(
-            f"pictures need matplotlib, which cannot be imported ({missing}): {installation('picture')}"
-        ) from missing
     return matplotlib

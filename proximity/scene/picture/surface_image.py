@@ -12,7 +12,7 @@ import numpy as np
 
 from proximity.errors import QueryError
 from proximity.scene.picture.camera import Camera
-from proximity.system.extras import installation
+from proximity.system.extras import needed
 
 SHARP_EDGE = 25.0  # degrees between faces: an edge is drawn, and the surface is not shaded across it
 EDGE_COLOR = (0.13, 0.18, 0.24)
@@ -54,13 +54,9 @@ def load_vtk() -> Any:
         If it is not installed; the message says how to install it.
     """
     names: dict[str, Any] = {}
-    try:
+    with needed("pictures need", "picture", QueryError):
         for name in MODULES:
             names |= vars(import_module(f"vtkmodules.{name}"))
-    except ImportError as missing:
-        raise QueryError(
-            f"pictures need VTK, which cannot be imported ({missing}): {installation('picture')}"
-        ) from missing
     names["vtkLogger"].SetStderrVerbosity(names["vtkLogger"].VERBOSITY_OFF)
     return type("Vtk", (), {name: value for name, value in names.items() if not name.startswith("__")})
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import ServiceError
-from proximity.system.extras import installation
+from proximity.system.extras import needed
 from proximity.system.time_units import NS_PER_S
 
 EXTENSIONS = ("XR_EXT_hand_tracking", "XR_MND_headless", "XR_KHR_convert_timespec_time")
@@ -153,9 +153,5 @@ class OpenXrHands:
 def _load_pyopenxr() -> Any:
     if sys.platform != "linux":
         raise ServiceError("input.openxr works on Linux only, where OpenXR uses the monotonic clock")
-    try:
+    with needed("input.openxr needs", "openxr", ServiceError):
         return import_module("xr")
-    except ImportError as missing:
-        raise ServiceError(
-            f"input.openxr needs pyopenxr, which cannot be imported ({missing}): {installation('openxr')}"
-        ) from missing

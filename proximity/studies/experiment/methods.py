@@ -6,12 +6,14 @@ after a crash.
 
 import math
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Any, Protocol
 
 import numpy as np
 
+from proximity.errors import DecaffError
 from proximity.studies.experiment.design import Procedure
-from proximity.studies.experiment.libraries import library
+from proximity.system.extras import needed
 
 DOWN, UP = 3, 1  # answers in a row until the level falls, and until it rises: 79.4 % right (Levitt 1971)
 THRESHOLD_COUNT, WIDTHS, LAPSES = 30, (0.3, 0.6, 1.2), (0.0, 0.03, 0.06)
@@ -72,7 +74,9 @@ class QuestPlus:
     def __init__(self, levels: Sequence[float]) -> None:
         logs = np.log10(levels)
         self._levels = dict(zip(logs.tolist(), levels, strict=True))
-        self._quest = library("questplus").QuestPlus(
+        with needed("experiments need", "experiment", DecaffError):
+            make = import_module("questplus").QuestPlus
+        self._quest = make(
             stim_domain={"intensity": logs},
             param_domain={
                 "mean": np.linspace(logs[0], logs[-1], THRESHOLD_COUNT),

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from proximity.errors import DecaffError
-from proximity.system.extras import installation
+from proximity.system.extras import needed
 
 
 def render_page(
@@ -33,19 +33,43 @@ def render_page(
     DecaffError
         If Jinja is not there; it says what to install.
     """
-    try:
-        jinja, markup = import_module("jinja2"), import_module("markupsafe").Markup
-    except ModuleNotFoundError as missing:
-        raise DecaffError(
-            f"pages need {missing.name}, which is not installed: {installation('sim')}"
-        ) from missing
+    with needed("pages need", "sim", DecaffError):
+        markup = import_module("markupsafe").Markup
+    style = markup(Path(__file__).with_name("page_style.css").read_text(encoding="utf-8"))
+    pictures = {name: markup(picture) for name, picture in draw().items()}
+    return filled_in(template, {**values, "style": style, "pictures": pictures}, filters)
+
+
+def filled_in(
+    template: Path,
+    values: Mapping[str, Any],
+    filters: Iterable[Callable[..., Any]] = (),
+    *,
+    is_html: bool = True,
+) -> str:
+    """Return a template with values filled in; in HTML, with what they have of its signs escaped.
+
+    Parameters
+    ----------
+    template : path
+        For Jinja.
+    values : mapping
+        What it names.
+    filters : iterable of functions
+        That it uses, by their names.
+    is_html : bool
+        Else it is plain text.
+
+    Raises
+    ------
+    DecaffError
+        If Jinja is not there; it says what to install.
+    """
+    with needed("pages need", "sim", DecaffError):
+        jinja = import_module("jinja2")
     environment = jinja.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja.StrictUndefined
+        autoescape=is_html, trim_blocks=True, lstrip_blocks=True, undefined=jinja.StrictUndefined
     )
     environment.filters |= {each.__name__: each for each in filters}
-    text: str = environment.from_string(template.read_text(encoding="utf-8")).render(
-        values,
-        style=markup(Path(__file__).with_name("page_style.css").read_text(encoding="utf-8")),
-        pictures={name: markup(picture) for name, picture in draw().items()},
-    )
+    text: str = environment.from_string(template.read_text(encoding="utf-8")).render(values)
     return text.lstrip() + "\n"

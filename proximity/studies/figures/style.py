@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from proximity.errors import DecaffError
 from proximity.studies.figures.tables import Table
-from proximity.system.extras import installation
+from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -88,11 +88,8 @@ def load_figure() -> "type[Figure]":
         If matplotlib is not there; it says what to install. Or if it refuses its own settings.
     """
     try:
-        figure: type[Figure] = import_module("matplotlib.figure").Figure
-    except ModuleNotFoundError as missing:
-        raise DecaffError(
-            f"figures need {missing.name}, which is not installed: {installation('sim')}"
-        ) from missing
+        with needed("figures need", "sim", DecaffError):
+            figure: type[Figure] = import_module("matplotlib.figure").Figure
     except ValueError as unfit:  # of MPLBACKEND, though nothing is shown
         raise DecaffError(f"figures need matplotlib, which cannot be used ({unfit})") from unfit
     return figure

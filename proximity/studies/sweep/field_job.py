@@ -1,7 +1,7 @@
 """The job ``field``: signed distance on a grid or near the surface, in a file that others train on."""
 
-import importlib
 import shutil
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from proximity.service.config.table_fields import Range
 from proximity.studies.sweep.jobs import Factor, Job, Kind, Measure, Values
 from proximity.studies.sweep.node_files import NodeFiles
 from proximity.studies.sweep.part_jobs import SCENE_FACTORS, SEEDS
+from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
 
 GRID, SURFACE = "grid", "surface"
@@ -120,9 +121,10 @@ def _write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def _write_vti(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    data_model = _library("vtkmodules.vtkCommonDataModel", "vtk")
-    numpy_support = _library("vtkmodules.util.numpy_support", "vtk")
-    writing = _library("vtkmodules.vtkIOXML", "vtk")
+    with needed("this format needs", "picture", ServiceError):
+        data_model = import_module("vtkmodules.vtkCommonDataModel")
+        numpy_support = import_module("vtkmodules.util.numpy_support")
+        writing = import_module("vtkmodules.vtkIOXML")
     image = data_model.vtkImageData()
     image.SetDimensions(*arrays["distance"].shape)
     image.SetOrigin(*arrays["origin"])
@@ -140,7 +142,8 @@ def _write_vti(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def _write_zarr(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    zarr = _library("zarr", "zarr")
+    with needed("this format needs", "study", ServiceError):
+        zarr = import_module("zarr")
     unfinished = path.with_name(f".{path.name}.unfinished")
     for folder in (unfinished, path):  # of a run that was killed, or of a condition that is done again
         shutil.rmtree(folder, ignore_errors=True)
@@ -149,15 +152,6 @@ def _write_zarr(path: Path, arrays: dict[str, np.ndarray]) -> None:
         chunks = tuple(min(side, ZARR_CHUNK if array.ndim == 3 else 1 << 16) for side in array.shape)
         group.create_array(name, data=array, chunks=chunks)
     unfinished.rename(path)
-
-
-def _library(name: str, package: str) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as missing:
-        raise ServiceError(
-            f"this format needs {package}, which is not installed: pip install {package}"
-        ) from missing
 
 
 WRITERS = {NPZ: _write_npz, VTI: _write_vti, ZARR: _write_zarr}

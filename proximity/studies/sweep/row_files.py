@@ -14,12 +14,13 @@ import secrets
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from proximity.errors import ServiceError
 from proximity.studies.sweep.jobs import Job, Kind
-from proximity.studies.sweep.libraries import library
+from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
 
 try:
@@ -49,7 +50,7 @@ class RowFiles:
     """
 
     def __init__(self, folder: Path, job: Job) -> None:
-        self._arrow, self._parquet = library("pyarrow"), library("pyarrow.parquet")
+        self._arrow, self._parquet = _load_pyarrow()
         self._folder, self._job = folder, job
         self._schema = _schema(self._arrow, job)
         started = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%S")
@@ -179,7 +180,7 @@ def read_rows(folder: Path) -> Recorded:
     ServiceError
         If there are none, or a file is damaged.
     """
-    arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
+    arrow, parquet = _load_pyarrow()
     paths = row_paths(folder)
     if not paths or not (folder / "design.parquet").exists():
         raise ServiceError(f"{folder}: holds no results of a study, expected the folder of proximity study")
@@ -195,6 +196,11 @@ def read_rows(folder: Path) -> Recorded:
     chosen = arrow.array([newest[key] for key in wanted if key in newest], arrow.int64())
     found = rows.take(chosen)
     return Recorded(found, len(wanted), design.schema.metadata[SOURCE].decode())
+
+
+def _load_pyarrow() -> tuple[Any, Any]:
+    with needed("a study needs", "study", ServiceError):
+        return import_module("pyarrow"), import_module("pyarrow.parquet")
 
 
 def _schema(arrow: Any, job: Job) -> Any:

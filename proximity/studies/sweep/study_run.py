@@ -21,9 +21,9 @@ from typing import Any
 from proximity.errors import ServiceError
 from proximity.studies.sweep.batch import Finding, run_batch
 from proximity.studies.sweep.design import Condition
-from proximity.studies.sweep.libraries import library
 from proximity.studies.sweep.row_files import RowFiles, locked
 from proximity.studies.sweep.study_file import Study
+from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
 
 BATCH_SECONDS = 1.0
@@ -237,7 +237,8 @@ def _check_reachable(address: str) -> None:
 def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
     """Ray, begun where it is not running in this process, and then ended again."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # nothing is sent to its makers
-    ray = library("ray")
+    with needed("a study needs", "study", ServiceError):
+        import ray
     logging.getLogger("ray").setLevel(logging.ERROR)
     if ray.is_initialized():
         yield ray
@@ -249,7 +250,7 @@ def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
         started = {"address": "local", "num_cpus": cores, "object_store_memory": OBJECT_STORE_BYTES}
         started["include_dashboard"] = False
     try:
-        ray.init(**started, log_to_driver=False, logging_level="error", configure_logging=False)
+        ray.init(**started, log_to_driver=False, logging_level=logging.ERROR, configure_logging=False)
     except (ConnectionError, ValueError, RuntimeError) as failed:
         where = f"{NO_CLUSTER} {address}" if address else "Ray cannot be started here"
         raise ServiceError(f"{where} ({str(failed).strip().partition(chr(10))[0]})") from failed

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from proximity.errors import ServiceError
-from proximity.system.extras import installation
+from proximity.system.extras import needed
 from proximity.web.guided.steps import Answer, FieldError, Step
 from proximity.web.server.access import LOOPBACK, TOO_MUCH, UNFIT, Access, Allowance, UnfitError, new_token
 from proximity.web.server.page_files import PageFiles
@@ -203,17 +203,16 @@ class GuidedPages:
     def _run(self) -> None:
         try:
             asyncio.run(self._serve())
-        except ModuleNotFoundError as missing:
-            self._failure = ServiceError(
-                f"the page needs {missing.name}, which is not installed: {installation('web')}"
-            )
+        except ServiceError as missing:
+            self._failure = missing
         except OSError as unfit:
             self._failure = ServiceError(f"no page can be served at port {self._port} ({unfit.strerror})")
         finally:
             self._begun.set()
 
     async def _serve(self) -> None:
-        from proximity.web.server.page_server import PageServer
+        with needed("the page needs", "web", ServiceError):
+            from proximity.web.server.page_server import PageServer
 
         self._server = PageServer(Access(self._tokens, frozenset()), PageFiles(PAGE, {}), self._meet)
         listening = await self._server.listen(LOOPBACK[0], self._port)

@@ -9,13 +9,15 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from itertools import combinations
 
 import numpy as np
 from scipy import integrate, stats
 
+from proximity.errors import DecaffError
 from proximity.studies.experiment.analysis.scores import Score
-from proximity.studies.experiment.libraries import library
+from proximity.system.extras import needed
 
 CAUCHY_SCALE = math.sqrt(0.5)  # of the prior of an effect's size, in standard deviations
 FEWEST = 3  # participants
@@ -111,7 +113,8 @@ def mixed_model(table: np.ndarray) -> tuple[float, tuple[int, int], float]:
     DecaffError
         If statsmodels is not installed.
     """
-    model = library("statsmodels.regression.mixed_linear_model").MixedLM
+    with needed("experiments need", "experiment", DecaffError):
+        model = import_module("statsmodels.regression.mixed_linear_model").MixedLM
     participant, condition = np.nonzero(np.isfinite(table))
     count, groups = table.shape[1], len(set(participant.tolist()))
     design = np.eye(count)[condition]

@@ -10,12 +10,14 @@ the posterior without psignifit, for thousands of simulated participants.
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 from scipy.special import ndtr
 
-from proximity.studies.experiment.libraries import library
+from proximity.errors import DecaffError
 from proximity.studies.experiment.methods import SIGMAS_OF_WIDTH
+from proximity.system.extras import needed
 
 WIDTHS = np.geomspace(0.25, 4.0, 49)  # looked at, in expected widths
 WIDTH_DEVIATION = 0.15  # log10 units, of the prior about the expected width
@@ -109,9 +111,11 @@ def fit(counts: Counts, levels: Sequence[float], shape: Shape) -> Psychometric:
         If psignifit is not installed.
     """
     data = np.array([[np.log10(level), right, count] for level, (right, count) in sorted(counts.items())])
+    with needed("experiments need", "experiment", DecaffError):
+        fit = import_module("psignifit").psignifit
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a posterior as wide as the prior: its interval says so
-        found = library("psignifit").psignifit(
+        found = fit(
             data,
             experiment_type="2AFC",
             sigmoid="norm",

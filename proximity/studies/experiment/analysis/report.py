@@ -12,9 +12,10 @@ from proximity.studies.experiment.analysis.findings import Findings
 from proximity.studies.experiment.analysis.plots import draw_plots
 from proximity.studies.experiment.analysis.scores import MEANING, shown
 from proximity.studies.experiment.design import CHOICES, Kind, Procedure
-from proximity.studies.experiment.libraries import library
+from proximity.studies.figures.html_page import filled_in
 from proximity.studies.figures.style import write_bytes
 
+HERE = Path(__file__).parent
 Rows = list[Sequence[Any]]
 METHODS = {
     Procedure.CONSTANT: "the method of constant stimuli",
@@ -114,36 +115,29 @@ def tables_of(findings: Findings) -> dict[str, tuple[tuple[str, ...], Rows]]:
     }  # fmt: skip
 
 
-def _filled(template: str, findings: Findings, **more: Any) -> str:
-    """A template beside this file, filled in."""
-    jinja = library("jinja2")
-    environment = jinja.Environment(
-        autoescape=template.endswith(".html.j2"),
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja.StrictUndefined,
-    )
-    source = Path(__file__).with_name(template).read_text(encoding="utf-8")
-    return str(environment.from_string(source).render(findings=findings, **more))
-
-
 def _paragraph(findings: Findings) -> str:
     """The methods in words, with the numbers filled in: a draft for a paper."""
-    text = _filled("methods.txt.j2", findings, asked=ASKED, methods=METHODS, choices=CHOICES, version=version)
-    return " ".join(text.split())
+    values = {
+        "findings": findings,
+        "asked": ASKED,
+        "methods": METHODS,
+        "choices": CHOICES,
+        "version": version,
+    }
+    return " ".join(filled_in(HERE / "methods.txt.j2", values, is_html=False).split())
 
 
 def _page(findings: Findings, paragraph: str, pictures: dict[str, bytes]) -> str:
-    return _filled(
-        "report.html.j2",
-        findings,
-        kinds={task.name: task.kind for task in findings.design.tasks},
-        meaning=MEANING,
-        shown=shown,
-        paragraph=paragraph,
-        pictures={name: base64.b64encode(content).decode() for name, content in pictures.items()},
-        tables=list(tables_of(findings)),
-    )
+    values = {
+        "findings": findings,
+        "kinds": {task.name: task.kind for task in findings.design.tasks},
+        "meaning": MEANING,
+        "shown": shown,
+        "paragraph": paragraph,
+        "pictures": {name: base64.b64encode(content).decode() for name, content in pictures.items()},
+        "tables": list(tables_of(findings)),
+    }
+    return filled_in(HERE / "report.html.j2", values)
 
 
 def _as_csv(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
