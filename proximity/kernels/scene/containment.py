@@ -81,7 +81,8 @@ def state_in_part(reals, words, frames, parts, part, px, py, pz):
         return CELL_OUTSIDE
     if parts[part, PART_GRID] != NO_GRID:
         return _state_in_grid(words, frames, parts, part, px, py, pz)
-    return CELL_INSIDE if is_inside_by_winding(reals, words, parts, part, px, py, pz) else CELL_OUTSIDE
+    is_inside, _ = is_inside_by_winding(reals, words, parts, part, px, py, pz)
+    return CELL_INSIDE if is_inside else CELL_OUTSIDE
 
 
 @inlined

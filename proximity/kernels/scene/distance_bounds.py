@@ -168,7 +168,8 @@ def _depth_in(model, other, point, budget, workspace, closest):
         if is_exact:
             is_inside = signed_of_slot(reals, words, parts, other, slot, px, py, pz, closest) < 0.0
         else:
-            is_inside = is_inside_by_winding(reals, words, parts, other, px, py, pz)
+            is_inside, steps = is_inside_by_winding(reals, words, parts, other, px, py, pz)
+            work += steps
     scale = frames[len(parts) - 1, FRAME_SCALE]
     upper = sqrt(best_sq) / scale
     lower = upper if is_exact else sqrt(lower_sq) / scale * DOWN

@@ -15,7 +15,9 @@ from proximity.kernels.geometry.closest_feature import (
 from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS, LANES_FEATURE, LANES_WHICH
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import (
+    NO_GRID,
     PART_BLOCK_NOTES,
+    PART_GRID,
     PART_MOMENTS,
     PART_ROOT,
     PART_SIGN,
@@ -24,6 +26,7 @@ from proximity.kernels.layout import (
     SIGN_PSEUDONORMAL,
 )
 from proximity.kernels.sign.folded_faces import is_folded
+from proximity.kernels.sign.winding_along_ray import winding_along_ray
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import inlined
 from proximity.simd import load_int
@@ -36,8 +39,16 @@ winding number decides there."""
 
 @inlined
 def is_inside_by_winding(reals, words, parts, part, px, py, pz):
-    """Whether *p*, local, has a winding number above one half."""
-    return winding_number(reals, words, parts[part, PART_ROOT], parts[part, PART_MOMENTS], px, py, pz) > 0.5
+    """Whether *p*, local, has a winding number above one half, and how many nodes and leaves that took.
+
+    Of a part with holes the number is expanded; that takes no budget.
+    """
+    root = parts[part, PART_ROOT]
+    if parts[part, PART_SIGN] == SIGN_PSEUDONORMAL or parts[part, PART_GRID] != NO_GRID:
+        turns, steps = winding_along_ray(reals, words, root, px, py, pz)
+        return turns > 0, steps
+    turns = winding_number(reals, words, root, parts[part, PART_MOMENTS], px, py, pz)
+    return turns > 0.5, np.int64(0)
 
 
 @inlined
@@ -94,7 +105,8 @@ def _is_inside(reals, words, parts, part, slot, px, py, pz, closest):
         )
         if abs(side) > LEAST_SIDE_SINE * length:
             return side < 0.0
-    return is_inside_by_winding(reals, words, parts, part, px, py, pz)
+    is_inside, _ = is_inside_by_winding(reals, words, parts, part, px, py, pz)
+    return is_inside
 
 
 @inlined

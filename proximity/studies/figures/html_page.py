@@ -34,6 +34,7 @@ def render_page(
         If Jinja is not there; it says what to install.
     """
     with needed("pages need", "sim", DecaffError):
+        import_module("jinja2")  # before anything is drawn
         markup = import_module("markupsafe").Markup
     style = markup(Path(__file__).with_name("page_style.css").read_text(encoding="utf-8"))
     pictures = {name: markup(picture) for name, picture in draw().items()}
