@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from proximity.certificate.vr_application import VrRow
 
 POSE_RATES_HZ = (90.0, 120.0)
@@ -54,14 +56,21 @@ def time_applications(
 
 
 def _print(rows: "list[VrRow]") -> None:
-    from rich.table import Table
-
     from proximity.certificate.vr_application import HEADINGS
-    from proximity.cli.console import Console
+    from proximity.cli.console import print_fitting, results_console, table
 
-    table = Table(box=None, title="Ticks at 1 kHz", title_justify="left")
-    for name in HEADINGS:
-        table.add_column(name, justify="left" if name == HEADINGS[0] else "right")
-    for row in rows:
-        table.add_row(*row.cells)
-    Console().print(table)
+    def across() -> "Table":
+        made = table(HEADINGS[:1], HEADINGS[1:])
+        for row in rows:
+            made.add_row(*row.cells)
+        return made
+
+    def down() -> "Table":
+        made = table(HEADINGS[:1], [row.cells[0] for row in rows])
+        for heading, *cells in list(zip(HEADINGS, *(row.cells for row in rows), strict=True))[1:]:
+            made.add_row(heading, *cells)
+        return made
+
+    console = results_console()
+    console.print("Ticks at 1 kHz")
+    print_fitting(console, [across, down])
