@@ -18,7 +18,7 @@ ROWS = (  # label, field, factor from SI units, digits, whether a recorded hand 
     ("peak force \\[N]", "peak", 1.0, 3, True),
     ("force at rest \\[N]", "steady", 1.0, 3, False),
     ("ripple at rest \\[mN rms]", "ripple", 1e3, 1, False),
-    ("farthest past the surface \\[mm]", "penetration", 1e3, 3, True),
+    ("surface gives way by, at most \\[mm]", "penetration", 1e3, 3, True),
     ("work of the finger \\[mJ]", "work", 1e3, 3, True),
 )
 

@@ -187,8 +187,8 @@ def _exact_match() -> Claim:
         PARTLY,
         f"it is stiff and in place: {found:.0%} rms at 0.25 m/s and 1 ms, where the best coupled wall is off "
         f"by {coupled:.1%}. The link's 5 g alone are {floor[0]:.1%} at 0.1 m/s and {floor[1]:.0%} at 1 m/s. "
-        f"At rest it swings by less than {1e3 * FELT_SWING:.0f} mN p-p in {still} of {PHASES} phases of the "
-        f"encoder, by {1e3 * max(swings):.1f} mN at most",
+        f"Half a second after the touch it swings by less than {1e3 * FELT_SWING:.0f} mN p-p in {still} of "
+        f"{PHASES} phases of the encoder, by {1e3 * max(swings):.1f} mN at most",
     )
 
 

@@ -5,9 +5,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from proximity.decaff.controller.controller import DRUM_DAMPING
 from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.recording import Recording
+from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 from proximity.studies.engine.engine_loop import press_on_part
 from proximity.studies.engine.engine_press import EnginePress
@@ -78,6 +81,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
     press = simulation.engine
     finger, setup, part = press.finger, press.setup, press.finger.scene.parts[press.finger.part]
     surface = "rigid" if part.stiffness is None else f"{part.stiffness:g} N/m, {part.damping:g} N·s/m"
+    shown = _displayed(part, setup)
     point = finger.point(finger.contact_bend) - finger.glove.finger.pad_radius * finger.normal
     touched = ", ".join(f"{round(1e3 * coordinate, 2) + 0.0:.2f}" for coordinate in point.tolist())
     reported = "a sensor at the far end" if setup.distances == Distances.SENSOR else "the tracker"
@@ -95,6 +99,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
         ("approach", comes),
         ("reported by", f"{reported} at {setup.rate:g} Hz, {1e3 * setup.expected_latency:g} ms late"),
         ("drum", f"{who}, servo at {SERVO_RATE:g} Hz"),
+        *([("displayed", shown)] if shown else []),
         *([("cable", cable_words(setup.cable.stiffness, setup.stretch))] if setup.cable else []),
         ("frames", str(press.counts)),
         ("states", ", ".join(f"{state} {count / SERVO_RATE:.3f} s" for state, count in press.states.items())),
@@ -112,6 +117,16 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
     if math.isfinite(press.switched_at):
         lines.append(("force", f"served from {1e3 * press.switched_at:.1f} ms after the touch on"))
     return lines
+
+
+def _displayed(part: Part, setup: EngineSetup) -> str | None:
+    """What the controller displays of a part that is too stiff for it, in words; None of others."""
+    if setup.reading is not None or part.stiffness is None:
+        return None
+    stiffness, _ = SurfaceLaw(SERVO_RATE, DRUM_DAMPING).displayed(part.stiffness, part.damping or 0.0)
+    if stiffness >= part.stiffness:
+        return None
+    return f"{stiffness:.4g} N/m, the stiffest that is passive at {SERVO_RATE:g} Hz"
 
 
 def document(simulation: PartSimulation) -> dict[str, Any]:

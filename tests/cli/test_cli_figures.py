@@ -73,6 +73,16 @@ def test_press_on_every_wall_is_told_and_drawn(run, tmp_path, wall):
     setup = Setup(Wall(wall), 0.5, **({"stiffness": 734.0, "damping": 4.4} if tuned else {}))
     assert steady.groups() == (f"{simulate(setup).felt.steady:.3f}", "0.800")
     assert ("drum past the wall" in result.out) == (wall == "decaff")
+    assert ("20 g that the finger carries" in result.out) == (wall == "coupled")
+    assert "does not come to rest" not in result.out
+
+
+def test_wall_that_shakes_is_called_unstable(run):
+    gains = ("--stiffness", 3900, "--damping", 60, "--rate-hz", 200, "--latency-ms", 0)
+    result = run("simulate", "--wall", "coupled", *gains)
+
+    assert result.code == 0
+    assert "with these gains a wall is unstable, or nearly so" in result.out
 
 
 def test_json_of_a_press_is_the_models(run):
@@ -203,6 +213,14 @@ def test_recorded_hand_and_far_end_are_simulated(run, tmp_path):
     result = run("simulate", *FAST, "--sensor")
     assert "reported by     a sensor at the far end" in result.out
     assert "force           served from" in result.out
+
+
+@pytest.mark.parametrize(("stiffness", "is_limited"), [(800, False), (8000, True)])
+def test_part_that_is_too_stiff_to_be_displayed_is_said_to_be(run, stiffness, is_limited):
+    result = run("simulate", *FAST, "--stiffness", stiffness)
+
+    said = "4000 N/m, the stiffest that is passive at 3000 Hz"
+    assert (said in " ".join(result.out.split())) == is_limited
 
 
 def test_part_of_a_scene_file_is_pressed_with_a_plain_reading(run, tmp_path):

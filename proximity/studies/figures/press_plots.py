@@ -104,7 +104,7 @@ def draw(figure: "Figure", table: Table, wall: Wall, note: str = "") -> None:
     top = 1e3 * max(float(np.max(table[name])) for name in ("finger_m", "link_m"))
     above.set_ylim(DEEPEST - MARGIN, top + MARGIN)
     above.set_xlim(max(-BEFORE, times[0]), float(times[is_there][-1]) + AFTER)
-    above.set_ylabel("past the wall [mm]")
+    above.set_ylabel("position past the wall [mm]")
     below.set_ylabel("force [N]")
     error.set_ylabel("force error [mN]")
     error.set_xlabel("time after the touch [ms]")

@@ -89,7 +89,7 @@ class Felt:
     peak: float  # N
     steady: float  # N, mean at rest
     ripple: float  # N, standard deviation at rest
-    penetration: float  # m, farthest past the wall before the release
+    penetration: float  # m, by which the wall gives way before the release, at most
     work: float  # J, of the finger until the release
 
 

@@ -52,9 +52,10 @@ ROWS = (  # label, field, factor from SI units, digits
     ("peak force \\[N]", "peak", 1.0, 3),
     ("force at rest \\[N]", "steady", 1.0, 3),
     ("ripple at rest \\[mN rms]", "ripple", 1e3, 1),
-    ("farthest past the wall \\[mm]", "penetration", 1e3, 3),
+    ("wall gives way by, at most \\[mm]", "penetration", 1e3, 3),
     ("work of the finger \\[mJ]", "work", 1e3, 3),
 )
+SHAKING = 0.1  # of the real force at rest: ripple of a wall that does not come to rest
 SHOWN_LONG = 1e7  # less is shown with all its digits
 STRETCHES = ("left", "torque", "sensor")
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
@@ -291,14 +292,16 @@ def _print(press: "Simulation") -> None:
     from proximity.cli.console import print_block, results_console, table
     from proximity.cli.wording import MISSING
     from proximity.studies.simulation import simulated_press
+    from proximity.studies.simulation.devices import COUPLED_DEVICE
 
     console = results_console()
     print_block(
         console, [("wall", simulated_press.describe(press)), ("approach", f"{press.setup.speed:g} m/s")]
     )
     if press.penalty is not None:
-        tuned = f"{press.penalty.stiffness:.4g} N/m, {press.penalty.damping:.3g} N·s/m"
-        print_block(console, [("spring, damper", tuned)])
+        gains = f"{press.penalty.stiffness:.4g} N/m, {press.penalty.damping:.3g} N·s/m"
+        device = f"{1e3 * COUPLED_DEVICE.mass:g} g that the finger carries"
+        print_block(console, [("spring, damper", gains), ("device", device)])
     console.print()
     rows = table([""], ("this wall", "real wall"))
     this, real = press.felt, simulated_press.felt(press.real)
@@ -308,6 +311,8 @@ def _print(press: "Simulation") -> None:
     if press.setup.wall == simulated_press.Wall.DECAFF:
         rows.add_row("drum past the wall at contact \\[mm]", f"{1e3 * press.drum_offset:.3f}", MISSING)
     console.print(rows)
+    if press.felt.ripple > SHAKING * abs(real.steady):
+        console.print("\nIt does not come to rest: with these gains a wall is unstable, or nearly so.")
 
 
 def _shown(value: float, digits: int) -> str:
