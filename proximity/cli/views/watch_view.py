@@ -28,7 +28,7 @@ STATE_STYLES = {
     State.STOPPING: "black on magenta",
 }
 MEANINGS = {
-    State.STARTING: "the service has no poses yet",
+    State.STARTING: "no poses yet that the service can use; its terminal says which it refused",
     State.OK: "every finger is tracked, and in time",
     State.DEGRADED: "in time; a finger is not tracked, or is near with bounds only",
     State.LATE: "ticks were missed or poses are old: only the bounds hold, and they widen",
@@ -181,7 +181,7 @@ def _meaning(reading: Reading, seen: Seen) -> str:
     if reading.header is None:
         return f"no frame has come from {seen.address} yet, for {seen.silent_s:.1f} s"
     if reading.header["state"] == State.STALE and seen.rate_hz > 0.0:
-        return "the service has no new poses: nothing is known of any finger"
+        return "the service has no new poses that it can use: nothing is known of any finger"
     return f"no frame for {seen.silent_s:.1f} s: nothing is known of any finger"
 
 
