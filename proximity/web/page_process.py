@@ -1,6 +1,7 @@
 """A page from beginning to end: geometry, bridge and service, and one wish to stop that ends all."""
 
 import asyncio
+import errno
 import os
 import socket
 import ssl
@@ -92,14 +93,12 @@ def run_page(
     """
     with needed("the page needs", "web", ServiceError):
         from proximity.web.bridge import Bridge
-    tls = _tls(settings)
+    tls, port = _tls(settings), _free_port(settings)
     with ExitStack() as opened:
         made = _made(settings, opened)
         opened.callback(made.shown.frames.close)
         opened.callback(made.shown.feed.close)
         token = new_token()
-        with socket.create_server((settings.bind, settings.port), family=_family(settings.bind)) as free:
-            port = free.getsockname()[1]
         access = Access.of((token,), _names(settings), port, is_secure=tls is not None)
         files = scene_page_files(FRAMED_BY_NOTEBOOKS if settings.may_be_framed else "'self'")
         bridge = Bridge(made.shown, access, files)
@@ -145,6 +144,17 @@ async def _until_stopped(
     handing.cancel()
     if keeper is not None and keeper.failure is not None:
         raise keeper.failure
+
+
+def _free_port(settings: PageSettings) -> int:
+    """The port to listen on, which no other program has: that is said before parts are read."""
+    try:
+        with socket.create_server((settings.bind, settings.port), family=_family(settings.bind)) as free:
+            return int(free.getsockname()[1])
+    except OSError as failure:
+        is_in_use = failure.errno == errno.EADDRINUSE
+        why = "is in use by another program" if is_in_use else f"cannot be opened ({failure.strerror})"
+        raise ServiceError(f"port {settings.port} of {settings.bind} {why}") from failure
 
 
 def _shown_host(bind: str) -> str:

@@ -1,6 +1,7 @@
 """`proximity view`, `serve --web` and `proximity.view`: what they start, and that all of it ends."""
 
 import json
+import socket
 import subprocess
 import sys
 import threading
@@ -122,6 +123,16 @@ def test_another_address_needs_a_certificate(tmp_path):
     (tmp_path / "cert.pem").write_text("no certificate")
     with pytest.raises(ServiceError, match=r"cert\.pem: cannot be used as a certificate"):
         shown(bind="192.168.1.20", certificate=str(tmp_path / "cert.pem"), key=str(tmp_path / "cert.pem"))
+
+
+def test_port_in_use_is_told_in_one_sentence():
+    """It was a traceback."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(
+            ServiceError, match=rf"^port {port} of 127\.0\.0\.1 is in use by another program$"
+        ):
+            shown(port=port)
 
 
 def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
