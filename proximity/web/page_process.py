@@ -98,6 +98,8 @@ def run_page(
         made = _made(settings, opened)
         opened.callback(made.shown.frames.close)
         opened.callback(made.shown.feed.close)
+        for note in made.notes:
+            say(note)
         token = new_token()
         access = Access.of((token,), _names(settings), port, is_secure=tls is not None)
         files = scene_page_files(FRAMED_BY_NOTEBOOKS if settings.may_be_framed else "'self'")
@@ -168,6 +170,7 @@ def _shown_host(bind: str) -> str:
 class _Made:
     shown: "Shown"
     scene_file: str | None  # of the service that is to be started
+    notes: tuple[str, ...] = ()  # on the files of parts
 
 
 def _made(settings: PageSettings, opened: ExitStack) -> _Made:
@@ -220,14 +223,15 @@ def _logged(settings: PageSettings, title: str, log: str, served: SceneFile | No
     from proximity.web.sources import LoggedFrames
 
     frames = LoggedFrames(log)
-    scene = None if served is None else PartFiles().scene(served)
+    files = PartFiles()
+    scene = None if served is None else files.scene(served)
     shown = Shown(title, scene, b"", frames, Feed(None, None, None, scene, frames.finger_count))
     shown.about["log"] = {
         "count": frames.count,
         "duration_ms": frames.duration_ms,
         "notes": frames.notes,
     }
-    return _Made(_with_geometry(shown, settings, served), None)
+    return _Made(_with_geometry(shown, settings, served), None, files.notes)
 
 
 def _fed(settings: PageSettings, title: str, served: SceneFile, addresses: Addresses) -> _Made:
@@ -236,10 +240,11 @@ def _fed(settings: PageSettings, title: str, served: SceneFile, addresses: Addre
     from proximity.web.feeding import Feed
     from proximity.web.sources import LiveFrames
 
-    scene = PartFiles().scene(served)
+    files = PartFiles()
+    scene = files.scene(served)
     feed = Feed(addresses.poses, addresses.moves, addresses.changes, scene, finger_count(served, None))
     shown = Shown(title, scene, b"", LiveFrames(addresses.frames), feed)
-    return _Made(_with_geometry(shown, settings, served), served.path)
+    return _Made(_with_geometry(shown, settings, served), served.path, files.notes)
 
 
 def _with_geometry(shown: "Shown", settings: PageSettings, served: SceneFile | None) -> "Shown":

@@ -235,6 +235,20 @@ def test_a_log_is_shown_frame_by_frame(tmp_path):
             assert json.loads(page.recv(PATIENCE)) == {"place": 31, "ms": 31.0}
 
 
+def test_part_of_an_unlikely_size_is_told_with_the_likely_unit():
+    said, stop = [], threading.Event()
+    run_page(
+        PageSettings(files=(str(BRACKET),), units="um"),
+        stop=stop,
+        say=said.append,
+        begun=lambda _: stop.set(),
+    )
+
+    assert (
+        said[0].startswith(f"{BRACKET}: the part is 0.") and "was read in um; the likely unit is" in said[0]
+    )
+
+
 def test_a_page_beside_a_service_watches_unless_the_scene_file_lets_it_feed(tmp_path):
     scene = tmp_path / "cell.toml"
     text = (
@@ -245,7 +259,7 @@ def test_a_page_beside_a_service_watches_unless_the_scene_file_lets_it_feed(tmp_
     for feed in (False, True):
         scene.write_text(text + ("[web]\nfeed = true\n" if feed else ""))
         process = subprocess.Popen(
-            [sys.executable, "-m", "proximity", "serve", str(scene), "--web", "--until-stdin"],
+            [sys.executable, "-m", "proximity", "serve", str(scene), "--web", "--until-stdin",],
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         try:
