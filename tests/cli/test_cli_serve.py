@@ -129,6 +129,14 @@ def test_part_of_an_unlikely_size_is_told_with_the_likely_unit(run, scene_path):
     assert re.search(note, result.err), result.err
 
 
+def test_port_of_the_page_is_refused_without_the_page(run, scene_path):
+    result = run(scene_path, "--port", 8787)
+
+    assert result.code == 2 and "8787: expected --web, of whose page it is the port" in " ".join(
+        result.err.replace("│", " ").split()
+    )
+
+
 def test_log_is_told(run, scene_path, tmp_path):
     log = tmp_path / "run.frames"
 

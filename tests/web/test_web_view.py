@@ -257,15 +257,19 @@ def test_a_page_beside_a_service_watches_unless_the_scene_file_lets_it_feed(tmp_
         f'[input]\nposes = "iox2://web-{tmp_path.name}/poses"\n'
     )
     for feed in (False, True):
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
         scene.write_text(text + ("[web]\nfeed = true\n" if feed else ""))
         process = subprocess.Popen(
-            [sys.executable, "-m", "proximity", "serve", str(scene), "--web", "--until-stdin",],
+            [sys.executable, "-m", "proximity", "serve", str(scene), "--web", "--until-stdin",
+             "--port", str(port)],
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         try:
             for line in process.stderr:
                 if "the page is at" in line:
                     break
+            assert f"http://127.0.0.1:{port}/#token=" in line
             welcome, geometry, frame = welcomed(line.split()[-1])
             children = psutil.Process(process.pid).children()
         finally:
