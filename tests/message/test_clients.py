@@ -14,7 +14,7 @@ from client_programs import LANGUAGES, PATIENCE, Events, ask, build, driver_sour
 from ports import free_port
 from wire import KNOWN, MS, SESSION, Clock, Wire, frame, sealed
 
-from proximity.message import CHANGES, MOVES, POSES, PartAction, State, parts_of
+from proximity.message import CHANGES, DESCRIPTION, MOVES, POSES, Message, PartAction, State, parts_of
 from proximity.transport import Examiner, Subscriber, open_inlet, open_publisher
 from proximity.transport.message_key import write_key
 
@@ -57,7 +57,7 @@ class Beside:
         self.expected.append(told)
 
     def check(self, program, folder):
-        answers, counts = self.events.answers(program, folder)
+        answers, counts, names = self.events.answers(program, folder)
         for number, (found, expected) in enumerate(zip(answers, self.expected, strict=True)):
             if not isinstance(expected, tuple):
                 assert found is expected, number
@@ -68,6 +68,7 @@ class Beside:
             same(found[4], expected[4])
         seen = self.subscriber.counts
         assert counts == (seen.received, seen.lost, seen.sessions)
+        assert names == ["", *self.subscriber.part_names[:4]] + [""] * (4 - len(self.subscriber.part_names))
 
 
 def same(found, expected):
@@ -167,6 +168,42 @@ def test_clock_of_a_publisher_elsewhere_is_believed_as_by_a_subscriber(driver, t
 
     states = [told[0] for told in beside.expected if isinstance(told, tuple)]
     assert {State.OK, State.STALE} <= set(states)
+    beside.check(driver, tmp_path)
+
+
+def description(names, first=0, epoch=0, part_count=2):
+    message = Message(DESCRIPTION, len(names))
+    for name, value in (("first", first), ("epoch", epoch), ("part_count", part_count), ("finger_count", 1)):
+        message.header[name] = value
+    message.records["name"] = [name.encode() for name in names]
+    return message
+
+
+LONG = "64 bytes, the most that a name has in messages, and not one more"
+
+
+@pytest.mark.parametrize(
+    ("parts", "known"),
+    [
+        ([(["bracket", LONG, "thumb"], {})], ["bracket", LONG]),
+        ([(["bracket"], {}), (["lid ä", "thumb"], {"first": 1})], ["bracket", "lid ä"]),
+        ([(["bracket"], {})], []),
+        ([(["lid ä", "thumb"], {"first": 1})], []),
+        ([(["bracket", "lid", "thumb"], {"epoch": 1})], []),
+        ([(["bracket", "lid", "thumb", "more"], {})], []),
+        ([(["a", "b", "thumb"], {}), (["c", "d", "thumb"], {"epoch": 1})], []),
+    ],
+)
+def test_names_of_parts_are_those_of_a_subscriber_and_no_damage(driver, parts, known, tmp_path):
+    """A description was counted as a frame that is flawed, once a second."""
+    beside = Beside()
+    beside.offer(sealed(frame(beside.clock.now)))
+    for number, (names, numbers) in enumerate(parts):
+        beside.offer(sealed(description(names, **numbers), number))
+    beside.offer(sealed(description(["x", "y", "z"]), len(parts))[:-1])
+    beside.look(MS)
+
+    assert list(beside.subscriber.part_names) == known
     beside.check(driver, tmp_path)
 
 

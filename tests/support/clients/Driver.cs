@@ -41,6 +41,8 @@ public static unsafe class Driver
             output.Write(reader.Counts.Received);
             output.Write(reader.Counts.Lost);
             output.Write(reader.Counts.Sessions);
+            for (int part = -1; part < 4; part++)
+                output.Write(System.Text.Encoding.UTF8.GetBytes(reader.PartName(part) + "\n"));
         }
     }
 

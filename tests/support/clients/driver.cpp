@@ -53,6 +53,8 @@ static void read_events(const char *from, const char *to)
     put(out, reader.counted().received);
     put(out, reader.counted().lost);
     put(out, reader.counted().sessions);
+    for (std::int32_t part = -1; part < 4; part++)
+        out << reader.part_name(part) << "\n";
 }
 
 static void print_tags(const char *key_path, const char *data_path, int count, char **sizes)

@@ -39,6 +39,7 @@ function readEvents(from, to) {
   put(8, "writeBigUInt64LE", BigInt(reader.counts.received));
   put(8, "writeBigUInt64LE", reader.counts.lost);
   put(8, "writeBigUInt64LE", BigInt(reader.counts.sessions));
+  for (let part = -1; part < 4; part++) parts.push(Buffer.from(`${reader.partName(part)}\n`));
   fs.writeFileSync(to, Buffer.concat(parts));
 }
 

@@ -57,6 +57,11 @@ export class Subscriber {
     return this.#frames.at(clockNs());
   }
 
+  /** The name of a part of the newest frame; "" until it is known. */
+  partName(part) {
+    return this.#frames.partName(part);
+  }
+
   get counts() {
     return this.#frames.counts;
   }
