@@ -82,7 +82,7 @@ class Events:
         self.kinds.append("look")
 
     def answers(self, program, folder):
-        """What a program answers to each, its counts (received, lost, sessions), and names of parts -1 to 3."""
+        """What a program answers to each, its counts of received, lost and sessions, and names of parts."""
         (folder / "events").write_bytes(self.data)
         ask(program, "read", folder / "events", folder / "answers")
         data, at, answers = (folder / "answers").read_bytes(), 0, []

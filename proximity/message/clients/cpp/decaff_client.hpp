@@ -75,6 +75,18 @@ struct counts {
     std::array<std::uint64_t, static_cast<std::size_t>(flaw::count)> flawed{}; // by reason
 
     std::uint64_t of(flaw reason) const { return flawed[static_cast<std::size_t>(reason)]; }
+
+    /// All of them in a line.
+    std::string text() const
+    {
+        std::string line = "received " + std::to_string(received) + ", lost " + std::to_string(lost)
+                           + "; not used: unverified " + std::to_string(unverified) + ", refused "
+                           + std::to_string(refused);
+        for (std::size_t reason = 1; reason < flawed.size(); reason++)
+            if (flawed[reason] > 0)
+                line += std::string(", ") + flaw_names[reason] + " " + std::to_string(flawed[reason]);
+        return line;
+    }
 };
 
 /// How fast what is known becomes less.

@@ -27,6 +27,16 @@ namespace Decaff
         public long Received, Sessions, Unverified;
         public ulong Lost; // numbers that were left out since the first
         public readonly long[] Flawed = new long[9]; // by DecaffFlaw
+
+        /// <summary>All of them in a line.</summary>
+        public override string ToString()
+        {
+            var line = new StringBuilder("received " + Received + ", lost " + Lost + "; not used: unverified " + Unverified);
+            for (int reason = 1; reason < Flawed.Length; reason++)
+                if (Flawed[reason] > 0)
+                    line.Append(", " + ((DecaffFlaw)reason).ToString().ToLowerInvariant() + " " + Flawed[reason]);
+            return line.ToString();
+        }
     }
 
     /// <summary>The monotonic clock; on Linux that of a service on this machine.</summary>
