@@ -14,7 +14,17 @@ from client_programs import LANGUAGES, PATIENCE, Events, ask, build, driver_sour
 from ports import free_port
 from wire import KNOWN, MS, SESSION, Clock, Wire, frame, sealed
 
-from proximity.message import CHANGES, DESCRIPTION, MOVES, POSES, Message, PartAction, State, parts_of
+from proximity.message import (
+    ADDITIONS,
+    CHANGES,
+    DESCRIPTION,
+    MOVES,
+    POSES,
+    Message,
+    PartAction,
+    State,
+    parts_of,
+)
 from proximity.transport import Examiner, Subscriber, open_inlet, open_publisher
 from proximity.transport.message_key import write_key
 
@@ -232,14 +242,14 @@ def test_tags_are_those_of_hashlib(driver, key, tmp_path):
 def test_poses_moves_and_changes_arrive(driver, has_key, key):
     port = free_port()
     inlet = open_inlet(f"udp://127.0.0.1:{port}" + (f"?key={key}" if has_key else ""))
-    examiner = Examiner(inlet, [POSES, MOVES, CHANGES])
+    examiner = Examiner(inlet, [POSES, MOVES, CHANGES, ADDITIONS])
     before = time.monotonic_ns()
     ask(driver, "send", "127.0.0.1", port, "-", key if has_key else "-")
     arrived = [(kind, *parts_of(data.copy(), kind)) for kind, data, _ in examiner.messages()]
     inlet.close()
 
-    assert [kind.name for kind, *_ in arrived] == ["poses", "moves", "changes", "poses"]
-    assert [int(header["sequence"]) for _, header, _ in arrived] == [0, 0, 0, 1]
+    assert [kind.name for kind, *_ in arrived] == ["poses", "moves", "changes", "additions", "poses"]
+    assert [int(header["sequence"]) for _, header, _ in arrived] == [0, 0, 0, 0, 1]
     assert (examiner.counts.unused, examiner.counts.lost) == (0, 0)
     _, header, poses = arrived[0]
     assert before < header["send_ns"] < time.monotonic_ns() and before < poses["pose_ns"][0]
@@ -250,6 +260,9 @@ def test_poses_moves_and_changes_arrive(driver, has_key, key):
     assert move["rotation"].tolist() == np.eye(3).tolist() and not move["velocity"].any()
     change = arrived[2][2][0]
     assert (change["name"].decode(), change["action"]) == ("lid ä", PartAction.HIDE)
+    added = arrived[3][2][0]
+    assert (added["name"].decode(), added["file"], added["units"]) == ("lid ä", b"inner/lid.stl", b"")
+    assert added["rotation"].tolist() == np.eye(3).tolist() and added["translation"].tolist() == [7, 8, 9]
 
 
 @pytest.mark.parametrize("has_key", [False, True])

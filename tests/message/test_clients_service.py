@@ -20,6 +20,7 @@ from proximity.transport.message_key import write_key
 SCENE = """\
 [service]
 publish = ["udp://127.0.0.1:{frames}?key=some.key"]
+valid_for = 0.030
 real_time = false
 [fingers]
 count = 1
@@ -50,7 +51,7 @@ def test_example_follows_a_finger_at_a_service(language, tmp_path):
         for found in re.findall(r"^OK; finger 0: at (\S+) mm, pose \d+\.\d ms old$", "\n".join(lines), re.M)
     ]
 
-    assert 20 < len(distances) <= 40 and len(lines) == 41
+    assert 10 < len(distances) <= 40 and len(lines) == 41
     scene = proximity.load(MESHES / "bracket.stl")
     first, last = 1e3 * (scene.signed_distance([[0.050, 0.020, 0.060], [0.050, 0.020, 0.040]]) - 0.007)
     assert last - 0.001 <= min(distances) < max(distances) <= first + 0.001

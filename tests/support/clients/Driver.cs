@@ -72,6 +72,8 @@ public static unsafe class Driver
             publisher.Send(moves, 1);
             DecaffChange[] changes = { DecaffPublisher.ChangeOf("lid \u00e4", DecaffPartAction.Hide) };
             publisher.Send(changes, 1);
+            DecaffAddition[] additions = { DecaffPublisher.AdditionOf("lid \u00e4", "inner/lid.stl", 7, 8, 9) };
+            publisher.Send(additions, 1);
             publisher.Send(poses, 2);
         }
     }

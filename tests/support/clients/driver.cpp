@@ -92,6 +92,7 @@ int main(int count, char **words)
             sender.send(poses);
             sender.send(moves);
             sender.send(std::vector{decaff::change_of("lid \xc3\xa4", DECAFF_PART_ACTION_HIDE)});
+            sender.send(std::vector{decaff::addition_of("lid \xc3\xa4", "inner/lid.stl", third)});
             sender.send(poses);
         } else if (mode == "listen") {
             decaff::receiver receiver({.host = word(2), .port = static_cast<std::uint16_t>(std::atoi(words[3])),

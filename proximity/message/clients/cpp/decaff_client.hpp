@@ -666,11 +666,17 @@ inline decaff_pose pose_of(std::uint32_t finger, std::span<const double, 3> posi
 }
 
 namespace detail {
+template <std::size_t Size> void put_text(char (&there)[Size], std::string_view text, const char *what)
+{
+    if (text.empty() || text.size() > Size)
+        throw error(std::string(what) + " has " + std::to_string(text.size()) + " bytes, expected 1 to "
+                    + std::to_string(Size));
+    std::memcpy(there, text.data(), text.size());
+}
+
 template <std::size_t Size> void name_part(char (&there)[Size], std::string_view name)
 {
-    if (name.empty() || name.size() > Size)
-        throw error("a part's name has " + std::to_string(name.size()) + " bytes, expected 1 to 64");
-    std::memcpy(there, name.data(), name.size());
+    put_text(there, name, "a part's name");
 }
 } // namespace detail
 
@@ -681,6 +687,20 @@ inline decaff_change change_of(std::string_view name, std::uint32_t action)
     detail::name_part(change.name, name);
     change.action = action;
     return change;
+}
+
+/// An addition: a file of a folder of `parts_from`, such as "lid.stl", under that name and with its origin there.
+/// Set `rotation` where it is turned, and `units` where the file declares none and is not in mm.
+inline decaff_addition addition_of(std::string_view name, std::string_view file,
+                                   std::span<const double, 3> translation)
+{
+    decaff_addition addition{};
+    detail::name_part(addition.name, name);
+    detail::put_text(addition.file, file, "a file's name");
+    for (int axis = 0; axis < 3; axis++)
+        addition.rotation[axis][axis] = 1.0;
+    std::copy(translation.begin(), translation.end(), addition.translation);
+    return addition;
 }
 
 /// A move: the part stands, with its axes those of the scene and its origin there. Set `rotation` where the part

@@ -789,11 +789,25 @@ namespace Decaff
             return change;
         }
 
-        private static void NamePart(byte* there, string name)
+        /// <summary>An addition: a file of a folder of `parts_from`, not turned, with its origin there.</summary>
+        public static DecaffAddition AdditionOf(string name, string file, double x, double y, double z)
         {
-            byte[] bytes = Encoding.UTF8.GetBytes(name);
-            if (bytes.Length == 0 || bytes.Length > 64)
-                throw new DecaffError("a part's name has " + bytes.Length + " bytes, expected 1 to 64");
+            var addition = new DecaffAddition();
+            NamePart(addition.Name, name);
+            PutText(addition.File, file, 192, "a file's name");
+            for (int i = 0; i < 9; i += 4)
+                addition.Rotation[i] = 1;
+            addition.Translation = new DecaffVector(x, y, z);
+            return addition;
+        }
+
+        private static void NamePart(byte* there, string name) { PutText(there, name, 64, "a part's name"); }
+
+        private static void PutText(byte* there, string text, int most, string what)
+        {
+            byte[] bytes = Encoding.UTF8.GetBytes(text);
+            if (bytes.Length == 0 || bytes.Length > most)
+                throw new DecaffError(what + " has " + bytes.Length + " bytes, expected 1 to " + most);
             for (int i = 0; i < bytes.Length; i++)
                 there[i] = bytes[i];
         }

@@ -6,8 +6,8 @@
 
 import { CHECKED_FROM, ENUMS, KINDS, MAX_RECORDS, RECORDS, VERSION } from "./layout.mjs";
 
-const { ContactFlag, Mode, Source, State, Surface } = ENUMS;
-export { ContactFlag, Mode, Source, State, Surface };
+const { ContactFlag, Mode, PartAction, Source, State, Surface } = ENUMS;
+export { ContactFlag, Mode, PartAction, Source, State, Surface };
 export const STATE_NAMES = Object.keys(State);
 
 const LONGEST_VALID_NS = 1_000_000_000n; // after its oldest pose no frame is valid for longer
@@ -127,6 +127,14 @@ export const poseOf = (finger, position, poseNs) => ({
 export const moveOf = (name, translation, poseNs) => ({
   name, pose_ns: poseNs, translation, rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1],
   velocity: [0, 0, 0], angular_velocity: [0, 0, 0],
+});
+
+/** A record of "changes": PartAction.HIDE, SHOW or REMOVE a part. */
+export const changeOf = (name, action) => ({ name, action });
+
+/** A record of "additions": a file of a folder of `parts_from`, not turned, with its origin there, m. */
+export const additionOf = (name, file, translation) => ({
+  name, file, units: "", translation, rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1],
 });
 
 const length = (v) => Math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);

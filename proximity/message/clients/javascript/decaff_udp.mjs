@@ -101,7 +101,7 @@ export class Publisher {
     this.#awake = now - clockNs();
   }
 
-  /** Send a message: "poses", "path_poses", "glove_poses", "moves" or "measured", with its records. */
+  /** Send a message of a kind such as "poses", "moves", "changes" or "additions", with its records. */
   send(kind, records) {
     const awake = calendarNs() - clockNs();
     if (awake - this.#awake > 1_000_000_000n) this.#begin(); // the machine slept, its monotonic clock stood still
