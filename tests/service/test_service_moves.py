@@ -235,6 +235,17 @@ def test_move_of_an_instant_that_cannot_be_is_left_out_and_counted(inlet, pose_n
     assert not answers.is_late
 
 
+def test_part_with_a_name_of_64_bytes_is_moved(inlet):
+    """The guide said 63."""
+    name = "x" * 64
+    parts, source = scene(name), MovesInput("queue:")
+    inlet.put(moves(**{name: (0, 0, 1)}))
+
+    source.apply(parts, NOW)
+
+    assert places(parts) == {name: [0, 0, 1]}
+
+
 def test_first_move_of_a_part_is_worth_nothing_when_it_is_old(inlet):
     parts, source = scene("a", "b"), MovesInput("queue:", stale_after=0.05)
     inlet.put(moving(pose_ns=NOW - 50 * MS - 1))
