@@ -8,15 +8,20 @@ samples (a network, a device, a minute) and are compared with the program's opti
 import os
 import re
 import shlex
+import socket
 import subprocess
 import sys
+import time
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 import typer
 from pages import PAGES, README
+from ports import free_port
 from project import MESHES, ROOT
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from proximity import cli
 
@@ -77,6 +82,41 @@ def commands_of(line):
     breaks = [-1, *(at for at, word in enumerate(words) if word in {"|", "&&", ">", ";", "&"}), len(words)]
     calls = [words[start + 1 : end] for start, end in pairwise(breaks)]
     return [call for call in calls if call[:1] == ["proximity"]]
+
+
+def test_bridge_for_a_page_passes_on_what_comes(tmp_path):
+    """The program of the page on hands, with ports of its own."""
+    (code,) = re.findall(r"```py\n(.*?)```", PAGES["guide/hands.md"], re.DOTALL)
+    frames, poses, live = (str(free_port()) for _ in range(3))
+    for shown, own in (("9100", frames), ("9101", poses), ("8765", live)):
+        code = re.sub(rf"\b{shown}\b", own, code)
+    (tmp_path / "bridge.py").write_text(code)
+    with (
+        socket.socket(type=socket.SOCK_DGRAM) as service,
+        subprocess.Popen([sys.executable, "bridge.py"], cwd=tmp_path) as bridge,
+    ):
+        try:
+            service.bind(("127.0.0.1", int(poses)))
+            service.settimeout(60)
+            with connected(f"ws://127.0.0.1:{live}", origin="http://localhost:5173") as page:
+                page.send(b"pose")
+                assert service.recv(100) == b"pose"
+                service.sendto(b"frame", ("127.0.0.1", int(frames)))
+                assert page.recv(60) == b"frame"
+            with pytest.raises(InvalidStatus, match="403"):
+                connect(f"ws://127.0.0.1:{live}", origin="http://elsewhere")
+        finally:
+            bridge.kill()
+
+
+def connected(url, **options):
+    """A connection, as soon as somebody listens."""
+    for _ in range(600):
+        try:
+            return connect(url, **options)
+        except OSError:
+            time.sleep(0.1)
+    raise AssertionError(f"nobody listens at {url}")
 
 
 @pytest.mark.slow

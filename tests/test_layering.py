@@ -63,7 +63,8 @@ batches · query_arguments · results
 loop
 inputs
 answers · frame_builder · frame_output · hosting · report · sample_filter
-bends · clock · config · description · finger_kernels · histogram · log_writer · presence · realtime · samples
+bends · clock · config · description · finger_kernels · histogram · instant_advice
+log_writer · presence · realtime · samples
 """,
     "proximity.service.inputs": """
 changes_input · teleoperation

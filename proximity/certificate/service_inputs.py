@@ -122,6 +122,7 @@ class FedInput:
         self._publisher = None if parts is None else open_publisher(MOVES_ADDRESS)
         self._message: Message | None = None
         self._sent_ns = -MOVES_PERIOD_NS
+        self.address = hand.address
         self.is_over = False  # the recording begins anew
 
     @property

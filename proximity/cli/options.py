@@ -109,6 +109,18 @@ def check_limit(limit: float | None) -> None:
         )
 
 
+def check_port(port: int) -> None:
+    """Refuse what is no port to listen on.
+
+    Parameters
+    ----------
+    port : int
+        0: any that is free.
+    """
+    if not 0 <= port < 65536:
+        raise typer.BadParameter(f"{port}: expected 0 to 65535", param_hint="--port")
+
+
 def cable_stiffness(text: str, max_age: float | None = None) -> float:
     """Return the stiffness of a cable at the fingertip, half bent, N/m.
 

@@ -33,8 +33,8 @@ class Answering(Protocol):
         """Sentences for the report: what was refused or failed, and how often."""
 
     @property
-    def refused(self) -> tuple[int, int]:
-        """Poses of parts left out so far: from the future, and older than the one before."""
+    def refused(self) -> tuple[int, int, int]:
+        """Poses of parts left out so far: from the future, older than the one before, and too old."""
 
     @property
     def is_late(self) -> bool:
@@ -89,9 +89,10 @@ class TrackerAnswers:
         return [note for each in (self.moves, self.changes) if each is not None for note in each.notes]
 
     @property
-    def refused(self) -> tuple[int, int]:
+    def refused(self) -> tuple[int, int, int]:
         """Moves of parts left out so far."""
-        return (0, 0) if self.moves is None else (self.moves.future, self.moves.backwards)
+        moves = self.moves
+        return (0, 0, 0) if moves is None else (moves.future, moves.backwards, moves.too_old)
 
     @property
     def is_late(self) -> bool:

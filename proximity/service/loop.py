@@ -83,7 +83,9 @@ class Service:
         self._thread: int | None = None  # that the loop runs in
         self._epoch_offset = 0
         self._clock: Clock = MonotonicClock() if clock is None else clock
-        self._sample_filter = SampleFilter(answering.new_samples(), _nanoseconds("stale_after", stale_after))
+        self._sample_filter = SampleFilter(
+            answering.new_samples(), _nanoseconds("stale_after", stale_after), pose_input.address
+        )
         self._frame_builder = FrameBuilder(
             answering.count, answering.source, self._period_ns, _nanoseconds("valid_for", valid_for)
         )
@@ -95,8 +97,9 @@ class Service:
     def report(self) -> Report:
         """Counts and times so far; the same object each time."""
         report, sample_filter, outgoing = self._report, self._sample_filter, self._outgoing
-        future, backwards = self._answering.refused
+        future, backwards, too_old = self._answering.refused
         report.future, report.backwards = sample_filter.future + future, sample_filter.backwards + backwards
+        report.too_old = sample_filter.too_old + too_old
         report.publish_failures = dict(outgoing.failures)
         report.log_written, report.log_lost = outgoing.log_written, outgoing.log_lost
         real_time = [] if self._real_time is None else self._real_time.notes

@@ -19,6 +19,7 @@ class Report:
     states: dict[State, int] = field(default_factory=lambda: dict.fromkeys(State, 0))  # frames of each
     future: int = 0  # poses, of fingers and of parts, left out because they are from the future
     backwards: int = 0  # … because they are older than the one before
+    too_old: int = 0  # … because they are worth nothing when they come
     publish_failures: dict[str, int] = field(default_factory=dict)  # by address
     log_written: int = 0
     log_lost: int = 0
@@ -35,6 +36,7 @@ class Report:
             "states": {state.name.lower(): count for state, count in self.states.items()},
             "future": self.future,
             "backwards": self.backwards,
+            "too_old": self.too_old,
             "publish_failures": dict(self.publish_failures),
             "log_written": self.log_written,
             "log_lost": self.log_lost,
@@ -48,9 +50,10 @@ class Report:
             f"computing: {self.compute}",
             f"woken late: {self.lateness}",
         ]
-        if self.future or self.backwards:
+        if self.future or self.backwards or self.too_old:
             lines.append(
-                f"left out: {self.future} poses from the future, {self.backwards} older than the one before"
+                f"left out: {self.future} poses from the future, {self.backwards} older than the one before, "
+                f"{self.too_old} too old"
             )
         lines += self.notes
         return "\n".join(lines)

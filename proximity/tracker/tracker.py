@@ -70,7 +70,7 @@ class Tracker:
     period : float, s
         Time between ticks; only returned by the property `period`.
     latency : float, s
-        From a tick until the controller acts on its answer: predictions are for that instant.
+        From a tick until the controller acts on its answer, 0 to 1: predictions are for that instant.
     budget : int
         Largest number of nodes and leaves visited per finger and tick, without a few for the side and the
         path. None: 250, which keeps any tick of five fingers below 0.2 ms. All fingers together have 20

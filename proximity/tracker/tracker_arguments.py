@@ -9,8 +9,8 @@ from proximity.checks.arrays import FLOAT64, as_float64, shown
 from proximity.errors import QueryError
 from proximity.kernels.tracking.track import MOST_NS
 
-LONGEST_LATENCY = 1e9
-"""s; instants so much later than any now are whole numbers of 64 bits still."""
+LONGEST_LATENCY = 1.0
+"""s, as in a scene file; and 20 ms that are given as 20."""
 LARGEST_RADIUS = 0.1
 """m; no fingertip is larger, and 7 mm that are given as 7 are."""
 LARGEST_WORKING_RANGE = 10.0

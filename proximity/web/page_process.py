@@ -1,6 +1,7 @@
 """A page from beginning to end: geometry, bridge and service, and one wish to stop that ends all."""
 
 import asyncio
+import errno
 import os
 import socket
 import ssl
@@ -92,14 +93,14 @@ def run_page(
     """
     with needed("the page needs", "web", ServiceError):
         from proximity.web.bridge import Bridge
-    tls = _tls(settings)
+    tls, port = _tls(settings), _free_port(settings)
     with ExitStack() as opened:
         made = _made(settings, opened)
         opened.callback(made.shown.frames.close)
         opened.callback(made.shown.feed.close)
+        for note in made.notes:
+            say(note)
         token = new_token()
-        with socket.create_server((settings.bind, settings.port), family=_family(settings.bind)) as free:
-            port = free.getsockname()[1]
         access = Access.of((token,), _names(settings), port, is_secure=tls is not None)
         files = scene_page_files(FRAMED_BY_NOTEBOOKS if settings.may_be_framed else "'self'")
         bridge = Bridge(made.shown, access, files)
@@ -147,6 +148,17 @@ async def _until_stopped(
         raise keeper.failure
 
 
+def _free_port(settings: PageSettings) -> int:
+    """The port to listen on, which no other program has: that is said before parts are read."""
+    try:
+        with socket.create_server((settings.bind, settings.port), family=_family(settings.bind)) as free:
+            return int(free.getsockname()[1])
+    except OSError as failure:
+        is_in_use = failure.errno == errno.EADDRINUSE
+        why = "is in use by another program" if is_in_use else f"cannot be opened ({failure.strerror})"
+        raise ServiceError(f"port {settings.port} of {settings.bind} {why}") from failure
+
+
 def _shown_host(bind: str) -> str:
     """What stands in the address for where it is listened."""
     if bind in ("0.0.0.0", "::"):
@@ -158,6 +170,7 @@ def _shown_host(bind: str) -> str:
 class _Made:
     shown: "Shown"
     scene_file: str | None  # of the service that is to be started
+    notes: tuple[str, ...] = ()  # on the files of parts
 
 
 def _made(settings: PageSettings, opened: ExitStack) -> _Made:
@@ -210,14 +223,15 @@ def _logged(settings: PageSettings, title: str, log: str, served: SceneFile | No
     from proximity.web.sources import LoggedFrames
 
     frames = LoggedFrames(log)
-    scene = None if served is None else PartFiles().scene(served)
+    files = PartFiles()
+    scene = None if served is None else files.scene(served)
     shown = Shown(title, scene, b"", frames, Feed(None, None, None, scene, frames.finger_count))
     shown.about["log"] = {
         "count": frames.count,
         "duration_ms": frames.duration_ms,
         "notes": frames.notes,
     }
-    return _Made(_with_geometry(shown, settings, served), None)
+    return _Made(_with_geometry(shown, settings, served), None, files.notes)
 
 
 def _fed(settings: PageSettings, title: str, served: SceneFile, addresses: Addresses) -> _Made:
@@ -226,10 +240,11 @@ def _fed(settings: PageSettings, title: str, served: SceneFile, addresses: Addre
     from proximity.web.feeding import Feed
     from proximity.web.sources import LiveFrames
 
-    scene = PartFiles().scene(served)
+    files = PartFiles()
+    scene = files.scene(served)
     feed = Feed(addresses.poses, addresses.moves, addresses.changes, scene, finger_count(served, None))
     shown = Shown(title, scene, b"", LiveFrames(addresses.frames), feed)
-    return _Made(_with_geometry(shown, settings, served), served.path)
+    return _Made(_with_geometry(shown, settings, served), served.path, files.notes)
 
 
 def _with_geometry(shown: "Shown", settings: PageSettings, served: SceneFile | None) -> "Shown":

@@ -119,6 +119,24 @@ def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_rep
     assert f"proximity: {note}\n" in result.err and f"note            {note}\n" in result.out
 
 
+def test_part_of_an_unlikely_size_is_told_with_the_likely_unit(run, scene_path):
+    """`query` and `check` told it; the service, whose distances are as wrong, did not."""
+    scene_path.write_text(SCENE.replace('"box.stl"', '"box.stl"\nunits = "um"'))
+
+    result = run(scene_path, "--ticks", 5)
+
+    note = r"proximity: \S+box\.stl: the part is \S+ mm across: the file declares no unit and was read in um"
+    assert re.search(note, result.err), result.err
+
+
+def test_port_of_the_page_is_refused_without_the_page(run, scene_path):
+    result = run(scene_path, "--port", 8787)
+
+    assert result.code == 2 and "8787: expected --web, of whose page it is the port" in " ".join(
+        result.err.replace("│", " ").split()
+    )
+
+
 def test_log_is_told(run, scene_path, tmp_path):
     log = tmp_path / "run.frames"
 

@@ -68,7 +68,7 @@ def test_headline_tells_state_rate_age_and_what_is_missing():
     lines = drawn(reading(State.DEGRADED))
 
     since = time.strftime("session of %H:%M:%S", time.localtime(SESSION / 1e9))
-    assert lines[0].strip() == "DEGRADED   in time; a finger is not tracked, or is near with bounds only"
+    assert lines[0].strip() == "DEGRADED   in time; a finger is near with bounds only"
     assert lines[1].strip() == (
         f"{ADDRESS}  1000 Hz,  age 1.3 ms,  2 lost,  4 refused,  17 ticks missed,  epoch 4,  {since}"
     )
@@ -153,6 +153,33 @@ def test_stale_says_whether_nothing_came_ever_or_only_poses_are_missing():
     poseless = reading(State.STALE)
     poseless.header["state"] = State.STALE
     assert "the service has no new poses" in drawn(poseless)[0]
+
+
+@pytest.mark.parametrize("state", [State.STARTING, State.STALE])
+def test_frame_without_a_pose_has_no_age(state):
+    """It had that of the tick: 0.4 ms, beside STALE."""
+    shown = reading(state)
+    shown.header["state"] = state
+    forget(shown.contacts)
+
+    assert " age " not in drawn(shown)[1] and " age " not in watch_view.line(shown, SEEN)
+
+
+@pytest.mark.parametrize(
+    ("count", "lost", "words"),
+    [
+        (10, slice(0, 5), "in time; the left hand is not seen"),
+        (10, slice(5, 10), "in time; the right hand is not seen"),
+        (10, slice(3, 8), "in time; 5 of 10 fingers are not tracked"),
+        (5, slice(1, 2), "in time; 1 of 5 fingers is not tracked"),
+    ],
+)
+def test_degraded_says_what_is_lacking(count, lost, words):
+    """Whoever holds up one hand reads DEGRADED, which sounds like a fault."""
+    shown = reading(State.DEGRADED, count)
+    forget(shown.contacts[lost])
+
+    assert drawn(shown)[0].strip() == f"DEGRADED   {words}"
 
 
 @pytest.mark.parametrize("state", State)

@@ -191,7 +191,7 @@ def test_service_of_a_vr_program_answers_hands_and_lid(tmp_path):
     )
 
     # At the end, and where pictures come too slowly, the lid is no longer reported.
-    notes = r"(\S+/moves: velocities of parts that ended, because nothing was reported for 100 ms .*\n)?"
+    notes = r"(\S+/moves: '[^']+' stands still: no move for 100 ms\n)?"
     *lines, counts = printed(tmp_path / "vr_service.py", folder=tmp_path, notes=notes).splitlines()
 
     seen = [

@@ -14,7 +14,17 @@ from client_programs import LANGUAGES, PATIENCE, Events, ask, build, driver_sour
 from ports import free_port
 from wire import KNOWN, MS, SESSION, Clock, Wire, frame, sealed
 
-from proximity.message import CHANGES, MOVES, POSES, PartAction, State, parts_of
+from proximity.message import (
+    ADDITIONS,
+    CHANGES,
+    DESCRIPTION,
+    MOVES,
+    POSES,
+    Message,
+    PartAction,
+    State,
+    parts_of,
+)
 from proximity.transport import Examiner, Subscriber, open_inlet, open_publisher
 from proximity.transport.message_key import write_key
 
@@ -57,7 +67,7 @@ class Beside:
         self.expected.append(told)
 
     def check(self, program, folder):
-        answers, counts = self.events.answers(program, folder)
+        answers, counts, names = self.events.answers(program, folder)
         for number, (found, expected) in enumerate(zip(answers, self.expected, strict=True)):
             if not isinstance(expected, tuple):
                 assert found is expected, number
@@ -68,6 +78,7 @@ class Beside:
             same(found[4], expected[4])
         seen = self.subscriber.counts
         assert counts == (seen.received, seen.lost, seen.sessions)
+        assert names == ["", *self.subscriber.part_names[:4]] + [""] * (4 - len(self.subscriber.part_names))
 
 
 def same(found, expected):
@@ -170,6 +181,42 @@ def test_clock_of_a_publisher_elsewhere_is_believed_as_by_a_subscriber(driver, t
     beside.check(driver, tmp_path)
 
 
+def description(names, first=0, epoch=0, part_count=2):
+    message = Message(DESCRIPTION, len(names))
+    for name, value in (("first", first), ("epoch", epoch), ("part_count", part_count), ("finger_count", 1)):
+        message.header[name] = value
+    message.records["name"] = [name.encode() for name in names]
+    return message
+
+
+LONG = "64 bytes, the most that a name has in messages, and not one more"
+
+
+@pytest.mark.parametrize(
+    ("parts", "known"),
+    [
+        ([(["bracket", LONG, "thumb"], {})], ["bracket", LONG]),
+        ([(["bracket"], {}), (["lid ä", "thumb"], {"first": 1})], ["bracket", "lid ä"]),
+        ([(["bracket"], {})], []),
+        ([(["lid ä", "thumb"], {"first": 1})], []),
+        ([(["bracket", "lid", "thumb"], {"epoch": 1})], []),
+        ([(["bracket", "lid", "thumb", "more"], {})], []),
+        ([(["a", "b", "thumb"], {}), (["c", "d", "thumb"], {"epoch": 1})], []),
+    ],
+)
+def test_names_of_parts_are_those_of_a_subscriber_and_no_damage(driver, parts, known, tmp_path):
+    """A description was counted as a frame that is flawed, once a second."""
+    beside = Beside()
+    beside.offer(sealed(frame(beside.clock.now)))
+    for number, (names, numbers) in enumerate(parts):
+        beside.offer(sealed(description(names, **numbers), number))
+    beside.offer(sealed(description(["x", "y", "z"]), len(parts))[:-1])
+    beside.look(MS)
+
+    assert list(beside.subscriber.part_names) == known
+    beside.check(driver, tmp_path)
+
+
 # --- keys and UDP ---
 
 
@@ -195,14 +242,14 @@ def test_tags_are_those_of_hashlib(driver, key, tmp_path):
 def test_poses_moves_and_changes_arrive(driver, has_key, key):
     port = free_port()
     inlet = open_inlet(f"udp://127.0.0.1:{port}" + (f"?key={key}" if has_key else ""))
-    examiner = Examiner(inlet, [POSES, MOVES, CHANGES])
+    examiner = Examiner(inlet, [POSES, MOVES, CHANGES, ADDITIONS])
     before = time.monotonic_ns()
     ask(driver, "send", "127.0.0.1", port, "-", key if has_key else "-")
     arrived = [(kind, *parts_of(data.copy(), kind)) for kind, data, _ in examiner.messages()]
     inlet.close()
 
-    assert [kind.name for kind, *_ in arrived] == ["poses", "moves", "changes", "poses"]
-    assert [int(header["sequence"]) for _, header, _ in arrived] == [0, 0, 0, 1]
+    assert [kind.name for kind, *_ in arrived] == ["poses", "moves", "changes", "additions", "poses"]
+    assert [int(header["sequence"]) for _, header, _ in arrived] == [0, 0, 0, 0, 1]
     assert (examiner.counts.unused, examiner.counts.lost) == (0, 0)
     _, header, poses = arrived[0]
     assert before < header["send_ns"] < time.monotonic_ns() and before < poses["pose_ns"][0]
@@ -213,6 +260,9 @@ def test_poses_moves_and_changes_arrive(driver, has_key, key):
     assert move["rotation"].tolist() == np.eye(3).tolist() and not move["velocity"].any()
     change = arrived[2][2][0]
     assert (change["name"].decode(), change["action"]) == ("lid ä", PartAction.HIDE)
+    added = arrived[3][2][0]
+    assert (added["name"].decode(), added["file"], added["units"]) == ("lid ä", b"inner/lid.stl", b"")
+    assert added["rotation"].tolist() == np.eye(3).tolist() and added["translation"].tolist() == [7, 8, 9]
 
 
 @pytest.mark.parametrize("has_key", [False, True])

@@ -20,6 +20,7 @@ from proximity.transport.message_key import write_key
 SCENE = """\
 [service]
 publish = ["udp://127.0.0.1:{frames}?key=some.key"]
+valid_for = 0.030
 real_time = false
 [fingers]
 count = 1
@@ -35,7 +36,7 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="clients are built on
 @pytest.mark.slow
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_example_follows_a_finger_at_a_service(language, tmp_path):
-    """It comes down from 60 mm at 5 mm a second, for four seconds: to 40 mm, if the machine is quick."""
+    """It comes down from 60 mm at 5 mm a second, for four seconds: to 40 mm. It writes ten lines a second."""
     folder = tmp_path / "client"
     write_client(language, folder)
     program = build(language, folder, example_source(language, folder), "example")
@@ -46,15 +47,28 @@ def test_example_follows_a_finger_at_a_service(language, tmp_path):
     with start_service(scene):
         lines = ask(program, ports["frames"], ports["poses"], 4, tmp_path / "some.key").splitlines()
     distances = [
-        float(found) for found in re.findall(r"OK age .* ms; finger 0: at (\S+) mm", "\n".join(lines))
+        float(found)
+        for found in re.findall(r"^OK; finger 0: at (\S+) mm, pose \d+\.\d ms old$", "\n".join(lines), re.M)
     ]
 
-    assert len(distances) > 20
+    assert 10 < len(distances) <= 40 and len(lines) == 41
     scene = proximity.load(MESHES / "bracket.stl")
-    first, last = 1e3 * (scene.signed_distance([[0.030, 0.010, 0.060], [0.030, 0.010, 0.040]]) - 0.007)
+    first, last = 1e3 * (scene.signed_distance([[0.050, 0.020, 0.060], [0.050, 0.020, 0.040]]) - 0.007)
     assert last - 0.001 <= min(distances) < max(distances) <= first + 0.001
     assert (np.diff(distances) <= 0.0).all()
-    assert re.fullmatch(r"received \d{3,}, lost \d+", lines[-1])
+    assert re.fullmatch(r"received \d{3,}, lost \d+; not used: unverified 0(, refused 0)?", lines[-1])
+
+
+@POSIX
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_example_without_a_service_says_so(language, tmp_path):
+    """It wrote STALE and an age of -0.0 ms, also with a key that was not the service's."""
+    program = build(language, tmp_path, example_source(language, tmp_path), "example")
+
+    lines = ask(program, free_port(), free_port(), 0.5).splitlines()
+
+    assert lines[:-1] == ["no frame yet"] * 5
+    assert re.fullmatch(r"received 0, lost 0; not used: unverified 0(, refused 0)?", lines[-1])
 
 
 @POSIX

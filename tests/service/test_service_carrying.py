@@ -222,7 +222,7 @@ def test_silent_part_that_is_taken_out_makes_nothing_late_and_no_bound_wider(inl
     served.scene.remove("box")
     assert watched.is_sure(310) and watched.is_sure(3000)
     assert served.source.notes == [
-        "queue:: 1 velocities of parts that ended, because nothing was reported for 100 ms"
+        "queue:: 1 parts stood still: no move for 100 ms"
     ]  # nobody wanted to move it any more
 
     served.scene.add(box)

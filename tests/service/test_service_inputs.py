@@ -232,6 +232,49 @@ def test_callable_recovers():
 # --- what is kept of samples ---
 
 
+AHEAD = (
+    "iox2://poses: poses from the future are not used (by 25.0 ms; send the instant at which hand or part "
+    "was there, not the predicted display time)"
+)
+OTHER_CLOCK = (
+    "iox2://poses: poses {} (by {} s; they are of another clock: on the service's machine send "
+    "time.monotonic_ns(), CLOCK_MONOTONIC)"
+)
+
+
+@pytest.mark.parametrize(
+    ("ahead_ms", "sentence"),
+    [
+        (25, AHEAD),
+        (3_600_000, OTHER_CLOCK.format("from the future are not used", 3600)),
+        (-500, "iox2://poses: poses older than 100 ms are not used (500.0 ms old; send them as soon as they"),
+        (-3_600_000, "iox2://poses: poses older than 100 ms are not used (3600 s old; they are of another"),
+        (-50, "iox2://poses: poses older than the one before are not used (by 50.0 ms; they are of two"),
+    ],
+)
+def test_first_pose_that_cannot_be_used_is_told_with_its_address_and_a_remedy(ahead_ms, sentence, caplog):
+    """The service once said nothing of them until its end, and never that they were too old."""
+    sample_filter = SampleFilter(FingerPoses(1), 100 * MS, "iox2://poses")
+    sample_filter.start(NOW)
+    sample_filter.admit(hands_at([[0, 0, 0]], NOW), NOW)
+    for tick in range(3):
+        sample_filter.admit(hands_at([[1, 1, 1]], NOW + ahead_ms * MS + tick), NOW + tick)
+
+    assert len(caplog.messages) == 1 and caplog.messages[0].startswith(sentence)
+    assert sample_filter.kept.positions.tolist() == [[0, 0, 0]]
+    counts = sample_filter.future, sample_filter.backwards, sample_filter.too_old
+    assert sum(counts) == 3 and counts.index(3) == (0 if ahead_ms > 0 else 1 if ahead_ms == -50 else 2)
+
+
+def test_pose_that_grew_old_here_is_not_counted_as_too_old():
+    sample_filter = SampleFilter(FingerPoses(2), 100 * MS)
+    sample_filter.start(NOW)
+    for ms in range(300):
+        sample_filter.admit(hands_at(np.zeros((2, 3)), [NOW, NOW + ms * MS]), NOW + ms * MS)
+
+    assert sample_filter.too_old == 0
+
+
 def test_what_was_told_once_and_is_not_any_more_becomes_unknown():
     sample_filter = SampleFilter(FingerPoses(2), 100 * MS)
     sample_filter.start(NOW)

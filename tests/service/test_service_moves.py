@@ -188,9 +188,7 @@ def test_part_of_which_nothing_more_is_told_is_not_believed_to_go_on(inlet):
     source.apply(parts, NOW + 100 * MS)
     assert parts.part("a").velocity.tolist() == [0, 0, 0]
     assert places(parts) == {"a": [1.05, 0, 0], "b": [2, 0, 0]}  # where it was when it was believed last
-    assert source.notes == [
-        "queue:: 1 velocities of parts that ended, because nothing was reported for 100 ms"
-    ]
+    assert source.notes == ["queue:: 1 parts stood still: no move for 100 ms"]
     assert source.is_late
 
     source.apply(parts, NOW + 300 * MS)
@@ -216,8 +214,8 @@ def test_velocity_lasts_from_the_pose_on_and_not_from_when_it_came(inlet):
 @pytest.mark.parametrize(
     ("pose_ns", "refused", "note"),
     [
-        (NOW + 5 * MS + 1, (1, 0), "moves from the future"),
-        (NOW - 1, (0, 1), "moves older than the one before"),
+        (NOW + 5 * MS + 1, (1, 0, 0), "moves from the future"),
+        (NOW - 1, (0, 1, 0), "moves older than the one before"),
     ],
 )
 def test_move_of_an_instant_that_cannot_be_is_left_out_and_counted(inlet, pose_ns, refused, note):
@@ -235,6 +233,17 @@ def test_move_of_an_instant_that_cannot_be_is_left_out_and_counted(inlet, pose_n
     assert places(parts) == {"a": [0, 0, 3], "b": [0, 0, 2]} and not parts.part("b").velocity.any()
     assert answers.refused == refused and answers.notes == [f"queue:: 1 {note}"]
     assert not answers.is_late
+
+
+def test_part_with_a_name_of_64_bytes_is_moved(inlet):
+    """The guide said 63."""
+    name = "x" * 64
+    parts, source = scene(name), MovesInput("queue:")
+    inlet.put(moves(**{name: (0, 0, 1)}))
+
+    source.apply(parts, NOW)
+
+    assert places(parts) == {name: [0, 0, 1]}
 
 
 def test_first_move_of_a_part_is_worth_nothing_when_it_is_old(inlet):

@@ -40,6 +40,7 @@ class ScriptedInput:
     """Gives what *poll* returns, called with the number of the poll and the instant."""
 
     notes = ()
+    address = "script:"
 
     def __init__(self, poll, over_after=None):
         self._poll, self._over_after = poll, over_after
@@ -63,7 +64,7 @@ class FakeAnswers:
     """
 
     source = Source.GEOMETRY
-    refused = 0, 0
+    refused = 0, 0, 0
     is_late = False
 
     def __init__(self, count=2, during=lambda tick: None, epoch=0):

@@ -53,7 +53,7 @@ def test_something_else_than_a_scene_is_refused(thing):
         ("working_range", 120, r"working_range is 120 m \(120000 mm\), expected at most 10 m: was it meant"),
         ("tolerance", -0.1, "tolerance is -0.1, expected a number of shares of 0 or more"),
         ("horizon", 0, "horizon is 0, expected a positive number of seconds"),
-        ("latency", 1.1e9, "latency is 1100000000.0, expected a number of seconds of 1e[+]09 at most"),
+        ("latency", 20, "latency is 20, expected a number of seconds of 1 at most"),
         ("max_speed", -3.0, "max_speed is -3.0, expected a positive number of metres a second"),
         ("max_acceleration", None, "max_acceleration is None, expected a positive number of m/s²"),
     ],
@@ -378,7 +378,7 @@ def test_bends_without_paths_are_refused(given):
         tracker.tick([[0.0, 0.0, 0.05]], 0, 0, **given)
 
 
-@pytest.mark.parametrize("latency", [0.0, 1e9])
+@pytest.mark.parametrize("latency", [0.0, 1.0])
 def test_instants_as_far_apart_as_can_be_are_not_taken_for_near_ones(latency):
     tracker = Tracker(Scene([plate()]), fingers=1, latency=latency)
     tracker.tick([(0.0, 0.0, 0.06)], -(2**62), -(2**62))

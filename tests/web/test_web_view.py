@@ -1,6 +1,7 @@
 """`proximity view`, `serve --web` and `proximity.view`: what they start, and that all of it ends."""
 
 import json
+import socket
 import subprocess
 import sys
 import threading
@@ -124,6 +125,16 @@ def test_another_address_needs_a_certificate(tmp_path):
         shown(bind="192.168.1.20", certificate=str(tmp_path / "cert.pem"), key=str(tmp_path / "cert.pem"))
 
 
+def test_port_in_use_is_told_in_one_sentence():
+    """It was a traceback."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(
+            ServiceError, match=rf"^port {port} of 127\.0\.0\.1 is in use by another program$"
+        ):
+            shown(port=port)
+
+
 def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
     monkeypatch.delitem(sys.modules, "proximity.web.bridge", raising=False)
@@ -224,6 +235,20 @@ def test_a_log_is_shown_frame_by_frame(tmp_path):
             assert json.loads(page.recv(PATIENCE)) == {"place": 31, "ms": 31.0}
 
 
+def test_part_of_an_unlikely_size_is_told_with_the_likely_unit():
+    said, stop = [], threading.Event()
+    run_page(
+        PageSettings(files=(str(BRACKET),), units="um"),
+        stop=stop,
+        say=said.append,
+        begun=lambda _: stop.set(),
+    )
+
+    assert (
+        said[0].startswith(f"{BRACKET}: the part is 0.") and "was read in um; the likely unit is" in said[0]
+    )
+
+
 def test_a_page_beside_a_service_watches_unless_the_scene_file_lets_it_feed(tmp_path):
     scene = tmp_path / "cell.toml"
     text = (
@@ -232,15 +257,19 @@ def test_a_page_beside_a_service_watches_unless_the_scene_file_lets_it_feed(tmp_
         f'[input]\nposes = "iox2://web-{tmp_path.name}/poses"\n'
     )
     for feed in (False, True):
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
         scene.write_text(text + ("[web]\nfeed = true\n" if feed else ""))
         process = subprocess.Popen(
-            [sys.executable, "-m", "proximity", "serve", str(scene), "--web", "--until-stdin"],
+            [sys.executable, "-m", "proximity", "serve", str(scene), "--web", "--until-stdin",
+             "--port", str(port)],
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         try:
             for line in process.stderr:
                 if "the page is at" in line:
                     break
+            assert f"http://127.0.0.1:{port}/#token=" in line
             welcome, geometry, frame = welcomed(line.split()[-1])
             children = psutil.Process(process.pid).children()
         finally:

@@ -70,7 +70,11 @@ def write(report: Report, *, as_json: bool) -> None:
 def _lines(report: Report) -> Lines:
     rate = number(1e9 / report.period_ns)
     states = ", ".join(f"{count} {state.name.lower()}" for state, count in report.states.items() if count)
-    dropped = {"from the future": report.future, "backwards in time": report.backwards}
+    dropped = {
+        "from the future": report.future,
+        "backwards in time": report.backwards,
+        "too old": report.too_old,
+    }
     poses = ", ".join(f"{count} {why}" for why, count in dropped.items() if count)
     logged = report.log_written or report.log_lost
     return [
@@ -83,7 +87,7 @@ def _lines(report: Report) -> Lines:
             for address, count in report.publish_failures.items()
         ),
         *([("log", f"{report.log_written} frames, {report.log_lost} lost")] if logged else []),
-        *([("poses", f"not used: {poses}")] if poses else []),
+        *([("poses", f"of fingers and parts, not used: {poses}")] if poses else []),
         *(("note", note) for note in report.notes),
     ]
 

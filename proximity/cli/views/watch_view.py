@@ -12,11 +12,13 @@ from rich.text import Text
 
 from proximity.cli.views.distance_bar import ruler
 from proximity.cli.views.finger_view import FLAG_LETTERS, finger_cells, finger_words, is_tracked
+from proximity.cli.wording import counted
 from proximity.message import Flaw, State
 from proximity.transport import Counts, Reading
 
 NS_IN_MS = 1e6
 NS_IN_S = 1e9
+TWO_HANDS = 10  # fingers: thumb to little finger of the left hand, then of the right
 LINE_FINGERS = 8  # reported in a line of text
 
 STATE_STYLES = {
@@ -28,9 +30,8 @@ STATE_STYLES = {
     State.STOPPING: "black on magenta",
 }
 MEANINGS = {
-    State.STARTING: "the service has no poses yet",
+    State.STARTING: "no poses yet that the service can use; its terminal says which it refused",
     State.OK: "every finger is tracked, and in time",
-    State.DEGRADED: "in time; a finger is not tracked, or is near with bounds only",
     State.LATE: "ticks were missed or poses are old: only the bounds hold, and they widen",
     State.STOPPING: "the service was asked to stop",
 }
@@ -168,7 +169,22 @@ def _cells(columns: dict[str, int]) -> int:
     return sum(columns.values()) + len(columns)
 
 
+def _lacking(contacts: np.ndarray) -> str:
+    """What a frame that is in time lacks: most often a hand that nobody holds up."""
+    tracked = is_tracked(contacts)
+    lost = int((~tracked).sum())
+    if not lost:
+        return "in time; a finger is near with bounds only"
+    if len(tracked) == TWO_HANDS and lost == TWO_HANDS // 2:
+        for hand, is_seen in zip(("right", "left"), (tracked[:5], tracked[5:]), strict=True):
+            if is_seen.all():
+                return f"in time; the {hand} hand is not seen"
+    return f"in time; {lost} of {counted(len(tracked), 'finger')} {'is' if lost == 1 else 'are'} not tracked"
+
+
 def _meaning(reading: Reading, seen: Seen) -> str:
+    if reading.state is State.DEGRADED:
+        return _lacking(reading.contacts)
     if reading.state is not State.STALE:
         return MEANINGS[reading.state]
     if seen.counts.unverified and seen.rate_hz == 0.0:
@@ -181,14 +197,15 @@ def _meaning(reading: Reading, seen: Seen) -> str:
     if reading.header is None:
         return f"no frame has come from {seen.address} yet, for {seen.silent_s:.1f} s"
     if reading.header["state"] == State.STALE and seen.rate_hz > 0.0:
-        return "the service has no new poses: nothing is known of any finger"
+        return "the service has no new poses that it can use: nothing is known of any finger"
     return f"no frame for {seen.silent_s:.1f} s: nothing is known of any finger"
 
 
 def _figures(reading: Reading, seen: Seen) -> list[str]:
     counts, header = seen.counts, reading.header
     reported = [f"{seen.rate_hz:.0f} Hz"]
-    if header is not None:
+    # A frame without a pose has no age: what its header has is the instant of the tick.
+    if header is not None and header["state"] not in (State.STARTING, State.STALE):
         reported.append(f"age {_duration(reading.age_ns)}")
     reported += [f"{counts.lost} lost", f"{counts.unused} refused"]
     if header is not None:

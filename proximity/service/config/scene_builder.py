@@ -12,7 +12,7 @@ from typing import Any
 from proximity.errors import ProximityError, ServiceError
 from proximity.pose import Pose
 from proximity.recording import Recording, read_recording
-from proximity.scene.loader import load
+from proximity.scene.loader import load, notes_on_sizes
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 from proximity.service.config.settings import FingerSettings, PartEntry, SceneFile
@@ -23,13 +23,20 @@ DEFAULT_FINGERS = 5
 TWO_HANDS = 10
 NOT_OF_TRACKER = ("count", "names")
 """Settings of fingers that no tracker is given."""
+_Kept = dict[tuple[str, str], tuple[Any, tuple[Part, ...], tuple[str, ...]]]
+"""Stamp, parts and notes of files, by name and unit."""
 
 
 class PartFiles:
     """The files that parts came from, kept: an edited scene reads only those that have changed."""
 
     def __init__(self) -> None:
-        self._kept: dict[tuple[str, str], tuple[Any, tuple[Part, ...]]] = {}
+        self._kept: _Kept = {}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on files whose parts have an unlikely size, as of the last scene."""
+        return tuple(note for _, _, notes in self._kept.values() for note in notes)
 
     def scene(self, settings: SceneFile) -> Scene:
         """Return the scene of a file.
@@ -39,7 +46,7 @@ class PartFiles:
         ServiceError
             If a file cannot be used, or two parts would have one name.
         """
-        kept: dict[tuple[str, str], tuple[Any, tuple[Part, ...]]] = {}
+        kept: _Kept = {}
         parts: list[Part] = []
         entry_of: dict[str, int] = {}  # by name
         for index, entry in enumerate(settings.parts):
@@ -61,13 +68,15 @@ class PartFiles:
         self._kept = kept
         return scene
 
-    def _load(self, entry: PartEntry, kept: Any) -> tuple[Part, ...]:
+    def _load(self, entry: PartEntry, kept: _Kept) -> tuple[Part, ...]:
         key, stamp = (entry.file, entry.units), stamp_of(entry.file)
         found = kept.get(key) or self._kept.get(key)
         if found is None or found[0] != stamp:
-            found = stamp, load(entry.file, units=entry.units).parts
+            loaded = load(entry.file, units=entry.units)
+            notes = tuple(f"{entry.file}: {note}" for note in notes_on_sizes(loaded))
+            found = stamp, tuple(loaded.parts), notes
         kept[key] = found
-        return tuple(found[1])
+        return found[1]
 
 
 def stamp_of(path: str) -> tuple[int, ...] | None:

@@ -190,6 +190,6 @@ class _Beside:
                 finger_count=self._made.count,
                 part_count=len(parts),
                 face_count=sum(part.solid.mesh.face_count for part in parts),
-                notes=tuple(report.notes),
+                notes=(*self._made.files.notes, *report.notes),
             )
         )

@@ -11,11 +11,12 @@ from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.scene.scene import Scene
 from proximity.service.inputs.part_prediction import Carried, ReportedMotion
 from proximity.service.inputs.reception import Reception
+from proximity.service.instant_advice import on_backwards, on_future, on_too_old
 from proximity.service.presence import Presence
 from proximity.service.samples import FingerPoses
-from proximity.system.time_units import NS_PER_S
+from proximity.system.time_units import NS_PER_MS, NS_PER_S
 
-SILENT_PARTS = "velocities of parts that ended, because nothing was reported for 100 ms"
+SILENT_PARTS = "parts stood still: no move for 100 ms"
 UNFIT = "moves of parts that are invalid"
 FUTURE, BACKWARDS = "moves from the future", "moves older than the one before"
 
@@ -55,6 +56,7 @@ class MovesInput:
 
     future: int  # moves left out because they are from the future
     backwards: int  # … because they are older than the one before
+    too_old: int  # … because they are worth nothing when they come
 
     def __init__(
         self,
@@ -67,7 +69,7 @@ class MovesInput:
         self._reception = Reception(address, [MOVES], clock)
         self._clock, self._skipped = clock, skipped
         self._stale_after_ns = round(NS_PER_S * stale_after)
-        self.future = self.backwards = 0
+        self.future = self.backwards = self.too_old = 0
         self._scene: Scene | None = None
         self._latest: dict[str, ReportedMotion] = {}  # by name of a part that there is or was
         self._unfit: set[str] = set()  # of these, parts that cannot be carried on as they were reported
@@ -158,25 +160,31 @@ class MovesInput:
     def _admitted(self, names: list[str], pose_ns: np.ndarray, now_ns: int) -> list[int]:
         """Rows of the moves that may be used: none from the future, none backwards in time, none too old."""
         admitted, latest = [], self._latest
-        future = backwards = stale = 0
+        ahead_ns, back_ns, ages_ns = [], [], []
         # Not by the tick's start: where the system kept us from running since, new moves are after it.
-        latest_ns = max(now_ns, self._clock() + self._skipped()) + MAX_FUTURE_NS
+        newest_ns = max(now_ns, self._clock() + self._skipped())
         for row, (name, instant) in enumerate(zip(names, pose_ns.tolist(), strict=True)):
-            if instant > latest_ns:
-                future += 1
+            if instant > newest_ns + MAX_FUTURE_NS:
+                ahead_ns.append(instant - newest_ns)
             elif name in latest and instant < latest[name].pose_ns:
-                backwards += 1
+                back_ns.append(latest[name].pose_ns - instant)
             elif instant < now_ns - self._stale_after_ns:
-                stale += 1
+                ages_ns.append(now_ns - instant)
             else:
                 admitted.append(row)
         if len(admitted) < len(names):
-            self.future += future
-            self.backwards += backwards
-            too_old = f"moves older than {self._stale_after_ns / 1_000_000:g} ms"
-            for what, count in ((FUTURE, future), (BACKWARDS, backwards), (too_old, stale)):
-                if count:
-                    self._reception.leave_out(what, count)
+            self.future += len(ahead_ns)
+            self.backwards += len(back_ns)
+            self.too_old += len(ages_ns)
+            too_old = f"moves older than {self._stale_after_ns / NS_PER_MS:g} ms"
+            reasons = (
+                (FUTURE, ahead_ns, on_future),
+                (BACKWARDS, back_ns, on_backwards),
+                (too_old, ages_ns, on_too_old),
+            )
+            for what, off_ns, advice in reasons:
+                if off_ns:
+                    self._reception.leave_out(what, len(off_ns), advice(off_ns[0]))
         return admitted
 
     def _moved_each(
@@ -223,7 +231,9 @@ class MovesInput:
         if now_ns >= carried.next_ns:
             silent = carried.fall_silent(now_ns)
             self._silent.update(silent)
-            self._reception.leave_out(SILENT_PARTS, len(silent), f"first of {silent[0]!r}")
+            self._reception.leave_out(
+                SILENT_PARTS, len(silent), says=f"{silent[0]!r} stands still: no move for 100 ms"
+            )
         poses = carried.at(instant_ns)
         if poses is None:
             return

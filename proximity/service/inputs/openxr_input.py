@@ -49,6 +49,7 @@ class OpenXrInput:
     """
 
     is_over: bool
+    address = "OpenXR"
 
     def __init__(
         self, scene_from_openxr: Pose, count: int, *, open_hands: Callable[[], TrackedHands] = OpenXrHands

@@ -108,7 +108,7 @@ class Reception:
         else:
             self.leave_out("messages with an impossible time", 1)
 
-    def leave_out(self, what: str, count: int, why: str = "") -> None:
+    def leave_out(self, what: str, count: int, why: str = "", *, says: str = "") -> None:
         """Count what of a message is not used; the first time is logged.
 
         Parameters
@@ -119,9 +119,11 @@ class Reception:
             How many.
         why : str
             For the log.
+        says : str
+            What the log says instead of *what* and *why*.
         """
         if what not in self._left_out:
-            LOGGER.warning("%s: %s%s", self.address, what, why and f" ({why})")
+            LOGGER.warning("%s: %s", self.address, says or f"{what}{why and f' ({why})'}")
         self._left_out[what] = self._left_out.get(what, 0) + count
 
     def close(self) -> None:

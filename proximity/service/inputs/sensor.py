@@ -69,6 +69,7 @@ class SensorInput:
     is_over = False
 
     def __init__(self, address: str, count: int) -> None:
+        self.address = address
         self._reception = Reception(address, [MEASURED])
         self._count = count
         self._measured = Measurements(count)

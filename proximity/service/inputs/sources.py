@@ -21,6 +21,8 @@ class PoseInput(Protocol):
 
     is_over: bool
     """Whether nothing will come any more: a recording that has ended."""
+    address: str
+    """Where samples come from, for messages."""
 
     @property
     def notes(self) -> list[str]:
@@ -58,6 +60,7 @@ class RecordingInput:
         if not 0.0 <= latency <= 1.0:
             raise ServiceError(f"a recording with a latency of {latency!r} s, expected 0 to 1 s")
         self.is_over = False
+        self.address = recording.path or "the recording"
         self.notes = [f"{recording.path or 'the recording'}: {note}" for note in recording.notes]
         self._times_ns = recording.times_ns - recording.times_ns[0]
         self._positions = recording.positions
@@ -131,6 +134,7 @@ class CallableInput:
     """
 
     is_over = False
+    address = "the pose callback"
 
     def __init__(self, function: Callable[[int], Any], count: int) -> None:
         self.failures = 0

@@ -46,6 +46,7 @@ class StreamInput:
         gloves: GloveChoices | None = None,
     ) -> None:
         kinds = [POSES, PATH_POSES] if gloves is None else [POSES, PATH_POSES, GLOVE_POSES]
+        self.address = address
         self._reception = Reception(address, kinds, clock)
         self._gloves = gloves
         self._count = count

@@ -52,7 +52,7 @@ class SensorAnswers:
 
     source = Source.TELEOPERATION
     epoch = 0
-    refused = 0, 0
+    refused = 0, 0, 0
     is_late = False
 
     def __init__(

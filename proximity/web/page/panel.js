@@ -58,6 +58,9 @@ export class Panel {
 
   meaning(state, contacts, tracked) {
     if (state !== "DEGRADED") return MEANINGS[state] ?? "";
+    const hand = contacts.length === 10 && tracked === 5 && (contacts[0].isKnown ? "right" : "left");
+    const isWhole = hand && contacts.every(({ isKnown }, finger) => isKnown === (hand === "right" ? finger < 5 : finger >= 5));
+    if (isWhole) return `In time. The ${hand} hand is not seen.`;
     if (tracked < contacts.length) {
       return `In time. ${tracked || "No"} of ${contacts.length} fingers ${tracked === 1 ? "is" : "are"} tracked.`;
     }
@@ -69,9 +72,10 @@ export class Panel {
     const work = contacts.reduce((most, contact) => (contact.isKnown ? Math.max(most, contact.work) : most), 0);
     const rate = isLogged && header ? 1e9 / Number(header.period_ns) : link.rate.hz;
     const isKnown = reading.state !== "STALE" || isLogged;
+    const hasPose = contacts.some((contact) => contact.isKnown); // without one the age is that of the tick
     const shown = [
       ["rate", number(isKnown ? rate : NaN, 0, "Hz")],
-      ["age", number(isKnown ? reading.ageMs : NaN, 1, "ms")],
+      ["age", number(isKnown && hasPose ? reading.ageMs : NaN, 1, "ms")],
       ["latency", isLogged || !isKnown ? "—" : number(percentile(link.latencies, 0.5), 1, "ms")],
       ["p99", isLogged || !isKnown ? "—" : number(percentile(link.latencies, 0.99), 1, "ms")],
       ["missed", header && isKnown ? `${header.missed}` : "—"],

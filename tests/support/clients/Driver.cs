@@ -41,6 +41,8 @@ public static unsafe class Driver
             output.Write(reader.Counts.Received);
             output.Write(reader.Counts.Lost);
             output.Write(reader.Counts.Sessions);
+            for (int part = -1; part < 4; part++)
+                output.Write(System.Text.Encoding.UTF8.GetBytes(reader.PartName(part) + "\n"));
         }
     }
 
@@ -70,6 +72,8 @@ public static unsafe class Driver
             publisher.Send(moves, 1);
             DecaffChange[] changes = { DecaffPublisher.ChangeOf("lid \u00e4", DecaffPartAction.Hide) };
             publisher.Send(changes, 1);
+            DecaffAddition[] additions = { DecaffPublisher.AdditionOf("lid \u00e4", "inner/lid.stl", 7, 8, 9) };
+            publisher.Send(additions, 1);
             publisher.Send(poses, 2);
         }
     }

@@ -53,6 +53,8 @@ static void read_events(const char *from, const char *to)
     put(out, reader.counted().received);
     put(out, reader.counted().lost);
     put(out, reader.counted().sessions);
+    for (std::int32_t part = -1; part < 4; part++)
+        out << reader.part_name(part) << "\n";
 }
 
 static void print_tags(const char *key_path, const char *data_path, int count, char **sizes)
@@ -90,6 +92,7 @@ int main(int count, char **words)
             sender.send(poses);
             sender.send(moves);
             sender.send(std::vector{decaff::change_of("lid \xc3\xa4", DECAFF_PART_ACTION_HIDE)});
+            sender.send(std::vector{decaff::addition_of("lid \xc3\xa4", "inner/lid.stl", third)});
             sender.send(poses);
         } else if (mode == "listen") {
             decaff::receiver receiver({.host = word(2), .port = static_cast<std::uint16_t>(std::atoi(words[3])),

@@ -2,7 +2,7 @@
 import fs from "node:fs";
 import { setTimeout as sleep } from "node:timers/promises";
 
-import { FrameReader, STATE_NAMES, encode, moveOf, poseOf } from "./decaff.mjs";
+import { FrameReader, PartAction, STATE_NAMES, additionOf, changeOf, encode, moveOf, poseOf } from "./decaff.mjs";
 import { Publisher, Subscriber, clockNs, readKey, tagOf } from "./decaff_udp.mjs";
 
 const FLAWS = ["", "short", "magic", "version", "size", "checksum", "old", "future", "content"];
@@ -39,6 +39,7 @@ function readEvents(from, to) {
   put(8, "writeBigUInt64LE", BigInt(reader.counts.received));
   put(8, "writeBigUInt64LE", reader.counts.lost);
   put(8, "writeBigUInt64LE", BigInt(reader.counts.sessions));
+  for (let part = -1; part < 4; part++) parts.push(Buffer.from(`${reader.partName(part)}\n`));
   fs.writeFileSync(to, Buffer.concat(parts));
 }
 
@@ -50,7 +51,8 @@ async function send() {
     if (mode === "sender") publisher.send("poses", new Array(4096).fill(poses[0]));
     publisher.send("poses", poses);
     publisher.send("moves", [moveOf("lid ä", [7, 8, 9], clockNs())]);
-    publisher.send("changes", [{ name: "lid ä", action: 0 }]);
+    publisher.send("changes", [changeOf("lid ä", PartAction.HIDE)]);
+    publisher.send("additions", [additionOf("lid ä", "inner/lid.stl", [7, 8, 9])]);
     publisher.send("poses", poses);
   } finally {
     await publisher.close();

@@ -82,7 +82,7 @@ class Events:
         self.kinds.append("look")
 
     def answers(self, program, folder):
-        """What a program answers to each, and its counts: received, lost and sessions."""
+        """What a program answers to each, its counts of received, lost and sessions, and names of parts."""
         (folder / "events").write_bytes(self.data)
         ask(program, "read", folder / "events", folder / "answers")
         data, at, answers = (folder / "answers").read_bytes(), 0, []
@@ -96,4 +96,5 @@ class Events:
             contacts = np.frombuffer(data, CONTACT, count, at)
             at += contacts.nbytes
             answers.append((State(state), bool(is_new), now_ns, age_ns, contacts))
-        return answers, struct.unpack_from("<QQQ", data, at)
+        names = data[at + 24 :].decode().splitlines()
+        return answers, struct.unpack_from("<QQQ", data, at), names

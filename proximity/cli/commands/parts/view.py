@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from proximity.cli.commands.service.demo import sample
-from proximity.cli.options import LIMIT, UNITS, check_limit, with_option_groups
+from proximity.cli.options import LIMIT, UNITS, check_limit, check_port, with_option_groups
 from proximity.system.stop_signals import stop_at_input, stopped_by_signals
 
 if TYPE_CHECKING:
@@ -213,8 +213,7 @@ def _check(rate: float, radius: float | None, port: int) -> None:
         raise typer.BadParameter(f"{rate:g} Hz: expected 1 to 100000", param_hint="--rate")
     if not 0.0 < (1.0 if radius is None else radius) <= 1e3:
         raise typer.BadParameter(f"{radius:g} mm: expected more than 0, up to 1000", param_hint="--radius")
-    if not 0 <= port < 65536:
-        raise typer.BadParameter(f"{port}: expected 0 to 65535", param_hint="--port")
+    check_port(port)
 
 
 def _say(sentence: str) -> None:

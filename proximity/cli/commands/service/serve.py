@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from proximity.cli.options import LIMIT, check_limit
+from proximity.cli.options import LIMIT, check_limit, check_port
 from proximity.cli.program import EXIT_UNUSABLE
 from proximity.errors import ServiceError
 from proximity.system.stop_signals import stop_at_input
@@ -67,6 +67,10 @@ TICKS = Annotated[int | None, typer.Option("--ticks", metavar="N", help="Stop af
 WEB = Annotated[
     bool, typer.Option("--web", help="Start the page of proximity view as well, and print its address.")
 ]
+PORT = Annotated[
+    int | None,
+    typer.Option("--port", metavar="N", help="Port of the page of --web; any free port if not given."),
+]
 AS_JSON = Annotated[
     bool, typer.Option("--json", help="Write one JSON document at the start and one at the end: the report.")
 ]
@@ -85,20 +89,19 @@ def command(
     limit: LIMIT = None,
     ticks: TICKS = None,
     web: WEB = False,
+    port: PORT = None,
     as_json: AS_JSON = False,
     until_stdin: UNTIL_STDIN = False,
 ) -> None:
     """Serve until asked to stop, and print the report."""
-    check_limit(limit)
-    if ticks is not None and ticks < 1:
-        raise typer.BadParameter(f"{ticks} ticks: expected 1 or more", param_hint="--ticks")
+    _check(limit, ticks, port, is_web=web)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli import progress
     from proximity.cli.views import serve_report
     from proximity.service.hosting import serve
 
     overrides = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
-    page = _PageBeside(scene, overrides) if web else None
+    page = _PageBeside(scene, overrides, port or 0) if web else None
     stop = threading.Event()
     if until_stdin:
         stop_at_input(stop)
@@ -128,14 +131,24 @@ def command(
         raise typer.Exit(EXIT_UNUSABLE)
 
 
+def _check(limit: float | None, ticks: int | None, port: int | None, *, is_web: bool) -> None:
+    """Refuse numbers out of range."""
+    check_limit(limit)
+    if ticks is not None and ticks < 1:
+        raise typer.BadParameter(f"{ticks} ticks: expected 1 or more", param_hint="--ticks")
+    if port is not None and not is_web:
+        raise typer.BadParameter(f"{port}: expected --web, of whose page it is the port", param_hint="--port")
+    check_port(port or 0)
+
+
 class _PageBeside:
     """A page in a process of its own, to which the service publishes at an address of its own."""
 
-    def __init__(self, scene: Path, given: dict[str, Any]) -> None:
+    def __init__(self, scene: Path, given: dict[str, Any], port: int) -> None:
         from proximity.service.config import read_scene_file
         from proximity.web.served_scene import own_addresses
 
-        self._scene, self._address = str(scene), own_addresses().frames
+        self._scene, self._port, self._address = str(scene), str(port), own_addresses().frames
         given["publish"] = [*(given["publish"] or read_scene_file(scene).service.publish), self._address]
         self._page: RunningPage | None = None
         self._is_over = False
@@ -155,8 +168,9 @@ class _PageBeside:
     def _start(self) -> None:
         from proximity.web import RunningPage
 
+        words = [self._scene, "--beside", self._address, "--port", self._port]
         try:
-            self._page = RunningPage([self._scene, "--beside", self._address], self._scene, _say)
+            self._page = RunningPage(words, self._scene, _say)
         except ServiceError as failure:
             _say(str(failure))
             return

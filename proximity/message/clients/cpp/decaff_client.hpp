@@ -21,6 +21,7 @@
 #include <cstdint>
 #include <cstring>
 #include <fstream>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <optional>
@@ -74,6 +75,18 @@ struct counts {
     std::array<std::uint64_t, static_cast<std::size_t>(flaw::count)> flawed{}; // by reason
 
     std::uint64_t of(flaw reason) const { return flawed[static_cast<std::size_t>(reason)]; }
+
+    /// All of them in a line.
+    std::string text() const
+    {
+        std::string line = "received " + std::to_string(received) + ", lost " + std::to_string(lost)
+                           + "; not used: unverified " + std::to_string(unverified) + ", refused "
+                           + std::to_string(refused);
+        for (std::size_t reason = 1; reason < flawed.size(); reason++)
+            if (flawed[reason] > 0)
+                line += std::string(", ") + flaw_names[reason] + " " + std::to_string(flawed[reason]);
+        return line;
+    }
 };
 
 /// How fast what is known becomes less.
@@ -196,10 +209,10 @@ public:
     {
     }
 
-    /// Take a frame that arrived at an instant of this machine's clock; what is wrong with it.
+    /// Take a frame, or a description, that arrived at an instant of this machine's clock; what is wrong with it.
     flaw offer(std::span<const std::byte> message, std::int64_t now_ns)
     {
-        const flaw reason = judge(message, now_ns);
+        const flaw reason = is_description(message) ? describe(message) : judge(message, now_ns);
         if (reason != flaw::none)
             counts_.flawed[static_cast<std::size_t>(reason)]++;
         return reason;
@@ -238,6 +251,15 @@ public:
         return now;
     }
 
+    /// The name of a part of the newest frame, which numbers it as contact.part; empty until it is known, within
+    /// a second of the first frame and of each change.
+    std::string_view part_name(std::int32_t part) const
+    {
+        const bool is_of_frame = last_ && names_of_[0] == held_.session && names_of_[1] == held_.epoch;
+        const auto row = static_cast<std::size_t>(part); // -1, no part, is beyond all
+        return is_of_frame && row < part_names_.size() ? std::string_view(part_names_[row]) : std::string_view();
+    }
+
     const counts &counted() const { return counts_; }
     counts &counted() { return counts_; }
 
@@ -249,6 +271,8 @@ private:
     static constexpr std::int64_t restart_silence_ns = 50000000; // then another run may have begun
     static constexpr std::size_t most_runs = 64;                 // that are remembered
     static constexpr std::int64_t most_ns = std::int64_t{1} << 62;
+    static constexpr std::uint64_t most_names = 1 << 20; // who claims more is not believed
+    using numbers = std::array<std::uint64_t, 4>;        // of a description: session, epoch, parts, fingers
 
     bool shares_clock_, is_keyed_, is_new_ = false;
     limits ageing_;
@@ -259,6 +283,48 @@ private:
     std::optional<seen> last_;
     std::uint64_t newest_session_ = 0;
     std::vector<std::pair<std::uint64_t, std::uint64_t>> ended_; // session, last number; oldest first
+    numbers names_of_{}, labels_of_{};
+    std::vector<std::string> part_names_;
+    std::map<std::uint64_t, std::string> labels_; // of a description of which not all has come
+
+    static bool is_description(std::span<const std::byte> message)
+    {
+        std::uint32_t magic = 0;
+        if (message.size() >= sizeof(decaff_prefix))
+            std::memcpy(&magic, message.data(), sizeof magic);
+        return magic == DECAFF_DESCRIPTION_MAGIC;
+    }
+
+    /// Take one message of a description, whose names count when all of them have come.
+    flaw describe(std::span<const std::byte> message)
+    {
+        decaff_description_header header;
+        const int wrong = decaff_check(message.data(), message.size(), DECAFF_DESCRIPTION_MAGIC, sizeof header,
+                                       sizeof(decaff_label), offsetof(decaff_description_header, count));
+        if (wrong != DECAFF_FLAW_NONE)
+            return static_cast<flaw>(wrong);
+        std::memcpy(&header, message.data(), sizeof header);
+        const numbers of{header.session, header.epoch, header.part_count, header.finger_count};
+        const std::uint64_t total = of[2] + of[3], first = header.first;
+        if (total > most_names || first + header.count > total)
+            return flaw::content;
+        if (of != labels_of_ || first == 0)
+            labels_.clear();
+        labels_of_ = of;
+        for (std::size_t i = 0; i < header.count; i++) {
+            decaff_label label;
+            std::memcpy(&label, message.data() + sizeof header + i * sizeof label, sizeof label);
+            labels_[first + i].assign(label.name, std::find(label.name, std::end(label.name), '\0'));
+        }
+        if (labels_.size() == total) {
+            names_of_ = of;
+            part_names_.clear();
+            for (const auto &[row, name] : labels_)
+                if (row < of[2])
+                    part_names_.push_back(name);
+        }
+        return flaw::none;
+    }
 
     flaw judge(std::span<const std::byte> message, std::int64_t now_ns)
     {
@@ -531,6 +597,9 @@ public:
         }
     }
 
+    /// The name of a part of the newest frame; empty until it is known.
+    std::string_view part_name(std::int32_t part) const { return frames_.part_name(part); }
+
     const counts &counted() const { return frames_.counted(); }
 
 private:
@@ -597,11 +666,17 @@ inline decaff_pose pose_of(std::uint32_t finger, std::span<const double, 3> posi
 }
 
 namespace detail {
+template <std::size_t Size> void put_text(char (&there)[Size], std::string_view text, const char *what)
+{
+    if (text.empty() || text.size() > Size)
+        throw error(std::string(what) + " has " + std::to_string(text.size()) + " bytes, expected 1 to "
+                    + std::to_string(Size));
+    std::memcpy(there, text.data(), text.size());
+}
+
 template <std::size_t Size> void name_part(char (&there)[Size], std::string_view name)
 {
-    if (name.empty() || name.size() > Size)
-        throw error("a part's name has " + std::to_string(name.size()) + " bytes, expected 1 to 64");
-    std::memcpy(there, name.data(), name.size());
+    put_text(there, name, "a part's name");
 }
 } // namespace detail
 
@@ -612,6 +687,20 @@ inline decaff_change change_of(std::string_view name, std::uint32_t action)
     detail::name_part(change.name, name);
     change.action = action;
     return change;
+}
+
+/// An addition: a file of a folder of `parts_from`, such as "lid.stl", under that name and with its origin there.
+/// Set `rotation` where it is turned, and `units` where the file declares none and is not in mm.
+inline decaff_addition addition_of(std::string_view name, std::string_view file,
+                                   std::span<const double, 3> translation)
+{
+    decaff_addition addition{};
+    detail::name_part(addition.name, name);
+    detail::put_text(addition.file, file, "a file's name");
+    for (int axis = 0; axis < 3; axis++)
+        addition.rotation[axis][axis] = 1.0;
+    std::copy(translation.begin(), translation.end(), addition.translation);
+    return addition;
 }
 
 /// A move: the part stands, with its axes those of the scene and its origin there. Set `rotation` where the part

@@ -1,4 +1,4 @@
-// example.cpp: a fingertip that comes down on the scene, and what the service says of it.
+// example.cpp: a fingertip that comes down on the sample bracket, and what the service says of it.
 //
 //   g++ -std=c++20 -O2 -Wall example.cpp -o example        (Windows: x86_64-w64-mingw32-g++ ... -lws2_32)
 //   ./example FRAMES_PORT POSES_PORT SECONDS [KEY]
@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <thread>
 #include <vector>
 
 #include "decaff_client.hpp"
@@ -16,13 +17,17 @@ static const char *const names[] = {"STARTING", "OK", "DEGRADED", "LATE", "STALE
 
 static void show(const decaff::reading &now)
 {
-    std::printf("%s age %.1f ms", names[now.state], 1e-6 * static_cast<double>(now.age_ns));
+    if (now.header == nullptr) {
+        std::printf("no frame yet\n");
+        return;
+    }
+    std::printf("%s", names[now.state]);
     for (const decaff_contact &contact : now.contacts) {
         if ((contact.flags & DECAFF_FLAG_TRACKED) == 0)
             continue; // nothing is known of it: take the hand's force away
         // While the frame is valid the distance holds; LATE, only that it is at least the lower bound.
-        std::printf("; finger %u: %s %.3f mm", static_cast<unsigned>(contact.finger),
-                    now.is_valid() ? "at" : "at least", 1e3 * contact.lower);
+        std::printf("; finger %u: %s %.3f mm, pose %.1f ms old", static_cast<unsigned>(contact.finger),
+                    now.is_valid() ? "at" : "at least", 1e3 * contact.lower, 1e-6 * static_cast<double>(contact.age_ns));
     }
     std::printf("\n");
 }
@@ -37,18 +42,18 @@ int main(int count, char **words)
         const std::string key = count > 4 ? words[4] : "";
         decaff::receiver frames({.port = static_cast<std::uint16_t>(std::atoi(words[1])), .key = key});
         decaff::sender poses({.port = static_cast<std::uint16_t>(std::atoi(words[2])), .key = key});
-        const auto began = std::chrono::steady_clock::now();
-        const std::chrono::duration<double> lasts(std::atof(words[3]));
-        for (auto gone = lasts * 0; gone < lasts; gone = std::chrono::steady_clock::now() - began) {
-            // From 60 mm above the origin's corner down to 40 mm, at 5 mm a second.
-            const double tip[3] = {0.030, 0.010, std::max(0.060 - 0.005 * gone.count(), 0.040)};
-            const std::vector<decaff_pose> hand = {decaff::pose_of(0, tip)};
-            poses.send(hand);
-            show(frames.wait(std::chrono::milliseconds(10))); // a picture's worth of time
+        const int pictures = static_cast<int>(90 * std::atof(words[3])); // 90 a second, as a headset has them
+        auto due = std::chrono::steady_clock::now();
+        for (int picture = 1; picture <= pictures; picture++) {
+            // From 60 mm down at 5 mm a second, until the fingertip of 7 mm is 1 mm inside the foot.
+            const double tip[3] = {0.050, 0.020, std::max(0.060 - 0.005 * picture / 90, 0.010)};
+            poses.send(std::vector<decaff_pose>{decaff::pose_of(0, tip)});
+            std::this_thread::sleep_until(due += std::chrono::nanoseconds(1000000000 / 90)); // you draw
+            const decaff::reading now = frames.read(); // never waits
+            if (picture % 9 == 0)
+                show(now);
         }
-        const decaff::counts &seen = frames.counted();
-        std::printf("received %llu, lost %llu\n", static_cast<unsigned long long>(seen.received),
-                    static_cast<unsigned long long>(seen.lost));
+        std::printf("%s\n", frames.counted().text().c_str());
     } catch (const decaff::error &failure) {
         std::fprintf(stderr, "example: %s\n", failure.what());
         return 1;

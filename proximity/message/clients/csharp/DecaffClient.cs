@@ -27,6 +27,16 @@ namespace Decaff
         public long Received, Sessions, Unverified;
         public ulong Lost; // numbers that were left out since the first
         public readonly long[] Flawed = new long[9]; // by DecaffFlaw
+
+        /// <summary>All of them in a line.</summary>
+        public override string ToString()
+        {
+            var line = new StringBuilder("received " + Received + ", lost " + Lost + "; not used: unverified " + Unverified);
+            for (int reason = 1; reason < Flawed.Length; reason++)
+                if (Flawed[reason] > 0)
+                    line.Append(", " + ((DecaffFlaw)reason).ToString().ToLowerInvariant() + " " + Flawed[reason]);
+            return line.ToString();
+        }
     }
 
     /// <summary>The monotonic clock; on Linux that of a service on this machine.</summary>
@@ -328,6 +338,7 @@ namespace Decaff
         private const long LongestValidNs = 1000000000, AheadNs = 5000000, RestartSilenceNs = 50000000;
         private const long MostNs = 1L << 62;
         private const int MostRuns = 64;
+        private const long MostNames = 1 << 20; // who claims more is not believed
 
         public readonly DecaffCounts Counts = new DecaffCounts();
         /// <summary>What the newest frame says, or worse; as of the last reading, like all that follows.</summary>
@@ -350,6 +361,9 @@ namespace Decaff
         private bool hasFrame, isFresh;
         private ulong lastSession, lastSequence, newestSession;
         private long lastSent, lastNow;
+        private readonly Dictionary<long, string> labels = new Dictionary<long, string>(); // not all have come
+        private DecaffDescriptionHeader labelsOf, namesOf; // namesOf: zeros where no description has come
+        private string[] partNames = new string[0];
 
         public DecaffFrameReader(bool sharesClock, bool isKeyed, double staleAfter = 0.08, double maxSpeed = 3,
             double maxAcceleration = 120)
@@ -363,10 +377,10 @@ namespace Decaff
             this.maxAcceleration = maxAcceleration;
         }
 
-        /// <summary>Take a frame that arrived; what is wrong with it.</summary>
+        /// <summary>Take a frame, or a description, that arrived; what is wrong with it.</summary>
         public DecaffFlaw Offer(byte[] message, int size, long nowNs)
         {
-            DecaffFlaw flaw = Judge(message, size, nowNs);
+            DecaffFlaw flaw = IsDescription(message, size) ? Describe(message, size) : Judge(message, size, nowNs);
             if (flaw != DecaffFlaw.None)
                 Counts.Flawed[(int)flaw]++;
             return flaw;
@@ -400,6 +414,80 @@ namespace Decaff
                     DecaffAgeing.Forget(ref Contacts[i]);
             }
             return State;
+        }
+
+        /// <summary>
+        /// The name of a part of the newest frame, which numbers it as Part of a contact; "" until it is known,
+        /// within a second of the first frame and of each change.
+        /// </summary>
+        public string PartName(int part)
+        {
+            bool isOfFrame = hasFrame && namesOf.Session == Header.Session && namesOf.Epoch == Header.Epoch;
+            return isOfFrame && part >= 0 && part < partNames.Length ? partNames[part] : "";
+        }
+
+        private static bool IsDescription(byte[] message, int size)
+        {
+            return size >= sizeof(DecaffPrefix) && BitConverter.ToUInt32(message, 0) == DecaffLayout.DescriptionMagic;
+        }
+
+        /// <summary>
+        /// Take one message of a description, whose names count when all of them have come. Names that are known
+        /// already make no garbage.
+        /// </summary>
+        private DecaffFlaw Describe(byte[] message, int size)
+        {
+            if (size < sizeof(DecaffDescriptionHeader))
+                return DecaffFlaw.Short;
+            fixed (byte* bytes = message)
+            {
+                DecaffDescriptionHeader of = *(DecaffDescriptionHeader*)bytes;
+                if (of.Version != DecaffLayout.Version)
+                    return DecaffFlaw.Version;
+                int count = (size - sizeof(DecaffDescriptionHeader)) / sizeof(DecaffLabel);
+                bool isWhole = sizeof(DecaffDescriptionHeader) + count * sizeof(DecaffLabel) == size;
+                if (of.Size != size || of.HeaderSize != sizeof(DecaffDescriptionHeader) || !isWhole
+                    || count > DecaffLayout.MaxRecords)
+                    return DecaffFlaw.Size;
+                if (DecaffKey.Crc32(message, DecaffLayout.CheckedFrom, size) != of.Checksum)
+                    return DecaffFlaw.Checksum;
+                if (of.Count != count)
+                    return DecaffFlaw.Size;
+                long total = (long)of.PartCount + of.FingerCount;
+                if (total > MostNames || (long)of.First + count > total)
+                    return DecaffFlaw.Content;
+                if (IsOfSame(of, namesOf))
+                    return DecaffFlaw.None;
+                if (!IsOfSame(of, labelsOf) || of.First == 0)
+                    labels.Clear();
+                labelsOf = of;
+                var records = (DecaffLabel*)(bytes + sizeof(DecaffDescriptionHeader));
+                for (int i = 0; i < count; i++)
+                    labels[(long)of.First + i] = NameAt(message, (int)((byte*)(records + i) - bytes));
+                if (labels.Count == total)
+                    TakeNames(of);
+            }
+            return DecaffFlaw.None;
+        }
+
+        private static bool IsOfSame(DecaffDescriptionHeader a, DecaffDescriptionHeader b)
+        {
+            return a.Session == b.Session && a.Epoch == b.Epoch && a.PartCount == b.PartCount
+                && a.FingerCount == b.FingerCount;
+        }
+
+        private static string NameAt(byte[] message, int first)
+        {
+            int end = Array.IndexOf(message, (byte)0, first, 64);
+            return Encoding.UTF8.GetString(message, first, end < 0 ? 64 : end - first);
+        }
+
+        private void TakeNames(DecaffDescriptionHeader of)
+        {
+            namesOf = of;
+            partNames = new string[of.PartCount];
+            for (int row = 0; row < partNames.Length; row++)
+                partNames[row] = labels[row];
         }
 
         private DecaffFlaw Judge(byte[] message, int size, long nowNs)
@@ -701,11 +789,25 @@ namespace Decaff
             return change;
         }
 
-        private static void NamePart(byte* there, string name)
+        /// <summary>An addition: a file of a folder of `parts_from`, not turned, with its origin there.</summary>
+        public static DecaffAddition AdditionOf(string name, string file, double x, double y, double z)
         {
-            byte[] bytes = Encoding.UTF8.GetBytes(name);
-            if (bytes.Length == 0 || bytes.Length > 64)
-                throw new DecaffError("a part's name has " + bytes.Length + " bytes, expected 1 to 64");
+            var addition = new DecaffAddition();
+            NamePart(addition.Name, name);
+            PutText(addition.File, file, 192, "a file's name");
+            for (int i = 0; i < 9; i += 4)
+                addition.Rotation[i] = 1;
+            addition.Translation = new DecaffVector(x, y, z);
+            return addition;
+        }
+
+        private static void NamePart(byte* there, string name) { PutText(there, name, 64, "a part's name"); }
+
+        private static void PutText(byte* there, string text, int most, string what)
+        {
+            byte[] bytes = Encoding.UTF8.GetBytes(text);
+            if (bytes.Length == 0 || bytes.Length > most)
+                throw new DecaffError(what + " has " + bytes.Length + " bytes, expected 1 to " + most);
             for (int i = 0; i < bytes.Length; i++)
                 there[i] = bytes[i];
         }

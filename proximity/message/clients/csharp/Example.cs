@@ -1,4 +1,4 @@
-// Example.cs: a fingertip that comes down on the scene, and what the service says of it, in a console.
+// Example.cs: a fingertip that comes down on the sample bracket, and what the service says of it, in a console.
 //
 //   mcs -unsafe DecaffMessages.cs DecaffClient.cs Example.cs && mono DecaffMessages.exe 9100 9101 5
 //   (or: dotnet run, with <AllowUnsafeBlocks>true</AllowUnsafeBlocks>)
@@ -16,16 +16,14 @@ public static class Example
 {
     private static void Show(DecaffSubscriber frames)
     {
-        var line = new StringBuilder();
-        line.AppendFormat(CultureInfo.InvariantCulture, "{0} age {1:F1} ms", frames.State.ToString().ToUpperInvariant(),
-            1e-6 * frames.AgeNs);
+        var line = new StringBuilder(frames.AgeNs < 0 ? "no frame yet" : frames.State.ToString().ToUpperInvariant());
         foreach (DecaffContact contact in frames.Contacts)
         {
             if ((contact.Flags & DecaffContactFlag.Tracked) == 0)
                 continue; // nothing is known of it: take the hand's force away
             // While the frame is valid the distance holds; LATE, only that it is at least the lower bound.
-            line.AppendFormat(CultureInfo.InvariantCulture, "; finger {0}: {1} {2:F3} mm", contact.Finger,
-                frames.IsValid ? "at" : "at least", 1e3 * contact.Lower);
+            line.AppendFormat(CultureInfo.InvariantCulture, "; finger {0}: {1} {2:F3} mm, pose {3:F1} ms old",
+                contact.Finger, frames.IsValid ? "at" : "at least", 1e3 * contact.Lower, 1e-6 * contact.AgeNs);
         }
         Console.WriteLine(line);
     }
@@ -43,18 +41,21 @@ public static class Example
             using (var frames = new DecaffSubscriber(int.Parse(words[0]), keyFile: key))
             using (var poses = new DecaffPublisher(int.Parse(words[1]), keyFile: key))
             {
-                double seconds = double.Parse(words[2], CultureInfo.InvariantCulture), gone = 0;
+                double pictures = 90 * double.Parse(words[2], CultureInfo.InvariantCulture); // 90 a second
                 var hand = new DecaffPose[1];
-                for (long began = DecaffClock.Ns; gone < seconds; gone = 1e-9 * (DecaffClock.Ns - began))
+                long began = DecaffClock.Ns;
+                for (int picture = 1; picture <= pictures; picture++)
                 {
-                    // From 60 mm above the origin's corner down to 40 mm, at 5 mm a second.
-                    hand[0] = DecaffPublisher.PoseOf(0, 0.030, 0.010, Math.Max(0.060 - 0.005 * gone, 0.040));
+                    // From 60 mm down at 5 mm a second, until the fingertip of 7 mm is 1 mm inside the foot.
+                    hand[0] = DecaffPublisher.PoseOf(0, 0.050, 0.020, Math.Max(0.060 - 0.005 * picture / 90, 0.010));
                     poses.Send(hand, 1);
-                    Thread.Sleep(10);
-                    frames.Read();
-                    Show(frames);
+                    long left = began + picture * 1000000000L / 90 - DecaffClock.Ns;
+                    Thread.Sleep((int)Math.Max(left / 1000000, 0)); // you draw
+                    frames.Read(); // never waits
+                    if (picture % 9 == 0)
+                        Show(frames);
                 }
-                Console.WriteLine("received {0}, lost {1}", frames.Counts.Received, frames.Counts.Lost);
+                Console.WriteLine(frames.Counts);
             }
         }
         catch (DecaffError failure)

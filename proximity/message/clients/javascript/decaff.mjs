@@ -6,8 +6,8 @@
 
 import { CHECKED_FROM, ENUMS, KINDS, MAX_RECORDS, RECORDS, VERSION } from "./layout.mjs";
 
-const { ContactFlag, Mode, Source, State, Surface } = ENUMS;
-export { ContactFlag, Mode, Source, State, Surface };
+const { ContactFlag, Mode, PartAction, Source, State, Surface } = ENUMS;
+export { ContactFlag, Mode, PartAction, Source, State, Surface };
 export const STATE_NAMES = Object.keys(State);
 
 const LONGEST_VALID_NS = 1_000_000_000n; // after its oldest pose no frame is valid for longer
@@ -15,6 +15,7 @@ const AHEAD_NS = 5_000_000n; // an instant farther in the future is a mistake
 const RESTART_SILENCE_NS = 50_000_000n; // of a publisher elsewhere: then another run may have begun
 const MOST_RUNS = 64; // that are remembered
 const MOST_NS = 2n ** 62n;
+const MOST_NAMES = 2 ** 20; // who claims more is not believed
 const utf8 = new TextEncoder();
 const text = new TextDecoder();
 
@@ -87,6 +88,12 @@ export function flawOf(bytes, kind = "frame") {
   return at("count") === count ? "" : "size";
 }
 
+/** Whether bytes claim to be a description: names of parts and fingers, which come beside frames. */
+function isDescription(bytes) {
+  const view = viewOf(bytes);
+  return view.byteLength >= RECORDS.prefix.size && view.getUint32(0, true) === KINDS.description.magic;
+}
+
 /** Read a message without a flaw: its header and records. */
 export function decode(bytes, kind = "frame") {
   const [head, row] = [RECORDS[KINDS[kind].header], RECORDS[KINDS[kind].record]];
@@ -120,6 +127,14 @@ export const poseOf = (finger, position, poseNs) => ({
 export const moveOf = (name, translation, poseNs) => ({
   name, pose_ns: poseNs, translation, rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1],
   velocity: [0, 0, 0], angular_velocity: [0, 0, 0],
+});
+
+/** A record of "changes": PartAction.HIDE, SHOW or REMOVE a part. */
+export const changeOf = (name, action) => ({ name, action });
+
+/** A record of "additions": a file of a folder of `parts_from`, not turned, with its origin there, m. */
+export const additionOf = (name, file, translation) => ({
+  name, file, units: "", translation, rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1],
 });
 
 const length = (v) => Math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
@@ -232,6 +247,8 @@ export class FrameReader {
   #ended = new Map(); // session: the last number of a run before
   #held = null;
   #isNew = false;
+  #names = null; // of a description: numbers of its service, and the names of parts
+  #labels = { of: "", names: new Map() }; // of a description of which not all has come
 
   constructor({ sharesClock = false, isKeyed = false, staleAfter = 0.08, maxSpeed = 3, maxAcceleration = 120 } = {}) {
     for (const [name, value] of Object.entries({ staleAfter, maxSpeed, maxAcceleration })) {
@@ -242,9 +259,9 @@ export class FrameReader {
     this.#limits = { staleAfterNs: BigInt(Math.round(1e9 * staleAfter)), maxSpeed, maxAcceleration };
   }
 
-  /** Take the bytes of a frame that arrived; what is wrong with them, "" for nothing. */
+  /** Take the bytes of a frame, or a description, that arrived; what is wrong with them, "" for nothing. */
   offer(bytes, nowNs) {
-    const flaw = this.#judge(bytes, nowNs);
+    const flaw = isDescription(bytes) ? this.#describe(bytes) : this.#judge(bytes, nowNs);
     if (flaw) this.counts.flawed[flaw] = (this.counts.flawed[flaw] ?? 0) + 1;
     return flaw;
   }
@@ -267,6 +284,32 @@ export class FrameReader {
     this.#isNew = false;
     const contacts = isValid ? held.records : held.records.map((record) => this.#worsened({ ...record }, state, header.state, now));
     return { state: STATE_NAMES[state], isValid, isNew, nowNs: now, ageNs: age > 0n ? age : 0n, header, contacts };
+  }
+
+  /** The name of a part of the newest frame, which numbers it as contact.part; "" until it is known, within a
+   * second of the first frame and of each change. */
+  partName(part) {
+    if (this.#held === null || this.#names === null) return "";
+    const { session, epoch } = this.#held.header;
+    return session === this.#names.session && epoch === this.#names.epoch ? (this.#names.parts[part] ?? "") : "";
+  }
+
+  /** Take one message of a description, whose names count when all of them have come. */
+  #describe(bytes) {
+    const flaw = flawOf(bytes, "description");
+    if (flaw) return flaw;
+    const { header, records } = decode(bytes, "description");
+    const { session, epoch, part_count: partCount, finger_count: fingerCount, first } = header;
+    const total = partCount + fingerCount;
+    if (total > MOST_NAMES || first + records.length > total) return "content";
+    const of = [session, epoch, partCount, fingerCount].join();
+    if (of !== this.#labels.of || first === 0) this.#labels = { of, names: new Map() };
+    const { names } = this.#labels;
+    records.forEach((record, k) => names.set(first + k, record.name));
+    if (names.size === total) {
+      this.#names = { session, epoch, parts: Array.from({ length: partCount }, (_, row) => names.get(row)) };
+    }
+    return "";
   }
 
   #worsened(contact, state, published, now) {

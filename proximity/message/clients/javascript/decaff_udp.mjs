@@ -57,6 +57,11 @@ export class Subscriber {
     return this.#frames.at(clockNs());
   }
 
+  /** The name of a part of the newest frame; "" until it is known. */
+  partName(part) {
+    return this.#frames.partName(part);
+  }
+
   get counts() {
     return this.#frames.counts;
   }
@@ -96,7 +101,7 @@ export class Publisher {
     this.#awake = now - clockNs();
   }
 
-  /** Send a message: "poses", "path_poses", "glove_poses", "moves" or "measured", with its records. */
+  /** Send a message of a kind such as "poses", "moves", "changes" or "additions", with its records. */
   send(kind, records) {
     const awake = calendarNs() - clockNs();
     if (awake - this.#awake > 1_000_000_000n) this.#begin(); // the machine slept, its monotonic clock stood still

@@ -1,4 +1,4 @@
-// example.mjs: a fingertip that comes down on the scene, and what the service says of it. For Node 20 or newer.
+// example.mjs: a fingertip that comes down on the sample bracket, and what the service says of it. For Node 20 or newer.
 //
 //   node example.mjs FRAMES_PORT POSES_PORT SECONDS [KEY]
 //
@@ -11,28 +11,37 @@ import { ContactFlag, poseOf } from "./decaff.mjs";
 import { Publisher, Subscriber, clockNs } from "./decaff_udp.mjs";
 
 function show(now) {
-  let line = `${now.state} age ${(Number(now.ageNs) / 1e6).toFixed(1)} ms`;
+  if (now.header === null) return console.log("no frame yet");
+  let line = now.state;
   for (const contact of now.contacts) {
     if ((contact.flags & ContactFlag.TRACKED) === 0) continue; // nothing is known: take the hand's force away
     // While the frame is valid the distance holds; LATE, only that it is at least the lower bound.
     const how = now.isValid ? "at" : "at least";
-    line += `; finger ${contact.finger}: ${how} ${(contact.lower * 1e3).toFixed(3)} mm`;
+    const age = (Number(contact.age_ns) / 1e6).toFixed(1);
+    line += `; finger ${contact.finger}: ${how} ${(contact.lower * 1e3).toFixed(3)} mm, pose ${age} ms old`;
   }
   console.log(line);
+}
+
+function showCounts({ received, lost, unverified, refused, flawed }) {
+  const flaws = Object.entries(flawed).map(([reason, count]) => `, ${reason} ${count}`);
+  console.log(`received ${received}, lost ${lost}; not used: unverified ${unverified}, refused ${refused}${flaws.join("")}`);
 }
 
 async function main([framesPort, posesPort, seconds, key]) {
   const frames = await Subscriber.open({ port: Number(framesPort), key });
   const poses = await Publisher.open({ port: Number(posesPort), key });
   const began = performance.now();
-  for (let gone = 0; gone < Number(seconds); gone = (performance.now() - began) / 1e3) {
-    // From 60 mm above the origin's corner down to 40 mm, at 5 mm a second.
-    const tip = [0.03, 0.01, Math.max(0.06 - 0.005 * gone, 0.04)];
+  const pictures = 90 * Number(seconds); // 90 a second, as a headset has them
+  for (let picture = 1; picture <= pictures; picture++) {
+    // From 60 mm down at 5 mm a second, until the fingertip of 7 mm is 1 mm inside the foot.
+    const tip = [0.05, 0.02, Math.max(0.06 - (0.005 * picture) / 90, 0.01)];
     poses.send("poses", [poseOf(0, tip, clockNs())]);
-    await sleep(10); // datagrams are taken meanwhile
-    show(frames.read());
+    await sleep(began + (1e3 * picture) / 90 - performance.now()); // you draw; datagrams are taken meanwhile
+    const now = frames.read(); // never waits
+    if (picture % 9 === 0) show(now);
   }
-  console.log(`received ${frames.counts.received}, lost ${frames.counts.lost}`);
+  showCounts(frames.counts);
   await poses.close();
   frames.close();
 }
