@@ -157,6 +157,17 @@ def test_depth_of_a_box_is_that_of_its_faces(box):
     assert width == pytest.approx(0.040, abs=3 * camera.meters_per_pixel)  # with the lines of its edges
 
 
+@pytest.mark.parametrize("depth", [-0.03, 0.0, 0.013, 0.03])
+def test_what_is_behind_the_middle_of_the_scene_is_drawn(depth):
+    """Points that all lay in the rear half of the parts were left out: the eye looked the other way."""
+    camera = Camera(rotation_of("top"), np.zeros(3), 1e-3, (100, 100))
+    ball = sphere(np.array([0.0, 0.0, -depth]), 0.01, INK, 3)
+
+    image = surface_image.render(ball, camera)
+
+    assert image.depth.min() == pytest.approx(1e3 * depth - 10.0, abs=0.2)  # a pixel is a millimetre
+
+
 # ----------------------------------------------------------------------------------------- shapes and colours
 
 
