@@ -106,7 +106,11 @@ def test_many_parts_and_long_names_are_cut_short(box):
         ({"size": (100, 400)}, "a picture of 100x400 pixels, expected 200 to 4000 a side"),
         ({"view": "above"}, "no view 'above', expected one of iso, front, back, left, right, top, bottom"),
         ({"cut": ("w", 0.0)}, "a slice across 'w', expected one of x, y, z"),
-        ({"cut": ("z", 3.0)}, "the slice at z = 3 m passes far from the parts: expected 0 to 0.02 m"),
+        ({"cut": ("z", 3.0)}, "the slice at z = 3000 mm passes far from the parts: expected 0 to 20 mm"),
+        (
+            {"cut": ("z", 3.0), "unit": "cm", "metres": 0.01},
+            "the slice at z = 300 cm passes far from the parts: expected 0 to 2 cm",
+        ),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(box, options, sentence):

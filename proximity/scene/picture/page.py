@@ -117,7 +117,9 @@ def slice_box(size: tuple[int, int], field: FieldSlice) -> tuple[float, float, f
 
 
 def _figure(matplotlib: Any, picture: Picture) -> Any:
-    field = None if picture.cut is None else FieldSlice.of(picture.scene, *picture.cut)
+    field = None
+    if picture.cut is not None:
+        field = FieldSlice.of(picture.scene, *picture.cut, unit=picture.unit, metres=picture.metres)
     connections = None if picture.points is None else _connections(picture)
     shown = [np.zeros(0)] if field is None else [field.signed_distance.reshape(-1)]
     if connections is not None:
