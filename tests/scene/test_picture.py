@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+import shapes
 from PIL import Image
 from project import MESHES
 
@@ -86,6 +87,27 @@ def test_parts_have_colours_of_their_own_and_hidden_ones_are_left_out():
         scene.hide(name)
     with pytest.raises(QueryError, match="all parts of the scene are hidden"):
         page.draw(Picture(scene, "assembly", size=SIZE))
+
+
+def test_page_does_not_speak_of_an_inside_that_no_part_has(box, monkeypatch):
+    written = []
+    draw_map, draw_bar = page._draw_map, page._draw_bar
+    monkeypatch.setattr(page, "_draw_map", lambda axes, *rest: (draw_map(axes, *rest), written.append(axes)))
+    monkeypatch.setattr(
+        page, "_draw_bar", lambda figure, axes, *rest: (draw_bar(figure, axes, *rest), written.append(axes))
+    )
+    tray = proximity.Solid(0.01 * shapes.open_box()[0], shapes.open_box()[1])
+
+    for scene in (proximity.Scene([tray]), box):
+        page.draw(Picture(scene, "scene", cut=("z", 0.005), size=SIZE))
+
+    titles = [axes.get_title() or axes.get_ylabel() for axes in written]
+    assert titles == [
+        "Distance (no inside is known) at z = 5 mm",
+        "mm, no inside is known",
+        "Signed distance at z = 5 mm",
+        "mm, negative inside",
+    ]
 
 
 def test_many_parts_and_long_names_are_cut_short(box):
