@@ -548,6 +548,7 @@ def test_check_tells_a_part_without_an_inside(run, monkeypatch):
 
     assert result.code == 0
     assert block(result.out)["no inside"] == "distances are unsigned (ball)"
+    assert block(result.out)["not closed"] == "3 edges, the first near 0  0  0 mm (ball)"
     assert "no: NotManifold" in result.out
 
 
@@ -651,6 +652,8 @@ def test_check_as_json_has_every_figure(run, monkeypatch):
     assert part["volume"] == pytest.approx(4.0, rel=1e-14)
     assert part["upper"] == [1.0, 1.0, 1.0]
     assert part["repairs"]["merged_vertex_count"] == 4
+    assert (part["open_edge_count"], part["open_edge"]) == (0, None)
     assert part["manifold"] == {"is_solid": True, "status": "NoError"}
     load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
-    assert json.loads(run("check", "ball.stl", "--json").out)["parts"][0]["volume"] is None
+    (part,) = json.loads(run("check", "ball.stl", "--json").out)["parts"]
+    assert (part["volume"], part["open_edge_count"], part["open_edge"]) == (None, 3, [0.0, 0.0, 0.0])

@@ -13,9 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 import proximity
+from proximity.bodies import open_edges
 from proximity.cli.console import print_block, print_fitting, table_of
 from proximity.cli.lengths import in_unit, in_units
-from proximity.cli.wording import MISSING, number, printable
+from proximity.cli.wording import MISSING, counted, number, printable
 
 NAMES_SHOWN = 3  # parts named with a remark; the others are counted
 PARTS_SHOWN = 20
@@ -95,11 +96,13 @@ def print_report(console: Console, report: Values, *, is_whole: bool) -> None:
     if len(shown) < len(parts):
         console.print(f"These are the first {len(shown)} of {len(parts)} parts; --all lists all.")
     console.print()
-    print_block(console, _remarks(parts))
+    print_block(console, _remarks(parts, units))
 
 
 def _part_values(part: "proximity.Part", metres: float) -> Values:
-    found = part.solid.diagnosis
+    found, mesh = part.solid.diagnosis, part.solid.mesh
+    middles = np.empty((0, 3)) if found.is_watertight else open_edges(mesh.vertices, mesh.faces)
+    unclosed = part.pose.point(middles)
     lower, upper = np.array(found.lower), np.array(found.upper)
     return {
         "name": part.name,
@@ -110,6 +113,8 @@ def _part_values(part: "proximity.Part", metres: float) -> Values:
         "boundary_edge_count": found.boundary_edge_count,
         "nonmanifold_edge_count": found.nonmanifold_edge_count,
         "misoriented_edge_count": found.misoriented_edge_count,
+        "open_edge_count": len(unclosed),  # where vertices that a weld would close up count as one
+        "open_edge": in_units(unclosed[0], metres).tolist() if len(unclosed) else None,  # in the scene
         "is_watertight": found.is_watertight,
         "is_oriented": found.is_oriented,
         "volume": in_unit(found.volume, metres**3),
@@ -209,12 +214,24 @@ def _opinion(manifold: Values) -> str:
     return "solid" if manifold["is_solid"] else f"no: {manifold['status']}"
 
 
-def _remarks(parts: list[Values]) -> list[tuple[str, str]]:
+def _remarks(parts: list[Values], units: str) -> list[tuple[str, str]]:
     return [
         *_grouped(parts, "sign", lambda part: f"{part['sign_method']}: {part['sign_reason']}"),
+        *_open_edges([part for part in parts if part["open_edge_count"]], units),
         *_grouped(parts, "repaired", lambda part: part["repairs_described"]),
         *_grouped(parts, "no inside", lambda part: "" if part["has_inside"] else "distances are unsigned"),
     ]
+
+
+def _open_edges(parts: list[Values], units: str) -> list[tuple[str, str]]:
+    lines = [
+        f"{counted(part['open_edge_count'], 'edge')}, the first near {_corner(part['open_edge'])} {units} "
+        f"({part['name']})"
+        for part in parts[:NAMES_SHOWN]
+    ]
+    if len(parts) > NAMES_SHOWN:
+        lines.append(f"edges of {counted(len(parts) - NAMES_SHOWN, 'more part')}; --json lists them")
+    return [("not closed", line) for line in lines]
 
 
 def _grouped(parts: list[Values], label: str, sentence_of: Callable[[Values], str]) -> list[tuple[str, str]]:
