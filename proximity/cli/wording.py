@@ -5,15 +5,17 @@ import math
 MISSING = "-"
 
 
-def number(value: float) -> str:
-    """Return *value* with nine significant digits, and zero without a sign.
+def number(value: float, digits: int = 9) -> str:
+    """Return *value* with so many significant digits, and zero without a sign.
 
     Parameters
     ----------
     value : float
         Any, also nan and inf.
+    digits : int
+        How many; zeros at the end are left out.
     """
-    return f"{value + 0.0:.9g}"
+    return f"{value + 0.0:.{digits}g}"
 
 
 def counted(count: int, what: str) -> str:

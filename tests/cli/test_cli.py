@@ -510,11 +510,34 @@ def test_check_on_a_narrow_terminal_cuts_no_number(run, monkeypatch):
 def test_table_on_a_narrow_terminal_leaves_out_normals_and_cuts_nothing(run, monkeypatch):
     screen = terminal(monkeypatch, width=80)
 
-    run("query", "ball.stl", 0, 0, 12.3456789, 0, 0, 1)
+    result = run("query", "ball.stl", 0, 0, 12.3456789, 0, 0, 1)
 
     assert "normal_x" not in screen.getvalue()
     assert "2.3456789" in screen.getvalue()
     assert "…" not in screen.getvalue()
+    assert result.err == (
+        "proximity: note: the terminal is narrow: columns are left out (normal_x, normal_y, normal_z); "
+        "--csv, --json or a pipe shows all\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("width", "digits", "note"),
+    [
+        (110, "-8.26795", "numbers have 6 digits"),
+        (62, "-8.26794919", "columns are left out (normal_x, normal_y, normal_z, face, on, part)"),
+        (50, "-8.26795", "normal_z, face, on, part) and numbers have 6 digits"),
+    ],
+)
+def test_table_on_a_narrow_terminal_breaks_no_number(run, monkeypatch, width, digits, note):
+    """Was: -0.004579 in one line, which looks complete, and 43201 in the next."""
+    screen = terminal(monkeypatch, width=width)
+
+    result = run("query", "ball.stl", 1, 1, 1, -1, 1, -1)
+
+    first, second = screen.getvalue().splitlines()[1:]
+    assert first.split()[1] == second.split()[1] == digits
+    assert note in result.err
 
 
 def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
@@ -631,15 +654,21 @@ def test_check_as_json_has_sizes_and_a_total(run, monkeypatch):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("width", "has_shells"), [(80, False), (120, True)])
-def test_check_leaves_out_columns_where_the_terminal_is_narrow(run, monkeypatch, width, has_shells):
+@pytest.mark.parametrize(
+    ("width", "left_out"),
+    [(120, ""), (90, "volume"), (80, "volume, manifold3d"), (66, "volume, manifold3d, shells")],
+)
+def test_check_says_which_columns_a_narrow_terminal_leaves_out(run, monkeypatch, width, left_out):
     screen = terminal(monkeypatch, width=width)
 
     run("check", "ball.stl")
 
-    title, row = (line for line in screen.getvalue().splitlines() if line.startswith(("part ", "ball ")))
-    assert ("shells" in title) == ("oriented" in title) == has_shells
+    lines = screen.getvalue().splitlines()
+    title, row = (line for line in lines if line.startswith(("part ", "ball ")))
+    assert "watertight" in title and "oriented" in title
     assert "20 × 20 × 20" in row and "pseudo-normals" in row
+    sentence = f"The terminal is too narrow for: {left_out}. A wider one, a pipe or --json shows them."
+    assert (sentence in " ".join(" ".join(lines).split())) == bool(left_out)
 
 
 def test_check_as_json_has_every_figure(run, monkeypatch):

@@ -4,7 +4,6 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import asdict
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from proximity.cli.wording import MISSING, counted, number, printable
 NAMES_SHOWN = 3  # parts named with a remark; the others are counted
 PARTS_SHOWN = 20
 A_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-DISPENSABLE = ("oriented", "shells", "manifold3d", "watertight", "volume")
+DISPENSABLE = ("volume", "manifold3d", "shells", "oriented", "watertight")
 """Columns to leave out, in this order, until the table is as narrow as the terminal."""
 
 Values = dict[str, Any]
@@ -91,8 +90,11 @@ def print_report(console: Console, report: Values, *, is_whole: bool) -> None:
     )
     console.print()
     shown = parts if is_whole else parts[:PARTS_SHOWN]
-    narrower = (DISPENSABLE[:count] for count in range(len(DISPENSABLE) + 1))
-    print_fitting(console, [partial(_table, shown, report, left_out) for left_out in narrower])
+    narrower = [DISPENSABLE[:count] for count in range(len(DISPENSABLE) + 1)]
+    tables = [_table(shown, report, left_out) for left_out in narrower]
+    if left_out := narrower[print_fitting(console, tables)]:
+        names = ", ".join(left_out)
+        console.print(f"The terminal is too narrow for: {names}. A wider one, a pipe or --json shows them.")
     if len(shown) < len(parts):
         console.print(f"These are the first {len(shown)} of {len(parts)} parts; --all lists all.")
     console.print()

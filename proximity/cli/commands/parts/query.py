@@ -208,7 +208,8 @@ def _write_for_people(questions: "Questions", scene: "proximity.Scene", units: s
         print_block(console, query_answers.block(questions.mode, answer, units, _sign_of(scene, answer)))
         next(chunks, None)  # a line behind it may be none
     elif console.is_terminal:
-        query_answers.print_table(console, questions.mode, units, _first(first, query_answers.TERMINAL_ROWS))
+        rows = _first(first, query_answers.TERMINAL_ROWS)
+        _show_notes([query_answers.print_table(console, questions.mode, units, rows)])
         if count > query_answers.TERMINAL_ROWS:
             known = str(count) if count < POINTS_PER_CHUNK else f"{count} or more"
             typer.echo(
