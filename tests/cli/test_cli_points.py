@@ -60,6 +60,32 @@ def test_no_points_are_no_error(text):
     assert points_of(text) == []
 
 
+@pytest.mark.parametrize(
+    ("text", "notes"),
+    [
+        ("x,y,z\n1,2,3\n", []),
+        ("Name,x,y,z\nA,1,2,3\n", []),
+        ("1 2 3\n", []),
+        (
+            "Point,x,y,z\nA,1,2,3\n",
+            ["points.csv: only a column called name is copied to the answers, not 'Point'"],
+        ),
+        (
+            "x,y,z,a,b,c,d,e\n1,2,3,,,,,\n",
+            ["points.csv: only a column called name is copied to the answers, not 'a', 'b', 'c' and 2 more"],
+        ),
+        ("x,y,z\n", ["points.csv holds no points"]),
+        ("", ["points.csv holds no points"]),
+    ],
+)
+def test_what_is_not_used_is_noted(text, notes):
+    said = []
+
+    list(parse_points(text.splitlines(), "points.csv", note=said.append))
+
+    assert said == notes
+
+
 def test_points_come_in_chunks_and_the_last_is_shorter():
     chunks = list(parse_points([f"{k} 0 0\n" for k in range(7)], "points.csv", limit=3))
 
@@ -119,6 +145,10 @@ def test_numbers_come_back_exactly(rows):
     ("text", "message"),
     [
         ("1 2 3\n1 2\n", "points.csv, line 2: 2 values, expected 3"),
+        (
+            "1,2,3,A\n",
+            "points.csv, line 1: 4 values, expected 3; a first line such as x,y,z,name allows names",
+        ),
         (  # was: 4 values, expected 3
             "1,5;2,5;3,5\n",
             "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5",

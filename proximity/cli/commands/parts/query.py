@@ -138,7 +138,7 @@ def _points(coordinates: list[str] | None, path: str | None, units: str, mode: s
     if coordinates and path is not None:
         raise typer.BadParameter("points are given as arguments already", param_hint="--points")
     if path is not None:
-        yield from read_points(path, units, _chunk_length(mode))
+        yield from read_points(path, units, _chunk_length(mode), lambda sentence: _show_notes([sentence]))
         return
     if not coordinates:
         raise typer.BadParameter("give a point, or --points FILE", param_hint="X Y Z")
