@@ -216,7 +216,7 @@ def _check_text(line: str, where: str) -> None:
     if len(line) >= LONGEST_LINE:
         raise QueryError(f"{where}: has {LONGEST_LINE} characters or more, expected three numbers")
     if not line.isascii() and any("\udc80" <= letter <= "\udcff" for letter in line):
-        raise QueryError(f"{where}: not text in UTF-8, expected three numbers")
+        raise QueryError(f"{where}: not text in UTF-8, expected a text file with three numbers on each line")
 
 
 def _fields(line: str) -> list[str]:
@@ -260,8 +260,10 @@ def _check_units(names: list[str], units: str, where: str) -> None:
                 unit for word in behind if (unit := WORDS_FOR_UNITS.get(word.rstrip("s"), word)) in UNITS
             ]
             if reported and units not in reported:
+                unit = reported[-1]
                 raise QueryError(
-                    f"{where}: {_shown(name)} is in {reported[-1]}, expected {units}, as --units says"
+                    f"{where}: column {_shown(name)} is in {'inches' if unit == 'in' else unit}, expected "
+                    f"{units}; add --units {unit}"
                 )
 
 

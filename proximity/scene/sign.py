@@ -111,7 +111,7 @@ def _exceptions(signed: PartArrays) -> str:
     folded_count = int(np.unpackbits(signed.folded).sum()) - thin_count
     kinds = ((thin_count, "as thin as a line"), (folded_count, "folded over, or pass through others"))
     return "".join(
-        f"; {count} faces are {kind}, or next to such faces: there it decides inside and outside"
+        f"; {count} faces are {kind}, or next to such faces: there the winding number decides"
         for count, kind in kinds
         if count
     )

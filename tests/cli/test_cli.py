@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_scene import FakeRepairs, FakeScene
+from fake_scene import RADIUS, FakeRepairs, FakeScene
 from rich.console import Console
 
 import proximity
@@ -113,6 +113,35 @@ def test_negative_direction_is_numbers(run):
     assert answer["origin"] == [-6.0, 0.0, 20.0]
     assert answer["direction"] == [0.0, 0.0, -1.0]
     assert answer["distance"] == 12.0
+
+
+def test_rounding_in_a_length_is_printed_as_zero_but_not_for_programs(run):
+    words = ("query", "ball.stl", -6.9e-15, 0, 12)
+
+    assert block(run(*words).out)["closest point"] == "0  0  10 mm"
+    (answer,) = json.loads(run(*words, "--json").out)["answers"]
+    assert answer["point"][0] == pytest.approx(-6.9e-15 / 1.2)
+
+
+@pytest.mark.parametrize(("word", "unit"), [("MM", "mm"), ("inch", "in"), ("Inches", "in")])
+def test_units_may_be_spelt_otherwise(run, word, unit):
+    assert json.loads(run("query", "ball.stl", 0, 0, 12, "--units", word, "--json").out)["units"] == unit
+
+
+def test_file_behind_the_point_is_a_usage_error_that_says_the_order(run, tmp_path):
+    (tmp_path / "ball.stl").touch()
+
+    result = run("query", 30, 10, 5, tmp_path / "ball.stl")
+
+    assert result.code == 2
+    assert "is not a number; FILE comes first, before X Y Z" in result.words
+
+
+@pytest.mark.parametrize(("option", "hint"), [("--format", False), ("--unit", True)])
+def test_unknown_option_has_a_hint_only_if_one_is_alike(run, option, hint):
+    result = run("query", "ball.stl", 1, 2, 3, option)
+
+    assert ("ossible option" in result.words or "Did you mean" in result.words) == hint
 
 
 @pytest.mark.parametrize("option", ["--foo", "-x", "--1"])
@@ -629,6 +658,30 @@ def test_check_lists_twenty_parts_and_all_of_them_where_asked(run, monkeypatch):
     for text in folded, whole:
         assert "23 parts 680 × 20 × 20 460" in " ".join(text.split())
     assert len(json.loads(run("check", "ball.stl", "--json").out)["parts"]) == 23
+
+
+def test_check_says_where_the_unit_is_from_and_prints_rounding_as_zero(run, monkeypatch):
+    scene = FakeScene()
+    scene.report.units = "in"
+    scene.parts[0].pose = Pose(None, [RADIUS + 1e-17, 0.0, 0.0])
+    load_with(monkeypatch, lambda path, units, **options: scene)
+
+    lines = block(run("check", "ball.stl", "--units", "in").out)
+
+    assert lines["units of file"] == "in (as --units says)"
+    assert lines["from"].split()[0] == "0"
+
+
+def test_check_does_not_range_what_all_samples_agree_with(run, monkeypatch):
+    scene = balls(2)
+    for part, count in zip(scene.parts, (260, 384), strict=True):
+        words = f"closed; agrees with the winding number at {count} of {count} sample points"
+        part.solid = SimpleNamespace(**{**vars(part.solid), "sign_reason": words})
+    load_with(monkeypatch, lambda path, units, **options: scene)
+
+    sign = block(run("check", "ball.stl").out)["sign"]
+
+    assert sign == "pseudo-normals: closed; agrees with the winding number at all sample points (b0, b1)"
 
 
 def test_check_says_what_differs_in_numbers_only_once(run, monkeypatch):

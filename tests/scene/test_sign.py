@@ -249,8 +249,7 @@ def test_thin_faces_are_said():
     assert solid.is_watertight
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert re.fullmatch(
-        AGREES
-        + "; 10 faces are as thin as a line, or next to such faces: there it decides inside and outside",
+        AGREES + "; 10 faces are as thin as a line, or next to such faces: there the winding number decides",
         solid.sign_reason,
     )
 

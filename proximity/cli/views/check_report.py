@@ -15,11 +15,12 @@ import proximity
 from proximity.bodies import open_edges
 from proximity.cli.console import print_block, print_fitting, table_of
 from proximity.cli.lengths import in_unit, in_units
-from proximity.cli.wording import MISSING, counted, number, printable
+from proximity.cli.wording import FEW_DIGITS, MISSING, counted, length, number, printable
 
 NAMES_SHOWN = 3  # parts named with a remark; the others are counted
 PARTS_SHOWN = 20
 A_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+ALL_OF_RANGE = re.compile(r"(\S+ to \S+) of \1 ")
 DISPENSABLE = ("volume", "manifold3d", "shells", "oriented", "watertight")
 """Columns to leave out, in this order, until the table is as narrow as the terminal."""
 
@@ -73,7 +74,10 @@ def print_report(console: Console, report: Values, *, is_whole: bool) -> None:
         Whether to list all parts; else those beyond `PARTS_SHOWN` are counted.
     """
     parts, units = report["parts"], report["units"]
-    declared = "declared by the file" if report["file_units_declared"] else "assumed: the file declares none"
+    declared = (
+        "as --units says" if report["file_units"] == units != "mm" else "assumed: the file declares none"
+    )
+    declared = "declared by the file" if report["file_units_declared"] else declared
     print_block(
         console,
         [
@@ -197,11 +201,11 @@ def _table(parts: list[Values], report: Values, left_out: tuple[str, ...]) -> Ta
 
 
 def _corner(position: list[float]) -> str:
-    return "  ".join(f"{coordinate + 0.0:.6g}" for coordinate in position)
+    return "  ".join(length(coordinate, FEW_DIGITS) for coordinate in position)
 
 
 def _size(size: list[float]) -> str:
-    return " \N{MULTIPLICATION SIGN} ".join(f"{side:.6g}" for side in size)
+    return " \N{MULTIPLICATION SIGN} ".join(length(side, FEW_DIGITS) for side in size)
 
 
 def _volume(volume: float) -> str:
@@ -260,7 +264,7 @@ def _with_ranges(sentences: list[str]) -> str:
         spelt = next(ranges)
         return spelt[0] if len(spelt) == 1 else f"{spelt[0]} to {spelt[-1]}"
 
-    return A_NUMBER.sub(spelled_range, sentences[0])
+    return ALL_OF_RANGE.sub("all ", A_NUMBER.sub(spelled_range, sentences[0]))
 
 
 def _listed(names: list[str]) -> str:

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from proximity.cli.console import Lines, print_fitting, table_of
 from proximity.cli.views.json_output import plain
-from proximity.cli.wording import MISSING, number, printable, side
+from proximity.cli.wording import FEW_DIGITS, MISSING, length, number, printable, side
 from proximity.errors import ProximityError
 
 Fields = dict[str, list[Any]]
@@ -27,7 +27,7 @@ TERMINAL_ROWS = 100  # more than a person reads from a screen
 NUMBER_WIDTH = 16  # -1.23456789e-100
 COUNT_WIDTH = 9
 DIRECTION_DECIMALS = 9
-DIGITS, FEW_DIGITS = 9, 6  # significant, of numbers in a table
+DIGITS = 9  # significant, of numbers in a table
 TOO_FAR = "too far away to be computed"
 
 
@@ -43,8 +43,9 @@ class Field:
 
     def number(self, value: float, digits: int = DIGITS) -> str:
         """Return a value for people; components of directions that are rounding errors are zeros."""
-        is_direction = bool(self.axes) and not self.is_length
-        return number(round(value, DIRECTION_DECIMALS) if is_direction else value, digits)
+        if self.is_length:
+            return length(value, digits)
+        return number(round(value, DIRECTION_DECIMALS) if self.axes else value, digits)
 
 
 def _text(title: str, width: int = -len("outside")) -> Field:

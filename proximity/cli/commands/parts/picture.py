@@ -107,7 +107,7 @@ def command(
     typer.echo(f"{out}: {pixels[0]} x {pixels[1]} pixels, {time.monotonic() - started:.1f} s")
 
 
-def _note_unsigned(scene: proximity.Scene) -> None:
+def _note_unsigned(scene: "proximity.Scene") -> None:
     """Say on stderr that distances have no sign, where that is so."""
     count = sum(not part.solid.has_inside for part in scene.parts)
     if count:

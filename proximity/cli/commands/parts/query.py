@@ -4,6 +4,7 @@ import sys
 from array import array
 from collections.abc import Iterable, Iterator
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -165,7 +166,9 @@ def _numbers(texts: Iterable[str], hint: str) -> list[float]:
     try:
         return [finite_number(text) for text in texts]
     except ValueError as unfit:
-        raise typer.BadParameter(str(unfit), param_hint=hint) from unfit
+        is_file = any(Path(text).is_file() for text in texts)
+        order = "; FILE comes first, before X Y Z" if is_file else ""
+        raise typer.BadParameter(f"{unfit}{order}", param_hint=hint) from unfit
 
 
 def _with_begun(chunks: Iterator[Points]) -> Iterator[Points]:
