@@ -1,4 +1,4 @@
-"""Clearances in an assembly: how far each part is from each other part, as a table.
+"""Clearances in an assembly: how far each part is from each other part, and which parts overlap.
 
 Start it with a STEP, glTF or 3MF file of your own, or without one for the sample assembly:
 
@@ -7,7 +7,8 @@ Start it with a STEP, glTF or 3MF file of your own, or without one for the sampl
 
 It prints one line for each pair of parts, the narrowest gap first: the shortest distance in millimetres,
 and the two points between which it is found. Parts that touch or overlap have the
-distance 0, or some 1e-6 mm where a STEP file is rounded to single precision.
+distance 0, or some 1e-6 mm where a STEP file is rounded to single precision. Below the table it names the
+pairs that overlap: the volume that both parts fill, and the size of the box around it.
 """
 
 import sys
@@ -37,6 +38,24 @@ def main():
     for gap, first, second in found:
         ends = f"{millimetres(gap.point_on_first)} -> {millimetres(gap.point_on_second)}"
         print(f"{first:<{width}} {second:<{width}} {1e3 * gap.distance:7.3f}  {ends}")
+    print()
+    print_overlaps(scene, [pair for gap, *pair in found if gap.distance == 0.0])
+
+
+def print_overlaps(scene, pairs):
+    """Print which of the pairs of parts have a volume in common."""
+    count = 0
+    for first, second in pairs:
+        try:
+            common = proximity.overlap(scene, first, second)
+        except proximity.MeshError as error:  # a part is open: it has no volume
+            print(f"{first} and {second}: unknown, {error}")
+            continue
+        if common is not None:  # None: they only touch
+            count += 1
+            size = " x ".join(f"{1e3 * side:.3f}" for side in common.upper - common.lower)
+            print(f"{first} and {second} overlap by {1e9 * common.volume:.3f} mm3, in a box of {size} mm")
+    print(f"pairs that overlap: {count}")
 
 
 if __name__ == "__main__":

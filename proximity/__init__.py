@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from proximity.scene.clearance import Clearance, clearance
     from proximity.scene.load_report import LoadReport
     from proximity.scene.loader import load
+    from proximity.scene.overlap import Overlap, overlap
     from proximity.scene.part import Part
     from proximity.scene.queries.results import NO_FACE, NO_PART, ClosestPoints, Feature, RayHits, SegmentHits
     from proximity.scene.scene import Scene
@@ -90,6 +91,7 @@ __all__ = [
     "Mode",
     "MotorError",
     "NotWatertightError",
+    "Overlap",
     "Part",
     "PartAction",
     "Pose",
@@ -121,6 +123,7 @@ __all__ = [
     "load",
     "open_publisher",
     "open_subscriber",
+    "overlap",
     "serve",
     "start_service",
     "view",
@@ -153,6 +156,8 @@ _MODULE_OF = {
     "Message": "proximity.message",
     "Mode": "proximity.message",
     "NotWatertightError": "proximity.errors",
+    "Overlap": "proximity.scene.overlap",
+    "overlap": "proximity.scene.overlap",
     "Part": "proximity.scene.part",
     "PartAction": "proximity.message",
     "Pose": "proximity.pose",

@@ -56,6 +56,7 @@ def test_there_is_something_to_look_at():
         "load",
         "open_publisher",
         "open_subscriber",
+        "overlap",
         "serve",
         "start_service",
         "view",

@@ -45,7 +45,7 @@ compiled_stack · contact_columns · layout · model_arrays
 """,
     "proximity.scene": """
 picture · trimesh_scene
-clearance · loader
+clearance · loader · overlap
 scene
 scene_parts
 deformation · part · saved

@@ -10,5 +10,6 @@ no hole is filled, and every change is counted in `Repairs`.
 
 from proximity.bodies.body_records import Body, Repairs
 from proximity.bodies.body_split import split_bodies
+from proximity.bodies.vertex_weld import open_edges
 
-__all__ = ["Body", "Repairs", "split_bodies"]
+__all__ = ["Body", "Repairs", "open_edges", "split_bodies"]

@@ -7,6 +7,7 @@ vertices together changes the surface, so it must be worth it.
 import numpy as np
 
 from proximity.bodies.connected_faces import Pieces, connect_faces, linked_components
+from proximity.mesh.topology import edge_runs, merged_positions
 
 MAX_WELD = 1e-6
 """Share of the diagonal of the body: what exporters leave that write coordinates with six digits."""
@@ -49,6 +50,39 @@ def weld_near(
         is_collapsed[rows[is_mended]] = collapses[is_mended]
         rows = rows[~is_mended]
     return welded, is_collapsed
+
+
+def open_edges(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return the middles of the edges of a body that are not closed, (E, 3) float64, m.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64, m
+        As of a mesh.
+    faces : (F, 3) integers
+        Rows of *vertices*.
+
+    Notes
+    -----
+    Vertices that a weld may pull together count as one: where it did not close the body, the seams that it
+    would have closed are not what is open. At a closed edge as many faces run one way as the other.
+    """
+    corners, positions = merged_positions(vertices, faces)
+    rim = np.unique(_unpaired_edges(corners))
+    reach = MAX_WELD * float(np.linalg.norm(np.ptp(positions, axis=0)))
+    links, _ = _near_pairs(rim, positions, reach)
+    welded = _representatives(links, len(positions))[corners]
+    collapses = (welded == np.roll(welded, 1, axis=1)).any(axis=1)
+    middles: np.ndarray = positions[_unpaired_edges(welded[~collapses])].mean(axis=1)
+    return middles
+
+
+def _unpaired_edges(corners: np.ndarray) -> np.ndarray:
+    """The ends of the edges that are not closed, (E, 2)."""
+    edges = edge_runs(corners)
+    half_edges = edges.order[edges.starts[(2 * edges.forward_counts != edges.counts) & ~edges.is_loop]]
+    face, edge = np.divmod(half_edges, 3)
+    return np.stack([corners[face, edge], corners[face, (edge + 1) % 3]], axis=1)
 
 
 def _rim_corners(corners: np.ndarray, has_open_edge: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Output for people: Rich's console, blocks of labelled lines, and tables."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 import rich.console
 from rich.table import Table
@@ -56,15 +56,18 @@ def table_of(columns: Iterable[tuple[str, bool]]) -> Table:
     """Return an empty table as `table`, of titles with whether the column is aligned to the right."""
     made = Table(box=None, pad_edge=False, header_style="bold")
     for title, is_right in columns:
-        made.add_column(Text(title), justify="right" if is_right else "left", overflow="fold")
+        if is_right:  # a number is never broken: half of one looks complete
+            made.add_column(Text(title), justify="right", no_wrap=True, overflow="ellipsis")
+        else:
+            made.add_column(Text(title), overflow="fold")
     return made
 
 
-def print_fitting(console: rich.console.Console, tables: Sequence[Callable[[], Table]]) -> None:
-    """Print the first table that is no wider than the console, or else the last."""
+def print_fitting(console: rich.console.Console, tables: Sequence[Table]) -> int:
+    """Print the first table that is no wider than the console, or else the last; return which it was."""
     unbounded = console.options.update(width=UNBOUNDED)
-    for make in tables:
-        made = make()
-        if console.measure(made, options=unbounded).maximum <= console.width:
-            break
-    console.print(made)
+    widths = [console.measure(each, options=unbounded).maximum for each in tables]
+    fitting = [number for number, width in enumerate(widths) if width <= console.width]
+    chosen = fitting[0] if fitting else len(tables) - 1
+    console.print(tables[chosen])
+    return chosen

@@ -18,6 +18,12 @@ def _complete_units(incomplete: str) -> list[str]:
     return [name for name in known if name.startswith(incomplete)]
 
 
+def _unit_name(text: str) -> str:
+    """The unit as the library spells it: MM, inch and inches are taken too."""
+    unit = text.lower()
+    return "in" if unit in ("inch", "inches") else unit
+
+
 FILE = Annotated[
     Path,
     typer.Argument(
@@ -31,6 +37,7 @@ UNITS = Annotated[
         "--units",
         metavar="UNIT",
         autocompletion=_complete_units,
+        callback=_unit_name,
         help="Unit of coordinates and answers, and of files that declare none: m, cm, mm, um, in, ft ...",
     ),
 ]

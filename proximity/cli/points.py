@@ -8,7 +8,7 @@ import math
 import re
 import sys
 from array import array
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -34,8 +34,11 @@ DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 BETWEEN_NUMBERS = re.compile(r"[,;\s]+")
 NAME = "name"
 """The column that goes through to the answers."""
+NAMES_NOTED = 3
 LONGEST_LINE = 1_000_000
 """Characters: what never ends is no text of points."""
+
+Note = Callable[[str], None]
 
 
 @dataclass(slots=True)
@@ -49,7 +52,9 @@ class Points:
         return len(self.coordinates) // 3
 
 
-def read_points(path: str, units: str = "mm", limit: int = 20_000) -> Iterator[Points]:
+def read_points(
+    path: str, units: str = "mm", limit: int = 20_000, note: Note = lambda sentence: None
+) -> Iterator[Points]:
     """Yield the points of a text file in chunks.
 
     Blank lines and comments are skipped; a comment begins with ``#`` at the start of a line or behind white
@@ -65,6 +70,8 @@ def read_points(path: str, units: str = "mm", limit: int = 20_000) -> Iterator[P
         Of the coordinates; a header that names another unit contradicts it.
     limit : int
         Points in a chunk. A shorter chunk is the last; there is at least one, perhaps empty.
+    note : callable
+        Is given a sentence about columns that are not used, and about text without a point.
 
     Raises
     ------
@@ -79,15 +86,21 @@ def read_points(path: str, units: str = "mm", limit: int = 20_000) -> Iterator[P
                 raise QueryError("standard input is closed, expected lines of three numbers")
             if hasattr(sys.stdin, "reconfigure"):
                 sys.stdin.reconfigure(encoding="utf-8", errors="surrogateescape")
-            yield from parse_points(_lines(sys.stdin), name, units, limit)
+            yield from parse_points(_lines(sys.stdin), name, units, limit, note)
         else:
             with Path(path).open(encoding="utf-8", errors="surrogateescape") as stream:
-                yield from parse_points(_lines(stream), name, units, limit)
+                yield from parse_points(_lines(stream), name, units, limit, note)
     except OSError as failure:
         raise QueryError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
 
 
-def parse_points(lines: Iterable[str], name: str, units: str = "mm", limit: int = 20_000) -> Iterator[Points]:
+def parse_points(
+    lines: Iterable[str],
+    name: str,
+    units: str = "mm",
+    limit: int = 20_000,
+    note: Note = lambda sentence: None,
+) -> Iterator[Points]:
     """Yield the points of *lines* as `read_points` does.
 
     Parameters
@@ -98,7 +111,7 @@ def parse_points(lines: Iterable[str], name: str, units: str = "mm", limit: int 
         Where it comes from, for messages.
     units : str
         As of `read_points`.
-    limit : int
+    limit, note
         As of `read_points`.
 
     Raises
@@ -106,7 +119,7 @@ def parse_points(lines: Iterable[str], name: str, units: str = "mm", limit: int 
     QueryError
         If a line is not a point, or the header names another unit.
     """
-    reader = _Reader(name, units)
+    reader = _Reader(name, units, note)
     has_yielded = False
     try:
         for row, line in enumerate(lines, start=1):
@@ -118,6 +131,8 @@ def parse_points(lines: Iterable[str], name: str, units: str = "mm", limit: int 
         if len(reader.points):
             yield reader.taken()
         raise
+    if not len(reader.points) and not has_yielded:
+        note(f"{name} holds no points")
     if len(reader.points) or not has_yielded:
         yield reader.taken()
 
@@ -125,11 +140,12 @@ def parse_points(lines: Iterable[str], name: str, units: str = "mm", limit: int 
 class _Reader:
     """Reads line by line, and collects points until they are taken."""
 
-    def __init__(self, name: str, units: str) -> None:
-        self._name, self._units = name, units
+    def __init__(self, name: str, units: str, note: Note) -> None:
+        self._name, self._units, self._note = name, units, note
         self._columns: tuple[int, ...] | None = None  # which fields are x, y, z; None before the first line
         self._name_column: int | None = None
         self._field_count = 3
+        self._has_header = False
         self.points = Points()
 
     def taken(self) -> Points:
@@ -154,7 +170,12 @@ class _Reader:
             return
         if len(fields) != self._field_count:
             _refuse_decimal_commas(line, where)
-            raise QueryError(f"{where}: {_counted(len(fields))}, expected {self._field_count}")
+            hint = (
+                "; a first line such as x,y,z,name allows names"
+                if len(fields) > 3 and not self._has_header
+                else ""
+            )
+            raise QueryError(f"{where}: {_counted(len(fields))}, expected {self._field_count}{hint}")
         try:
             self.points.coordinates.extend([number(fields[column]) for column in self._columns or (0, 1, 2)])
         except ValueError as unfit:
@@ -174,7 +195,17 @@ class _Reader:
         names = [name.lower() for name in fields]
         if NAME in names and names.index(NAME) not in columns:
             self._name_column, self.points.names = names.index(NAME), []
+        self._has_header = True
+        self._note_unused([name for at, name in enumerate(fields) if at not in (*columns, self._name_column)])
         return True
+
+    def _note_unused(self, names: list[str]) -> None:
+        if names:
+            more = f" and {len(names) - NAMES_NOTED} more" if len(names) > NAMES_NOTED else ""
+            shown = ", ".join(map(_shown, names[:NAMES_NOTED]))
+            self._note(
+                f"{self._name}: only a column called {NAME} is copied to the answers, not {shown}{more}"
+            )
 
 
 def _lines(stream: TextIO) -> Iterator[str]:
@@ -185,7 +216,7 @@ def _check_text(line: str, where: str) -> None:
     if len(line) >= LONGEST_LINE:
         raise QueryError(f"{where}: has {LONGEST_LINE} characters or more, expected three numbers")
     if not line.isascii() and any("\udc80" <= letter <= "\udcff" for letter in line):
-        raise QueryError(f"{where}: not text in UTF-8, expected three numbers")
+        raise QueryError(f"{where}: not text in UTF-8, expected a text file with three numbers on each line")
 
 
 def _fields(line: str) -> list[str]:
@@ -229,8 +260,10 @@ def _check_units(names: list[str], units: str, where: str) -> None:
                 unit for word in behind if (unit := WORDS_FOR_UNITS.get(word.rstrip("s"), word)) in UNITS
             ]
             if reported and units not in reported:
+                unit = reported[-1]
                 raise QueryError(
-                    f"{where}: {_shown(name)} is in {reported[-1]}, expected {units}, as --units says"
+                    f"{where}: column {_shown(name)} is in {'inches' if unit == 'in' else unit}, expected "
+                    f"{units}; add --units {unit}"
                 )
 
 

@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from difflib import get_close_matches
 from typing import Any, NoReturn
 
 import typer
@@ -20,6 +21,9 @@ EXIT_NOTHING = 1  # no frame came
 EXIT_UNUSABLE = 2  # as for a usage error
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE: the reader, say `head`, went first
+
+_NO_SUCH_OPTION: Any = vars(sys.modules[typer.BadParameter.__module__])["NoSuchOption"]
+"""Of Click, or of the copy of it that newer versions of Typer have."""
 
 DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """What the system says where nothing can be written: the disk is full, or broken."""
@@ -39,7 +43,11 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse *args* so that negative numbers are values, wherever they stand."""
-        return super().parse_args(ctx, [_shielded(arg) for arg in args])
+        try:
+            return super().parse_args(ctx, [_shielded(arg) for arg in args])
+        except _NO_SUCH_OPTION as error:
+            error.possibilities = get_close_matches(error.option_name, error.possibilities or (), cutoff=0.8)
+            raise
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command and turn expected ends into exit codes."""

@@ -3,17 +3,35 @@
 import math
 
 MISSING = "-"
+FEW_DIGITS = 6  # significant, of numbers that a reader only looks over
+NO_LENGTH = 1e-12
+"""Of any unit: what is smaller is rounding of lengths that people have."""
 
 
-def number(value: float) -> str:
-    """Return *value* with nine significant digits, and zero without a sign.
+def number(value: float, digits: int = 9) -> str:
+    """Return *value* with so many significant digits, and zero without a sign.
 
     Parameters
     ----------
     value : float
         Any, also nan and inf.
+    digits : int
+        How many; zeros at the end are left out.
     """
-    return f"{value + 0.0:.9g}"
+    return f"{value + 0.0:.{digits}g}"
+
+
+def length(value: float, digits: int = 9) -> str:
+    """Return a length as `number`; one that is rounding is zero.
+
+    Parameters
+    ----------
+    value : float
+        In the user's unit.
+    digits : int
+        How many.
+    """
+    return number(0.0 if abs(value) < NO_LENGTH else value, digits)
 
 
 def counted(count: int, what: str) -> str:

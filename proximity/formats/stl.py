@@ -58,8 +58,8 @@ def read_stl(source: Source) -> RawFile:
 def _read_binary(data: bytes) -> RawFile:
     if len(data) < STL_HEADER_BYTES:
         raise MeshFormatError(
-            f"it has {len(data)} bytes, but a binary STL file begins with {STL_HEADER_BYTES}, and an ASCII "
-            "one with the word solid"
+            f"it has {len(data)} bytes, but a binary STL file begins with {STL_HEADER_BYTES} bytes "
+            "before its faces, and an ASCII one with the word solid"
         )
     # Compared before anything is allocated: the count may claim four billion faces.
     claimed = stl_face_count(data)

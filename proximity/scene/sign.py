@@ -98,21 +98,11 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
         why = "closed, but edges have more than two faces"
         return with_sign(piece, layout.SIGN_WINDING, has_grid=True), SignMethod.WINDING_NUMBER, why
     share = _clear_share(piece, points, normals)
-    open_edges = (
-        topology.boundary_edge_count + topology.misoriented_edge_count + topology.nonmanifold_edge_count
-    )
     if share >= CLEAR_SHARE:
-        why = (
-            f"{_edges(open_edges)} not closed, but the winding number is clear below {share:.0%} of the "
-            "surface"
-        )
+        why = f"not closed, but the winding number is clear below {share:.0%} of the surface"
         return with_sign(piece, layout.SIGN_WINDING, has_grid=False), SignMethod.WINDING_NUMBER, why
-    why = f"{_edges(open_edges)} not closed: there is no inside, so distances have no sign"
+    why = "not closed: there is no inside, so distances have no sign"
     return piece, SignMethod.NONE, why
-
-
-def _edges(count: int) -> str:
-    return "1 edge is" if count == 1 else f"{count} edges are"
 
 
 def _exceptions(signed: PartArrays) -> str:
@@ -121,7 +111,7 @@ def _exceptions(signed: PartArrays) -> str:
     folded_count = int(np.unpackbits(signed.folded).sum()) - thin_count
     kinds = ((thin_count, "as thin as a line"), (folded_count, "folded over, or pass through others"))
     return "".join(
-        f"; {count} faces are {kind}, or next to such faces: there it decides inside and outside"
+        f"; {count} faces are {kind}, or next to such faces: there the winding number decides"
         for count, kind in kinds
         if count
     )

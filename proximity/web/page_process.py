@@ -177,6 +177,9 @@ def _made(settings: PageSettings, opened: ExitStack) -> _Made:
     """Load and open what is shown."""
     logs = [name for name in settings.files if name.endswith(".frames")]
     parts = tuple(name for name in settings.files if name not in logs)
+    for name in settings.files:
+        if not os.path.exists(name):
+            raise ServiceError(f"{name}: there is no such file")
     if len(logs) > 1:
         raise ServiceError(f"{logs[1]}: one log is shown at a time")
     title = " + ".join(os.path.basename(name) for name in settings.files)

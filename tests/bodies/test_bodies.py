@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from project import SHARED_DATA
 from scipy.ndimage import label
 
-from proximity.bodies import Repairs, split_bodies
+from proximity.bodies import Repairs, open_edges, split_bodies
 from proximity.errors import MeshError
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
@@ -500,6 +500,23 @@ def test_sides_that_were_meshed_apart_are_one_body():
 
     assert body.mesh.face_count == 13
     assert build_topology(body.mesh).boundary_edge_count == 3
+
+
+def test_a_hole_is_counted_without_the_seams_that_a_weld_would_close():
+    """A cube that lacks a face stays open, so a corner of another face that is 1e-9 off is not welded."""
+    vertices, faces = shapes.soup(*shapes.cube())
+    vertices[faces[11, 2]] += [1e-9, 0.0, 0.0]
+    (body,) = split_bodies(vertices, faces[1:])
+
+    assert body.repairs.welded_vertex_count == 0
+    assert build_topology(body.mesh).boundary_edge_count == 3 + 4
+    middles = open_edges(body.mesh.vertices, body.mesh.faces)
+    assert sorted(np.round(middles, 6).tolist()) == [[0.0, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, 1.0, 0.0]]
+
+
+def test_a_closed_body_has_no_open_edge():
+    for mesh in (shapes.cube(), shapes.soup(*shapes.torus(n=8, m=6))):
+        assert open_edges(*mesh).shape == (0, 3)
 
 
 # The same whatever the file does

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_scene import FakeRepairs, FakeScene
+from fake_scene import RADIUS, FakeRepairs, FakeScene
 from rich.console import Console
 
 import proximity
@@ -113,6 +113,35 @@ def test_negative_direction_is_numbers(run):
     assert answer["origin"] == [-6.0, 0.0, 20.0]
     assert answer["direction"] == [0.0, 0.0, -1.0]
     assert answer["distance"] == 12.0
+
+
+def test_rounding_in_a_length_is_printed_as_zero_but_not_for_programs(run):
+    words = ("query", "ball.stl", -6.9e-15, 0, 12)
+
+    assert block(run(*words).out)["closest point"] == "0  0  10 mm"
+    (answer,) = json.loads(run(*words, "--json").out)["answers"]
+    assert answer["point"][0] == pytest.approx(-6.9e-15 / 1.2)
+
+
+@pytest.mark.parametrize(("word", "unit"), [("MM", "mm"), ("inch", "in"), ("Inches", "in")])
+def test_units_may_be_spelt_otherwise(run, word, unit):
+    assert json.loads(run("query", "ball.stl", 0, 0, 12, "--units", word, "--json").out)["units"] == unit
+
+
+def test_file_behind_the_point_is_a_usage_error_that_says_the_order(run, tmp_path):
+    (tmp_path / "ball.stl").touch()
+
+    result = run("query", 30, 10, 5, tmp_path / "ball.stl")
+
+    assert result.code == 2
+    assert "is not a number; FILE comes first, before X Y Z" in result.words
+
+
+@pytest.mark.parametrize(("option", "hint"), [("--format", False), ("--unit", True)])
+def test_unknown_option_has_a_hint_only_if_one_is_alike(run, option, hint):
+    result = run("query", "ball.stl", 1, 2, 3, option)
+
+    assert ("ossible option" in result.words or "Did you mean" in result.words) == hint
 
 
 @pytest.mark.parametrize("option", ["--foo", "-x", "--1"])
@@ -510,11 +539,34 @@ def test_check_on_a_narrow_terminal_cuts_no_number(run, monkeypatch):
 def test_table_on_a_narrow_terminal_leaves_out_normals_and_cuts_nothing(run, monkeypatch):
     screen = terminal(monkeypatch, width=80)
 
-    run("query", "ball.stl", 0, 0, 12.3456789, 0, 0, 1)
+    result = run("query", "ball.stl", 0, 0, 12.3456789, 0, 0, 1)
 
     assert "normal_x" not in screen.getvalue()
     assert "2.3456789" in screen.getvalue()
     assert "…" not in screen.getvalue()
+    assert result.err == (
+        "proximity: note: the terminal is narrow: columns are left out (normal_x, normal_y, normal_z); "
+        "--csv, --json or a pipe shows all\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("width", "digits", "note"),
+    [
+        (110, "-8.26795", "numbers have 6 digits"),
+        (62, "-8.26794919", "columns are left out (normal_x, normal_y, normal_z, face, on, part)"),
+        (50, "-8.26795", "normal_z, face, on, part) and numbers have 6 digits"),
+    ],
+)
+def test_table_on_a_narrow_terminal_breaks_no_number(run, monkeypatch, width, digits, note):
+    """Was: -0.004579 in one line, which looks complete, and 43201 in the next."""
+    screen = terminal(monkeypatch, width=width)
+
+    result = run("query", "ball.stl", 1, 1, 1, -1, 1, -1)
+
+    first, second = screen.getvalue().splitlines()[1:]
+    assert first.split()[1] == second.split()[1] == digits
+    assert note in result.err
 
 
 def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
@@ -548,6 +600,7 @@ def test_check_tells_a_part_without_an_inside(run, monkeypatch):
 
     assert result.code == 0
     assert block(result.out)["no inside"] == "distances are unsigned (ball)"
+    assert block(result.out)["not closed"] == "3 edges, the first near 0  0  0 mm (ball)"
     assert "no: NotManifold" in result.out
 
 
@@ -607,6 +660,30 @@ def test_check_lists_twenty_parts_and_all_of_them_where_asked(run, monkeypatch):
     assert len(json.loads(run("check", "ball.stl", "--json").out)["parts"]) == 23
 
 
+def test_check_says_where_the_unit_is_from_and_prints_rounding_as_zero(run, monkeypatch):
+    scene = FakeScene()
+    scene.report.units = "in"
+    scene.parts[0].pose = Pose(None, [RADIUS + 1e-17, 0.0, 0.0])
+    load_with(monkeypatch, lambda path, units, **options: scene)
+
+    lines = block(run("check", "ball.stl", "--units", "in").out)
+
+    assert lines["units of file"] == "in (as --units says)"
+    assert lines["from"].split()[0] == "0"
+
+
+def test_check_does_not_range_what_all_samples_agree_with(run, monkeypatch):
+    scene = balls(2)
+    for part, count in zip(scene.parts, (260, 384), strict=True):
+        words = f"closed; agrees with the winding number at {count} of {count} sample points"
+        part.solid = SimpleNamespace(**{**vars(part.solid), "sign_reason": words})
+    load_with(monkeypatch, lambda path, units, **options: scene)
+
+    sign = block(run("check", "ball.stl").out)["sign"]
+
+    assert sign == "pseudo-normals: closed; agrees with the winding number at all sample points (b0, b1)"
+
+
 def test_check_says_what_differs_in_numbers_only_once(run, monkeypatch):
     scene = balls(3)
     for part, count in zip(scene.parts, (4, 28, 9), strict=True):
@@ -630,15 +707,21 @@ def test_check_as_json_has_sizes_and_a_total(run, monkeypatch):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("width", "has_shells"), [(80, False), (120, True)])
-def test_check_leaves_out_columns_where_the_terminal_is_narrow(run, monkeypatch, width, has_shells):
+@pytest.mark.parametrize(
+    ("width", "left_out"),
+    [(120, ""), (90, "volume"), (80, "volume, manifold3d"), (66, "volume, manifold3d, shells")],
+)
+def test_check_says_which_columns_a_narrow_terminal_leaves_out(run, monkeypatch, width, left_out):
     screen = terminal(monkeypatch, width=width)
 
     run("check", "ball.stl")
 
-    title, row = (line for line in screen.getvalue().splitlines() if line.startswith(("part ", "ball ")))
-    assert ("shells" in title) == ("oriented" in title) == has_shells
+    lines = screen.getvalue().splitlines()
+    title, row = (line for line in lines if line.startswith(("part ", "ball ")))
+    assert "watertight" in title and "oriented" in title
     assert "20 × 20 × 20" in row and "pseudo-normals" in row
+    sentence = f"The terminal is too narrow for: {left_out}. A wider one, a pipe or --json shows them."
+    assert (sentence in " ".join(" ".join(lines).split())) == bool(left_out)
 
 
 def test_check_as_json_has_every_figure(run, monkeypatch):
@@ -651,6 +734,8 @@ def test_check_as_json_has_every_figure(run, monkeypatch):
     assert part["volume"] == pytest.approx(4.0, rel=1e-14)
     assert part["upper"] == [1.0, 1.0, 1.0]
     assert part["repairs"]["merged_vertex_count"] == 4
+    assert (part["open_edge_count"], part["open_edge"]) == (0, None)
     assert part["manifold"] == {"is_solid": True, "status": "NoError"}
     load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
-    assert json.loads(run("check", "ball.stl", "--json").out)["parts"][0]["volume"] is None
+    (part,) = json.loads(run("check", "ball.stl", "--json").out)["parts"]
+    assert (part["volume"], part["open_edge_count"], part["open_edge"]) == (None, 3, [0.0, 0.0, 0.0])

@@ -4,9 +4,11 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+import shapes
 from PIL import Image
 from project import MESHES
 
+import proximity
 from proximity import cli
 
 pytest.importorskip("vtkmodules", reason="pictures need VTK: pip install cad-proximity[picture]")
@@ -39,6 +41,20 @@ def test_picture_is_written(run, tmp_path):
     assert result.out.startswith("box.png: 640 x 360 pixels, ")
     with Image.open(tmp_path / "box.png") as image:
         assert (image.format, image.size) == ("PNG", (640, 360))
+
+
+def test_distances_without_a_sign_are_noted(run, tmp_path):
+    vertices, faces = shapes.open_box()
+    proximity.Scene([proximity.Solid(0.01 * vertices, faces, name="tray")]).save(tmp_path / "tray.prox")
+
+    result = run("tray.prox", "--slice", "z=5", "--size", "640x360", "-o", "tray.png")
+
+    assert result.code == 0
+    assert result.err == (
+        "proximity: note: parts without an inside: 1 of 1; "
+        "distances from them have no sign, and `proximity check` says why"
+    )
+    assert run("tray.prox", "--size", "640x360", "-o", "tray.png").err == ""  # no distance is shown
 
 
 @pytest.mark.parametrize(

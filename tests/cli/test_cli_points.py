@@ -60,6 +60,32 @@ def test_no_points_are_no_error(text):
     assert points_of(text) == []
 
 
+@pytest.mark.parametrize(
+    ("text", "notes"),
+    [
+        ("x,y,z\n1,2,3\n", []),
+        ("Name,x,y,z\nA,1,2,3\n", []),
+        ("1 2 3\n", []),
+        (
+            "Point,x,y,z\nA,1,2,3\n",
+            ["points.csv: only a column called name is copied to the answers, not 'Point'"],
+        ),
+        (
+            "x,y,z,a,b,c,d,e\n1,2,3,,,,,\n",
+            ["points.csv: only a column called name is copied to the answers, not 'a', 'b', 'c' and 2 more"],
+        ),
+        ("x,y,z\n", ["points.csv holds no points"]),
+        ("", ["points.csv holds no points"]),
+    ],
+)
+def test_what_is_not_used_is_noted(text, notes):
+    said = []
+
+    list(parse_points(text.splitlines(), "points.csv", note=said.append))
+
+    assert said == notes
+
+
 def test_points_come_in_chunks_and_the_last_is_shorter():
     chunks = list(parse_points([f"{k} 0 0\n" for k in range(7)], "points.csv", limit=3))
 
@@ -119,6 +145,10 @@ def test_numbers_come_back_exactly(rows):
     ("text", "message"),
     [
         ("1 2 3\n1 2\n", "points.csv, line 2: 2 values, expected 3"),
+        (
+            "1,2,3,A\n",
+            "points.csv, line 1: 4 values, expected 3; a first line such as x,y,z,name allows names",
+        ),
         (  # was: 4 values, expected 3
             "1,5;2,5;3,5\n",
             "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5",
@@ -133,7 +163,10 @@ def test_numbers_come_back_exactly(rows):
             "points.csv, line 2: '1e400' is beyond 1.8e+308, the largest number",
         ),
         ("1 2 3#4\n", "points.csv, line 1: '3#4' is not a number"),
-        ("1 2 3\n\udcff 1 2\n", "points.csv, line 2: not text in UTF-8, expected three numbers"),
+        (
+            "1 2 3\n\udcff 1 2\n",
+            "points.csv, line 2: not text in UTF-8, expected a text file with three numbers on each line",
+        ),
         (
             "1" * 1_000_001 + "\n",
             "points.csv, line 1: has 1000000 characters or more, expected three numbers",
@@ -163,17 +196,20 @@ def test_numbers_come_back_exactly(rows):
         ),
         (  # was: millimetres
             "time_s,hand,finger,x_m,y_m,z_m\n0,0,1,0.1,0.2,0.3\n",
-            "points.csv, line 1: 'x_m' is in m, expected mm, as --units says",
+            "points.csv, line 1: column 'x_m' is in m, expected mm; add --units m",
         ),
         (  # was, as those below: millimetres
             "x [inch],y [inch],z [inch]\n1,2,3\n",
-            "points.csv, line 1: 'x [inch]' is in in, expected mm, as --units says",
+            "points.csv, line 1: column 'x [inch]' is in inches, expected mm; add --units in",
         ),
         (
             "x [\u00b5m],y,z\n1,2,3\n",
-            "points.csv, line 1: 'x [\u00b5m]' is in um, expected mm, as --units says",
+            "points.csv, line 1: column 'x [\u00b5m]' is in um, expected mm; add --units um",
         ),
-        ("x (m) raw,y,z\n1,2,3\n", "points.csv, line 1: 'x (m) raw' is in m, expected mm, as --units says"),
+        (
+            "x (m) raw,y,z\n1,2,3\n",
+            "points.csv, line 1: column 'x (m) raw' is in m, expected mm; add --units m",
+        ),
         (f"1 2 {'9' * 50}z\n", f"points.csv, line 1: '{'9' * 37}...' is not a number"),
     ],
 )
@@ -208,5 +244,5 @@ def test_file_in_another_encoding_is_refused(tmp_path, encoding):
     path = tmp_path / "points.csv"
     path.write_bytes("größe,1,2\n".encode(encoding))
 
-    with pytest.raises(QueryError, match=r"points\.csv, line 1: not text in UTF-8, expected three numbers$"):
+    with pytest.raises(QueryError, match=r"points\.csv, line 1: not text in UTF-8, expected a text file "):
         read(str(path))

@@ -10,6 +10,7 @@ import nbclient
 import nbformat
 import numpy as np
 import pytest
+import shapes
 from compiling_c import c_compiler, run
 from pages import PAGES
 from ports import free_port
@@ -112,9 +113,22 @@ def test_clearances_are_a_table(tmp_path):
     # Parts that touch do so in a whole face: which points of it are reported is not promised.
     gaps = [line[:29] for line in output.splitlines()]
     assert gaps == [line[:29] for line in shown("clearances.py").splitlines()]
-    for line in output.splitlines()[1:]:
+    for line in output.splitlines()[1:-2]:
         begin, end = (np.array([float(x) for x in NUMBER.findall(point)]) for point in POINT.findall(line))
         assert np.linalg.norm(begin - end) == pytest.approx(float(line.split()[2]), abs=0.1)
+
+
+def test_clearances_name_the_parts_that_overlap(tmp_path):
+    """Two cubes of 10 mm; the second begins 8 mm along x and 5 mm along z."""
+    cube = shapes.cube(0.01, [0.005] * 3)
+    scene = proximity.Scene([proximity.Solid(*cube, name="a"), proximity.Solid(*cube, name="b")])
+    scene.move("b", proximity.Pose(None, [0.008, 0.0, 0.005]))
+    scene.save(tmp_path / "scene.prox")
+    output = printed(EXAMPLES / "clearances.py", "scene.prox", folder=tmp_path)
+
+    assert output.endswith(
+        "\na and b overlap by 100.000 mm3, in a box of 2.000 x 10.000 x 5.000 mm\npairs that overlap: 1\n"
+    )
 
 
 def test_point_cloud_becomes_a_table_and_a_picture(tmp_path):

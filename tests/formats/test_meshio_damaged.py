@@ -176,7 +176,8 @@ HEAD = BINARY_STL[:80]
     [
         (
             b"\x01" * 20,
-            "it has 20 bytes, but a binary STL file begins with 84, and an ASCII one with the word solid",
+            "it has 20 bytes, but a binary STL file begins with 84 bytes before its faces, and an ASCII one "
+            "with the word solid",
         ),
         (BINARY_STL[:-1], "its header claims 12 faces, but there are bytes for 11: it is cut off"),
         (

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+import shapes
 from PIL import Image
 from project import MESHES
 
@@ -88,6 +89,27 @@ def test_parts_have_colours_of_their_own_and_hidden_ones_are_left_out():
         page.draw(Picture(scene, "assembly", size=SIZE))
 
 
+def test_page_does_not_speak_of_an_inside_that_no_part_has(box, monkeypatch):
+    written = []
+    draw_map, draw_bar = page._draw_map, page._draw_bar
+    monkeypatch.setattr(page, "_draw_map", lambda axes, *rest: (draw_map(axes, *rest), written.append(axes)))
+    monkeypatch.setattr(
+        page, "_draw_bar", lambda figure, axes, *rest: (draw_bar(figure, axes, *rest), written.append(axes))
+    )
+    tray = proximity.Solid(0.01 * shapes.open_box()[0], shapes.open_box()[1])
+
+    for scene in (proximity.Scene([tray]), box):
+        page.draw(Picture(scene, "scene", cut=("z", 0.005), size=SIZE))
+
+    titles = [axes.get_title() or axes.get_ylabel() for axes in written]
+    assert titles == [
+        "Distance (no inside is known) at z = 5 mm",
+        "mm, no inside is known",
+        "Signed distance at z = 5 mm",
+        "mm, negative inside",
+    ]
+
+
 def test_many_parts_and_long_names_are_cut_short(box):
     solid = box.parts[0].solid
     parts = [
@@ -106,7 +128,11 @@ def test_many_parts_and_long_names_are_cut_short(box):
         ({"size": (100, 400)}, "a picture of 100x400 pixels, expected 200 to 4000 a side"),
         ({"view": "above"}, "no view 'above', expected one of iso, front, back, left, right, top, bottom"),
         ({"cut": ("w", 0.0)}, "a slice across 'w', expected one of x, y, z"),
-        ({"cut": ("z", 3.0)}, "the slice at z = 3 m passes far from the parts: expected 0 to 0.02 m"),
+        ({"cut": ("z", 3.0)}, "the slice at z = 3000 mm passes far from the parts: expected 0 to 20 mm"),
+        (
+            {"cut": ("z", 3.0), "unit": "cm", "metres": 0.01},
+            "the slice at z = 300 cm passes far from the parts: expected 0 to 2 cm",
+        ),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(box, options, sentence):
@@ -155,6 +181,17 @@ def test_depth_of_a_box_is_that_of_its_faces(box):
     assert np.isinf(image.depth[2, 2])
     width = np.isfinite(image.depth[100]).sum() * camera.meters_per_pixel
     assert width == pytest.approx(0.040, abs=3 * camera.meters_per_pixel)  # with the lines of its edges
+
+
+@pytest.mark.parametrize("depth", [-0.03, 0.0, 0.013, 0.03])
+def test_what_is_behind_the_middle_of_the_scene_is_drawn(depth):
+    """Points that all lay in the rear half of the parts were left out: the eye looked the other way."""
+    camera = Camera(rotation_of("top"), np.zeros(3), 1e-3, (100, 100))
+    ball = sphere(np.array([0.0, 0.0, -depth]), 0.01, INK, 3)
+
+    image = surface_image.render(ball, camera)
+
+    assert image.depth.min() == pytest.approx(1e3 * depth - 10.0, abs=0.2)  # a pixel is a millimetre
 
 
 # ----------------------------------------------------------------------------------------- shapes and colours

@@ -99,6 +99,9 @@ def test_what_cannot_be_shown_is_refused(tmp_path):
         proximity.view(3)
     with pytest.raises(ServiceError, match=r"nothing\.stl"):
         proximity.view(tmp_path / "nothing.stl", open_browser=False)
+    for name in ("nothing.stl", "nothing.toml", "nothing.frames"):
+        with pytest.raises(ServiceError, match=rf"^{name}: there is no such file$"):
+            shown(files=(str(BRACKET), name))
 
 
 def test_a_page_that_ends_at_once_says_why(monkeypatch):
@@ -110,7 +113,7 @@ def test_a_page_that_ends_at_once_says_why(monkeypatch):
 
 def shown(**settings):
     return run_page(
-        PageSettings(files=(str(BRACKET),), **settings),
+        PageSettings(**{"files": (str(BRACKET),), **settings}),
         stop=threading.Event(),
         say=lambda sentence: None,
         begun=lambda beginning: None,

@@ -24,7 +24,8 @@ PUBLIC = {
     "Loading": ("load", "from_trimesh", "LoadReport"),
     "Scenes and parts": ("Scene", "Part", "Solid", "TriangleMesh", "Pose", "SignMethod", "Surface"),
     "Answers": (
-        "ClosestPoints", "RayHits", "SegmentHits", "Feature", "clearance", "Clearance", "NO_FACE", "NO_PART",
+        "ClosestPoints", "RayHits", "SegmentHits", "Feature", "clearance", "Clearance",
+        "overlap", "Overlap", "NO_FACE", "NO_PART",
     ),
     "Tracker": ("Tracker", "ContactFlag", "warm_up", "kernels_are_cached"),
     "Service": ("serve", "start_service", "RunningService", "view", "RunningPage"),

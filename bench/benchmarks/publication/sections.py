@@ -91,7 +91,8 @@ def summary(documents: dict[str, Document]) -> str:
         "in single. [All results](docs/performance/results.md), with the cases in which others are faster."
     )
     application = [_wrapped(vr_sentence(documents["vr"])), ""] if "vr" in documents else []
-    return "\n".join([*lines, "", *application, _wrapped(how)]) + "\n"
+    ratio = "The last column is the median of paired rounds, not the quotient of the medians."
+    return "\n".join([*lines, "", ratio, "", *application, _wrapped(how)]) + "\n"
 
 
 def section(documents: dict[str, Document], names: tuple[str, ...]) -> str:

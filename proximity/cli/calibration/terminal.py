@@ -9,7 +9,7 @@ import typer
 from rich.text import Text
 
 from proximity.cli.calibration.guide import Prompt, RepeatError, SkipError, UnfinishedError
-from proximity.cli.console import Console, print_fitting, table
+from proximity.cli.console import Console, table
 from proximity.cli.views.pose_picture import joint_angles, pose_picture
 
 HINT = "Type r for the last reading again, s to leave a task out; Ctrl-C stops and keeps what was measured."
@@ -71,7 +71,7 @@ def print_results(rows: Sequence[tuple[str, ...]]) -> None:
     shown.add_column("")
     for row in rows[1:]:
         shown.add_row(row[0].replace("[", "\\["), *row[1:-1], Text(row[-1], "yellow"))
-    print_fitting(Console(), [lambda: shown])
+    Console().print(shown)
 
 
 def _asked_number(question: str) -> float:

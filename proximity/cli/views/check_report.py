@@ -4,7 +4,6 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import asdict
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,14 +12,16 @@ from rich.table import Table
 from rich.text import Text
 
 import proximity
+from proximity.bodies import open_edges
 from proximity.cli.console import print_block, print_fitting, table_of
 from proximity.cli.lengths import in_unit, in_units
-from proximity.cli.wording import MISSING, number, printable
+from proximity.cli.wording import FEW_DIGITS, MISSING, counted, length, number, printable
 
 NAMES_SHOWN = 3  # parts named with a remark; the others are counted
 PARTS_SHOWN = 20
 A_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-DISPENSABLE = ("oriented", "shells", "manifold3d", "watertight", "volume")
+ALL_OF_RANGE = re.compile(r"(\S+ to \S+) of \1 ")
+DISPENSABLE = ("volume", "manifold3d", "shells", "oriented", "watertight")
 """Columns to leave out, in this order, until the table is as narrow as the terminal."""
 
 Values = dict[str, Any]
@@ -73,7 +74,10 @@ def print_report(console: Console, report: Values, *, is_whole: bool) -> None:
         Whether to list all parts; else those beyond `PARTS_SHOWN` are counted.
     """
     parts, units = report["parts"], report["units"]
-    declared = "declared by the file" if report["file_units_declared"] else "assumed: the file declares none"
+    declared = (
+        "as --units says" if report["file_units"] == units != "mm" else "assumed: the file declares none"
+    )
+    declared = "declared by the file" if report["file_units_declared"] else declared
     print_block(
         console,
         [
@@ -90,16 +94,21 @@ def print_report(console: Console, report: Values, *, is_whole: bool) -> None:
     )
     console.print()
     shown = parts if is_whole else parts[:PARTS_SHOWN]
-    narrower = (DISPENSABLE[:count] for count in range(len(DISPENSABLE) + 1))
-    print_fitting(console, [partial(_table, shown, report, left_out) for left_out in narrower])
+    narrower = [DISPENSABLE[:count] for count in range(len(DISPENSABLE) + 1)]
+    tables = [_table(shown, report, left_out) for left_out in narrower]
+    if left_out := narrower[print_fitting(console, tables)]:
+        names = ", ".join(left_out)
+        console.print(f"The terminal is too narrow for: {names}. A wider one, a pipe or --json shows them.")
     if len(shown) < len(parts):
         console.print(f"These are the first {len(shown)} of {len(parts)} parts; --all lists all.")
     console.print()
-    print_block(console, _remarks(parts))
+    print_block(console, _remarks(parts, units))
 
 
 def _part_values(part: "proximity.Part", metres: float) -> Values:
-    found = part.solid.diagnosis
+    found, mesh = part.solid.diagnosis, part.solid.mesh
+    middles = np.empty((0, 3)) if found.is_watertight else open_edges(mesh.vertices, mesh.faces)
+    unclosed = part.pose.point(middles)
     lower, upper = np.array(found.lower), np.array(found.upper)
     return {
         "name": part.name,
@@ -110,6 +119,8 @@ def _part_values(part: "proximity.Part", metres: float) -> Values:
         "boundary_edge_count": found.boundary_edge_count,
         "nonmanifold_edge_count": found.nonmanifold_edge_count,
         "misoriented_edge_count": found.misoriented_edge_count,
+        "open_edge_count": len(unclosed),  # where vertices that a weld would close up count as one
+        "open_edge": in_units(unclosed[0], metres).tolist() if len(unclosed) else None,  # in the scene
         "is_watertight": found.is_watertight,
         "is_oriented": found.is_oriented,
         "volume": in_unit(found.volume, metres**3),
@@ -190,11 +201,11 @@ def _table(parts: list[Values], report: Values, left_out: tuple[str, ...]) -> Ta
 
 
 def _corner(position: list[float]) -> str:
-    return "  ".join(f"{coordinate + 0.0:.6g}" for coordinate in position)
+    return "  ".join(length(coordinate, FEW_DIGITS) for coordinate in position)
 
 
 def _size(size: list[float]) -> str:
-    return " \N{MULTIPLICATION SIGN} ".join(f"{side:.6g}" for side in size)
+    return " \N{MULTIPLICATION SIGN} ".join(length(side, FEW_DIGITS) for side in size)
 
 
 def _volume(volume: float) -> str:
@@ -209,12 +220,24 @@ def _opinion(manifold: Values) -> str:
     return "solid" if manifold["is_solid"] else f"no: {manifold['status']}"
 
 
-def _remarks(parts: list[Values]) -> list[tuple[str, str]]:
+def _remarks(parts: list[Values], units: str) -> list[tuple[str, str]]:
     return [
         *_grouped(parts, "sign", lambda part: f"{part['sign_method']}: {part['sign_reason']}"),
+        *_open_edges([part for part in parts if part["open_edge_count"]], units),
         *_grouped(parts, "repaired", lambda part: part["repairs_described"]),
         *_grouped(parts, "no inside", lambda part: "" if part["has_inside"] else "distances are unsigned"),
     ]
+
+
+def _open_edges(parts: list[Values], units: str) -> list[tuple[str, str]]:
+    lines = [
+        f"{counted(part['open_edge_count'], 'edge')}, the first near {_corner(part['open_edge'])} {units} "
+        f"({part['name']})"
+        for part in parts[:NAMES_SHOWN]
+    ]
+    if len(parts) > NAMES_SHOWN:
+        lines.append(f"edges of {counted(len(parts) - NAMES_SHOWN, 'more part')}; --json lists them")
+    return [("not closed", line) for line in lines]
 
 
 def _grouped(parts: list[Values], label: str, sentence_of: Callable[[Values], str]) -> list[tuple[str, str]]:
@@ -241,7 +264,7 @@ def _with_ranges(sentences: list[str]) -> str:
         spelt = next(ranges)
         return spelt[0] if len(spelt) == 1 else f"{spelt[0]} to {spelt[-1]}"
 
-    return A_NUMBER.sub(spelled_range, sentences[0])
+    return ALL_OF_RANGE.sub("all ", A_NUMBER.sub(spelled_range, sentences[0]))
 
 
 def _listed(names: list[str]) -> str:

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from proximity.cli.console import Lines, print_fitting, table_of
 from proximity.cli.views.json_output import plain
-from proximity.cli.wording import MISSING, number, printable, side
+from proximity.cli.wording import FEW_DIGITS, MISSING, length, number, printable, side
 from proximity.errors import ProximityError
 
 Fields = dict[str, list[Any]]
@@ -27,6 +27,7 @@ TERMINAL_ROWS = 100  # more than a person reads from a screen
 NUMBER_WIDTH = 16  # -1.23456789e-100
 COUNT_WIDTH = 9
 DIRECTION_DECIMALS = 9
+DIGITS = 9  # significant, of numbers in a table
 TOO_FAR = "too far away to be computed"
 
 
@@ -39,12 +40,12 @@ class Field:
     is_length: bool = False  # its columns are named with the unit
     width: int = NUMBER_WIDTH  # of its column where lines are streamed; negative: aligned to the left
     is_float: bool = True
-    is_dispensable: bool = False  # left out first where the terminal is narrow
 
-    def number(self, value: float) -> str:
+    def number(self, value: float, digits: int = DIGITS) -> str:
         """Return a value for people; components of directions that are rounding errors are zeros."""
-        is_direction = bool(self.axes) and not self.is_length
-        return number(round(value, DIRECTION_DECIMALS) if is_direction else value)
+        if self.is_length:
+            return length(value, digits)
+        return number(round(value, DIRECTION_DECIMALS) if self.axes else value, digits)
 
 
 def _text(title: str, width: int = -len("outside")) -> Field:
@@ -67,9 +68,9 @@ FIELDS = {
     "fraction": Field(),
     "point": Field("point_", axes="xyz", is_length=True),
     "point_on_solid": Field("solid_", axes="xyz", is_length=True),
-    "point_on_segment": Field("segment_", axes="xyz", is_length=True, is_dispensable=True),
-    "gradient": Field("normal_", axes="xyz", is_dispensable=True),
-    "normal": Field("normal_", axes="xyz", is_dispensable=True),
+    "point_on_segment": Field("segment_", axes="xyz", is_length=True),
+    "gradient": Field("normal_", axes="xyz"),
+    "normal": Field("normal_", axes="xyz"),
     "face": _text("face", COUNT_WIDTH),
     "face_id": Field(),
     "feature": _text("on"),
@@ -83,6 +84,8 @@ IN_TABLE = {
     "ray": ("distance", "point", "normal", "face", "part_name"),
     "segment": ("distance", "point_on_solid", "point_on_segment", "face", "part_name"),
 }
+DISPENSABLE = (("gradient", "normal", "point_on_segment"), ("face", "feature"), ("part_name",))
+"""Fields to leave out, in this order, until a table is as narrow as the terminal."""
 IN_BLOCK = {
     "closest": {
         "signed distance": "signed_distance", "closest point": "point", "normal": "gradient",
@@ -173,8 +176,8 @@ def write_table(stream: TextIO, mode: str, units: str, chunks: Iterable[Fields])
         stream.flush()
 
 
-def print_table(console: Console, mode: str, units: str, answers: Fields) -> None:
-    """Draw the table of a few answers on a terminal.
+def print_table(console: Console, mode: str, units: str, answers: Fields) -> str | None:
+    """Draw the table of a few answers on a terminal; return a note on what it is too narrow for, if anything.
 
     Parameters
     ----------
@@ -188,8 +191,19 @@ def print_table(console: Console, mode: str, units: str, answers: Fields) -> Non
         Answers, field by field.
     """
     columns = _shown(mode, answers)
-    needed = [column for column in columns if not column.field.is_dispensable]
-    print_fitting(console, [lambda: _drawn(columns, units), lambda: _drawn(needed, units)])
+    left_out = [sum(DISPENSABLE[:count], ()) for count in range(len(DISPENSABLE) + 1)]
+    choices = [
+        ([column for column in columns if column.name not in names], digits)
+        for names in left_out
+        for digits in (DIGITS, FEW_DIGITS)
+    ]
+    kept, digits = choices[print_fitting(console, [_drawn(*choice, units) for choice in choices])]
+    missing = [column.title(units) for column in columns if column not in kept]
+    if not missing and digits == DIGITS:
+        return None
+    what = [f"columns are left out ({', '.join(missing)})"] if missing else []
+    what += [f"numbers have {digits} digits"] if digits < DIGITS else []
+    return f"the terminal is narrow: {' and '.join(what)}; --csv, --json or a pipe shows all"
 
 
 def block(mode: str, answer: dict[str, Any], units: str, sign: str) -> Lines:
@@ -228,9 +242,9 @@ class _Column:
         words = (self.axis,) if self.name == "query" else (self.name, self.axis)
         return "_".join(filter(None, words)) + self._ending(units)
 
-    def cells(self) -> list[str]:
+    def cells(self, digits: int = DIGITS) -> list[str]:
         if self.field.is_float:
-            return [self.field.number(value) for value in self.values]
+            return [self.field.number(value, digits) for value in self.values]
         return [MISSING if value is None else printable(str(value)) for value in self.values]
 
     def _ending(self, units: str) -> str:
@@ -253,9 +267,9 @@ def _shown(mode: str, answers: Fields) -> list[_Column]:
     return list(_columns(answers, [*(name for name in NAMES if name in answers), *IN_TABLE[mode]]))
 
 
-def _drawn(columns: list[_Column], units: str) -> Table:
+def _drawn(columns: list[_Column], digits: int, units: str) -> Table:
     table = table_of([("#", True), *((column.title(units), column.field.width > 0) for column in columns)])
-    for count, cells in enumerate(zip(*(column.cells() for column in columns), strict=True)):
+    for count, cells in enumerate(zip(*(column.cells(digits) for column in columns), strict=True)):
         table.add_row(str(count), *map(Text, cells))
     return table
 

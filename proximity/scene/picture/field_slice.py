@@ -28,7 +28,9 @@ class FieldSlice:
     signed_distance: np.ndarray  # (H, W) m
 
     @classmethod
-    def of(cls, scene: "Scene", axis: str, position: float) -> "FieldSlice":
+    def of(
+        cls, scene: "Scene", axis: str, position: float, *, unit: str = "m", metres: float = 1.0
+    ) -> "FieldSlice":
         """Return the slice of a scene, a margin around its parts included.
 
         Parameters
@@ -39,6 +41,10 @@ class FieldSlice:
             One of `AXES`.
         position : float, m
             Where the plane cuts the axis.
+        unit : str
+            The word for lengths in a message.
+        metres : float
+            Metres in that unit.
 
         Raises
         ------
@@ -52,8 +58,8 @@ class FieldSlice:
         extent = float((upper - lower).max())
         if not lower[across] - extent <= position <= upper[across] + extent:
             raise QueryError(
-                f"the slice at {axis} = {position:g} m passes far from the parts: expected "
-                f"{lower[across]:g} to {upper[across]:g} m"
+                f"the slice at {axis} = {position / metres:g} {unit} passes far from the parts: expected "
+                f"{lower[across] / metres:g} to {upper[across] / metres:g} {unit}"
             )
         shown = list(SHOWN_AXES[axis])
         margin = MARGIN * float((upper - lower)[shown].max())

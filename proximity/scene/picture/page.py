@@ -26,6 +26,7 @@ PART_COLORS = (
 NAMED_PARTS = 8
 LABELLED_POINTS = 12
 NAME_LENGTH = 28  # characters; longer names are cut
+NO_INSIDE = "no inside is known"
 HEAD, FOOT = 0.075, 0.085  # of the height
 
 
@@ -117,7 +118,9 @@ def slice_box(size: tuple[int, int], field: FieldSlice) -> tuple[float, float, f
 
 
 def _figure(matplotlib: Any, picture: Picture) -> Any:
-    field = None if picture.cut is None else FieldSlice.of(picture.scene, *picture.cut)
+    field = None
+    if picture.cut is not None:
+        field = FieldSlice.of(picture.scene, *picture.cut, unit=picture.unit, metres=picture.metres)
     connections = None if picture.points is None else _connections(picture)
     shown = [np.zeros(0)] if field is None else [field.signed_distance.reshape(-1)]
     if connections is not None:
@@ -232,7 +235,8 @@ def _draw_map(axes: Any, picture: Picture, field: FieldSlice, colors: DistanceCo
     names = ["xyz"[row] for row in SHOWN_AXES[field.axis]]
     axes.set(xlabel=f"{names[0]}, {picture.unit}", ylabel=f"{names[1]}, {picture.unit}")
     position = f"{field.position / picture.metres:.6g}"
-    axes.set_title(f"Signed distance at {field.axis} = {position} {picture.unit}", fontsize="medium")
+    what = "Signed distance" if _has_inside(picture) else f"Distance ({NO_INSIDE})"
+    axes.set_title(f"{what} at {field.axis} = {position} {picture.unit}", fontsize="medium")
 
 
 def _draw_bar(figure: Any, axes: Any, picture: Picture, colors: DistanceColors) -> None:
@@ -241,7 +245,12 @@ def _draw_bar(figure: Any, axes: Any, picture: Picture, colors: DistanceColors) 
     bar = figure.colorbar(mappable, cax=axes, ticks=colors.levels)
     bar.ax.axhline(0.0, color=INK, linewidth=2.2)
     bar.outline.set_linewidth(0.8)
-    bar.set_label(f"{picture.unit}, negative inside")
+    bar.set_label(f"{picture.unit}, {'negative inside' if _has_inside(picture) else NO_INSIDE}")
+
+
+def _has_inside(picture: Picture) -> bool:
+    """Whether any distance on the page has a sign."""
+    return any(part.solid.has_inside for part in picture.scene.parts if not part.is_hidden)
 
 
 def _draw_head(figure: Any, picture: Picture) -> None:

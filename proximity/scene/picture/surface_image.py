@@ -163,7 +163,7 @@ def _light(vtk: Any, direction: tuple[float, float, float], brightness: float) -
 
 def _aim(eye: Any, camera: Camera, near: float, far: float) -> None:
     eye.ParallelProjectionOn()
-    eye.SetFocalPoint(0.0, 0.0, 0.0)
+    eye.SetFocalPoint(0.0, 0.0, -near)  # straight ahead, also where all is behind the middle of the image
     eye.SetViewUp(0.0, 1.0, 0.0)
     # VTK wants the near plane in front of the viewer: the viewer stands one pixel before it.
     eye.SetPosition(0.0, 0.0, 1.0 - near)

@@ -69,8 +69,8 @@ def test_the_face_that_is_folded_over_is_found_and_said():
     assert sorted(faces_folded(solid)) == beside(faces, flipped)
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert solid.sign_reason.endswith(
-        "; 4 faces are folded over, or pass through others, or next to such faces: there it decides "
-        "inside and outside"
+        "; 4 faces are folded over, or pass through others, or next to such faces: "
+        "there the winding number decides"
     )
 
 

@@ -102,7 +102,20 @@ def command(
     )
     with progress.spinner(f"drawing {file}"):
         write_picture(drawn, out)
+    if coordinates is not None or plane is not None:
+        _note_unsigned(scene)
     typer.echo(f"{out}: {pixels[0]} x {pixels[1]} pixels, {time.monotonic() - started:.1f} s")
+
+
+def _note_unsigned(scene: "proximity.Scene") -> None:
+    """Say on stderr that distances have no sign, where that is so."""
+    count = sum(not part.solid.has_inside for part in scene.parts)
+    if count:
+        typer.echo(
+            f"proximity: note: parts without an inside: {count} of {len(scene.parts)}; "
+            "distances from them have no sign, and `proximity check` says why",
+            err=True,
+        )
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -4,6 +4,7 @@ import sys
 from array import array
 from collections.abc import Iterable, Iterator
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -138,7 +139,7 @@ def _points(coordinates: list[str] | None, path: str | None, units: str, mode: s
     if coordinates and path is not None:
         raise typer.BadParameter("points are given as arguments already", param_hint="--points")
     if path is not None:
-        yield from read_points(path, units, _chunk_length(mode))
+        yield from read_points(path, units, _chunk_length(mode), lambda sentence: _show_notes([sentence]))
         return
     if not coordinates:
         raise typer.BadParameter("give a point, or --points FILE", param_hint="X Y Z")
@@ -165,7 +166,9 @@ def _numbers(texts: Iterable[str], hint: str) -> list[float]:
     try:
         return [finite_number(text) for text in texts]
     except ValueError as unfit:
-        raise typer.BadParameter(str(unfit), param_hint=hint) from unfit
+        is_file = any(Path(text).is_file() for text in texts)
+        order = "; FILE comes first, before X Y Z" if is_file else ""
+        raise typer.BadParameter(f"{unfit}{order}", param_hint=hint) from unfit
 
 
 def _with_begun(chunks: Iterator[Points]) -> Iterator[Points]:
@@ -208,7 +211,8 @@ def _write_for_people(questions: "Questions", scene: "proximity.Scene", units: s
         print_block(console, query_answers.block(questions.mode, answer, units, _sign_of(scene, answer)))
         next(chunks, None)  # a line behind it may be none
     elif console.is_terminal:
-        query_answers.print_table(console, questions.mode, units, _first(first, query_answers.TERMINAL_ROWS))
+        rows = _first(first, query_answers.TERMINAL_ROWS)
+        _show_notes([query_answers.print_table(console, questions.mode, units, rows)])
         if count > query_answers.TERMINAL_ROWS:
             known = str(count) if count < POINTS_PER_CHUNK else f"{count} or more"
             typer.echo(
