@@ -254,6 +254,33 @@ def test_who_is_stopped_too_often_is_left_out(shipped, entries):
     assert [one.why for one in left_out] == ["limits ended 50% of the trials, the rule is 20% or fewer"]
 
 
+def test_condition_whose_trials_were_all_ended_is_named(shipped, entries, tmp_path):
+    of_real = [entry for entry in entries if (entry["task"], entry["condition"]) == ("real", "coupled1ms")]
+    limit = {"stopped": "4.3 N are beyond the limit of 4 N", "is_right": None}
+    all_of_them = [entry | limit if entry in of_real else entry for entry in entries]
+    some = altered(all_of_them, lambda e: e["participant"] not in ("3", "7"), stopped="", is_right=True)
+    undone = [entry for entry in entries if entry not in of_real or entry["participant"] != "3"]
+
+    assert find(shipped, entries).missing == []
+    assert [str(one) for one in find(shipped, undone).missing] == [
+        "coupled1ms in real of 3; none of its trials was done"
+    ]
+    assert [str(one) for one in find(shipped, some).missing] == [
+        "coupled1ms in real of 3, 7; all its trials were ended by a limit"
+    ]
+    found = find(shipped, all_of_them)
+    write_report(found, tmp_path)
+    sentence = "Not analysed: coupled1ms in real; all its trials were ended by a limit."
+    methods = (tmp_path / "methods.txt").read_text()
+    assert found.comparisons["real"].df[0] == 2  # three of four conditions
+    assert sentence in methods and "All did all" not in methods
+    page = (tmp_path / "report.html").read_text()
+    assert sentence in page and "By the rules of the design, nothing." in page
+    assert (tmp_path / "not_analysed.csv").read_text() == (
+        "task,condition,participants,why\nreal,coupled1ms,all,all its trials were ended by a limit\n"
+    )
+
+
 def test_right_answers_are_counted_by_level():
     rows = [
         {"level": 0.1, "is_right": True},

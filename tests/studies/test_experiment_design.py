@@ -18,6 +18,7 @@ from proximity.studies.experiment.plan import (
     plan,
     trials_of,
 )
+from proximity.studies.experiment.unstable_walls import unstable_walls
 
 SHIPPED = files("proximity.studies.experiment") / "decaff_against_coupled.toml"
 
@@ -103,6 +104,21 @@ def test_mistake_is_named_by_its_line(tmp_path, old, new, sentence):
     assert old in SMALL
     with pytest.raises(ServiceError, match=sentence):
         read_design(write_design(tmp_path, SMALL.replace(old, new, 1)))
+
+
+def test_coupled_walls_that_shake_are_named(tmp_path):
+    stiff = SMALL.replace("latency = 0.003", "latency = 0.003\nstiffness = 5e5\ndamping = 2.0")
+    calm = SMALL.replace("latency = 0.003", "latency = 0.003\nstiffness = 734.0\ndamping = 4.4")
+    shipped = unstable_walls(read_design(SHIPPED))
+
+    assert unstable_walls(read_design(write_design(tmp_path, calm))) == []
+    assert unstable_walls(read_design(write_design(tmp_path, stiff))) == [
+        "late in which is unstable at 500000 N/m with 2 N s/m, 3 ms late at 1000 Hz, under a simulated hand: "
+        "it shakes, and limits may end its trials"
+    ]
+    assert [sentence.partition(" with")[0] for sentence in shipped] == [
+        "coupled10ms in stiffness is unstable at 320 N/m"
+    ]
 
 
 def test_one_table_where_several_are_expected_is_said(tmp_path):

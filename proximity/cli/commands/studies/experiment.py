@@ -78,6 +78,7 @@ def plan(
     """Print what a participant will be shown, in order, as tab-separated lines; notes go to stderr."""
     from proximity.studies.experiment import plan as planning
     from proximity.studies.experiment.design_file import read_design
+    from proximity.studies.experiment.unstable_walls import unstable_walls
 
     read = read_design(design)
     steps = planning.plan(read, slot)
@@ -95,6 +96,8 @@ def plan(
         f"{read.sha256[:16]}",
         err=True,
     )
+    for sentence in unstable_walls(read):
+        typer.echo(f"proximity: {sentence}", err=True)
 
 
 @_command("run")
@@ -186,6 +189,8 @@ def report(
     for one in findings.comparisons.values():
         if one is not None:
             typer.echo(f"{one.task}: F({one.df[0]}, {one.df[1]}) = {one.f:.2f}, p = {one.p:.2g}")
+    for missing in findings.missing:
+        typer.echo(f"proximity: not analysed: {missing}", err=True)
     if findings.simulated:
         typer.echo(f"proximity: {findings.said_of_simulated}", err=True)
     typer.echo(f"{files[0]}: written, with {len(files) - 1} files beside it")
