@@ -9,6 +9,7 @@ from experiments import SMALL, write_design
 
 from proximity.errors import ServiceError
 from proximity.studies.experiment.design_file import read_design
+from proximity.studies.experiment.observers import DISTANCE_RATE
 from proximity.studies.experiment.plan import (
     PlannedTrial,
     Stage,
@@ -19,6 +20,8 @@ from proximity.studies.experiment.plan import (
     trials_of,
 )
 from proximity.studies.experiment.unstable_walls import unstable_walls
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.sweeps import best_penalty_wall
 
 SHIPPED = files("proximity.studies.experiment") / "decaff_against_coupled.toml"
 
@@ -41,6 +44,15 @@ def test_shipped_design_takes_45_minutes_and_is_balanced():
     assert [one.latency for one in design.conditions if one.wall == "coupled"] == [0.001, 0.003, 0.010]
     first = Counter(trials_of(steps)[4].condition for steps in plans)
     assert set(first.values()) == {3} and len(first) == 4
+
+
+@pytest.mark.slow
+def test_coupled_walls_of_the_shipped_design_are_tuned_as_those_of_simulate():
+    for one in read_design(SHIPPED).conditions:
+        if one.wall == "coupled":
+            best = best_penalty_wall(Hand(), DISTANCE_RATE, one.latency)
+            assert one.stiffness == pytest.approx(best.stiffness, rel=1e-3)
+            assert one.damping == pytest.approx(best.damping, rel=2e-3)
 
 
 def test_plan_is_the_same_every_time_and_differs_between_participants():
