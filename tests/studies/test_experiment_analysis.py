@@ -349,7 +349,8 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
     methods = (tmp_path / "report" / "methods.txt").read_text()
     assert methods.startswith(
         "All 4 participants are simulated observers. 4 of 4 planned participants compared 2 conditions: "
-        "real (a real surface);"
+        "real (a real surface); late (a coupled spring-damper wall, forces 3 ms late, a rigid surface by "
+        "1500 N/m and 2 N s/m, another one by its own stiffness and the same damping)."
     )
     assert (
         re.search(r"Stiffness: F\(1, 3\) = [\d.]+, p", methods)

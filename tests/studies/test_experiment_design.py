@@ -92,7 +92,7 @@ def test_steps_come_in_order(tmp_path):
          r"design.toml:4: participants is 3, which cannot be balanced: the Latin square of 2 conditions "
          r"has 2 rows, expected a multiple of 2"),
         ("trials = 8", "trials = 9",
-         r"design.toml:25: .* cannot be balanced over 4 levels, expected a multiple"),
+         r"design.toml:27: .* cannot be balanced over 4 levels, expected a multiple"),
         ("seed = 7", "sede = 7", r"design.toml:3: the file has no key 'sede': did you mean seed\?"),
         ("latency = 0.003", "latncy = 0.003",
          r"design.toml:18: \[conditions\[1\]\] has no key 'latncy': did you mean latency\?"),
@@ -100,6 +100,11 @@ def test_steps_come_in_order(tmp_path):
          r"design.toml:18: conditions\[1\].latency is 3, expected a number"),
         ('wall = "coupled"', 'wall = "springy"',
          r'conditions\[1\].wall is \'springy\', expected "real" or "coupled" or "decaff"'),
+        ("stiffness = 1500.0\n", "", r"conditions\[1\].stiffness is missing, expected a number above 0"),
+        ("damping = 2.0\n", "", r"conditions\[1\].damping is missing, expected a number from 0"),
+        ('wall = "coupled"', 'wall = "decaff"',
+         r"design.toml:19: conditions\[1\].stiffness is a gain of a coupled wall, and this one is decaff: "
+         r"expected it in a task"),
         ('wall = "coupled"', "", r"conditions\[1\].wall is missing"),
         ('name = "late"', 'name = "real"', r"conditions\[1\] is called 'real', as an earlier one is"),
         ('name = "late"', 'name = "late 3 ms"', r"is 'late 3 ms', expected letters and digits"),
@@ -119,8 +124,8 @@ def test_mistake_is_named_by_its_line(tmp_path, old, new, sentence):
 
 
 def test_coupled_walls_that_shake_are_named(tmp_path):
-    stiff = SMALL.replace("latency = 0.003", "latency = 0.003\nstiffness = 5e5\ndamping = 2.0")
-    calm = SMALL.replace("latency = 0.003", "latency = 0.003\nstiffness = 734.0\ndamping = 4.4")
+    stiff = SMALL.replace("stiffness = 1500.0", "stiffness = 5e5")
+    calm = SMALL.replace("stiffness = 1500.0\ndamping = 2.0", "stiffness = 734.0\ndamping = 4.4")
     shipped = unstable_walls(read_design(SHIPPED))
 
     assert unstable_walls(read_design(write_design(tmp_path, calm))) == []
