@@ -89,6 +89,14 @@ def test_mistake_is_one_sentence(experiment, tmp_path, arguments, sentence):
     assert (code, out) == (2, "") and sentence in err and err.count("\n") == 1
 
 
+@pytest.mark.parametrize("slot", [-1, 2, 99])
+def test_place_that_the_design_does_not_have_is_refused(experiment, tmp_path, slot):
+    code, out, err = experiment("plan", write_design(tmp_path), "--slot", slot)
+
+    assert (code, out) == (2, "")
+    assert f"--slot: {slot}: the design has 2 participants, expected 0 to 1" in " ".join(err.split())
+
+
 def test_edited_log_is_one_sentence(experiment, tmp_path):
     design, data = write_design(tmp_path), tmp_path / "data"
     experiment("simulate", design, "--data", data, "--participant", "p01")

@@ -72,15 +72,24 @@ def new(path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write
 def plan(
     design: DESIGN,
     slot: Annotated[
-        int, typer.Option("--slot", metavar="N", min=0, help="Place among the participants, from 0.")
+        int, typer.Option("--slot", metavar="N", help="Place among the participants, from 0.")
     ] = 0,
 ) -> None:
-    """Print what a participant will be shown, in order, as tab-separated lines; notes go to stderr."""
+    """Print what a participant will be shown, in order, as tab-separated lines; notes go to stderr.
+
+    step: number of the trial. run: pass of its task through the conditions.
+    odd: interval, 1 or 2, that differs from the other. level: of the stimulus.
+    """
     from proximity.studies.experiment import plan as planning
     from proximity.studies.experiment.design_file import read_design
     from proximity.studies.experiment.unstable_walls import unstable_walls
 
     read = read_design(design)
+    if not 0 <= slot < read.participants:
+        raise typer.BadParameter(
+            f"{slot}: the design has {read.participants} participants, expected 0 to {read.participants - 1}",
+            param_hint="--slot",
+        )
     steps = planning.plan(read, slot)
     typer.echo("step\trun\tstage\ttask\tcondition\tlevel\todd")
     for step in steps:
