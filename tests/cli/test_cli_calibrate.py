@@ -38,7 +38,8 @@ def test_simulated_glove_is_calibrated_and_drawn(run, tmp_path):
     made = read_calibration(tmp_path / "glove.json")
     check_age(made)
     CalibratedGlove(GLOVE, made)
-    assert made.name == "right index"
+    assert made.name == "right index" and made.is_simulated
+    assert '"simulated": true' in (tmp_path / "glove.json").read_text()
 
 
 def test_input_that_ends_keeps_readings_and_the_next_run_goes_on(run, tmp_path):
@@ -91,6 +92,7 @@ def test_numbers_are_typed_and_what_is_none_or_cannot_be_is_asked_again(run, tmp
         in ended.err
     )
     made = read_calibration(tmp_path / "glove.json")
+    assert not made.is_simulated
     np.testing.assert_array_equal(made.counts, counts)
     assert made.touch_offset == pytest.approx(0.031, abs=1e-4)
     assert made.latency == pytest.approx(4.2e-3)

@@ -19,6 +19,7 @@ from proximity.studies.experiment.analysis.comparison import (
     within_f,
 )
 from proximity.studies.experiment.analysis.findings import find
+from proximity.studies.experiment.analysis.plots import draw_plots
 from proximity.studies.experiment.analysis.psychometric import Shape, fit, shared_shape, threshold_mean
 from proximity.studies.experiment.analysis.report import write_report
 from proximity.studies.experiment.analysis.scores import Score, counts_of, exclude, scores_of
@@ -365,6 +366,9 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
         and "Bayes" in page
         and "{{" not in page
     )
+    drawn = draw_plots(find(dataset.design, dataset.trials()), "svg")
+    assert len(drawn) == 6
+    assert all(b"All 4 participants are simulated observers." in content for content in drawn.values())
     # "Which was real" has the coupled wall only.
     assert page.count("there is no other to compare it with") == 1
     assert "= nan" not in page + methods
