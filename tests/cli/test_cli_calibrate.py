@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from simulated_motors import ODriveMotor
 
-from proximity.cli.calibration.guide import guide
+from proximity.cli.calibration.guide import guide, result_rows
 from proximity.decaff.calibrating.readings import Readings
-from proximity.decaff.calibrating.results import Session
+from proximity.decaff.calibrating.results import Estimate, Session
 from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
 from proximity.decaff.calibrating.tasks import FREE, POSES, Bench
 from proximity.decaff.drum.drum_model import GEAR4
@@ -40,6 +40,21 @@ def test_simulated_glove_is_calibrated_and_drawn(run, tmp_path):
     CalibratedGlove(GLOVE, made)
     assert made.name == "right index" and made.is_simulated
     assert '"simulated": true' in (tmp_path / "glove.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("value", "half_width", "cells"),
+    [
+        (3.926991e-6, 4e-12, ("3.9270", "<0.0001")),  # an encoder's step that is simulated
+        (59.34e-6, 2.5e-6, ("59.3", "2.5")),
+        (0.956e-6, 0.017e-6, ("0.956", "0.017")),
+        (0.0, 2e-6, ("0.0", "2.0")),
+    ],
+)
+def test_number_has_no_more_digits_than_it_is_good_for(value, half_width, cells):
+    one = Estimate("step", "encoder step", "µm", 1e6, value, half_width, 7.853982e-6, 5)
+
+    assert result_rows([one], None)[1][1:3] == cells
 
 
 def test_input_that_ends_keeps_readings_and_the_next_run_goes_on(run, tmp_path):

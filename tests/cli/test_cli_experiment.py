@@ -121,7 +121,7 @@ def test_power_is_a_table_and_check_says_both(experiment, tmp_path, monkeypatch)
     code, out, _ = experiment("check", design)
     assert out.splitlines() == [
         "t: a difference was found in 5% of 100 experiments without one",
-        "47 of 48 thresholds lie in their 95 % credible intervals; on average they are found -2.0% off",
+        "47 of 48 thresholds lie in their 95 % credible intervals; on average they are found 2.0% too low",
     ]
 
 

@@ -258,7 +258,7 @@ def check(
         typer.echo(f"{task}: a difference was found in {share:.0%} of {repetitions} experiments without one")
     typer.echo(
         f"{found.covered} of {found.count} thresholds lie in their 95 % credible intervals; on average they "
-        f"are found {found.bias:+.1%} off"
+        f"are found {abs(found.bias):.1%} too {'high' if found.bias > 0.0 else 'low'}"
     )
 
 
