@@ -62,7 +62,7 @@ def test_input_that_ends_keeps_readings_and_the_next_run_goes_on(run, tmp_path):
     first = run(path, *SHORT, stdin="\n" * 5)
 
     assert first.code == 1
-    assert "5 readings are kept in" in first.err and "the same command goes on there" in first.err
+    assert "5 readings are kept in" in first.err and "the same command continues from there" in first.err
     assert not path.exists()
     second = run(path, *SHORT, stdin="\n" * 40)
     assert second.code == 0
@@ -101,9 +101,9 @@ def test_numbers_are_typed_and_what_is_none_or_cannot_be_is_asked_again(run, tmp
     ended = run(tmp_path / "glove.json", stdin="\n".join(lines) + "\n")
 
     assert ended.code == 0
-    assert "'flat' is no number, expected one as 31072 or 1.178" in ended.err
+    assert "'flat' is not a number, expected one such as 31072 or 1.178" in ended.err
     assert (
-        "not kept: counts are 35100 closing and 35000 opening, expected at least as many opening. Once"
+        "not kept: counts are 35100 closing and 35000 opening, expected at least as many opening. Meas"
         in ended.err
     )
     made = read_calibration(tmp_path / "glove.json")
@@ -129,7 +129,7 @@ def test_counts_come_from_the_glove_and_a_hand_that_moves_is_asked_again(run, tm
 
     assert ended.code == 1
     assert (
-        "not kept: the potentiometer wandered by 9155 counts meanwhile: hold the hand still. Once more"
+        "not kept: the potentiometer wandered by 9155 counts meanwhile: hold the hand still. Measure it again"
         in ended.err
     )
     assert "read: 21850 counts" in ended.out
@@ -158,7 +158,7 @@ def test_results_are_printed_as_json_and_a_task_is_measured_again(run, tmp_path)
         (("--simulate", "--counts", "udp://127.0.0.1:1"), "a simulated glove has its own counts"),
         (("--skip", "pose 1"), "'pose 1': expected 'free drum' or 'held drum'"),
         (("--simulate", "--motor", "canopen://can0"), "a simulated glove has its own drum"),
-        (("--arm",), "there is no --motor to arm"),
+        (("--arm",), "requires --motor"),
         (("--port", "8080"), "requires --page"),
         (("--no-browser",), "requires --page"),
         (("--page", "--port", "70000"), "expected 0 to 65535"),
@@ -214,7 +214,7 @@ def test_armed_motor_is_homed_and_off_while_the_person_turns_it(run, tmp_path, m
         assert motor.has_moved and motor.mode == "off"
 
     assert ended.code == 1, ended.err
-    assert "the motor moves now, to find its stop" in ended.err
+    assert "the motor moves now to find its stop" in ended.err
     assert set(modes) == {"off"}
     offset = re.search(r"drum zero \[mrad\] +([\d.]+)", ended.out)
     assert float(offset[1]) == pytest.approx(31.0, abs=0.5)

@@ -125,7 +125,7 @@ def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, wai
             failures += 1
             if failures >= MOST_FAILURES:
                 raise DecaffError(f"{asked.task.key}: {unfit}; {asked.task.advice}") from unfit
-            face.refuse(f"not kept: {unfit}. Once more.")
+            face.refuse(f"This reading was not kept: {unfit}. Measure it again.")
         else:
             failures, last = 0, asked.task.key
             face.read(_what_was_read(session, asked))
@@ -141,7 +141,7 @@ def result_rows(estimates: Sequence[Estimate], truth: dict[str, float] | None) -
     truth : dict
         By their keys; None: nobody knows.
     """
-    rows = [("", "measured", "± 95 %", "model", *(("true",) if truth else ()), "n", "")]
+    rows = [("", "measured", "± 95 %", "model", *(("true",) if truth else ()), "readings", "")]
     for one in estimates:
         digits = _digits(one.value * one.shown, one.half_width * one.shown)
         numbers = [one.value, one.half_width, one.model, *([truth[one.key]] if truth else [])]
@@ -149,14 +149,14 @@ def result_rows(estimates: Sequence[Estimate], truth: dict[str, float] | None) -
         if math.isfinite(one.half_width) and float(cells[1]) == 0.0:
             cells[1] = f"<{10.0**-digits:.{digits}f}"
         differs = math.isfinite(one.half_width) and not one.is_as_modelled
-        note = "not the model's" if differs else ""
+        note = "differs from the model" if differs else ""
         rows.append((f"{one.label} [{one.unit}]", *cells, str(one.readings), note))
     return rows
 
 
 def _prompt(session: Session, asked: Asked, *, goes_on: bool, waits: bool) -> Prompt:
     task = asked.task
-    again = ": readings differ, once more" if asked.is_again else ""
+    again = ": the readings differ, measure again" if asked.is_again else ""
     return Prompt(
         session.bench.glove,
         f"{task.key}, {asked.agreeing + 1} of {task.repeats}{again}",
