@@ -96,7 +96,7 @@ simulation
 multibody · paper
 """,
     "proximity.studies.experiment": """
-analysis
+analysis · unstable_walls
 sitting
 drum_display · observers
 conduct

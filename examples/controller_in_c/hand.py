@@ -50,4 +50,7 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except proximity.ProximityError as failure:  # the file of the box, for example, in a copy of this folder
+        raise SystemExit(str(failure)) from None

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from simulated_motors import ODriveMotor
 
-from proximity.cli.calibration.guide import guide
+from proximity.cli.calibration.guide import guide, result_rows
 from proximity.decaff.calibrating.readings import Readings
-from proximity.decaff.calibrating.results import Session
+from proximity.decaff.calibrating.results import Estimate, Session
 from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
 from proximity.decaff.calibrating.tasks import FREE, POSES, Bench
 from proximity.decaff.drum.drum_model import GEAR4
@@ -38,7 +38,23 @@ def test_simulated_glove_is_calibrated_and_drawn(run, tmp_path):
     made = read_calibration(tmp_path / "glove.json")
     check_age(made)
     CalibratedGlove(GLOVE, made)
-    assert made.name == "right index"
+    assert made.name == "right index" and made.is_simulated
+    assert '"simulated": true' in (tmp_path / "glove.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("value", "half_width", "cells"),
+    [
+        (3.926991e-6, 4e-12, ("3.9270", "<0.0001")),  # an encoder's step that is simulated
+        (59.34e-6, 2.5e-6, ("59.3", "2.5")),
+        (0.956e-6, 0.017e-6, ("0.956", "0.017")),
+        (0.0, 2e-6, ("0.0", "2.0")),
+    ],
+)
+def test_number_has_no_more_digits_than_it_is_good_for(value, half_width, cells):
+    one = Estimate("step", "encoder step", "µm", 1e6, value, half_width, 7.853982e-6, 5)
+
+    assert result_rows([one], None)[1][1:3] == cells
 
 
 def test_input_that_ends_keeps_readings_and_the_next_run_goes_on(run, tmp_path):
@@ -46,7 +62,7 @@ def test_input_that_ends_keeps_readings_and_the_next_run_goes_on(run, tmp_path):
     first = run(path, *SHORT, stdin="\n" * 5)
 
     assert first.code == 1
-    assert "5 readings are kept in" in first.err and "the same command goes on there" in first.err
+    assert "5 readings are kept in" in first.err and "the same command continues from there" in first.err
     assert not path.exists()
     second = run(path, *SHORT, stdin="\n" * 40)
     assert second.code == 0
@@ -85,12 +101,13 @@ def test_numbers_are_typed_and_what_is_none_or_cannot_be_is_asked_again(run, tmp
     ended = run(tmp_path / "glove.json", stdin="\n".join(lines) + "\n")
 
     assert ended.code == 0
-    assert "'flat' is no number, expected one as 31072 or 1.178" in ended.err
+    assert "'flat' is not a number, expected one such as 31072 or 1.178" in ended.err
     assert (
-        "not kept: counts are 35100 closing and 35000 opening, expected at least as many opening. Once"
+        "not kept: counts are 35100 closing and 35000 opening, expected at least as many opening. Meas"
         in ended.err
     )
     made = read_calibration(tmp_path / "glove.json")
+    assert not made.is_simulated
     np.testing.assert_array_equal(made.counts, counts)
     assert made.touch_offset == pytest.approx(0.031, abs=1e-4)
     assert made.latency == pytest.approx(4.2e-3)
@@ -112,7 +129,7 @@ def test_counts_come_from_the_glove_and_a_hand_that_moves_is_asked_again(run, tm
 
     assert ended.code == 1
     assert (
-        "not kept: the potentiometer wandered by 9155 counts meanwhile: hold the hand still. Once more"
+        "not kept: the potentiometer wandered by 9155 counts meanwhile: hold the hand still. Measure it again"
         in ended.err
     )
     assert "read: 21850 counts" in ended.out
@@ -141,7 +158,7 @@ def test_results_are_printed_as_json_and_a_task_is_measured_again(run, tmp_path)
         (("--simulate", "--counts", "udp://127.0.0.1:1"), "a simulated glove has its own counts"),
         (("--skip", "pose 1"), "'pose 1': expected 'free drum' or 'held drum'"),
         (("--simulate", "--motor", "canopen://can0"), "a simulated glove has its own drum"),
-        (("--arm",), "there is no --motor to arm"),
+        (("--arm",), "requires --motor"),
         (("--port", "8080"), "requires --page"),
         (("--no-browser",), "requires --page"),
         (("--page", "--port", "70000"), "expected 0 to 65535"),
@@ -197,7 +214,7 @@ def test_armed_motor_is_homed_and_off_while_the_person_turns_it(run, tmp_path, m
         assert motor.has_moved and motor.mode == "off"
 
     assert ended.code == 1, ended.err
-    assert "the motor moves now, to find its stop" in ended.err
+    assert "the motor moves now to find its stop" in ended.err
     assert set(modes) == {"off"}
     offset = re.search(r"drum zero \[mrad\] +([\d.]+)", ended.out)
     assert float(offset[1]) == pytest.approx(31.0, abs=0.5)

@@ -77,7 +77,7 @@ def test_a_glove_is_calibrated_on_the_page(tmp_path):
         assert titles[:8] == [*(f"pose {i}, 1 of 3" for i in range(1, 8)), "pose 1, 2 of 3"]
         assert titles[-1] == "step, 1 of 3"  # the others follow by themselves
         assert step["picture"].startswith("data:image/png") and "written; drawn in" in step["text"]
-        assert step["table"][0] == ["", "measured", "± 95 %", "model", "true", "n", ""]
+        assert step["table"][0] == ["", "measured", "± 95 %", "model", "true", "readings", ""]
         assert step["table"][-1][0] == "glove latency [ms]"
         page.answer(step, "done")
         code, out, _ = running.ended()
@@ -112,7 +112,7 @@ def test_readings_are_repeated_left_out_and_kept(tmp_path):
             page.answer(page.step(title), "skip")
         assert page.get("end").startswith("pose 1, pose 2, ")
         code, _, err = running.ended()
-    assert code == 1 and "step left out, which a calibration needs; 1 readings are kept in" in err
+    assert code == 1 and "step: not measured, but a calibration needs it; 1 readings are kept in" in err
     assert len(json.loads(readings.read_text())["readings"]) == 1
 
 
@@ -123,7 +123,7 @@ def test_a_page_that_stops_or_closes_keeps_what_was_measured(tmp_path, how):
             page.answer(page.step("pose 1, 1 of 3"))
             if how == "stop":
                 page.answer(page.step("pose 2, 1 of 3"), "stop")
-                assert "What was measured is kept" in page.get("end")
+                assert "All readings are kept" in page.get("end")
             else:
                 page.step("pose 2, 1 of 3")
         code, _, err = running.ended()

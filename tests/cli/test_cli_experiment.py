@@ -40,6 +40,7 @@ def test_new_design_is_written_once_and_can_be_planned(experiment, tmp_path):
     assert code == 2 and "cannot be written (File exists): choose another name" in err.replace("\n", " ")
     code, out, err = experiment("plan", path, "--slot", 1)
     assert code == 0 and err.startswith("proximity: 248 trials, 42 minutes as planned, design ")
+    assert "proximity: coupled10ms in stiffness is unstable at 320 N/m with 1.7 N s/m, 10 ms late" in err
     lines = out.splitlines()
     assert lines[:3] == ["step\trun\tstage\ttask\tcondition\tlevel\todd", "consent", "question hours"]
     assert len(lines) == 260 and "catch\tstiffness\tdecaff\t1\t" in out
@@ -88,6 +89,14 @@ def test_mistake_is_one_sentence(experiment, tmp_path, arguments, sentence):
     assert (code, out) == (2, "") and sentence in err and err.count("\n") == 1
 
 
+@pytest.mark.parametrize("slot", [-1, 2, 99])
+def test_place_that_the_design_does_not_have_is_refused(experiment, tmp_path, slot):
+    code, out, err = experiment("plan", write_design(tmp_path), "--slot", slot)
+
+    assert (code, out) == (2, "")
+    assert f"--slot: {slot}: the design has 2 participants, expected 0 to 1" in " ".join(err.split())
+
+
 def test_edited_log_is_one_sentence(experiment, tmp_path):
     design, data = write_design(tmp_path), tmp_path / "data"
     experiment("simulate", design, "--data", data, "--participant", "p01")
@@ -112,7 +121,7 @@ def test_power_is_a_table_and_check_says_both(experiment, tmp_path, monkeypatch)
     code, out, _ = experiment("check", design)
     assert out.splitlines() == [
         "t: a difference was found in 5% of 100 experiments without one",
-        "47 of 48 thresholds lie in their 95 % credible intervals; on average they are found -2.0% off",
+        "47 of 48 thresholds lie in their 95 % credible intervals; on average they are found 2.0% too low",
     ]
 
 

@@ -110,6 +110,7 @@ def test_wall_out_of_control_is_told_in_short_numbers(run):
         (("--stiffness", 5), "a decaff wall has none"),
         (("--out", "press.gif"), "press.gif does not end in .png, .svg, .pdf, .csv"),
         (("--wall", "coupled", "--stiffness", 5), "expected both or neither"),
+        (("--latency-ms", -3), "--latency-ms: -3 ms: expected 0 to 1000"),
     ],
 )
 def test_press_that_makes_no_sense_is_refused(run, options, sentence):

@@ -2,6 +2,9 @@
 
 import pytest
 
+from proximity.studies.sweep import study_run
+from proximity.studies.sweep.study_run import Progress
+
 COMMAND = ("study",)
 PRESSES = """
 [study]
@@ -42,6 +45,18 @@ def test_study_runs_reports_and_repeats(run, presses):
     assert second.out == f"{results}: 4 conditions (4 of them earlier)\n"
     assert "4 of 4 conditions" in page and "a few presses" in page
     assert now == recorded
+
+
+def test_interrupted_study_says_what_is_kept(run, presses, monkeypatch):
+    def interrupted(study, out, *, watch, **options):
+        watch(Progress(1800, 300, 38, 0, 1.0))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study_run, "run_study", interrupted)
+    found = run(presses)
+
+    assert (found.code, found.out) == (130, "")
+    assert found.err == "proximity: stopped: 338 of 1800 conditions are kept; the same command goes on\n"
 
 
 @pytest.mark.parametrize(

@@ -111,7 +111,7 @@ def test_repeats_that_never_agree_end_with_advice(tmp_path):
 
     with pytest.raises(
         DecaffError,
-        match=r"^pose 1: of 12 readings no 3 agree: use the same gauge each time, .*; then measure it anew "
+        match=r"^pose 1: of 12 readings no 3 agree: use the same gauge each time, .*; then measure it again "
         r"with --again 'pose'$",
     ):
         session.next()

@@ -22,6 +22,7 @@ from proximity.decaff.glove.calibration import (
 from proximity.decaff.glove.calibration_fit import backlash, cable_compliance, step_latency, touch_offset
 from proximity.decaff.glove.drum_geometry import EccentricDrum
 from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove_set import read_glove
 from proximity.decaff.glove.transmission import Cable, Potentiometer
 from proximity.errors import DecaffError
 
@@ -268,6 +269,18 @@ def test_file_gives_back_what_was_written(tmp_path):
     assert os.listdir(tmp_path) == ["right-index.json"]
 
 
+def test_simulated_glove_is_marked_in_its_file_and_warned_of_once(tmp_path, caplog):
+    simulated, own = tmp_path / "simulated.json", tmp_path / "own.json"
+    write_calibration(simulated, calibrated(made=datetime.now(UTC), is_simulated=True))
+    write_calibration(own, calibrated(made=datetime.now(UTC)))
+    own.write_text(own.read_text().replace(',\n  "simulated": false', ""))  # as files were before
+    assert "simulated" not in own.read_text()
+    for path in (simulated, own, simulated):
+        assert read_glove(path).calibration.is_simulated == (path == simulated)
+
+    assert caplog.messages == [f"{simulated}: this is the calibration of a simulated glove, not of a hand"]
+
+
 def test_file_that_cannot_be_replaced_stays_as_it_was(tmp_path, monkeypatch):
     path = tmp_path / "c.json"
     write_calibration(path, calibrated())
@@ -306,6 +319,7 @@ def test_folder_that_is_not_there_is_told(tmp_path):
             "the date is 2026-11-21 19:30:00, expected a date with a time zone",
         ),
         ({"name": 7}, "the name is 7, expected text"),
+        ({"simulated": "yes"}, "simulated is 'yes', expected true or false"),
         ({"phalanges_m": 7}, "phalanges are 7, expected three numbers of metres"),
         ({"counts": [[1], [2, 3]]}, "counts have rows of different lengths, expected 7 increasing numbers"),
     ],

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import uuid
@@ -244,6 +245,22 @@ def test_controller_in_c_has_the_drum_where_the_finger_touches(tmp_path):
     found, expected = (_at_touch(text) for text in (output, shown("controller_in_c/main.c")))
     assert found == pytest.approx(expected, abs=0.005)
     assert int(used.split()[0]) > 100
+
+
+def test_hand_of_the_controller_in_c_says_in_a_copy_which_file_is_missing(tmp_path):
+    for name in ("scene.toml", "hand.py"):
+        shutil.copy(EXAMPLES / "controller_in_c" / name, tmp_path)
+    done = subprocess.run(
+        [sys.executable, "hand.py"],
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert "scene.toml:10: parts[0].file is '../../meshes/box.stl', but" in done.stderr
 
 
 def _at_touch(output):

@@ -33,7 +33,7 @@ from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation, drum_lag, drum_offset
 from proximity.studies.simulation.sweeps import SPEEDS, with_drum, with_latency
 from proximity.studies.simulation.target_policies import Target, TargetPolicy
-from proximity.studies.stability.coupled_limit import critical_stiffness
+from proximity.studies.stability.coupled_limit import critical_stiffness, rests_on
 
 HAND = Hand()
 GLOVE = Decaff()  # gear4, 3 kHz servo, 1 kHz distances, as in the reference
@@ -163,6 +163,22 @@ def test_finger_shakes_above_the_critical_stiffness_and_not_below(delay):
 
     assert ripples[0.9] < 2e-3
     assert ripples[1.1] > 0.1
+
+
+@pytest.mark.parametrize(("latency", "damping"), [(0.001, 0.0), (0.001, 4.7), (0.003, 2.0), (0.01, 1.7)])
+def test_finger_rests_on_a_sampled_wall_up_to_some_stiffness_and_shakes_above(latency, damping):
+    def wall(stiffness):
+        return PenaltyWall(stiffness, damping, 1000.0, latency, resolution=0.0)
+
+    stiffnesses = np.geomspace(50.0, 1e4, 500)
+    is_stable = [rests_on(HAND, wall(stiffness)) for stiffness in stiffnesses]
+    limit = float(stiffnesses[is_stable.index(False)])
+    below, above = (
+        deviation(penalty_wall(HAND, HAND.press(0.1, hold=3.0), wall(share * limit))).ripple
+        for share in (0.85, 1.15)
+    )
+    # It gains on each swing until it leaves the wall; on a stable wall the swing is gone by then.
+    assert below < 5e-3 and above > 0.1
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from proximity.studies.experiment.analysis.comparison import (
     within_f,
 )
 from proximity.studies.experiment.analysis.findings import find
+from proximity.studies.experiment.analysis.plots import draw_plots
 from proximity.studies.experiment.analysis.psychometric import Shape, fit, shared_shape, threshold_mean
 from proximity.studies.experiment.analysis.report import write_report
 from proximity.studies.experiment.analysis.scores import Score, counts_of, exclude, scores_of
@@ -254,6 +255,33 @@ def test_who_is_stopped_too_often_is_left_out(shipped, entries):
     assert [one.why for one in left_out] == ["limits ended 50% of the trials, the rule is 20% or fewer"]
 
 
+def test_condition_whose_trials_were_all_ended_is_named(shipped, entries, tmp_path):
+    of_real = [entry for entry in entries if (entry["task"], entry["condition"]) == ("real", "coupled1ms")]
+    limit = {"stopped": "4.3 N are beyond the limit of 4 N", "is_right": None}
+    all_of_them = [entry | limit if entry in of_real else entry for entry in entries]
+    some = altered(all_of_them, lambda e: e["participant"] not in ("3", "7"), stopped="", is_right=True)
+    undone = [entry for entry in entries if entry not in of_real or entry["participant"] != "3"]
+
+    assert find(shipped, entries).missing == []
+    assert [str(one) for one in find(shipped, undone).missing] == [
+        "coupled1ms in real of 3; none of its trials was done"
+    ]
+    assert [str(one) for one in find(shipped, some).missing] == [
+        "coupled1ms in real of 3, 7; all its trials were ended by a limit"
+    ]
+    found = find(shipped, all_of_them)
+    write_report(found, tmp_path)
+    sentence = "Not analysed: coupled1ms in real; all its trials were ended by a limit."
+    methods = (tmp_path / "methods.txt").read_text()
+    assert found.comparisons["real"].df[0] == 2  # three of four conditions
+    assert sentence in methods and "All did all" not in methods
+    page = (tmp_path / "report.html").read_text()
+    assert sentence in page and "By the rules of the design, nothing." in page
+    assert (tmp_path / "not_analysed.csv").read_text() == (
+        "task,condition,participants,why\nreal,coupled1ms,all,all its trials were ended by a limit\n"
+    )
+
+
 def test_right_answers_are_counted_by_level():
     rows = [
         {"level": 0.1, "is_right": True},
@@ -322,7 +350,8 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
     methods = (tmp_path / "report" / "methods.txt").read_text()
     assert methods.startswith(
         "All 4 participants are simulated observers. 4 of 4 planned participants compared 2 conditions: "
-        "real (a real surface);"
+        "real (a real surface); late (a coupled spring-damper wall, forces 3 ms late, a rigid surface by "
+        "1500 N/m and 2 N s/m, another one by its own stiffness and the same damping)."
     )
     assert (
         re.search(r"Stiffness: F\(1, 3\) = [\d.]+, p", methods)
@@ -337,6 +366,9 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
         and "Bayes" in page
         and "{{" not in page
     )
+    drawn = draw_plots(find(dataset.design, dataset.trials()), "svg")
+    assert len(drawn) == 6
+    assert all(b"All 4 participants are simulated observers." in content for content in drawn.values())
     # "Which was real" has the coupled wall only.
     assert page.count("there is no other to compare it with") == 1
     assert "= nan" not in page + methods

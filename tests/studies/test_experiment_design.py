@@ -9,6 +9,7 @@ from experiments import SMALL, write_design
 
 from proximity.errors import ServiceError
 from proximity.studies.experiment.design_file import read_design
+from proximity.studies.experiment.observers import DISTANCE_RATE
 from proximity.studies.experiment.plan import (
     PlannedTrial,
     Stage,
@@ -18,6 +19,9 @@ from proximity.studies.experiment.plan import (
     plan,
     trials_of,
 )
+from proximity.studies.experiment.unstable_walls import unstable_walls
+from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.sweeps import best_penalty_wall
 
 SHIPPED = files("proximity.studies.experiment") / "decaff_against_coupled.toml"
 
@@ -40,6 +44,15 @@ def test_shipped_design_takes_45_minutes_and_is_balanced():
     assert [one.latency for one in design.conditions if one.wall == "coupled"] == [0.001, 0.003, 0.010]
     first = Counter(trials_of(steps)[4].condition for steps in plans)
     assert set(first.values()) == {3} and len(first) == 4
+
+
+@pytest.mark.slow
+def test_coupled_walls_of_the_shipped_design_are_tuned_as_those_of_simulate():
+    for one in read_design(SHIPPED).conditions:
+        if one.wall == "coupled":
+            best = best_penalty_wall(Hand(), DISTANCE_RATE, one.latency)
+            assert one.stiffness == pytest.approx(best.stiffness, rel=1e-3)
+            assert one.damping == pytest.approx(best.damping, rel=2e-3)
 
 
 def test_plan_is_the_same_every_time_and_differs_between_participants():
@@ -79,7 +92,7 @@ def test_steps_come_in_order(tmp_path):
          r"design.toml:4: participants is 3, which cannot be balanced: the Latin square of 2 conditions "
          r"has 2 rows, expected a multiple of 2"),
         ("trials = 8", "trials = 9",
-         r"design.toml:25: .* cannot be balanced over 4 levels, expected a multiple"),
+         r"design.toml:27: .* cannot be balanced over 4 levels, expected a multiple"),
         ("seed = 7", "sede = 7", r"design.toml:3: the file has no key 'sede': did you mean seed\?"),
         ("latency = 0.003", "latncy = 0.003",
          r"design.toml:18: \[conditions\[1\]\] has no key 'latncy': did you mean latency\?"),
@@ -87,6 +100,11 @@ def test_steps_come_in_order(tmp_path):
          r"design.toml:18: conditions\[1\].latency is 3, expected a number"),
         ('wall = "coupled"', 'wall = "springy"',
          r'conditions\[1\].wall is \'springy\', expected "real" or "coupled" or "decaff"'),
+        ("stiffness = 1500.0\n", "", r"conditions\[1\].stiffness is missing, expected a number above 0"),
+        ("damping = 2.0\n", "", r"conditions\[1\].damping is missing, expected a number from 0"),
+        ('wall = "coupled"', 'wall = "decaff"',
+         r"design.toml:19: conditions\[1\].stiffness is a gain of a coupled wall, and this one is decaff: "
+         r"expected it in a task"),
         ('wall = "coupled"', "", r"conditions\[1\].wall is missing"),
         ('name = "late"', 'name = "real"', r"conditions\[1\] is called 'real', as an earlier one is"),
         ('name = "late"', 'name = "late 3 ms"', r"is 'late 3 ms', expected letters and digits"),
@@ -103,6 +121,21 @@ def test_mistake_is_named_by_its_line(tmp_path, old, new, sentence):
     assert old in SMALL
     with pytest.raises(ServiceError, match=sentence):
         read_design(write_design(tmp_path, SMALL.replace(old, new, 1)))
+
+
+def test_coupled_walls_that_shake_are_named(tmp_path):
+    stiff = SMALL.replace("stiffness = 1500.0", "stiffness = 5e5")
+    calm = SMALL.replace("stiffness = 1500.0\ndamping = 2.0", "stiffness = 734.0\ndamping = 4.4")
+    shipped = unstable_walls(read_design(SHIPPED))
+
+    assert unstable_walls(read_design(write_design(tmp_path, calm))) == []
+    assert unstable_walls(read_design(write_design(tmp_path, stiff))) == [
+        "late in which is unstable at 500000 N/m with 2 N s/m, 3 ms late at 1000 Hz, under a simulated hand: "
+        "it shakes, and limits may end its trials"
+    ]
+    assert [sentence.partition(" with")[0] for sentence in shipped] == [
+        "coupled10ms in stiffness is unstable at 320 N/m"
+    ]
 
 
 def test_one_table_where_several_are_expected_is_said(tmp_path):

@@ -205,6 +205,38 @@ def test_file_without_a_job_or_with_none_that_is_known(tmp_path):
         read_study(path, JOBS)
 
 
+@pytest.mark.parametrize(
+    ("factors", "said"),
+    [
+        ("stiffness = [500, 8000]", "stiffness is a number, but damping is tuned"),
+        (
+            'damping = { from = 1, to = 3, count = 3 }\nstiffness = "tuned"',
+            "damping is a number, but stiffness is",
+        ),
+    ],
+)
+def test_gain_of_a_coupled_wall_without_the_other_is_one_sentence(tmp_path, factors, said):
+    path = tmp_path / "walls.toml"
+    path.write_text(f'[study]\njob = "press"\n[factors]\nwall = "coupled"\n{factors}\n')
+    with pytest.raises(ServiceError) as refused:
+        read_study(path, _jobs())
+
+    assert str(refused.value).startswith(f"{path}:5: {said}")
+    assert str(refused.value).endswith(
+        "stiffness and damping belong together, expected both as numbers or neither"
+    )
+
+
+def test_gain_in_a_row_without_the_other_is_named_by_its_line(tmp_path):
+    path = tmp_path / "walls.toml"
+    both, one = "[[conditions]]\nstiffness = 734\ndamping = 4.4\n", "[[conditions]]\nstiffness = 500\n"
+    path.write_text('[study]\njob = "press"\ndesign = "list"\n[factors]\nwall = "coupled"\n' + both + one)
+    with pytest.raises(ServiceError, match=r"walls.toml:10: stiffness is a number, but damping is tuned"):
+        read_study(path, _jobs())
+    path.write_text(path.read_text().replace(one, "[[conditions]]\nspeed = 0.2\n"))
+    assert len(list(read_study(path, _jobs()).conditions)) == 2
+
+
 # -------------------------------------------------------------------------------------- the documentation
 
 
@@ -222,6 +254,6 @@ def test_studies_that_are_shipped_can_be_read():
     read = {path.stem: read_study(path, _jobs(), with_files=False) for path in folder.glob("*.toml")}
 
     assert {name: study.job.name for name, study in read.items()} == {
-        "certificate": "certificate", "force-error": "press", "hunting": "press",
+        "certificate": "certificate", "force-error": "press", "hunting": "press", "presses": "press",
     }  # fmt: skip
     assert sum(1 for _ in read["force-error"].conditions) == 5 * 4 * (9 + 1)

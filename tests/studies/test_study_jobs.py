@@ -10,7 +10,7 @@ import proximity
 from proximity.certificate.certificate_job import CERTIFICATE
 from proximity.decaff.drum.drum_model import GEAR4, PHASE_SEED, with_random_phases
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import ServiceError
+from proximity.errors import DecaffError, ServiceError
 from proximity.studies.simulation.closed_loop import decaff
 from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
@@ -71,6 +71,12 @@ def test_press_on_a_coupled_wall_is_tuned_unless_it_says_otherwise(do):
     assert (given["stiffness_used"], given["damping_used"]) == (734.0, 4.4)
     wall = best_penalty_wall(Hand(), 1000.0, 0.003)
     assert (tuned["stiffness_used"], tuned["damping_used"]) == (wall.stiffness, wall.damping)
+
+
+def test_press_with_one_gain_and_the_other_tuned_is_refused(do):
+    """A grid of lists with "tuned" among the numbers has such conditions: their rows say so."""
+    with pytest.raises(DecaffError, match="stiffness and damping belong together: expected both as numbers"):
+        do(PRESS, wall="coupled", stiffness=500.0)
 
 
 def test_peak_error_is_the_peak_less_that_of_the_real_wall(do):

@@ -60,6 +60,22 @@ def test_second_run_does_what_is_missing_and_nothing_else(tmp_path):
     assert [row["number"] for row in rows_of(out)] == [2, 3, 4, 5]  # 1 is no condition of the study any more
 
 
+def test_interrupted_run_counts_the_rows_that_it_wrote(tmp_path):
+    seen = []
+
+    def watch(progress):
+        seen.append(progress)
+        if len(seen) == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(
+            study_of(tmp_path, "number = { from = 1, to = 99, count = 99 }"), tmp_path / "out", watch=watch
+        )
+
+    assert len(seen) == 2 and 0 < seen[-1].done == len(rows_of(tmp_path / "out"))
+
+
 def test_from_scratch_does_all_again(tmp_path):
     out, study = tmp_path / "out", study_of(tmp_path, "number = [1, 2]")
     run_study(study, out)

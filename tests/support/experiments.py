@@ -18,6 +18,8 @@ wall = "real"
 name = "late"
 wall = "coupled"
 latency = 0.003
+stiffness = 1500.0
+damping = 2.0
 threshold = 0.3
 correct = 0.9
 

@@ -61,7 +61,7 @@ class AskedInstruments:
     def latency(self) -> tuple[float, float]:
         """Return the latency that a person measured."""
         latency, sampled = self.numbers(
-            ["latency of the glove that a step test finds, in ms", "time between its samples, in ms"]
+            ["latency of the glove by your step test, in ms", "time between samples of the step test, in ms"]
         )
         return 1e-3 * latency, 1e-3 * sampled
 
@@ -75,7 +75,7 @@ class AskedInstruments:
 
     def swing(self, torques: np.ndarray) -> DrumRecord:
         """Refuse: only a motor swings a drum."""
-        raise DecaffError("nobody types a chirp, expected a motor")
+        raise DecaffError("the swing of a drum cannot be typed, expected a motor")
 
     def _arrived(self) -> list[float]:
         """Counts of this finger that came since the last look."""

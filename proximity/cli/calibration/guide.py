@@ -14,6 +14,7 @@ from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 
 MOST_FAILURES = 10  # readings of one task in a row that cannot be right
+MOST_DIGITS = 5  # of a number: a simulated encoder has a step that repeats to eight
 SHOWN = {  # factor and unit of what repeats are judged by
     "counts": (1.0, "counts"),
     "backlash": (1e6, "µm of backlash"),
@@ -124,7 +125,7 @@ def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, wai
             failures += 1
             if failures >= MOST_FAILURES:
                 raise DecaffError(f"{asked.task.key}: {unfit}; {asked.task.advice}") from unfit
-            face.refuse(f"not kept: {unfit}. Once more.")
+            face.refuse(f"This reading was not kept: {unfit}. Measure it again.")
         else:
             failures, last = 0, asked.task.key
             face.read(_what_was_read(session, asked))
@@ -140,20 +141,22 @@ def result_rows(estimates: Sequence[Estimate], truth: dict[str, float] | None) -
     truth : dict
         By their keys; None: nobody knows.
     """
-    rows = [("", "measured", "± 95 %", "model", *(("true",) if truth else ()), "n", "")]
+    rows = [("", "measured", "± 95 %", "model", *(("true",) if truth else ()), "readings", "")]
     for one in estimates:
-        digits = _digits(one.half_width * one.shown)
+        digits = _digits(one.value * one.shown, one.half_width * one.shown)
         numbers = [one.value, one.half_width, one.model, *([truth[one.key]] if truth else [])]
         cells = [f"{number * one.shown:.{digits}f}" if math.isfinite(number) else "" for number in numbers]
+        if math.isfinite(one.half_width) and float(cells[1]) == 0.0:
+            cells[1] = f"<{10.0**-digits:.{digits}f}"
         differs = math.isfinite(one.half_width) and not one.is_as_modelled
-        note = "not the model's" if differs else ""
+        note = "differs from the model" if differs else ""
         rows.append((f"{one.label} [{one.unit}]", *cells, str(one.readings), note))
     return rows
 
 
 def _prompt(session: Session, asked: Asked, *, goes_on: bool, waits: bool) -> Prompt:
     task = asked.task
-    again = ": readings differ, once more" if asked.is_again else ""
+    again = ": the readings differ, measure again" if asked.is_again else ""
     return Prompt(
         session.bench.glove,
         f"{task.key}, {asked.agreeing + 1} of {task.repeats}{again}",
@@ -177,8 +180,9 @@ def _what_was_read(session: Session, asked: Asked) -> str:
     return f"{factor * session.readings.all[-1][task.judged]:.6g} {unit}{verdict}"
 
 
-def _digits(half_width: float) -> int:
-    """Decimal places that show two digits of an uncertainty."""
+def _digits(value: float, half_width: float) -> int:
+    """Decimal places that show two digits of an uncertainty, but no more than `MOST_DIGITS` of the number."""
     if not (math.isfinite(half_width) and half_width > 0.0):
         return 3
-    return min(6, max(0, 1 - math.floor(math.log10(half_width))))
+    most = MOST_DIGITS - 1 - (math.floor(math.log10(abs(value))) if value else 0)
+    return min(6, max(0, min(1 - math.floor(math.log10(half_width)), most)))

@@ -15,11 +15,11 @@ from proximity.web.guided import Answer, Button, Field, GuidedPages, PageLeftErr
 LIVE_S = 0.1  # between two live readings
 CHOICES = (
     Button("take", "Take", "Enter", "main", takes_fields=True),
-    Button("repeat", "Last one again", "r"),
-    Button("skip", "Leave this out", "s"),
-    Button("stop", "Stop, and keep what there is"),
+    Button("repeat", "Repeat the last reading", "r"),
+    Button("skip", "Skip this task", "s"),
+    Button("stop", "Stop and keep the readings"),
 )
-KEPT = "What was measured is kept, and the same command goes on there. You can close this page."
+KEPT = "All readings are kept, and the same command continues from there. You can close this page."
 
 
 class Page:
@@ -42,7 +42,7 @@ class Page:
         """Show the step; where it goes on by itself there is nothing to press."""
         self._prompt, self._part = prompt, 0
         if prompt.goes_on:
-            self._pages.present(self._step("It goes on by itself."))
+            self._pages.present(self._step("The next readings follow by themselves."))
             self._wait(0.0)
 
     def ready(self, part: int) -> None:
@@ -86,7 +86,7 @@ class Page:
     def _step(self, more: str = "", fields: tuple[Field, ...] = (), buttons: tuple[Button, ...] = ()) -> Step:
         prompt = self._prompt
         assert prompt is not None, "a prompt begins first"
-        advice = f"If that goes on: {prompt.advice}." if prompt.advice else ""
+        advice = f"If this happens again: {prompt.advice}." if prompt.advice else ""
         text = "\n\n".join(filter(None, [prompt.parts[self._part], advice, more]))
         picture = words = ""
         if prompt.bend is not None:
@@ -140,7 +140,7 @@ def opened_page(*, port: int, opens_browser: bool, on_stop: Callable[[], object]
     with GuidedPages("Calibration", has_stop=on_stop is not None, on_stop=on_stop, port=port) as pages:
         typer.echo(pages.url)
         if on_stop is not None:
-            typer.echo(f"{pages.watch_url} watches, and has the emergency stop as well")
+            typer.echo(f"{pages.watch_url} is a second page, to watch, with the emergency stop")
         if opens_browser:
             webbrowser.open(pages.url)
         try:

@@ -12,7 +12,7 @@ from proximity.cli.calibration.guide import Prompt, RepeatError, SkipError, Unfi
 from proximity.cli.console import Console, table
 from proximity.cli.views.pose_picture import joint_angles, pose_picture
 
-HINT = "Type r for the last reading again, s to leave a task out; Ctrl-C stops and keeps what was measured."
+HINT = "Type r to repeat the last reading, s to skip the task. Ctrl-C stops and keeps all readings."
 
 
 class Terminal:
@@ -31,7 +31,7 @@ class Terminal:
             typer.echo("")
             typer.secho(f"[{prompt.done + 1} of {prompt.total}] {prompt.title}", bold=True)
             if prompt.advice:
-                typer.echo(f"  If that goes on: {prompt.advice}.")
+                typer.echo(f"  If this happens again: {prompt.advice}.")
         if prompt.bend is not None and prompt.bend != self._bend:
             _print_pose(prompt, prompt.bend)
         self._bend = prompt.bend
@@ -41,7 +41,7 @@ class Terminal:
         assert self._prompt is not None, "a prompt begins first"
         typer.echo(f"  {self._prompt.parts[part]}")
         if self._prompt.waits:
-            _answer("  Enter when you are there ")
+            _answer("  Press Enter when you are ready ")
 
     def numbers(self, questions: Sequence[str]) -> list[float]:
         """Return numbers that are typed; what is none is asked again."""
@@ -83,7 +83,7 @@ def _asked_number(question: str) -> float:
             value = math.nan
         if math.isfinite(value):
             return value
-        typer.echo(f"  {text!r} is no number, expected one as 31072 or 1.178", err=True)
+        typer.echo(f"  {text!r} is not a number, expected one such as 31072 or 1.178", err=True)
 
 
 def _answer(question: str) -> str:

@@ -55,6 +55,7 @@ class Instruments:
     name: str  # readings of other instruments are never mixed with these
     hand: HandPort
     drum: DrumPort
+    is_simulated: bool = False  # for practice
 
     def live(self) -> dict[str, str]:
         """Return what is read right now, by names, with units."""

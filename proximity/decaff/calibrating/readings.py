@@ -118,7 +118,7 @@ class Readings:
             if len(self.of(task)) >= MOST_TRIES * task.repeats:
                 raise DecaffError(
                     f"{task.key}: of {len(self.of(task))} readings no {task.repeats} agree: {task.advice}; "
-                    f"then measure it anew with --again {task.key.split()[0]!r}"
+                    f"then measure it again with --again {task.key.split()[0]!r}"
                 )
         if not left:
             return None

@@ -159,6 +159,7 @@ class Session:
             latency=values["latency"],
             phalanges=phalanges,
             name=name,
+            is_simulated=self.bench.instruments.is_simulated,
         )
         CalibratedGlove(glove, made)
         return made

@@ -81,7 +81,7 @@ class SimulatedGlove:
     @property
     def instruments(self) -> Instruments:
         """This glove as what a calibration measures with."""
-        return Instruments(f"a simulated glove, seed {self._seed}", self, self)
+        return Instruments(f"a simulated glove, seed {self._seed}", self, self, is_simulated=True)
 
     @property
     def truth(self) -> dict[str, float]:

@@ -198,8 +198,8 @@ BACKLASH = Task(
 PULL = Task(
     "cable pull",
     (
-        f"Close the finger, and {_BLOCK}. Pull on nothing.",
-        f"Stay there, and pull the replica back with {TENSION:g} N on the cable, by a spring scale.",
+        f"Close the finger, and {_BLOCK}. Leave the cable slack.",
+        f"Stay there. Pull the replica back with a spring scale, so that the cable has {TENSION:g} N.",
     ),
     (0.5,),
     _pull,
@@ -232,7 +232,7 @@ LATENCY = Task(
 )
 FREE = Task(
     "free drum",
-    ("Take the finger out of the glove, and the drum to the middle of its path. It will swing by itself.",),
+    ("Take the finger out of the glove, and turn the drum to the middle of its path. The motor swings it.",),
     (None,),
     _free,
     "inertia",
@@ -244,8 +244,8 @@ FREE = Task(
 HELD = Task(
     "held drum",
     (
-        "Clamp the linkage at half bend: a hand gives way. The drum must just touch the replica. It will "
-        f"press with {HELD_FORCE:g} N at the fingertip, and swing.",
+        "Clamp the linkage at half bend; a hand would give way. Turn the drum until it just touches the "
+        f"replica. The motor presses with {HELD_FORCE:g} N at the fingertip, and swings the drum.",
     ),
     (HELD_BEND,),
     _held,

@@ -54,6 +54,7 @@ class Calibration:
     latency: float  # s, from a motion of the finger until it is known
     phalanges: tuple[float, float, float]  # m
     name: str = ""  # of hand and finger, for people
+    is_simulated: bool = False  # measured of a simulated glove: for practice, and of nobody's hand
 
     def __post_init__(self) -> None:
         if not isinstance(self.made, datetime) or self.made.tzinfo is None:
@@ -155,7 +156,9 @@ _FIELDS = {
     "backlash_m": "backlash",
     "latency_s": "latency",
     "phalanges_m": "phalanges",
+    "simulated": "is_simulated",
 }
+_MAY_LACK = {"simulated"}
 assert set(_FIELDS.values()) == {field.name for field in fields(Calibration)}, "every field has a position"
 
 
@@ -167,7 +170,7 @@ def _as_document(calibration: Calibration) -> dict[str, Any]:
             value = value.tolist()
         elif isinstance(value, datetime):
             value = value.isoformat()
-        elif not isinstance(value, str | tuple):
+        elif not isinstance(value, str | tuple | bool):
             value = float(value)
         document[key] = value
     return document
@@ -208,12 +211,15 @@ def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _of_document(document: dict[str, Any]) -> Calibration:
     present = set(document) - {"format", "version"}
-    for verb, names in (("lacks", set(_FIELDS) - present), ("has an unknown field", present - set(_FIELDS))):
+    lacking = set(_FIELDS) - present - _MAY_LACK
+    for verb, names in (("lacks", lacking), ("has an unknown field", present - set(_FIELDS))):
         if names:
             raise DecaffError(f"{verb} {', '.join(map(repr, sorted(names)))}")
-    values = {name: document[key] for key, name in _FIELDS.items()}
+    values = {name: document[key] for key, name in _FIELDS.items() if key in document}
     if not isinstance(values["name"], str):
         raise DecaffError(f"the name is {values['name']!r}, expected text")
+    if not isinstance(simulated := values.get("is_simulated", False), bool):
+        raise DecaffError(f"simulated is {simulated!r}, expected true or false")
     try:
         values["made"] = datetime.fromisoformat(values["made"])
     except (TypeError, ValueError):

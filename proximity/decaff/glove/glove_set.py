@@ -1,7 +1,9 @@
 """The gloves of a hand, read from their calibration files: one for each finger."""
 
+import logging
 import os
 from collections.abc import Sequence
+from functools import cache
 from typing import TypeVar
 
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
@@ -10,10 +12,13 @@ from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 
 G = TypeVar("G")
+LOGGER = logging.getLogger("proximity.gloves")
 
 
 def read_glove(path: str | os.PathLike[str], most_days: float | None = None) -> CalibratedGlove:
     """Return a glove of our own design, as it was measured, unless that was too long ago.
+
+    A calibration of a simulated glove is warned of, once for each file.
 
     Parameters
     ----------
@@ -28,11 +33,18 @@ def read_glove(path: str | os.PathLike[str], most_days: float | None = None) -> 
         If the calibration cannot be read, is too old, or does not fit the design; the message has the file.
     """
     calibration = read_calibration(path)
+    if calibration.is_simulated:
+        _warn_of_simulated(os.fsdecode(path))
     try:
         check_age(calibration, most_days=most_days)
         return CalibratedGlove(Glove(), calibration)
     except DecaffError as unfit:
         raise DecaffError(f"{os.fsdecode(path)}: {unfit}") from unfit
+
+
+@cache
+def _warn_of_simulated(path: str) -> None:
+    LOGGER.warning("%s: this is the calibration of a simulated glove, not of a hand", path)
 
 
 def as_many(gloves: Sequence[G], count: int) -> list[G]:

@@ -59,7 +59,8 @@ class Condition:
     name: str
     wall: Wall
     latency: float = 0.001  # s, of forces or of distances
-    stiffness: float = 1500.0  # N/m, gain of a coupled wall that displays a rigid surface
+    # N/m, gain of a coupled wall that displays a rigid surface; of others what simulated observers rate it as
+    stiffness: float = 1500.0
     damping: float = 2.0  # N s/m, gain of a coupled wall; of the surface elsewhere
     threshold: float = 0.2  # expected: level at which an answer is right half-way between chance and always
     correct: float = 0.5  # expected: probability to tell the wall from the real one

@@ -140,12 +140,18 @@ def _chosen(table: Table, key: str, words: type[StrEnum], default: Any = REQUIRE
 
 
 def _condition(table: Table) -> Condition:
+    wall = _chosen(table, "wall", Wall)
+    is_coupled = wall is Wall.COUPLED
+    if table.has("stiffness") and not is_coupled:
+        table.complain(
+            "stiffness", f"is a gain of a coupled wall, and this one is {wall}: expected it in a task"
+        )
     return Condition(
         name=_named(table),
-        wall=_chosen(table, "wall", Wall),
+        wall=wall,
         latency=table.number("latency", 0.001, SECONDS),
-        stiffness=table.number("stiffness", 1500.0, STIFFNESS),
-        damping=table.number("damping", 2.0, DAMPING),
+        stiffness=table.number("stiffness", REQUIRED if is_coupled else 1500.0, STIFFNESS),
+        damping=table.number("damping", REQUIRED if is_coupled else 2.0, DAMPING),
         threshold=table.number("threshold", 0.2, LEVEL),
         correct=table.number("correct", 0.5, SHARE),
     )

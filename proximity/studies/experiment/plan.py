@@ -109,7 +109,7 @@ def _trials(design: Design, blocks: list[_Block], rng: np.random.Generator) -> l
     levels: dict[str, list[float | None]] = {}  # of the task at hand, by condition
     for block in blocks:
         task = block.task
-        compared = [name for name in block.conditions if _is_compared(design, task, name)]
+        compared = [name for name in block.conditions if is_compared(design, task, name)]
         if block.turn == 0:
             if task.instructions:
                 steps.append(Text("instructions", task.instructions))
@@ -132,7 +132,7 @@ def _trials(design: Design, blocks: list[_Block], rng: np.random.Generator) -> l
     return steps
 
 
-def _is_compared(design: Design, task: Task, name: str) -> bool:
+def is_compared(design: Design, task: Task, name: str) -> bool:
     """Whether a task is done on a condition: the real wall is not compared with itself."""
     return task.kind is not Kind.REAL or design.condition(name).wall is not Wall.REAL
 

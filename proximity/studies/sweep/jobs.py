@@ -52,6 +52,7 @@ class Job:
     measures: Mapping[str, Measure]  # the first ranks conditions where the study file says nothing
     run: Callable[[Values, NodeFiles], dict[str, Any]]
     texts: tuple[str, ...] = ()  # results that are no numbers
+    together: tuple[str, ...] = ()  # factors of which a condition has all as numbers, or none
 
     def normalised(self, values: Values) -> dict[str, Any]:
         """Return a condition with all factors: defaults filled in, and None for what does not matter.

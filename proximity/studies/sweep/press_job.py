@@ -11,6 +11,7 @@ import numpy as np
 from proximity.decaff.drum.drum_model import DRUMS, PHASE_SEED, Drum, Motor
 from proximity.decaff.drum.servo import DEADBAND_COUNTS, SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import Glove
+from proximity.errors import DecaffError
 from proximity.service.config.table_fields import Range
 from proximity.studies.simulation import tip_cable
 from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
@@ -34,6 +35,7 @@ REPORTED = {"wall": (Wall.COUPLED, Wall.DECAFF)}
 ON_DRUM = {"wall": (Wall.DECAFF,)}
 WITH_CABLE = {**ON_DRUM, "cable_stiffness": ()}
 COUPLED = {"wall": (Wall.COUPLED,)}
+TOGETHER = ("stiffness", "damping")
 
 
 INTEGRAL_TIME: float = inspect.signature(Servo).parameters["integral_time"].default
@@ -99,7 +101,7 @@ def run(values: Values, files: NodeFiles) -> dict[str, Any]:
     Raises
     ------
     DecaffError
-        If the numbers make no device.
+        If the numbers make no device, or one gain of a coupled wall is given and the other tuned.
     """
     del files
     hand, coupled = Hand(), None
@@ -121,9 +123,12 @@ def run(values: Values, files: NodeFiles) -> dict[str, Any]:
 
 
 def _penalty(values: Values) -> PenaltyWall:
-    tuned = _tuned(values["rate"], values["latency"])
-    given = {name: values[name] for name in ("stiffness", "damping") if values[name] is not None}
-    return replace(tuned, **given)
+    stiffness, damping = (values[name] for name in TOGETHER)
+    if stiffness is None and damping is None:
+        return _tuned(values["rate"], values["latency"])
+    if stiffness is None or damping is None:
+        raise DecaffError("stiffness and damping belong together: expected both as numbers, or both tuned")
+    return PenaltyWall(stiffness, damping, values["rate"], values["latency"])
 
 
 @lru_cache(maxsize=256)
@@ -155,4 +160,4 @@ def _glove(values: Values) -> Decaff:
     return with_transmission(glove, cable, Stretch(values["stretch"]))
 
 
-PRESS = Job("press", FACTORS, MEASURES, run)
+PRESS = Job("press", FACTORS, MEASURES, run, together=TOGETHER)

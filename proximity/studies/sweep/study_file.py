@@ -110,6 +110,7 @@ class _StudyReader:
         levels = self._levels(job, is_latin=is_latin)
         rows = self._rows(job, design, levels)
         self._check_complete(job, levels, rows)
+        self._check_together(job, levels, rows)
         conditions = ConditionSet(
             job, design, levels, rows, samples, seed, self._exclusions(job), self._digests
         )
@@ -159,6 +160,23 @@ class _StudyReader:
                 self._document.complain(
                     ("factors",), f"factors.{name} is missing: the job {job.name} needs it in every condition"
                 )
+
+    def _check_together(
+        self, job: Job, levels: Mapping[str, Levels], rows: tuple[dict[str, Any], ...]
+    ) -> None:
+        """Complain of a factor with a number where one that belongs to it has none in any condition."""
+        for index, row in enumerate(rows or ({},)):
+            chosen = {**levels, **{name: (value,) for name, value in row.items()}}
+            numbers = [name for name in job.together if _has_number(chosen.get(name, ()))]
+            missing = [name for name in job.together if name not in numbers]
+            if numbers and missing:
+                path: Path = ("conditions", index) if numbers[0] in row else ("factors",)
+                self._document.complain(
+                    (*path, numbers[0]),
+                    f"{numbers[0]} is a number, but {missing[0]} is {job.factors[missing[0]].absent}: "
+                    f"{' and '.join(job.together)} belong together, expected both as numbers or neither",
+                )
+                return
 
     def _exclusions(self, job: Job) -> tuple[Exclusion, ...]:
         found = []
@@ -279,6 +297,10 @@ class _StudyReader:
 
 def _are_numbers(value: list[Any]) -> bool:
     return all(math.isfinite(as_number(each)) for each in value)
+
+
+def _has_number(levels: Levels) -> bool:
+    return isinstance(levels, Span) or any(value is not None for value in levels)
 
 
 def _first(levels: Levels) -> Any:

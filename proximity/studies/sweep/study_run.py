@@ -94,7 +94,7 @@ def run_study(
     with_failed : bool
         Whether conditions that failed are tried again.
     watch : callable
-        Given the progress now and then.
+        Given the progress now and then, and at the end, also if that is Ctrl-C.
 
     Raises
     ------
@@ -157,6 +157,7 @@ class _Run:
                 watch(self._progress)
         finally:
             self._files.flush()
+            watch(self._progress)
 
     def _batch(self, pending: Iterator[Condition], limit: int) -> list[Condition]:
         if self._again:

@@ -21,18 +21,19 @@ if TYPE_CHECKING:
 
 HELP = "\n\n".join(
     (
-        "Calibrate the glove of one finger, guided step by step, and write FILE.",
-        "Seven poses, the cable in both directions and pulled, touches of the drum, a step; and where a "
-        "motor swings the drum, its mass, friction, latency and encoder, and the cable's stiffness. "
-        "Each number gets the uncertainty that its repeats show; readings that differ are asked again. "
-        "Ctrl-C keeps what was measured, and the same command goes on there.",
-        "With --page a page in the browser guides, with a picture of each pose; else the terminal does.",
-        "With --motor URL and --arm a real motor, as of proximity drum, searches its mechanical stop and "
-        "swings the drum; without --arm it is only read, and nothing is calibrated. These drivers were never "
-        "run on hardware, only against simulated motors.",
-        "Numbers are typed, or the counts are taken from the glove_poses messages at --counts. --simulate "
-        "measures a simulated glove instead, whose true numbers are shown beside. Readings and results lie "
-        "beside FILE as .readings.json, a drawing of them as .png (needs matplotlib).",
+        "Calibrate the glove of one finger, step by step, and write FILE.",
+        "You close the finger to seven poses, meet a block from both directions, pull the cable, turn the "
+        "drum until it touches, and run a step test. If a motor drives the drum, the motor then swings it, "
+        "which gives its mass, friction, latency and encoder step, and the stiffness of the cable. Each "
+        "number is printed with its uncertainty. Readings that differ too much are asked for again. Ctrl-C "
+        "stops and keeps all readings; the same command continues from there.",
+        "The steps are shown in the terminal; with --page in the browser, with a picture of each pose.",
+        "With --motor alone the motor of the drum is only read, and nothing is calibrated. With --arm as "
+        "well it searches its mechanical stop and swings the drum. URL is that of proximity drum. The "
+        "drivers were never run on hardware, only against simulated motors.",
+        "You type the counts of the potentiometer, or --counts takes them from messages. --simulate "
+        "measures a simulated glove, and prints its true numbers beside the measured ones. Readings and "
+        "results are written beside FILE as .readings.json, a plot of them as .png (needs matplotlib).",
     )
 )
 
@@ -45,51 +46,62 @@ Examples:
   proximity calibrate glove.json --again touches
 """
 
-OLD_READINGS_H = 12.0  # after that straps may sit otherwise
+OLD_READINGS_H = 12.0  # after that the glove was probably taken off
 MM = 1e-3
 
-FILE = Annotated[Path, typer.Argument(metavar="FILE", help="Calibration to write, as glove.json.")]
+FILE = Annotated[Path, typer.Argument(metavar="FILE", help="Calibration to write, for example glove.json.")]
 SIMULATE = Annotated[bool, typer.Option("--simulate", help="Measure a simulated glove, for practice.")]
-SEED = Annotated[int, typer.Option("--seed", metavar="N", help="Which simulated glove.")]
+SEED = Annotated[
+    int, typer.Option("--seed", metavar="N", help="Number of the simulated glove: each is another one.")
+]
 COUNTS = Annotated[
     str | None,
     typer.Option(
-        "--counts", metavar="ADDRESS", help="Where glove_poses messages bring the counts; else typed."
+        "--counts",
+        metavar="ADDRESS",
+        help="Address of glove_poses messages with the counts. Default: you type them.",
     ),
 ]
-FINGER = Annotated[int, typer.Option("--finger", metavar="N", help="Finger in these messages.")]
+FINGER = Annotated[
+    int, typer.Option("--finger", metavar="N", help="Number of the finger in these messages, from 0.")
+]
 MOTOR = Annotated[
-    str | None, typer.Option("--motor", metavar="URL", help="Motor of the drum, whose encoder is read, too.")
+    str | None, typer.Option("--motor", metavar="URL", help="Motor of the drum. Its encoder gives the angle.")
 ]
 ARM = Annotated[
-    bool, typer.Option("--arm", help="Home the motor and let it swing the drum. Requires --motor.")
+    bool, typer.Option("--arm", help="Let the motor search its stop and swing the drum. Requires --motor.")
 ]
-NAME = Annotated[str, typer.Option("--name", metavar="TEXT", help="Hand and finger, for people.")]
+NAME = Annotated[
+    str, typer.Option("--name", metavar="TEXT", help="Name of hand and finger, written into FILE.")
+]
 PHALANGES = Annotated[
     tuple[float, float, float],
-    typer.Option("--phalanges", metavar="MM MM MM", help="Lengths of the phalanges, from the knuckle on."),
+    typer.Option(
+        "--phalanges", metavar="MM MM MM", help="Lengths of the phalanges, from the knuckle to the tip."
+    ),
 ]
 DRUM = Annotated[
-    str, typer.Option("--drum", metavar="DRUM", help="Drum as designed: direct, gear4 or gear10.")
+    str, typer.Option("--drum", metavar="DRUM", help="Design of the drum: direct, gear4 or gear10.")
 ]
 SKIP = Annotated[
-    list[str] | None, typer.Option("--skip", metavar="TASK", help="Leave out 'free drum' or 'held drum'.")
+    list[str] | None,
+    typer.Option("--skip", metavar="TASK", help="Leave out 'free drum' or 'held drum'. Can be given twice."),
 ]
 AGAIN = Annotated[
     str | None,
     typer.Option(
-        "--again", metavar="TASK", help="Forget the readings of a task, or of all, and measure anew."
+        "--again", metavar="TASK", help="Delete the readings of this task, or of all, and measure it again."
     ),
 ]
-YES = Annotated[bool, typer.Option("--yes", help="With --simulate: do not wait for the person.")]
-PAGE = Annotated[bool, typer.Option("--page", help="Guide on a page in the browser.")]
+YES = Annotated[bool, typer.Option("--yes", help="With --simulate: do not wait for Enter.")]
+PAGE = Annotated[bool, typer.Option("--page", help="Show the steps on a page in the browser.")]
 BROWSER = Annotated[
     bool,
     typer.Option(
-        "--browser/--no-browser", help="With --page: open a browser, or do not.", show_default=False
+        "--browser/--no-browser", help="With --page: whether to open the browser.", show_default=False
     ),
 ]
-PORT = Annotated[int, typer.Option("--port", metavar="N", help="Where the page is served; 0: any port.")]
+PORT = Annotated[int, typer.Option("--port", metavar="N", help="Port of the page; 0 chooses a free one.")]
 AS_JSON = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
 
 
@@ -153,7 +165,10 @@ def command(
             with _face(asking, port) as face:
                 asked.numbers = face.numbers
                 if port is not None:
-                    typer.echo("proximity: the motor moves now, to find its stop", err=True)
+                    typer.echo(
+                        "proximity: the motor moves now to find its stop: keep the finger away from the drum",
+                        err=True,
+                    )
                     port.home()
                 waits = not asking.yes and (measured.simulate or measured.counts is not None)
                 guide(session, face, simulated, waits=waits)
@@ -168,7 +183,7 @@ def command(
     if ending:
         kept = f"{len(session.readings.all)} readings are kept in {session.readings.path}"
         why = f"{sentence}; " if sentence else ""
-        typer.echo(f"proximity: {why}{kept}; the same command goes on there", err=True)
+        typer.echo(f"proximity: {why}{kept}; the same command continues from there", err=True)
         raise typer.Exit(ending)
     if contradicts := contradiction(session):
         typer.echo(f"proximity: {contradicts}", err=True)
@@ -253,7 +268,7 @@ def _written(
     from proximity.studies.figures import calibration_plots
 
     if missing := session.missing():
-        raise UnfinishedError(f"{', '.join(missing)} left out, which a calibration needs")
+        raise UnfinishedError(f"{', '.join(missing)}: not measured, but a calibration needs it")
     write_calibration(path, session.calibration(name, lengths))
     session.readings.write(as_document(session.estimates()))
     drawing = path.with_suffix(".png")
@@ -271,7 +286,7 @@ def _begin(session: "Session", again: str | None) -> None:
     readings = session.readings
     if again is not None and not readings.drop("" if again == "all" else again):
         raise typer.BadParameter(
-            f"there are no readings of {again!r}, expected 'all' or the beginning of a task's name: "
+            f"there are no readings of {again!r}, expected 'all' or the first letters of a task: "
             f"{', '.join(task.key for task in session.tasks)}",
             param_hint="--again",
         )
@@ -279,7 +294,11 @@ def _begin(session: "Session", again: str | None) -> None:
         readings.began = datetime.now(UTC)
         return
     hours = (datetime.now(UTC) - readings.began) / timedelta(hours=1)
-    old = "; straps may sit otherwise by now: --again all begins anew" if hours > OLD_READINGS_H else ""
+    old = (
+        "; if the glove was taken off since then, start over with --again all"
+        if hours > OLD_READINGS_H
+        else ""
+    )
     typer.echo(
         f"{readings.path}: {len(readings.all)} readings since {readings.began:%Y-%m-%d %H:%M} UTC{old}",
         err=True,
@@ -294,7 +313,7 @@ def _check(measured: Measured, asking: Asking, skip: list[str] | None) -> None:
     if measured.simulate and measured.motor is not None:
         raise typer.BadParameter("a simulated glove has its own drum", param_hint="--motor")
     if measured.arm and measured.motor is None:
-        raise typer.BadParameter("there is no --motor to arm", param_hint="--arm")
+        raise typer.BadParameter("requires --motor", param_hint="--arm")
     if not measured.simulate and (measured.seed or asking.yes):
         hint = "--seed" if measured.seed else "--yes"
         raise typer.BadParameter("requires --simulate", param_hint=hint)

@@ -72,14 +72,24 @@ def new(path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write
 def plan(
     design: DESIGN,
     slot: Annotated[
-        int, typer.Option("--slot", metavar="N", min=0, help="Place among the participants, from 0.")
+        int, typer.Option("--slot", metavar="N", help="Place among the participants, from 0.")
     ] = 0,
 ) -> None:
-    """Print what a participant will be shown, in order, as tab-separated lines; notes go to stderr."""
+    """Print what a participant will be shown, in order, as tab-separated lines; notes go to stderr.
+
+    step: number of the trial. run: pass of its task through the conditions.
+    odd: interval, 1 or 2, that differs from the other. level: of the stimulus.
+    """
     from proximity.studies.experiment import plan as planning
     from proximity.studies.experiment.design_file import read_design
+    from proximity.studies.experiment.unstable_walls import unstable_walls
 
     read = read_design(design)
+    if not 0 <= slot < read.participants:
+        raise typer.BadParameter(
+            f"{slot}: the design has {read.participants} participants, expected 0 to {read.participants - 1}",
+            param_hint="--slot",
+        )
     steps = planning.plan(read, slot)
     typer.echo("step\trun\tstage\ttask\tcondition\tlevel\todd")
     for step in steps:
@@ -95,6 +105,8 @@ def plan(
         f"{read.sha256[:16]}",
         err=True,
     )
+    for sentence in unstable_walls(read):
+        typer.echo(f"proximity: {sentence}", err=True)
 
 
 @_command("run")
@@ -186,6 +198,8 @@ def report(
     for one in findings.comparisons.values():
         if one is not None:
             typer.echo(f"{one.task}: F({one.df[0]}, {one.df[1]}) = {one.f:.2f}, p = {one.p:.2g}")
+    for missing in findings.missing:
+        typer.echo(f"proximity: not analysed: {missing}", err=True)
     if findings.simulated:
         typer.echo(f"proximity: {findings.said_of_simulated}", err=True)
     typer.echo(f"{files[0]}: written, with {len(files) - 1} files beside it")
@@ -244,7 +258,7 @@ def check(
         typer.echo(f"{task}: a difference was found in {share:.0%} of {repetitions} experiments without one")
     typer.echo(
         f"{found.covered} of {found.count} thresholds lie in their 95 % credible intervals; on average they "
-        f"are found {found.bias:+.1%} off"
+        f"are found {abs(found.bias):.1%} too {'high' if found.bias > 0.0 else 'low'}"
     )
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from proximity.cli.options import CABLE, UNITS, cable_stiffness, with_option_groups
+from proximity.cli.options import CABLE, UNITS, cable_stiffness, check_range, with_option_groups
 
 if TYPE_CHECKING:
     from proximity.studies.simulation.simulated_press import Setup, Simulation
@@ -185,6 +185,8 @@ class WallOptions:
         """Return the setup of the simulation."""
         from proximity.studies.simulation import simulated_press
 
+        if self.latency_ms is not None:
+            check_range(self.latency_ms, "--latency-ms", "ms", 0.0, 1e3 * simulated_press.LONGEST_LATENCY)
         options = {
             "drum": self.drum,
             "policy": self.policy,

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from proximity.cli.program import EXIT_INTERRUPTED
+
 if TYPE_CHECKING:
     from proximity.studies.sweep.jobs import Job
     from proximity.studies.sweep.study_file import Study
@@ -96,18 +98,32 @@ def command(
     if only is not None:
         _repeat(read, results, only)
         return
+    options = {"address": address, "cores": cores, "is_resumed": resume, "with_failed": retry_failed}
+    _run(read, results, options)
+
+
+def _run(study: "Study", results: Path, options: dict[str, Any]) -> None:
+    """Run a study; Ctrl-C says what is kept."""
     from proximity.studies.sweep.study_run import run_study
 
-    with _progress(read.name or study.stem) as watch:
-        ended = run_study(
-            read,
-            results,
-            address=address,
-            cores=cores,
-            is_resumed=resume,
-            with_failed=retry_failed,
-            watch=watch,
+    newest: Progress | None = None
+    try:
+        with _progress(study.name or Path(study.path).stem) as show:
+
+            def watch(progress: "Progress") -> None:
+                nonlocal newest
+                newest = progress
+                show(progress)
+
+            ended = run_study(study, results, watch=watch, **options)
+    except KeyboardInterrupt:
+        kept = (
+            ""
+            if newest is None
+            else f": {newest.earlier + newest.done} of {newest.total} conditions are kept"
         )
+        typer.echo(f"proximity: stopped{kept}; the same command goes on", err=True)
+        raise typer.Exit(EXIT_INTERRUPTED) from None
     _say_end(ended, results)
 
 

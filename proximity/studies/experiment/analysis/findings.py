@@ -8,10 +8,12 @@ from proximity.studies.experiment.analysis.psychometric import Psychometric, Sha
 from proximity.studies.experiment.analysis.scores import (
     Entry,
     Exclusion,
+    Missing,
     Score,
     cells_of,
     counts_of,
     exclude,
+    missing_scores,
     scores_of,
     shapes_of,
 )
@@ -32,6 +34,7 @@ class Findings:
     shapes: dict[str, Shape]  # by task
     functions: dict[tuple[str, str, str], Psychometric]  # by participant, task and condition
     scores: list[Score]
+    missing: list[Missing]  # scores that trials do not give, though no rule leaves them out
     comparisons: dict[str, Comparison | None]  # by task; None: too few participants
 
     @property
@@ -80,5 +83,6 @@ def find(design: Design, entries: Sequence[Entry]) -> Findings:
         shapes,
         functions,
         scores,
+        missing_scores(design, entries, scores, exclusions),
         {task.name: compare(task.name, names, scores) for task in design.tasks},
     )

@@ -36,21 +36,30 @@ def draw_plots(findings: Findings, form: str) -> dict[str, bytes]:
         If matplotlib is not there.
     """
     plots = {}
+
+    def draw_functions(figure: "Figure", task: Task) -> None:
+        _name_simulated(figure, findings)
+        _draw_functions(figure, findings, task)
+
+    def draw_scores(figure: "Figure", task: Task) -> None:
+        _name_simulated(figure, findings)
+        _draw_scores(figure.subplots(), findings, task)
+
     for task in findings.design.tasks:
         if not any(score.task == task.name for score in findings.scores):
             continue
         if task.kind is Kind.STIFFER:
             size = (style.PAGE_WIDTH, HEIGHT)
-            plots[f"{task.name}_functions"] = style.render(
-                lambda figure, task: _draw_functions(figure, findings, task), task, size, form
-            )
-        plots[f"{task.name}_scores"] = style.render(
-            lambda figure, task: _draw_scores(figure.subplots(), findings, task),
-            task,
-            (style.COLUMN_WIDTH, HEIGHT),
-            form,
-        )
+            plots[f"{task.name}_functions"] = style.render(draw_functions, task, size, form)
+        size = (style.COLUMN_WIDTH, HEIGHT)
+        plots[f"{task.name}_scores"] = style.render(draw_scores, task, size, form)
     return plots
+
+
+def _name_simulated(figure: "Figure", findings: Findings) -> None:
+    """Say above the panels that participants are no people, if some are not."""
+    if findings.simulated:
+        figure.suptitle(findings.said_of_simulated, fontsize=7, color="#b45309")
 
 
 def _draw_functions(figure: "Figure", findings: Findings, task: Task) -> None:

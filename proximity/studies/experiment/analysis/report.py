@@ -112,6 +112,13 @@ def tables_of(findings: Findings) -> dict[str, tuple[tuple[str, ...], Rows]]:
                 for one in findings.exclusions
             ],
         ),
+        "not_analysed": (
+            ("task", "condition", "participants", "why"),
+            [
+                (one.task, one.condition, " ".join(one.participants) or "all", one.why)
+                for one in findings.missing
+            ],
+        ),
     }  # fmt: skip
 
 

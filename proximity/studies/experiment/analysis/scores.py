@@ -14,7 +14,7 @@ import numpy as np
 
 from proximity.studies.experiment.analysis.psychometric import Counts, Shape, shared_shape, threshold_mean
 from proximity.studies.experiment.design import Design, Kind, Procedure, Task
-from proximity.studies.experiment.plan import Stage
+from proximity.studies.experiment.plan import Stage, is_compared
 
 Entry = dict[str, Any]
 MEANING = {
@@ -44,6 +44,20 @@ class Exclusion:
     participant: str
     trial: int | None  # None: all of the participant's
     why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """A task on a condition of which some participants, or all, have no score."""
+
+    task: str
+    condition: str
+    participants: tuple[str, ...]  # empty: all
+    why: str
+
+    def __str__(self) -> str:
+        whose = f" of {', '.join(self.participants)}" if self.participants else ""
+        return f"{self.condition} in {self.task}{whose}; {self.why}"
 
 
 def exclude(design: Design, entries: Sequence[Entry]) -> tuple[list[Entry], list[Exclusion]]:
@@ -106,6 +120,48 @@ def scores_of(design: Design, entries: Sequence[Entry]) -> list[Score]:
         if math.isfinite(value):
             found.append(Score(participant, name, condition, value, len(own)))
     return found
+
+
+def missing_scores(
+    design: Design, entries: Sequence[Entry], scores: Sequence[Score], exclusions: Sequence[Exclusion]
+) -> list[Missing]:
+    """Return what is not analysed although no rule leaves the participant out.
+
+    Parameters
+    ----------
+    design : Design
+        Of the experiment.
+    entries : sequence of dict
+        Trials of all participants, as of `Dataset.trials`.
+    scores, exclusions
+        As of `scores_of` and `exclude`.
+    """
+    left_out = {one.participant for one in exclusions if one.trial is None}
+    participants = sorted({entry["participant"] for entry in entries} - left_out)
+    cells = cells_of([entry for entry in entries if entry["stage"] == Stage.MAIN])
+    scored = {(one.participant, one.task, one.condition) for one in scores}
+    found: dict[tuple[str, str, str], list[str]] = defaultdict(list)
+    for task in design.tasks:
+        for name in (one.name for one in design.conditions if is_compared(design, task, one.name)):
+            for participant in participants:
+                key = participant, task.name, name
+                if key not in scored:
+                    found[task.name, name, _why_missing(cells.get(key, []))].append(participant)
+    return [
+        Missing(task, name, () if own == participants else tuple(own), why)
+        for (task, name, why), own in found.items()
+    ]
+
+
+def _why_missing(own: Sequence[Entry]) -> str:
+    """Why trials of one participant in a task on a condition give no score."""
+    stops = [entry["stopped"] for entry in own]
+    if not own:
+        return "none of its trials was done"
+    if all(stops):
+        by = "were ended by a limit" if all("limit" in why for why in stops) else "ended early"
+        return f"all its trials {by}"
+    return "no trial that counts gives a score"
 
 
 def cells_of(entries: Sequence[Entry]) -> dict[tuple[str, str, str], list[Entry]]:
