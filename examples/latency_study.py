@@ -20,7 +20,7 @@ import numpy as np
 
 from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
-from proximity.studies.simulation.sweeps import best_penalty_wall, drum_row, penalty_row, with_latency
+from proximity.studies.simulation.sweeps import best_coupled_wall, coupled_row, drum_row, with_latency
 from proximity.studies.simulation.target_policies import Target
 
 LATENCIES = 1e-3 * np.array([0.3, 1.0, 3.0, 10.0, 30.0])  # s
@@ -33,8 +33,8 @@ def study(hand, glove):
     """Return the force error of each wall at each latency, in percent."""
     errors = {"spring and damper": [], **{name: [] for name in DRUMS}}
     for latency in LATENCIES:
-        wall = best_penalty_wall(hand, RATE, latency, speeds=[SPEED])
-        errors["spring and damper"].append(100.0 * penalty_row(hand, wall, speeds=[SPEED]).errors[0])
+        wall = best_coupled_wall(hand, RATE, latency, speeds=[SPEED])
+        errors["spring and damper"].append(100.0 * coupled_row(hand, wall, speeds=[SPEED]).errors[0])
         for name, target in DRUMS.items():
             row = drum_row(hand, with_latency(glove, latency, RATE), target, speeds=[SPEED])
             errors[name].append(100.0 * row.errors[0])

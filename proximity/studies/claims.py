@@ -12,13 +12,13 @@ from proximity.studies.paper import energies, figure_5, reacting_operator
 from proximity.studies.paper.energies import Stop
 from proximity.studies.paper.spring_damper import FINGER
 from proximity.studies.paper.walls import RealWall, steady_excess
-from proximity.studies.simulation.closed_loop import decaff, ideal_drum, penalty_wall, real_wall
+from proximity.studies.simulation.closed_loop import coupled_wall, decaff, ideal_drum, real_wall
 from proximity.studies.simulation.devices import COUPLED_DEVICE, Decaff, Link, Sensing
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.hunting import FELT_SWING
 from proximity.studies.simulation.metrics import deviation, drum_offset
 from proximity.studies.simulation.response import Response
-from proximity.studies.simulation.sweeps import Stretch, best_penalty_wall, needed_cable, with_transmission
+from proximity.studies.simulation.sweeps import Stretch, best_coupled_wall, needed_cable, with_transmission
 from proximity.studies.simulation.target_policies import Target
 from proximity.studies.simulation.tip_cable import FRICTION, WRAP, TipCable
 from proximity.studies.stability import sampled_wall
@@ -92,8 +92,8 @@ def _steady_excess() -> Claim:
     depth = figure_5.PRESS.depth
     excess = steady_excess(depth, figure_5.PENETRATION, FINGER, FINGER)
     press = HAND.press(0.1)
-    wall = best_penalty_wall(HAND, 1000.0, 0.003)
-    same_hand = deviation(penalty_wall(HAND, press, wall)).steady_error
+    wall = best_coupled_wall(HAND, 1000.0, 0.003)
+    same_hand = deviation(coupled_wall(HAND, press, wall)).steady_error
     return Claim(
         "a simulated wall's steady force is too high by k_f x_s (9, 10)",
         PARTLY,
@@ -178,7 +178,7 @@ def _slow() -> Claim:
 def _exact_match() -> Claim:
     floor = [_error(ideal_drum(HAND, HAND.press(speed))) for speed in (0.1, 1.0)]
     found = _largest_error(0.25, 0.001, Target.TIME_STAMPED)
-    coupled = _error(penalty_wall(HAND, HAND.press(0.25), best_penalty_wall(HAND, 1000.0, 0.001)))
+    coupled = _error(coupled_wall(HAND, HAND.press(0.25), best_coupled_wall(HAND, 1000.0, 0.001)))
     press = HAND.press(0.1, hold=0.5)
     swings = [deviation(decaff(HAND, press, glove)).swing for glove in _reported(0.001)]
     still = sum(swing < FELT_SWING for swing in swings)
@@ -194,8 +194,8 @@ def _exact_match() -> Claim:
 
 def _exact_match_by_cable() -> Claim:
     slow, quick = HAND.press(0.1), HAND.press(0.25)
-    wall = best_penalty_wall(HAND, 1000.0, 0.001)
-    rivals = [_error(penalty_wall(HAND, press, wall)) for press in (slow, quick)]
+    wall = best_coupled_wall(HAND, 1000.0, 0.001)
+    rivals = [_error(coupled_wall(HAND, press, wall)) for press in (slow, quick)]
     ways = {
         Stretch.LEFT: "",
         Stretch.TORQUE: "made up for by the motor's torque, ",

@@ -15,12 +15,12 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.studies.simulation import press_kernels
-from proximity.studies.simulation.closed_loop import decaff, penalty_wall
+from proximity.studies.simulation.closed_loop import coupled_wall, decaff
 from proximity.studies.simulation.controller_in_loop import ControllerInLoop
 from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation
-from proximity.studies.simulation.sweeps import Stretch, best_penalty_wall, needed_cable, with_transmission
+from proximity.studies.simulation.sweeps import Stretch, best_coupled_wall, needed_cable, with_transmission
 from proximity.studies.simulation.target_policies import Target, TargetPolicy
 from proximity.studies.simulation.tip_cable import TipCable
 
@@ -92,7 +92,7 @@ def test_quick_smoothing_of_the_torque_makes_the_drum_swing():
 
 
 def test_cable_that_is_needed_keeps_the_error_and_a_softer_one_does_not():
-    rival = deviation(penalty_wall(HAND, HAND.press(0.1), best_penalty_wall(HAND, 1000.0, 0.001))).error
+    rival = deviation(coupled_wall(HAND, HAND.press(0.1), best_coupled_wall(HAND, 1000.0, 0.001))).error
     found = needed_cable(HAND, GLOVE, 0.1, rival, Stretch.LEFT)
 
     assert found > CABLE.stiffness  # the glove's own is not enough

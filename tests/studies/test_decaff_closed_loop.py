@@ -21,12 +21,12 @@ from proximity.decaff.drum.drum_model import DRUMS
 from proximity.errors import DecaffError
 from proximity.studies.paper.trajectories import Press
 from proximity.studies.simulation import metrics, press_kernels, sweeps
-from proximity.studies.simulation.closed_loop import DecaffLoop, decaff, ideal_drum, penalty_wall, real_wall
+from proximity.studies.simulation.closed_loop import DecaffLoop, coupled_wall, decaff, ideal_drum, real_wall
 from proximity.studies.simulation.devices import (
     COUPLED_DEVICE,
     MASSLESS_MOTOR,
+    CoupledWall,
     Decaff,
-    PenaltyWall,
     Sensing,
 )
 from proximity.studies.simulation.hand import Hand
@@ -135,7 +135,7 @@ def test_floor_without_that_sampling_lies_within_its_spread(speed):
     assert found.steady_error == pytest.approx(rest - 0.8, abs=2e-5)
 
 
-# -------------------------------------------------------------------------------------------- penalty wall
+# -------------------------------------------------------------------------------------------- coupled wall
 
 
 @pytest.mark.parametrize(
@@ -158,8 +158,8 @@ def test_finger_shakes_above_the_critical_stiffness_and_not_below(delay):
     ripples = {}
     for share in (0.9, 1.1):
         stiffness = share * critical_stiffness(HAND, COUPLED_DEVICE, delay)
-        wall = PenaltyWall(stiffness, 0.0, 5000.0, delay - 1e-4, resolution=0.0)
-        ripples[share] = deviation(penalty_wall(HAND, HAND.press(0.1, hold=1.5), wall)).ripple
+        wall = CoupledWall(stiffness, 0.0, 5000.0, delay - 1e-4, resolution=0.0)
+        ripples[share] = deviation(coupled_wall(HAND, HAND.press(0.1, hold=1.5), wall)).ripple
 
     assert ripples[0.9] < 2e-3
     assert ripples[1.1] > 0.1
@@ -168,13 +168,13 @@ def test_finger_shakes_above_the_critical_stiffness_and_not_below(delay):
 @pytest.mark.parametrize(("latency", "damping"), [(0.001, 0.0), (0.001, 4.7), (0.003, 2.0), (0.01, 1.7)])
 def test_finger_rests_on_a_sampled_wall_up_to_some_stiffness_and_shakes_above(latency, damping):
     def wall(stiffness):
-        return PenaltyWall(stiffness, damping, 1000.0, latency, resolution=0.0)
+        return CoupledWall(stiffness, damping, 1000.0, latency, resolution=0.0)
 
     stiffnesses = np.geomspace(50.0, 1e4, 500)
     is_stable = [rests_on(HAND, wall(stiffness)) for stiffness in stiffnesses]
     limit = float(stiffnesses[is_stable.index(False)])
     below, above = (
-        deviation(penalty_wall(HAND, HAND.press(0.1, hold=3.0), wall(share * limit))).ripple
+        deviation(coupled_wall(HAND, HAND.press(0.1, hold=3.0), wall(share * limit))).ripple
         for share in (0.85, 1.15)
     )
     # It gains on each swing until it leaves the wall; on a stable wall the swing is gone by then.
@@ -186,15 +186,15 @@ def test_finger_rests_on_a_sampled_wall_up_to_some_stiffness_and_shakes_above(la
 )
 def test_steady_force_is_that_of_springs_in_a_row(latency, stiffness, damping):
     """Reference: within the encoder's K q."""
-    wall = PenaltyWall(stiffness, damping, 1000.0, latency)
+    wall = CoupledWall(stiffness, damping, 1000.0, latency)
     press = HAND.press(0.1)
-    found = deviation(penalty_wall(HAND, press, wall)).steady_error
+    found = deviation(coupled_wall(HAND, press, wall)).steady_error
 
     assert found == pytest.approx(HAND.steady_force(press.depth, stiffness) - 0.8, abs=stiffness * 31e-6)
     assert found < 0.0  # less than a real wall's, not more
 
 
-PENALTY = {  # ms: K, B, errors in %, onset in ms, penetration in mm, steady error in mN, work error in mJ
+COUPLED = {  # ms: K, B, errors in %, onset in ms, penetration in mm, steady error in mN, work error in mJ
     0.1: (2321, 7.7, (7.2, 13.4, 26.2, 49.2), 1.2, (0.34, 1.96), -37, (-0.15, -2.8)),
     1: (1581, 4.7, (8.6, 15.3, 28.9, 55.5), 2.3, (0.50, 3.42), -55, (-0.24, -6.7)),
     3: (734, 4.4, (15.2, 20.6, 33.7, 64.4), 4.3, (0.98, 5.63), -111, (-0.43, -14.5)),
@@ -203,16 +203,16 @@ PENALTY = {  # ms: K, B, errors in %, onset in ms, penetration in mm, steady err
 }
 
 
-@pytest.mark.parametrize("latency_ms", PENALTY)
-def test_best_penalty_wall_against_latency(latency_ms):
+@pytest.mark.parametrize("latency_ms", COUPLED)
+def test_best_coupled_wall_against_latency(latency_ms):
     """Reference, 1 kHz: the same best K and B; the rest within what its 0.1 ms make of it.
 
     Penetration at 1 m/s and 0.3 ms is 2.17 mm here against 1.77 mm: it depends on when, after a sample, the
     contact comes. The reference does not tell; here it is a tenth of a period.
     """
-    stiffness, damping, errors, onset, penetration, steady, work = PENALTY[latency_ms]
-    wall = sweeps.best_penalty_wall(HAND, 1000.0, 1e-3 * latency_ms)
-    row = sweeps.penalty_row(HAND, wall)
+    stiffness, damping, errors, onset, penetration, steady, work = COUPLED[latency_ms]
+    wall = sweeps.best_coupled_wall(HAND, 1000.0, 1e-3 * latency_ms)
+    row = sweeps.coupled_row(HAND, wall)
     slow, quarter, _, fast = row.deviations
 
     assert wall.stiffness == pytest.approx(stiffness, abs=0.5)
@@ -261,8 +261,8 @@ def test_time_stamped_drum_is_in_place_at_every_speed_and_latency(latency):
         assert abs(drum_lag(response)) < 2e-5
 
 
-def test_drum_beats_the_best_penalty_wall_at_every_latency():
-    for latency_ms, row in PENALTY.items():
+def test_drum_beats_the_best_coupled_wall_at_every_latency():
+    for latency_ms, row in COUPLED.items():
         found = sweeps.drum_row(HAND, with_latency(GLOVE, 1e-3 * latency_ms)).errors
         assert (found < 0.68 * np.array(row[2]) / 100.0).all()
         assert found[3] < 0.2 < 0.49 <= row[2][3] / 100.0
@@ -436,8 +436,8 @@ def test_what_cannot_be_is_named(make, message):
 
 PRESSES = """
 import hashlib
-from proximity.studies.simulation.closed_loop import decaff, ideal_drum, penalty_wall, real_wall
-from proximity.studies.simulation.devices import Decaff, PenaltyWall, Sensing
+from proximity.studies.simulation.closed_loop import decaff, ideal_drum, coupled_wall, real_wall
+from proximity.studies.simulation.devices import Decaff, CoupledWall, Sensing
 from proximity.studies.simulation.hand import Hand
 hand = Hand()
 press = hand.press(1.0, hold=1e-3)
@@ -446,7 +446,7 @@ digests = [
     hashlib.sha256(one.record.tobytes()).hexdigest()
     for one in (
         decaff(hand, press, glove),
-        penalty_wall(hand, press, PenaltyWall(734.0, 4.4), step=1e-4),
+        coupled_wall(hand, press, CoupledWall(734.0, 4.4), step=1e-4),
         real_wall(hand, press, step=1e-4),
         ideal_drum(hand, press, step=1e-4),
     )

@@ -193,7 +193,7 @@ def test_error_against_latency_is_the_staircase_that_it_is(monkeypatch):
     """A drum's servo takes a distance at its next sample: between two, latency changes nothing."""
     monkeypatch.setattr(error_plots, "LATENCIES", (0.001,))
     table = error_plots.numbers_against_latency().where(speed_m_per_s=0.1)
-    naive = table["naive_error"][np.isnan(table["penalty_error"])]
+    naive = table["naive_error"][np.isnan(table["coupled_error"])]
 
     assert len(naive) == 2 * error_plots.STAIRS
     np.testing.assert_array_equal(naive[1:-1:2], naive[2::2])

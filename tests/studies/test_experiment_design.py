@@ -21,7 +21,7 @@ from proximity.studies.experiment.plan import (
 )
 from proximity.studies.experiment.unstable_walls import unstable_walls
 from proximity.studies.simulation.hand import Hand
-from proximity.studies.simulation.sweeps import best_penalty_wall
+from proximity.studies.simulation.sweeps import best_coupled_wall
 
 SHIPPED = files("proximity.studies.experiment") / "decaff_against_coupled.toml"
 
@@ -50,7 +50,7 @@ def test_shipped_design_takes_45_minutes_and_is_balanced():
 def test_coupled_walls_of_the_shipped_design_are_tuned_as_those_of_simulate():
     for one in read_design(SHIPPED).conditions:
         if one.wall == "coupled":
-            best = best_penalty_wall(Hand(), DISTANCE_RATE, one.latency)
+            best = best_coupled_wall(Hand(), DISTANCE_RATE, one.latency)
             assert one.stiffness == pytest.approx(best.stiffness, rel=1e-3)
             assert one.damping == pytest.approx(best.damping, rel=2e-3)
 

@@ -16,7 +16,7 @@ from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation
 from proximity.studies.simulation.simulated_press import Setup, Wall, simulate
-from proximity.studies.simulation.sweeps import Stretch, best_penalty_wall, with_transmission
+from proximity.studies.simulation.sweeps import Stretch, best_coupled_wall, with_transmission
 from proximity.studies.simulation.tip_cable import TipCable
 from proximity.studies.sweep import node_files
 from proximity.studies.sweep.content import file_digest
@@ -69,7 +69,7 @@ def test_press_on_a_coupled_wall_is_tuned_unless_it_says_otherwise(do):
     setup = Setup(Wall.COUPLED, latency=0.003, stiffness=734.0, damping=4.4)
     assert given["force_error"] == simulate(setup).force_error
     assert (given["stiffness_used"], given["damping_used"]) == (734.0, 4.4)
-    wall = best_penalty_wall(Hand(), 1000.0, 0.003)
+    wall = best_coupled_wall(Hand(), 1000.0, 0.003)
     assert (tuned["stiffness_used"], tuned["damping_used"]) == (wall.stiffness, wall.damping)
 
 

@@ -20,9 +20,9 @@ from proximity.studies.experiment.display import FRAME, Interval, Presentation, 
 from proximity.studies.experiment.methods import SIGMAS_OF_WIDTH
 from proximity.studies.experiment.plan import Stage, Text
 from proximity.studies.experiment.session import Trial
-from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall, soft_wall
+from proximity.studies.simulation.closed_loop import coupled_wall, decaff, real_wall, soft_wall
 from proximity.studies.simulation.controller_in_loop import ControllerInLoop
-from proximity.studies.simulation.devices import Decaff, PenaltyWall
+from proximity.studies.simulation.devices import CoupledWall, Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.response import Response
 from proximity.studies.simulation.simulated_press import Wall
@@ -129,7 +129,7 @@ def _response(interval: Interval) -> Response:
         return real_wall(hand, press) if stiffness is None else soft_wall(hand, press, stiffness, damping)
     if interval.wall is Wall.COUPLED:
         gain = interval.gain if stiffness is None else stiffness
-        return penalty_wall(hand, press, PenaltyWall(gain, damping, DISTANCE_RATE, interval.latency))
+        return coupled_wall(hand, press, CoupledWall(gain, damping, DISTANCE_RATE, interval.latency))
     path = _finger_path()
     surface = None if stiffness is None else (stiffness, damping)
     controller = ControllerInLoop(FingerController(path, SERVO_RATE), path, surface)

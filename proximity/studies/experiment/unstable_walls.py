@@ -4,7 +4,7 @@ from proximity.studies.experiment.design import Condition, Design, Task
 from proximity.studies.experiment.display import interval_of
 from proximity.studies.experiment.observers import DISTANCE_RATE
 from proximity.studies.experiment.plan import is_compared
-from proximity.studies.simulation.devices import PenaltyWall
+from proximity.studies.simulation.devices import CoupledWall
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.simulated_press import Wall
 from proximity.studies.stability.coupled_limit import rests_on
@@ -34,7 +34,7 @@ def _said_of(task: Task, condition: Condition) -> str:
     for level in sorted(levels):
         interval = interval_of(task, condition, level)
         gain = interval.gain if interval.stiffness is None else interval.stiffness
-        wall = PenaltyWall(gain, interval.damping, DISTANCE_RATE, interval.latency)
+        wall = CoupledWall(gain, interval.damping, DISTANCE_RATE, interval.latency)
         if not rests_on(hand, wall):
             shaking.append(wall)
     if not shaking:

@@ -31,7 +31,7 @@ MOTION_SIZE = (style.COLUMN_WIDTH, 2.8)
 SIZE = (style.PAGE_WIDTH, 3.1)
 PLACED = {name: with_random_phases(drum, 1)[0] for name, drum in DRUMS.items()}
 """Drums with the wall at random within a count of their encoder."""
-STROKES = dict(zip(DRUMS, (style.PENALTY, style.TIME_STAMPED, style.LATCHED), strict=True))
+STROKES = dict(zip(DRUMS, (style.COUPLED, style.TIME_STAMPED, style.LATCHED), strict=True))
 
 
 def motion_numbers() -> Table:

@@ -11,7 +11,7 @@ from proximity.studies.figures import style
 from proximity.studies.figures.captions import caption, drum_words, hand_words
 from proximity.studies.figures.tables import Table
 from proximity.studies.simulation import sweeps
-from proximity.studies.simulation.closed_loop import decaff, penalty_wall
+from proximity.studies.simulation.closed_loop import coupled_wall, decaff
 from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation
@@ -26,7 +26,7 @@ SPEEDS = (0.1, 0.5)  # m/s
 RATE, LATENCY = 1000.0, 0.001  # Hz, s
 SIZE = (style.PAGE_WIDTH, 3.6)
 CURVES = {
-    "left": (Stretch.LEFT, style.PENALTY, "stretch left"),
+    "left": (Stretch.LEFT, style.COUPLED, "stretch left"),
     "torque": (Stretch.TORQUE, style.TIME_STAMPED, "made up for by torque"),
     "sensor": (Stretch.SENSOR, style.LATCHED, "made up for by a force sensor"),
     "slippery": (Stretch.SENSOR, style.SERIES[2], "the same, sheath without friction"),
@@ -36,12 +36,12 @@ CURVES = {
 def numbers() -> Table:
     """Return force errors and forces at rest over the stiffness of the cable, a row a speed and stiffness."""
     hand, glove = Hand(), Decaff(with_random_phases(GEAR4, 1)[0])
-    usual, coupled = TipCable.of(Glove()), sweeps.best_penalty_wall(hand, RATE, LATENCY)
+    usual, coupled = TipCable.of(Glove()), sweeps.best_coupled_wall(hand, RATE, LATENCY)
     rows = []
     for speed in SPEEDS:
         press = hand.press(speed)
         bounds = [
-            deviation(each).error for each in (penalty_wall(hand, press, coupled), decaff(hand, press, glove))
+            deviation(each).error for each in (coupled_wall(hand, press, coupled), decaff(hand, press, glove))
         ]
         for stiffness in STIFFNESSES:
             found = []

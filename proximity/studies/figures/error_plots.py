@@ -1,4 +1,4 @@
-"""Plots of the force error of penalty walls and drums against speed and latency."""
+"""Plots of the force error of coupled walls and drums against speed and latency."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -36,7 +36,7 @@ TARGETS = {
     "time_stamped": Target.TIME_STAMPED,
 }
 CURVES = (
-    ("penalty", style.PENALTY, "penalty wall, best tuned"),
+    ("coupled", style.COUPLED, "coupled wall, best tuned"),
     ("naive", style.NAIVE, "drum, naive"),
     ("latched", style.LATCHED, "drum, latched"),
     ("feed_forward", style.FEED_FORWARD, "drum, feed-forward"),
@@ -51,7 +51,7 @@ def numbers(latencies: Sequence[float], speeds: Sequence[float]) -> Table:
     Parameters
     ----------
     latencies : floats, s
-        Of walls and of distances. The penalty wall is tuned for each, once for all speeds.
+        Of walls and of distances. The coupled wall is tuned for each, once for all speeds.
     speeds : floats, m/s
         Of the approach.
     """
@@ -60,13 +60,13 @@ def numbers(latencies: Sequence[float], speeds: Sequence[float]) -> Table:
     floor = np.array([deviation(ideal_drum(hand, hand.press(speed))).error for speed in speeds])
     blocks = []
     for latency in latencies:
-        wall = sweeps.best_penalty_wall(hand, RATE, latency)
+        wall = sweeps.best_coupled_wall(hand, RATE, latency)
         block = {
             "latency_s": np.full(len(speeds), latency),
             "speed_m_per_s": np.array(speeds),
-            "penalty_stiffness_N_per_m": np.full(len(speeds), wall.stiffness),
-            "penalty_damping_N_s_per_m": np.full(len(speeds), wall.damping),
-            "penalty_error": sweeps.penalty_row(hand, wall, speeds=speeds).errors,
+            "coupled_stiffness_N_per_m": np.full(len(speeds), wall.stiffness),
+            "coupled_damping_N_s_per_m": np.full(len(speeds), wall.damping),
+            "coupled_error": sweeps.coupled_row(hand, wall, speeds=speeds).errors,
         }
         blocks.append(block | _drum_errors(hand, glove, latency, speeds) | {"ideal_drum_error": floor})
     return Table({name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]})
@@ -91,7 +91,7 @@ def numbers_against_latency() -> Table:
     """Return force errors at many latencies and two speeds.
 
     A drum's error goes by stairs, since its servo takes a distance at its next sample: each stair has a row
-    at either side, in which the penalty wall, which is not tuned there, is nan.
+    at either side, in which the coupled wall, which is not tuned there, is nan.
     """
     tuned = numbers(LATENCIES, LATENCY_PANELS)
     hand, glove = Hand(), Decaff(with_random_phases(GEAR4, 1)[0])
@@ -155,7 +155,7 @@ def draw_against_latency(figure: "Figure", table: Table) -> None:
 def _curves(panel: "Axes", across: np.ndarray, rows: Table) -> None:
     panel.set_xscale("log")
     panel.set_yscale("log")
-    is_tuned = np.isfinite(rows["penalty_error"])
+    is_tuned = np.isfinite(rows["coupled_error"])
     for name, stroke, label in CURVES:
         errors = rows[f"{name}_error"]
         is_known = np.isfinite(errors)

@@ -103,7 +103,7 @@ def drawer(name: str) -> "Callable[[Figure, Table], None]":
         above.plot(times, 1e3 * table["real_position_m"], **style.REAL)
         below.plot(times, table["real_force_N"], **style.REAL, label="real wall")
         if name != "5a":
-            stroke = style.line(style.PENALTY)
+            stroke = style.line(style.COUPLED)
             shown = {"5e": "simulated wall, as in 5b", "5f": "reacting operator"}.get(name, "simulated wall")
             above.plot(times, 1e3 * table["position_m"], **stroke)
             below.plot(times, table["force_N"], **stroke, label=shown)
@@ -142,7 +142,7 @@ def draw_all(figure: "Figure", table: Table) -> None:
         panel.plot(times, real, **style.REAL, label="real wall")
         if name != "5a":
             label = "simulated wall"
-            panel.plot(times, table[f"{name}_force_N"], **style.line(style.PENALTY), label=label)
+            panel.plot(times, table[f"{name}_force_N"], **style.line(style.COUPLED), label=label)
         _mark_events(panel)
     style.letter_panels(panels, (CAPTIONS[name] for name in FIGURES))
     panels[0].set_ylim(*FORCES_SHOWN)

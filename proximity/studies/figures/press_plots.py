@@ -23,7 +23,7 @@ MARGIN = 1.0  # mm, above and below what finger and wall do
 DEEPEST = -4.0  # mm: farther off, the finger is on its path
 STROKES = {
     Wall.REAL: style.REAL,
-    Wall.COUPLED: style.PENALTY,
+    Wall.COUPLED: style.COUPLED,
     Wall.DECAFF: {**style.TIME_STAMPED, "linestyle": (0, (3, 1))},
 }
 
@@ -89,7 +89,7 @@ def draw(figure: "Figure", table: Table, wall: Wall, note: str = "") -> None:
     below.plot(times, table["real_force_N"], **style.REAL, label="force, real wall")
     is_engine = "ideal_force_N" in table.columns
     if is_engine:
-        ideal = style.line(style.PENALTY)
+        ideal = style.line(style.COUPLED)
         below.plot(times, table["ideal_force_N"], **ideal, label="force, ideal distance")
     if wall != Wall.REAL:
         below.plot(

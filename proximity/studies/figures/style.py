@@ -31,7 +31,7 @@ DOTS_PER_INCH = 300
 Stroke = dict[str, Any]
 
 REAL: Stroke = {"color": "black", "linestyle": "-"}
-PENALTY: Stroke = {"color": "#D55E00", "linestyle": (0, (5, 2)), "marker": "s"}
+COUPLED: Stroke = {"color": "#D55E00", "linestyle": (0, (5, 2)), "marker": "s"}
 NAIVE: Stroke = {"color": "#999999", "linestyle": (0, (3, 1, 1, 1, 1, 1)), "marker": "v"}
 LATCHED: Stroke = {"color": "#CC79A7", "linestyle": (0, (1, 1)), "marker": "^"}
 FEED_FORWARD: Stroke = {
@@ -45,7 +45,7 @@ TIME_STAMPED: Stroke = {"color": "#0072B2", "linestyle": "-", "marker": "o"}
 FLOOR: Stroke = {"color": "black", "linestyle": (0, (1, 3))}
 SERIES: tuple[Stroke, ...] = (
     TIME_STAMPED,
-    PENALTY,
+    COUPLED,
     {**FEED_FORWARD, "markersize": 3.2, "markerfacecolor": "#56B4E9"},
     LATCHED,
 )

@@ -1,4 +1,4 @@
-"""Closed-loop simulation of hand and finger on a real wall, a penalty wall, or a drum.
+"""Closed-loop simulation of hand and finger on a real wall, a coupled wall, or a drum.
 
 The same hand presses on each, so that the forces compare. Times count from the contact: the instant at which
 the hand's intent reaches the surface, at 0. A drum learns of the wall by distances, late and now and then;
@@ -17,7 +17,7 @@ from proximity.decaff.drum.servo import SIMULATION_STEP, steps_a_sample
 from proximity.errors import DecaffError
 from proximity.studies.paper.trajectories import Intent
 from proximity.studies.simulation import loop_kernels, press_kernels
-from proximity.studies.simulation.devices import COUPLED_DEVICE, Decaff, Link, PenaltyWall
+from proximity.studies.simulation.devices import COUPLED_DEVICE, CoupledWall, Decaff, Link
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.response import Response
 from proximity.studies.simulation.target_policies import Controller, DistanceSample, Message, Target
@@ -25,7 +25,7 @@ from proximity.studies.simulation.tip_cable import TipCable
 
 TAIL = 0.100  # s, looked at after the hand has left: forces that come late still count
 LEAD = 0.005  # s, or m beyond the reach: free motion before anything happens
-PHASE = 0.1  # of a period, from a penalty wall's sample to the contact; assumed
+PHASE = 0.1  # of a period, from a coupled wall's sample to the contact; assumed
 
 
 def real_wall(
@@ -87,10 +87,10 @@ def soft_wall(
     return response
 
 
-def penalty_wall(
+def coupled_wall(
     hand: Hand,
     press: Intent,
-    wall: PenaltyWall,
+    wall: CoupledWall,
     *,
     device: Link = COUPLED_DEVICE,
     step: float = SIMULATION_STEP,
@@ -101,7 +101,7 @@ def penalty_wall(
     ----------
     hand, press : Hand, Press
         Who presses, and what is meant.
-    wall : PenaltyWall
+    wall : CoupledWall
         What pushes back.
     device : Link
         What hangs on the finger.
@@ -113,7 +113,7 @@ def penalty_wall(
     numbers = np.array([wall.stiffness, wall.damping, wall.resolution])
     samples = np.array([steps, round(wall.latency / response.step), round(PHASE * steps)])
     body = _body(hand, device)
-    press_kernels.press_penalty_wall(
+    press_kernels.press_coupled_wall(
         body, press.as_array(), numbers, samples, response.zero, response.step, response.record
     )
     return response

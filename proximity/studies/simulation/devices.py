@@ -1,4 +1,4 @@
-"""Devices of the closed loop: links, penalty walls, and gloves with a drum."""
+"""Devices of the closed loop: links, coupled walls, and gloves with a drum."""
 
 import math
 from dataclasses import dataclass, field
@@ -36,7 +36,7 @@ MASSLESS_MOTOR = Link(mass=0.005, damping=0.05)
 
 
 @dataclass(frozen=True, slots=True)
-class PenaltyWall:
+class CoupledWall:
     """A traditional wall: a spring and a damper on sampled positions, late, held, never pulling."""
 
     stiffness: float  # N/m

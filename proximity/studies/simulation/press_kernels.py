@@ -1,7 +1,7 @@
-"""Kernels that step a finger, driven by its hand, on a real wall and on a penalty wall.
+"""Kernels that step a finger, driven by its hand, on a real wall and on a coupled wall.
 
 Steps are semi-implicit (speeds first, positions with the new speeds). A run has its contact at row *zero* of
-the record; row i is the instant (i - zero) step. The device of a penalty wall is bound to the finger through
+the record; row i is the instant (i - zero) step. The device of a coupled wall is bound to the finger through
 the pad, which pushes and pulls; a real wall only pushes.
 """
 
@@ -50,7 +50,7 @@ RECORD_CONTACT = 6  # N, on the link
 RECORD_THIMBLE = 7  # m, of what the pad presses on: the cable's near end
 RECORD_SIZE = 8
 
-# --- a penalty wall ---
+# --- a coupled wall ---
 WALL_STIFFNESS = 0  # N/m
 WALL_DAMPING = 1  # N s/m
 WALL_RESOLUTION = 2  # m, of the encoder; 0: none
@@ -164,7 +164,7 @@ def press_soft_wall(
 
 
 @entry("float64[:], float64[:], float64[:], int64[:], int, float, float64[:, :]", makes_arrays=True)
-def press_penalty_wall(
+def press_coupled_wall(
     body: np.ndarray,
     press: np.ndarray,
     wall: np.ndarray,

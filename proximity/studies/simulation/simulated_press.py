@@ -9,14 +9,14 @@ from proximity.decaff.arguments import not_negative
 from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.errors import DecaffError
-from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
-from proximity.studies.simulation.devices import Decaff, PenaltyWall
+from proximity.studies.simulation.closed_loop import coupled_wall, decaff, real_wall
+from proximity.studies.simulation.devices import CoupledWall, Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import drum_offset, force_error, onset, rest, work
 from proximity.studies.simulation.response import Response
 from proximity.studies.simulation.sweeps import (
     Stretch,
-    best_penalty_wall,
+    best_coupled_wall,
     with_drum,
     with_latency,
     with_transmission,
@@ -100,7 +100,7 @@ class Simulation:
     setup: Setup
     response: Response
     real: Response  # the same on a real wall, at the same instants
-    penalty: PenaltyWall | None  # the coupled wall, tuned
+    coupled: CoupledWall | None  # the coupled wall, tuned
 
     @property
     def felt(self) -> Felt:
@@ -126,11 +126,11 @@ def simulate(setup: Setup) -> Simulation:
     DecaffError
         If the stiffness or the damping is negative.
     """
-    hand, penalty = Hand(), None
+    hand, coupled = Hand(), None
     press = hand.press(setup.speed)
     if setup.wall == Wall.COUPLED:
-        penalty = _penalty(hand, setup)
-        response = penalty_wall(hand, press, penalty)
+        coupled = _coupled(hand, setup)
+        response = coupled_wall(hand, press, coupled)
     elif setup.wall == Wall.DECAFF:
         glove = with_drum(Decaff(), with_random_phases(DRUMS[setup.drum], 1)[0], SERVO_RATE)
         reported = with_latency(glove, setup.latency, setup.rate)
@@ -140,7 +140,7 @@ def simulate(setup: Setup) -> Simulation:
         response = decaff(hand, press, reported, POLICIES[setup.policy])
     else:
         response = real_wall(hand, press)
-    return Simulation(setup, response, real_wall(hand, press, like=response), penalty)
+    return Simulation(setup, response, real_wall(hand, press, like=response), coupled)
 
 
 def felt(response: Response) -> Felt:
@@ -157,10 +157,10 @@ def felt(response: Response) -> Felt:
     )
 
 
-def _penalty(hand: Hand, setup: Setup) -> PenaltyWall:
+def _coupled(hand: Hand, setup: Setup) -> CoupledWall:
     if setup.stiffness is None or setup.damping is None:
-        return best_penalty_wall(hand, setup.rate, setup.latency)
-    return PenaltyWall(setup.stiffness, setup.damping, setup.rate, setup.latency)
+        return best_coupled_wall(hand, setup.rate, setup.latency)
+    return CoupledWall(setup.stiffness, setup.damping, setup.rate, setup.latency)
 
 
 def _within(name: str, value: float, limits: tuple[float, float], unit: str) -> None:
@@ -202,7 +202,7 @@ def cable_words(stiffness: float, stretch: str) -> str:
 
 def document(simulation: Simulation) -> dict[str, Any]:
     """Return all that is reported of a press, as plain values in SI units."""
-    setup, penalty = simulation.setup, simulation.penalty
+    setup, coupled = simulation.setup, simulation.coupled
     reported: dict[str, Any] = {"wall": str(setup.wall), "speed": setup.speed}
     if setup.wall != Wall.REAL:
         reported |= {"latency": setup.latency, "rate": setup.rate}
@@ -210,7 +210,7 @@ def document(simulation: Simulation) -> dict[str, Any]:
         reported |= {"drum": setup.drum, "policy": setup.policy, "drum_offset": simulation.drum_offset}
         if setup.cable is not None:
             reported |= {"cable": setup.cable, "stretch": setup.stretch}
-    if penalty is not None:
-        reported |= {"stiffness": penalty.stiffness, "damping": penalty.damping}
+    if coupled is not None:
+        reported |= {"stiffness": coupled.stiffness, "damping": coupled.damping}
     reported["force_error"] = simulation.force_error
     return reported | {"felt": asdict(simulation.felt), "real": asdict(felt(simulation.real))}

@@ -1,6 +1,6 @@
 """Sweeps of presses: walls against speed, latency, rate and drum (docs/science/drum.md).
 
-A penalty wall is given the best stiffness and damping of a grid for its rate and latency: the most favourable
+A coupled wall is given the best stiffness and damping of a grid for its rate and latency: the most favourable
 tuning there is, one for all speeds.
 """
 
@@ -16,8 +16,8 @@ from proximity.decaff.drum.servo import servo_for
 from proximity.decaff.glove.default_bend import CONTACT_BEND
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
-from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
-from proximity.studies.simulation.devices import COUPLED_DEVICE, Decaff, Link, PenaltyWall
+from proximity.studies.simulation.closed_loop import coupled_wall, decaff, real_wall
+from proximity.studies.simulation.devices import COUPLED_DEVICE, CoupledWall, Decaff, Link
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import Deviation, deviation, force_error
 from proximity.studies.simulation.response import Response
@@ -41,7 +41,7 @@ HALVINGS = 14  # of that, in its logarithm: to a thousandth
 class Row:
     """One wall at several speeds."""
 
-    wall: PenaltyWall | Decaff
+    wall: CoupledWall | Decaff
     speeds: tuple[float, ...]  # m/s
     deviations: tuple[Deviation, ...]  # one a speed
 
@@ -51,14 +51,14 @@ class Row:
         return np.array([one.error for one in self.deviations])
 
 
-def best_penalty_wall(
+def best_coupled_wall(
     hand: Hand,
     rate: float,
     latency: float,
     *,
     device: Link = COUPLED_DEVICE,
     speeds: Sequence[float] = SPEEDS,
-) -> PenaltyWall:
+) -> CoupledWall:
     """Return the wall of the grid whose force errors, averaged over the speeds, are least.
 
     Parameters
@@ -76,13 +76,13 @@ def best_penalty_wall(
     """
     presses = [hand.press(speed) for speed in speeds]
     references: list[Response] = []
-    best, best_error = PenaltyWall(0.0, 0.0, rate, latency), np.inf
+    best, best_error = CoupledWall(0.0, 0.0, rate, latency), np.inf
     for ratio in DAMPING_RATIOS:
         for stiffness in STIFFNESSES:
             damping = ratio * stiffness * (latency + 1.0 / rate)
-            wall = PenaltyWall(stiffness, damping, rate, latency)
+            wall = CoupledWall(stiffness, damping, rate, latency)
             responses = [
-                penalty_wall(hand, press, wall, device=device, step=TUNING_STEP) for press in presses
+                coupled_wall(hand, press, wall, device=device, step=TUNING_STEP) for press in presses
             ]
             references = references or [real_wall(hand, one.press, like=one) for one in responses]
             errors = [force_error(one, real) for one, real in zip(responses, references, strict=True)]
@@ -93,19 +93,19 @@ def best_penalty_wall(
     return best
 
 
-def penalty_row(
-    hand: Hand, wall: PenaltyWall, *, device: Link = COUPLED_DEVICE, speeds: Sequence[float] = SPEEDS
+def coupled_row(
+    hand: Hand, wall: CoupledWall, *, device: Link = COUPLED_DEVICE, speeds: Sequence[float] = SPEEDS
 ) -> Row:
-    """Return how far a penalty wall is from a real one at several speeds.
+    """Return how far a coupled wall is from a real one at several speeds.
 
     Parameters
     ----------
     hand, wall, device
-        As of `closed_loop.penalty_wall`.
+        As of `closed_loop.coupled_wall`.
     speeds : floats, m/s
         Of the approach.
     """
-    deviations = (deviation(penalty_wall(hand, hand.press(speed), wall, device=device)) for speed in speeds)
+    deviations = (deviation(coupled_wall(hand, hand.press(speed), wall, device=device)) for speed in speeds)
     return Row(wall, tuple(speeds), tuple(deviations))
 
 

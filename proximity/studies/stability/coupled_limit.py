@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from proximity.decaff.arguments import positive
-from proximity.studies.simulation.devices import COUPLED_DEVICE, Link, PenaltyWall
+from proximity.studies.simulation.devices import COUPLED_DEVICE, CoupledWall, Link
 from proximity.studies.simulation.hand import Hand
 
 FASTEST_TURNS = 3.0  # of the delay: beyond, the device's mass alone resists with more
@@ -70,14 +70,14 @@ def critical_stiffness(hand: Hand, device: Link, delay: float) -> float:
     return min((-float(needed(root).real) for root in roots if needed(root).real < 0.0), default=math.inf)
 
 
-def rests_on(hand: Hand, wall: PenaltyWall, device: Link = COUPLED_DEVICE) -> bool:
+def rests_on(hand: Hand, wall: CoupledWall, device: Link = COUPLED_DEVICE) -> bool:
     """Return whether a finger comes to rest on a sampled wall, by the eigenvalues of the loop.
 
     Parameters
     ----------
     hand, device : Hand, Link
         As of `device_resistance`.
-    wall : PenaltyWall
+    wall : CoupledWall
         Its latency is rounded to whole samples, and the steps of its encoder are not looked at.
 
     Notes

@@ -14,8 +14,8 @@ from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.service.config.table_fields import Range
 from proximity.studies.simulation import tip_cable
-from proximity.studies.simulation.closed_loop import decaff, penalty_wall, real_wall
-from proximity.studies.simulation.devices import Decaff, PenaltyWall
+from proximity.studies.simulation.closed_loop import coupled_wall, decaff, real_wall
+from proximity.studies.simulation.devices import CoupledWall, Decaff
 from proximity.studies.simulation.hand import HOLD_TIME, Hand
 from proximity.studies.simulation.metrics import deviation
 from proximity.studies.simulation.simulated_press import (
@@ -27,7 +27,7 @@ from proximity.studies.simulation.simulated_press import (
     STIFFEST,
     Wall,
 )
-from proximity.studies.simulation.sweeps import Stretch, best_penalty_wall, with_latency, with_transmission
+from proximity.studies.simulation.sweeps import Stretch, best_coupled_wall, with_latency, with_transmission
 from proximity.studies.sweep.jobs import Factor, Job, Kind, Measure, Values
 from proximity.studies.sweep.node_files import NodeFiles
 
@@ -109,8 +109,8 @@ def run(values: Values, files: NodeFiles) -> dict[str, Any]:
     if values["wall"] == Wall.REAL:
         response = real_wall(hand, press)
     elif values["wall"] == Wall.COUPLED:
-        coupled = _penalty(values)
-        response = penalty_wall(hand, press, coupled)
+        coupled = _coupled(values)
+        response = coupled_wall(hand, press, coupled)
     else:
         response = decaff(hand, press, _glove(values), POLICIES[values["policy"]])
     found = deviation(response)
@@ -122,18 +122,18 @@ def run(values: Values, files: NodeFiles) -> dict[str, Any]:
     }
 
 
-def _penalty(values: Values) -> PenaltyWall:
+def _coupled(values: Values) -> CoupledWall:
     stiffness, damping = (values[name] for name in TOGETHER)
     if stiffness is None and damping is None:
         return _tuned(values["rate"], values["latency"])
     if stiffness is None or damping is None:
         raise DecaffError("stiffness and damping belong together: expected both as numbers, or both tuned")
-    return PenaltyWall(stiffness, damping, values["rate"], values["latency"])
+    return CoupledWall(stiffness, damping, values["rate"], values["latency"])
 
 
 @lru_cache(maxsize=256)
-def _tuned(rate: float, latency: float) -> PenaltyWall:
-    return best_penalty_wall(Hand(), rate, latency)
+def _tuned(rate: float, latency: float) -> CoupledWall:
+    return best_coupled_wall(Hand(), rate, latency)
 
 
 @lru_cache(maxsize=256)

@@ -300,8 +300,8 @@ def _print(press: "Simulation") -> None:
     print_block(
         console, [("wall", simulated_press.describe(press)), ("approach", f"{press.setup.speed:g} m/s")]
     )
-    if press.penalty is not None:
-        gains = f"{press.penalty.stiffness:.4g} N/m, {press.penalty.damping:.3g} N·s/m"
+    if press.coupled is not None:
+        gains = f"{press.coupled.stiffness:.4g} N/m, {press.coupled.damping:.3g} N·s/m"
         device = f"{1e3 * COUPLED_DEVICE.mass:g} g that the finger carries"
         print_block(console, [("spring, damper", gains), ("device", device)])
     console.print()

@@ -73,4 +73,4 @@ def _print(rows: "list[VrRow]") -> None:
 
     console = results_console()
     console.print("Ticks at 1 kHz")
-    print_fitting(console, [across, down])
+    print_fitting(console, [across(), down()])
