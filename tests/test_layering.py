@@ -63,7 +63,7 @@ batches · query_arguments · results
 loop
 inputs
 answers · frame_builder · frame_output · hosting · report · sample_filter
-bends · clock · config · description · finger_kernels · histogram · instant_advice
+bends · clock · config · description · finger_kernels · histogram
 log_writer · presence · realtime · samples
 """,
     "proximity.service.inputs": """

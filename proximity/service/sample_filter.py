@@ -5,8 +5,8 @@ import logging
 import numpy as np
 
 from proximity.message.envelope import MAX_FUTURE_NS
+from proximity.message.instant_advice import on_backwards, on_future, on_too_old
 from proximity.service import finger_kernels
-from proximity.service.instant_advice import on_backwards, on_future, on_too_old
 from proximity.service.samples import Samples
 from proximity.system.time_units import NS_PER_MS
 

@@ -8,10 +8,10 @@ import numpy as np
 from proximity.errors import PoseError, SceneError
 from proximity.message import MOVES
 from proximity.message.envelope import MAX_FUTURE_NS
+from proximity.message.instant_advice import on_backwards, on_future, on_too_old
 from proximity.scene.scene import Scene
 from proximity.service.inputs.part_prediction import Carried, ReportedMotion
 from proximity.service.inputs.reception import Reception
-from proximity.service.instant_advice import on_backwards, on_future, on_too_old
 from proximity.service.presence import Presence
 from proximity.service.samples import FingerPoses
 from proximity.system.time_units import NS_PER_MS, NS_PER_S

@@ -17,6 +17,7 @@ from proximity.studies.figures.style import write_bytes
 
 HERE = Path(__file__).parent
 Rows = list[Sequence[Any]]
+Tables = dict[str, tuple[tuple[str, ...], Rows]]
 METHODS = {
     Procedure.CONSTANT: "the method of constant stimuli",
     Procedure.STAIRCASE: "a 3-down-1-up staircase",
@@ -61,10 +62,9 @@ def write_report(findings: Findings, folder: Path) -> list[Path]:
     return [folder / name for name in page | files]
 
 
-def tables_of(findings: Findings) -> dict[str, tuple[tuple[str, ...], Rows]]:
+def tables_of(findings: Findings) -> Tables:
     """Return the tables of a report by name: their columns, and their rows."""
     kinds = {task.name: task.kind for task in findings.design.tasks}
-    found = [one for one in findings.comparisons.values() if one is not None]
     return {
         "thresholds": (
             ("participant", "task", "condition", "threshold", "lower", "upper", "width", "lapse", "trials"),
@@ -81,6 +81,28 @@ def tables_of(findings: Findings) -> dict[str, tuple[tuple[str, ...], Rows]]:
                 for one in findings.scores
             ],
         ),
+        **_comparison_tables(findings, kinds),
+        "exclusions": (
+            ("participant", "trial", "why"),
+            [
+                (one.participant, "all" if one.trial is None else one.trial, one.why)
+                for one in findings.exclusions
+            ],
+        ),
+        "not_analysed": (
+            ("task", "condition", "participants", "why"),
+            [
+                (one.task, one.condition, " ".join(one.participants) or "all", one.why)
+                for one in findings.missing
+            ],
+        ),
+    }  # fmt: skip
+
+
+def _comparison_tables(findings: Findings, kinds: dict[str, Kind]) -> Tables:
+    """Those of the comparisons between conditions."""
+    found = [one for one in findings.comparisons.values() if one is not None]
+    return {
         "means": (
             ("task", "condition", "mean", "lower", "upper", "p_chance", "participants"),
             [
@@ -103,20 +125,6 @@ def tables_of(findings: Findings) -> dict[str, tuple[tuple[str, ...], Rows]]:
                  one.bayes_factor_none, one.participants)
                 for comparison in found
                 for one in comparison.differences
-            ],
-        ),
-        "exclusions": (
-            ("participant", "trial", "why"),
-            [
-                (one.participant, "all" if one.trial is None else one.trial, one.why)
-                for one in findings.exclusions
-            ],
-        ),
-        "not_analysed": (
-            ("task", "condition", "participants", "why"),
-            [
-                (one.task, one.condition, " ".join(one.participants) or "all", one.why)
-                for one in findings.missing
             ],
         ),
     }  # fmt: skip
