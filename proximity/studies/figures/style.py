@@ -87,11 +87,11 @@ def load_figure() -> "type[Figure]":
     DecaffError
         If matplotlib is not there; it says what to install. Or if it refuses its own settings.
     """
-    try:
-        with needed("figures need", "sim", DecaffError):
+    with needed("figures need", "sim", DecaffError):
+        try:
             figure: type[Figure] = import_module("matplotlib.figure").Figure
-    except ValueError as unfit:  # of MPLBACKEND, though nothing is shown
-        raise DecaffError(f"figures need matplotlib, which cannot be used ({unfit})") from unfit
+        except ValueError as unfit:  # of MPLBACKEND, though nothing is shown
+            raise DecaffError(f"figures need matplotlib, which cannot be used ({unfit})") from unfit
     return figure
 
 
