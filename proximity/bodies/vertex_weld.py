@@ -81,13 +81,16 @@ def _unpaired_edges(corners: np.ndarray) -> np.ndarray:
     """The ends of the edges that are not closed, (E, 2)."""
     edges = edge_runs(corners)
     half_edges = edges.order[edges.starts[(2 * edges.forward_counts != edges.counts) & ~edges.is_loop]]
-    face, edge = np.divmod(half_edges, 3)
-    return np.stack([corners[face, edge], corners[face, (edge + 1) % 3]], axis=1)
+    return _ends(corners, *np.divmod(half_edges, 3))
 
 
 def _rim_corners(corners: np.ndarray, has_open_edge: np.ndarray) -> np.ndarray:
-    face, edge = np.nonzero(has_open_edge)
-    return np.unique(np.concatenate([corners[face, edge], corners[face, (edge + 1) % 3]]))
+    return np.unique(_ends(corners, *np.nonzero(has_open_edge)))
+
+
+def _ends(corners: np.ndarray, face: np.ndarray, edge: np.ndarray) -> np.ndarray:
+    """Both corners of edges, (E, 2)."""
+    return np.stack([corners[face, edge], corners[face, (edge + 1) % 3]], axis=1)
 
 
 def _near_pairs(rim: np.ndarray, unit_positions: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:

@@ -64,18 +64,17 @@ class SampleFilter:
         """
         kept, mask = self.kept, self._mask
         self._refuse_too_old(newer, now_ns)
-        refused_before = self._refused_ns.copy()
         future, backwards = finger_kernels.admit(
             kept.pose_ns, kept.values, newer.pose_ns, newer.values, self._refused_ns, self._taken,
             now_ns + MAX_FUTURE_NS,
         )  # fmt: skip
         # Only the first of each: a warning at every message would be a flood.
-        is_refused = self._refused_ns != refused_before
         if future and not self.future:
-            self._warn("poses from the future", on_future(int(newer.pose_ns[is_refused].max()) - now_ns))
+            self._warn("poses from the future", on_future(int(newer.pose_ns[~mask].max()) - now_ns))
         if backwards and not self.backwards:
-            back_ns = (kept.pose_ns - newer.pose_ns)[is_refused].max()
-            self._warn("poses older than the one before", on_backwards(int(back_ns)))
+            is_back = ~mask & (newer.pose_ns < kept.pose_ns)
+            back_ns = int((kept.pose_ns - newer.pose_ns)[is_back].max())
+            self._warn("poses older than the one before", on_backwards(back_ns))
         self.future += future
         self.backwards += backwards
         kept.take_rest(newer, slice(None) if mask.all() else mask)

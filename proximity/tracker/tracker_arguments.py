@@ -10,7 +10,7 @@ from proximity.errors import QueryError
 from proximity.kernels.tracking.track import MOST_NS
 
 LONGEST_LATENCY = 1.0
-"""s, as in a scene file; and 20 ms that are given as 20."""
+"""s, as in a scene file; 20 ms that are given as 20 are more."""
 LARGEST_RADIUS = 0.1
 """m; no fingertip is larger, and 7 mm that are given as 7 are."""
 LARGEST_WORKING_RANGE = 10.0
