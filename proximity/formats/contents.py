@@ -22,6 +22,7 @@ class Geometry:
         np.ndarray
     )  # (F,) int32, zero-based: the polygon of the file; STEP: the CAD face of the part
     pose: Pose  # world_from_part, m
+    is_hidden: bool = False  # in the file
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +50,7 @@ class RawMesh:
     faces: np.ndarray  # (F, 3) int64
     source_faces: np.ndarray  # (F,) int32
     matrix: np.ndarray | None = None  # (4, 4) float64, world from mesh; None: identity
+    is_hidden: bool = False  # a part that no question finds until it is shown
 
 
 @dataclass(slots=True, eq=False)

@@ -144,6 +144,11 @@ def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry,
     if not meshes:
         raise MeshFormatError("it contains no faces")
     names, notes = unique_names([mesh.name.strip() or stem for mesh in meshes])
+    hidden = [
+        text_rows.shortened(name, 60) for mesh, name in zip(meshes, names, strict=True) if mesh.is_hidden
+    ]
+    if hidden:
+        notes.append(f"hidden in the file, and so in the scene: {text_rows.listed(hidden)}")
     shared: dict[tuple, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
     geometries = []
     for mesh, name in zip(meshes, names, strict=True):
@@ -157,7 +162,7 @@ def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry,
         if key not in shared:
             shared[key] = _arrays(mesh, name, placement, metres)
         vertices, faces, source_faces = shared[key]
-        geometries.append(Geometry(name, vertices, faces, source_faces, pose))
+        geometries.append(Geometry(name, vertices, faces, source_faces, pose, mesh.is_hidden))
     return tuple(geometries), notes
 
 

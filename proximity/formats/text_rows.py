@@ -16,6 +16,8 @@ LARGEST_EXACT_INTEGER = 2.0**53
 MOST_COUNT_DIGITS = 18
 """Of the number of rows that a file declares; that many fit into 64 bits."""
 
+_NAMES_LISTED = 3
+
 
 def read_rows(rows: list[str], locate: Callable[[int], str]) -> list[tuple[np.ndarray, np.ndarray]]:
     """Read rows of numbers, grouped by how many numbers they have.
@@ -146,3 +148,9 @@ def in_one_line(reason: Exception) -> str:
     """Return type and message of an exception, shortened."""
     message = " ".join(str(reason).split())
     return f"{type(reason).__name__}: {message[:120]}" if message else type(reason).__name__
+
+
+def listed(names: list[str]) -> str:
+    """Return the first names of many, for a note, and how many there are besides."""
+    more = len(names) - _NAMES_LISTED
+    return ", ".join(names[:_NAMES_LISTED]) + (f" and {more} more" if more > 0 else "")

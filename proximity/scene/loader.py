@@ -132,7 +132,12 @@ def _parts_of(geometries: Iterable[Geometry], origin: str) -> list[Part]:
         first, bodies = first_of[arrays]
         # A part that occurs at many poses is looked through and given its tree once.
         parts += [
-            replace(body, name=geometry.name + body.name.removeprefix(first.name), pose=geometry.pose)
+            replace(
+                body,
+                name=geometry.name + body.name.removeprefix(first.name),
+                pose=geometry.pose,
+                is_hidden=geometry.is_hidden,
+            )
             for body in bodies
         ]
     return _with_own_names(parts)
@@ -176,7 +181,5 @@ def _with_own_names(parts: list[Part]) -> list[Part]:
             number += 1
             name = f"{part.name}#{number}"
         taken.add(name)
-        renamed.append(
-            part if name == part.name else Part(name, part.solid, part.pose, part.source_faces, part.repairs)
-        )
+        renamed.append(part if name == part.name else replace(part, name=name))
     return renamed

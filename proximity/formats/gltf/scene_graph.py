@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import MeshFormatError
+from proximity.formats import text_rows
 from proximity.formats.contents import check_part_count
-from proximity.formats.gltf.buffers import Document, entries, integer, numbers
+from proximity.formats.gltf.buffers import Document, entries, extension, integer, numbers
 
 _MOST_NODES = 200_000
 _TRANSFORMS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
@@ -18,26 +19,24 @@ _TRANSFORMS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
 class Node:
     """A node that is in the scene."""
 
+    index: int
     name: str  # of the node, else of its mesh, else ""
     mesh: int | None
+    weights: tuple[float, ...]  # of morph targets: of the node, else of its mesh
     has_skin: bool
+    is_hidden: bool  # itself, or a node above it
     matrix: np.ndarray  # (4, 4) float64, world from node
+
+    @property
+    def label(self) -> str:
+        """What a message calls it."""
+        return text_rows.shortened(self.name, 60) if self.name else f"node {self.index}"
 
 
 def walk(document: Document, *, named_after_meshes: bool = False) -> list[Node]:
     """Return the nodes of the default scene, parents before children, in the order of the file.
 
-    Parameters
-    ----------
-    document : Document
-        The file.
-    named_after_meshes : bool
-        The name of its mesh goes before a node's own.
-
-    Raises
-    ------
-    MeshFormatError
-        If nodes refer to what is not there, to one another in a circle, or have a wrong transform.
+    With *named_after_meshes* the name of its mesh goes before a node's own.
     """
     given = entries(document.json, "nodes")
     check_part_count(sum(isinstance(node, dict) and "mesh" in node for node in given))
@@ -45,16 +44,19 @@ def walk(document: Document, *, named_after_meshes: bool = False) -> list[Node]:
         raise MeshFormatError(f"it has {len(given)} nodes, expected at most {_MOST_NODES}")
     nodes: list[Node] = []
     seen: set[int] = set()
-    waiting = [(index, np.eye(4)) for index in reversed(_roots(document))]
+    waiting = [(index, np.eye(4), False) for index in reversed(_roots(document))]
     while waiting:
-        index, world_from_parent = waiting.pop()
+        index, world_from_parent, is_hidden = waiting.pop()
         if index in seen:
             raise MeshFormatError(f"node {index} occurs in the scene twice, expected a tree")
         seen.add(index)
         entry = document.entry("nodes", index)
-        nodes.append(_node(document, entry, index, world_from_parent, named_after_meshes))
+        node = _node(document, entry, index, world_from_parent, named_after_meshes)
+        is_shown = extension(entry, "KHR_node_visibility", f"node {index}").get("visible") is not False
+        node.is_hidden = is_hidden or not is_shown
+        nodes.append(node)
         children = [integer(child, f"the children of node {index}") for child in entries(entry, "children")]
-        waiting += [(child, nodes[-1].matrix) for child in reversed(children)]
+        waiting += [(child, node.matrix, node.is_hidden) for child in reversed(children)]
     return nodes
 
 
@@ -87,12 +89,15 @@ def _node(
     if "rotation" in given and not any(given["rotation"]):
         raise MeshFormatError(f"the rotation of node {index} is zero, expected a unit quaternion")
     mesh = None if entry.get("mesh") is None else integer(entry["mesh"], f"the mesh of node {index}")
-    names = [entry.get("name"), None if mesh is None else document.entry("meshes", mesh).get("name")]
+    of_mesh = {} if mesh is None else document.entry("meshes", mesh)
+    names = [entry.get("name"), of_mesh.get("name")]
     if mesh_name_first:
         names.reverse()
     name = next((str(name) for name in names if isinstance(name, str) and name.strip()), "")
     matrix = world_from_parent @ _local_matrix(given) if given else world_from_parent
-    return Node(name, mesh, entry.get("skin") is not None, matrix)
+    weights = entries(entry, "weights") or entries(of_mesh, "weights")
+    weights = numbers(weights, len(weights), f"the weights of node {index}")
+    return Node(index, name, mesh, tuple(weights), entry.get("skin") is not None, False, matrix)
 
 
 def _local_matrix(given: dict[str, list[float]]) -> np.ndarray:
