@@ -16,8 +16,6 @@ LARGEST_EXACT_INTEGER = 2.0**53
 MOST_COUNT_DIGITS = 18
 """Of the number of rows that a file declares; that many fit into 64 bits."""
 
-_NAMES_LISTED = 3
-
 
 def read_rows(rows: list[str], locate: Callable[[int], str]) -> list[tuple[np.ndarray, np.ndarray]]:
     """Read rows of numbers, grouped by how many numbers they have.
@@ -150,7 +148,6 @@ def in_one_line(reason: Exception) -> str:
     return f"{type(reason).__name__}: {message[:120]}" if message else type(reason).__name__
 
 
-def listed(names: list[str]) -> str:
+def listed(names: list[str], most: int = 3) -> str:
     """Return the first names of many, for a note, and how many there are besides."""
-    more = len(names) - _NAMES_LISTED
-    return ", ".join(names[:_NAMES_LISTED]) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

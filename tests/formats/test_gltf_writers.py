@@ -457,6 +457,23 @@ def test_damaged_draco_stream_is_refused(tmp_path):
     assert refusal(tmp_path, *packed_document(stream, position_id=5)).startswith(message)
 
 
+def test_draco_attribute_that_holds_no_positions_is_refused(tmp_path):
+    stream = draco_stream(generic_attributes={5: np.zeros((8, 2), np.float32)})
+    assert refusal(tmp_path, *packed_document(stream, position_id=5)) == (
+        "its positions stored by KHR_draco_mesh_compression are not 3 numbers each"
+    )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_crash_of_the_draco_decoder_is_a_sentence(tmp_path, monkeypatch):
+    pytest.importorskip("DracoPy")
+    monkeypatch.setattr(draco, "_WORKER", tmp_path / "worker.py")
+    draco._WORKER.write_text("import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
+    assert refusal(tmp_path, *packed_document(b"DRACO")) == (
+        "its geometry stored by KHR_draco_mesh_compression cannot be unpacked (the decoder crashed, signal 9)"
+    )
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory")
 def test_draco_stream_that_claims_a_billion_faces_is_refused(tmp_path):
     draco_stream()  # skips without the decoder

@@ -46,10 +46,6 @@ def unpack(streams: Sequence[tuple[memoryview, int]]) -> list[tuple[np.ndarray, 
         raise MeshFormatError(f"its geometry stored by {EXTENSION} cannot be unpacked ({reported})")
     found = io.BytesIO(done.stdout)
     unpacked = [(np.load(found), np.load(found)) for _ in streams]
-    for faces, points in unpacked:
-        if faces.shape[1:] != (3,) or points.shape[1:] != (3,):
-            raise MeshFormatError(
-                f"its geometry stored by {EXTENSION} has faces of shape {faces.shape} and positions of shape "
-                f"{points.shape}, expected 3 numbers a row"
-            )
+    if not all(array.shape[1:] == (3,) for arrays in unpacked for array in arrays):
+        raise MeshFormatError(f"its positions stored by {EXTENSION} are not 3 numbers each")
     return unpacked

@@ -11,13 +11,14 @@ import DracoPy
 import numpy as np
 
 _LEAST_MEMORY, _MEMORY_PER_BYTE = 2 << 30, 400
-"""What the process may take, where the system can limit it: packed meshes seldom grow twentyfold."""
+"""What the process may take on Linux, the only system that limits it: packed meshes seldom grow twentyfold."""
 
 
 def main() -> None:
     """Unpack all streams of standard input."""
     data = sys.stdin.buffer.read()
-    _limit_memory(_LEAST_MEMORY + _MEMORY_PER_BYTE * len(data))
+    if sys.platform == "linux":
+        _limit_memory(_LEAST_MEMORY + _MEMORY_PER_BYTE * len(data))
     source = io.BytesIO(data)
     for position_id in np.load(source):
         mesh = DracoPy.decode(np.load(source).tobytes())
@@ -27,10 +28,8 @@ def main() -> None:
 
 
 def _limit_memory(size: int) -> None:
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
+    import resource
+
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
     resource.setrlimit(resource.RLIMIT_AS, (size if hard < 0 else min(size, hard), hard))
 

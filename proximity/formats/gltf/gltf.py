@@ -55,7 +55,7 @@ def read_document(
     nodes = [
         node
         for node in scene_graph.walk(document, named_after_meshes=named_after_meshes)
-        if node.mesh is not None
+        if node.mesh != scene_graph.NO_MESH
     ]
     surfaces = primitives.read_meshes(document, sorted({node.mesh for node in nodes}), notes)
     meshes = _placed(nodes, _parts(document, nodes, surfaces), notes)
@@ -65,22 +65,13 @@ def read_document(
 
 def _check_extensions(document: Document) -> None:
     """Refuse geometry that cannot be read by the name of its extension: it would arrive as zeros, or not."""
-    used, required = ([str(name) for name in buffers.entries(document.json, key)] for key in _EXTENSION_LISTS)
+    used, required = (list(map(str, buffers.entries(document.json, key))) for key in _EXTENSION_LISTS)
+    refused = "its geometry is stored by {}, which is not supported; export it without"
     if _INSTANCING in used + required:
-        raise MeshFormatError(
-            f"its geometry is stored by {_INSTANCING}, which is not supported; export it without"
-        )
+        raise MeshFormatError(refused.format(_INSTANCING))
     for name in _MESHOPT:
-        views = buffers.entries(document.json, "buffers")
-        without = any(
-            isinstance(entry, dict) and "uri" not in entry and buffers.extension(entry, name, f"buffer {k}")
-            for k, entry in enumerate(views)
-        )
-        if name in required or without:
-            raise MeshFormatError(
-                f"its geometry is stored by {name}, which is not supported; export it without, or unpack it "
-                "by: gltfpack -noq -kn"
-            )
+        if name in required or _has_empty_buffer(document, name):
+            raise MeshFormatError(f"{refused.format(name)}, or unpack it by: gltfpack -noq -kn")
     if draco.EXTENSION in required:
         draco.check_installed()
     for name in required:
@@ -88,6 +79,13 @@ def _check_extensions(document: Document) -> None:
             raise MeshFormatError(
                 f"it requires the extension {text_rows.shortened(name, 60)}, which is not read"
             )
+
+
+def _has_empty_buffer(document: Document, name: str) -> bool:
+    """Whether there is a buffer whose bytes only an extension has."""
+    count = len(buffers.entries(document.json, "buffers"))
+    every = ((k, document.entry("buffers", k)) for k in range(count))
+    return any("uri" not in entry and buffers.extension(entry, name, f"buffer {k}") for k, entry in every)
 
 
 def _parts(

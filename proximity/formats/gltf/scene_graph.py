@@ -11,6 +11,7 @@ from proximity.formats import text_rows
 from proximity.formats.contents import check_part_count
 from proximity.formats.gltf.buffers import Document, entries, extension, integer, numbers
 
+NO_MESH = -1
 _MOST_NODES = 200_000
 _TRANSFORMS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
 
@@ -21,7 +22,7 @@ class Node:
 
     index: int
     name: str  # of the node, else of its mesh, else ""
-    mesh: int | None
+    mesh: int  # or NO_MESH
     weights: tuple[float, ...]  # of morph targets: of the node, else of its mesh
     has_skin: bool
     is_hidden: bool  # itself, or a node above it
@@ -88,8 +89,8 @@ def _node(
     }
     if "rotation" in given and not any(given["rotation"]):
         raise MeshFormatError(f"the rotation of node {index} is zero, expected a unit quaternion")
-    mesh = None if entry.get("mesh") is None else integer(entry["mesh"], f"the mesh of node {index}")
-    of_mesh = {} if mesh is None else document.entry("meshes", mesh)
+    mesh = NO_MESH if entry.get("mesh") is None else integer(entry["mesh"], f"the mesh of node {index}")
+    of_mesh = {} if mesh == NO_MESH else document.entry("meshes", mesh)
     names = [entry.get("name"), of_mesh.get("name")]
     if mesh_name_first:
         names.reverse()
