@@ -401,6 +401,13 @@ def test_morph_targets_that_do_not_fit_are_refused(tmp_path, weights, targets, m
     assert refusal(tmp_path, *morphed(weights, targets=targets)).startswith(message)
 
 
+def test_morph_weight_beyond_all_numbers_is_refused_without_a_warning(tmp_path):
+    path = tmp_path / "part.glb"
+    path.write_bytes(mesh_files.glb(*morphed([1.7e308, 0])))
+    with pytest.raises(proximity.MeshError, match=r"vertex 4 of 'part' is not finite: \(inf, "):
+        formats.read_geometries(path)
+
+
 def test_morph_target_of_other_length_is_refused(tmp_path):
     header, blob = morphed([1, 0])
     header["accessors"][2]["count"] = 7

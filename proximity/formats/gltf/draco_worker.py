@@ -11,7 +11,7 @@ import DracoPy
 import numpy as np
 
 _LEAST_MEMORY, _MEMORY_PER_BYTE = 2 << 30, 400
-"""What the process may take on Linux, the only system that limits it: packed meshes seldom grow twentyfold."""
+"""Limit of the process, on Linux: packed meshes seldom grow twentyfold."""
 
 
 def main() -> None:

@@ -123,6 +123,7 @@ def _assembled(document: Document, own: list[Primitive], weights: tuple[float, .
     return np.concatenate(vertices), np.concatenate(faces), np.concatenate(rows).astype(np.int32)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
 def _placed(nodes: Sequence[Node], parts: Sequence[Part | None], notes: list[str]) -> list[RawMesh]:
     """The parts at their nodes; those that a scale of 0 flattens become sheets, or nothing."""
     meshes: list[RawMesh] = []
@@ -130,8 +131,7 @@ def _placed(nodes: Sequence[Node], parts: Sequence[Part | None], notes: list[str
     for node, part in zip(nodes, parts, strict=True):
         if part is None:
             continue
-        vertices, faces, rows = part
-        matrix = node.matrix
+        (vertices, faces, rows), matrix = part, node.matrix
         dimensions = _dimensions(matrix)
         if dimensions < 2:
             nothing.append(node.label)

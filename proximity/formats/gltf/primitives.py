@@ -131,6 +131,7 @@ def _check_count(primitive: Primitive) -> None:
         )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
 def vertices(document: Document, primitive: Primitive, weights: tuple[float, ...]) -> np.ndarray:
     """Return positions, (V, 3) float64, m, moved by the morph targets as far as their weights say."""
     points = accessors.as_lengths(document, primitive.position, primitive.points)
