@@ -15,10 +15,17 @@ from proximity.mesh.manifold_solid import manifold_solid
 from proximity.mesh.topology import edge_runs, merged_positions, topology_of
 
 SETTINGS = ("/metadata/slic3r_pe_model.config", "/metadata/model_settings.config")
-PART, NEGATIVE = "ModelPart", "NegativeVolume"
-_MOST_FACES = 20_000_000
-"""Faces that the subtractions for a file may meet, each as often as it is met: about ten seconds."""
-_SYNONYMS = {"": PART, "normal_part": PART, "negative_part": NEGATIVE}
+PART, NEGATIVE = "part", "negative volume"
+_KINDS = {
+    **dict.fromkeys(("NegativeVolume", "negative_part"), NEGATIVE),
+    **dict.fromkeys(("ParameterModifier", "modifier_part"), "modifier"),
+    **dict.fromkeys(("SupportBlocker", "support_blocker"), "support blocker"),
+    **dict.fromkeys(("SupportEnforcer", "support_enforcer"), "support enforcer"),
+}
+"""What slicers call volumes that are not parts."""
+_MOST_WORK, _WORK_OF_VOLUME = 5_000_000, 1000
+"""Faces that the subtractions for a file may meet, each as often as it is met: about ten seconds. A volume
+costs as much as so many faces by itself."""
 
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]  # vertices, faces, rows of the faces in the file
 
@@ -46,25 +53,25 @@ class SlicerSettings(XmlFile):
         if name == "object":
             self._object = attributes["id"]
         elif name == "part":
-            kind = attributes.get("subtype", "")
-            self.kinds[self._object, attributes["id"]] = _SYNONYMS.get(kind, kind)
+            kind = _KINDS.get(attributes.get("subtype", ""), PART)
+            self.kinds[self._object, attributes["id"]] = kind
         elif name == "volume":
             run = Run(int(attributes["firstid"]), int(attributes["lastid"]))
             self.runs.setdefault(self._object, []).append(run)
         elif name == "metadata" and self._object in self.runs:
             key, value = attributes.get("key"), attributes.get("value", "")
             if key == "volume_type":
-                self.runs[self._object][-1].kind = _SYNONYMS.get(value, value)
+                self.runs[self._object][-1].kind = _KINDS.get(value, PART)
             elif key == "modifier" and value == "1":  # before 2018
-                self.runs[self._object][-1].kind = "ParameterModifier"
+                self.runs[self._object][-1].kind = "modifier"
 
 
 def subtract(
     part: Arrays, matrix: np.ndarray, negatives: list[tuple[Arrays, np.ndarray]], done: Counter[str]
 ) -> Arrays:
     """Return a part without negative volumes, each with its matrix; *done* counts "cut" and "failed"."""
-    done["faces"] += len(part[1]) + sum(len(held[1]) for held, _ in negatives)
-    solid = _solid(part, np.eye(4)) if done["faces"] <= _MOST_FACES else None
+    done["work"] += len(part[1]) + sum(len(held[1]) + _WORK_OF_VOLUME for held, _ in negatives)
+    solid = _solid(part, np.eye(4)) if done["work"] <= _MOST_WORK else None
     if solid is None:
         done["failed"] += 1
         return part
@@ -75,7 +82,7 @@ def subtract(
     ]
     tools = [_solid(held, frame) for (held, _), frame in zip(negatives, frames, strict=True)]
     done["failed"] += None in tools
-    met = [tool for tool in tools if tool is not None and not (solid ^ tool).is_empty()]
+    met = [tool for tool in tools if tool is not None and _boxes_meet(solid, tool)]
     if not met:
         return part
     done["cut"] += 1
@@ -98,3 +105,8 @@ def _solid(arrays: Arrays, matrix: np.ndarray) -> Any:
         return None
     solid = manifold_solid(corners, ids, rows)
     return solid if solid.status().name == "NoError" and solid.volume() > 0.0 else None
+
+
+def _boxes_meet(one: Any, other: Any) -> bool:
+    a, b = one.bounding_box(), other.bounding_box()
+    return all(a[k] < b[k + 3] and b[k] < a[k + 3] for k in range(3))
