@@ -1,8 +1,8 @@
 """Readers of mesh files: the only package that knows formats, units and scene graphs.
 
 `read_geometries` gives every mesh of a file as it stands there: nothing is merged, dropped or repaired,
-only scaled to metres and cut into triangles. A file of which only a part can be read is refused: what a
-file declares is compared with what it holds, format by format, whoever does the reading.
+only scaled to metres and cut into triangles; what a 3MF calls a hole is cut out. A file of which only a part
+can be read is refused: what a file declares is compared with what it holds, format by format, whoever reads.
 
 STL, PLY, OFF, OBJ and 3MF are read here: trimesh keeps no rows of polygons, cuts concave ones wrongly,
 reorders OBJ faces by material, takes damaged files for empty ones and loses placements of 3MF objects. glTF

@@ -66,7 +66,7 @@ def describe_content(data: bytes) -> str | None:
     if is_binary_stl(data):
         return "STL"
     # The list of contents of an archive stands at its end.
-    if head.startswith(b"PK\x03\x04") and b"3d/3dmodel.model" in (head + data[-_SNIFFED_BYTES:]).lower():
+    if head.startswith(b"PK\x03\x04") and b".model" in (head + data[-_SNIFFED_BYTES:]).lower():
         return "3MF"
     for pattern, name in _SIGNATURES:
         if re.match(pattern, head, re.IGNORECASE if name.startswith("a") else 0):

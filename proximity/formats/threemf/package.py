@@ -1,0 +1,149 @@
+"""The zip archive of a 3MF: its parts by name, each an XML file that is parsed as a stream.
+
+The parser is Python's own (expat): linear in the size of the text, and a document type, through which XML can
+name other files or grow without end, is refused.
+"""
+
+import posixpath
+import zipfile
+from typing import Any, TypeVar
+from urllib.parse import unquote
+from xml.parsers import expat
+
+from proximity.errors import MeshFormatError
+from proximity.formats import text_rows
+
+_BOMB_RATIO, _BOMB_BYTES = 200, 50_000_000
+"""What unpacks to so much more than it is holds no geometry: XML of real meshes shrinks to a tenth."""
+_CHUNK_BYTES = 1 << 20
+_LEAVES = frozenset({"vertex", "triangle"})
+"""Elements of which there are millions; they declare no prefix."""
+_RELATIONSHIPS, _USUAL_ROOT = "/_rels/.rels", "/3d/3dmodel.model"
+
+
+class XmlFile:
+    """Takes an XML file piece by piece and hands each element to `start`."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file  # its name in the archive
+        # Prefixes are resolved here: expat would refuse undeclared ones in data that nobody reads, too.
+        self._uris: dict[str, list[str]] = {"": [""]}  # by prefix, the innermost last
+        self._declared: list[dict[str, str]] = []  # one for each open element
+        self._expat = expat.ParserCreate()
+        self._expat.buffer_text = True
+        self._expat.StartElementHandler = self._open
+        self._expat.EndElementHandler = self._close
+        self._expat.StartDoctypeDeclHandler = self._refuse_doctype
+
+    def feed(self, data: bytes, *, is_last: bool = False) -> None:
+        """Parse the next bytes; raise MeshFormatError if they are not XML or not understood."""
+        try:
+            self._expat.Parse(data, is_last)
+        except expat.ExpatError as reason:
+            raise MeshFormatError(f"{shown(self.file)} is not XML ({reason})") from reason
+
+    def start(self, uri: str | None, name: str, attributes: dict[str, str]) -> None:
+        """Take an element with the namespace of its prefix: "" without one, None where it is not declared."""
+        raise NotImplementedError
+
+    def uri_of(self, prefix: str) -> str | None:
+        """Return the namespace that a prefix stands for at this place of the file."""
+        uris = self._uris.get(prefix)
+        return uris[-1] if uris else None
+
+    def line(self) -> str:
+        """Return the place of the current element, for a message."""
+        return f"line {self._expat.CurrentLineNumber} of {shown(self.file)}"
+
+    def _open(self, tag: str, attributes: dict[str, str]) -> None:
+        if tag not in _LEAVES:
+            declared = {key[6:]: uri for key, uri in attributes.items() if key.partition(":")[0] == "xmlns"}
+            for prefix, uri in declared.items():
+                self._uris.setdefault(prefix, []).append(uri)
+            self._declared.append(declared)
+        prefix, _, name = tag.rpartition(":")
+        try:
+            self.start(self.uri_of(prefix), name, attributes)
+        except MeshFormatError:  # a ValueError, too
+            raise
+        except KeyError as missing:
+            raise MeshFormatError(f"{self.line()}: <{name}> has no {missing.args[0]}") from None
+        except (ValueError, OverflowError) as reason:
+            raise MeshFormatError(f"{self.line()}: <{name}> cannot be read ({reason})") from None
+
+    def _close(self, tag: str) -> None:
+        if tag not in _LEAVES:
+            for prefix in self._declared.pop():
+                self._uris[prefix].pop()
+
+    def _refuse_doctype(self, *_: Any) -> None:
+        raise MeshFormatError(f"{shown(self.file)} has a document type (<!DOCTYPE>), expected none in a 3MF")
+
+
+_File = TypeVar("_File", bound=XmlFile)
+
+
+class Package:
+    """The parts of an archive; no more of them is unpacked than the limit allows, counted over all."""
+
+    def __init__(self, archive: zipfile.ZipFile, packed: int, limit: float) -> None:
+        self._archive, self._packed, self._unpacked, self._limit = archive, packed, 0, limit
+        self._entries: dict[str, zipfile.ZipInfo] = {}
+        for entry in archive.infolist():
+            name = part_name(entry.filename)
+            if name in self._entries and name.endswith(".model"):
+                raise MeshFormatError("its archive holds two model files of one name, expected each once")
+            self._entries[name] = entry
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._entries
+
+    def read(self, name: str, kind: type[_File]) -> _File:
+        """Return a part parsed; *name* as `part_name` returns it."""
+        entry = self._entries[name]
+        self._unpacked += entry.file_size  # the archive gives no more bytes than it declares
+        size = f"its models of {self._packed:,} bytes unpack to {self._unpacked:,} bytes"
+        if self._unpacked > self._limit:
+            raise MeshFormatError(f"{size}, expected at most {self._limit:,} (unpacked_limit)")
+        if self._unpacked > max(_BOMB_BYTES, _BOMB_RATIO * self._packed):
+            raise MeshFormatError(f"{size}, expected at most {_BOMB_RATIO} times as many")
+        parsed = kind(entry.filename)
+        with self._archive.open(entry) as stream:
+            while piece := stream.read(_CHUNK_BYTES):  # at its end the checksum is compared
+                parsed.feed(piece)
+        parsed.feed(b"", is_last=True)
+        return parsed
+
+    def root(self) -> str:
+        """Return the name of the root model: what the relationships name, else the usual one."""
+        named = self.read(_RELATIONSHIPS, _Relationships).models if _RELATIONSHIPS in self else set()
+        if len(named) > 1 or not named <= self._entries.keys():
+            raise MeshFormatError(
+                f"its _rels/.rels names the models {sorted(named)}, expected one that is there"
+            )
+        if not named and _USUAL_ROOT not in self:
+            raise MeshFormatError("the archive has no file 3D/3dmodel.model: it is not a 3MF file")
+        return named.pop() if named else _USUAL_ROOT
+
+
+class _Relationships(XmlFile):
+    """The file that says what the parts of the archive are."""
+
+    def __init__(self, file: str) -> None:
+        super().__init__(file)
+        self.models: set[str] = set()
+
+    def start(self, uri: str | None, name: str, attributes: dict[str, str]) -> None:
+        """Take a relationship."""
+        if name == "Relationship" and attributes["Type"].endswith("/3dmodel"):
+            self.models.add(part_name(attributes["Target"]))
+
+
+def part_name(text: str) -> str:
+    """Return a name as it is compared: without case, with slashes between folders and one before all."""
+    return posixpath.normpath("/" + unquote(text).strip().replace("\\", "/").strip("/")).lower()
+
+
+def shown(text: str) -> str:
+    """Return a name out of the file as messages quote it."""
+    return text_rows.shortened(text, 60)

@@ -1,0 +1,112 @@
+"""What slicers add to the shape of an object: volumes that are holes in it, or no part of it.
+
+PrusaSlicer and SuperSlicer write all volumes of an object into one mesh, and name their runs of triangles.
+Bambu Studio and OrcaSlicer make each volume an object, and name it with the object that it is a component of.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from proximity.formats.threemf.package import XmlFile
+from proximity.mesh.manifold_solid import manifold_solid
+from proximity.mesh.topology import edge_runs, merged_positions, topology_of
+
+SETTINGS = ("/metadata/slic3r_pe_model.config", "/metadata/model_settings.config")
+PART, NEGATIVE = "part", "negative volume"
+_KINDS = {
+    **dict.fromkeys(("NegativeVolume", "negative_part"), NEGATIVE),
+    **dict.fromkeys(("ParameterModifier", "modifier_part"), "modifier"),
+    **dict.fromkeys(("SupportBlocker", "support_blocker"), "support blocker"),
+    **dict.fromkeys(("SupportEnforcer", "support_enforcer"), "support enforcer"),
+}
+"""What slicers call volumes that are not parts."""
+_MOST_WORK, _WORK_OF_VOLUME = 5_000_000, 1000
+"""Faces that the subtractions for a file may meet, each as often as it is met: about ten seconds. A volume
+costs as much as so many faces by itself."""
+
+Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]  # vertices, faces, rows of the faces in the file
+
+
+@dataclass(slots=True)
+class Run:
+    """A volume that is a run of the triangles of a mesh."""
+
+    first: int
+    last: int
+    kind: str = PART
+
+
+class SlicerSettings(XmlFile):
+    """The file in which a slicer names volumes; ids are of objects of the root model."""
+
+    def __init__(self, file: str = "") -> None:
+        super().__init__(file)
+        self.runs: dict[str, list[Run]] = {}  # by object
+        self.kinds: dict[tuple[str, str], str] = {}  # by object and component
+        self._object = ""
+
+    def start(self, uri: str | None, name: str, attributes: dict[str, str]) -> None:
+        """Take an object, a volume of it, or what is said about the volume."""
+        if name == "object":
+            self._object = attributes["id"]
+        elif name == "part":
+            kind = _KINDS.get(attributes.get("subtype", ""), PART)
+            self.kinds[self._object, attributes["id"]] = kind
+        elif name == "volume":
+            run = Run(int(attributes["firstid"]), int(attributes["lastid"]))
+            self.runs.setdefault(self._object, []).append(run)
+        elif name == "metadata" and self._object in self.runs:
+            key, value = attributes.get("key"), attributes.get("value", "")
+            if key == "volume_type":
+                self.runs[self._object][-1].kind = _KINDS.get(value, PART)
+            elif key == "modifier" and value == "1":  # before 2018
+                self.runs[self._object][-1].kind = "modifier"
+
+
+def subtract(
+    part: Arrays, matrix: np.ndarray, negatives: list[tuple[Arrays, np.ndarray]], done: Counter[str]
+) -> Arrays:
+    """Return a part without negative volumes, each with its matrix; *done* counts "cut" and "failed"."""
+    done["work"] += len(part[1]) + sum(len(held[1]) + _WORK_OF_VOLUME for held, _ in negatives)
+    solid = _solid(part, np.eye(4)) if done["work"] <= _MOST_WORK else None
+    if solid is None:
+        done["failed"] += 1
+        return part
+    # Volumes in one mesh have one matrix: its inverse would move apart what is flush.
+    frames = [
+        np.eye(4) if np.array_equal(other, matrix) else np.linalg.solve(matrix, other)
+        for _, other in negatives
+    ]
+    tools = [_solid(held, frame) for (held, _), frame in zip(negatives, frames, strict=True)]
+    done["failed"] += None in tools
+    met = [tool for tool in tools if tool is not None and _boxes_meet(solid, tool)]
+    if not met:
+        return part
+    done["cut"] += 1
+    for tool in met:
+        solid -= tool
+    mesh = solid.to_mesh64()
+    vertices = np.ascontiguousarray(mesh.vert_properties[:, :3], dtype=np.float64)
+    return vertices, mesh.tri_verts.astype(np.int64), np.array(mesh.face_id, dtype=np.int32)
+
+
+def _solid(arrays: Arrays, matrix: np.ndarray) -> Any:
+    """Return the ``manifold3d.Manifold`` of a mesh moved by *matrix*, or None if it is no closed solid."""
+    vertices, faces, rows = arrays
+    points = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    faces = faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0.0 else faces
+    if not np.isfinite(points).all():
+        return None
+    ids, corners = merged_positions(points, np.ascontiguousarray(faces, dtype=np.int32))
+    if not topology_of(ids, edge_runs(ids)).is_balanced:
+        return None
+    solid = manifold_solid(corners, ids, rows)
+    return solid if solid.status().name == "NoError" and solid.volume() > 0.0 else None
+
+
+def _boxes_meet(one: Any, other: Any) -> bool:
+    a, b = one.bounding_box(), other.bounding_box()
+    return all(a[k] < b[k + 3] and b[k] < a[k + 3] for k in range(3))
