@@ -118,8 +118,8 @@ def _read_bytes(path: str, unpacked_limit: float) -> bytes:
                 _check_large(file.read(_HEAD_BYTES), size, Path(path).suffix.lower(), unpacked_limit)
                 file.seek(0)
             data = file.read()
-    except MeshFormatError:  # a ValueError, too
-        raise
+    except MeshFormatError as reason:  # a ValueError, too; a large file is not handed to trimesh
+        raise MeshFormatError(str(reason)) from None
     except FileNotFoundError:
         raise MeshFormatError("there is no such file") from None
     except IsADirectoryError:

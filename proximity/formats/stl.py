@@ -82,13 +82,16 @@ def _mesh(name: str, vertices: np.ndarray, first_row: int) -> RawMesh:
 
 
 def _read_ascii(data: bytes) -> RawFile:
-    text = _COMMENTS.sub("", text_rows.as_text(data), count=1)
-    if "end " in text.lower():
+    text = text_rows.as_text(data)
+    text = _COMMENTS.sub("", text, count=1) if text.lstrip()[:1] in "#;!/" else text
+    lowered = text.lower()
+    if "end " in lowered:
         text = _APART.sub(r"\1", text)
+        lowered = text.lower()
     try:
-        return RawFile("STL ASCII", _read_solids(text))
+        return RawFile("STL ASCII", _read_solids(text, lowered))
     except MeshFormatError as reason:
-        face_count = _plain_facets(text.lower())
+        face_count = _plain_facets(lowered)
         if not face_count:
             raise
         raise DialectError(str(reason), face_count) from None
@@ -103,8 +106,7 @@ def _plain_facets(lowered: str) -> int:
     return count if is_plain else 0
 
 
-def _read_solids(text: str) -> list[RawMesh]:
-    lowered = text.lower()
+def _read_solids(text: str, lowered: str) -> list[RawMesh]:
     meshes: list[RawMesh] = []
     row = 0
     for name, body in _solids(text, lowered):

@@ -79,7 +79,7 @@ def as_count(word: str) -> int | None:
 def as_text(data: bytes) -> str:
     """The text of a file, byte by byte; byte order mark and padding are taken off, and lines end with \\n."""
     text = data.rstrip(PADDING).decode("latin-1").removeprefix("\xef\xbb\xbf")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def numbered_lines(text: str, first: int = 1) -> list[tuple[int, str]]:
