@@ -5,8 +5,8 @@ only scaled to metres and cut into triangles; what a 3MF calls a hole is cut out
 can be read is refused: what a file declares is compared with what it holds, format by format, whoever reads.
 
 STL, PLY, OFF, OBJ and 3MF are read here: trimesh keeps no rows of polygons, cuts concave ones wrongly,
-reorders OBJ faces by material, takes damaged files for empty ones and loses placements of 3MF objects. glTF
-is read here too, STEP by cascadio (OpenCASCADE), behind checks of its own.
+reorders OBJ faces by material, takes damaged files for empty ones and loses placements of 3MF objects. It is
+asked for rare dialects only. glTF is read here too, STEP by cascadio (OpenCASCADE), behind checks of its own.
 """
 
 from proximity.formats.contents import FileContents, Geometry

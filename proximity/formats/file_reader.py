@@ -9,7 +9,7 @@ import numpy as np
 
 from proximity.checks.numbers import positive
 from proximity.errors import MeshError, MeshFormatError, PoseError, ProximityError
-from proximity.formats import format_detection, node_placement, obj, off, stl, text_rows
+from proximity.formats import dialects, format_detection, node_placement, obj, off, stl, text_rows
 from proximity.formats.contents import FileContents, Geometry, RawFile, RawMesh, Source
 from proximity.formats.gltf import gltf
 from proximity.formats.ply import ply, ply_header
@@ -81,7 +81,11 @@ def read_geometries(
         raise MeshError("the path is empty, expected the name of a file")
     try:
         source = Source(shown, _read_bytes(shown, unpacked_limit))
-        raw = _read(readers[format_detection.find_format(source, Path(shown).suffix.lower())], source)
+        extension = Path(shown).suffix.lower()
+        try:
+            raw = _read(readers[format_detection.find_format(source, extension)], source)
+        except dialects.DialectError as refusal:
+            raw = dialects.read_dialect(source.data, extension[1:], refusal)
         if raw.metres_per_number is not None:
             metres = raw.metres_per_number
         elif raw.units is not None:
@@ -114,8 +118,8 @@ def _read_bytes(path: str, unpacked_limit: float) -> bytes:
                 _check_large(file.read(_HEAD_BYTES), size, Path(path).suffix.lower(), unpacked_limit)
                 file.seek(0)
             data = file.read()
-    except MeshFormatError:  # a ValueError, too
-        raise
+    except MeshFormatError as reason:  # a ValueError, too; a large file is not handed to trimesh
+        raise MeshFormatError(str(reason)) from None
     except FileNotFoundError:
         raise MeshFormatError("there is no such file") from None
     except IsADirectoryError:

@@ -26,7 +26,7 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (rb"PK(\x03\x04|\x05\x06)", "a zip archive"),
     (rb"ply\s", "PLY"),
     (rb"\s*ISO-10303-21\s*;", "STEP"),
-    (rb"(#[^\n]*\n|\s)*(ST)?C?N?4?n?OFF\b", "OFF"),
+    (rb"(#[^\n]*\n|\s)*(?i:(ST)?C?N?4?n?OFF)(?![a-zA-Z_])", "OFF"),  # some join it with the counts
     (rb"\s*\{[\s\S]*\"asset\"", "glTF"),
     (rb"version https://git-lfs", "a Git LFS pointer (the file itself was not fetched)"),
     (rb"\s*(<!doctype html|<html)", "a web page"),
@@ -34,19 +34,16 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (rb"\x1f\x8b", "a gzip archive"),
     (rb"\x89PNG|\xff\xd8\xff|GIF8", "an image"),
     (rb"%PDF-", "a PDF document"),
+    (rb"\xff\xfe|\xfe\xff", "text in UTF-16 (save it as UTF-8)"),
 )
+_ASCII_STL = re.compile(rb"(\xef\xbb\xbf)?(\s|[#;!/][^\r\n]*[\r\n])*solid\b", re.IGNORECASE)
 _OBJ_LINES = re.compile(rb"(#[^\n]*\n|\s)*((mtllib|usemtl|o|g|s)\s[^\n]*\n|#[^\n]*\n|\s)*v\s+[-+.\d]")
 _SNIFFED_BYTES = 65536
+_TEXT_EXTENSIONS = frozenset([".obj", ".off", ".gltf", ".step", ".stp"])
 
 
 def find_format(source: Source, extension: str) -> str:
-    """Return the format of a file by its extension, if the content does not contradict it.
-
-    Raises
-    ------
-    MeshFormatError
-        If the extension is unknown, or the content looks like something else; the message says what.
-    """
+    """The format of a file by its extension, which the content must not contradict."""
     looks_like = describe_content(source.data)
     if extension not in EXTENSIONS:
         guess = f" (it looks like {looks_like})" if looks_like else ""
@@ -77,13 +74,7 @@ def describe_content(data: bytes) -> str | None:
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Whether the length is exactly what the face count of a binary STL file asks for.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file. Files that begin with "solid" are no exception: many exporters write that.
-    """
+    """Whether a file has the length that its face count asks for, whether or not it begins with "solid"."""
     if len(data) <= STL_HEADER_BYTES:
         return False
     return len(data) == STL_HEADER_BYTES + STL_FACET_BYTES * stl_face_count(data)
@@ -95,28 +86,12 @@ def stl_face_count(data: bytes) -> int:
 
 
 def is_ascii_stl(data: bytes) -> bool:
-    """Whether the file begins with "solid" and goes on as text."""
-    head = data[:1024]
-    return re.match(rb"(\xef\xbb\xbf)?\s*solid\b", head, re.IGNORECASE) is not None and b"\0" not in head
+    """Whether the file begins with "solid", comments aside, and goes on as text."""
+    return _ASCII_STL.match(data[:_SNIFFED_BYTES]) is not None and b"\0" not in data[:1024].rstrip(b"\0")
 
 
 def check_size(head: bytes, size: int, extension: str) -> None:
-    """Compare what the first bytes of a large file claim with its size, before the rest is read.
-
-    Parameters
-    ----------
-    head : bytes
-        Where the file begins, its header included.
-    size : int
-        Bytes of the whole file.
-    extension : str
-        With its dot, lower case.
-
-    Raises
-    ------
-    MeshFormatError
-        If the file cannot be what it is named: with what it should have, and what it has.
-    """
+    """Refuse a large file whose first bytes contradict its size in bytes, before the rest is read."""
     held = f"bytes, but the file has {size:,}"
     if extension == ".stl" and not is_ascii_stl(head):
         claimed = STL_HEADER_BYTES + STL_FACET_BYTES * stl_face_count(head)
@@ -124,7 +99,8 @@ def check_size(head: bytes, size: int, extension: str) -> None:
             raise MeshFormatError(f"its header says {stl_face_count(head):,} faces: {claimed:,} {held}")
     elif extension == ".glb" and head[:4] == b"glTF" and int.from_bytes(head[8:12], "little") != size:
         raise MeshFormatError(f"its header says {int.from_bytes(head[8:12], 'little'):,} {held}")
-    elif extension in (".obj", ".off", ".gltf", ".step", ".stp") and b"\0" in head:
+    elif extension in _TEXT_EXTENSIONS and b"\0" in head and b"OFF BINARY" not in head:
         raise MeshFormatError(
-            f"it is named like {EXTENSIONS[extension]}, a format of text, but holds zero bytes"
+            f"it is named like {EXTENSIONS[extension]}, a format of text, but holds zero bytes "
+            "(text in UTF-16 is to be saved as UTF-8)"
         )

@@ -13,6 +13,7 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.formats import polygons, text_rows
 from proximity.formats.contents import RawFile, RawMesh, Source, check_part_count
+from proximity.formats.dialects import DialectError
 
 _PASSED_OVER = frozenset((
     "vt", "vn", "vp", "g", "s", "mg", "usemtl", "mtllib", "usemap", "maplib", "bevel", "c_interp", "d_interp",
@@ -21,6 +22,8 @@ _PASSED_OVER = frozenset((
 _LOWER_DIMENSIONS = frozenset(["l", "p"])
 _NAMING = frozenset(("g", "o", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj", "trace_obj"))
 _STRAY_SLASH = re.compile(r"\s/")
+_UNKNOWN = re.compile(r"(?!(?:call|csh)$|[vf][-+.\d])[a-zA-Z$!%&@/;*_][!-~]*")
+"""Statements to pass over; not those that take in other files, nor a vertex or face without its blank."""
 _FREE_FORM = frozenset(["curv", "curv2", "surf", "bsp", "bzp", "cdc", "cdp", "res"])
 
 
@@ -36,7 +39,8 @@ class _Lines:
         self.objects: list[str] = []
         self.object_starts: list[int] = []  # row of the first face after each line "o"
         self.others: set[str] = set()
-        text = data.decode("latin-1").removeprefix("\xef\xbb\xbf").replace("\r\n", "\n").replace("\r", "\n")
+        self.unknown: list[str] = []  # where and what
+        text = text_rows.as_text(data)
         lines = enumerate(text.split("\n"), 1)
         for line_id, line in _joined(lines) if "\\\n" in text else lines:
             self._sort(line_id, line)
@@ -55,8 +59,8 @@ class _Lines:
 
     def _sort_rare(self, line_id: int, line: str) -> None:
         key, *rest = line.split("#", 1)[0].split(maxsplit=1)[:2] or ("",)
-        if key in ("v", "f"):  # indented, or with a tab
-            self._sort(line_id, f"{key} {rest[0] if rest else ''}")
+        if key in ("v", "f", "V", "F", "fo"):  # indented, with a tab, in capitals, or of the first version
+            self._sort(line_id, f"{key[0].lower()} {rest[0] if rest else ''}")
         elif key == "o":
             # A name may hold a #; a comment begins behind blank space.
             _, *name = re.split(r"\s#", line, maxsplit=1)[0].split(maxsplit=1)
@@ -69,9 +73,10 @@ class _Lines:
                 f"line {line_id} is a free-form curve or surface ({key}), expected polygons only"
             )
         elif key and key not in _PASSED_OVER:
-            raise MeshFormatError(
-                f"line {line_id} begins with {text_rows.shortened(key)}, which is not a statement of OBJ"
-            )
+            begin = f"line {line_id} begins with {text_rows.shortened(key)}"
+            if not _UNKNOWN.fullmatch(key):
+                raise MeshFormatError(f"{begin}, which is not a statement of OBJ")
+            self.unknown.append(begin)
 
 
 def _joined(lines: Iterable[tuple[int, str]]) -> list[tuple[int, str]]:
@@ -88,13 +93,7 @@ def _joined(lines: Iterable[tuple[int, str]]) -> list[tuple[int, str]]:
 
 
 def read_obj(source: Source) -> RawFile:
-    """Read an OBJ file.
-
-    Raises
-    ------
-    MeshFormatError
-        If a line cannot be understood, or a face refers to a vertex that is not there.
-    """
+    """Read an OBJ file."""
     lines = _Lines(source.data)
     vertices = _read_vertices(lines)
     if len(vertices) and not lines.faces:
@@ -104,18 +103,27 @@ def read_obj(source: Source) -> RawFile:
         )
     faces, source_faces = _read_faces(lines, vertices)
     notes = ["its points and lines were ignored: they enclose nothing"] if lines.others else []
+    if lines.unknown and not lines.faces:
+        raise MeshFormatError(f"{lines.unknown[0]}, which is not a statement of OBJ")
+    if lines.unknown:
+        count = len(lines.unknown)
+        notes.append(f"{count} of its lines are no statements of OBJ and were ignored: {lines.unknown[0]}")
     notes += text_rows.end_notes(source.data)
     return RawFile("OBJ", _split_objects(lines, vertices, faces, source_faces), notes=notes)
 
 
 def _read_vertices(lines: _Lines) -> np.ndarray:
+    """Positions; weights and colours may follow them."""
+
     def locate(row: int) -> str:
         return f"line {lines.vertex_lines[row]} (vertex {row + 1})"
 
     vertices = np.empty((len(lines.vertices), 3))
     for row_ids, table in text_rows.read_rows(_without_comments(lines.vertices), locate):
-        if table.shape[1] not in (3, 4, 6, 7):  # position, weight, colour
-            raise MeshFormatError(f"{locate(row_ids[0])} has {table.shape[1]} numbers, expected 3")
+        if table.shape[1] not in (3, 4, 6, 7):
+            message = f"{locate(row_ids[0])} has {table.shape[1]} numbers, expected 3"
+            is_dialect = table.shape[1] > 3 and len(row_ids) == len(vertices)
+            raise DialectError(message, len(lines.faces)) if is_dialect else MeshFormatError(message)
         vertices[row_ids] = table[:, :3]
     return vertices
 

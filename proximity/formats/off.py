@@ -1,40 +1,50 @@
-"""OFF: a line of counts, then that many lines of vertices and of polygons; no units."""
+"""OFF: counts of vertices and polygons, then one row of each, as text or binary; no units.
+
+Rows are lines in nearly every file, though the format lets them run over lines: colours may then follow no
+polygon, as nothing says where they end.
+"""
 
 import re
+from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.formats import polygons, text_rows
 from proximity.formats.contents import RawFile, RawMesh, Source
+from proximity.formats.ply import rows as binary_rows
+from proximity.formats.ply.ply_header import Element, Property
 
-_KEYWORD = re.compile(r"(ST)?C?N?OFF\b(.*)", re.DOTALL)
+_KEYWORD = re.compile(r"(?![A-Z]*nOFF)(?i:(ST)?(C)?(N)?OFF(?![a-z_])|(?=\d+\s))\s*(.*)")
 """Texture, colour and normal may follow each position; four- and n-dimensional variants are not solids."""
+_BINARY = re.compile(rb"(?:#[^\n]*\n|\s)*(ST)?(C)?(N)?OFF[ \t]+BINARY[^\n]*\n")
+_WIDTHS = (2, 4, 3)  # of texture, colour and normal
+_INT, _FLOAT = np.dtype(">i4"), np.dtype(">f4")
 
 
 def read_off(source: Source) -> RawFile:
-    """Read an OFF file.
-
-    Raises
-    ------
-    MeshFormatError
-        If the lines are not as many as the counts say, or do not hold what they should.
-    """
+    """Read an OFF file, text or binary."""
+    if binary := _BINARY.match(source.data):
+        return RawFile("OFF binary", [_read_binary(source.data, binary.end(), _width(binary.groups()))])
     lines = _content_lines(source.data)
     if not lines or (keyword := _KEYWORD.fullmatch(lines[0][1].strip())) is None:
         raise MeshFormatError("it does not begin with OFF, COFF, NOFF or CNOFF")
-    rest_of_first = keyword.group(2).strip()
-    if rest_of_first.split(maxsplit=1)[:1] == ["BINARY"]:
-        raise MeshFormatError("it is a binary OFF file, which is not supported; export it as text")
+    *extras, rest_of_first = keyword.groups()
     lines = [(lines[0][0], rest_of_first), *lines[1:]] if rest_of_first else lines[1:]
-    vertex_count, face_count = _counts(lines)
-    line_ids = [line_id for line_id, _ in lines[1:]]
-    rows = [row for _, row in lines[1:]]
-    if len(rows) != vertex_count + face_count:
-        raise MeshFormatError(
-            f"it announces {vertex_count} vertices and {face_count} faces, but {len(rows)} lines follow: "
-            f"{'it is cut off' if len(rows) < vertex_count + face_count else 'its counts are wrong'}"
-        )
+    vertex_count, face_count, words = _counts(lines)
+    lines = lines[1:]
+    if words or len(lines) != vertex_count + face_count:
+        tables = [(vertex_count, [False] * _width(extras)), (face_count, [True])]
+        regrouped = text_rows.regrouped(words or lines, tables)
+        if regrouped is None:
+            raise MeshFormatError(
+                f"it announces {vertex_count} vertices and {face_count} faces, but {len(lines)} lines follow"
+                f": {'it is cut off' if len(lines) < vertex_count + face_count else 'its counts are wrong'}"
+            )
+        lines = regrouped
+    line_ids = [line_id for line_id, _ in lines]
+    rows = [row for _, row in lines]
     vertices = _read_vertices(rows[:vertex_count], line_ids)
     faces, source_faces = _read_faces(rows[vertex_count:], line_ids[vertex_count:], vertices)
     notes = text_rows.end_notes(source.data)
@@ -43,18 +53,44 @@ def read_off(source: Source) -> RawFile:
 
 def _content_lines(data: bytes) -> list[tuple[int, str]]:
     """Lines that say something, comments removed, with their numbers from 1."""
-    text = data.decode("latin-1").removeprefix("\xef\xbb\xbf").replace("\r\n", "\n").replace("\r", "\n")
-    if "#" in text:
-        text = re.sub(r"#[^\n]*", "", text)
-    return [(line_id, row) for line_id, row in enumerate(text.split("\n"), 1) if row and not row.isspace()]
+    text = text_rows.as_text(data)
+    return text_rows.numbered_lines(re.sub(r"#[^\n]*", "", text) if "#" in text else text)
 
 
-def _counts(lines: list[tuple[int, str]]) -> tuple[int, int]:
-    words = lines[0][1].split() if lines else []
-    counts = [count for word in words if (count := text_rows.as_count(word)) is not None]
-    if len(words) not in (2, 3) or len(counts) != len(words):
+def _width(extras: Sequence[str | bytes | None]) -> int:
+    """Numbers of a vertex by the letters of the keyword."""
+    return 3 + sum(width for width, extra in zip(_WIDTHS, extras, strict=True) if extra)
+
+
+def _read_binary(data: bytes, start: int, width: int) -> RawMesh:
+    """All is big-endian; colours of any length follow the corners of each polygon."""
+    if len(data) < start + 12:
+        raise MeshFormatError("it ends within its counts of vertices, faces and edges: it is cut off")
+    vertex_count, face_count = np.frombuffer(data, _INT, 2, start).tolist()
+    if vertex_count <= 0 or face_count <= 0:
+        raise MeshFormatError(f"it announces {vertex_count} vertices and {face_count} faces, expected both")
+    vertex = Element("vertex", vertex_count, [Property(str(k), _FLOAT) for k in range(width)])
+    face = Element("face", face_count, [Property("corners", _INT, _INT), Property("colour", _FLOAT, _INT)])
+    columns, end = binary_rows.read_binary(data, start + 12, vertex)
+    polygon_columns, end = binary_rows.read_binary(data, end, face)
+    if data[end:].strip(text_rows.PADDING):
+        raise MeshFormatError(f"{len(data) - end} bytes follow the last face: its counts are wrong")
+    vertices = np.column_stack([columns[axis] for axis in "012"]).astype(np.float64)
+    pieces = cast(list[polygons.Piece], polygon_columns["corners"])
+    return RawMesh("", vertices, *polygons.assemble(vertices, pieces, face_count, lambda row: f"face {row}"))
+
+
+def _counts(lines: list[tuple[int, str]]) -> tuple[int, int, list[tuple[int, str]]]:
+    """Numbers of vertices and faces, and the words behind the counts where those are no line of their own."""
+    words = [(lines[0][0], word) for word in lines[0][1].split()] if lines else []
+    behind: list[tuple[int, str]] = []
+    if len(words) not in (2, 3):
+        words = [(line_id, word) for line_id, line in lines for word in line.split()]
+        words, behind = words[:3], words[3:]
+    counts = [count for _, word in words if (count := text_rows.as_count(word)) is not None]
+    if len(words) < 2 or len(counts) != len(words):
         raise MeshFormatError("its counts of vertices, faces and edges are not three whole numbers")
-    return counts[0], counts[1]
+    return counts[0], counts[1], behind
 
 
 def _read_vertices(rows: list[str], line_ids: list[int]) -> np.ndarray:

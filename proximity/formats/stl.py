@@ -1,7 +1,8 @@
 """STL files, binary (a count and fixed records) and text.
 
 Neither variant names units or shares vertices. The binary one is three lines of NumPy, and reading it here
-spares the third of a second that importing trimesh takes.
+spares the time that importing trimesh takes. Text without normals or loops, or with more words, is left to
+trimesh.
 """
 
 import re
@@ -12,6 +13,7 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
 from proximity.formats.contents import RawFile, RawMesh, Source
+from proximity.formats.dialects import DialectError
 from proximity.formats.format_detection import (
     STL_FACET_BYTES,
     STL_HEADER_BYTES,
@@ -23,7 +25,10 @@ from proximity.formats.format_detection import (
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 # No anchor in front: with it the search takes a quarter of the whole reading.
-_SOLID_LINE = re.compile(r"solid\b[ \t]*([^\r\n]*)")
+_SOLID_LINE = re.compile(r"solid\b[ \t]*([^\n]*)")
+_COMMENTS = re.compile(r"(\s|[#;!/][^\n]*\n)*")  # in front of the first solid
+_APART = re.compile(r"^([ \t]*end)[ \t]+(?=(?:solid|loop|facet)\b)", re.IGNORECASE | re.MULTILINE)
+_FACET_OR_VERTEX = re.compile(r"(?<!end)facet|vertex(?=(?:\s+[-+.\de]+){3}\s+[a-z])")
 
 # Each facet becomes one row of numbers: its words turn into marks, so that one strict reading of the table
 # checks that every word and every number stands where it belongs.
@@ -43,13 +48,7 @@ _WORDS = (
 
 
 def read_stl(source: Source) -> RawFile:
-    """Read a binary or ASCII STL file.
-
-    Raises
-    ------
-    MeshFormatError
-        If it is cut, miscounted, or not STL.
-    """
+    """Read a binary or ASCII STL file."""
     if is_ascii_stl(source.data) and not is_binary_stl(source.data):
         return _read_ascii(source.data)
     return _read_binary(source.data)
@@ -83,8 +82,31 @@ def _mesh(name: str, vertices: np.ndarray, first_row: int) -> RawMesh:
 
 
 def _read_ascii(data: bytes) -> RawFile:
-    text = data.decode("latin-1")
+    text = text_rows.as_text(data)
+    text = _COMMENTS.sub("", text, count=1) if text.lstrip()[:1] in "#;!/" else text
     lowered = text.lower()
+    if "end " in lowered:
+        text = _APART.sub(r"\1", text)
+        lowered = text.lower()
+    try:
+        return RawFile("STL ASCII", _read_solids(text, lowered))
+    except MeshFormatError as reason:
+        face_count = _plain_facets(lowered)
+        if not face_count:
+            raise
+        raise DialectError(str(reason), face_count) from None
+
+
+def _plain_facets(lowered: str) -> int:
+    """Number of facets if each has three vertices of three numbers, and all or none have each other word."""
+    found = "".join(word[0] for word in _FACET_OR_VERTEX.findall(lowered))
+    count = len(found) // 4
+    counts = {lowered.count(word) for word in ("normal", "outer", "endloop", "endfacet")}
+    is_plain = found == "fvvv" * count and lowered.count("vertex") == 3 * count and counts <= {0, count}
+    return count if is_plain else 0
+
+
+def _read_solids(text: str, lowered: str) -> list[RawMesh]:
     meshes: list[RawMesh] = []
     row = 0
     for name, body in _solids(text, lowered):
@@ -94,13 +116,13 @@ def _read_ascii(data: bytes) -> RawFile:
         row += len(vertices) // 3
     if len(meshes) == 1:
         meshes[0].name = ""  # exporters write their own name there
-    return RawFile("STL ASCII", meshes)
+    return meshes
 
 
 def _solids(text: str, lowered: str) -> Iterator[tuple[str, slice]]:
     """Name and body of each solid; nothing may stand outside of them."""
     begin = None  # of the solid that is open
-    end = 3 if text.startswith("\xef\xbb\xbf") else 0  # of what was looked at
+    end = 0  # of what was looked at
     for line in _SOLID_LINE.finditer(lowered):
         closes = lowered.endswith("end", 0, line.start())
         start = line.start() - (3 if closes else 0)
@@ -126,7 +148,7 @@ def _check_blank(text: str) -> None:
 def _read_facets(body: str, first_row: int) -> np.ndarray:
     """Corners of all facets of one solid, in lower case, as (3 F, 3) float64."""
     counts = {word: body.count(word) for word in ("normal", "outer", "endloop", "endfacet")}
-    marked = " ".join(body.split()) if "\r" in body else body.replace("\n", " ")
+    marked = body.replace("\n", " ")
     for word, mark in _WORDS:
         marked = marked.replace(word, mark)
     if "#" in marked or "(" in marked:

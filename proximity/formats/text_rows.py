@@ -13,30 +13,15 @@ from proximity.errors import MeshFormatError
 LARGEST_EXACT_INTEGER = 2.0**53
 """Indices are read as float64; up to here that loses nothing."""
 
+PADDING = b"\0\x1a \t\r\n"
+"""What may stand behind the end of a file: blanks, the end-of-file mark of CP/M and DOS, full blocks."""
+
 MOST_COUNT_DIGITS = 18
 """Of the number of rows that a file declares; that many fit into 64 bits."""
 
 
 def read_rows(rows: list[str], locate: Callable[[int], str]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Read rows of numbers, grouped by how many numbers they have.
-
-    Parameters
-    ----------
-    rows : list of str
-        Numbers separated by blanks.
-    locate : callable
-        Row -> where it is in the file, for the message.
-
-    Returns
-    -------
-    list of (row_ids (n,) int64, table (n, k) float64)
-        One pair for each width, rows in order.
-
-    Raises
-    ------
-    MeshFormatError
-        If something is not a number; the message names the place and the word.
-    """
+    """Rows of numbers, grouped by how many they have: row ids (n,) and table (n, k) of each width."""
     if not rows:
         return []
     table = _uniform_table(rows)
@@ -54,20 +39,7 @@ def read_rows(rows: list[str], locate: Callable[[int], str]) -> list[tuple[np.nd
 
 
 def as_integers(values: np.ndarray, locate: Callable[[int], str]) -> np.ndarray:
-    """Return a table of whole numbers as int64.
-
-    Parameters
-    ----------
-    values : (n, k) numbers
-        What should be indices or counts.
-    locate : callable
-        Row of *values* -> where it is in the file.
-
-    Raises
-    ------
-    MeshFormatError
-        If one is not whole, not finite, or too large to be an index.
-    """
+    """A table of whole numbers (n, k) as int64; *locate* says where a row is in the file."""
     if values.dtype.kind in "iu" and values.dtype.itemsize < 8:
         return values.astype(np.int64)
     is_good = np.abs(values.astype(np.float64)) <= LARGEST_EXACT_INTEGER
@@ -100,45 +72,61 @@ def _not_a_number(rows: list[str], locate: Callable[[int], str]) -> MeshFormatEr
 
 
 def as_count(word: str) -> int | None:
-    """Return a number of rows, or None where *word* is none, or of more digits than any file has rows."""
+    """A number of rows, or None where *word* is none, or of more digits than any file has rows."""
     return int(word) if word.isdecimal() and len(word) <= MOST_COUNT_DIGITS else None
 
 
-def end_notes(data: bytes) -> list[str]:
-    """Return a note if the last line of a text file has no end.
+def as_text(data: bytes) -> str:
+    """The text of a file, byte by byte; byte order mark and padding are taken off, and lines end with \\n."""
+    text = data.rstrip(PADDING).decode("latin-1").removeprefix("\xef\xbb\xbf")
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file. Its last number may have lost digits, which no count can show; but many editors leave
-        files like that, so that it is no error.
+
+def numbered_lines(text: str, first: int = 1) -> list[tuple[int, str]]:
+    """Lines that are not blank, with their numbers in the file."""
+    return [
+        (line_id, row) for line_id, row in enumerate(text.split("\n"), first) if row and not row.isspace()
+    ]
+
+
+def regrouped(
+    lines: list[tuple[int, str]], tables: list[tuple[int, list[bool]]]
+) -> list[tuple[int, str]] | None:
+    """One row a line, of tables whose rows run over lines; None where the numbers do not come out even.
+
+    A table is its number of rows, and for each column whether it is a list with its length in front.
     """
-    return [] if data[-1:] in (b"\n", b"\r") else ["its last line has no end: it may have been cut off"]
+    words = [(line_id, word) for line_id, line in lines for word in line.split()]
+    rows: list[tuple[int, str]] = []
+    end = 0
+    for count, columns in tables:
+        for _ in range(count):
+            start = end
+            for is_list in columns:
+                entries = as_count(words[end][1]) if is_list and end < len(words) else 0
+                if entries is None or end >= len(words):
+                    return None
+                end += 1 + entries
+            rows.append((words[start][0], " ".join(word for _, word in words[start:end])))
+    return rows if end == len(words) else None
+
+
+def end_notes(data: bytes) -> list[str]:
+    """A note if the last line of a text file has no end: its last number may have lost digits.
+
+    Many editors leave files like that, so that it is no error.
+    """
+    has_end = data.rstrip(b"\0\x1a")[-1:] in (b"\n", b"\r")
+    return [] if has_end else ["its last line has no end: it may have been cut off"]
 
 
 def of_rows(locate: Callable[[int], str], row_ids: np.ndarray) -> Callable[[int], str]:
-    """Return *locate* for a table that holds only some of the rows.
-
-    Parameters
-    ----------
-    locate : callable
-        Row -> where it is in the file.
-    row_ids : (n,) int
-        The rows that the table holds.
-    """
+    """*locate* for a table that holds only some of the rows."""
     return lambda row: locate(int(row_ids[row]))
 
 
 def shortened(word: str, length: int = 24) -> str:
-    """Return *word* quoted, without control characters and no longer than a message can bear.
-
-    Parameters
-    ----------
-    word : str
-        Something out of a file.
-    length : int
-        Characters to show.
-    """
+    """A word of a file, quoted, without control characters, no longer than a message can bear."""
     return repr(word if len(word) <= length else word[:length] + "...")
 
 

@@ -252,7 +252,7 @@ def test_damaged_obj_is_refused(tmp_path, data, message):
     ("data", "message"),
     [
         (b"FOO\n" + OFF[4:], "it does not begin with OFF, COFF, NOFF or CNOFF"),
-        (b"OFF BINARY\n" + bytes(99), "it is a binary OFF file, which is not supported; export it as text"),
+        (b"OFF BINARY\n" + bytes(99), "it announces 0 vertices and 0 faces, expected both"),
         (b"OFF\n", "its counts of vertices, faces and edges are not three whole numbers"),
         (OFF[:-9], "it announces 8 vertices and 12 faces, but 19 lines follow: it is cut off"),
         (
@@ -313,7 +313,10 @@ def ply(old, new, data=ASCII_PLY):
             ply(b"element face 12", b"element face 0\nproperty uchar u\nelement edge 12"),
             "it is a drawing of lines: 8 vertices and no faces, there is no surface",
         ),
-        (ply(b"element face", b"element tristrips"), "it holds triangle strips, expected faces"),
+        (
+            ply(b"element face", b"element tristrips 9\nproperty int a\nelement face"),
+            "it holds faces and triangle strips, expected one of them",
+        ),
         (
             ply(b"element vertex 8", b"element vertex 9"),
             "its header declares 21 rows, but 20 follow: it is cut off",

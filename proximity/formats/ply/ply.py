@@ -1,5 +1,7 @@
 """PLY: vertices and polygons out of the elements that a header declares; no units."""
 
+import re
+
 import numpy as np
 
 from proximity.errors import MeshFormatError
@@ -12,42 +14,59 @@ _CORNER_LISTS = ("vertex_indices", "vertex_index")
 
 
 def read_ply(source: Source) -> RawFile:
-    """Read a PLY file, ASCII or binary of either byte order.
-
-    Raises
-    ------
-    MeshFormatError
-        If the data are more or less than the header declares, or hold no surface.
-    """
+    """Read a PLY file, ASCII or binary of either byte order."""
     header = read_header(source.data)
     elements = {element.name: element for element in header.elements}
-    _check_elements(elements)
-    columns = _read_ascii(source.data, header) if header.is_ascii else _read_binary(source.data, header)
+    surface = _surface(elements)
+    notes: list[str] = []
+    read = _read_ascii if header.is_ascii else _read_binary
+    columns = read(source.data, header, notes)
     vertices = np.column_stack([np.asarray(columns["vertex"][axis], dtype=np.float64) for axis in "xyz"])
-    name = _corner_list(elements["face"])
-    pieces = [(row_ids, counts, np.asarray(table)) for row_ids, counts, table in columns["face"][name]]
+    lists = columns[surface.name][_corner_list(surface)]
+    pieces = [(row_ids, counts, np.asarray(table)) for row_ids, counts, table in lists]
+    if surface.name == "tristrips":
+        faces = _unrolled(pieces)
+        pieces = [(np.arange(len(faces)), np.full(len(faces), 3), faces)]
     faces, source_faces = polygons.assemble(
-        vertices, pieces, elements["face"].count, lambda row: f"face {row}"
+        vertices, pieces, sum(len(row_ids) for row_ids, _, _ in pieces), lambda row: f"face {row}"
     )
-    mesh = RawMesh("", vertices, faces, source_faces)
-    if header.is_ascii:
-        return RawFile("PLY ASCII", [mesh], notes=text_rows.end_notes(source.data))
-    return RawFile("PLY binary", [mesh])
+    kind = "ASCII" if header.is_ascii else "binary"
+    return RawFile(f"PLY {kind}", [RawMesh("", vertices, faces, source_faces)], notes=notes)
 
 
-def _check_elements(elements: dict[str, Element]) -> None:
+def _unrolled(pieces: list[polygons.Piece]) -> np.ndarray:
+    """Triangles of strips, (F, 3); -1 ends a strip, and every other triangle of one runs the other way."""
+    strips = {
+        int(row): np.append(values[:count], -1)
+        for row_ids, counts, table in pieces
+        for row, count, values in zip(row_ids, counts, table.astype(np.float64), strict=True)
+    }
+    corners = np.concatenate([*(strips[row] for row in sorted(strips)), [-1, -1]])
+    is_end = corners == -1
+    positions = np.arange(len(corners))
+    strip_starts = np.maximum.accumulate(np.where(is_end, positions + 1, 0))
+    faces = np.column_stack([corners[:-2], corners[1:-1], corners[2:]])
+    is_odd = (positions - strip_starts)[:-2] % 2 == 1
+    faces[is_odd] = faces[is_odd][:, [0, 2, 1]]
+    return faces[(faces != -1).all(axis=1)]
+
+
+def _surface(elements: dict[str, Element]) -> Element:
+    """The element of the faces, or of the strips."""
     vertex = elements.get("vertex")
     if vertex is None or not vertex.count:
         raise MeshFormatError("its header declares no vertices")
     scalars = {column.name for column in vertex.properties if column.count_dtype is None}
     if not scalars >= {"x", "y", "z"}:
         raise MeshFormatError("its vertices have no x, y and z, expected positions in space")
-    if "tristrips" in elements:
-        raise MeshFormatError("it holds triangle strips, expected faces")
-    if not elements.get("face", Element("face", 0)).count:
+    surfaces = [elements[name] for name in ("face", "tristrips") if name in elements and elements[name].count]
+    if len(surfaces) > 1:
+        raise MeshFormatError("it holds faces and triangle strips, expected one of them")
+    if not surfaces:
         kind = "a drawing of lines" if elements.get("edge", Element("edge", 0)).count else "a point cloud"
         raise MeshFormatError(f"it is {kind}: {vertex.count} vertices and no faces, there is no surface")
-    _corner_list(elements["face"])
+    _corner_list(surfaces[0])
+    return surfaces[0]
 
 
 def _corner_list(face: Element) -> str:
@@ -58,37 +77,42 @@ def _corner_list(face: Element) -> str:
     raise MeshFormatError(f"its faces have no list {' or '.join(_CORNER_LISTS)}")
 
 
-def _read_binary(data: bytes, header: Header) -> dict[str, rows.Columns]:
+def _read_binary(data: bytes, header: Header, notes: list[str]) -> dict[str, rows.Columns]:
     columns = {}
     at = header.data_start
     for element in header.elements:
         columns[element.name], at = rows.read_binary(data, at, element)
-    # A wrong count shifts everything behind it, so that nothing may be left over; a line end does no harm.
-    if data[at:].strip(b"\r\n"):
+    # A wrong count shifts everything behind it, so that nothing but padding may be left over.
+    if data[at:].strip(text_rows.PADDING):
         raise MeshFormatError(f"{len(data) - at} bytes follow the last row: a count in its header is wrong")
+    if data[at:].strip(b"\r\n"):
+        notes.append(f"{len(data) - at} bytes after the last row were ignored")
     return columns
 
 
-def _read_ascii(data: bytes, header: Header) -> dict[str, rows.Columns]:
-    text = data[header.data_start :].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
-    header_lines = len(data[: header.data_start].splitlines())
-    lines = [
-        (line_id, line)
-        for line_id, line in enumerate(text.split("\n"), header_lines + 1)
-        if line and not line.isspace()
-    ]
-    announced = sum(element.count for element in header.elements if element.properties)
+def _read_ascii(data: bytes, header: Header, notes: list[str]) -> dict[str, rows.Columns]:
+    text = text_rows.as_text(data[header.data_start :])
+    if "comment" in text or "obj_info" in text:
+        text = re.sub(r"(?m)^[ \t]*(comment|obj_info)\b.*", "", text)
+    lines = text_rows.numbered_lines(text, len(data[: header.data_start].splitlines()) + 1)
+    elements = [element for element in header.elements if element.properties]
+    announced = sum(element.count for element in elements)
     if len(lines) != announced:
-        raise MeshFormatError(
-            f"its header declares {announced} rows, but {len(lines)} follow: "
-            f"{'it is cut off' if len(lines) < announced else 'a count is wrong'}"
-        )
+        lists = [[column.count_dtype is not None for column in element.properties] for element in elements]
+        tables = [(element.count, is_list) for element, is_list in zip(elements, lists, strict=True)]
+        regrouped = text_rows.regrouped(lines, tables)
+        if regrouped is None:
+            raise MeshFormatError(
+                f"its header declares {announced} rows, but {len(lines)} follow: "
+                f"{'it is cut off' if len(lines) < announced else 'a count is wrong'}"
+            )
+        lines = regrouped
     columns = {}
     first = 0
-    for element in header.elements:
-        if not element.properties:
-            continue
+    for element in elements:
         part = lines[first : first + element.count]
         first += element.count
-        columns[element.name] = rows.read_ascii([line for _, line in part], [k for k, _ in part], element)
+        line_ids = [line_id for line_id, _ in part]
+        columns[element.name] = rows.read_ascii([line for _, line in part], line_ids, element, notes)
+    notes += text_rows.end_notes(data)
     return columns

@@ -8,6 +8,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
+from proximity.formats.dialects import DialectError
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",
@@ -17,6 +18,7 @@ _TYPES = {
     "float16": "f2", "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
 _END = re.compile(rb"[\r\n][ \t]*(end_header)[ \t]*(?:\r\n|\n|\r|$)")
+_FACE = re.compile(rb"^element[ \t]+face[ \t]+(\d{1,18})\s*$", re.MULTILINE)
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -48,19 +50,13 @@ class Header:
 
 
 def read_header(data: bytes) -> Header:
-    """Read the header of a PLY file.
-
-    Raises
-    ------
-    MeshFormatError
-        If it does not end, has a line that PLY does not know, or declares something twice.
-    """
+    """Read the header of a PLY file."""
     last_line = _END.search(data)
     if last_line is None:
         raise MeshFormatError("its header has no line end_header: it is cut off, or not a PLY file")
     end, data_start = last_line.start(1), last_line.end()
     lines = data[:end].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    if lines[0].strip().lower() != "ply":
+    if lines[0].removeprefix("\xef\xbb\xbf").strip().lower() != "ply":
         raise MeshFormatError("its first line is not ply")
     byte_order: str | None = None
     elements: list[Element] = []
@@ -83,7 +79,11 @@ def read_header(data: bytes) -> Header:
             _check_new(column.name, elements[-1].properties, line_id)
             elements[-1].properties.append(column)
         else:
-            raise MeshFormatError(f"line {line_id} of its header is {text_rows.shortened(line, 60)}")
+            message = f"line {line_id} of its header is {text_rows.shortened(line, 60)}"
+            face = _FACE.search(data[:end])
+            if face is None or words[0] in ("format", "element"):
+                raise MeshFormatError(message)
+            raise DialectError(message, int(face[1]))
     if byte_order is None:
         raise MeshFormatError("its header has no line format")
     return Header(byte_order == "", elements, data_start)
@@ -109,20 +109,7 @@ def _property(words: list[str], byte_order: str) -> Property | None:
 
 
 def check_size(header: Header, size: int) -> None:
-    """Raise if the rows that a header declares cannot be in a file of so many bytes.
-
-    Parameters
-    ----------
-    header : Header
-        Read already.
-    size : int
-        Bytes of the whole file.
-
-    Raises
-    ------
-    MeshFormatError
-        With both numbers.
-    """
+    """Raise if the rows that a header declares cannot be in a file of so many bytes."""
     least, most = 0, 0.0
     for element in header.elements:
         for column in element.properties:

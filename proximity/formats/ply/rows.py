@@ -17,22 +17,7 @@ Columns = dict[str, np.ndarray | list[Piece]]
 
 
 def read_binary(data: bytes, start: int, element: Element) -> tuple[Columns, int]:
-    """Read the rows of an element, and say where they end.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    start : int
-        Byte of the first row.
-    element : Element
-        What the header declares.
-
-    Raises
-    ------
-    MeshFormatError
-        If the file ends before the last row.
-    """
+    """Read the rows of an element from byte *start* of the file, and say where they end."""
     if not element.properties or not element.count:
         return {}, start
     row_dtype = _row_dtype(data, start, element)
@@ -123,29 +108,15 @@ def _cut_off(element: Element, row: int) -> MeshFormatError:
     )
 
 
-def read_ascii(rows: list[str], line_ids: list[int], element: Element) -> Columns:
-    """Read the rows of an element.
-
-    Parameters
-    ----------
-    rows : list of str
-        One line each, as many as the element has rows.
-    line_ids : list of int
-        Their numbers in the file.
-    element : Element
-        What the header declares.
-
-    Raises
-    ------
-    MeshFormatError
-        If a row has too many or too few numbers, or something else.
-    """
+def read_ascii(rows: list[str], line_ids: list[int], element: Element, notes: list[str]) -> Columns:
+    """Read the rows of an element, one a line; all may go on with equally many undeclared numbers."""
 
     def locate(row: int) -> str:
         return f"line {line_ids[row]} ({element.name} {row})"
 
     scalars: dict[str, np.ndarray] = {}
     lists: dict[str, list[Piece]] = {}
+    surplus = np.zeros(element.count, dtype=np.int64)  # numbers of each row that are not declared
     for row_ids, table in text_rows.read_rows(rows, locate):
         at = np.zeros(len(table), dtype=np.int64)  # column that each row has come to
         last = table.shape[1] - 1
@@ -161,12 +132,17 @@ def read_ascii(rows: list[str], line_ids: list[int], element: Element) -> Column
             # what lies behind the list is passed over by those who take the pieces
             lists.setdefault(column.name, []).append((row_ids, counts, table[every[:, None], entries]))
             at = at + counts
-        wrong = np.flatnonzero(at != table.shape[1])
-        if len(wrong):
+        surplus[row_ids] = table.shape[1] - at
+    wrong = np.flatnonzero(surplus)
+    if len(wrong):
+        # Of a single row, or of some, they are rather entries of a list whose length is wrong.
+        if surplus[0] < 0 or element.count == 1 or (surplus != surplus[0]).any():
             row = int(wrong[0])
+            width = len(rows[row].split())
             raise MeshFormatError(
-                f"{locate(row_ids[row])} has {table.shape[1]} numbers, but its header declares {at[row]}"
+                f"{locate(row)} has {width} numbers, but its header declares {width - surplus[row]}"
             )
+        notes.append(f"the last {surplus[0]} numbers of each row of element {element.name} were ignored")
     return {**scalars, **lists}
 
 
