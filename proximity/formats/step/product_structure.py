@@ -25,6 +25,9 @@ _TEXT = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
 _KINDS = "|".join((_USE, _PLACEMENT, _SHAPE, _RELATION, *_OF, *_BODIES))
 _RECORD = re.compile(rf"(#\d+)\s*=\s*({_KINDS}|\w*SHAPE_REPRESENTATION)\s*\(([^;]*)\)\s*;")
 _REFERENCE = re.compile(r"#\d+")
+_ANY = re.compile(r"(#\d+)\s*=\s*\(?\s*(\w*)([^;]*);")
+_HOLDERS = ("SHAPE_DEFINITION_REPRESENTATION", "REPRESENTATION_RELATIONSHIP")
+"""Ends of the names of records that give products their shapes; shapes, colours and texts belong to them."""
 
 
 @dataclass(slots=True)
@@ -71,6 +74,20 @@ def count_bodies(text: str) -> int:
                 )
         children[assembly].append(part)
     return _count(records, shapes, children)
+
+
+def used_records(text: str) -> set[str]:
+    """Return the records that belong to a product, or to a relation of shapes, by their numbers."""
+    records = {
+        own: (kind, _REFERENCE.findall(rest)) for own, kind, rest in _ANY.findall(_TEXT.sub(" ", text))
+    }
+    waiting = [own for own, (kind, _) in records.items() if kind.endswith(_HOLDERS)]
+    used = set(waiting)
+    while waiting:
+        new = [other for other in records.get(waiting.pop(), ("", ()))[1] if other not in used]
+        used.update(new)
+        waiting += new
+    return used
 
 
 def _read(text: str) -> _Records:
