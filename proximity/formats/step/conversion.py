@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,19 +59,19 @@ def mesh_within_limits(text: str, path: str, tolerance: float, metres: float) ->
     *metres*: the longest unit of the file.
     """
     size = _deciding_size(text, tolerance / metres) * metres
-    if not size:
-        try:
-            return Meshed(_mesh(text, path, tolerance), tolerance)
-        except _LimitError:
-            size = _largest(_NUMBER.findall(text)) * metres
-            if size * _FIRST_SHARE <= tolerance:
-                raise
-    return _mesh_by_and_by(text, path, tolerance, max(tolerance, size * _FIRST_SHARE))
+    if size:
+        return _mesh_by_and_by(text, path, tolerance, max(tolerance, size * _FIRST_SHARE))
+    with suppress(_LimitError):
+        raw = _mesh(text, path, tolerance)
+        if _triangle_counts(raw)[0] <= MOST_TRIANGLES:
+            return Meshed(raw, tolerance)
+    size = _largest(_NUMBER.findall(text)) * metres
+    return _mesh_by_and_by(text, path, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
 
 
 def _mesh_by_and_by(text: str, path: str, tolerance: float, coarse: float) -> Meshed:
     """Go from a coarse tolerance to the one wanted, or as near to it as the limits allow."""
-    raw, finer = _mesh(text, path, coarse), coarse
+    raw = _mesh(text, path, coarse)
     while coarse > tolerance:
         total, most = _triangle_counts(raw)
         # Where a surface is curved both ways triangles grow with 1 / tolerance, elsewhere less.
@@ -82,11 +83,16 @@ def _mesh_by_and_by(text: str, path: str, tolerance: float, coarse: float) -> Me
             f"{MOST_OF_FACE:,}"
         )
         if finer > 1.5 * coarse:
-            raise MeshFormatError(f"it can be meshed within {finer * 1e3:.2g} mm, {excess}")
-        if finer > 0.8 * coarse:
+            raise MeshFormatError(
+                f"it takes {total:,} triangles within {coarse * 1e3:.2g} mm already, {excess}"
+            )
+        try:
+            if finer > max(0.8 * coarse, tolerance):
+                raise _LimitError
+            raw, coarse = _mesh(text, path, finer), finer
+        except _LimitError:
             raw.notes.append(f"curved faces are approximated within {coarse * 1e3:.2g} mm, {excess}")
             break
-        raw, coarse = _mesh(text, path, finer), finer
     return Meshed(raw, coarse)
 
 
