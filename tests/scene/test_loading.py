@@ -85,7 +85,7 @@ def test_progress_of_loading_counts_meshes():
 
 
 def test_many_small_parts_are_each_assembled_once(tmp_path, monkeypatch):
-    """501 cubes took 2 ms each, half of it for a second model of each, and for samples drawn anew."""
+    """Each cube of a file was put together twice, and drew the same samples anew."""
     made = []
     whole = sign.assemble
     monkeypatch.setattr(sign, "assemble", lambda *given: made.append(len(given[0])) or whole(*given))

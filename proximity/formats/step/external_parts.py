@@ -74,7 +74,9 @@ class _Merge:
     def _with_roots(self, text: str, path: Path) -> str:
         """The text in which the products of part files stand for those that refer to them."""
         self.open_paths.append(path)
-        products, renamed, gone = products_of(text), {}, []
+        products = products_of(text)
+        renamed: dict[str, str] = {}
+        gone: list[str] = []
         for product, name in _references(text):
             definition = products.shapes.get(product)
             if definition is None or products.has_bodies(product) or product in products.assemblies:

@@ -28,7 +28,7 @@ _RECORD = re.compile(rf"(#\d+)\s*=\s*({_KINDS}|\w*SHAPE_REPRESENTATION)\s*\(([^;
 _REFERENCE = re.compile(r"#\d+")
 _SHAPE_LINK = re.compile(rf"(#\d+)\s*=\s*{_SHAPE}\s*\(\s*(#\d+)")
 _ANY = re.compile(r"(#\d+)\s*=\s*\(?\s*(\w*)([^;]*);")
-_HOLDERS = ("SHAPE_DEFINITION_REPRESENTATION", "REPRESENTATION_RELATIONSHIP")
+_SHAPE_GIVING = ("SHAPE_DEFINITION_REPRESENTATION", "REPRESENTATION_RELATIONSHIP")
 """Ends of the names of records that give products their shapes; shapes, colours and texts belong to them."""
 
 
@@ -111,7 +111,7 @@ def used_records(text: str) -> set[str]:
     records = {
         own: (kind, _REFERENCE.findall(rest)) for own, kind, rest in _ANY.findall(_TEXT.sub(" ", text))
     }
-    waiting = [own for own, (kind, _) in records.items() if kind.endswith(_HOLDERS)]
+    waiting = [own for own, (kind, _) in records.items() if kind.endswith(_SHAPE_GIVING)]
     used = set(waiting)
     while waiting:
         new = [other for other in records.get(waiting.pop(), ("", ()))[1] if other not in used]
