@@ -38,12 +38,14 @@ def occupancy(pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray) -
     frames, parts
         Of the model, complete but for what comes of this.
     """
+    if len(pieces) == 1:
+        return NOTHING
     rows = [
         row
         for row, piece in enumerate(pieces)
         if piece.sign != layout.SIGN_NONE and not parts[row, layout.PART_IS_DYNAMIC]
     ]
-    if len(pieces) == 1 or not rows:
+    if not rows:
         return NOTHING
     lower = frames[rows, layout.FRAME_BOX_LOWER_XYZ].min(axis=0)
     upper = frames[rows, layout.FRAME_BOX_UPPER_XYZ].max(axis=0)

@@ -131,13 +131,14 @@ def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> N
         Taken if it fits: parts that share it can be walked as one tree. Otherwise one with space to move.
     """
     scene = len(parts) - 1
-    lower, upper = (
-        frames[:scene, layout.FRAME_BOX_LOWER_XYZ].min(axis=0),
-        frames[:scene, layout.FRAME_BOX_UPPER_XYZ].max(axis=0),
-    )
-    reach = np.maximum(np.abs(wanted.of(lower)), np.abs(wanted.of(upper))).max()
-    is_fit = scene == 1 or SMALLEST_REACH <= reach <= 1.0
-    frame = wanted if is_fit else common_frame(lower, upper)
+    frame = wanted
+    if scene > 1:
+        lower, upper = (
+            frames[:scene, layout.FRAME_BOX_LOWER_XYZ].min(axis=0),
+            frames[:scene, layout.FRAME_BOX_UPPER_XYZ].max(axis=0),
+        )
+        reach = np.maximum(np.abs(wanted.of(lower)), np.abs(wanted.of(upper))).max()
+        frame = wanted if SMALLEST_REACH <= reach <= 1.0 else common_frame(lower, upper)
     frames[scene, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
     frame.write(frames[scene])
     note_fused(frames, parts)
@@ -180,9 +181,12 @@ def static_tree(
         Part and reference.
     """
     scene = len(parts) - 1
+    nothing = np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
+    if scene == 1:
+        return nothing
     still_count = int((parts[:scene, [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]] == 0).all(axis=1).sum())
-    if not still_count or scene == 1:
-        return np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
+    if not still_count:
+        return nothing
     target = max(FEWEST_ENTRIES, ENTRIES_PER_PART * still_count)
     boxes, references = gather_entries(words, frames, parts, target)
     nodes, order, _ = build_tree(boxes, ENTRIES_SHIFT)

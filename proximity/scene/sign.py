@@ -10,6 +10,7 @@
 
 from dataclasses import replace
 from enum import Enum
+from functools import cache
 
 import numpy as np
 
@@ -70,8 +71,8 @@ def kernel_sign(method: SignMethod) -> int:
     return _KERNEL_SIGN[method]
 
 
-def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, SignMethod, str]:
-    """Return a part's arrays with its sign, the method, and why.
+def choose_sign(piece: PartArrays, topology: Topology) -> tuple[Model, SignMethod, str]:
+    """Return the model of a part with its sign, the method, and why.
 
     Notes
     -----
@@ -79,30 +80,40 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[PartArrays, Sign
     """
     points, normals = _surface_samples(piece)
     if len(points) == 0:
-        return piece, SignMethod.NONE, "no face has an area: there is no inside, so distances have no sign"
+        why = "no face has an area: there is no inside, so distances have no sign"
+        return _alone(piece), SignMethod.NONE, why
     if topology.is_watertight:
         signed = with_sign(piece, layout.SIGN_PSEUDONORMAL, has_grid=True)
-        asked, against = _contradictions(signed, points, normals)
+        model = _alone(signed)
+        asked, against = _contradictions(signed, model, points, normals)
         if against == 0:
             why = f"closed and oriented; agrees with the winding number at {asked} of {asked} sample points"
-            signed = with_passing_faces(signed)
-            if signed.folded.any():
-                why += _exceptions(signed)
-            return signed, SignMethod.PSEUDONORMAL, why
+            passed = with_passing_faces(signed)
+            if passed.folded.any():
+                why += _exceptions(passed)
+            is_same = np.array_equal(passed.folded, signed.folded)
+            return model if is_same else _alone(passed), SignMethod.PSEUDONORMAL, why
         why = (
             "closed and oriented, but it intersects itself or has shells that face the wrong way: the "
             f"nearest face and the winding number disagree at {against} of {asked} sample points"
         )
-        return replace(signed, sign=layout.SIGN_WINDING, folded=NO_FOLDED), SignMethod.WINDING_NUMBER, why
+        wound = replace(signed, sign=layout.SIGN_WINDING, folded=NO_FOLDED)
+        return _alone(wound), SignMethod.WINDING_NUMBER, why
     if topology.is_balanced:
         why = "closed, but edges have more than two faces"
-        return with_sign(piece, layout.SIGN_WINDING, has_grid=True), SignMethod.WINDING_NUMBER, why
+        wound = with_sign(piece, layout.SIGN_WINDING, has_grid=True)
+        return _alone(wound), SignMethod.WINDING_NUMBER, why
     share = _clear_share(piece, points, normals)
     if share >= CLEAR_SHARE:
         why = f"not closed, but the winding number is clear below {share:.0%} of the surface"
-        return with_sign(piece, layout.SIGN_WINDING, has_grid=False), SignMethod.WINDING_NUMBER, why
+        wound = with_sign(piece, layout.SIGN_WINDING, has_grid=False)
+        return _alone(wound), SignMethod.WINDING_NUMBER, why
     why = "not closed: there is no inside, so distances have no sign"
-    return piece, SignMethod.NONE, why
+    return _alone(piece), SignMethod.NONE, why
+
+
+def _alone(piece: PartArrays) -> Model:
+    return assemble([piece], [Pose()])
 
 
 def _exceptions(signed: PartArrays) -> str:
@@ -122,11 +133,17 @@ def _surface_samples(piece: PartArrays) -> tuple[np.ndarray, np.ndarray]:
     areas = double_areas(piece.corners, piece.faces)
     if not areas.sum() > 0.0:
         return np.empty((0, 3)), np.empty((0, 3))
-    rng = np.random.default_rng(SAMPLE_SEED)
-    chosen = np.searchsorted(np.cumsum(areas), rng.random(POINT_SAMPLE_COUNT) * areas.sum(), side="right")
+    shares, weights = _random_samples()
+    chosen = np.searchsorted(np.cumsum(areas), shares * areas.sum(), side="right")
     chosen = np.minimum(chosen, len(areas) - 1)
-    weights = rng.dirichlet((1.0, 1.0, 1.0), len(chosen))
     return _placed(piece.corners[piece.faces[chosen]], weights)
+
+
+@cache
+def _random_samples() -> tuple[np.ndarray, np.ndarray]:
+    """Shares of a surface, and weights of corners: the same for every part."""
+    rng = np.random.default_rng(SAMPLE_SEED)
+    return rng.random(POINT_SAMPLE_COUNT), rng.dirichlet((1.0, 1.0, 1.0), POINT_SAMPLE_COUNT)
 
 
 def _turns(model: Model, points: np.ndarray) -> np.ndarray:
@@ -137,12 +154,14 @@ def _turns(model: Model, points: np.ndarray) -> np.ndarray:
     return turns
 
 
-def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray) -> tuple[int, int]:
+def _contradictions(
+    signed: PartArrays, model: Model, points: np.ndarray, normals: np.ndarray
+) -> tuple[int, int]:
     """Number of points that were asked, and of those at which the two methods disagree about the side.
 
     Parameters
     ----------
-    signed : PartArrays
+    signed, model : PartArrays, Model
         With the sign of pseudo-normals.
     points, normals : (N, 3) float64
         As `_surface_samples` tells.
@@ -164,10 +183,10 @@ def _contradictions(signed: PartArrays, points: np.ndarray, normals: np.ndarray)
     # What is folded over has been looked at, and gets its sides from the winding number.
     is_clear[signed.bvh.slot_faces[np.unpackbits(signed.folded, bitorder="little") == 1]] = True
     points, normals = _face_samples(signed, np.flatnonzero(~is_clear))
-    model = bare = assemble([signed], [Pose()])
+    bare = model
     if signed.folded.any():
         # Asked as if nothing were folded: a surface of which much is meets itself.
-        bare = assemble([replace(signed, folded=beside_thin_faces(signed), memory=None)], [Pose()])
+        bare = _alone(replace(signed, folded=beside_thin_faces(signed), memory=None))
     above = points + offsets[0] * normals
     against = _differing(bare, signed, around) + _differing(model, signed, above)
     against += _differing(model, signed, uncertain, is_inside)
@@ -184,10 +203,15 @@ def _face_samples(piece: PartArrays, among: np.ndarray) -> tuple[np.ndarray, np.
 
 def _placed(corners: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points of (N, 3, 3) *corners* by their weights, (N, 3), with unit normals; where there is an area."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(normals, axis=1)
+    a, b = (corners[:, 1:] - corners[:, :1]).transpose(1, 2, 0)
+    normals = np.stack(
+        [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)], axis=1
+    )  # np.cross is slow
+    areas = np.sqrt((normals * normals).sum(axis=1))
     points = (corners * weights[:, :, None]).sum(axis=1)
-    return points[areas > 0.0], normals[areas > 0.0] / areas[areas > 0.0, None]
+    if not areas.all():
+        points, normals, areas = points[areas > 0.0], normals[areas > 0.0], areas[areas > 0.0]
+    return points, normals / areas[:, None]
 
 
 def _differing(
@@ -217,7 +241,7 @@ def _differing(
 
 def _clear_share(piece: PartArrays, points: np.ndarray, normals: np.ndarray) -> float:
     """The share of the area with a winding number near 1 just below and near 0 just above."""
-    model = assemble([piece], [Pose()])
+    model = _alone(piece)
     step = SAMPLE_OFFSETS[0] * piece.size
     below, above = _turns(model, points - step * normals), _turns(model, points + step * normals)
     return float(np.mean((below > CLEAR_TURNS) & (above < 1.0 - CLEAR_TURNS)))

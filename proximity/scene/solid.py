@@ -77,8 +77,8 @@ class Solid(Queries):
         self.mesh = mesh
         self.name = name
         self._is_watertight = topology.is_watertight
-        piece, self.sign_method, self.sign_reason = choose_sign(piece, topology)
-        self._arrays = SolidArrays.own(piece)
+        model, self.sign_method, self.sign_reason = choose_sign(piece, topology)
+        self._arrays = SolidArrays(model)
         if is_turned:
             self.sign_reason += "; all faces were flipped: they ran clockwise seen from outside"
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from proximity import formats
 from proximity.errors import MeshError, MeshFormatError, ProximityError
 from proximity.formats import file_reader, text_rows
-from proximity.formats.step import step
+from proximity.formats.step import conversion
 
 VERTICES, FACES = shapes.cube()
 OUTSIDE = np.array([*FACES[:-1], [1, 7, 8]])
@@ -693,7 +693,7 @@ def test_crash_of_the_step_library_is_an_error_like_others(tmp_path, monkeypatch
     def crash(*arguments, **options):
         return subprocess.CompletedProcess(arguments, returncode)
 
-    monkeypatch.setattr(step.subprocess, "run", crash)
+    monkeypatch.setattr(conversion.subprocess, "run", crash)
     assert refusal(write(tmp_path, "part.step", STEP)) == message
 
 
@@ -704,7 +704,7 @@ def test_full_disk_on_the_way_to_the_step_library_is_said(tmp_path, monkeypatch,
         raise OSError(errno.ENOSPC, "No space left on device")
 
     path = write(tmp_path, "part.step", STEP)
-    monkeypatch.setattr(f"proximity.formats.step.step.{where}", fail)
+    monkeypatch.setattr(f"proximity.formats.step.conversion.{where}", fail)
 
     with pytest.raises(MeshError) as caught:
         formats.read_geometries(path)

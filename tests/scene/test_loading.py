@@ -8,6 +8,7 @@ from project import MESHES
 
 import proximity
 from proximity import Part, Scene
+from proximity.scene import sign
 
 
 def pair_in_three_places(tmp_path):
@@ -81,3 +82,21 @@ def test_progress_of_loading_counts_meshes():
 
     total = len(counted)
     assert total > 1 and counted == [(done, total) for done in range(1, total + 1)]
+
+
+def test_many_small_parts_are_each_assembled_once(tmp_path, monkeypatch):
+    """Each cube of a file was put together twice, and drew the same samples anew."""
+    made = []
+    whole = sign.assemble
+    monkeypatch.setattr(sign, "assemble", lambda *given: made.append(len(given[0])) or whole(*given))
+    sign._random_samples.cache_clear()
+    cubes = [shapes.moved(shapes.cube(0.1 + 0.001 * k), (0.3 * k, 0.0, 0.0)) for k in range(20)]
+    path = tmp_path / "cubes.glb"
+    nodes = [{"mesh": row} for row in range(20)]
+    path.write_bytes(mesh_files.glb(*mesh_files.gltf_document([[cube] for cube in cubes], nodes)))
+    scene = proximity.load(path)
+
+    assert made == [1] * 20
+    assert sign._random_samples.cache_info().misses == 1
+    for part in scene.parts:
+        assert scene.signed_distance(part.pose.point(np.mean(part.solid.bounds, axis=0))) < 0.0

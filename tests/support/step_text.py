@@ -27,8 +27,13 @@ def box_step(size: tuple[float, float, float], unit: str | None = "mm", name: st
     out = _Lines()
     context = _context(out, unit)
     shell = _shell(out, np.array(size, dtype=float))
-    solid = out.add(f"MANIFOLD_SOLID_BREP('{name}',{shell})")
     frame = _frame(out, (0, 0, 0), (0, 0, 1), (1, 0, 0))
+    return _file(out, context, frame, shell, name)
+
+
+def _file(out: _Lines, context: str, frame: str, shell: str, name: str) -> str:
+    """The file of one product with one solid."""
+    solid = out.add(f"MANIFOLD_SOLID_BREP('{name}',{shell})")
     shape = out.add(f"ADVANCED_BREP_SHAPE_REPRESENTATION('{name}',({frame},{solid}),{context})")
     application = out.add("APPLICATION_CONTEXT('automotive design')")
     product_context = out.add(f"PRODUCT_CONTEXT('',{application},'mechanical')")
@@ -115,3 +120,17 @@ def _ring(axis: int, side: int) -> list[tuple[int, ...]]:
         corner[axis], corner[(axis + 1) % 3], corner[(axis + 2) % 3] = side, u, v
         ring.append(tuple(corner))
     return ring if side else ring[::-1]
+
+
+def ball_step(radius: float, product: str = "ball") -> str:
+    """Return a STEP file with one ball of that *radius*, mm, around the origin."""
+    out = _Lines()
+    context = _context(out, "mm")
+    frame = _frame(out, (0, 0, 0), (0, 0, 1), (1, 0, 0))
+    vertex = out.add(f"VERTEX_POINT('',{_point(out, (0, 0, -radius))})")
+    loop = out.add(f"VERTEX_LOOP('',{vertex})")
+    bound = out.add(f"FACE_BOUND('',{loop},.T.)")
+    surface = out.add(f"SPHERICAL_SURFACE('',{frame},{float(radius)!r})")
+    face = out.add(f"ADVANCED_FACE('',({bound}),{surface},.T.)")
+    shell = out.add(f"CLOSED_SHELL('',({face}))")
+    return _file(out, context, frame, shell, product)

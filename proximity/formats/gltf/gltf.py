@@ -45,18 +45,12 @@ def read_document(
     binary: bytes | None,
     format_name: str,
     notes: list[str],
-    *,
-    named_after_meshes: bool = False,
 ) -> RawFile:
     """Read the geometry of a glTF document."""
     document = buffers.parse_header(header)
     _check_extensions(document)  # a packed file need not have buffers
     buffers.load_buffers(document, path, binary)
-    nodes = [
-        node
-        for node in scene_graph.walk(document, named_after_meshes=named_after_meshes)
-        if node.mesh != scene_graph.NO_MESH
-    ]
+    nodes = [node for node in scene_graph.walk(document) if node.mesh != scene_graph.NO_MESH]
     surfaces = primitives.read_meshes(document, sorted({node.mesh for node in nodes}), notes)
     meshes = _placed(nodes, _parts(document, nodes, surfaces), notes)
     notes += _notes(document, nodes, surfaces)

@@ -34,11 +34,8 @@ class Node:
         return text_rows.shortened(self.name, 60) if self.name else f"node {self.index}"
 
 
-def walk(document: Document, *, named_after_meshes: bool = False) -> list[Node]:
-    """Return the nodes of the default scene, parents before children, in the order of the file.
-
-    With *named_after_meshes* the name of its mesh goes before a node's own.
-    """
+def walk(document: Document) -> list[Node]:
+    """Return the nodes of the default scene, parents before children, in the order of the file."""
     given = entries(document.json, "nodes")
     check_part_count(sum(isinstance(node, dict) and "mesh" in node for node in given))
     if len(given) > _MOST_NODES:
@@ -52,7 +49,7 @@ def walk(document: Document, *, named_after_meshes: bool = False) -> list[Node]:
             raise MeshFormatError(f"node {index} occurs in the scene twice, expected a tree")
         seen.add(index)
         entry = document.entry("nodes", index)
-        node = _node(document, entry, index, world_from_parent, named_after_meshes)
+        node = _node(document, entry, index, world_from_parent)
         is_shown = extension(entry, "KHR_node_visibility", f"node {index}").get("visible") is not False
         node.is_hidden = is_hidden or not is_shown
         nodes.append(node)
@@ -80,7 +77,6 @@ def _node(
     entry: dict[str, Any],
     index: int,
     world_from_parent: np.ndarray,
-    mesh_name_first: bool,
 ) -> Node:
     given = {
         key: numbers(entry[key], length, f"the {key} of node {index}")
@@ -92,8 +88,6 @@ def _node(
     mesh = NO_MESH if entry.get("mesh") is None else integer(entry["mesh"], f"the mesh of node {index}")
     of_mesh = {} if mesh == NO_MESH else document.entry("meshes", mesh)
     names = [entry.get("name"), of_mesh.get("name")]
-    if mesh_name_first:
-        names.reverse()
     name = next((str(name) for name in names if isinstance(name, str) and name.strip()), "")
     matrix = world_from_parent @ _local_matrix(given) if given else world_from_parent
     weights = entries(entry, "weights") or entries(of_mesh, "weights")

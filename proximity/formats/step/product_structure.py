@@ -8,6 +8,7 @@ a few kinds of records only. Where a file places shapes in another way (mapped i
 import graphlib
 import re
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from proximity.errors import MeshFormatError
@@ -25,6 +26,10 @@ _TEXT = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
 _KINDS = "|".join((_USE, _PLACEMENT, _SHAPE, _RELATION, *_OF, *_BODIES))
 _RECORD = re.compile(rf"(#\d+)\s*=\s*({_KINDS}|\w*SHAPE_REPRESENTATION)\s*\(([^;]*)\)\s*;")
 _REFERENCE = re.compile(r"#\d+")
+_SHAPE_LINK = re.compile(rf"(#\d+)\s*=\s*{_SHAPE}\s*\(\s*(#\d+)")
+_ANY = re.compile(r"(#\d+)\s*=\s*\(?\s*(\w*)([^;]*);")
+_SHAPE_GIVING = ("SHAPE_DEFINITION_REPRESENTATION", "REPRESENTATION_RELATIONSHIP")
+"""Ends of the names of records that give products their shapes; shapes, colours and texts belong to them."""
 
 
 @dataclass(slots=True)
@@ -71,6 +76,48 @@ def count_bodies(text: str) -> int:
                 )
         children[assembly].append(part)
     return _count(records, shapes, children)
+
+
+@dataclass(frozen=True, slots=True)
+class Products:
+    """Products of a file with a shape, by the numbers of their definitions."""
+
+    shapes: dict[str, tuple[str, str]]  # product -> what links it to its shape, representation
+    links: dict[str, str]  # what links it -> record that gives it the representation
+    assemblies: set[str]
+    roots: list[str]  # with a shape, and part of no other
+    has_bodies: Callable[[str], bool]
+
+
+def products_of(text: str) -> Products:
+    """Return the products that a text has."""
+    text = _TEXT.sub(" ", text)
+    records = _read(text)
+    links = {of: own for own, of in _SHAPE_LINK.findall(text)}
+    shapes = {records.owners[of]: (of, shape) for of, shape in records.shapes if of in records.owners}
+    parts = {part for _, part in records.uses.values()}
+    linked = _linked(records)
+    return Products(
+        shapes={product: pair for product, pair in shapes.items() if product not in records.uses},
+        links=links,
+        assemblies={assembly for assembly, _ in records.uses.values()},
+        roots=[product for product in shapes if product not in parts and product not in records.uses],
+        has_bodies=lambda product: _has_body(records, linked, [shapes[product][1]]),
+    )
+
+
+def used_records(text: str) -> set[str]:
+    """Return the records that belong to a product, or to a relation of shapes, by their numbers."""
+    records = {
+        own: (kind, _REFERENCE.findall(rest)) for own, kind, rest in _ANY.findall(_TEXT.sub(" ", text))
+    }
+    waiting = [own for own, (kind, _) in records.items() if kind.endswith(_SHAPE_GIVING)]
+    used = set(waiting)
+    while waiting:
+        new = [other for other in records.get(waiting.pop(), ("", ()))[1] if other not in used]
+        used.update(new)
+        waiting += new
+    return used
 
 
 def _read(text: str) -> _Records:

@@ -1,0 +1,181 @@
+"""Conversion of STEP to GLB by cascadio (OpenCASCADE), within limits of time, memory and triangles.
+
+It runs in a process of its own: damaged files can crash OpenCASCADE, and its output can only be caught by
+exchanging file descriptors, which would swallow what other threads print.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from proximity.errors import MeshError, MeshFormatError
+from proximity.formats.contents import RawFile
+from proximity.formats.gltf import buffers, gltf
+from proximity.formats.step import part_names, worker
+
+STEP_ANGLE = 0.25
+"""How far neighbouring triangles may turn against each other, radians: keeps fillets round whose radius is
+hardly larger than the tolerance (cascadio's own default, 0.5, makes them rings of thirteen sides)."""
+MOST_TRIANGLES = 5_000_000
+MOST_OF_FACE = 150_000
+"""Triangles of one CAD face: OpenCASCADE takes 4 s for 100 000, and 4 times as long for twice as many."""
+MOST_SECONDS, MOST_BYTES = 600, 8 << 30
+"""Of one conversion."""
+_FIRST_SHARE = 1e-3
+"""Of the size of a file: the tolerance of the first conversion where the triangles have to be estimated."""
+_ROUND_SHARE, _FREE_SHARE = 0.7 * MOST_OF_FACE / 10.1, 1e5
+"""A radius or a size is looked at beyond so many tolerances. A sphere takes 10.1 triangles a tolerance."""
+
+_NUMBER = re.compile(r"(?<![\w.#+-])[-+]?\d+\.\d*(?:E[-+]?\d+)?")
+_ROUND = re.compile(r"\b(?:SPHERICAL|(?:DEGENERATE_)?TOROIDAL)_SURFACE\s*\(([^)]*)\)")
+_FREE = re.compile(r"\bB_SPLINE_SURFACE|\bSURFACE_OF_|\bOFFSET_SURFACE")
+_COMPLAINT = re.compile(r"\bERR\b|Error|Exception|Fails Count", re.IGNORECASE)
+_ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
+
+
+class _LimitError(MeshFormatError):
+    """A conversion takes more than its limits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Meshed:
+    """A file as triangles."""
+
+    raw: RawFile
+    tolerance: float  # m, within which they are
+
+
+def mesh_within_limits(text: str, path: str, tolerance: float, metres: float) -> Meshed:
+    """Return a file as triangles, within *tolerance* in m where that does not take too many of them.
+
+    *metres*: the longest unit of the file.
+    """
+    size = _deciding_size(text, tolerance / metres) * metres
+    if size:
+        return _mesh_by_and_by(text, path, tolerance, max(tolerance, size * _FIRST_SHARE))
+    with suppress(_LimitError):
+        raw = _mesh(text, path, tolerance)
+        if _triangle_counts(raw)[0] <= MOST_TRIANGLES:
+            return Meshed(raw, tolerance)
+    size = _largest(_NUMBER.findall(text)) * metres
+    return _mesh_by_and_by(text, path, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
+
+
+def _mesh_by_and_by(text: str, path: str, tolerance: float, coarse: float) -> Meshed:
+    """Go from a coarse tolerance to the one wanted, or as near to it as the limits allow."""
+    raw = _mesh(text, path, coarse)
+    while coarse > tolerance:
+        total, most = _triangle_counts(raw)
+        # Where a surface is curved both ways triangles grow with 1 / tolerance, elsewhere less.
+        finer = max(tolerance, coarse * max(total / MOST_TRIANGLES, most / MOST_OF_FACE))
+        factor = coarse / tolerance
+        excess = (
+            f"not {tolerance * 1e3:g} mm: that would take up to {total * factor:.2g} triangles, "
+            f"{most * factor:.2g} of them on one CAD face, expected at most {MOST_TRIANGLES:,} and "
+            f"{MOST_OF_FACE:,}"
+        )
+        if finer > 1.5 * coarse:
+            raise MeshFormatError(
+                f"it takes {total:,} triangles within {coarse * 1e3:.2g} mm already, {excess}"
+            )
+        try:
+            if finer > max(0.8 * coarse, tolerance):
+                raise _LimitError
+            raw, coarse = _mesh(text, path, finer), finer
+        except _LimitError:
+            raw.notes.append(f"curved faces are approximated within {coarse * 1e3:.2g} mm, {excess}")
+            break
+    return Meshed(raw, coarse)
+
+
+def _deciding_size(text: str, tolerance: float) -> float:
+    """The size, in the file's numbers, by which triangles could be too many; 0.0 if they cannot."""
+    radius = max((_largest(_NUMBER.findall(match)) for match in _ROUND.findall(text)), default=0.0)
+    is_free = _FREE.search(text) is not None
+    if radius > _ROUND_SHARE * tolerance or is_free:
+        size = _largest(_NUMBER.findall(text))
+        if radius > _ROUND_SHARE * tolerance or size > _FREE_SHARE * tolerance:
+            return size
+    return 0.0
+
+
+def _largest(numbers: list[str]) -> float:
+    """The largest of absolute values that is finite, 0.0 where there is none."""
+    values = np.abs(np.array(numbers or ["0"], np.float64))
+    return float(values[np.isfinite(values)].max(initial=0.0))
+
+
+def _triangle_counts(raw: RawFile) -> tuple[int, int]:
+    """Triangles of all products, and of the CAD face with most of them."""
+    products = {id(mesh.source_faces): mesh.source_faces for mesh in raw.meshes}.values()
+    most = max((int(np.bincount(rows).max()) for rows in products if len(rows)), default=0)
+    return sum(len(rows) for rows in products), most
+
+
+def _mesh(text: str, path: str, tolerance: float) -> RawFile:
+    try:
+        glb = _convert(text.encode("latin-1"), tolerance)
+    except OSError as failure:  # a full disk, no room for another process
+        reported = failure.strerror or str(failure)
+        raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
+    header, binary, _ = buffers.split_glb(glb)
+    # Nodes carry numbers of assembly steps (NAUO1); people know the products.
+    header = part_names.with_names_of_products(header, text)
+    return gltf.read_document(header, path, binary, "STEP", [])
+
+
+def _convert(data: bytes, tolerance: float) -> bytes:
+    with tempfile.TemporaryDirectory(prefix="proximity-") as folder:
+        step, glb, log = (Path(folder, name) for name in ("part.step", "part.glb", "log.txt"))
+        step.write_bytes(data)
+        settings = {
+            "folder": folder,
+            "path": sys.path,  # the worker shall find cascadio where this process would
+            "step": str(step),
+            "glb": str(glb),
+            # cascadio takes millimetres, and triangles stay within half of what it is given
+            "tol_linear": tolerance * 1e3,
+            "tol_angular": STEP_ANGLE,
+            "seconds": MOST_SECONDS,
+            "bytes": MOST_BYTES,
+        }
+        with log.open("wb") as output:
+            returncode = _run(json.dumps(settings).encode() + b"\n", output.fileno())
+        printed = _ESCAPES.sub("", log.read_text("utf-8", "replace"))
+        complaint = next((line.strip(" *\t") for line in printed.splitlines() if _COMPLAINT.search(line)), "")
+        if returncode < 0:
+            raise MeshFormatError(f"OpenCASCADE crashed on it (signal {-returncode})")
+        if returncode == worker.NO_CASCADIO:
+            raise MeshError("STEP files need the package cascadio, which cannot be imported")
+        if returncode == worker.TOO_MUCH or "alloc" in printed:
+            raise _LimitError(
+                f"OpenCASCADE takes more than {MOST_SECONDS} s or {MOST_BYTES >> 30} GB to mesh it within "
+                f"{tolerance * 1e3:g} mm, expected less"
+            )
+        if returncode or complaint or not glb.exists() or not glb.stat().st_size:
+            reported = f": {' '.join(complaint.split())[:160]}" if complaint else ""
+            raise MeshFormatError(f"OpenCASCADE could not read all of it{reported}")
+        return glb.read_bytes()
+
+
+def _run(settings: bytes, output: int) -> int:
+    """Run the worker; it sees the end of the pipe when this process ends, however that comes."""
+    inner, outer = os.pipe()
+    try:
+        os.write(outer, settings)
+        # No -m: the worker imports nothing of ours.
+        command = [sys.executable, "-P", worker.__file__]
+        return subprocess.run(
+            command, stdin=inner, stdout=output, stderr=subprocess.STDOUT, check=False
+        ).returncode
+    finally:
+        os.close(inner)
+        os.close(outer)

@@ -1,0 +1,150 @@
+"""The text of a STEP file: where it ends, and the parts that it has in files beside it.
+
+OpenCASCADE opens the files that a file names, wherever they are, and cascadio leaves their shapes out without
+a word. So their records are put into the one text that is converted, and checked as if they had been there:
+the product of a file stands for the empty one that refers to it.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from proximity.errors import MeshFormatError
+from proximity.formats.step.product_structure import products_of
+from proximity.formats.text_rows import shortened
+from proximity.system.regular_file import open_regular
+
+_END = re.compile(rb"END-ISO-10303-21\s*;")
+_SIGNATURES = re.compile(rb"(?:\s*SIGNATURE\b.*?ENDSEC\s*;)*[\s\0\x1a]*", re.DOTALL)
+_MARK = b"\xef\xbb\xbf"
+_MOST_FILES = 1000
+
+_TOKEN = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/|#\d+", re.DOTALL)
+_STRING = re.compile(r"'((?:[^']|'')*)'")
+_DATA = re.compile(r"\bDATA\s*(?:\([^;]*\))?\s*;(.*)\bENDSEC\s*;", re.DOTALL)
+_REFERRING = "APPLIED_DOCUMENT_REFERENCE", "PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS"
+_NAMING = "DOCUMENT", "DOCUMENT_FILE", "APPLIED_EXTERNAL_IDENTIFICATION_ASSIGNMENT"
+_RECORD = re.compile(
+    rf"(#\d+)\s*=\s*({'|'.join(sorted((*_REFERRING, *_NAMING), key=len, reverse=True))})"
+    r"\s*\(((?:'[^']*'|[^';])*)\)\s*;"
+)
+_LOCATION = re.compile(rf"=\s*(?:{'|'.join(_NAMING)}|EXTERNAL_SOURCE)\s*\((?:'[^']*'|[^';])*\)\s*;")
+
+
+def without_trailer(data: bytes) -> tuple[str, list[str]]:
+    """Return the text of a STEP file up to its end, and a note if anything but signatures comes after it."""
+    data = data.removeprefix(_MARK)
+    ends = [match.end() for match in _END.finditer(data)]
+    if not ends:
+        raise MeshFormatError("it does not end with END-ISO-10303-21: it is cut off")
+    if len(ends) > 1:
+        raise MeshFormatError(
+            "it is several STEP files in one, of which OpenCASCADE would read the first only"
+        )
+    is_known = _SIGNATURES.fullmatch(data, ends[0]) is not None
+    note = f"{len(data) - ends[0]} bytes after END-ISO-10303-21 were ignored"
+    return data[: ends[0]].decode("latin-1") + "\n", [] if is_known else [note]
+
+
+def with_external_parts(text: str, path: str) -> str:
+    """Return the text of the file at *path* with the records of the part files that it refers to."""
+    if not any(kind in text for kind in _REFERRING):
+        return text
+    return _Merge(Path(path).resolve().parent).merged(text, Path(path).resolve())
+
+
+@dataclass(slots=True)
+class _Merge:
+    """A file and those that it refers to, each once."""
+
+    folder: Path  # beyond which nothing is read
+    last_number: int = 0
+    open_paths: list[Path] = field(default_factory=list)
+    roots: dict[Path, tuple[str, str, str]] = field(default_factory=dict)  # definition, its shape, shape
+    records: list[str] = field(default_factory=list)  # of the part files
+
+    def merged(self, text: str, path: Path) -> str:
+        """The text with the records of part files, which have been numbered anew, before its own end."""
+        self.last_number = max(map(int, re.findall(r"#(\d+)", text)), default=0)
+        text = self._with_roots(text, path)
+        end = text.rindex("ENDSEC")
+        return text[:end] + "\n".join(self.records) + "\n" + text[end:]
+
+    def _with_roots(self, text: str, path: Path) -> str:
+        """The text in which the products of part files stand for those that refer to them."""
+        self.open_paths.append(path)
+        products = products_of(text)
+        renamed: dict[str, str] = {}
+        gone: list[str] = []
+        for product, name in _references(text):
+            definition = products.shapes.get(product)
+            if definition is None or products.has_bodies(product) or product in products.assemblies:
+                continue  # a drawing of what is there
+            root = self._root(name, path)
+            shape, representation = definition
+            renamed |= dict(zip((product, shape, representation), root, strict=True))
+            gone += [product, shape, representation, products.links[shape]]
+        for number in gone:
+            record = rf"(?<=;)(?:\s|/\*.*?\*/)*{number}\s*=(?:'[^']*'|[^';])*;"
+            text, count = re.subn(record, "\n", text, count=1, flags=re.DOTALL)
+            assert count == 1, "the records of a product end like all others"
+        self.open_paths.pop()
+        text = _LOCATION.sub(lambda match: _STRING.sub("''", match[0]), text)  # OpenCASCADE would open it
+        return _with_references(text, lambda number: renamed.get(number, number)) if renamed else text
+
+    def _root(self, name: str, path: Path) -> tuple[str, str, str]:
+        """The only product of a part file that is part of no other, after its records have been taken."""
+        what = f"its part {shortened(name, 60)}"
+        beside = (path.parent / name.replace("\\", "/")).resolve()
+        if not beside.is_relative_to(self.folder):
+            raise MeshFormatError(f"{what} is not in the folder of this file or below: it is not read")
+        if beside in self.open_paths or len(self.roots) >= _MOST_FILES:
+            raise MeshFormatError(f"{what} is part of itself, or one of more than {_MOST_FILES} files")
+        if beside not in self.roots:
+            try:
+                with open_regular(beside) as file:
+                    text = without_trailer(file.read())[0]
+            except MeshFormatError as reason:
+                raise MeshFormatError(f"{what}: {reason}") from None
+            except (OSError, ValueError) as reason:
+                reported = reason.strerror if isinstance(reason, OSError) else str(reason)
+                raise MeshFormatError(f"{what} beside it cannot be read ({reported})") from reason
+            self.roots[beside] = self._taken(text, beside, what)
+        return self.roots[beside]
+
+    def _taken(self, text: str, path: Path, what: str) -> tuple[str, str, str]:
+        first = self.last_number
+        self.last_number += max(map(int, re.findall(r"#(\d+)", text)), default=0)
+        text = _with_references(text, lambda number: f"#{int(number[1:]) + first}")
+        text = self._with_roots(text, path)
+        products, data = products_of(text), _DATA.search(text)
+        roots = products.roots
+        if len(roots) != 1 or data is None:
+            raise MeshFormatError(f"{what} has {len(roots)} products that are part of no other, expected one")
+        self.records.append(data[1])
+        return (roots[0], *products.shapes[roots[0]])
+
+
+def _references(text: str) -> list[tuple[str, str]]:
+    """Products, and the names of part files that they refer to."""
+    found = _RECORD.findall(text)
+    names: dict[str, str] = {}
+    for own, kind, arguments in found:
+        texts = _STRING.findall(arguments)
+        part_file = next((each for each in texts if each.lower().endswith((".stp", ".step", ".p21"))), "")
+        if kind in _NAMING and part_file:
+            owners = re.findall(r"#\d+", _STRING.sub("", arguments)) if kind == _NAMING[2] else [own]
+            names |= dict.fromkeys(owners, part_file)
+    pairs = []
+    for own, kind, arguments in found:
+        if kind in _REFERRING:
+            numbers = re.findall(r"#\d+", _STRING.sub("", arguments))
+            part_file = next((names[number] for number in numbers if number in names), "")
+            users = [own] if kind == _REFERRING[1] else numbers
+            pairs += [(user, part_file) for user in users if part_file]
+    return pairs
+
+
+def _with_references(text: str, number_of: Callable[[str], str]) -> str:
+    return _TOKEN.sub(lambda match: number_of(match[0]) if match[0][0] == "#" else match[0], text)
