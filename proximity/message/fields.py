@@ -11,6 +11,8 @@ import numpy as np
 
 VECTOR = (3,)
 """Shape of x, y, z in the scene's frame."""
+ROTATION = (3, 3)
+"""Shape of a rotation, row by row."""
 
 
 class Field(NamedTuple):
@@ -26,6 +28,15 @@ class Field(NamedTuple):
 def dtype_of(fields: Sequence[Field]) -> np.dtype:
     """The NumPy type of a header or a record, without gaps."""
     return np.dtype([(field.name, field.type, field.shape) for field in fields])
+
+
+def blank_of(record: np.dtype) -> np.ndarray:
+    """A record in which nothing is given: reals are nan, rotations the identity, and all else is zero."""
+    blank = np.zeros((), record)
+    for name in record.names or ():
+        if record[name].base.kind == "f":
+            blank[name] = np.eye(3) if record[name].shape == ROTATION else np.nan
+    return blank
 
 
 def struct_of(fields: Sequence[Field]) -> Struct:

@@ -68,6 +68,20 @@ def instant(now_ns: Any) -> int:
     return now
 
 
+def instants(t_pose_ns: Any, count: int) -> np.ndarray:
+    """Return the instants of poses, ns, () or (count,)."""
+    try:
+        array = np.asarray(t_pose_ns)
+        if array.dtype.kind not in "iu" or ((array < -MOST_NS) | (array > MOST_NS)).any():
+            raise ValueError("no instants")
+        return np.broadcast_to(array, (count,))
+    except ValueError as unfit:
+        raise QueryError(
+            f"t_pose_ns is {shown(t_pose_ns)}, expected whole nanoseconds, at most 2**62: one number, or "
+            f"one for each of {count} fingers"
+        ) from unfit
+
+
 def radii(radius: Any, count: int) -> np.ndarray:
     """Return the radius of each finger, m, (count,).
 

@@ -15,6 +15,7 @@ from proximity.pose import Pose
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 from proximity.service.inputs.changes_input import carry_out
+from proximity.service.inputs.moves_input import names_repeat
 from proximity.transport import Publisher, open_publisher
 from proximity.transport.publisher_clock import ForeignClock
 from proximity.web.server.access import UnfitError
@@ -81,8 +82,6 @@ class Feed:
         self._initial = {} if scene is None else {part.name: part for part in scene.parts}
         self._gone = Message(POSES, count)
         self._gone.records["finger"] = np.arange(count)
-        for name in ("position", "velocity", "bend"):
-            self._gone.records[name] = np.nan
 
     def take(self, data: bytes, clock: PageClock, now_ns: int | None = None) -> bytes | None:
         """Check a message of a page and publish it; what other pages are to hear of it.
@@ -172,6 +171,8 @@ class Feed:
     def _moves_of(self, records: np.ndarray) -> Message:
         if not self.may_move or self._scene is None:
             raise UnfitError("this page may not move parts: the scene file does not let it")
+        if names_repeat(records):
+            raise UnfitError("moves name the same parts again and again")
         names = self._known_names(records)
         message = Message(MOVES, len(records))
         message.records[...] = records
@@ -179,7 +180,7 @@ class Feed:
             if not max(_most(record["translation"]), _most(record["velocity"])) <= FARTHEST:
                 raise UnfitError(f"part {name!r} is moved farther than 10 km")
             try:
-                pose = Pose.known(_nearest_rotation(record["rotation"]), record["translation"])
+                pose = Pose(record["rotation"], record["translation"])
                 self._scene.move(name, pose)
             except ProximityError as unfit:
                 raise UnfitError(str(unfit)) from unfit
@@ -242,14 +243,3 @@ class Feed:
 def _most(numbers: np.ndarray) -> float:
     """The largest size of a number; nan counts as 0, infinity as itself."""
     return float(np.nan_to_num(np.abs(numbers), nan=0.0, posinf=np.inf).max(initial=0.0))
-
-
-def _nearest_rotation(given: np.ndarray) -> np.ndarray:
-    """The rotation that a page means, which computes poses of parts in single precision at worst."""
-    if not np.isfinite(given).all() or np.abs(given @ given.T - np.eye(3)).max() > 1e-4:
-        raise UnfitError("a part is moved by something that is not a rotation")
-    left, _, right = np.linalg.svd(given)
-    rotation = left @ right
-    if np.linalg.det(rotation) < 0.0:
-        raise UnfitError("a part is moved by a rotation that mirrors it")
-    return np.asarray(rotation)
