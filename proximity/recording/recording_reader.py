@@ -89,7 +89,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
 
 def _forget_lost_hands(positions: np.ndarray, hands: np.ndarray) -> int:
-    """Make nan of hands whose fingers are all at one place, as sensors write lost ones; how many positions."""
+    """Make nan of hands whose fingers are all at one place, as lost ones are written; how many positions."""
     count = 0
     for hand in np.unique(hands):
         fingers = np.flatnonzero(hands == hand)

@@ -39,6 +39,24 @@ LARGEST_DISTANCE_ERROR = 1e3
 LATEST = np.int64(2**63 - 1)
 REFUSED = 255
 """Defect of a sample that was refused before: it is not counted again."""
+LOST = 254
+"""Defect of a sample of a hand all fingers of which are at one place, as many programs send a lost one."""
+HAND, FEWEST_FINGERS = 5, 3
+"""Fingers in a row that are a hand; of fewer nobody can say that they are lost: two may touch."""
+
+
+@inlined
+def _is_lost(positions, i):
+    """Whether all fingers of the hand of finger *i* are at one place; fewer than three may be."""
+    first = i - i % HAND
+    last = min(first + HAND, len(positions))
+    if positions.shape[1] != 3 or last - first < FEWEST_FINGERS:
+        return False
+    for other in range(first, last):
+        for axis in range(3):
+            if positions[other, axis] != positions[i, axis]:
+                return False
+    return True
 
 
 @entry("int64[:], float64[:, :], int64[:], float64[:, :], int64[:], uint8[:], int, int")
@@ -47,13 +65,17 @@ def admit(kept_ns, kept, newer_ns, newer, refused_ns, defects, oldest_ns, latest
 
     Those are left out, and *refused_ns* (N,) keeps their instants: the same sample again stays out, with the
     defect `REFUSED`. A sample that knows nothing is taken, whatever its instant, and the instant kept stays:
-    what comes next must still be newer than that. One that was taken when it was young may come again.
+    what comes next must still be newer than that. One that was taken when it was young may come again. Of a
+    hand that is `LOST` nothing is known.
     """
     for i in range(len(kept_ns)):
         defects[i] = USABLE
         is_known = True
         for column in range(kept.shape[1]):
             is_known &= math.isfinite(newer[i, column])
+        if is_known and _is_lost(newer, i):
+            is_known = False
+            defects[i] = LOST
         if not is_known:
             kept[i, 0] = np.nan
             continue

@@ -13,6 +13,7 @@ from proximity.service.samples import Samples
 from proximity.system.time_units import NS_PER_MS
 
 LOGGER = logging.getLogger("proximity.service")
+LOST_HANDS = "poses of hands whose fingers are all at one place"
 NEVER_NS = np.int64(-(2**63))
 
 
@@ -32,14 +33,20 @@ class SampleFilter:
     future: int  # samples left out because they are from the future
     backwards: int  # … because they are older than the one before
     too_old: int  # … because they are worth nothing when they come
+    lost: int  # … because all fingers of their hand are at one place
 
     def __init__(self, kept: Samples, stale_after_ns: int, origin: str = "input") -> None:
         self.kept = kept
-        self.future = self.backwards = self.too_old = 0
+        self.future = self.backwards = self.too_old = self.lost = 0
         self._origin = origin
         self._stale_after_ns = stale_after_ns
         self._refused_ns = np.full(len(kept.pose_ns), NEVER_NS)
         self._defects = np.zeros(len(kept.pose_ns), np.uint8)
+
+    @property
+    def notes(self) -> list[str]:
+        """A sentence on hands that were lost."""
+        return [f"{self._origin}: {self.lost} {LOST_HANDS} are not used"] if self.lost else []
 
     def start(self, now_ns: int) -> None:
         """Forget all; a finger is unseen since as long as samples are worth something.
@@ -79,6 +86,7 @@ class SampleFilter:
         self.too_old += self._left_out(TOO_OLD, self.too_old, too_old, on_too_old, -ahead_ns)
         back_ns = kept.pose_ns - newer.pose_ns
         self.backwards += self._left_out(BACKWARDS, self.backwards, OUT_OF_ORDER, on_backwards, back_ns)
+        self.lost += self._left_out(finger_kernels.LOST, self.lost, LOST_HANDS, _on_lost, ahead_ns)
         kept.take_rest(newer, defects == USABLE)
 
     def _left_out(
@@ -99,3 +107,7 @@ class SampleFilter:
             The present instant.
         """
         finger_kernels.expire(self.kept.pose_ns, self.kept.values, now_ns - self._stale_after_ns)
+
+
+def _on_lost(_: int) -> str:
+    return "the hand is lost there: send nan"

@@ -707,6 +707,8 @@ inline decaff_move move_of(std::string_view name, std::span<const double, 3> tra
     decaff_move move{};
     detail::name_part(move.name, name);
     move.pose_ns = pose_ns;
+    std::fill_n(move.velocity, 3, 0.0);
+    std::fill_n(move.angular_velocity, 3, 0.0);
     std::copy(translation.begin(), translation.end(), move.translation);
     return move;
 }

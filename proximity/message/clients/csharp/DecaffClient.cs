@@ -773,6 +773,7 @@ namespace Decaff
             NamePart(move.Name, name);
             move.PoseNs = DecaffClock.Ns;
             move.Translation = new DecaffVector(x, y, z);
+            move.Velocity = move.AngularVelocity = new DecaffVector(0, 0, 0);
             return move;
         }
 
