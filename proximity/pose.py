@@ -253,8 +253,7 @@ def _checked_rotation(rotation: Any) -> np.ndarray:
         raise PoseError("a pose's rotation mirrors (determinant -1), expected +1")
     if off > ORTHONORMAL_TOLERANCE:
         array = nearest_rotations(array[None])[0]
-        off = float(np.abs(array @ array.T - _UNTURNED).max())
-    if off <= ROUNDING:
+    elif off <= ROUNDING:
         return array.copy()
     # A step of Newton's iteration towards the nearest: nothing but rounding is left of an error of 1e-9.
     return array + 0.5 * (_UNTURNED - array @ array.T) @ array

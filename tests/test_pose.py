@@ -245,6 +245,6 @@ def test_nearest_rotation_is_meant_up_to_a_hundred_thousandth(stretch, is_taken)
         np.testing.assert_allclose(Pose(matrix).rotation, shapes.rotation(7), atol=1e-14)
     else:
         with pytest.raises(
-            PoseError, match=r"not orthonormal \(rotation times its transpose is off by 1.2e-05\)"
+            PoseError, match=r"not orthonormal \(rotation times its transpose is off by 1.19e-05\)"
         ):
             Pose(matrix)

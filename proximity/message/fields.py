@@ -42,10 +42,7 @@ def blank_of(record: np.dtype) -> np.ndarray:
 def struct_of(fields: Sequence[Field]) -> Struct:
     """A `Struct` that unpacks whole numbers at once, three times as fast as NumPy unpacks one.
 
-    Parameters
-    ----------
-    fields : sequence of Field
-        Integers; those whose name begins with ``reserved`` are passed over.
+    Fields whose name begins with ``reserved`` are passed over.
     """
     codes = {"u1": "B", "u2": "H", "u4": "I", "u8": "Q", "i4": "i", "i8": "q"}
     parts = []
@@ -56,11 +53,5 @@ def struct_of(fields: Sequence[Field]) -> Struct:
 
 
 def reserved(size: int) -> Field:
-    """Bytes that keep what follows on a multiple of its size.
-
-    Parameters
-    ----------
-    size : int
-        How many.
-    """
+    """Bytes that keep what follows on a multiple of its size."""
     return Field("reserved", "<u1", "", "zeros", (size,))

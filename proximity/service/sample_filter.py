@@ -18,17 +18,7 @@ NEVER_NS = np.int64(-(2**63))
 
 
 class SampleFilter:
-    """Keeps the newest sample of each finger that may be used.
-
-    Parameters
-    ----------
-    kept : Samples
-        Room for them.
-    stale_after_ns : int, ns
-        Age from which a sample is worth nothing.
-    origin : str
-        Where samples come from, for the log.
-    """
+    """Keeps, in *kept*, the newest sample of each finger that may be used; *origin* is for the log."""
 
     future: int  # samples left out because they are from the future
     backwards: int  # … because they are older than the one before
@@ -49,26 +39,14 @@ class SampleFilter:
         return [f"{self._origin}: {self.lost} {LOST_HANDS} are not used"] if self.lost else []
 
     def start(self, now_ns: int) -> None:
-        """Forget all; a finger is unseen since as long as samples are worth something.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            The present instant.
-        """
+        """Forget all; a finger is unseen since as long as samples are worth something."""
         self.kept.pose_ns[:] = now_ns - self._stale_after_ns
         self.kept.values[:, 0] = np.nan
 
     def admit(self, newer: Samples, now_ns: int) -> None:
-        """Take what may be used of new samples.
+        """Take what may be used of new samples, which are only read.
 
-        Parameters
-        ----------
-        newer : Samples
-            Of as many fingers as are kept; only read. One that is left out stays out, and is counted once,
-            also where it is given again because something was reported of another finger.
-        now_ns : int, ns
-            The present instant.
+        One that is left out stays out, and is counted once, also where it is given again.
         """
         kept, defects = self.kept, self._defects
         finger_kernels.admit(
@@ -99,13 +77,7 @@ class SampleFilter:
         return len(off_ns)
 
     def expire(self, now_ns: int) -> None:
-        """Forget what is too old.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            The present instant.
-        """
+        """Forget what is too old."""
         finger_kernels.expire(self.kept.pose_ns, self.kept.values, now_ns - self._stale_after_ns)
 
 

@@ -40,15 +40,7 @@ class PageClock:
         self._clock = ForeignClock()
 
     def ahead_ns(self, sent_ns: int, now_ns: int) -> int | None:
-        """Return what is to be added to instants of the page; None until its clock is seen to run.
-
-        Parameters
-        ----------
-        sent_ns : int, ns
-            When the message was sent, on the page's clock.
-        now_ns : int, ns
-            When it arrived, on ours.
-        """
+        """Return what is to be added to instants of the page; None until its clock is seen to run."""
         self._clock.arrived(sent_ns, now_ns)
         ahead = now_ns - self._clock.theirs(now_ns)
         if now_ns - (sent_ns + ahead) > OLDEST_NS:
@@ -57,16 +49,9 @@ class PageClock:
 
 
 class Feed:
-    """The way from pages to the service; closed at the end.
+    """The way from pages to the service, at the addresses that are not None; closed at the end.
 
-    Parameters
-    ----------
-    poses, moves, changes : str
-        Addresses at which the service listens; None where pages may not feed it.
-    scene : Scene
-        Changed as the service changes its own; what it is at the beginning is that of a reset.
-    count : int
-        Of fingers of the service.
+    *scene* is changed as the service changes its own, and is that of a reset as it is at the beginning.
     """
 
     def __init__(
@@ -84,27 +69,7 @@ class Feed:
         self._gone.records["finger"] = np.arange(count)
 
     def take(self, data: bytes, clock: PageClock, now_ns: int | None = None) -> bytes | None:
-        """Check a message of a page and publish it; what other pages are to hear of it.
-
-        Parameters
-        ----------
-        data : bytes
-            What arrived; nothing of it is trusted.
-        clock : PageClock
-            Of that page.
-        now_ns : int, ns
-            The present instant.
-
-        Returns
-        -------
-        bytes or None
-            Moves or changes as they were published.
-
-        Raises
-        ------
-        UnfitError
-            If it cannot be used.
-        """
+        """Check a message of a page and publish it; what other pages are to hear of it: moves or changes."""
         now_ns = time.monotonic_ns() if now_ns is None else now_ns
         array = np.frombuffer(data, np.uint8)
         kind = KINDS.get(int.from_bytes(data[:4], "little"))

@@ -79,8 +79,9 @@ def test_records_of_javascript_begin_as_those_of_python(tmp_path):
     source.write_text("""
 import { encode, poseOf } from "./decaff.mjs";
 const header = { send_ns: 0n, session: 0n, sequence: 0n };
-for (const kind of process.argv.slice(2)) console.log(Buffer.from(encode(kind, header, [{}])).toString("hex"));
-console.log(Buffer.from(encode("poses", header, [poseOf(1, [1, 2, 3], 4n)])).toString("hex"));
+const show = (bytes) => console.log(Buffer.from(bytes).toString("hex"));
+for (const kind of process.argv.slice(2)) show(encode(kind, header, [{}]));
+show(encode("poses", header, [poseOf(1, [1, 2, 3], 4n)]));
 """)
     program = build("javascript", tmp_path, source, "begin")
     *told, pose = run(*program, *(kind.name for kind in KINDS)).split()

@@ -380,7 +380,7 @@ def test_arrays_of_a_callable_are_not_written_into():
 
 
 def test_hand_whose_fingers_are_all_at_one_place_is_lost_and_counted(caplog):
-    """The left hand is lost and sent as (0, 0, 0); the right one goes on, and so does the left when it is back."""
+    """The left hand is sent as (0, 0, 0) while it is lost; the right one goes on."""
     sample_filter = SampleFilter(FingerPoses(10), 100 * MS, "iox2://poses")
     sample_filter.start(NOW)
     tips = np.arange(30.0).reshape(10, 3)

@@ -1,4 +1,4 @@
-"""Poses that were meant otherwise: of another clock, in another unit, in millimetres. Nothing without a word."""
+"""Poses that were meant otherwise, of another clock or in another unit: nothing is taken without a word."""
 
 import numpy as np
 import pytest
@@ -36,12 +36,12 @@ def test_hand_on_one_clock_is_exact_and_nothing_is_noted(caplog):
         (
             EPOCH,
             BOOT,
-            "poses from the future are not used (by 1792000000 s; t_pose_ns and now_ns may be of two",
+            "poses from the future are not used (by 1794997000 s; t_pose_ns and now_ns may be of two",
         ),
         (
             BOOT,
             EPOCH,
-            "poses older than 1 s are not used (1792000000 s old; t_pose_ns and now_ns may be of two",
+            "poses older than 1 s are not used (1794997000 s old; t_pose_ns and now_ns may be of two",
         ),
         (BOOT // 1000, BOOT, "poses older than 1 s are not used (2997 s old"),
     ],

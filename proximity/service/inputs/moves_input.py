@@ -33,22 +33,6 @@ class MovesInput:
     reported of it for `HOLD_NS` it stands, that is counted, and `is_late` says so until it is reported again:
     a part that comes to rest must be reported once without a velocity. Of a part that is hidden or taken out
     nobody needs to know where it is; when it is shown or added again, it is carried on again.
-
-    Parameters
-    ----------
-    address : str
-        As of `open_subscriber`.
-    stale_after : float, s
-        Age from which a move is worth nothing when it comes.
-    clock : callable
-        Gives now, ns, monotonic.
-    skipped : callable
-        Gives by how much the instants of ticks are ahead of that clock, ns: those of a `SkippingClock` are.
-
-    Raises
-    ------
-    PublishError
-        If the address cannot be opened.
     """
 
     future: int  # moves left out because they are from the future
@@ -87,17 +71,9 @@ class MovesInput:
         return self._carried is not None and self._carried.is_late
 
     def apply(self, scene: Scene, now_ns: int, poses: FingerPoses | None = None) -> None:
-        """Put the parts of a scene that are reported to move where they are.
+        """Put parts where they are at the newest instant of *poses*, which distances are for, or else now.
 
-        Parameters
-        ----------
-        scene : Scene
-            Another one than before, an edited one perhaps, gets all that was reported until now.
-        now_ns : int, ns
-            The present instant.
-        poses : FingerPoses
-            Poses that the scene will be asked about: parts are put where they are at the newest instant of
-            these, since distances are reported for the instants of poses. Without a finger it is now.
+        Another scene than before, an edited one perhaps, gets all that was reported until now.
         """
         is_reported = scene is not self._scene
         if is_reported:
@@ -117,11 +93,6 @@ class MovesInput:
 
         Of a finger whose pose is of another instant than those parts are put at, that is how far they go in
         between. Of a part of which nothing more is reported it is how far it may have come since.
-
-        Parameters
-        ----------
-        contacts : (N,) CONTACT
-            Of the scene as `apply` has left it; changed in place.
         """
         if self._carried is not None and self._scene is not None:
             self._carried.widen(contacts, is_edited=self._scene.epoch != self._epoch)
