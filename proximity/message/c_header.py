@@ -76,6 +76,7 @@ SENT = (
     "pose", "path_pose", "glove_pose", "move", "measurement", "addition", "deformation",
 )  # fmt: skip
 """Records with reals that others send to a service: they begin as not given, see `blank_of`."""
+ZEROS = {("addition", name) for name in ADDITIONS.zeros}
 WIDTH = 100
 CRC_POLYNOMIAL = 0xEDB88320
 """Of the CRC-32, lowest bit first."""
@@ -163,17 +164,22 @@ def _record(name: str, what: str, fields: Sequence[Field]) -> str:
     lines = comment_lines(f"{what} {size} bytes.", "")
     lines.append(f"typedef struct decaff_{name} {{")
     for field in fields:
-        begin = f" DECAFF_BEGINS({first})" if name in SENT and (first := _first(field)) else ""
+        begin = f" DECAFF_BEGINS({first})" if name in SENT and (first := _first(name, field)) else ""
         line, comment = f"    {_declaration(field)}{begin};", comment_lines(_meaning(field), "    ")
         reported = f"{line} {comment[0].strip()}"
         lines += [reported] if len(comment) == 1 and len(reported) <= WIDTH else [*comment, line]
     return "\n".join([*lines, f"}} decaff_{name};"])
 
 
-def _first(field: Field) -> str:
+def is_nan(name: str, field: Field) -> bool:
+    """Whether a field of that record begins as nan."""
+    return field.type.endswith("f8") and (name, field.name) not in ZEROS
+
+
+def _first(name: str, field: Field) -> str:
     """What a field that is not given begins as in C; of many rows the first, which says it of all."""
-    if not field.type.endswith("f8"):
-        return ""
+    if not is_nan(name, field):
+        return "{0.0, 0.0, 0.0}" if (name, field.name) in ZEROS else ""
     if field.shape == ROTATION:
         return "{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}"
     text = "NAN"
@@ -183,7 +189,7 @@ def _first(field: Field) -> str:
 
 
 def _blank(name: str, fields: Sequence[Field]) -> str:
-    firsts = (_first(field) or ("{0}" if "[" in c_type(field) else "0") for field in fields)
+    firsts = (_first(name, field) or ("{0}" if "[" in c_type(field) else "0") for field in fields)
     lines = textwrap.wrap(", ".join(firsts), WIDTH - 8, break_long_words=False)
     return f"#define DECAFF_{name.upper()}_INIT \\\n    {{" + " \\\n     ".join(lines) + "}"
 

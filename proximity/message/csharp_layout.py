@@ -9,7 +9,7 @@ from enum import Enum, Flag
 
 import numpy as np
 
-from proximity.message.c_header import ENUMS, KINDS, RECORDS, SENT, meanings_of
+from proximity.message.c_header import ENUMS, KINDS, RECORDS, SENT, is_nan, meanings_of
 from proximity.message.envelope import CHECKED_FROM, MAX_RECORDS, VERSION
 from proximity.message.fields import ROTATION, VECTOR, Field, dtype_of
 from proximity.message.inputs import PATH_CORNERS
@@ -123,7 +123,7 @@ def _record(name: str, what: str, fields: Sequence[Field]) -> Iterator[str]:
         yield f"        /// <summary>{_escaped(unit + field.meaning)}</summary>"
         yield f"        [FieldOffset({offset})] public {_declaration(field)};"
     if name in SENT:
-        yield from _begin(f"Decaff{pascal(name)}", fields)
+        yield from _begin(f"Decaff{pascal(name)}", [field for field in fields if is_nan(name, field)])
     yield "    }"
 
 
@@ -135,8 +135,6 @@ def _begin(record: str, fields: Sequence[Field]) -> Iterator[str]:
     yield f"            var r = new {record}();"
     for field in fields:
         name, count = pascal(field.name), int(np.prod(field.shape, dtype=np.int64))
-        if not field.type.endswith("f8"):
-            continue
         if field.shape == ROTATION:
             yield f"            r.{name}[0] = r.{name}[4] = r.{name}[8] = 1;"
         elif field.shape == VECTOR:

@@ -55,7 +55,7 @@ class Kind:
     header: np.dtype  # begins with the fields of `PREFIX`; has a field ``count``
     record: np.dtype
     sent: str  # field of the header: the instant, ns, at which the message was sent
-    is_filled: bool = False  # whether its publisher writes every field: records begin as zeros
+    zeros: tuple[str, ...] = ()  # reals of a record that begin as zeros, others being nan
     header_size: int = field(init=False)  # bytes
     record_size: int = field(init=False)
     count_at: int = field(init=False)  # byte at which ``count`` is
@@ -69,7 +69,7 @@ class Kind:
             ("record_size", self.record.itemsize),
             ("count_at", offsets["count"]),
             ("sent_at", offsets[self.sent]),
-            ("blank", np.zeros((), self.record) if self.is_filled else blank_of(self.record)),
+            ("blank", blank_of(self.record, self.zeros)),
         ):
             object.__setattr__(self, name, value)
 

@@ -30,11 +30,11 @@ def dtype_of(fields: Sequence[Field]) -> np.dtype:
     return np.dtype([(field.name, field.type, field.shape) for field in fields])
 
 
-def blank_of(record: np.dtype) -> np.ndarray:
-    """A record in which nothing is given: reals are nan, rotations the identity, and all else is zero."""
+def blank_of(record: np.dtype, zeros: Sequence[str] = ()) -> np.ndarray:
+    """A record in which nothing is given: reals are nan, rotations the identity, all else and *zeros* 0."""
     blank = np.zeros((), record)
     for name in record.names or ():
-        if record[name].base.kind == "f":
+        if record[name].base.kind == "f" and name not in zeros:
             blank[name] = np.eye(3) if record[name].shape == ROTATION else np.nan
     return blank
 

@@ -205,8 +205,9 @@ def _observe_all(model, arrays, positions, all_pose_ns, now_ns):
         wide[i, RECORD_PREDICTED_NS] = max(acts_ns, taken_ns)
         record = finger.record
         record[RECORD_POSITION], record[RECORD_POSITION + 1], record[RECORD_POSITION + 2] = x, y, z
-        marks = arrays.motion_marks
-        last_ns = marks[i, ESTIMATE_POSE_NS] if marks[i, ESTIMATE_POSE_COUNT] > 0 else taken_ns
+        motion_marks = arrays.motion_marks
+        is_seen = motion_marks[i, ESTIMATE_POSE_COUNT] > 0
+        last_ns = motion_marks[i, ESTIMATE_POSE_NS] if is_seen else taken_ns
         defect = instant_defect(taken_ns, last_ns, now_ns - apart_ns, now_ns + apart_ns)
         is_used, flags = defect != FUTURE and defect != TOO_OLD, 0
         if is_used:

@@ -72,9 +72,9 @@ function writeRecord(view, offset, record, values) {
 }
 
 /** Begin a record as not given: numbers with a fraction are NaN, rotations the identity. */
-function beginRecord(view, offset, record) {
+function beginRecord(view, offset, record, zeros) {
   for (const [name, field] of Object.entries(record.fields)) {
-    if (field.type !== "Float64") continue;
+    if (field.type !== "Float64" || zeros.includes(name)) continue;
     for (let k = 0; k < field.count; k++) {
       view.setFloat64(offset + field.offset + 8 * k, name === "rotation" ? Number(k % 4 === 0) : NaN, true);
     }
@@ -125,7 +125,7 @@ export function encode(kind, header, records) {
   const known = { magic, version: VERSION, header_size: head.size, size: bytes.length, count: records.length };
   writeRecord(view, 0, head, { ...header, ...known });
   records.forEach((values, k) => {
-    if (kind !== "frame") beginRecord(view, head.size + k * row.size, row);
+    beginRecord(view, head.size + k * row.size, row, KINDS[kind].zeros);
     writeRecord(view, head.size + k * row.size, row, values);
   });
   view.setUint32(head.fields.checksum.offset, crc32(bytes.subarray(CHECKED_FROM)), true);
