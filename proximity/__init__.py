@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         RecordingError,
         SceneError,
         ServiceError,
+        UnitsWarning,
     )
     from proximity.mesh.triangle_mesh import TriangleMesh
     from proximity.message import (
@@ -117,6 +118,7 @@ __all__ = [
     "Surface",
     "Tracker",
     "TriangleMesh",
+    "UnitsWarning",
     "clearance",
     "from_trimesh",
     "kernels_are_cached",
@@ -183,6 +185,7 @@ _MODULE_OF = {
     "Surface": "proximity.message",
     "Tracker": "proximity.tracker.tracker",
     "TriangleMesh": "proximity.mesh.triangle_mesh",
+    "UnitsWarning": "proximity.errors",
     "from_trimesh": "proximity.scene.trimesh_scene",
     "kernels_are_cached": "proximity.tracker.warm_up",
     "load": "proximity.scene.loader",

@@ -51,3 +51,7 @@ class DecaffError(ProximityError, ValueError):
 
 class MotorError(ProximityError, RuntimeError):
     """A motor cannot be used as described, or was switched off because something was uncertain."""
+
+
+class UnitsWarning(UserWarning):
+    """Points are so far from a scene that they were probably given in millimetres."""

@@ -13,7 +13,10 @@ from proximity.errors import PoseError
 
 ORTHONORMAL_TOLERANCE = 1e-9
 """How far rotation times its transpose may be from the identity: what a quaternion kept in float64, or a
-product of many matrices, leaves. A rotation within it is replaced by the nearest exact one."""
+product of many matrices, leaves. One step towards the nearest exact rotation removes that."""
+SINGLE_TOLERANCE = 1e-5
+"""Likewise, of a rotation that was computed in single precision, which is off by a millionth. Up to here the
+nearest rotation is meant; what is farther off scales or shears."""
 QUATERNION_TOLERANCE = 0.01
 """How far the norm of a quaternion may be from 1: what three decimal places leave, and more."""
 ROUNDING = 8.0 * 2.0**-52
@@ -41,13 +44,26 @@ def quaternion_hint(array: np.ndarray) -> str:
     return "; Pose.from_quaternion(xyzw, translation) makes a pose of a quaternion" if is_quaternion else ""
 
 
+def nearest_rotations(rotations: np.ndarray) -> np.ndarray:
+    """Rotations (K, 3, 3) of which those that are off by single precision are replaced by the nearest."""
+    with np.errstate(over="ignore", invalid="ignore"):  # whatever a sender tells
+        off = np.abs(rotations @ rotations.transpose(0, 2, 1) - _UNTURNED).max(axis=(1, 2), initial=0.0)
+    rows = (off > ORTHONORMAL_TOLERANCE) & (off <= SINGLE_TOLERANCE)
+    if rows.any():
+        left, _, right = np.linalg.svd(rotations[rows])
+        rotations = rotations.copy()
+        rotations[rows] = left @ right
+    return rotations
+
+
 class Pose:
     """A rotation and a translation that take points of the source frame to the target frame.
 
     Parameters
     ----------
     rotation : (3, 3) float64
-        Orthonormal, determinant +1. The identity where not given.
+        Orthonormal, determinant +1; one in single precision, off by 1e-5 at most, is replaced by the nearest.
+        The identity where not given.
     translation : (3,) float64, m
         Zero where not given.
 
@@ -228,14 +244,16 @@ def _checked_rotation(rotation: Any) -> np.ndarray:
         raise PoseError("a pose's rotation is not finite, expected an orthonormal matrix")
     with np.errstate(over="ignore", invalid="ignore"):
         off = float(np.abs(array @ array.T - np.eye(3)).max())
-    if not off <= ORTHONORMAL_TOLERANCE:
+    if not off <= SINGLE_TOLERANCE:
         raise PoseError(
             f"a pose's rotation is not orthonormal (rotation times its transpose is off by {off:.3g}): "
             "a pose can rotate and translate, but not scale or shear"
         )
     if np.linalg.det(array) < 0.0:
         raise PoseError("a pose's rotation mirrors (determinant -1), expected +1")
-    if off <= ROUNDING:
+    if off > ORTHONORMAL_TOLERANCE:
+        array = nearest_rotations(array[None])[0]
+    elif off <= ROUNDING:
         return array.copy()
     # A step of Newton's iteration towards the nearest: nothing but rounding is left of an error of 1e-9.
     return array + 0.5 * (_UNTURNED - array @ array.T) @ array

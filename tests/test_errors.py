@@ -19,8 +19,9 @@ TREE = {
     "ServiceError": errors.ProximityError,
     "DecaffError": errors.ProximityError,
     "MotorError": errors.ProximityError,
+    "UnitsWarning": UserWarning,
 }
-NOT_VALUES = {"ProximityError", "PublishError", "MotorError"}
+NOT_VALUES = {"ProximityError", "PublishError", "MotorError", "UnitsWarning"}
 
 
 def test_tree_is_the_one_that_is_drawn():

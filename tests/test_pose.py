@@ -118,7 +118,7 @@ def test_arrays_are_read_only_copies(field):
         (np.eye(3) * np.nan, "a pose's rotation is not finite, expected an orthonormal matrix"),
         (np.full((3, 3), np.inf), "a pose's rotation is not finite, expected an orthonormal matrix"),
         (np.eye(3) * 2.0, "(rotation times its transpose is off by 3): a pose can rotate and translate, but"),
-        (np.eye(3) + 1e-6, "a pose's rotation is not orthonormal"),
+        (np.eye(3) + 1e-5, "a pose's rotation is not orthonormal"),
         (np.zeros((3, 3)), "a pose's rotation is not orthonormal"),
         (np.full((3, 3), 1e200), "a pose's rotation is not orthonormal"),
         ([[1e200, 1e200, 0], [1e200, -1e200, 0], [0, 0, 1]], "a pose's rotation is not orthonormal"),
@@ -224,3 +224,27 @@ def test_quaternion_in_place_of_a_pose_is_told_how_to_become_one(given):
             ask()
     with pytest.raises(PoseError, match=r"expected \(4, 4\)$"):
         Pose.of(np.eye(3))
+
+
+@pytest.mark.parametrize("convert", [np.asarray, lambda matrix: matrix.tolist()])
+def test_rotation_in_single_precision_is_taken_as_the_nearest(convert):
+    """OpenXR, Unity and Eigen::Matrix3f give it so; a quaternion could be a hundredth off."""
+    for seed in range(50):
+        exact = shapes.rotation(seed)
+        rotation = Pose(convert(exact.astype(np.float32))).rotation
+
+        assert np.abs(rotation - exact).max() <= 1e-7
+        assert np.abs(rotation @ rotation.T - np.eye(3)).max() <= 4 * 2.0**-52
+        assert np.array_equal(Pose(rotation).rotation, rotation)
+
+
+@pytest.mark.parametrize(("stretch", "is_taken"), [(4e-6, True), (6e-6, False)])
+def test_nearest_rotation_is_meant_up_to_a_hundred_thousandth(stretch, is_taken):
+    matrix = shapes.rotation(7) @ np.diag([1.0 + stretch, 1.0, 1.0])
+    if is_taken:
+        np.testing.assert_allclose(Pose(matrix).rotation, shapes.rotation(7), atol=1e-14)
+    else:
+        with pytest.raises(
+            PoseError, match=r"not orthonormal \(rotation times its transpose is off by 1.19e-05\)"
+        ):
+            Pose(matrix)

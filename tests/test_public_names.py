@@ -80,6 +80,7 @@ def test_public_names_are_those_agreed():
         "Surface",
         "Tracker",
         "TriangleMesh",
+        "UnitsWarning",
         "clearance",
         "from_trimesh",
         "kernels_are_cached",

@@ -327,8 +327,7 @@ def _send(running: _Application, tips: np.ndarray, case: VrCase) -> int:
     """Send a pose, and a move where a part moves; the pose's instant."""
     message = Message(POSES, len(tips))
     message.records["finger"] = np.arange(len(tips))
-    message.records["position"], message.records["velocity"] = tips, np.nan
-    message.records["bend"] = np.nan
+    message.records["position"] = tips
     message.header["send_ns"] = message.records["pose_ns"] = now = time.monotonic_ns()
     running.send(message)
     if case.is_moving:

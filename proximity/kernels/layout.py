@@ -44,6 +44,8 @@ BLOCK_STRIDE = 72
 NO_FACE = -1
 NO_PART = -1
 NO_ROW = -1
+IN_MILLIMETRES = -2
+"""Answered by queries instead of `NO_ROW`: all points are as far away as such in millimetres."""
 
 NO_SLOT = -1
 """No triangle yet: one that is as near as the bound is taken."""

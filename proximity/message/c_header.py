@@ -27,7 +27,7 @@ from proximity.message.changes import (
 from proximity.message.contact import CONTACT_FIELDS, ContactFlag, Mode, Surface
 from proximity.message.description import DESCRIPTION, DESCRIPTION_FIELDS, LABEL_FIELDS
 from proximity.message.envelope import CHECKED_FROM, MAX_RECORDS, PREFIX_FIELDS, VERSION, Flaw
-from proximity.message.fields import Field, dtype_of
+from proximity.message.fields import ROTATION, Field, dtype_of
 from proximity.message.frame import FRAME, FRAME_FIELDS, Source, State
 from proximity.message.inputs import (
     GLOVE_POSE_FIELDS,
@@ -72,6 +72,11 @@ ENUMS: dict[str, type[Enum]] = {
     "mode": Mode,
     "part_action": PartAction,
 }
+SENT = (
+    "pose", "path_pose", "glove_pose", "move", "measurement", "addition", "deformation",
+)  # fmt: skip
+"""Records with reals that others send to a service: they begin as not given, see `blank_of`."""
+ZEROS = {("addition", name) for name in ADDITIONS.zeros}
 WIDTH = 100
 CRC_POLYNOMIAL = 0xEDB88320
 """Of the CRC-32, lowest bit first."""
@@ -91,6 +96,7 @@ def header_text() -> str:
         "MAGICS": "\n".join(_magics()),
         "ENUMS": "\n\n".join(enum_text(name, values) for name, values in ENUMS.items()),
         "RECORDS": "\n\n".join(_record(name, *reported) for name, reported in RECORDS.items()),
+        "BLANKS": "\n".join(_blank(name, RECORDS[name][1]) for name in SENT),
         "FLAWS": "\n".join(_flaws()),
         "CRC_TABLE": _crc_table(),
         "ASSERTS": "\n".join(_assertions()),
@@ -158,10 +164,34 @@ def _record(name: str, what: str, fields: Sequence[Field]) -> str:
     lines = comment_lines(f"{what} {size} bytes.", "")
     lines.append(f"typedef struct decaff_{name} {{")
     for field in fields:
-        line, comment = f"    {_declaration(field)};", comment_lines(_meaning(field), "    ")
+        begin = f" DECAFF_BEGINS({first})" if name in SENT and (first := _first(name, field)) else ""
+        line, comment = f"    {_declaration(field)}{begin};", comment_lines(_meaning(field), "    ")
         reported = f"{line} {comment[0].strip()}"
         lines += [reported] if len(comment) == 1 and len(reported) <= WIDTH else [*comment, line]
     return "\n".join([*lines, f"}} decaff_{name};"])
+
+
+def is_nan(name: str, field: Field) -> bool:
+    """Whether a field of that record begins as nan."""
+    return field.type.endswith("f8") and (name, field.name) not in ZEROS
+
+
+def _first(name: str, field: Field) -> str:
+    """What a field that is not given begins as in C; of many rows the first, which says it of all."""
+    if not is_nan(name, field):
+        return "{0.0, 0.0, 0.0}" if (name, field.name) in ZEROS else ""
+    if field.shape == ROTATION:
+        return "{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}"
+    text = "NAN"
+    for length in reversed(field.shape):
+        text = f"{{{', '.join([text] * (length if length == 3 else 1))}}}"
+    return text
+
+
+def _blank(name: str, fields: Sequence[Field]) -> str:
+    firsts = (_first(name, field) or ("{0}" if "[" in c_type(field) else "0") for field in fields)
+    lines = textwrap.wrap(", ".join(firsts), WIDTH - 8, break_long_words=False)
+    return f"#define DECAFF_{name.upper()}_INIT \\\n    {{" + " \\\n     ".join(lines) + "}"
 
 
 def _meaning(field: Field) -> str:

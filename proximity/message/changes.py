@@ -60,5 +60,7 @@ DEFORMATION = dtype_of(DEFORMATION_FIELDS)
 """Up to 64 vertices of the one part of a ``deformations`` message, 1608 bytes."""
 
 CHANGES = Kind("changes", 0x43434544, INPUT_HEADER, CHANGE, sent="send_ns")  # "DECC"
-ADDITIONS = Kind("additions", 0x41434544, INPUT_HEADER, ADDITION, sent="send_ns")  # "DECA"
+ADDITIONS = Kind(
+    "additions", 0x41434544, INPUT_HEADER, ADDITION, sent="send_ns", zeros=("translation",)
+)  # "DECA"; a file that is not placed is where it was drawn
 DEFORMATIONS = Kind("deformations", 0x56434544, INPUT_HEADER, DEFORMATION, sent="send_ns")  # "DECV"

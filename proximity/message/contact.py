@@ -43,8 +43,8 @@ class ContactFlag(IntFlag):
     PART_CHANGED = contact_columns.PART_CHANGED
     """The nearest part is not the one of the tick before: the closest point may have jumped."""
     JUMPED = contact_columns.JUMPED
-    """The pose is farther from the previous one than a hand can move. The velocity is reset; after a jump
-    of one or two poses it continues."""
+    """The pose is farther from the previous one than a hand can move, or of an earlier instant. The velocity
+    is reset; after a jump of one or two poses it continues."""
     ON_PATH = contact_columns.ON_PATH
     """The predicted contact lies on the given path. The time to contact does as well, if the finger is
     closing (``bend_rate`` is positive)."""

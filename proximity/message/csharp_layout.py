@@ -9,9 +9,9 @@ from enum import Enum, Flag
 
 import numpy as np
 
-from proximity.message.c_header import ENUMS, KINDS, RECORDS, meanings_of
+from proximity.message.c_header import ENUMS, KINDS, RECORDS, SENT, is_nan, meanings_of
 from proximity.message.envelope import CHECKED_FROM, MAX_RECORDS, VERSION
-from proximity.message.fields import VECTOR, Field, dtype_of
+from proximity.message.fields import ROTATION, VECTOR, Field, dtype_of
 from proximity.message.inputs import PATH_CORNERS
 
 _TYPES = {
@@ -122,7 +122,29 @@ def _record(name: str, what: str, fields: Sequence[Field]) -> Iterator[str]:
         unit = f"{field.unit}, " if field.unit else ""
         yield f"        /// <summary>{_escaped(unit + field.meaning)}</summary>"
         yield f"        [FieldOffset({offset})] public {_declaration(field)};"
+    if name in SENT:
+        yield from _begin(f"Decaff{pascal(name)}", [field for field in fields if is_nan(name, field)])
     yield "    }"
+
+
+def _begin(record: str, fields: Sequence[Field]) -> Iterator[str]:
+    """The method that makes a record in which nothing is given, see `blank_of`."""
+    yield "        /// <summary>A record in which nothing is given: begin with it, not with zeros.</summary>"
+    yield f"        public static {record} Begin()"
+    yield "        {"
+    yield f"            var r = new {record}();"
+    for field in fields:
+        name, count = pascal(field.name), int(np.prod(field.shape, dtype=np.int64))
+        if field.shape == ROTATION:
+            yield f"            r.{name}[0] = r.{name}[4] = r.{name}[8] = 1;"
+        elif field.shape == VECTOR:
+            yield f"            r.{name} = new DecaffVector(double.NaN, double.NaN, double.NaN);"
+        elif field.shape:
+            yield f"            for (int i = 0; i < {count}; i++) r.{name}[i] = double.NaN;"
+        else:
+            yield f"            r.{name} = double.NaN;"
+    yield "            return r;"
+    yield "        }"
 
 
 def _declaration(field: Field) -> str:

@@ -15,7 +15,7 @@ from struct import Struct
 import numpy as np
 
 from proximity.errors import QueryError
-from proximity.message.fields import Field, dtype_of, struct_of
+from proximity.message.fields import Field, blank_of, dtype_of, struct_of
 
 VERSION = 1
 """Of the layout of all messages. A receiver takes its own version and no other."""
@@ -55,10 +55,12 @@ class Kind:
     header: np.dtype  # begins with the fields of `PREFIX`; has a field ``count``
     record: np.dtype
     sent: str  # field of the header: the instant, ns, at which the message was sent
+    zeros: tuple[str, ...] = ()  # reals of a record that begin as zeros, others being nan
     header_size: int = field(init=False)  # bytes
     record_size: int = field(init=False)
     count_at: int = field(init=False)  # byte at which ``count`` is
     sent_at: int = field(init=False)
+    blank: np.ndarray = field(init=False)  # () structured: a record in which nothing is given
 
     def __post_init__(self) -> None:
         offsets = {name: self.header.fields[name][1] for name in self.header.names}  # type: ignore[index, union-attr]
@@ -67,6 +69,7 @@ class Kind:
             ("record_size", self.record.itemsize),
             ("count_at", offsets["count"]),
             ("sent_at", offsets[self.sent]),
+            ("blank", blank_of(self.record, self.zeros)),
         ):
             object.__setattr__(self, name, value)
 
@@ -92,6 +95,7 @@ class Message:
     """One message with a fixed number of records; its header and records are arrays.
 
     Write ``header[field]`` and ``records[field]``, the fields of its kind; ``data`` has the bytes of both.
+    Records of inputs begin as not given: reals are nan, rotations the identity, and all else is zero.
     The publisher fills in session, sequence and checksum; the other fields of the prefix are already set.
 
     Parameters
@@ -118,6 +122,7 @@ class Message:
         self.kind = kind
         self.data = np.zeros(kind.size(count), np.uint8)
         self.header, self.records = parts_of(self.data, kind)
+        self.records[...] = kind.blank
         self.header["magic"] = kind.magic
         self.header["version"] = VERSION
         self.header["header_size"] = kind.header.itemsize

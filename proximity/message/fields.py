@@ -11,6 +11,8 @@ import numpy as np
 
 VECTOR = (3,)
 """Shape of x, y, z in the scene's frame."""
+ROTATION = (3, 3)
+"""Shape of a rotation, row by row."""
 
 
 class Field(NamedTuple):
@@ -28,13 +30,19 @@ def dtype_of(fields: Sequence[Field]) -> np.dtype:
     return np.dtype([(field.name, field.type, field.shape) for field in fields])
 
 
+def blank_of(record: np.dtype, zeros: Sequence[str] = ()) -> np.ndarray:
+    """A record in which nothing is given: reals are nan, rotations the identity, all else and *zeros* 0."""
+    blank = np.zeros((), record)
+    for name in record.names or ():
+        if record[name].base.kind == "f" and name not in zeros:
+            blank[name] = np.eye(3) if record[name].shape == ROTATION else np.nan
+    return blank
+
+
 def struct_of(fields: Sequence[Field]) -> Struct:
     """A `Struct` that unpacks whole numbers at once, three times as fast as NumPy unpacks one.
 
-    Parameters
-    ----------
-    fields : sequence of Field
-        Integers; those whose name begins with ``reserved`` are passed over.
+    Fields whose name begins with ``reserved`` are passed over.
     """
     codes = {"u1": "B", "u2": "H", "u4": "I", "u8": "Q", "i4": "i", "i8": "q"}
     parts = []
@@ -45,11 +53,5 @@ def struct_of(fields: Sequence[Field]) -> Struct:
 
 
 def reserved(size: int) -> Field:
-    """Bytes that keep what follows on a multiple of its size.
-
-    Parameters
-    ----------
-    size : int
-        How many.
-    """
+    """Bytes that keep what follows on a multiple of its size."""
     return Field("reserved", "<u1", "", "zeros", (size,))

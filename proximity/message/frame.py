@@ -57,4 +57,6 @@ FRAME_FIELDS = (
 FRAME_HEADER = dtype_of(FRAME_FIELDS)
 """The header of a frame, 96 bytes."""
 
-FRAME = Kind("frame", 0x46434544, FRAME_HEADER, CONTACT, sent="publish_ns")  # "DECF"
+FRAME = Kind(
+    "frame", 0x46434544, FRAME_HEADER, CONTACT, sent="publish_ns", zeros=CONTACT.names or ()
+)  # "DECF"

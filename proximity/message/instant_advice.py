@@ -5,46 +5,30 @@ from proximity.system.time_units import NS_PER_MS, NS_PER_S
 OTHER_CLOCK_NS = 1_000_000_000
 """From here on a difference is not one of prediction or transport: the instants are of another clock."""
 
+FROM_FUTURE, OUT_OF_ORDER = "poses from the future", "poses older than the one before"
+
 OTHER_CLOCK = "they are of another clock: on the service's machine send time.monotonic_ns(), CLOCK_MONOTONIC"
 
 
-def on_future(ahead_ns: int) -> str:
-    """Return what to do about an instant in the future.
-
-    Parameters
-    ----------
-    ahead_ns : int, ns
-        By how much.
-    """
+def on_future(ahead_ns: int, other_clock: str = OTHER_CLOCK) -> str:
+    """Return what to do about an instant that is by *ahead_ns* in the future."""
     if ahead_ns >= OTHER_CLOCK_NS:
-        return f"by {_shown(ahead_ns)}; {OTHER_CLOCK}"
+        return f"by {_shown(ahead_ns)}; {other_clock}"
     return (
         f"by {_shown(ahead_ns)}; send the instant at which hand or part was there, "
         "not the predicted display time"
     )
 
 
-def on_too_old(age_ns: int) -> str:
-    """Return what to do about an instant that is too old on arrival.
-
-    Parameters
-    ----------
-    age_ns : int, ns
-        How old.
-    """
+def on_too_old(age_ns: int, other_clock: str = OTHER_CLOCK) -> str:
+    """Return what to do about an instant that is too old on arrival."""
     if age_ns >= OTHER_CLOCK_NS:
-        return f"{_shown(age_ns)} old; {OTHER_CLOCK}"
+        return f"{_shown(age_ns)} old; {other_clock}"
     return f"{_shown(age_ns)} old; send them as soon as they are known"
 
 
 def on_backwards(back_ns: int) -> str:
-    """Return what to do about an instant before the one that came last.
-
-    Parameters
-    ----------
-    back_ns : int, ns
-        By how much.
-    """
+    """Return what to do about an instant that is by *back_ns* before the one that came last."""
     return (
         f"by {_shown(back_ns)}; they are of two clocks, such as those of two machines or of a browser, "
         "or out of order: send instants of one clock"

@@ -50,6 +50,7 @@ def layout_module(
                 "record": record_name(kind.record),
                 "magic": kind.magic,
                 "sent": kind.sent,
+                "zeros": list(kind.zeros),
             }
             for kind in KINDS
         },

@@ -21,6 +21,8 @@ NANOSECONDS_IN = {"time_s": NANOSECONDS, "time_ms": 1_000_000, "time_us": 1_000,
 METRES_IN = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 SEPARATORS = ",;\t"
 COMMA_SEPARATORS = ";\t"  # where fields stand between these, 0,5 is a number
+FEWEST_FINGERS = 3
+"""Of a hand that is lost where they coincide; two may be a pinch."""
 LARGEST_HAND_COUNT = 32  # a sensor numbers a hand anew when it has lost it; more than this are no hands
 LARGEST_HAND = 2**31 - 1
 LARGEST_POSITION = 1e6  # m; no sensor sees as far
@@ -65,9 +67,14 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     positions = np.full((int(frame[-1]) + 1, len(labels), 3), np.nan)
     positions[frame, column] = points
     missing = int(np.isnan(points).any(axis=1).sum())
-    if missing == len(points):
+    lost = _forget_lost_hands(positions, labels // len(FINGERS))
+    if missing + lost == len(points):
         raise RecordingError(f"{name}: all positions are nan, expected a number in at least one line")
     notes = [f"{missing} of {len(points)} positions are nan: the finger is missing there"] if missing else []
+    if lost:
+        notes.append(
+            f"{lost} of {len(points)} positions are of a hand with all fingers at one place: it is lost there"
+        )
     if table.ignored:
         notes.append(f"ignored columns: {', '.join(table.ignored)}")
     if text[-1] not in LINE_ENDS:
@@ -79,6 +86,18 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
         name,
         tuple(notes),
     )
+
+
+def _forget_lost_hands(positions: np.ndarray, hands: np.ndarray) -> int:
+    """Make nan of hands whose fingers are all at one place, as lost ones are written; how many positions."""
+    count = 0
+    for hand in np.unique(hands):
+        fingers = np.flatnonzero(hands == hand)
+        together = positions[:, fingers]
+        is_lost = (together == together[:, :1]).all(axis=(1, 2)) & (len(fingers) >= FEWEST_FINGERS)
+        positions[np.ix_(is_lost, fingers)] = np.nan
+        count += int(is_lost.sum()) * len(fingers)
+    return count
 
 
 def _read_text(name: str) -> str:

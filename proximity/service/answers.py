@@ -85,8 +85,9 @@ class TrackerAnswers:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on moves and changes of parts that could not be used."""
-        return [note for each in (self.moves, self.changes) if each is not None for note in each.notes]
+        """Sentences on poses, and on moves and changes of parts, that could not be used."""
+        sources = (self.tracker, self.moves, self.changes)
+        return [note for each in sources if each is not None for note in each.notes]
 
     @property
     def refused(self) -> tuple[int, int, int]:

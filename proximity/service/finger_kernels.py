@@ -15,6 +15,8 @@ from proximity.kernels.tracking.motion import (
     JUMPED,
     REPEATED,
     STARTED,
+    USABLE,
+    instant_defect,
     observe_with_velocity,
     predict,
 )
@@ -35,36 +37,58 @@ LARGEST_DISTANCE_ERROR = 1e3
 """m: what is off by more is as good as not known, and must fade like others."""
 
 LATEST = np.int64(2**63 - 1)
+REFUSED = 255
+"""Defect of a sample that was refused before: it is not counted again."""
+LOST = 254
+"""Defect of a sample of a hand all fingers of which are at one place, as many programs send a lost one."""
+HAND, FEWEST_FINGERS = 5, 3
+"""Fingers in a row that are a hand; of fewer nobody can say that they are lost: two may touch."""
 
 
-@entry("int64[:], float64[:, :], int64[:], float64[:, :], int64[:], uint8[:], int -> int, int")
-def admit(kept_ns, kept, newer_ns, newer, refused_ns, taken, latest_ns):
-    """Take samples into *kept*; how many are from after *latest_ns*, and how many older than the one kept.
+@inlined
+def _is_lost(positions, i):
+    """Whether all fingers of the hand of finger *i* are at one place; fewer than three may be."""
+    first = i - i % HAND
+    last = min(first + HAND, len(positions))
+    if positions.shape[1] != 3 or last - first < FEWEST_FINGERS:
+        return False
+    for other in range(first, last):
+        for axis in range(3):
+            if positions[other, axis] != positions[i, axis]:
+                return False
+    return True
 
-    Those are left out: ``taken`` (N,) uint8 tells which were not, and *refused_ns* (N,) keeps their instants:
-    the same sample again stays out, and is not counted. A sample that knows nothing is taken, whatever its
-    instant, and the instant kept stays: what comes next must still be newer than that.
+
+@entry("int64[:], float64[:, :], int64[:], float64[:, :], int64[:], uint8[:], int, int")
+def admit(kept_ns, kept, newer_ns, newer, refused_ns, defects, oldest_ns, latest_ns):
+    """Take samples into *kept*, and write what keeps each from it into *defects*, as `motion.instant_defect`.
+
+    Those are left out, and *refused_ns* (N,) keeps their instants: the same sample again stays out, with the
+    defect `REFUSED`. A sample that knows nothing is taken, whatever its instant, and the instant kept stays:
+    what comes next must still be newer than that. One that was taken when it was young may come again. Of a
+    hand that is `LOST` nothing is known.
     """
-    future, backwards = 0, 0
     for i in range(len(kept_ns)):
-        taken[i] = 1
+        defects[i] = USABLE
         is_known = True
         for column in range(kept.shape[1]):
             is_known &= math.isfinite(newer[i, column])
+        if is_known and _is_lost(newer, i):
+            is_known = False
+            defects[i] = LOST
         if not is_known:
             kept[i, 0] = np.nan
-        elif newer_ns[i] == refused_ns[i]:
-            taken[i] = 0
-        elif newer_ns[i] > latest_ns or newer_ns[i] < kept_ns[i]:
-            taken[i] = 0
+            continue
+        if newer_ns[i] == refused_ns[i]:
+            defects[i] = REFUSED
+        elif newer_ns[i] != kept_ns[i]:
+            defects[i] = instant_defect(newer_ns[i], kept_ns[i], oldest_ns, latest_ns)
+        if defects[i] != USABLE:
             refused_ns[i] = newer_ns[i]
-            future += newer_ns[i] > latest_ns
-            backwards += newer_ns[i] <= latest_ns
-        else:
-            kept_ns[i] = newer_ns[i]
-            for column in range(kept.shape[1]):
-                kept[i, column] = newer[i, column]
-    return future, backwards
+            continue
+        kept_ns[i] = newer_ns[i]
+        for column in range(kept.shape[1]):
+            kept[i, column] = newer[i, column]
 
 
 @entry("int64[:], float64[:, :], int")

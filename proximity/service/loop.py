@@ -103,7 +103,8 @@ class Service:
         report.publish_failures = dict(outgoing.failures)
         report.log_written, report.log_lost = outgoing.log_written, outgoing.log_lost
         real_time = [] if self._real_time is None else self._real_time.notes
-        report.notes = [*real_time, *self._input.notes, *self._answering.notes, *outgoing.notes]
+        inputs = [*self._input.notes, *sample_filter.notes, *self._answering.notes]
+        report.notes = [*real_time, *inputs, *outgoing.notes]
         return report
 
     @property

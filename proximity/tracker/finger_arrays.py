@@ -12,15 +12,7 @@ from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
 
 
 def arrays_for(count: int, settings: np.ndarray) -> dict[str, np.ndarray]:
-    """Return what a tick reads and writes beside its records, by the names in `kernels.tracking.track`.
-
-    Parameters
-    ----------
-    count : int
-        Of the fingers.
-    settings : (SETTINGS_SIZE,) float64
-        Of the tracker.
-    """
+    """Return what a tick reads and writes beside its records, by the names in `kernels.tracking.track`."""
     return {
         "settings": settings,
         "pose_ns": np.zeros(count, np.int64),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from proximity import native
-from proximity.checks.arrays import as_float64, shown
+from proximity.checks.arrays import as_float64
 from proximity.checks.numbers import not_negative, positive, whole
 from proximity.errors import QueryError
 from proximity.kernels import layout
@@ -15,17 +15,21 @@ from proximity.kernels.layout import NO_PART, NO_SLOT
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
-from proximity.kernels.tracking.tick import tick
+from proximity.kernels.tracking.tick import DONE, tick
 from proximity.kernels.tracking.track import EACH_ITS_OWN, MOST_NS
 from proximity.message import CONTACT
 from proximity.message.contact import Contacts
+from proximity.message.envelope import MAX_FUTURE_NS
+from proximity.message.instant_advice import OTHER_CLOCK_NS
 from proximity.model.assembly import Model
 from proximity.scene.scene import Scene
 from proximity.tracker.finger_arrays import arrays_for
+from proximity.tracker.pose_notes import PoseNotes
 from proximity.tracker.tracker_arguments import (
     LARGEST_WORKING_RANGE,
     LONGEST_LATENCY,
     instant,
+    instants,
     radii,
     shaped,
     too_long,
@@ -43,8 +47,7 @@ GONE = -2
 SHORTEST_NS = 1000
 """From one tick to another, and from a clock's 0 to the first: a tick takes longer."""
 EARLY_NS = 100_000
-"""Instants below are seconds where the other instant of the tick is more than `APART_NS` away."""
-APART_NS = 1_000_000_000
+"""Instants below are seconds where the other instant of the tick is more than `OTHER_CLOCK_NS` away."""
 LARGEST_SECONDS = 10_000_000_000
 """No clock or calendar shows as many."""
 HORIZON = 0.25
@@ -138,7 +141,10 @@ class Tracker:
         settings[track.SETTING_BUDGET] = (
             DEFAULT_BUDGET if budget is None else min(whole("budget", budget), MOST)
         )
+        settings[track.SETTING_AHEAD_NS] = MAX_FUTURE_NS
+        settings[track.SETTING_OTHER_CLOCK_NS] = OTHER_CLOCK_NS
         self._settings = settings
+        self._pose_notes = PoseNotes()
         self._shape = (count, 3)
         self._arrays = arrays_for(count, settings)
         self._pose_ns = self._arrays["pose_ns"]
@@ -170,6 +176,11 @@ class Tracker:
         """From a tick until the instant that predictions are for, s, as given to the tracker."""
         return float(self._settings[track.SETTING_LATENCY])
 
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on poses that were probably meant otherwise: of another clock, or in millimetres."""
+        return list(self._pose_notes.sentences)
+
     def __reduce__(self) -> tuple[Any, ...]:
         raise QueryError(
             "a tracker cannot be copied, because its state depends on its ticks: make a new one of its scene"
@@ -195,7 +206,8 @@ class Tracker:
             says so, and the others are answered. Do not write to the array during the tick.
         t_pose_ns : int or (fingers,) int64, ns
             Instant of the positions, on the clock of *now_ns*. The same instant again does not change the
-            velocity; an earlier one resets it.
+            velocity; an earlier one is a jump. A finger whose instant is more than a second from *now_ns* is
+            not tracked: it is of another clock, and `notes` says so.
         now_ns : int, ns
             Instant of the tick, as `time.monotonic_ns` gives it.
         velocities : (fingers, 3) float64, m/s
@@ -236,37 +248,40 @@ class Tracker:
             self._take_over(model)
         try:
             # As they nearly always are; what the positions are, and which instants, compiled code looks at.
-            is_done = (
+            answer = (
                 type(t_pose_ns) is type(now_ns) is int
                 and t_pose_ns >= EARLY_NS
                 and now_ns >= EARLY_NS
                 and now_ns - self._last_now_ns >= SHORTEST_NS
-                and _tick(model.packed, self._packed, positions, t_pose_ns, now_ns, is_moved) is True
+                and _tick(model.packed, self._packed, positions, t_pose_ns, now_ns, is_moved)
             )
         except OverflowError:
-            is_done = False
-        if not is_done:
-            now_ns = self._tick(model, positions, t_pose_ns, now_ns, is_moved)
+            answer = False
+        if answer != DONE:
+            if answer is NotImplemented or not answer:
+                answer, now_ns = self._tick(model, positions, t_pose_ns, now_ns, is_moved)
+            self._pose_notes.add(answer, self.contacts, model)
         self._last_now_ns = now_ns
         if is_moved:
             self._last_model, self._last_epoch = weakref.ref(model), model.epoch
         return self.contacts
 
-    def _tick(self, model: Model, positions: Any, t_pose_ns: Any, now_ns: Any, is_moved: bool) -> int:
-        """Check the arguments, and tick; its instant."""
+    def _tick(
+        self, model: Model, positions: Any, t_pose_ns: Any, now_ns: Any, is_moved: bool
+    ) -> tuple[int, int]:
+        """Check the arguments, and tick; what that answers, and its instant."""
         rows = as_float64(shaped(positions, "positions", self._shape), "positions")
         if type(t_pose_ns) is not int or not -MOST_NS <= t_pose_ns <= MOST_NS:
-            self._take_instants(t_pose_ns)
+            self._pose_ns[...] = instants(t_pose_ns, self._shape[0])
             t_pose_ns = EACH_ITS_OWN
         now = instant(now_ns)
         self._refuse_seconds(t_pose_ns, now)
-        tick(model.packed, self._packed, rows, t_pose_ns, now, is_moved)
-        return now
+        return tick(model.packed, self._packed, rows, t_pose_ns, now, is_moved), now
 
     def _refuse_seconds(self, t_pose_ns: int, now_ns: int) -> None:
         """Refuse instants, of the poses and of the tick, that no clock shows in nanoseconds."""
         pose_ns = self._pose_ns.item(0) if t_pose_ns == EACH_ITS_OWN else t_pose_ns
-        is_apart = abs(now_ns - pose_ns) > APART_NS
+        is_apart = abs(now_ns - pose_ns) > OTHER_CLOCK_NS
         is_too_soon = 0 < now_ns - self._last_now_ns < SHORTEST_NS and 0 < now_ns < LARGEST_SECONDS
         if 0 < now_ns < (EARLY_NS if is_apart else SHORTEST_NS) or is_too_soon:
             raise QueryError(f"now_ns is {now_ns}, {NOT_NANOSECONDS}")
@@ -332,18 +347,6 @@ class Tracker:
             "numbers": records.view(np.int32).reshape(shape),
         }
         self._packed: Any = native.packed(track.TrackerArrays(**(self._arrays | views)))
-
-    def _take_instants(self, t_pose_ns: Any) -> None:
-        try:
-            instants = np.asarray(t_pose_ns)
-            if instants.dtype.kind not in "iu" or ((instants < -MOST_NS) | (instants > MOST_NS)).any():
-                raise ValueError("no instants")
-            self._pose_ns[...] = instants
-        except ValueError as unfit:
-            raise QueryError(
-                f"t_pose_ns is {shown(t_pose_ns)}, expected whole nanoseconds, at most 2**62: one number, or "
-                f"one for each of {self._shape[0]} fingers"
-            ) from unfit
 
     def _take_velocities(self, velocities: Any) -> None:
         self._has_velocities = True  # until it is known that there are none

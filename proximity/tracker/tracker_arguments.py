@@ -18,28 +18,12 @@ LARGEST_WORKING_RANGE = 10.0
 
 
 def too_long(length: float, most: float) -> str:
-    """Say of a length that cannot be meant what it is and what was expected; follows "… is ".
-
-    Parameters
-    ----------
-    length, most : float, m
-        What was given, and the limit.
-    """
+    """Say of a length that cannot be meant what it is and what was expected; follows "… is "."""
     return f"{length:g} m ({1e3 * length:g} mm), expected at most {most:g} m: was it meant in millimetres?"
 
 
 def shaped(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Return numbers as a float64 array of that shape.
-
-    Parameters
-    ----------
-    values : array-like
-        What the caller gave.
-    name : str
-        How the caller calls it, for the message.
-    shape : tuple of int
-        Expected.
-    """
+    """Return numbers as a float64 array of that shape."""
     # Nothing to do, as at nearly every tick, is seen first.
     if type(values) is np.ndarray and values.dtype is FLOAT64 and values.shape == shape:
         return values
@@ -50,13 +34,7 @@ def shaped(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def instant(now_ns: Any) -> int:
-    """Return an instant in nanoseconds.
-
-    Parameters
-    ----------
-    now_ns : int, ns
-        What the caller gave.
-    """
+    """Return an instant in nanoseconds."""
     try:
         now = operator.index(now_ns)
     except TypeError:
@@ -68,16 +46,22 @@ def instant(now_ns: Any) -> int:
     return now
 
 
-def radii(radius: Any, count: int) -> np.ndarray:
-    """Return the radius of each finger, m, (count,).
+def instants(t_pose_ns: Any, count: int) -> np.ndarray:
+    """Return the instants of poses, ns, () or (count,)."""
+    try:
+        array = np.asarray(t_pose_ns)
+        if array.dtype.kind not in "iu" or ((array < -MOST_NS) | (array > MOST_NS)).any():
+            raise ValueError("no instants")
+        return np.broadcast_to(array, (count,))
+    except ValueError as unfit:
+        raise QueryError(
+            f"t_pose_ns is {shown(t_pose_ns)}, expected whole nanoseconds, at most 2**62: one number, or "
+            f"one for each of {count} fingers"
+        ) from unfit
 
-    Parameters
-    ----------
-    radius : float or (count,) floats, m
-        What the caller gave.
-    count : int
-        Of the fingers.
-    """
+
+def radii(radius: Any, count: int) -> np.ndarray:
+    """Return the radius of each finger, m, (count,)."""
     array = as_float64(radius, "radii", error=QueryError, expected="one radius in metres, or one a finger")
     if array.shape not in ((), (count,)) or not (np.isfinite(array) & (array >= 0.0)).all():
         raise QueryError(

@@ -15,6 +15,7 @@ from proximity.pose import Pose
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 from proximity.service.inputs.changes_input import carry_out
+from proximity.service.inputs.moves_input import names_repeat
 from proximity.transport import Publisher, open_publisher
 from proximity.transport.publisher_clock import ForeignClock
 from proximity.web.server.access import UnfitError
@@ -39,15 +40,7 @@ class PageClock:
         self._clock = ForeignClock()
 
     def ahead_ns(self, sent_ns: int, now_ns: int) -> int | None:
-        """Return what is to be added to instants of the page; None until its clock is seen to run.
-
-        Parameters
-        ----------
-        sent_ns : int, ns
-            When the message was sent, on the page's clock.
-        now_ns : int, ns
-            When it arrived, on ours.
-        """
+        """Return what is to be added to instants of the page; None until its clock is seen to run."""
         self._clock.arrived(sent_ns, now_ns)
         ahead = now_ns - self._clock.theirs(now_ns)
         if now_ns - (sent_ns + ahead) > OLDEST_NS:
@@ -56,16 +49,9 @@ class PageClock:
 
 
 class Feed:
-    """The way from pages to the service; closed at the end.
+    """The way from pages to the service, at the addresses that are not None; closed at the end.
 
-    Parameters
-    ----------
-    poses, moves, changes : str
-        Addresses at which the service listens; None where pages may not feed it.
-    scene : Scene
-        Changed as the service changes its own; what it is at the beginning is that of a reset.
-    count : int
-        Of fingers of the service.
+    *scene* is changed as the service changes its own, and is that of a reset as it is at the beginning.
     """
 
     def __init__(
@@ -81,31 +67,9 @@ class Feed:
         self._initial = {} if scene is None else {part.name: part for part in scene.parts}
         self._gone = Message(POSES, count)
         self._gone.records["finger"] = np.arange(count)
-        for name in ("position", "velocity", "bend"):
-            self._gone.records[name] = np.nan
 
     def take(self, data: bytes, clock: PageClock, now_ns: int | None = None) -> bytes | None:
-        """Check a message of a page and publish it; what other pages are to hear of it.
-
-        Parameters
-        ----------
-        data : bytes
-            What arrived; nothing of it is trusted.
-        clock : PageClock
-            Of that page.
-        now_ns : int, ns
-            The present instant.
-
-        Returns
-        -------
-        bytes or None
-            Moves or changes as they were published.
-
-        Raises
-        ------
-        UnfitError
-            If it cannot be used.
-        """
+        """Check a message of a page and publish it; what other pages are to hear of it: moves or changes."""
         now_ns = time.monotonic_ns() if now_ns is None else now_ns
         array = np.frombuffer(data, np.uint8)
         kind = KINDS.get(int.from_bytes(data[:4], "little"))
@@ -172,6 +136,8 @@ class Feed:
     def _moves_of(self, records: np.ndarray) -> Message:
         if not self.may_move or self._scene is None:
             raise UnfitError("this page may not move parts: the scene file does not let it")
+        if names_repeat(records):
+            raise UnfitError("moves name the same parts again and again")
         names = self._known_names(records)
         message = Message(MOVES, len(records))
         message.records[...] = records
@@ -179,7 +145,7 @@ class Feed:
             if not max(_most(record["translation"]), _most(record["velocity"])) <= FARTHEST:
                 raise UnfitError(f"part {name!r} is moved farther than 10 km")
             try:
-                pose = Pose.known(_nearest_rotation(record["rotation"]), record["translation"])
+                pose = Pose(record["rotation"], record["translation"])
                 self._scene.move(name, pose)
             except ProximityError as unfit:
                 raise UnfitError(str(unfit)) from unfit
@@ -242,14 +208,3 @@ class Feed:
 def _most(numbers: np.ndarray) -> float:
     """The largest size of a number; nan counts as 0, infinity as itself."""
     return float(np.nan_to_num(np.abs(numbers), nan=0.0, posinf=np.inf).max(initial=0.0))
-
-
-def _nearest_rotation(given: np.ndarray) -> np.ndarray:
-    """The rotation that a page means, which computes poses of parts in single precision at worst."""
-    if not np.isfinite(given).all() or np.abs(given @ given.T - np.eye(3)).max() > 1e-4:
-        raise UnfitError("a part is moved by something that is not a rotation")
-    left, _, right = np.linalg.svd(given)
-    rotation = left @ right
-    if np.linalg.det(rotation) < 0.0:
-        raise UnfitError("a part is moved by a rotation that mirrors it")
-    return np.asarray(rotation)

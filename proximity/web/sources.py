@@ -12,7 +12,6 @@ from proximity.pose import Pose
 from proximity.recording import FrameReader
 from proximity.scene.scene import Scene
 from proximity.service.inputs.changes_input import carry_out
-from proximity.service.inputs.moves_input import nearest_rotations
 from proximity.service.inputs.reception import Reception
 from proximity.transport import open_subscriber
 
@@ -107,8 +106,7 @@ class OtherPrograms:
         name = record["name"].decode("utf-8", "replace")
         try:
             if kind is MOVES:
-                rotation = nearest_rotations(record["rotation"][None])[0]
-                self._scene.move(name, Pose(rotation, record["translation"]))
+                self._scene.move(name, Pose(record["rotation"], record["translation"]))
             elif record["action"] in (PartAction.HIDE, PartAction.SHOW):
                 carry_out(self._scene, ((name, PartAction(record["action"])),))
         except ProximityError:

@@ -54,6 +54,29 @@ def test_samples_become_instants_and_fingers(read):
     assert (recording.sample_count, recording.hand_count, recording.duration_s) == (5, 1, 0.02)
 
 
+def hand_lines(time, points, hand=0):
+    """Lines of a hand of five fingers."""
+    return "".join(f"{time},{hand},{k},{','.join(map(str, p))}\n" for k, p in enumerate(points))
+
+
+def test_hand_that_is_lost_at_the_origin_touches_nothing(read):
+    """Its five fingers, all at (0, 0, 0), were trusted: five touches 8.8 mm deep."""
+    there = [(0.01 * k, 0.02, 0.3) for k in range(5)]
+    lost = [(0.0, 0.0, 0.0)] * 5
+    recording = read(HEADER + hand_lines(0.0, there) + hand_lines(0.01, lost) + hand_lines(0.01, there, 1))
+
+    assert recording.is_present.tolist() == [[True] * 5 + [False] * 5, [False] * 5 + [True] * 5]
+    assert recording.notes == (
+        "5 of 15 positions are of a hand with all fingers at one place: it is lost there",
+    )
+
+
+def test_two_fingers_that_touch_are_not_lost(read):
+    recording = read(HEADER + "0,0,0,1,2,3\n0,0,1,1,2,3\n")
+
+    assert recording.is_present.all() and recording.notes == ()
+
+
 @pytest.mark.parametrize("cut", ["", "1", ".", "0.0"])
 def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
     """A number that is cut is a number: 0.03 may have become 0.0, and tell of a touch that never was."""

@@ -215,6 +215,21 @@ def test_poses_may_be_poses_matrices_lists_or_integers():
     assert scene.parts[0].pose.translation.tolist() == [1, 2, 3]
 
 
+def test_moves_in_single_precision_are_those_of_the_nearest_rotations():
+    """What a game engine multiplies is off by a millionth: it was refused as a shear."""
+    scene, rng = Scene(some_parts(3)), np.random.default_rng(8)
+    matrices = matrices_of(rng, 3).astype(np.float32)
+    names = ["part 0", "part 1", "part 2"]
+
+    scene.move_many(names, matrices)
+    rotations = [part.pose.rotation for part in scene.parts]
+    np.testing.assert_allclose(rotations, matrices[:, :3, :3], atol=1e-6)
+    for name, matrix, rotation in zip(names, matrices, rotations, strict=True):
+        assert np.abs(rotation @ rotation.T - np.eye(3)).max() <= 4 * 2.0**-52
+        scene.move(name, matrix)
+        assert judging.same_bits(scene.part(name).pose.rotation, rotation)
+
+
 # --------------------------------------------------------------------------------- models that are held
 
 

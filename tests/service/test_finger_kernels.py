@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from proximity.kernels.contact_columns import BOUNDED, EXACT, IN_RANGE, TRACKED
+from proximity.kernels.tracking.motion import BACKWARDS, FUTURE, TOO_OLD, USABLE
 from proximity.message import CONTACT
 from proximity.service import finger_kernels
 
-LATEST_NS = 1000
+OLDEST_NS, LATEST_NS = 920, 1000
 
 
 def interpreted(kernel):
@@ -23,25 +24,29 @@ def test_samples_are_admitted_by_the_rules(how, columns):
     kept, given = rng.random((2, 500, columns))
     given[rng.random(500) < 0.2, rng.integers(columns)] = np.nan
     before_ns, before = kept_ns.copy(), kept.copy()
-    taken, refused_ns = np.full(500, 7, np.uint8), np.zeros(500, np.int64)
+    defects, refused_ns = np.full(500, 7, np.uint8), np.zeros(500, np.int64)
     admit = how(finger_kernels.admit)
 
-    future, backwards = admit(kept_ns, kept, given_ns, given, refused_ns, taken, LATEST_NS)
+    admit(kept_ns, kept, given_ns, given, refused_ns, defects, OLDEST_NS, LATEST_NS)
 
-    is_known = np.isfinite(given).all(axis=1)
-    is_future = is_known & (given_ns > LATEST_NS)
-    is_old = is_known & ~is_future & (given_ns < before_ns)
-    is_used = is_known & ~is_future & ~is_old
-    assert (future, backwards) == (is_future.sum(), is_old.sum())
-    np.testing.assert_array_equal(taken, is_used | ~is_known)
+    is_known, is_repeated = np.isfinite(given).all(axis=1), given_ns == before_ns
+    is_future = is_known & ~is_repeated & (given_ns > LATEST_NS)
+    is_too_old = is_known & ~is_repeated & (given_ns < OLDEST_NS)
+    is_back = is_known & ~is_future & ~is_too_old & (given_ns < before_ns)
+    is_refused = is_future | is_too_old | is_back
+    is_used = is_known & ~is_refused
+    assert is_too_old.any() and is_back.any() and is_repeated.any()
+    for which, defect in ((is_future, FUTURE), (is_too_old, TOO_OLD), (is_back, BACKWARDS)):
+        np.testing.assert_array_equal(defects == defect, which)
+    np.testing.assert_array_equal(defects == USABLE, ~is_refused)
     np.testing.assert_array_equal(kept_ns, np.where(is_used, given_ns, before_ns))
     np.testing.assert_array_equal(kept[is_used], given[is_used])
-    np.testing.assert_array_equal(kept[is_future | is_old], before[is_future | is_old])
+    np.testing.assert_array_equal(kept[is_refused], before[is_refused])
     assert np.isnan(kept[~is_known, 0]).all()
 
-    again = admit(kept_ns, kept, given_ns, given, refused_ns, taken, 2 * LATEST_NS)
-    assert again == (0, 0)
-    np.testing.assert_array_equal(taken, is_used | ~is_known)
+    admit(kept_ns, kept, given_ns, given, refused_ns, defects, OLDEST_NS, 2 * LATEST_NS)
+    np.testing.assert_array_equal(defects == finger_kernels.REFUSED, is_refused)
+    np.testing.assert_array_equal(defects == USABLE, ~is_refused)
 
 
 @pytest.mark.parametrize("how", [lambda kernel: kernel, interpreted], ids=["compiled", "interpreted"])

@@ -165,6 +165,7 @@ def test_fingers_that_are_not_there_say_nothing_of_when(inlet):
 def test_part_that_is_taken_out_while_it_moves_is_counted_once_and_the_others_go_on(inlet):
     served = Served(inlet)
     message = Message(MOVES, 2)
+    message.records["translation"] = 0.0
     message.records["name"], message.records["pose_ns"] = [b"box", b"far"], NOW
     message.records["rotation"], message.records["velocity"] = np.eye(3), (0.1, 0, 0)
     inlet.put(message)
@@ -236,6 +237,7 @@ def test_hidden_part_is_carried_on_and_others_go_on_to_widen_bounds(inlet, monke
     served = Served(inlet)
     watched = Watched(served, monkeypatch)
     message = Message(MOVES, 2)
+    message.records["translation"] = 0.0
     message.records["name"], message.records["pose_ns"] = [b"box", b"far"], NOW
     message.records["rotation"], message.records["velocity"] = np.eye(3), [(9.0, 0, 0), (0.1, 0, 0)]
     inlet.put(message)

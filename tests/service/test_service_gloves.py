@@ -168,7 +168,7 @@ def test_poses_of_fingertips_are_taken_all_the_same_and_end_the_path(gloves_of, 
     inlet.put(poses(bend=0.3))
     source.poll(NOW)
     tips = Message(POSES, 1)
-    tips.records["finger"], tips.records["pose_ns"], tips.records["bend"] = 0, NOW, math.nan
+    tips.records["finger"], tips.records["pose_ns"], tips.records["position"] = 0, NOW, 0.0
     inlet.put(tips)
     polled = source.poll(NOW)
 

@@ -377,3 +377,30 @@ def test_arrays_of_a_callable_are_not_written_into():
     for array in (told.positions, told.velocities, told.paths, told.bends):
         assert (array == 1).all()
     assert told.pose_ns.tolist() == [NOW + 6 * MS]
+
+
+def test_hand_whose_fingers_are_all_at_one_place_is_lost_and_counted(caplog):
+    """The left hand is sent as (0, 0, 0) while it is lost; the right one goes on."""
+    sample_filter = SampleFilter(FingerPoses(10), 100 * MS, "iox2://poses")
+    sample_filter.start(NOW)
+    tips = np.arange(30.0).reshape(10, 3)
+    lost = tips.copy()
+    lost[:5] = 0.0
+    for ms, positions in enumerate((tips, lost, lost, tips)):
+        sample_filter.admit(hands_at(positions, NOW + ms * MS), NOW + ms * MS)
+        is_there = np.isfinite(sample_filter.kept.positions).all(axis=1)
+        assert is_there.tolist() == [positions is tips] * 5 + [True] * 5
+
+    assert sample_filter.notes == [
+        "iox2://poses: 10 poses of hands whose fingers are all at one place are not used"
+    ]
+    (said,) = caplog.messages
+    assert said.endswith("are all at one place are not used (the hand is lost there: send nan)")
+
+
+def test_two_fingers_of_one_hand_may_be_at_one_place():
+    sample_filter = SampleFilter(FingerPoses(2), 100 * MS)
+    sample_filter.start(NOW)
+    sample_filter.admit(hands_at(np.zeros((2, 3)), NOW), NOW)
+
+    assert np.isfinite(sample_filter.kept.positions).all() and sample_filter.lost == 0

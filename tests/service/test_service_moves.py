@@ -122,6 +122,40 @@ def test_part_that_is_named_twice_goes_where_it_is_told_last(inlet):
     assert source.notes == []
 
 
+def test_message_that_names_one_part_300_times_is_refused_at_once(inlet, caplog):
+    parts, source = scene("a", "b"), MovesInput("queue:")
+    for _ in range(2):
+        flood = Message(MOVES, 300)
+        flood.records["name"], flood.records["translation"] = b"a", (1, 0, 0)
+        flood.records["pose_ns"] = NOW
+        inlet.put(flood)
+    inlet.put(moves(b=(2, 0, 0)))
+
+    source.apply(parts, NOW)
+
+    assert places(parts) == {"a": [0, 0, 0], "b": [2, 0, 0]}
+    assert source.notes == ["queue:: 2 messages of moves that name the same parts again and again"]
+    (said,) = caplog.messages
+    assert said.endswith("again and again (300 moves, expected one for each part)")
+
+
+def test_move_without_a_translation_is_refused_and_one_without_the_rest_only_shifts(inlet):
+    """A record began as zeros: a part whose translation was left out went to the origin."""
+    parts, source = scene("a", "b"), MovesInput("queue:")
+    inlet.put(moves(a=(1, 0, 0), b=(2, 0, 0)))
+    source.apply(parts, NOW)
+    message = Message(MOVES, 2)
+    message.records["name"], message.records["pose_ns"] = [b"a", b"b"], NOW
+    message.records["translation"][1] = (3, 0, 0)
+    inlet.put(message)
+
+    source.apply(parts, NOW)
+
+    assert places(parts) == {"a": [1, 0, 0], "b": [3, 0, 0]}
+    assert parts.part("b").pose.rotation.tolist() == np.eye(3).tolist() and not parts.part("b").velocity.any()
+    assert source.notes == ["queue:: 1 moves of parts that are invalid"]
+
+
 def test_rotations_in_single_precision_are_made_exact(inlet):
     """What a game engine sends is off by a ten-millionth; a scene takes a billionth."""
     parts, source = scene("a"), MovesInput("queue:")

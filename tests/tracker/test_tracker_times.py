@@ -68,6 +68,7 @@ def test_a_finger_that_turns_round_between_its_first_poses_stays_within_its_boun
     assert found["predicted_lower"] <= true <= found["predicted_upper"]
 
 
+@pytest.mark.filterwarnings("ignore::proximity.UnitsWarning")  # fifty metres from a block of ten centimetres
 @pytest.mark.parametrize("velocity", [None, 4.0, 7.0])
 def test_a_finger_faster_than_it_should_be_stays_within_bounds_if_it_goes_on(velocity):
     """Poses 1 ms apart may lie 5 mm farther than the speed allows, and the caller's word is taken."""

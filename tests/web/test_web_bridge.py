@@ -35,6 +35,7 @@ from proximity.web.geometry import scene_glb
 from proximity.web.page_client import MOST_IN_FLIGHT
 from proximity.web.scene_page import scene_page_files
 from proximity.web.server.access import HELD_UP, MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
+from proximity.web.server.page_server import document
 from proximity.web.slice_fields import SLICE_HEADER
 from proximity.web.sources import LiveFrames, OtherPrograms
 
@@ -502,6 +503,13 @@ def measured():
     return message.seal(1, 2).tobytes()
 
 
+def move_often(count):
+    message = Message(MOVES, count)
+    message.header["send_ns"] = message.records["pose_ns"] = now()
+    message.records["name"], message.records["translation"] = b"a", (0.1, 0, 0)
+    return message.seal(1, 2).tobytes()
+
+
 FORGED = {
     "truncated": lambda: poses()[:-8],
     "shorter than a header": lambda: poses()[:20],
@@ -522,6 +530,12 @@ FORGED = {
     "a part to infinity": lambda: move(translation=(np.nan, 0, 0)),
     "a question that there is not": lambda: json.dumps({"run": "rm"}),
     "a deep document": lambda: "[" * 50_000,
+    "a part a hundred times": lambda: move_often(300),
+    "half a letter": lambda: '{"clearance": ["\\ud83d", "b"]}',
+    "half a letter in a name": lambda: '{"\\uDE00": 1}',
+    "a number of 400 digits": lambda: '{"clock": ' + "9" * 400 + "}",
+    "a number without end": lambda: '{"at_ms": 1e999}',
+    "no number": lambda: '{"clock": NaN}',
 }
 
 
@@ -551,3 +565,17 @@ def test_messages_that_were_held_up_end_the_connection(bridge):
     code, reason = closed(page)
 
     assert (code, reason) == (4408, "messages of this page are delayed by more than a second")
+
+
+def test_why_a_page_was_disconnected_is_logged_once_and_counted(bridge, caplog):
+    for _ in range(2):
+        page = bridge.page()
+        page.send('{"clearance": ["\\ud83d", "b"]}')
+        assert closed(page) == (UNFIT, "a text has half of a surrogate pair")
+
+    assert caplog.messages == ["a page is disconnected: a text has half of a surrogate pair"]
+    assert bridge.bridge.server.refused["a text has half of a surrogate pair"] == 2
+
+
+def test_a_letter_beyond_the_first_plane_is_no_half():
+    assert document('{"clearance": ["\\ud83d\\ude00", "b"], "clock": -12.5}')["clearance"][0] == "\U0001f600"

@@ -4,6 +4,8 @@ import numpy as np
 
 from proximity.kernels.layout import (
     FOLDED_AT,
+    FRAME_BOX_LOWER,
+    FRAME_BOX_UPPER,
     FRAME_CENTRE,
     FRAME_ROTATION,
     FRAME_SCALE,
@@ -27,6 +29,26 @@ LENGTH_ROUNDING = 1e-13
 
 FARTHEST_LOCAL = 1e100
 """Local coordinates beyond this are pulled in: the direction stays, the square does not overflow."""
+
+
+MILLIMETRES_FROM, MILLIMETRES_TO = 100.0, 10_000.0
+"""Sizes of the scene. Points that are given in millimetres are a thousand times as far away: some hundreds of
+its sizes where they are near the scene, some thousands where they are not."""
+
+
+@inlined
+def looks_like_millimetres(frames, distance):
+    """Whether a point at that distance, m, may have been given in millimetres."""
+    last, size_sq = len(frames) - 1, 0.0
+    for axis in range(3):
+        edge = frames[last, FRAME_BOX_UPPER + axis] - frames[last, FRAME_BOX_LOWER + axis]
+        size_sq += edge * edge
+    times_sq = distance * distance
+    return (
+        distance > 0.0
+        and MILLIMETRES_FROM * MILLIMETRES_FROM * size_sq < times_sq
+        and times_sq < MILLIMETRES_TO * MILLIMETRES_TO * size_sq
+    )
 
 
 @inlined

@@ -20,11 +20,19 @@ from proximity.kernels.geometry.closest_feature import (
     CLOSEST_SIZE,
     CLOSEST_WEIGHT,
 )
-from proximity.kernels.geometry.frames import can_be_asked, is_alone, to_local, to_scene, turn_to_scene
+from proximity.kernels.geometry.frames import (
+    can_be_asked,
+    is_alone,
+    looks_like_millimetres,
+    to_local,
+    to_scene,
+    turn_to_scene,
+)
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.layout import (
     FEATURE_NONE,
     FRAME_SCALE,
+    IN_MILLIMETRES,
     NO_FACE,
     NO_PART,
     NO_ROW,
@@ -100,7 +108,18 @@ def distance_batch(model, points, order, limits, distances):
             part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
         best_sq, part, slot = nearest_from_block(model, (x, y, z), limit_sq, part, slot, stacks)
         distances[row, 0] = sqrt(best_sq) / scale if slot >= 0 else np.inf
-    return NO_ROW
+    return _units_code(frames, order, distances)
+
+
+@inlined
+def _units_code(frames, order, answers):
+    """`IN_MILLIMETRES` where few rows are answered whose points all look like such; else `NO_ROW`."""
+    if len(order) or not len(answers):
+        return NO_ROW
+    for row in range(len(answers)):
+        if not looks_like_millimetres(frames, answers[row, 0]):
+            return NO_ROW
+    return IN_MILLIMETRES
 
 
 @kernel
@@ -126,7 +145,7 @@ def signed_batch(model, points, order, limits, distances):
     reals, words, frames, parts = model
     if is_alone(parts) and not len(order):
         signed_alone(model, points, distances)
-        return NO_ROW
+        return _units_code(frames, order, distances)
     rows, reaches, no_limits = longs_here(POINT_CHUNK), reals_here(POINT_CHUNK), reals_here(0)
     candidates, found, features, workspace = (
         candidates_here(),
@@ -154,7 +173,7 @@ def signed_batch(model, points, order, limits, distances):
                     found.distances[k] = -abs(depth) / frames[part, FRAME_SCALE]
         for k in range(chunk.point_count):
             distances[rows[k], 0] = found.distances[k]
-    return NO_ROW
+    return _units_code(frames, order, distances)
 
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 12] -> int", handful=HANDFUL)
@@ -195,7 +214,7 @@ def closest_batch(model, points, order, limits, answers):
             inside = inside or is_deeper
             limit = limit_of(limits, row)
             _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row)
-    return NO_ROW
+    return _units_code(frames, order, answers)
 
 
 @inlined

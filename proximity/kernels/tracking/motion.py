@@ -34,6 +34,7 @@ ESTIMATE_WEIGHTS = 8  # sums of weight times age to the power 0, 1, 2, 3; ages a
 ESTIMATE_SQUARES = 12  # sums of squared weight times age to the power 0, 1, 2
 ESTIMATE_MOMENTS = 15  # sums of weight times position, seen from the last pose, m
 ESTIMATE_AGE_MOMENTS = 18  # sums of weight times age times position
+ESTIMATE_SLACK_USED = 21  # m of `JUMP_SLACK` that the last poses have used up
 ESTIMATE_REALS = 24
 MOTION_REALS = 2 * ESTIMATE_REALS
 
@@ -50,6 +51,12 @@ STARTED = 1 << 16
 without it went back to where the finger was."""
 REPEATED = 1 << 17
 """The pose has the instant of the one before, and changes nothing."""
+
+# --- why the instant of a pose cannot be used ---
+USABLE = 0
+FUTURE = 1
+TOO_OLD = 2
+BACKWARDS = 3  # before the last pose of that finger
 
 MAX_SPEED = 3.0
 """m/s: 99.99 % of the recorded motion is below 1.94; the fastest pose gone astray came at 4.5."""
@@ -74,10 +81,23 @@ MAX_GAP_NS = 100_000_000
 """A finger unseen for longer may have done anything: the estimate starts anew."""
 JUMP_SLACK = 5e-3
 """m that a pose may lie beyond what `max_speed` allows: tracking that finds a finger anew corrects it so."""
+SLACK_RATE = JUMP_SLACK / 0.5e-3
+"""m/s at which used slack comes back: poses half a millisecond apart, or more, have all of it. A hand with
+instants in microseconds, or in the 100 ns of .NET, uses it up within some poses, and jumps from then on."""
 COAST = 0.1
 """s in which a finger would lose its speed at the rate recorded fingers do at first: 4 % in 9 ms."""
 MOTION_HORIZON = 0.05
 """s after the pose beyond which a finger is not thought to go on: farther on, guesses only jitter."""
+
+
+@inlined
+def instant_defect(pose_ns, last_ns, oldest_ns, latest_ns):
+    """Why the instant of a pose cannot be used, given the finger's last one; `USABLE` if it can."""
+    if pose_ns > latest_ns:
+        return FUTURE
+    if pose_ns < oldest_ns:
+        return TOO_OLD
+    return BACKWARDS if pose_ns < last_ns else USABLE
 
 
 @inlined
@@ -106,12 +126,19 @@ def _copy_track(reals, ints, row, to, source):
 
 
 @inlined
-def _is_within_reach(reals, ints, row, track, t_ns, x, y, z, max_speed):
-    """Whether a finger at the last pose of that estimate can be at this one now."""
-    first = track * ESTIMATE_REALS + ESTIMATE_POSITION
+def _slack_used(reals, ints, row, track, t_ns, x, y, z, max_speed):
+    """Slack, m, that a finger at the last pose of that estimate has used when it is at this one now."""
+    first = track * ESTIMATE_REALS
+    elapsed = 1e-9 * (t_ns - ints[row, track * ESTIMATE_INTS + ESTIMATE_POSE_NS])
+    used = max(reals[row, first + ESTIMATE_SLACK_USED] - SLACK_RATE * elapsed, 0.0)
+    first += ESTIMATE_POSITION
     dx, dy, dz = x - reals[row, first], y - reals[row, first + 1], z - reals[row, first + 2]
-    reach = max_speed * (1e-9 * (t_ns - ints[row, track * ESTIMATE_INTS + ESTIMATE_POSE_NS])) + JUMP_SLACK
-    return dx * dx + dy * dy + dz * dz <= reach * reach
+    step_sq, reach = dx * dx + dy * dy + dz * dz, max_speed * elapsed
+    if step_sq <= reach * reach:
+        return used
+    if used == 0.0 and step_sq <= (reach + JUMP_SLACK) * (reach + JUMP_SLACK):
+        return min(math.sqrt(step_sq) - reach, JUMP_SLACK)
+    return used + math.sqrt(step_sq) - reach if used > 0.0 else math.inf
 
 
 @inlined
@@ -204,20 +231,22 @@ def observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration):
         _start(reals, ints, row, x, y, z, t_ns, max_speed)
         ints[row, ESTIMATE_INTS + ESTIMATE_POSE_COUNT] = 0
         return status | STARTED
-    if not _is_within_reach(reals, ints, row, 0, t_ns, x, y, z, max_speed):
+    slack_used = _slack_used(reals, ints, row, 0, t_ns, x, y, z, max_speed)
+    if not slack_used <= JUMP_SLACK:
         status |= JUMPED
+        slack_used = math.inf
         # Poses that follow each other are not astray: nothing goes back.
-        if (
-            ints[row, ESTIMATE_POSE_COUNT] == ENOUGH
-            or not _continues(ints, row, 1, t_ns)
-            or not _is_within_reach(reals, ints, row, 1, t_ns, x, y, z, max_speed)
-        ):
+        if ints[row, ESTIMATE_POSE_COUNT] < ENOUGH and _continues(ints, row, 1, t_ns):
+            slack_used = _slack_used(reals, ints, row, 1, t_ns, x, y, z, max_speed)
+        if not slack_used <= JUMP_SLACK:
             # A pose by itself is nothing to go back to; the estimate before it may be.
             if ints[row, ESTIMATE_POSE_COUNT] > 1:
                 _copy_track(reals, ints, row, 1, 0)
             _start(reals, ints, row, x, y, z, t_ns, max_speed)
+            reals[row, ESTIMATE_SLACK_USED] = JUMP_SLACK
             return status | STARTED
         _copy_track(reals, ints, row, 0, 1)
+    reals[row, ESTIMATE_SLACK_USED] = slack_used
 
     noise_error = _follow(reals, row, x, y, z, 1e-9 * (t_ns - ints[row, ESTIMATE_POSE_NS]), max_acceleration)
     ints[row, ESTIMATE_POSE_NS] = t_ns

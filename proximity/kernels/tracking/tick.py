@@ -10,6 +10,7 @@ import numpy as np
 
 from proximity.kernels.contact_columns import (
     FORCE_VALID_BIT,
+    JUMPED,
     MODE_BIT,
     MODE_FORCE,
     MODE_HOLD,
@@ -45,13 +46,24 @@ from proximity.kernels.contact_columns import (
     TRACKED,
 )
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
-from proximity.kernels.geometry.frames import can_be_asked
+from proximity.kernels.geometry.frames import can_be_asked, looks_like_millimetres
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_FACE, NO_PART
 from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.stack_arrays import real_rows_here, reals_here
 from proximity.kernels.tracking.conservative_advancement import Path
 from proximity.kernels.tracking.finger_distance import find_distance
-from proximity.kernels.tracking.motion import ESTIMATE_VELOCITY, observe, observe_with_velocity
+from proximity.kernels.tracking.motion import (
+    BACKWARDS,
+    ESTIMATE_POSE_COUNT,
+    ESTIMATE_POSE_NS,
+    ESTIMATE_VELOCITY,
+    FUTURE,
+    TOO_OLD,
+    USABLE,
+    instant_defect,
+    observe,
+    observe_with_velocity,
+)
 from proximity.kernels.tracking.part_drift import Movers, displacement_of_parts, gather_movers
 from proximity.kernels.tracking.path_contact import predict_contact_on_path
 from proximity.kernels.tracking.prediction import (
@@ -64,6 +76,7 @@ from proximity.kernels.tracking.track import (
     MOST_DISPLACEMENT,
     MOST_NS,
     SETTING_ADAPTIVE_TOLERANCE,
+    SETTING_AHEAD_NS,
     SETTING_ANY_STANDS,
     SETTING_BUDGET,
     SETTING_DISPLACEMENT,
@@ -74,6 +87,7 @@ from proximity.kernels.tracking.track import (
     SETTING_MAX_ACCELERATION,
     SETTING_MAX_SPEED,
     SETTING_MOVER_COUNT,
+    SETTING_OTHER_CLOCK_NS,
     SETTING_PREDICTION_STEPS_LEFT,
     SETTING_STEPS_LEFT,
     TRACK_FRONTIER_COUNT,
@@ -86,6 +100,12 @@ from proximity.kernels.tracking.track import (
 )
 from proximity.native import HANDFUL, entry, inlined
 from proximity.simd import prefetch
+
+# --- bits of the answer of a tick: it is done, and what its caller should know ---
+NOT_DONE = 0
+DONE = 1
+HAS_DEFECT = 2  # shifted by `FUTURE`, `TOO_OLD`, `BACKWARDS`: poses with such instants
+ALL_IN_MILLIMETRES = 32  # all fingers are as far away as points in millimetres
 
 FLAG_BITS = (1 << 16) - 1
 """Bits of an observation's answer that go into the record."""
@@ -103,9 +123,9 @@ when there are: so all are as well known as can be, for how far they are. Turns 
 within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), with half again as many steps."""
 
 
-@entry(ModelArrays, TrackerArrays, "float64[:, 3], int, int, bool -> bool", handful=HANDFUL)
+@entry(ModelArrays, TrackerArrays, "float64[:, 3], int, int, bool -> int", handful=HANDFUL)
 def tick(model, arrays, positions, all_pose_ns, now_ns, is_moved):
-    """Fill the records of a tracker; whether that was done.
+    """Fill the records of a tracker; `NOT_DONE`, or `DONE` and what should be known about the poses.
 
     It is not done, and nothing is changed, where *positions* are not as many as fingers, or instants are
     beyond `MOST_NS`. *all_pose_ns*: instant of the positions, or `EACH_ITS_OWN`. *is_moved*: whether parts
@@ -113,16 +133,16 @@ def tick(model, arrays, positions, all_pose_ns, now_ns, is_moved):
     """
     settings, count = arrays.settings, len(arrays.marks)
     if len(positions) != count or not -MOST_NS <= now_ns <= MOST_NS:
-        return False
+        return NOT_DONE
     if all_pose_ns != EACH_ITS_OWN and not -MOST_NS <= all_pose_ns <= MOST_NS:
-        return False
+        return NOT_DONE
     scratch = Scratch(arrays.workspace, reals_here(CLOSEST_SIZE), reals_here(9))
     straight = Path(real_rows_here(2, 3), reals_here(2))
     settings[SETTING_STEPS_LEFT] = steps_for_all(settings[SETTING_BUDGET], count)
     settings[SETTING_PREDICTION_STEPS_LEFT] = PREDICTION_BUDGETS * settings[SETTING_BUDGET]
     if is_moved:
         _follow_parts(model, arrays)
-    _observe_all(model, arrays, positions, all_pose_ns, now_ns)
+    answer = DONE | _observe_all(model, arrays, positions, all_pose_ns, now_ns)
     late = min(
         _find_all_distances(model, arrays, is_moved, scratch), _predict_all(model, arrays, straight, scratch)
     )
@@ -132,7 +152,7 @@ def tick(model, arrays, positions, all_pose_ns, now_ns, is_moved):
     settings[SETTING_ADAPTIVE_TOLERANCE] = _tolerance_after(
         settings[SETTING_ADAPTIVE_TOLERANCE], settings[SETTING_STEPS_LEFT]
     )
-    return True
+    return answer | ALL_IN_MILLIMETRES if _all_in_millimetres(model.frames, arrays) else answer
 
 
 @inlined
@@ -167,8 +187,13 @@ def _follow_parts(model, arrays):
 
 @inlined
 def _observe_all(model, arrays, positions, all_pose_ns, now_ns):
-    """Clear all records, and write where each finger is, how fast it moves, and whether it is tracked."""
-    settings, wide = arrays.settings, arrays.wide
+    """Clear all records, and write where each finger is, how fast it moves, and whether it is tracked.
+
+    Returns `HAS_DEFECT`, shifted by each defect that instants have. A pose of another clock is not used, and
+    one before the last is a jump; one that is ahead by less is predicted for its own instant.
+    """
+    settings, wide, found = arrays.settings, arrays.wide, 0
+    apart_ns, ahead_ns = np.int64(settings[SETTING_OTHER_CLOCK_NS]), np.int64(settings[SETTING_AHEAD_NS])
     acts_ns = now_ns + np.int64(1e9 * settings[SETTING_LATENCY])
     for i in range(len(positions)):
         finger = finger_at(arrays, i)
@@ -180,7 +205,19 @@ def _observe_all(model, arrays, positions, all_pose_ns, now_ns):
         wide[i, RECORD_PREDICTED_NS] = max(acts_ns, taken_ns)
         record = finger.record
         record[RECORD_POSITION], record[RECORD_POSITION + 1], record[RECORD_POSITION + 2] = x, y, z
-        flags = _observe(arrays, i, taken_ns, x, y, z) & FLAG_BITS
+        motion_marks = arrays.motion_marks
+        is_seen = motion_marks[i, ESTIMATE_POSE_COUNT] > 0
+        last_ns = motion_marks[i, ESTIMATE_POSE_NS] if is_seen else taken_ns
+        defect = instant_defect(taken_ns, last_ns, now_ns - apart_ns, now_ns + apart_ns)
+        is_used, flags = defect != FUTURE and defect != TOO_OLD, 0
+        if is_used:
+            flags = _observe(arrays, i, taken_ns, x, y, z) & FLAG_BITS
+            if defect == BACKWARDS and flags & TRACKED:
+                flags |= JUMPED
+            if defect == USABLE and taken_ns > now_ns + ahead_ns:
+                defect = FUTURE
+        if defect != USABLE and isfinite(x):
+            found |= HAS_DEFECT << defect
         if flags & TRACKED and can_be_asked(model.frames, model.parts, x, y, z):
             for axis in range(3):
                 record[RECORD_VELOCITY + axis] = arrays.motions[i, ESTIMATE_VELOCITY + axis]
@@ -189,6 +226,19 @@ def _observe_all(model, arrays, positions, all_pose_ns, now_ns):
             finger.numbers[RECORD_KINDS] = MODE_HOLD << MODE_BIT
             finger.marks[TRACK_REPORTED_PART] = NO_PART
         finger.numbers[RECORD_FLAGS] = flags
+    return found
+
+
+@inlined
+def _all_in_millimetres(frames, arrays):
+    """Whether fingers are tracked, and all of them are as far from all parts as points in millimetres."""
+    has_any = False
+    for i in range(len(arrays.marks)):
+        if arrays.numbers[i, RECORD_FLAGS] & TRACKED:
+            has_any = looks_like_millimetres(frames, arrays.records[i, RECORD_LOWER])
+            if not has_any:
+                return False
+    return has_any
 
 
 @inlined

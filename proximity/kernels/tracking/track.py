@@ -53,7 +53,9 @@ SETTING_PREDICTION_STEPS_LEFT = 12  # steps left for predictions, of all fingers
 SETTING_FIRST_FINGER = 13  # finger that is done first, so that each has its turn; written by the tick
 SETTING_STEPS_LEFT = 15  # steps that are left for distances, of all fingers; written by the tick
 SETTING_ADAPTIVE_TOLERANCE = 16  # likewise, of a crowd; written by the tick
-SETTING_COUNT = 17
+SETTING_AHEAD_NS = 17  # a pose farther in the future is reported
+SETTING_OTHER_CLOCK_NS = 18  # a pose farther from the tick, either way, is of another clock, and not used
+SETTING_COUNT = 19
 
 MOST_DISPLACEMENT = 1e3
 """m that parts may have moved until all tracks start anew: of larger sums, small steps are lost by rounding.

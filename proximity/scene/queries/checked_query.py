@@ -4,6 +4,7 @@ A query takes a model, one or two arrays of rows, how far to look, and a number 
 table of its answers. Few plain rows are answered by compiled code alone, see `native.query`.
 """
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -12,9 +13,10 @@ import numpy as np
 
 from proximity import native
 from proximity.checks.arrays import as_points
-from proximity.errors import ProximityError
+from proximity.errors import ProximityError, UnitsWarning
+from proximity.kernels.geometry.frames import MILLIMETRES_FROM, MILLIMETRES_TO
 from proximity.kernels.geometry.morton_order import SORT_FROM
-from proximity.kernels.layout import NO_ROW
+from proximity.kernels.layout import FRAME_BOX_LOWER_XYZ, FRAME_BOX_UPPER_XYZ, IN_MILLIMETRES, NO_ROW
 from proximity.model.assembly import Model
 from proximity.scene.queries.batches import OrderOf, first_slice, morton_order_of, run_batch
 from proximity.scene.queries.query_arguments import broadcast_limits, broadcast_rows
@@ -68,12 +70,40 @@ class CheckedQuery:
             return int(self.entry(model.packed, *rows, order, limits, answers))
 
         found = run_batch(ask_slice, [*flat, limits, answers], workers, order_of, size)
-        refused = min((first + row for first, row in found if row != NO_ROW), default=NO_ROW)
+        answered = (NO_ROW, IN_MILLIMETRES)
+        refused = min((first + row for first, row in found if row not in answered), default=NO_ROW)
         if refused != NO_ROW:
             raise self.refusal(refused)
+        if self.names == ("points",) and self.dtype is np.float64:
+            _warn_of_millimetres(model, answers[:, 0])
         shape = rows[0].shape[:-1]
         return answers.reshape((*shape, self.width) if self.width > 1 else shape)[()]
 
     def quick(self) -> Any:
         """Return the query as a function that answers few plain rows at once."""
         return native.query(self.name, self.width, SORT_FROM, self.ask)
+
+
+def _warn_of_millimetres(model: Model, distances: np.ndarray) -> None:
+    """Warn where all points are as far away as points in millimetres; called by `CheckedQuery.ask`."""
+    nearest = float(distances.min(initial=np.inf))
+    size = size_of(model)
+    if MILLIMETRES_FROM * size < nearest < MILLIMETRES_TO * size:
+        # The fourth frame up is the caller of the method that asks.
+        warnings.warn(
+            in_millimetres("the nearest point", nearest, size, "points"), UnitsWarning, stacklevel=4
+        )
+
+
+def size_of(model: Model) -> float:
+    """Diagonal of the box of all parts, m."""
+    box = model.frames[-1]
+    return float(np.linalg.norm(box[FRAME_BOX_UPPER_XYZ] - box[FRAME_BOX_LOWER_XYZ]))
+
+
+def in_millimetres(what: str, distance: float, size: float, names: str) -> str:
+    """Say that *what* is so far away that *names* were probably given in millimetres."""
+    return (
+        f"{what} is {distance:.3g} m from the nearest part, {distance / size:.0f} times the size of the "
+        f"scene: {names} are metres"
+    )

@@ -16,7 +16,6 @@ from proximity.errors import PoseError, ProximityError, SceneError
 from proximity.message import ADDITIONS, BLOCK_VERTICES, CHANGES, DEFORMATIONS, Kind, PartAction
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
-from proximity.service.inputs.moves_input import nearest_rotations
 from proximity.service.inputs.reception import Reception
 
 LOGGER = logging.getLogger("proximity.service")
@@ -178,7 +177,7 @@ def _addition(record: Any) -> Addition:
     if not name:
         raise SceneError("a part to add has no name, expected one")
     try:
-        pose = Pose(nearest_rotations(record["rotation"][None])[0], record["translation"])
+        pose = Pose(record["rotation"], record["translation"])
     except PoseError as unfit:
         raise PoseError(f"part {name!r}: {unfit}") from unfit
     return Addition(name, _text(record["file"]), _text(record["units"]) or DEFAULT_UNITS, pose)

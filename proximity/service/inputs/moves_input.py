@@ -9,6 +9,7 @@ from proximity.errors import PoseError, SceneError
 from proximity.message import MOVES
 from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.instant_advice import on_backwards, on_future, on_too_old
+from proximity.pose import nearest_rotations
 from proximity.scene.scene import Scene
 from proximity.service.inputs.part_prediction import Carried, ReportedMotion
 from proximity.service.inputs.reception import Reception
@@ -19,39 +20,19 @@ from proximity.system.time_units import NS_PER_MS, NS_PER_S
 SILENT_PARTS = "parts stood still: no move for 100 ms"
 UNFIT = "moves of parts that are invalid"
 FUTURE, BACKWARDS = "moves from the future", "moves older than the one before"
-
-EXACT = 1e-9
-SINGLE = 1e-5
-"""How far rotation times its transpose may be from the identity: senders that compute in single precision
-are off by a millionth, and a scene refuses that. Up to here the nearest rotation is meant."""
+REPEATED = "messages of moves that name the same parts again and again"
 
 
 class MovesInput:
     """Moves of parts, as `MOVES` messages at an address.
 
     A part that is not there, or a pose that is not rigid, is counted and left out; the others move. So is a
-    move from more than 5 ms in the future, older than the one before of the same part, or too old. Velocities
-    of nan are zero. A part that has a velocity is carried on by it from the instant of its pose, at each
-    tick anew. When nothing more was reported of it for `HOLD_NS` it stands, that is counted, and `is_late`
-    says so until it is reported again: a part that comes to rest must be reported once without a velocity.
-    Of a part that is hidden or taken out nobody needs to know where it is; when it is shown or added again,
-    it is carried on again.
-
-    Parameters
-    ----------
-    address : str
-        As of `open_subscriber`.
-    stale_after : float, s
-        Age from which a move is worth nothing when it comes.
-    clock : callable
-        Gives now, ns, monotonic.
-    skipped : callable
-        Gives by how much the instants of ticks are ahead of that clock, ns: those of a `SkippingClock` are.
-
-    Raises
-    ------
-    PublishError
-        If the address cannot be opened.
+    move from more than 5 ms in the future, older than the one before of the same part, or too old. A message
+    that names its parts more than twice each is left out as a whole. Velocities of nan are zero. A part that
+    has a velocity is carried on by it from the instant of its pose, at each tick anew. When nothing more was
+    reported of it for `HOLD_NS` it stands, that is counted, and `is_late` says so until it is reported again:
+    a part that comes to rest must be reported once without a velocity. Of a part that is hidden or taken out
+    nobody needs to know where it is; when it is shown or added again, it is carried on again.
     """
 
     future: int  # moves left out because they are from the future
@@ -90,17 +71,9 @@ class MovesInput:
         return self._carried is not None and self._carried.is_late
 
     def apply(self, scene: Scene, now_ns: int, poses: FingerPoses | None = None) -> None:
-        """Put the parts of a scene that are reported to move where they are.
+        """Put parts where they are at the newest instant of *poses*, which distances are for, or else now.
 
-        Parameters
-        ----------
-        scene : Scene
-            Another one than before, an edited one perhaps, gets all that was reported until now.
-        now_ns : int, ns
-            The present instant.
-        poses : FingerPoses
-            Poses that the scene will be asked about: parts are put where they are at the newest instant of
-            these, since distances are reported for the instants of poses. Without a finger it is now.
+        Another scene than before, an edited one perhaps, gets all that was reported until now.
         """
         is_reported = scene is not self._scene
         if is_reported:
@@ -120,11 +93,6 @@ class MovesInput:
 
         Of a finger whose pose is of another instant than those parts are put at, that is how far they go in
         between. Of a part of which nothing more is reported it is how far it may have come since.
-
-        Parameters
-        ----------
-        contacts : (N,) CONTACT
-            Of the scene as `apply` has left it; changed in place.
         """
         if self._carried is not None and self._scene is not None:
             self._carried.widen(contacts, is_edited=self._scene.epoch != self._epoch)
@@ -135,6 +103,9 @@ class MovesInput:
 
     def _take(self, scene: Scene, records: np.ndarray, offset_ns: int, now_ns: int) -> None:
         """Move parts to where a message tells, and keep what it reported."""
+        if names_repeat(records):
+            self._reception.leave_out(REPEATED, 1, f"{len(records)} moves, expected one for each part")
+            return
         names = [self._name(raw) for raw in records["name"].tolist()]
         pose_ns = records["pose_ns"] + offset_ns
         rows = self._admitted(names, pose_ns, now_ns)
@@ -268,13 +239,6 @@ def _instant_of(poses: FingerPoses | None, now_ns: int) -> int:
     return int(poses.pose_ns[is_there].max()) if is_there.any() else now_ns
 
 
-def nearest_rotations(rotations: np.ndarray) -> np.ndarray:
-    """Rotations (K, 3, 3) of which those that are off by single precision are made exact."""
-    with np.errstate(over="ignore", invalid="ignore"):  # whatever a sender tells
-        off = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    rows = (off > EXACT) & (off <= SINGLE)
-    if rows.any():
-        left, _, right = np.linalg.svd(rotations[rows])
-        rotations = rotations.copy()
-        rotations[rows] = left @ right
-    return rotations
+def names_repeat(records: np.ndarray) -> bool:
+    """Whether moves name their parts more than twice each."""
+    return len(records) > 2 * len(set(records["name"].tolist()))

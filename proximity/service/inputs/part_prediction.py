@@ -35,18 +35,7 @@ class ReportedMotion(NamedTuple):
 
 
 class Carried:
-    """Parts with velocities, at one instant after another.
-
-    Parameters
-    ----------
-    reported : mapping
-        What was reported of each, by name; at least one.
-    silent : container of str
-        Of which parts it is known that nothing more is reported.
-    presence : Presence
-        What the scene has: all of these parts. Those that are hidden are carried on, but no contact is with
-        them: nobody needs to know where they are.
-    """
+    """Parts with velocities, at one instant after another; no more is reported of the *silent*."""
 
     names: list[str]
     is_silent: np.ndarray  # (M,) bool
@@ -105,15 +94,7 @@ class Carried:
         return matrices, self._velocities * goes, self._turning * goes
 
     def widen(self, contacts: np.ndarray, *, is_edited: bool = False) -> None:
-        """Make contacts hold for parts that stand where they are at another instant than the finger's.
-
-        Parameters
-        ----------
-        contacts : (N,) CONTACT
-            As the scene answered, its parts being where `at` has put them. Changed in place.
-        is_edited : bool
-            Whether the scene may have been answering when parts were shown that were hidden before.
-        """
+        """Make contacts hold for parts that stand where they are at another instant than the finger's."""
         found = slice(None) if is_edited or self._is_found.all() else np.flatnonzero(self._is_found)
         instants, is_silent, speeds = self._instants[found], self.is_silent[found], self._top_speeds[found]
         pose_ns = contacts["pose_ns"]

@@ -15,24 +15,7 @@ class StreamInput:
     """Poses of fingers, as `POSES`, `PATH_POSES` and `GLOVE_POSES` messages at an address.
 
     A message need not tell all fingers: of the others, what was reported last is still true. Where several
-    have come since the last poll, the newest counts.
-
-    Parameters
-    ----------
-    address : str
-        As of `open_subscriber`.
-    count : int
-        Of fingers.
-    clock : callable
-        Gives now, ns, monotonic.
-    gloves : GloveChoices
-        Of the fingers. Without it `GLOVE_POSES` cannot be understood, and are counted as of a kind that is
-        not expected.
-
-    Raises
-    ------
-    PublishError
-        If the address cannot be opened.
+    have come since the last poll, the newest counts. Without *gloves*, `GLOVE_POSES` are not expected.
     """
 
     is_over = False
@@ -58,13 +41,7 @@ class StreamInput:
         return self._reception.notes
 
     def poll(self, now_ns: int) -> FingerPoses | None:
-        """Return the newest pose of each finger; None where no message came.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            The present instant.
-        """
+        """Return the newest pose of each finger; None where no message came."""
         has_come = False
         for kind, records, offset_ns in self._reception.messages():
             has_come = True

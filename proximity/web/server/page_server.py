@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import json
 import logging
+import math
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -20,6 +21,9 @@ from proximity.web.server.page_files import PageFiles
 
 LIVE = "/live"
 """Where the live connection is asked for."""
+MOST_DIGITS = 20
+"""Of a whole number in a document, its sign included: 64 bits."""
+LOGGER = logging.getLogger("proximity.web")
 QUIET = logging.getLogger("proximity.web.connections")
 """Of the library: browsers open connections and send nothing, which it would call a failure."""
 QUIET.addHandler(logging.NullHandler())
@@ -84,7 +88,7 @@ class PageServer:
         self.refused[what] = self.refused.get(what, 0) + 1
 
     async def refuse(self, connection: ServerConnection, code: int, sentence: str) -> None:
-        """Close a connection for what its page did.
+        """Close a connection for what its page did; the first time for each sentence is logged.
 
         Parameters
         ----------
@@ -95,6 +99,8 @@ class PageServer:
         sentence : str
             Which says what was wrong.
         """
+        if sentence not in self.refused:
+            LOGGER.warning("a page is disconnected: %s", sentence)
         self.count_refused(sentence)
         with contextlib.suppress(ConnectionClosed):
             await connection.close(code, sentence[:120])
@@ -145,11 +151,28 @@ class PageServer:
 
 
 def document(data: str | bytes) -> dict[str, Any]:
-    """Return the JSON object that a page sent."""
+    """Return the JSON object that a page sent: its numbers are finite, its texts can be sent on."""
     try:
-        found = json.loads(data)
+        found = json.loads(data, parse_int=_whole, parse_float=_finite, parse_constant=_finite)
+        if "\\u" in str(data):  # only so can half of a surrogate pair come
+            json.dumps(found, ensure_ascii=False).encode()
+    except UnicodeEncodeError as unfit:
+        raise UnfitError("a text has half of a surrogate pair") from unfit
     except (ValueError, RecursionError) as unfit:
         raise UnfitError("a text is not a JSON document") from unfit
     if not isinstance(found, dict):
         raise UnfitError("a document is not an object")
     return found
+
+
+def _whole(text: str) -> int:
+    if len(text) > MOST_DIGITS:
+        raise UnfitError(f"a number has {len(text)} digits, expected at most {MOST_DIGITS}")
+    return int(text)
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise UnfitError("a number is not finite")
+    return number

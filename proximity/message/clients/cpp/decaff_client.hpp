@@ -660,8 +660,6 @@ inline decaff_pose pose_of(std::uint32_t finger, std::span<const double, 3> posi
     pose.finger = finger;
     pose.pose_ns = pose_ns;
     std::copy(position.begin(), position.end(), pose.position);
-    std::fill_n(pose.velocity, 3, nan);
-    pose.bend = nan;
     return pose;
 }
 
@@ -697,8 +695,6 @@ inline decaff_addition addition_of(std::string_view name, std::string_view file,
     decaff_addition addition{};
     detail::name_part(addition.name, name);
     detail::put_text(addition.file, file, "a file's name");
-    for (int axis = 0; axis < 3; axis++)
-        addition.rotation[axis][axis] = 1.0;
     std::copy(translation.begin(), translation.end(), addition.translation);
     return addition;
 }
@@ -711,8 +707,8 @@ inline decaff_move move_of(std::string_view name, std::span<const double, 3> tra
     decaff_move move{};
     detail::name_part(move.name, name);
     move.pose_ns = pose_ns;
-    for (int axis = 0; axis < 3; axis++)
-        move.rotation[axis][axis] = 1.0;
+    std::fill_n(move.velocity, 3, 0.0);
+    std::fill_n(move.angular_velocity, 3, 0.0);
     std::copy(translation.begin(), translation.end(), move.translation);
     return move;
 }

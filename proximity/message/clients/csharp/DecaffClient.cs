@@ -759,24 +759,21 @@ namespace Decaff
         /// <summary>A pose of now; velocity and bend are not known.</summary>
         public static DecaffPose PoseOf(uint finger, double x, double y, double z)
         {
-            var pose = new DecaffPose();
+            DecaffPose pose = DecaffPose.Begin();
             pose.Finger = finger;
             pose.PoseNs = DecaffClock.Ns;
             pose.Position = new DecaffVector(x, y, z);
-            pose.Velocity = new DecaffVector(double.NaN, double.NaN, double.NaN);
-            pose.Bend = double.NaN;
             return pose;
         }
 
         /// <summary>A move of now: the part stands, not turned, with its origin there. Makes garbage: keep it.</summary>
         public static DecaffMove MoveOf(string name, double x, double y, double z)
         {
-            var move = new DecaffMove();
+            DecaffMove move = DecaffMove.Begin();
             NamePart(move.Name, name);
-            for (int i = 0; i < 9; i += 4)
-                move.Rotation[i] = 1;
             move.PoseNs = DecaffClock.Ns;
             move.Translation = new DecaffVector(x, y, z);
+            move.Velocity = move.AngularVelocity = new DecaffVector(0, 0, 0);
             return move;
         }
 
@@ -792,11 +789,9 @@ namespace Decaff
         /// <summary>An addition: a file of a folder of `parts_from`, not turned, with its origin there.</summary>
         public static DecaffAddition AdditionOf(string name, string file, double x, double y, double z)
         {
-            var addition = new DecaffAddition();
+            DecaffAddition addition = DecaffAddition.Begin();
             NamePart(addition.Name, name);
             PutText(addition.File, file, 192, "a file's name");
-            for (int i = 0; i < 9; i += 4)
-                addition.Rotation[i] = 1;
             addition.Translation = new DecaffVector(x, y, z);
             return addition;
         }

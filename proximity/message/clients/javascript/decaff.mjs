@@ -71,6 +71,16 @@ function writeRecord(view, offset, record, values) {
   }
 }
 
+/** Begin a record as not given: numbers with a fraction are NaN, rotations the identity. */
+function beginRecord(view, offset, record, zeros) {
+  for (const [name, field] of Object.entries(record.fields)) {
+    if (field.type !== "Float64" || zeros.includes(name)) continue;
+    for (let k = 0; k < field.count; k++) {
+      view.setFloat64(offset + field.offset + 8 * k, name === "rotation" ? Number(k % 4 === 0) : NaN, true);
+    }
+  }
+}
+
 /** What is wrong with bytes that claim to be a message of that kind; "": nothing. Nothing of them is trusted. */
 export function flawOf(bytes, kind = "frame") {
   const { magic, header, record } = KINDS[kind];
@@ -103,7 +113,8 @@ export function decode(bytes, kind = "frame") {
   return { header, records };
 }
 
-/** Write a message of a kind such as "poses"; *header* has at least send_ns, session and sequence. */
+/** Write a message of a kind such as "poses"; *header* has at least send_ns, session and sequence. A field that a
+ * record does not name is not given: NaN, of rotations the identity. */
 export function encode(kind, header, records) {
   if (KINDS[kind] === undefined) throw new TypeError(`there is no kind "${kind}" (expected ${Object.keys(KINDS).join(", ")})`);
   if (records.length > MAX_RECORDS) throw new RangeError(`${records.length} records, expected 0 to ${MAX_RECORDS}`);
@@ -113,15 +124,16 @@ export function encode(kind, header, records) {
   const view = viewOf(bytes);
   const known = { magic, version: VERSION, header_size: head.size, size: bytes.length, count: records.length };
   writeRecord(view, 0, head, { ...header, ...known });
-  records.forEach((values, k) => writeRecord(view, head.size + k * row.size, row, values));
+  records.forEach((values, k) => {
+    beginRecord(view, head.size + k * row.size, row, KINDS[kind].zeros);
+    writeRecord(view, head.size + k * row.size, row, values);
+  });
   view.setUint32(head.fields.checksum.offset, crc32(bytes.subarray(CHECKED_FROM)), true);
   return bytes;
 }
 
 /** A record of "poses": a finger whose centre is there, m; velocity and bend are not known. */
-export const poseOf = (finger, position, poseNs) => ({
-  finger, pose_ns: poseNs, position, velocity: [NaN, NaN, NaN], bend: NaN,
-});
+export const poseOf = (finger, position, poseNs) => ({ finger, pose_ns: poseNs, position });
 
 /** A record of "moves": a part that stands, not turned, with its origin there, m. */
 export const moveOf = (name, translation, poseNs) => ({
