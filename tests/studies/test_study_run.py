@@ -263,7 +263,11 @@ def test_another_user_cannot_run_code_in_the_ray_of_a_study(tmp_path):
     ) as study:
         address, mode = study.stdout.readline().strip(), study.stdout.readline().strip()
         refused = subprocess.run(
-            [sys.executable, "-c", STRANGER, address], env=stranger, capture_output=True, text=True, timeout=120
+            [sys.executable, "-c", STRANGER, address],
+            env=stranger,
+            capture_output=True,
+            text=True,
+            timeout=120,
         )
         *bound, is_left = study.communicate()[0].split()
     assert address.startswith("127.0.0.1:") and mode == "0o100600" and is_left == "True"

@@ -28,6 +28,7 @@ from proximity.studies.sweep.design import Condition
 from proximity.studies.sweep.row_files import RowFiles, locked
 from proximity.studies.sweep.study_file import Study
 from proximity.system.extras import needed
+from proximity.system.table_text import table_text
 from proximity.system.whole_file import whole_file
 
 BATCH_SECONDS = 1.0
@@ -207,10 +208,10 @@ class _Run:
             {
                 "key": condition.key,
                 "job": self._job_name,
-                "failure": finding.failure,
+                "failure": table_text(finding.failure),
                 **condition.values,
                 **{f"{name}_sha256": digest for name, digest in condition.digests.items()},
-                **finding.results,
+                **{name: table_text(value) for name, value in finding.results.items()},
                 "seconds": finding.seconds,
                 "attempts": attempts,
                 "finished": datetime.datetime.now(datetime.UTC),
