@@ -5,8 +5,10 @@ into it has changed elsewhere. So the code is kept in a folder named after all s
 one gets new code throughout, and the old folder is removed.
 """
 
+import atexit
 import os
 import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -88,13 +90,16 @@ def numba_type(value: Array | Scalar | Bundle) -> types.Type:
 
 @cache
 def cache_folder() -> Path:
-    """Return the folder of compiled kernels: as NUMBA_CACHE_DIR says, beside the sources, or the user's."""
+    """Return the folder of compiled kernels: as set, beside the sources, the user's, or the process's."""
     name = f"{_PREFIX}{sources_digest()[:16]}-{numba.__version__}"
     if numba.config.CACHE_DIR:
         return Path(numba.config.CACHE_DIR) / name
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "proximity"
     beside = PACKAGE / "kernels" / "__pycache__"
-    parent = next((folder for folder in (beside, user) if _is_writable(folder)), Path(tempfile.gettempdir()))
+    parent = next((folder for folder in (beside, user) if _is_ours(folder)), None)
+    if parent is None:  # what is read from there is run: nobody else may have made it
+        parent = Path(tempfile.mkdtemp(prefix=_PREFIX))
+        atexit.register(shutil.rmtree, parent, ignore_errors=True)
     folder = parent / name
     if not folder.exists():
         for old in parent.glob(_PREFIX + "*"):
@@ -102,13 +107,15 @@ def cache_folder() -> Path:
     return folder
 
 
-def _is_writable(folder: Path) -> bool:
+def _is_ours(folder: Path) -> bool:
+    """Whether this user may write to a folder, made if absent, and nobody else owns it or has the world's."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            return True
+            status = folder.stat()
     except OSError:
         return False
+    return os.name == "nt" or (status.st_uid == os.geteuid() and not status.st_mode & stat.S_IWOTH)
 
 
 class _SharedCache(FunctionCache):

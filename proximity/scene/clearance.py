@@ -6,8 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.errors import NotWatertightError
+from proximity.kernels.mesh.components import connected
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
+
+ROUNDING = 1e-12
+"""Of distances, relative to them and to coordinates: edges within it may be the nearest."""
 
 
 class Clearance(NamedTuple):
@@ -59,17 +63,22 @@ def clearance(scene: Scene, first: str, second: str, *, workers: int = 1) -> Cle
     found = []
     for (begins, ends), points, far, other in zip(edges, vertices, reach, others, strict=True):
         lengths = np.linalg.norm(points[begins] - points[ends], axis=1)
-        may_be_nearest = 0.5 * (far[begins] + far[ends] - lengths) <= nearest * (1.0 + 1e-12)
+        rounding = ROUNDING * (nearest + np.abs(points).max())
+        may_be_nearest = 0.5 * (far[begins] + far[ends] - lengths) <= nearest + rounding
+        if not may_be_nearest.any():
+            continue  # the edges of the other part are nearer
         begins, ends = begins[may_be_nearest], ends[may_be_nearest]
         hits = other.closest_to_segments(points[begins], points[ends], workers=workers)
         row = int(np.argmin(hits.distance))
-        found.append((float(hits.distance[row]), hits.point_on_segment[row], hits.point_on_solid[row]))
-    (one, on_first, to_second), (two, on_second, to_first) = found
-    best = Clearance(one, on_first, to_second) if one <= two else Clearance(two, to_first, on_second)
-    if best.distance > 0.0:
-        for points, other in zip(vertices, others, strict=True):
-            if _is_inside(other, points[0]):
-                return Clearance(0.0, points[0], points[0])
+        ends_of_it = hits.point_on_segment[row], hits.point_on_solid[row]
+        found.append(Clearance(float(hits.distance[row]), *ends_of_it[:: 1 if other is others[0] else -1]))
+    best = min(found, key=lambda each: each.distance)
+    if best.distance > 0.0:  # no surfaces cross: each connected one is inside as a whole, or not at all
+        for points, (begins, ends), other in zip(vertices, edges, others, strict=True):
+            labels = connected(len(points), begins, ends)[begins]
+            inside = _inside(other, points[begins[np.unique(labels, return_index=True)[1]]])
+            if len(inside):
+                return Clearance(0.0, inside[0], inside[0])
     return best
 
 
@@ -81,12 +90,14 @@ def _alone(part: Part) -> Scene:
 def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The vertices at both ends of each edge, every edge once."""
     pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    unique = np.unique(pairs, axis=0)
-    return unique[:, 0], unique[:, 1]
+    begins, ends = np.unique(pairs, axis=0).T.astype(np.int64, order="C")
+    return begins, ends
 
 
-def _is_inside(scene: Scene, point: np.ndarray) -> bool:
+def _inside(scene: Scene, points: np.ndarray) -> np.ndarray:
+    """Those of the points that a part contains."""
     try:
-        return bool(scene.contains(point))
+        inside: np.ndarray = points[scene.contains(points)]
     except NotWatertightError:
-        return False
+        return points[:0]
+    return inside

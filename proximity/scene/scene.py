@@ -14,6 +14,7 @@ from proximity.scene.load_report import LoadReport
 from proximity.scene.part import NO_VELOCITY, Part, checked_part, parts_of_mesh
 from proximity.scene.part_motion import checked_move, checked_moves, checked_surface
 from proximity.scene.queries.all_queries import Queries
+from proximity.scene.saved.archive import check_extension
 from proximity.scene.saved.compiled_scene import CompiledScene, write_scene
 from proximity.scene.scene_parts import SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid
@@ -335,18 +336,19 @@ class Scene(Queries):
         Parameters
         ----------
         path : path
-            Usually named "….prox". An existing file is replaced, wholly or not at all.
+            Named "….prox". An existing file is replaced, wholly or not at all.
 
         Raises
         ------
         SceneError
-            If the file cannot be written; no incomplete file is left.
+            If *path* does not end in ".prox", or cannot be written; no incomplete file is left.
 
         Notes
         -----
         Cost: 176 bytes a face on the disk.
         Thread: parts may be queried and moved meanwhile; the file has the state of one moment.
         """
+        check_extension(path)
         while True:
             model = self.snapshot()
             with self._lock:

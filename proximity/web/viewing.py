@@ -3,7 +3,6 @@
 import os
 import sys
 import tempfile
-import webbrowser
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from proximity.errors import ServiceError
 from proximity.scene.scene import Scene
 from proximity.service.hosting import RunningService
 from proximity.service.hosting.process import STOP_TIMEOUT
+from proximity.web.server.browser import open_in_browser
 
 BEGIN_TIMEOUT = 600.0
 """s. Large parts may have to be read, and once kernels compiled."""
@@ -121,5 +121,5 @@ def view(
     if open_browser is None:
         open_browser = "ipykernel" not in sys.modules
     if open_browser:
-        webbrowser.open(page.url)
+        open_in_browser(page.url)
     return page

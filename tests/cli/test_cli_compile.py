@@ -1,10 +1,16 @@
 """``proximity compile``, and compiled scenes wherever the command line takes a file."""
 
+import csv
+import io
 import json
 import os
 
+import numpy as np
 import pytest
+import shapes
 from project import MESHES
+
+import proximity
 
 
 @pytest.fixture(autouse=True)
@@ -134,3 +140,22 @@ def test_file_is_never_written_over_itself(link, run, tmp_path):
     assert "itself, expected another file" in " ".join(result.err.replace("│", " ").split())
     assert source.stat().st_mtime_ns == before.st_mtime_ns and source.stat().st_nlink == before.st_nlink
     assert out.is_symlink() == (link is os.symlink)
+
+
+def test_a_part_named_as_a_formula_is_text_in_a_spreadsheet(run):
+    """A part named =HYPERLINK(...) was a formula, and one with an escape sequence moved the cursor."""
+    names = ['=HYPERLINK("http://x")', "+1\r\n@sum", "-2\x1b[2J", "a=b\u2028c"]
+    cubes = [proximity.Solid(*shapes.cube(0.01, (row, 0, 0))) for row in range(4)]
+    parts = [
+        proximity.Part(name, cube, proximity.Pose(), np.arange(12))
+        for name, cube in zip(names, cubes, strict=True)
+    ]
+    proximity.Scene(parts).save("cell.prox")
+    points = "".join(f"{1000 * row} 0 0 @name\r\n" for row in range(4))
+
+    result = run("query", "cell.prox", "--points", "-", "--csv", stdin=f"x y z name\n{points}")
+
+    rows = list(csv.DictReader(io.StringIO(result.out)))
+    assert [row["part_name"] for row in rows] == ['\'=HYPERLINK("http://x")', "'+1??@sum", "'-2?[2J", "a=b?c"]
+    assert {row["name"] for row in rows} == {"'@name"}
+    assert [float(row["signed_distance_mm"]) for row in rows] == [-5.0] * 4  # numbers keep their sign

@@ -2,8 +2,10 @@
 
 import os
 import shutil
+import stat
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -134,3 +136,35 @@ def test_interpreted_kernels_are_plain_functions():
         NUMBA_DISABLE_JIT="1",
     )
     assert done.stdout.split() == ["interpreted", "function"], done.stderr
+
+
+def test_kernels_in_the_temporary_folder_are_in_one_that_nobody_else_can_have_made(tmp_path, monkeypatch):
+    """It was a folder that anybody could make before us, with pickles in it; others' folders were removed."""
+    jit = pytest.importorskip("proximity.native.jit")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(jit.numba.config, "CACHE_DIR", "")
+    monkeypatch.setattr(jit, "_is_ours", lambda folder: False)
+    others = [
+        tmp_path / "proximity-of-somebody",
+        tmp_path / f"proximity-{jit.sources_digest()[:16]}-{jit.numba.__version__}",
+    ]
+    for each in others:
+        each.mkdir()
+
+    folder = jit.cache_folder.__wrapped__()
+
+    assert folder.parent.parent == tmp_path and folder.parent not in others
+    assert stat.S_IMODE(folder.parent.stat().st_mode) == 0o700
+    assert all(each.is_dir() for each in others)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes are of POSIX")
+def test_kernels_are_not_read_from_a_folder_of_another_user(tmp_path, monkeypatch):
+    jit = pytest.importorskip("proximity.native.jit")
+    ours, open_to_all = tmp_path / "ours", tmp_path / "open"
+    open_to_all.mkdir()
+    open_to_all.chmod(0o777)
+
+    assert jit._is_ours(ours) and not jit._is_ours(open_to_all)
+    monkeypatch.setattr(jit.os, "geteuid", lambda: 12345)
+    assert not jit._is_ours(ours)

@@ -353,7 +353,7 @@ def test_float_that_is_no_round_number_comes_back(tmp_path):
 
 @pytest.mark.parametrize("name", ["CELL.PROX", "cell.stl"])
 def test_compiled_scene_is_recognised_by_its_first_bytes(name, tmp_path):
-    path = saved(one_solid(), tmp_path, name)
+    path = saved(one_solid(), tmp_path).rename(tmp_path / name)
 
     assert answers(proximity.load(path)) == answers(one_solid())
     assert answers(proximity.load(str(path))) == answers(one_solid())
@@ -649,7 +649,7 @@ def test_place_where_no_file_can_be_is_told(tmp_path):
         (tmp_path / "folder.prox", " (it is no regular file)"),
         (tmp_path / "none" / "cell.prox", " (No such file or directory)"),
         (tmp_path / "file" / "cell.prox", " (Not a directory)"),
-        ("a\0b", " (embedded null"),
+        ("a\0b.prox", " (embedded null"),
     ):
         with pytest.raises(SceneError) as error:
             one_solid().save(path)
@@ -699,3 +699,12 @@ def test_scene_that_moves_while_it_is_saved_is_saved_as_it_stood(tmp_path, monke
     scene.save(tmp_path / "moving.prox")
 
     assert judging.same_bits(proximity.load(tmp_path / "moving.prox").signed_distance(points), before)
+
+
+def test_a_scene_saved_as_part_stl_does_not_replace_the_mesh(tmp_path):
+    path = tmp_path / "part.stl"
+    path.write_bytes(b"precious")
+    for name in (path, str(path), tmp_path / "part"):
+        with pytest.raises(SceneError, match=r"part(\.stl)? does not end in \.prox, expected the name"):
+            one_solid().save(name)
+    assert path.read_bytes() == b"precious" and os.listdir(tmp_path) == ["part.stl"]

@@ -73,3 +73,66 @@ def test_a_part_that_is_not_there_is_named():
     scene = Scene([Solid(*shapes.cube(0.1), name="a")])
     with pytest.raises(SceneError, match="'lid'"):
         clearance(scene, "a", "lid")
+
+
+def brute_force_clearance(one, other, count=41):
+    """The smallest distance of points on a grid over every face of each part from the other part."""
+    shares = np.linspace(0.0, 1.0, count)
+    first, second = (each[np.add.outer(shares, shares) <= 1.0] for each in np.meshgrid(shares, shares))
+    weights = np.stack([1.0 - first - second, first, second], axis=1)
+    return min(
+        float(to.distance(np.einsum("kc,fcd->fkd", weights, of.mesh.vertices[of.mesh.faces])).min())
+        for of, to in ((one, other), (other, one))
+    )
+
+
+def clearance_of(one, other):
+    return clearance(Scene([Solid(*one, name="a"), Solid(*other, name="b")]), "a", "b")
+
+
+def test_a_small_box_above_a_large_plate_is_as_far_as_its_bottom():
+    """It was "ValueError: attempt to get argmin of an empty sequence"."""
+    plate = shapes.box((0.0, 0.0, -0.01), (1.0, 1.0, 0.0))
+    box = shapes.box((0.123, 0.046, 0.002), (0.133, 0.056, 0.012))
+
+    found = clearance_of(box, plate)
+
+    assert found.distance == pytest.approx(0.002, abs=1e-15)
+    assert clearance_of(plate, box).distance == found.distance
+    assert found.point_on_first[2] == pytest.approx(0.002) and found.point_on_second[2] == 0.0
+
+
+def test_a_second_body_inside_the_other_part_is_found():
+    """It was the gap between surfaces, 49 mm."""
+    two = shapes.join(shapes.cube(0.002, (1.0, 0.0, 0.0)), shapes.cube(0.002, (0.0, 0.0, 0.0)))
+    around = shapes.cube(0.1, (0.0, 0.0, 0.0))
+
+    found = clearance_of(two, around)
+
+    assert found.distance == clearance_of(around, two).distance == 0.0
+    assert Solid(*around).contains(found.point_on_first)
+
+
+def test_an_unused_vertex_inside_the_other_part_is_no_contact():
+    """It was 0 m."""
+    vertices, faces = shapes.cube(0.1, (0.3, 0.0, 0.0))
+    unused = np.concatenate([[[0.0, 0.0, 0.0]], vertices]), faces + 1
+
+    assert clearance_of(unused, shapes.cube(0.1, (0.0, 0.0, 0.0))).distance == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_it_is_what_brute_force_finds(seed):
+    rng = np.random.default_rng(seed)
+    solids = []
+    for offset in (0.0, 0.15):
+        mesh = trimesh.creation.icosphere(1, 0.05 * rng.uniform(0.2, 1.0))
+        place = [offset, *rng.uniform(-0.02, 0.02, 2)]
+        turned = mesh.vertices * rng.uniform(0.3, 1.0, 3) @ shapes.rotation(seed)
+        solids.append(Solid(turned + place, mesh.faces, name=str(offset)))
+
+    found = clearance(Scene(solids), "0.0", "0.15")
+
+    expected = brute_force_clearance(*solids)
+    assert found.distance <= expected + 1e-15
+    assert found.distance == pytest.approx(expected, rel=5e-3)

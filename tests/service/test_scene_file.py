@@ -4,6 +4,7 @@ import inspect
 import re
 import shutil
 import textwrap
+import time
 from pathlib import Path
 
 import numpy as np
@@ -642,3 +643,20 @@ def test_recording_that_cannot_be_used_is_told_with_its_line(read, folder):
 
     with pytest.raises(ServiceError, match=r"cell\.toml:4: input\.recording: .*hand\.csv, line 1: no column"):
         read_input(settings)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["{}.a = 1", "[{}.a]", "[[ {} . a ]]", "x = {{ b = 1, {} .a = 1 }}", "'q'.{}.a = 1", '"q" . {}.a = 1'],
+)
+def test_a_key_of_100_000_dots_is_refused_at_once(refusal, text):
+    started = time.monotonic()
+    keys = ".".join(["a"] * 100_000)
+
+    assert refusal(f"[service]\n{text.format(keys)}\n") == "2: a key has more than 32 dots, expected fewer"
+    assert time.monotonic() - started < 1.0
+
+
+def test_dots_in_texts_and_a_long_file_are_no_such_key(read):
+    dots = ".".join(["a"] * 40)
+    read(f'# {dots}\n{PART}name = "{dots}"\n{POSES}{" " * 100_000}\n{chr(10) * 100_000}')

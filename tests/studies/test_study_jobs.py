@@ -1,5 +1,6 @@
 """Jobs of studies: each gives what the function gives that it wraps."""
 
+import os
 import sys
 
 import numpy as np
@@ -261,3 +262,22 @@ def test_cache_of_another_user_is_refused(tmp_path, monkeypatch):
     files = NodeFiles(str(MESHES), str(tmp_path), "cafe", {"scene": "0" * 64})
     with pytest.raises(ServiceError, match="belongs to another user, expected a folder of compiled scenes"):
         files.scene("box.stl", "mm")
+
+
+@pytest.mark.parametrize("kind", ["link", "open to others"])
+def test_a_folder_of_compiled_scenes_that_somebody_else_laid_out_is_refused(kind, tmp_path):
+    """A link was followed, and a folder that others may write to was used."""
+    folder, elsewhere = tmp_path / f"proximity-scenes-{os.getuid()}", tmp_path / "elsewhere"
+    elsewhere.mkdir(mode=0o700)
+    if kind == "link":
+        folder.symlink_to(elsewhere)
+    else:
+        folder.mkdir()
+        folder.chmod(0o770)
+    files = NodeFiles(str(MESHES), str(tmp_path), "cafe", {"scene": file_digest(str(MESHES / "box.stl"))})
+
+    with pytest.raises(
+        ServiceError, match=r"is no folder, or others may use it, expected one with mode 0700"
+    ):
+        files.scene("box.stl", "mm")
+    assert not os.listdir(elsewhere)

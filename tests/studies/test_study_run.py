@@ -227,3 +227,49 @@ def test_ray_sends_nothing_to_its_makers():
     assert os.environ["RAY_USAGE_STATS_ENABLED"] == "0"
     usage = pytest.importorskip("ray._common.usage.usage_lib")  # where this version of Ray has it
     assert not usage.usage_stats_enabled()
+
+
+LISTENING = """
+import os, sys
+import psutil
+from proximity.studies.sweep import study_run
+
+with study_run._ray(None, 1) as ray:
+    assert ray.get(ray.remote(lambda: 2).remote()) == 2
+    processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
+    bound = {each.laddr.ip for one in processes for each in one.net_connections() if each.status == "LISTEN"}
+    token = os.environ["RAY_AUTH_TOKEN_PATH"]
+    print(ray.get_runtime_context().gcs_address, oct(os.stat(token).st_mode), *bound, sep="\\n", flush=True)
+    sys.stdin.read()
+print(os.path.exists(os.path.dirname(token)))
+"""
+STRANGER = """
+import os, sys
+import ray
+
+ray.init(address=sys.argv[1], log_to_driver=False)
+print("code ran in process", ray.get(ray.remote(os.getpid).remote()))
+"""
+
+
+@pytest.mark.slow
+def test_another_user_cannot_run_code_in_the_ray_of_a_study(tmp_path):
+    """Every address was bound, and whoever reached a port could have any code run."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
+    environment |= {"PYTHONPATH": os.pathsep.join(IMPORT_PATHS), "RAY_AUTH_MODE": "disabled"}
+    stranger = environment | {"HOME": str(tmp_path), "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}  # no token
+    with subprocess.Popen(
+        [sys.executable, "-c", LISTENING], env=environment, stdin=-1, stdout=-1, text=True
+    ) as study:
+        address, mode = study.stdout.readline().strip(), study.stdout.readline().strip()
+        refused = subprocess.run(
+            [sys.executable, "-c", STRANGER, address],
+            env=stranger,
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        *bound, is_left = study.communicate()[0].split()
+    assert address.startswith("127.0.0.1:") and mode == "0o100600" and is_left == "True"
+    assert {each.removeprefix("::ffff:") for each in bound} == {"127.0.0.1"}
+    assert refused.returncode != 0 and "code ran" not in refused.stdout

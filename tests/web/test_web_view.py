@@ -2,11 +2,15 @@
 
 import json
 import socket
+import stat
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 import numpy as np
 import psutil
@@ -304,3 +308,40 @@ def test_names_of_a_page_for_other_machines():
     names = _names(SimpleNamespace(names=("lab.example",), bind="192.168.1.20"))
 
     assert names == ("127.0.0.1", "localhost", "[::1]", "lab.example", "192.168.1.20")
+
+
+@pytest.mark.parametrize("opens", ["python", "command"])
+def test_the_token_is_in_no_argument_of_the_browser(opens, tmp_path, monkeypatch):
+    """Every user of a machine may read the arguments of its programs, and so could use the page."""
+    browser, seen = tmp_path / "browser", tmp_path / "arguments"
+    browser.write_text(f'#!/bin/sh\necho "$@" > {seen}.part && mv {seen}.part {seen}\n')
+    browser.chmod(0o755)
+    monkeypatch.setenv("BROWSER", f"{browser} %s")
+    if opens == "python":
+        program = (
+            "import proximity, sys; page = proximity.view(sys.argv[1], open_browser=True); print(page.url)"
+        )
+        words = ["-c", f"{program}; sys.stdout.flush(); sys.stdin.read(); page.stop()", str(BRACKET)]
+    else:
+        words = ["-m", "proximity", "view", str(BRACKET), "--until-stdin"]
+    with subprocess.Popen([sys.executable, *words], stdin=-1, stdout=-1, text=True) as page:
+        url = page.stdout.readline().strip()
+        wait_for(seen.exists)
+        address = seen.read_text().strip()
+        redirect = Path(url2pathname(urlsplit(address).path))
+        modes = [stat.S_IMODE(each.stat().st_mode) for each in (redirect, redirect.parent)]
+        content = redirect.read_text()
+        page.communicate("")
+
+    token = url.partition("#token=")[2]
+    assert address.startswith("file:///") and len(token) > 20 and token not in address
+    assert modes == [0o600, 0o700]
+    assert f'content="0; url={url}"' in content
+    assert not redirect.parent.exists()
+
+
+def wait_for(is_so):
+    """Wait until something is so."""
+    ends = time.monotonic() + PATIENCE
+    while not is_so() and time.monotonic() < ends:
+        time.sleep(0.05)

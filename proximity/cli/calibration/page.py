@@ -1,6 +1,5 @@
 """Calibration on a page in the browser: the same steps, with a picture of each pose and live numbers."""
 
-import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +10,7 @@ from proximity.cli.calibration.guide import Prompt, RepeatError, SkipError, Unfi
 from proximity.cli.views.pose_picture import joint_angles, pose_drawing
 from proximity.errors import MotorError, ProximityError
 from proximity.web.guided import Answer, Button, Field, GuidedPages, PageLeftError, Step, StoppedError
+from proximity.web.server.browser import open_in_browser
 
 LIVE_S = 0.1  # between two live readings
 CHOICES = (
@@ -142,7 +142,7 @@ def opened_page(*, port: int, opens_browser: bool, on_stop: Callable[[], object]
         if on_stop is not None:
             typer.echo(f"{pages.watch_url} is a second page, to watch, with the emergency stop")
         if opens_browser:
-            webbrowser.open(pages.url)
+            open_in_browser(pages.url)
         try:
             yield Page(pages)
         except (KeyboardInterrupt, UnfinishedError, ProximityError) as ended:

@@ -1,6 +1,5 @@
 """Session of an experiment with a person: the drums in a thread, and who asks in front of them."""
 
-import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from proximity.studies.experiment.drum_display import DrumDisplay
 from proximity.studies.experiment.sitting import sit
 from proximity.transport import open_subscriber
 from proximity.web.guided import GuidedPages
+from proximity.web.server.browser import open_in_browser
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,5 +87,5 @@ def _sit_at_page(
         typer.echo(f"participant:  {pages.url}")
         typer.echo(f"experimenter: {pages.watch_url}")
         if opens_browser:
-            webbrowser.open(pages.url)
+            open_in_browser(pages.url)
         sit(dataset, participant, display, PageRespondent(pages, monitor, title), monitor)

@@ -2,7 +2,7 @@
 
 All four come from `FIELDS`. Answers are streamed, but for the table on a terminal, which Rich draws. JSON and
 CSV hold numbers that read back as the same float64. CSV writes nan and inf as NumPy and pandas read them;
-what is missing is empty. Names of columns that hold lengths end in their unit.
+what is missing is empty, and no text is a formula. Names of columns that hold lengths end in their unit.
 """
 
 import csv
@@ -20,6 +20,7 @@ from proximity.cli.console import Lines, print_fitting, table_of
 from proximity.cli.views.json_output import plain
 from proximity.cli.wording import FEW_DIGITS, MISSING, length, number, printable, side
 from proximity.errors import ProximityError
+from proximity.system.table_text import table_text
 
 Fields = dict[str, list[Any]]
 
@@ -144,7 +145,7 @@ def write_csv(stream: TextIO, units: str, chunks: Iterable[Fields]) -> None:
         if not has_header:
             writer.writerow(column.name_in_csv(units) for column in _columns(chunk, chunk))
             has_header = True
-        writer.writerows(zip(*(column.values for column in _columns(chunk, chunk)), strict=True))
+        writer.writerows(zip(*(column.values_in_csv() for column in _columns(chunk, chunk)), strict=True))
         stream.flush()
 
 
@@ -241,6 +242,9 @@ class _Column:
         # Plain x, y, z of the points asked from: what is written can be read again as points.
         words = (self.axis,) if self.name == "query" else (self.name, self.axis)
         return "_".join(filter(None, words)) + self._ending(units)
+
+    def values_in_csv(self) -> Iterable[Any]:
+        return self.values if self.field.is_float else map(table_text, self.values)
 
     def cells(self, digits: int = DIGITS) -> list[str]:
         if self.field.is_float:

@@ -71,6 +71,16 @@ def is_archive(path: Any) -> bool:
     return begins_so or Path(name).suffix.lower() == EXTENSION
 
 
+def check_extension(path: Any) -> None:
+    """Refuse to write to a name that does not end in ".prox": it could be that of a mesh."""
+    try:
+        name = os.fsdecode(path)
+    except TypeError:
+        return  # refused where it is written
+    if name and not name.lower().endswith(EXTENSION):
+        raise SceneError(f"{name} does not end in {EXTENSION}, expected the name of a compiled scene")
+
+
 # --- writing ---------------------------------------------------------------------------------------------
 
 

@@ -19,6 +19,11 @@ MOST_LINES = 200
 """Of one statement: behind a longer one no line is named, but that of the statement."""
 MOST_LINES_NAMED = 8
 """Of further mistakes, in one message."""
+MOST_DOTS = 32
+"""In a key: none that we know has more than two."""
+_WORD = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+LONG_KEY = re.compile(rf"(?:^|[{{,])[ \t\[]*(?:{_WORD}[ \t]*\.[ \t]*){{{MOST_DOTS + 1}}}", re.MULTILINE)
+"""Such a key where one can begin: on a line, behind brackets, or in an inline table."""
 POSITION_IN_MESSAGE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 Path = tuple[str | int, ...]
@@ -49,6 +54,9 @@ class Document:
         self.name, self.text = name, text
         self._text_lines = text.replace("\r\n", "\n").split("\n")
         self._complaints: list[tuple[int, str]] = []
+        if long_key := LONG_KEY.search(text):  # tomllib takes minutes and gigabytes for thousands
+            line = text.count("\n", 0, long_key.end()) + 1
+            raise ServiceError(f"{self._prefix(line)}a key has more than {MOST_DOTS} dots, expected fewer")
         try:
             self.data = tomllib.loads(text)
         except RecursionError as deep:

@@ -5,6 +5,7 @@ Jobs of one node share the memory of a compiled scene. All nodes see the study's
 
 import contextlib
 import os
+import stat
 import tempfile
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
@@ -105,11 +106,15 @@ def _check_unchanged(path: str, digest: str) -> None:
 
 
 def _cache_folder() -> Path:
-    user = getattr(os, "getuid", lambda: "user")()
+    user = getattr(os, "getuid", lambda: 0)()
     folder = Path(tempfile.gettempdir(), f"proximity-scenes-{user}")
-    folder.mkdir(mode=0o700, exist_ok=True)
-    if folder.stat().st_uid != (user if isinstance(user, int) else 0):
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    status = folder.lstat()  # a link is no folder of ours, wherever it leads
+    if status.st_uid != user:
         raise ServiceError(f"{folder}: belongs to another user, expected a folder of compiled scenes")
+    if not stat.S_ISDIR(status.st_mode) or (os.name != "nt" and status.st_mode & 0o077):
+        raise ServiceError(f"{folder}: is no folder, or others may use it, expected one with mode 0700")
     return folder
 
 

@@ -4,16 +4,20 @@ A batch whose worker or node is lost is done again, a condition a batch. A condi
 or takes its worker with it, becomes a row that says why.
 """
 
+import atexit
 import contextlib
 import datetime
 import logging
 import os
+import secrets
 import shutil
 import socket
+import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -24,6 +28,7 @@ from proximity.studies.sweep.design import Condition
 from proximity.studies.sweep.row_files import RowFiles, locked
 from proximity.studies.sweep.study_file import Study
 from proximity.system.extras import needed
+from proximity.system.table_text import table_text
 from proximity.system.whole_file import whole_file
 
 BATCH_SECONDS = 1.0
@@ -203,10 +208,10 @@ class _Run:
             {
                 "key": condition.key,
                 "job": self._job_name,
-                "failure": finding.failure,
+                "failure": table_text(finding.failure),
                 **condition.values,
                 **{f"{name}_sha256": digest for name, digest in condition.digests.items()},
-                **finding.results,
+                **{name: table_text(value) for name, value in finding.results.items()},
                 "seconds": finding.seconds,
                 "attempts": attempts,
                 "finished": datetime.datetime.now(datetime.UTC),
@@ -234,10 +239,29 @@ def _check_reachable(address: str) -> None:
         raise ServiceError(f"{NO_CLUSTER} {address} ({failed})") from failed
 
 
+@cache
+def _own_ray_folder() -> str:
+    """Folder of the Ray that this process starts; what starts it then listens on loopback, with a token.
+
+    Call it before `ray` is imported, which reads the environment once.
+    """
+    folder = tempfile.mkdtemp(prefix="proximity-ray-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    token = Path(folder, "token")
+    token.touch(0o600)
+    token.write_text(secrets.token_hex(32))
+    for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN"):  # without a mode, Ray asks for a token where it starts
+        os.environ.pop(name, None)
+    os.environ["RAY_AUTH_TOKEN_PATH"] = str(token)
+    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # on Linux, too: only 127.0.0.1 is bound
+    return folder
+
+
 @contextlib.contextmanager
 def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
     """Ray, begun where it is not running in this process, and then ended again."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # nothing is sent to its makers
+    folder = None if address else _own_ray_folder()
     with needed("a study needs", "study", ServiceError):
         import ray
     logging.getLogger("ray").setLevel(logging.ERROR)
@@ -249,7 +273,7 @@ def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
         _check_reachable(address)
     else:
         started = {"address": "local", "num_cpus": cores, "object_store_memory": OBJECT_STORE_BYTES}
-        started["include_dashboard"] = False
+        started |= {"include_dashboard": False, "_temp_dir": folder}
     try:
         ray.init(**started, log_to_driver=False, logging_level=logging.ERROR, configure_logging=False)
     except (ConnectionError, ValueError, RuntimeError) as failed:

@@ -1,7 +1,7 @@
 """Guided pages: a program leads a person through steps in a browser, and a second page watches.
 
     with GuidedPages("Calibration") as pages:
-        webbrowser.open(pages.url)
+        open_in_browser(pages.url)
         answer = pages.ask(Step("Pose 1", "Lay the hand flat.", buttons=(Button("take", "Take", "Enter"),)))
 
 The program asks; pages only show and answer. They have the checks of `proximity.web.server`.

@@ -33,26 +33,24 @@ Examples:
   proximity query gearbox.prox 30 10 5
 """
 
-EXTENSION = ".prox"
-
 
 def command(
     file: FILE,
-    out: Annotated[Path, typer.Argument(metavar="OUT", help=f"File to write; its name ends in {EXTENSION}.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="File to write; its name ends in .prox.")],
     units: UNITS = "mm",
     step_tolerance: STEP_TOLERANCE = STEP_TOLERANCE_MM,
     unpacked_limit: UNPACKED_LIMIT = UNPACKED_LIMIT_GB,
 ) -> None:
     """Write the scene in a file as a compiled one."""
-    if out.suffix.lower() != EXTENSION:  # else a slip of the hand would write over a mesh
-        raise typer.BadParameter(f"{out} does not end in {EXTENSION}", param_hint="OUT")
     options = load_options(step_tolerance, unpacked_limit)
     if _is_one_file(file, out):
         raise typer.BadParameter(f"{out} is {file} itself, expected another file", param_hint="OUT")
     # Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli import progress
     from proximity.cli.wording import printable
+    from proximity.scene.saved.archive import check_extension
 
+    check_extension(out)
     progress.prepare_kernels()
     with progress.spinner(f"compiling {file}") as count:
         scene = proximity.load(str(file), units=units, progress=count, **options)

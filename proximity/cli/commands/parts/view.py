@@ -2,7 +2,6 @@
 
 import json
 import threading
-import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -154,6 +153,7 @@ def command(
 def _show(settings: "PageSettings", program: Program, limit: float | None, *, opens_browser: bool) -> None:
     from proximity.cli import progress
     from proximity.web.page_process import run_page
+    from proximity.web.server.browser import open_in_browser
 
     progress.prepare_kernels()
     with stopped_by_signals() as stop:
@@ -165,7 +165,7 @@ def _show(settings: "PageSettings", program: Program, limit: float | None, *, op
             else:
                 typer.echo(beginning["url"])
             if opens_browser:
-                webbrowser.open(beginning["url"])
+                open_in_browser(beginning["url"])
 
         report = run_page(settings, stop=stop, say=_say, begun=begun)
     if program.json:

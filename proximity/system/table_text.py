@@ -1,0 +1,15 @@
+"""Text of strangers as a cell of a table that a spreadsheet may open."""
+
+import re
+from typing import Any
+
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+_BEGIN_FORMULAS = ("=", "+", "-", "@")
+
+
+def table_text(value: Any) -> Any:
+    """Return text without control characters, marked by an apostrophe where it begins like a formula."""
+    if not isinstance(value, str):
+        return value
+    text = _CONTROL.sub("?", value)
+    return f"'{text}" if text.startswith(_BEGIN_FORMULAS) else text

@@ -1,0 +1,74 @@
+"""``proximity check FOLDER``: what is loaded, noted and refused, and that one file does not stop it."""
+
+import json
+import os
+import shutil
+import sys
+import time
+
+import pytest
+from project import MESHES
+
+COMMAND = ("check",)
+
+
+@pytest.fixture
+def catalogue(tmp_path):
+    """A folder of two boxes, one with a note, two refused in one way, and one that is no mesh by its name."""
+    (tmp_path / "deep" / "er").mkdir(parents=True)
+    shutil.copy(MESHES / "box.stl", tmp_path / "b.stl")
+    shutil.copy(MESHES / "box.stl", tmp_path / "deep" / "er" / "A.STL")
+    (tmp_path / "noted.stl").write_bytes((MESHES / "box.stl").read_bytes() + b"12345")
+    for name, count in (("short.stl", 3), ("deep/shorter.stl", 7)):
+        (tmp_path / name).write_bytes((MESHES / "box.stl").read_bytes()[:-count])
+    (tmp_path / "readme.txt").write_text("no parts")
+    return tmp_path
+
+
+def test_a_folder_is_counted_by_kind_and_the_refused_are_named(run, catalogue):
+    result = run(catalogue)
+    lines = result.out.splitlines()
+
+    assert result.code == 1
+    assert [line.split()[0] for line in lines[:4]] == ["result", "loaded", "noted", "refused"]
+    assert [line.split()[-1] for line in lines[1:4]] == ["2", "1", "2"]
+    assert lines[5] == "5 files, 2 refused"
+    assert [line.partition(": ")[0] for line in lines[6:]] == [
+        str(catalogue / name) for name in ("deep/shorter.stl", "short.stl")
+    ]
+
+
+def test_all_loaded_is_code_0_and_json_has_every_report(run, catalogue):
+    for name in ("short.stl", "deep/shorter.stl"):
+        (catalogue / name).unlink()
+    result = run(catalogue, "--json")
+    document = json.loads(result.out)
+
+    assert result.code == 0
+    assert [each["status"] for each in document["files"]] == ["loaded", "loaded", "noted"]
+    assert document["files"][0]["report"]["total"]["face_count"] == 12
+    assert document["counts"]["refused"] == {}
+
+
+def test_one_file_that_takes_for_ever_does_not_stop_the_others(run, tmp_path, monkeypatch):
+    reader, ended = tmp_path / "reader", tmp_path / "ended"
+    sleeps = f"(sleep 4; touch {ended}) & wait"  # in a process of its own, as readers of STEP
+    answers = """echo '{"notes": [], "parts": []}'"""
+    reader.write_text(f"#!/bin/sh\ncase $* in *slow*) {sleeps};; *) {answers};; esac\n")
+    reader.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(reader))
+    for name in ("a.stl", "slow.obj", "z.stl"):
+        (tmp_path / name).touch()
+    os.mkfifo(tmp_path / "pipe.stl")  # no file: left out
+
+    result = run(tmp_path, "--time-limit", 2)
+
+    assert result.code == 1
+    assert f"{tmp_path / 'slow.obj'}: it was not read within 2 s" in result.out
+    assert "3 files, 1 refused" in result.out
+    time.sleep(3)
+    assert not ended.exists()
+
+
+def test_a_folder_without_parts_is_refused(run, tmp_path):
+    assert run(tmp_path).code == 2
