@@ -1,6 +1,7 @@
 """Compile the kernels ahead of time: ``python tools/build_kernels.py [--target NAME] [--out FOLDER]``.
 
-Without a target, for this machine, into ``proximity/native`` of the checkout.
+Without a target, for this machine, into ``proximity/native`` of the checkout: for the best set of instructions that
+its processor has. With ``--every-set``, or PROXIMITY_INSTRUCTIONS=all, for every set of the target.
 """
 
 import argparse
@@ -13,7 +14,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "tools"), str(ROOT)]
 sys.dont_write_bytecode = True  # the sources are compared by their digest alone
 
-from kernel_build.state import is_current  # noqa: E402 — needs the paths
+from kernel_build.state import every_set_is_wanted, is_current  # noqa: E402 — needs the paths
 from kernel_build.targets import TARGETS, Target, extension_path, host_target  # noqa: E402
 
 
@@ -26,15 +27,16 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=ROOT / "proximity" / "native", help="folder of the extension"
     )
+    parser.add_argument("--every-set", action="store_true", default=every_set_is_wanted(), help="all instructions")
     parser.add_argument("--state", action="store_true", help="say what has been built, and build nothing")
     options = parser.parse_args()
     targets = [TARGETS[name] for name in options.target] if options.target else [host_target()]
     for target in targets if options.state else []:
         print(f"target={target.name}\nwheel={target.wheel}\nextension={extension_path(target, options.out)}")
-        print(f"is_current={'yes' if is_current(target, options.out) else 'no'}")
+        print(f"is_current={'yes' if is_current(target, options.out, every_set=options.every_set) else 'no'}")
     if not options.state:
         _fix_order()
-        _build(targets, options.out)
+        _build(targets, options.out, every_set=options.every_set)
 
 
 def _fix_order() -> None:
@@ -46,14 +48,14 @@ def _fix_order() -> None:
         raise SystemExit(again.returncode)
 
 
-def _build(targets: list[Target], folder: Path) -> None:
+def _build(targets: list[Target], folder: Path, *, every_set: bool) -> None:
     os.environ["PROXIMITY_ISA"] = "jit"  # kernels are declared to numba in this process
     from proximity.native import jit
 
     jit.is_kept = False
     from kernel_build.build import build
 
-    for path in build(targets, folder):
+    for path in build(targets, folder, every_set=every_set):
         print(path)
 
 

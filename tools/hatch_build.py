@@ -15,7 +15,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 REQUIREMENTS = ["numba==0.68.1", "numpy>=2.1", "ziglang>=0.15"]
 """What compiling takes: numba's internals are leaned on, so its version is fixed."""
 EXTENSION = "proximity/native/{}"
-SECONDS = 100
+SECONDS = 60
 
 
 class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
@@ -24,8 +24,12 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
     PLUGIN_NAME = "custom"
 
     def dependencies(self) -> list[str]:
-        """Return what has to be installed for this build."""
-        if self.target_name != "wheel" or self._state()["is_current"] == "yes":
+        """Return what has to be installed for this build.
+
+        Installers ask for it in a process whose arguments name the hook, as ``get_requires_for_build_editable``.
+        """
+        is_editable = any(argument.endswith("_editable") for argument in sys.argv)
+        if self.target_name != "wheel" or self._state(every_set=not is_editable)["is_current"] == "yes":
             return []
         return REQUIREMENTS
 
@@ -33,14 +37,15 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         """Compile, and tell the builder of a wheel what to take in."""
         if self.target_name != "wheel":
             return
-        state = self._state()
+        every_set = version != "editable"  # a wheel is for all processors of its system
+        state = self._state(every_set=every_set)
         if state["is_current"] == "no":
             self._say(
                 f"compiling kernels for {state['target']} ahead of time, at most {SECONDS} s on two cores"
             )
             started = time.perf_counter()
             try:
-                self._tool("--target", state["target"])
+                self._tool("--target", state["target"], *self._sets(every_set))
             except subprocess.CalledProcessError:
                 if version != "editable":
                     raise
@@ -52,10 +57,13 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
             build_data["tag"] = f"cp311-abi3-{state['wheel']}"
             build_data["force_include"][state["extension"]] = EXTENSION.format(Path(state["extension"]).name)
 
-    def _state(self) -> dict[str, str]:
+    def _state(self, *, every_set: bool) -> dict[str, str]:
         """Of the target: its name, tag and extension module, and whether that is as the sources are."""
-        lines = self._tool("--state", *self._target(), capture=True).splitlines()
+        lines = self._tool("--state", *self._target(), *self._sets(every_set), capture=True).splitlines()
         return dict(line.split("=", 1) for line in lines)
+
+    def _sets(self, every_set: bool) -> list[str]:
+        return ["--every-set"] if every_set else []
 
     def _target(self) -> list[str]:
         target = os.environ.get("PROXIMITY_TARGET")

@@ -6,40 +6,92 @@ import sys
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
+
+from llvmlite import binding
 
 from kernel_build import front_end
 from kernel_build.link import entry_table, link
 from kernel_build.objects import emit_object
 from kernel_build.state import sources_digest
-from kernel_build.targets import Instructions, Target, extension_path, wrapper_symbol
-from proximity.native.declaration import ENTRIES, Entry
+from kernel_build.targets import Instructions, Target, extension_path, host_target, wrapper_symbol
+from proximity.native.declaration import ENTRIES
 from proximity.native.sources import PACKAGE
 
 
-def build(targets: list[Target], folder: Path) -> list[Path]:
-    """Make the extension module of each target, at its `extension_path` in a folder; return the paths."""
-    digest, code = sources_digest(), _front_end()
-    jobs = [(code, target, instructions) for target in targets for instructions in target.sets]
-    with ProcessPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:
-        objects = list(pool.map(_emit, jobs))
+GROUPS = (
+    ("kernels.scene.point_queries",),
+    ("kernels.tree", "kernels.mesh", "kernels.sign", "kernels.geometry"),
+    ("kernels.tracking", "kernels.scene.segment_queries"),
+    ("",),
+)
+"""Modules, by the beginnings of their names, whose entry points share much code: groups that take about as long."""
+
+
+def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]:
+    """Make the extension module of each target, at its `extension_path` in a folder; return the paths.
+
+    Of this machine's target only the best set of instructions that it has, unless *every_set*.
+    """
+    sets = {target.name: target.sets if every_set else usable_sets(target)[-1:] for target in targets}
+    process_count = min(len(GROUPS), os.cpu_count() or 1)
+    groups = [tuple(range(first, len(GROUPS), process_count)) for first in range(process_count)]
+    with ProcessPoolExecutor(process_count) as pool:
+        compiled = list(pool.map(_compile_groups, groups, [targets] * process_count, [sets] * process_count))
+    digest = sources_digest()
     made = []
     for target in targets:
-        own = [
-            (instructions, content)
-            for (_, of, instructions), content in zip(jobs, objects, strict=True)
-            if of is target
+        objects = [
+            CompiledGroup(instructions, names, content[target.name, instructions.name])
+            for instructions in sets[target.name]
+            for names, content in compiled
         ]
-        made.append(_linked(target, own, digest, extension_path(target, folder)))
+        made.append(_linked(target, objects, digest, extension_path(target, folder)))
     return made
 
 
-def _front_end() -> str:
-    """The code of all entry points."""
+def usable_sets(target: Target) -> tuple[Instructions, ...]:
+    """Return the sets of instructions of a target that this machine has; all for another system's."""
+    if target.name != host_target().name:
+        return target.sets
+    features = binding.get_host_cpu_features()
+    return tuple(each for each in target.sets if all(features.get(name) for name in each.needs))
+
+
+class CompiledGroup(NamedTuple):
+    """Compiled entry points of one group, for one set of instructions."""
+
+    instructions: Instructions
+    names: list[str]
+    content: bytes  # an object file
+
+
+def _compile_groups(
+    groups: tuple[int, ...], targets: list[Target], sets: dict[str, tuple[Instructions, ...]]
+) -> tuple[list[str], dict[tuple[str, str], bytes]]:
+    """Names of the entry points in groups, and their object file for each target and set of instructions."""
     front_end.disable_code_generation()
     for source in sorted(PACKAGE.rglob("*.py")):
-        if "@entry(" in source.read_text(encoding="utf-8"):
-            _load(".".join(source.relative_to(PACKAGE.parent).with_suffix("").parts), source)
-    return front_end.linked_wrappers({name: (each.compiled, each.signature) for name, each in _entries()})
+        name = ".".join(source.relative_to(PACKAGE.parent).with_suffix("").parts)
+        if _group_of(name) in groups and "@entry(" in source.read_text(encoding="utf-8"):
+            _load(name, source)
+    entries = {
+        name: (each.compiled, each.signature)
+        for name, each in sorted(ENTRIES.items())
+        if _group_of(each.compiled.py_func.__module__) in groups
+    }
+    code = front_end.linked_wrappers(entries)
+    return list(entries), {
+        (target.name, instructions.name): emit_object(code, target, instructions)
+        for target in targets
+        for instructions in sets[target.name]
+    }
+
+
+def _group_of(module: str) -> int:
+    """Number of the group that a module is in: the first of which a beginning fits."""
+    name = module.removeprefix("proximity.")
+    return next(k for k, beginnings in enumerate(GROUPS) if name.startswith(beginnings))
 
 
 def _load(name: str, source: Path) -> None:
@@ -51,26 +103,18 @@ def _load(name: str, source: Path) -> None:
         spec.loader.exec_module(sys.modules[name])
 
 
-def _entries() -> list[tuple[str, Entry]]:
-    return sorted(ENTRIES.items())
-
-
-def _emit(job: tuple[str, Target, Instructions]) -> bytes:
-    return emit_object(*job)
-
-
-def _linked(target: Target, objects: list[tuple[Instructions, bytes]], digest: str, path: Path) -> Path:
+def _linked(target: Target, objects: list[CompiledGroup], digest: str, path: Path) -> Path:
     """Link a target's objects to its extension module at a path; return the path."""
     with tempfile.TemporaryDirectory() as scratch:
         files = []
-        for instructions, content in objects:
-            files.append(Path(scratch, f"{instructions.name}.o"))
-            files[-1].write_bytes(content)
+        for number, each in enumerate(objects):
+            files.append(Path(scratch, f"{each.instructions.name}-{number}.o"))
+            files[-1].write_bytes(each.content)
         table = Path(scratch, "entry_table.c")
         wrappers = [
-            (instructions.name, name, wrapper_symbol(name, instructions))
-            for instructions, _ in objects
-            for name, _ in _entries()
+            (each.instructions.name, name, wrapper_symbol(name, each.instructions))
+            for each in objects
+            for name in each.names
         ]
         table.write_text(entry_table(wrappers, digest), encoding="utf-8")
         made = link(target, files, table, Path(scratch))

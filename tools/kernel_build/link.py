@@ -53,7 +53,9 @@ def entry_table(wrappers: list[tuple[str, str, str]], digest: str) -> str:
     lines += [f"extern int {symbol}(void **, void **, int64_t);" for _, _, symbol in wrappers]
     lines += ["", "const NamedEntry named_entries[] = {"]
     lines += [f'    {{"{instructions}", "{name}", {symbol}}},' for instructions, name, symbol in wrappers]
-    lines += ["    {NULL, NULL, NULL}};", f'const char sources_digest[] = "{digest}";', ""]
+    lines += ["    {NULL, NULL, NULL}};", f'const char sources_digest[] = "{digest}";']
+    sets = dict.fromkeys(instructions for instructions, _, _ in wrappers)
+    lines += [f'__attribute__((used)) static const char {name}[] = "for {name}";' for name in sets] + [""]
     return "\n".join(lines)
 
 

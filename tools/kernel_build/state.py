@@ -1,6 +1,7 @@
 """What has been compiled, and whether it is as the sources are. Needs nothing but Python."""
 
 import importlib.util
+import os
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -26,7 +27,14 @@ def sources_digest() -> str:
     return str(sources().sources_digest())
 
 
-def is_current(target: Target, folder: Path) -> bool:
+def every_set_is_wanted() -> bool:
+    """Return whether the environment asks for every set of instructions."""
+    return os.environ.get("PROXIMITY_INSTRUCTIONS") == "all"
+
+
+def is_current(target: Target, folder: Path, *, every_set: bool) -> bool:
     """Return whether a folder holds the extension module of a target as the sources are now."""
     extension = extension_path(target, folder)
-    return extension.is_file() and sources_digest().encode() in extension.read_bytes()
+    content = extension.read_bytes() if extension.is_file() else b""
+    wanted = [sources_digest()] + [f"for {each.name}" for each in target.sets if every_set]
+    return all(word.encode() + b"\0" in content for word in wanted)

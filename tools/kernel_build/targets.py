@@ -15,6 +15,7 @@ class Instructions:
     name: str  # as Python and the names of wrappers have it
     cpu: str  # as LLVM calls it
     features: str = ""
+    needs: tuple[str, ...] = ()  # features of a processor, as LLVM calls them
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +30,10 @@ class Target:
     extension: str = "_kernels.abi3.so"  # name of the extension module's file
 
 
-_X86 = (Instructions("v3", "x86-64-v3"), Instructions("v4", "x86-64-v4"))
+_X86 = (
+    Instructions("v3", "x86-64-v3", needs=("avx2", "bmi2", "fma")),
+    Instructions("v4", "x86-64-v4", needs=("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")),
+)
 _ARM, _APPLE = (Instructions("neon", "generic", "+neon"),), (Instructions("neon", "apple-m1"),)
 TARGETS = {
     target.name: target
