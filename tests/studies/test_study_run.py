@@ -239,7 +239,8 @@ with study_run._ray(None, 1) as ray:
     processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
     bound = {each.laddr.ip for one in processes for each in one.net_connections() if each.status == "LISTEN"}
     token = os.environ["RAY_AUTH_TOKEN_PATH"]
-    print(ray.get_runtime_context().gcs_address, oct(os.stat(token).st_mode), *bound, sep="\\n", flush=True)
+    modes = ",".join(oct(os.stat(path).st_mode)[-4:] for path in (token, os.path.dirname(token)))
+    print(ray.get_runtime_context().gcs_address, modes, *bound, sep="\\n", flush=True)
     sys.stdin.read()
 print(os.path.exists(os.path.dirname(token)))
 """
@@ -270,6 +271,6 @@ def test_another_user_cannot_run_code_in_the_ray_of_a_study(tmp_path):
             timeout=120,
         )
         *bound, is_left = study.communicate()[0].split()
-    assert address.startswith("127.0.0.1:") and mode == "0o100600" and is_left == "True"
+    assert address.startswith("127.0.0.1:") and mode == "0600,0700" and is_left == "True"
     assert {each.removeprefix("::ffff:") for each in bound} == {"127.0.0.1"}
     assert refused.returncode != 0 and "code ran" not in refused.stdout

@@ -245,7 +245,7 @@ def _own_ray_folder() -> str:
 
     Call it before `ray` is imported, which reads the environment once.
     """
-    folder = tempfile.mkdtemp(prefix="proximity-ray-")
+    folder = tempfile.mkdtemp(prefix="proximity-ray-")  # mode 0700; Ray opens its own folder to everybody
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     token = Path(folder, "token")
     token.touch(0o600)
@@ -273,7 +273,7 @@ def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
         _check_reachable(address)
     else:
         started = {"address": "local", "num_cpus": cores, "object_store_memory": OBJECT_STORE_BYTES}
-        started |= {"include_dashboard": False, "_temp_dir": folder}
+        started |= {"include_dashboard": False, "_temp_dir": os.path.join(folder, "ray")}
     try:
         ray.init(**started, log_to_driver=False, logging_level=logging.ERROR, configure_logging=False)
     except (ConnectionError, ValueError, RuntimeError) as failed:

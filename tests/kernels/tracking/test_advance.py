@@ -39,6 +39,11 @@ def no_balls():
     return balls
 
 
+def unsigned(scene, points):
+    """Distances to the nearest surface, inside overlapping parts too: of segments of length zero."""
+    return scene.closest_to_segments(points, points).distance
+
+
 class Way:
     """A sphere's way through a scene; stages are metres along it unless given."""
 
@@ -61,7 +66,7 @@ class Way:
         return np.array([np.interp(parameter, self.parameters, column) for column in self.corners.T])
 
     def clearance(self, parameter):
-        return max(float(self.scene.distance(self.at(parameter))) - self.radius, 0.0)
+        return max(float(unsigned(self.scene, self.at(parameter))) - self.radius, 0.0)
 
     def go(
         self,
@@ -86,7 +91,7 @@ class Way:
 
     def is_free(self, start, end, count=200):
         parameters = np.linspace(start, end, count)
-        return (self.scene.distance(np.array([self.at(s) for s in parameters])) >= self.radius - 1e-12).all()
+        return (unsigned(self.scene, np.array([self.at(s) for s in parameters])) >= self.radius - 1e-12).all()
 
 
 def down(things=None, **settings):
@@ -260,7 +265,7 @@ def test_balls_are_free_of_surface_and_the_oldest_goes_first():
     x, y, z, radius, _ = way.balls[: 5 * BALL_COUNT].reshape(5, BALL_COUNT)
 
     assert (radius > 0.0).all()
-    assert (radius <= way.scene.distance(np.stack([x, y, z], axis=1)) + 1e-15).all()
+    assert (radius <= unsigned(way.scene, np.stack([x, y, z], axis=1)) + 1e-15).all()
     assert z.min() > 0.2  # those of the first ways are gone
 
 
