@@ -240,7 +240,7 @@ with study_run._ray(None, 1) as ray:
     bound = {each.laddr.ip for one in processes for each in one.net_connections() if each.status == "LISTEN"}
     token = os.environ["RAY_AUTH_TOKEN_PATH"]
     modes = ",".join(oct(os.stat(path).st_mode)[-4:] for path in (token, os.path.dirname(token)))
-    print(ray.get_runtime_context().gcs_address, modes, *bound, sep="\\n", flush=True)
+    print(ray.get_runtime_context().gcs_address, modes, *bound, flush=True)
     sys.stdin.read()
 print(os.path.exists(os.path.dirname(token)))
 """
@@ -262,7 +262,7 @@ def test_another_user_cannot_run_code_in_the_ray_of_a_study(tmp_path):
     with subprocess.Popen(
         [sys.executable, "-c", LISTENING], env=environment, stdin=-1, stdout=-1, text=True
     ) as study:
-        address, mode = study.stdout.readline().strip(), study.stdout.readline().strip()
+        address, mode, *bound = study.stdout.readline().split()
         refused = subprocess.run(
             [sys.executable, "-c", STRANGER, address],
             env=stranger,
@@ -270,7 +270,7 @@ def test_another_user_cannot_run_code_in_the_ray_of_a_study(tmp_path):
             text=True,
             timeout=120,
         )
-        *bound, is_left = study.communicate()[0].split()
-    assert address.startswith("127.0.0.1:") and mode == "0600,0700" and is_left == "True"
+        is_left, _ = study.communicate("")
+    assert address.startswith("127.0.0.1:") and mode == "0600,0700" and is_left == "True\n"
     assert {each.removeprefix("::ffff:") for each in bound} == {"127.0.0.1"}
     assert refused.returncode != 0 and "code ran" not in refused.stdout
