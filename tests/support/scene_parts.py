@@ -71,7 +71,7 @@ def assert_right_by_brute_force(scene, points):
     signed = scene.signed_distance(points)
     expected = each.min(axis=0)
     assert judging.is_near(signed, expected, room).all()
-    assert judging.is_near(scene.distance(points), np.abs(expected), room).all()
+    assert judging.is_near(scene.distance(points), np.abs(each).min(axis=0), room).all()
     is_clear = np.abs(each).min(axis=0) > room
     assert np.array_equal(scene.contains(points)[is_clear], (each < 0.0).any(axis=0)[is_clear])
 

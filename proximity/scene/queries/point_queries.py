@@ -36,10 +36,6 @@ _distance = _query("distance_batch", distance_batch, 1)
 _contains = _query("contains_batch", contains_batch, 1, np.bool_)
 
 
-SCENE_ROWS_OF_ONE_PART = 2
-"""Rows of `Model.parts`: the part, and the scene."""
-
-
 class PointQueries(HasSnapshot):
     """Queries of points, for what has a `Model`."""
 
@@ -112,7 +108,7 @@ class PointQueries(HasSnapshot):
         return _signed_distance(self.snapshot(), points, inf, workers)
 
     def distance(self, points: npt.ArrayLike, *, workers: int = 1) -> Reals:
-        """Return distances to the surface, m, without sign: the magnitude of `signed_distance`.
+        """Return distances to the surface, m, without sign: the fastest query.
 
         Parameters
         ----------
@@ -129,15 +125,8 @@ class PointQueries(HasSnapshot):
         ------
         QueryError
             If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
-
-        Notes
-        -----
-        Cost: the fastest query of a solid, and of a scene of one part; else that of `signed_distance`.
         """
-        model = self.snapshot()
-        if len(model.parts) > SCENE_ROWS_OF_ONE_PART:  # which may overlap
-            return np.abs(_signed_distance(model, points, inf, workers))
-        return _distance(model, points, inf, workers)
+        return _distance(self.snapshot(), points, inf, workers)
 
     def contains(self, points: npt.ArrayLike, *, workers: int = 1) -> npt.NDArray[np.bool_]:
         """Return whether points are inside some part.
