@@ -35,10 +35,7 @@ _UNTURNED, _UNMOVED = _for_all(np.eye(3)), _for_all(np.zeros(3))
 def quaternion_hint(array: np.ndarray) -> str:
     """Return what to do with quaternions in place of poses, for the end of a message; "" if they are none.
 
-    Parameters
-    ----------
-    array : array
-        What was given as a pose, or as poses.
+    *array*: what was given as a pose, or as poses.
     """
     is_quaternion = array.shape[-1:] in ((4,), (7,)) and array.shape[-2:] != (4, 4)
     return "; Pose.from_quaternion(xyzw, translation) makes a pose of a quaternion" if is_quaternion else ""

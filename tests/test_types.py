@@ -13,7 +13,7 @@ scene = proximity.load("part.stl")
 points, ways = np.zeros((5, 3)), [[0, 0, 1]]
 
 hits = scene.closest(points, max_distance=[0.1])
-near: Reals = hits.point[hits.distance < 0.01]
+near: Reals = hits.point[hits.signed_distance < 0.01]
 depth: float = float(scene.closest((0.0, 0.0, 0.0)).signed_distance)
 reals: list[Reals] = [hits.signed_distance, hits.gradient, hits.barycentric]
 reals += [scene.signed_distance(points), scene.distance(points), scene.cast_distance(points, ways)]

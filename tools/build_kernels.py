@@ -1,7 +1,7 @@
 """Compile the kernels ahead of time: ``python tools/build_kernels.py [--target NAME] [--out FOLDER]``.
 
-Without a target, for this machine, into ``proximity/native`` of the checkout: for the best set of instructions that
-its processor has. With ``--every-set``, or PROXIMITY_INSTRUCTIONS=all, for every set of the target.
+Without a target, for this machine, into ``proximity/native`` of the checkout: for the best set of instructions
+that its processor has. With ``--every-set``, or PROXIMITY_INSTRUCTIONS=all, for every set of the target.
 """
 
 import argparse
@@ -27,7 +27,9 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=ROOT / "proximity" / "native", help="folder of the extension"
     )
-    parser.add_argument("--every-set", action="store_true", default=every_set_is_wanted(), help="all instructions")
+    parser.add_argument(
+        "--every-set", action="store_true", default=every_set_is_wanted(), help="all instructions"
+    )
     parser.add_argument("--state", action="store_true", help="say what has been built, and build nothing")
     options = parser.parse_args()
     targets = [TARGETS[name] for name in options.target] if options.target else [host_target()]

@@ -26,7 +26,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
     def dependencies(self) -> list[str]:
         """Return what has to be installed for this build.
 
-        Installers ask for it in a process whose arguments name the hook, as ``get_requires_for_build_editable``.
+        Installers ask in a process whose arguments name the hook, as ``get_requires_for_build_editable``.
         """
         is_editable = any(argument.endswith("_editable") for argument in sys.argv)
         if self.target_name != "wheel" or self._state(every_set=not is_editable)["is_current"] == "yes":

@@ -18,24 +18,8 @@ from proximity.mesh.triangle_mesh import TriangleMesh
 def split_bodies(vertices: Any, faces: Any, source_faces: Any = None) -> list[Body]:
     """Return the bodies that the faces make up, welded, cleaned and turned outside out.
 
-    Parameters
-    ----------
-    vertices : (V, 3) float64, m
-        Corners, shared between faces or not.
-    faces : (F, 3) integers
-        Rows of *vertices*.
-    source_faces : (F,) integers, optional
-        What each face is called where it comes from; by default its row.
-
-    Returns
-    -------
-    list of Body
-        In the order of their first faces; within a body, faces keep the order given.
-
-    Raises
-    ------
-    MeshError
-        If the arrays make no mesh (see `TriangleMesh`), or no face has an area.
+    *vertices*: (V, 3) m; *faces*: (F, 3). *source_faces*: what each face is called where it comes from; by
+    default its row. Returned: in the order of their first faces; within a body, faces keep the order given.
 
     Notes
     -----

@@ -49,22 +49,10 @@ def nest_shells(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return for each shell the shell whose body it belongs to, and whether it is to be turned.
 
-    Parameters
-    ----------
-    positions : (C, 3) float64
-        Scaled to coordinates of at most 1.
-    corners : (K, 3) integers
-        Rows of *positions*, a face each; those of each closed shell run one way.
-    labels : (K,) integers
-        The shell of each face, 0 .. P - 1, none without a face.
-    volumes : (P,) float64
-        Signed, in any unit; a shell of none belongs to itself and stays as it is.
-    is_closed : (P,) bool
-        The others have holes; those that have no inside belong to themselves and stay as they are.
-
-    Returns
-    -------
-    (P,) int64, (P,) bool
+    *positions*: (C, 3). *corners*: (K, 3); rows of *positions*, a face each; those of each closed shell run
+    one way. *labels*: the shell of each face, 0 .. P - 1, none without a face. *volumes*: signed, in any
+    unit; a shell of none belongs to itself and stays as it is. *is_closed*: the others have holes; those that
+    have no inside belong to themselves and stay as they are.
     """
     body, is_turned = np.arange(len(volumes)), np.zeros(len(volumes), dtype=bool)
     if not (volumes < 0).any():

@@ -11,10 +11,7 @@ from proximity.model.part_memory import joined
 class ShellWinding:
     """The winding number of one shell: whole for a closed one, to a few hundredths.
 
-    Parameters
-    ----------
-    triangles : (K, 3, 3) float64
-        Corners of the faces.
+    *triangles*: (K, 3, 3).
     """
 
     def __init__(self, triangles: np.ndarray) -> None:

@@ -24,14 +24,8 @@ def weld_near(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return *corners* after welding, and which faces collapsed to a line by it.
 
-    Parameters
-    ----------
-    corners : (K, 3) int32
-        Rows of *unit_positions*.
-    unit_positions : (C, 3) float64
-        Scaled to coordinates of at most 1.
-    pieces : Pieces
-        What the faces make up unwelded; one of them at least is open.
+    *corners*: (K, 3); *unit_positions*: (C, 3). *pieces*: what the faces make up unwelded; one of them at
+    least is open.
     """
     welded, is_collapsed = corners.copy(), np.zeros(len(corners), dtype=bool)
     rows = np.flatnonzero(~pieces.is_closed[pieces.labels])
@@ -55,12 +49,7 @@ def weld_near(
 def open_edges(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return the middles of the edges of a body that are not closed, (E, 3) float64, m.
 
-    Parameters
-    ----------
-    vertices : (V, 3) float64, m
-        As of a mesh.
-    faces : (F, 3) integers
-        Rows of *vertices*.
+    *vertices*: (V, 3) m; *faces*: (F, 3).
 
     Notes
     -----

@@ -36,20 +36,7 @@ search, and where; `bounds_width` of what the budget leaves open at the worst pl
 
 
 def run(values: Values, files: NodeFiles) -> dict[str, Any]:
-    """Return the certificate of one scene in a few numbers.
-
-    Parameters
-    ----------
-    values : mapping
-        See `FACTORS`.
-    files : NodeFiles
-        Where the scene is.
-
-    Raises
-    ------
-    ProximityError
-        If the scene cannot be used.
-    """
+    """Return the certificate of one scene in a few numbers."""
     scene = files.scene(values["scene"], values["units"])
     settings = {name: values[name] for name in ("radius", "budget", "working_range")}
     period = 1.0 / values["rate"]

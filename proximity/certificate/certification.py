@@ -76,25 +76,13 @@ class Certificate:
     loop: Report
 
     def loads(self, period: float) -> tuple[Load, ...]:
-        """Return what ticks took, in each motion that a service meets, and in its loop.
-
-        Parameters
-        ----------
-        period : float, s
-            That they are held against.
-        """
+        """Return what ticks took, in each motion that a service meets, and in its loop."""
         timed = Period(period, "")
         motions = [load_of_times(case.name, case.best_ns, timed) for case in self.cases if case.counts]
         return (*motions, load_of_histogram("service", self.loop.compute, timed))
 
     def verdict(self, period: float) -> Verdict:
-        """Return whether the scene fits a period.
-
-        Parameters
-        ----------
-        period : float, s
-            Between ticks.
-        """
+        """Return whether the scene fits a period."""
         return judge(self.loads(period), period)
 
     def machine_verdict(self) -> MachineVerdict:
@@ -122,25 +110,8 @@ def certify(
 ) -> Certificate:
     """Return the certificate of a scene; it takes some ten seconds.
 
-    Parameters
-    ----------
-    subject : Subject
-        The scene, and how it is ticked.
-    tick_count : int
-        Of each motion; 1000 or more.
-    seconds : float, s
-        That the loop runs.
-    seed : int
-        Decides all that is random: the positions found are the same on every run.
-    progress : callable
-        Called with what is done, and which share of it is.
-
-    Raises
-    ------
-    ServiceError
-        If so few ticks tell nothing, the loop cannot run for so long, or nothing is shown.
-    RecordingError
-        If the recording never has a finger at a tick.
+    *seed*: decides all that is random: the positions found are the same on every run. *progress*: called with
+    what is done, and which share of it is.
     """
     check_request(tick_count, seconds, seed)
     if all(part.is_hidden for part in subject.scene.parts):
@@ -153,18 +124,7 @@ def certify(
 
 
 def check_request(tick_count: int, seconds: float, seed: int) -> None:
-    """Refuse what cannot be measured, before it takes time.
-
-    Parameters
-    ----------
-    tick_count, seconds, seed
-        As of `certify`.
-
-    Raises
-    ------
-    ServiceError
-        If one of them cannot be used.
-    """
+    """Refuse what cannot be measured, before it takes time."""
     check_tick_count(tick_count)
     if not 0.0 < seconds <= LONGEST_LOOP:
         raise ServiceError(f"the loop cannot run for {seconds:g} s, expected up to {LONGEST_LOOP:g} s")
@@ -173,17 +133,7 @@ def check_request(tick_count: int, seconds: float, seed: int) -> None:
 
 
 def load_of_times(name: str, times_ns: np.ndarray, period: Period) -> Load:
-    """Return the load of ticks that were timed.
-
-    Parameters
-    ----------
-    name : str
-        Of the motion.
-    times_ns : (T,) int64
-        Of each tick.
-    period : Period
-        That they are held against.
-    """
+    """Return the load of ticks that were timed."""
     return Load(name, *_tail(percentiles(times_ns), GATED), misses(times_ns, period).count, len(times_ns))
 
 
@@ -199,15 +149,7 @@ def _tail(times: dict[str, float | None], wanted: str) -> tuple[str, float]:
 
 
 def judge(loads: tuple[Load, ...], period: float) -> Verdict:
-    """Return whether ticks keep to a period: 99.9 % of each motion, and half of the loop's.
-
-    Parameters
-    ----------
-    loads : tuple of Load
-        At least one.
-    period : float, s
-        Between ticks.
-    """
+    """Return whether ticks keep to a period: 99.9 % of each motion, and half of the loop's."""
     worst = max(loads, key=lambda load: load.tail_ns)
     fits = worst.tail_ns <= 1e9 * period
     over, total = sum(load.over_count for load in loads), sum(load.tick_count for load in loads)

@@ -61,13 +61,6 @@ class Misses:
 def upper_share(count: int, total: int) -> float:
     """Return a share that the true one does not exceed, with 95 % certainty.
 
-    Parameters
-    ----------
-    count : int
-        How often it was seen.
-    total : int
-        Of how many.
-
     Notes
     -----
     Source: Clopper & Pearson 1934, one-sided. For a count of zero it is the rule of three, 3 / total.
@@ -76,26 +69,12 @@ def upper_share(count: int, total: int) -> float:
 
 
 def misses(times_ns: np.ndarray, period: Period) -> Misses:
-    """Return how many ticks alone took longer than a period.
-
-    Parameters
-    ----------
-    times_ns : (T,) int64
-        Of each tick.
-    period : Period
-        That they are held against.
-    """
+    """Return how many ticks alone took longer than a period."""
     return Misses(int((times_ns > period.ns).sum()), len(times_ns))
 
 
 def percentiles(times_ns: np.ndarray) -> dict[str, float | None]:
-    """Return p50, p99, p999 and max, ns; None for what so few ticks do not tell.
-
-    Parameters
-    ----------
-    times_ns : (T,) int64
-        Of each tick; at least one.
-    """
+    """Return p50, p99, p999 and max, ns; None for what so few ticks do not tell."""
     return {
         name: float(np.percentile(times_ns, share)) if is_supported(share, len(times_ns)) else None
         for name, share in SHARES.items()
@@ -119,30 +98,13 @@ def percentiles_of(histogram: Histogram) -> dict[str, float | None]:
 
 
 def is_supported(share: float, tick_count: int) -> bool:
-    """Return whether at least one tick is expected beyond a percentile; of the longest it is always reported.
-
-    Parameters
-    ----------
-    share : float
-        Percent.
-    tick_count : int
-        How many were timed.
+    """Return whether at least one tick is expected beyond a percentile; of the longest it is always
+    reported.
     """
     return share >= 100.0 or round(tick_count * (100.0 - share), 6) >= 100.0
 
 
 def check_tick_count(tick_count: int) -> None:
-    """Refuse fewer ticks than the certificate needs.
-
-    Parameters
-    ----------
-    tick_count : int
-        Of each motion.
-
-    Raises
-    ------
-    ServiceError
-        If p99.9 would be a guess.
-    """
+    """Refuse fewer ticks than the certificate needs."""
     if tick_count < FEWEST_TICKS:
         raise ServiceError(f"{tick_count} ticks are too few for p99.9, expected {FEWEST_TICKS} or more")

@@ -61,18 +61,7 @@ def measure(
 ) -> tuple[Case, ...]:
     """Return what ticks take in each motion.
 
-    Parameters
-    ----------
-    subject : Subject
-        What is ticked.
-    found : tuple of Found
-        The worst positions.
-    tick_count : int
-        Of each motion.
-    seed : int
-        Decides all that is random.
-    progress : callable
-        Called with what is done, and which share of all is.
+    *progress*: called with what is done, and which share of all is.
     """
     rng, rate, fingers = np.random.default_rng([seed, 100]), 1.0 / subject.period, subject.fingers
     worst = {each.goal: np.array([worst.position for worst in each.positions]) for each in found}
@@ -113,16 +102,7 @@ def worst_passing(
 ) -> np.ndarray:
     """Return fingers that pass through the worst positions of moving fingers, (T, N, 3).
 
-    Parameters
-    ----------
-    subject : Subject
-        How many fingers there are, and how often they are ticked.
-    found : tuple of Found
-        The worst positions.
-    tick_count : int
-        How many ticks.
-    rng : Generator
-        Decides the directions.
+    *subject*: how many fingers there are, and how often they are ticked.
     """
     (moves,) = (each for each in found if each.goal == Goal(Manner.MOVES, True))
     positions = np.array([worst.position for worst in moves.positions])
@@ -224,16 +204,7 @@ def run_loop(subject: Subject, found: tuple[Found, ...], seconds: float, seed: i
 
     Where the subject may be given paths, or moves of parts, it is.
 
-    Parameters
-    ----------
-    subject : Subject
-        What is served, how often, and whether the system is asked for priority.
-    found : tuple of Found
-        The worst positions.
-    seconds : float, s
-        How long.
-    seed : int
-        Decides the directions.
+    *subject*: what is served, how often, and whether the system is asked for priority.
     """
     ticks, period_ns = max(1, round(seconds / subject.period)), round(1e9 * subject.period)
     positions = worst_passing(subject, found, ticks + 1, np.random.default_rng([seed, 100]))

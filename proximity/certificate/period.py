@@ -21,15 +21,7 @@ WRITTEN = re.compile(r"\s*([0-9.eE+-]+)\s*([a-zA-Zµμ]+)\s*")
 def parse_period(text: str) -> float:
     """Return a period, s.
 
-    Parameters
-    ----------
-    text : str
-        A number with s, ms, us, Hz or kHz: ``1ms``, ``200us``, ``1kHz``.
-
-    Raises
-    ------
-    ServiceError
-        If it is none.
+    *text*: a number with s, ms, us, Hz or kHz: ``1ms``, ``200us``, ``1kHz``.
     """
     limits = f"{SHORTEST_PERIOD * 1e6:g}us to {LONGEST_PERIOD:g}s"
     expected = f"expected a time or a rate such as 1ms, 200us or 1kHz, {limits}"
@@ -52,11 +44,5 @@ def parse_period(text: str) -> float:
 
 
 def shown_period(seconds: float) -> str:
-    """Return a period as people write it.
-
-    Parameters
-    ----------
-    seconds : float, s
-        The period.
-    """
+    """Return a period as people write it."""
     return f"{1e3 * seconds:g} ms" if seconds < 1.0 else f"{seconds:g} s"

@@ -33,14 +33,8 @@ MOVES_ADDRESS = "mailbox:proximity-certificate/moves"
 class Paths:
     """A path for each finger, through wherever its tip is.
 
-    Parameters
-    ----------
-    corners : (M, K, 3) float64, m
-        Of fingers, in their frames; given to the fingers in turn.
-    fingers : int
-        How many.
-    rng : Generator
-        Decides how each finger is turned, and how far it is bent.
+    *corners*: (M, K, 3) m; of fingers, in their frames; given to the fingers in turn. *rng*: decides how each
+    finger is turned, and how far it is bent.
     """
 
     def __init__(self, corners: np.ndarray, fingers: int, rng: np.random.Generator) -> None:
@@ -57,15 +51,7 @@ class Paths:
 
 
 class SwayingParts:
-    """All parts of a scene that moves can name, as they sway about where they are.
-
-    Parameters
-    ----------
-    scene : Scene
-        Whose parts are moved.
-    period_ns : int, ns
-        Between ticks.
-    """
+    """All parts of a scene that moves can name, as they sway about where they are."""
 
     def __init__(self, scene: Scene, period_ns: int) -> None:
         fit = [part for part in scene.parts if len(part.name.encode()) <= NAME_SIZE][:MAX_RECORDS]
@@ -105,17 +91,7 @@ class SwayingParts:
 
 
 class FedInput:
-    """A recording whose poses come with paths, and with moves of parts, as a service takes them.
-
-    Parameters
-    ----------
-    hand : RecordingInput
-        The poses; repeated.
-    paths : Paths
-        Of its fingers; None: they have none.
-    parts : SwayingParts
-        What moves; None: nothing.
-    """
+    """A recording whose poses come with paths, and with moves of parts, as a service takes them."""
 
     def __init__(self, hand: RecordingInput, paths: Paths | None, parts: SwayingParts | None) -> None:
         self._hand, self._paths, self._parts = hand, paths, parts
@@ -131,13 +107,7 @@ class FedInput:
         return self._hand.notes
 
     def poll(self, now_ns: int) -> FingerPoses | None:
-        """Return the newest poses; None where there are no others than at the poll before.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            The present instant.
-        """
+        """Return the newest poses; None where there are no others than at the poll before."""
         if self._parts is not None and now_ns - self._sent_ns >= MOVES_PERIOD_NS:
             self._sent_ns = now_ns
             self._send(self._parts.moves(now_ns), now_ns)
@@ -174,17 +144,7 @@ def with_own_scene(subject: Subject) -> Subject:
 def fed_service_input(
     subject: Subject, hand: RecordingInput, rng: np.random.Generator
 ) -> tuple[TrackerAnswers, FedInput]:
-    """Return who answers and who tells in a loop, with all that the subject is given.
-
-    Parameters
-    ----------
-    subject : Subject
-        Of `with_own_scene`.
-    hand : RecordingInput
-        The poses.
-    rng : Generator
-        As of `Paths`.
-    """
+    """Return who answers and who tells in a loop, with all that the subject is given."""
     paths = None if subject.corners is None else Paths(subject.corners, subject.fingers, rng)
     parts, moves = None, None
     if subject.moves:

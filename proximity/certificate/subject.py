@@ -71,13 +71,8 @@ class Subject:
     def tracker(self, fingers: int | None = None, **settings: Any) -> Tracker:
         """Return a tracker as the service would have it.
 
-        Parameters
-        ----------
-        fingers : int
-            As many as the subject has, where not given. If it is another number, radii that are given one by
-            one do not fit: the largest holds for all.
-        settings
-            What holds instead of the subject's.
+        *fingers*: as many as the subject has, where not given. If it is another number, radii that are given
+        one by one do not fit: the largest holds for all.
         """
         count = self.fingers if fingers is None else fingers
         reported = {**self.settings, **settings}
@@ -99,32 +94,11 @@ def read_subject(
 ) -> Subject:
     """Return what a file describes.
 
-    Parameters
-    ----------
-    path : path
-        A scene file of the service (``.toml``), or parts as `load` reads them.
-    units : str
-        Of parts that declare none.
-    recording : path
-        Of a hand, fitted to the parts; instead of the scene file's.
-    fingers : int
-        Instead of what the scene file says; five where nobody says.
-    period : float, s
-        Instead of the scene file's; 1 ms where nobody says.
-    real_time : bool
-        Instead of what the scene file says; False if neither is given.
-    sample : callable
-        Tells of a recording for when there is none.
-
-    Raises
-    ------
-    ServiceError
-        If the scene file or a calibration of it cannot be used, it has no parts, or the number of fingers is
-        none.
-    MeshError
-        If the parts cannot be loaded.
-    RecordingError
-        If the recording cannot be read.
+    *path*: a scene file of the service (``.toml``), or parts as `load` reads them. *recording*: of a hand,
+    fitted to the parts; instead of the scene file's. *fingers*: instead of what the scene file says; five
+    where nobody says. *period*: instead of the scene file's; 1 ms where nobody says. *real_time*: instead of
+    what the scene file says; False if neither is given. *sample*: tells of a recording for when there is
+    none.
     """
     if fingers is not None and fingers < 1:
         raise ServiceError(f"{fingers} fingers cannot be tracked, expected 1 or more")

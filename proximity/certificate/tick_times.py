@@ -35,13 +35,7 @@ class Figures:
 
 
 def figures_of(nanoseconds: np.ndarray) -> Figures:
-    """Return percentiles in microseconds.
-
-    Parameters
-    ----------
-    nanoseconds : (T,) int64
-        At least one.
-    """
+    """Return percentiles in microseconds."""
     return Figures(*(np.percentile(nanoseconds, PERCENTILES) / NS_PER_US).tolist())
 
 
@@ -92,32 +86,9 @@ def tick_all(
 ) -> None:
     """Tick through a motion, and time each call.
 
-    Parameters
-    ----------
-    tracker : Tracker
-        Of as many fingers.
-    positions : (T, N, 3) float64, m
-        Where the fingers are.
-    log : TickLog
-        Gets the times, and what the ticks said.
-    start_ns : int, ns
-        Instant of tick number 0.
-    first : int
-        Number of the first of these ticks.
-    latency_ns : int, ns
-        From a pose to its tick.
-    period_ns : int, ns
-        Between ticks.
-    velocities : (T, N, 3) float64, m/s
-        Where they are reported.
-    before : callable
-        Of the number of a tick; called before it, and not timed.
-    paths_at : callable
-        Gives the paths of fingers at positions, not timed; with *bends* (N,), and without *velocities*.
-    bends : (N,) float64
-        Where on their paths they are.
-    move : callable
-        Of the number of a tick; called before it, and timed with it.
+    *positions*: (T, N, 3) m; *velocities*: (T, N, 3) m/s. *before*: of the number of a tick; called before
+    it, and not timed. *paths_at*: gives the paths of fingers at positions, not timed; with *bends* (N,), and
+    without *velocities*. *move*: of the number of a tick; called before it, and timed with it.
     """
     tick, contacts = tracker.tick, tracker.contacts
     work, flags = contacts["work"], contacts["flags"]

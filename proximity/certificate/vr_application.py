@@ -77,13 +77,7 @@ class VrRow:
 
     @classmethod
     def of(cls, document: dict[str, Any]) -> "VrRow":
-        """Return the row that a JSON document has.
-
-        Parameters
-        ----------
-        document : dict
-            As `dataclasses.asdict` made it.
-        """
+        """Return the row that a JSON document has."""
         return cls(**{**document, "case": VrCase(**document["case"])})
 
     @property
@@ -112,17 +106,7 @@ Serving = Callable[[Path, Addresses, VrCase], AbstractContextManager[int]]
 
 @contextmanager
 def own_service(scene_file: Path, addresses: Addresses, case: VrCase) -> Iterator[int]:
-    """Serve by ``proximity serve``.
-
-    Parameters
-    ----------
-    scene_file : Path
-        Of parts and fingers.
-    addresses : Addresses
-        Where frames, poses and moves go.
-    case : VrCase
-        Not needed.
-    """
+    """Serve by ``proximity serve``."""
     del case
     served = write_scene_file(
         scene_file.parent, [str(scene_file)], addresses, units="m", rate_hz=1.0 / TICK_S, radius=None
@@ -141,23 +125,7 @@ def measure(
 ) -> VrRow:
     """Run an application and time it.
 
-    Parameters
-    ----------
-    files : list of str
-        Of parts.
-    case : VrCase
-        Which application.
-    recording : Recording
-        Of a hand, put where it touches the parts.
-    units : str
-        Of files that declare none.
-    serving : Serving
-        Who serves where the path is native.
-
-    Raises
-    ------
-    ServiceError
-        If it cannot be run, or nothing is answered.
+    *recording*: of a hand, put where it touches the parts.
     """
     scene = Scene([part for name in files for part in load(name, units=units).parts])
     hand = _hand(scene, recording, case)

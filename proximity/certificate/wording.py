@@ -8,24 +8,12 @@ WORDS = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
 
 
 def microseconds(nanoseconds: float | None) -> str:
-    """Return a time in µs, three digits; a dash where it is not known.
-
-    Parameters
-    ----------
-    nanoseconds : float or None
-        The time.
-    """
+    """Return a time in µs, three digits; a dash where it is not known."""
     return UNKNOWN if nanoseconds is None else three(nanoseconds / 1e3)
 
 
 def percent(share: float | None) -> str:
-    """Return a share in percent, two digits; a dash where it is not known.
-
-    Parameters
-    ----------
-    share : float or None
-        Of one.
-    """
+    """Return a share in percent, two digits; a dash where it is not known."""
     if share is None:
         return UNKNOWN
     value = 100.0 * share
@@ -33,48 +21,25 @@ def percent(share: float | None) -> str:
 
 
 def millimetres(metres: float) -> str:
-    """Return a coordinate in mm, to a hundredth; zero has no sign.
-
-    Parameters
-    ----------
-    metres : float
-        The coordinate.
-    """
+    """Return a coordinate in mm, to a hundredth; zero has no sign."""
     return f"{round(1e3 * metres, 2) + 0.0:.2f}"
 
 
 def three(value: float) -> str:
-    """Return a number with three digits and without an exponent.
-
-    Parameters
-    ----------
-    value : float
-        Any that is not very small.
-    """
+    """Return a number with three digits and without an exponent."""
     size = abs(value)
     return f"{value:.0f}" if size >= 100.0 else f"{value:.1f}" if size >= 10.0 else f"{value:.2f}"
 
 
 def two(value: float) -> str:
-    """Return a number with two digits and without an exponent.
-
-    Parameters
-    ----------
-    value : float
-        Any that is not very small.
-    """
+    """Return a number with two digits and without an exponent."""
     return f"{float(f'{value:.2g}'):g}"
 
 
 def missed(reported: dict[str, Any], unit: str = " a million") -> str:
     """Return how many deadlines were missed, per million, and what that many ticks leave open.
 
-    Parameters
-    ----------
-    reported : dict
-        With ``missed`` and what goes with it, see `document`.
-    unit : str
-        What follows the first number.
+    *reported*: with ``missed`` and what goes with it, see `document`.
     """
     if reported["missed_per_million"] == 1e6:
         return "all"
@@ -83,23 +48,13 @@ def missed(reported: dict[str, Any], unit: str = " a million") -> str:
 
 
 def goal(reported: dict[str, Any]) -> str:
-    """Return what a search was for.
-
-    Parameters
-    ----------
-    reported : dict
-        A row of ``search``, see `document`.
-    """
+    """Return what a search was for."""
     return f"{reported['manner']}, {'within the budget' if reported['within_budget'] else 'exact'}"
 
 
 def fed(settings: dict[str, Any]) -> str:
-    """Return what fingers were timed with besides their poses, behind a semicolon; nothing where that is all.
-
-    Parameters
-    ----------
-    settings : dict
-        See `document`.
+    """Return what fingers were timed with besides their poses, behind a semicolon; nothing where that is
+    all.
     """
     corners, additions = settings["path_corners"], []
     if corners is not None:
@@ -110,15 +65,7 @@ def fed(settings: dict[str, Any]) -> str:
 
 
 def counted(count: int, what: str) -> str:
-    """Return a number with what it counts.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-    what : str
-        One of them.
-    """
+    """Return a number with what it counts."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 

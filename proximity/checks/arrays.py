@@ -29,22 +29,8 @@ def as_float64(
 
     Kernels are compiled for such arrays only: a read-only one would send numba to the compiler again.
 
-    Parameters
-    ----------
-    values : array-like
-        Booleans, integers, floats of any width, or objects that hold only real numbers. What a mask hides
-        is nan, and what is too large for float64 inf.
-    name : str
-        What the caller calls them, for the message.
-    error : type
-        The exception to raise.
-    expected : str
-        What was expected, for the message.
-
-    Raises
-    ------
-    ProximityError
-        Of type *error*: ragged, complex, text, or objects that are not numbers.
+    *values*: booleans, integers, floats of any width, or objects that hold only real numbers. What a mask
+    hides is nan, and what is too large for float64 inf.
     """
     if _is_float64(values):
         return values
@@ -73,10 +59,7 @@ def as_float64(
 def copied(array: np.ndarray) -> np.ndarray:
     """Return a C-ordered float64 copy, made in parts: Ctrl-C is answered in between.
 
-    Parameters
-    ----------
-    array : (N, ...) array
-        Of numbers.
+    *array*: (N, ...) array.
     """
     copy = np.empty(array.shape)
     for first in range(0, len(array), COPIED_AT_ONCE):
@@ -85,15 +68,7 @@ def copied(array: np.ndarray) -> np.ndarray:
 
 
 def is_ready(values: Any, shape: tuple[int, ...]) -> bool:
-    """Return whether *values* is what `as_float64` returns, and of that shape: then nothing is to be done.
-
-    Parameters
-    ----------
-    values : object
-        Anything.
-    shape : tuple of int
-        What is wanted.
-    """
+    """Return whether *values* is what `as_float64` returns, and of that shape: then nothing is to be done."""
     return _is_float64(values) and values.shape == shape
 
 
@@ -120,10 +95,7 @@ def shown(value: Any) -> str:
 def shown_number(value: Any) -> str:
     """Return a number as it stands in a record's short description: with nine digits at most.
 
-    Parameters
-    ----------
-    value : float, int or bool
-        Of Python or NumPy; or an array of them, which is shown as lists are.
+    *value*: of Python or NumPy; or an array of them, which is shown as lists are.
     """
     value = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
     if isinstance(value, list):
@@ -140,13 +112,7 @@ def trimesh_kind(value: Any) -> str | None:
 
 
 def refuse_trimesh(value: Any, error: type[ProximityError]) -> None:
-    """Raise an error that names the conversion, if *value* is an object of trimesh.
-
-    Raises
-    ------
-    ProximityError
-        Of type *error*.
-    """
+    """Raise an error that names the conversion, if *value* is an object of trimesh."""
     if kind := trimesh_kind(value):
         raise error(f"a trimesh.{kind} was given: proximity.from_trimesh makes a scene of it")
 
@@ -154,17 +120,8 @@ def refuse_trimesh(value: Any, error: type[ProximityError]) -> None:
 def as_points(values: Any, name: str = "points") -> np.ndarray:
     """Return *values* as C-ordered float64 of shape (..., 3).
 
-    Parameters
-    ----------
-    values : (..., 3) array-like
-        Points or directions. Rows that are not finite stay as they are. An empty list is no rows: (0, 3).
-    name : str
-        What the caller calls them, for the message.
-
-    Raises
-    ------
-    QueryError
-        If they are not numbers of shape (..., 3).
+    *values*: (..., 3) array-like; points or directions. Rows that are not finite stay as they are. An empty
+    list is no rows: (0, 3).
     """
     # What callers in a hurry pass costs a fifth of a microsecond.
     if _is_float64(values) and values.shape[-1:] == _ROW:

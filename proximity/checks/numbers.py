@@ -32,23 +32,7 @@ def positive(
 ) -> float:
     """Return *value* as a float above zero.
 
-    Parameters
-    ----------
-    name : str
-        What the caller calls it, for the message.
-    value : number
-        What was given.
-    unit : str
-        For the message.
-    may_be_infinite : bool
-        Whether inf is meant, as for a rigid wall.
-    error : type
-        The exception to raise.
-
-    Raises
-    ------
-    ProximityError
-        Of type *error*, if it is no such number.
+    *may_be_infinite*: whether inf is meant, as for a rigid wall.
     """
     number = as_number(value)
     if not (number > 0.0 and (may_be_infinite or number < math.inf)):
@@ -65,20 +49,7 @@ def not_negative(
     may_be_infinite: bool = False,
     error: type[ProximityError] = QueryError,
 ) -> float:
-    """Return *value* as a float of zero or more.
-
-    Parameters
-    ----------
-    name, value, unit, may_be_infinite, error
-        As of `positive`.
-    most : float
-        The limit.
-
-    Raises
-    ------
-    ProximityError
-        Of type *error*, if it is no such number.
-    """
+    """Return *value* as a float of zero or more."""
     number = as_number(value)
     if not (number >= 0.0 and (may_be_infinite or number < math.inf)):
         raise error(f"{name} is {shown(value)}, expected a number of {unit} of 0 or more")
@@ -88,18 +59,7 @@ def not_negative(
 
 
 def finite(name: str, value: Any, unit: str, *, error: type[ProximityError] = QueryError) -> float:
-    """Return *value* as a float of either sign.
-
-    Parameters
-    ----------
-    name, value, unit, error
-        As of `positive`.
-
-    Raises
-    ------
-    ProximityError
-        Of type *error*, if it is no such number.
-    """
+    """Return *value* as a float of either sign."""
     number = as_number(value)
     if not math.isfinite(number):
         raise error(f"{name} is {shown(value)}, expected a number of {unit}")
@@ -109,12 +69,7 @@ def finite(name: str, value: Any, unit: str, *, error: type[ProximityError] = Qu
 def is_whole(value: Any, least: float = -math.inf) -> bool:
     """Return whether *value* is a whole number, Python's or NumPy's, from *least* on.
 
-    Parameters
-    ----------
-    value : object
-        Anything; booleans are none.
-    least : int
-        The smallest that is allowed; any, where not given.
+    *least*: the smallest that is allowed; any, where not given.
     """
     try:
         return not isinstance(value, bool) and operator.index(value) >= least
@@ -123,20 +78,7 @@ def is_whole(value: Any, least: float = -math.inf) -> bool:
 
 
 def whole(name: str, value: Any, least: int = 1, *, error: type[ProximityError] = QueryError) -> int:
-    """Return *value* as an int from *least* on.
-
-    Parameters
-    ----------
-    name, error
-        As of `positive`.
-    value, least
-        As of `is_whole`.
-
-    Raises
-    ------
-    ProximityError
-        Of type *error*, if it is no whole number, or a smaller one.
-    """
+    """Return *value* as an int from *least* on."""
     if not is_whole(value, least):
         raise error(f"{name} is {shown(value)}, expected a whole number of {least} or more")
     return operator.index(value)

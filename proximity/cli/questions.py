@@ -139,7 +139,6 @@ def _closest(
     return {
         "query": rows,
         "signed_distance": distances_in_units(hits.signed_distance, metres, points, hits.point),
-        "distance": distances_in_units(hits.distance, metres, points, hits.point),
         "is_signed": hits.is_signed,
         "point": in_units(hits.point, metres),
         "gradient": hits.gradient,

@@ -63,12 +63,7 @@ def build_topology(mesh: TriangleMesh) -> Topology:
 def topology_of(corner_ids: np.ndarray, edges: "EdgeRuns") -> Topology:
     """Return how faces meet, whose corners are numbered by position.
 
-    Parameters
-    ----------
-    corner_ids : (F, 3) int32
-        As `position_ids` returns them; made read-only.
-    edges : EdgeRuns
-        Of these faces.
+    *corner_ids*: (F, 3).
     """
     is_pair = (edges.counts == 2) & ~edges.is_loop
     is_opposed = is_pair & (edges.forward_counts == 1)
@@ -89,15 +84,7 @@ def topology_of(corner_ids: np.ndarray, edges: "EdgeRuns") -> Topology:
 
 
 def corners_of(mesh: TriangleMesh, topology: Topology) -> np.ndarray:
-    """Return the positions that faces of a mesh have, one row each, (K, 3) float64.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        The mesh.
-    topology : Topology
-        Of it.
-    """
+    """Return the positions that faces of a mesh have, one row each, (K, 3) float64."""
     count = int(topology.corner_ids.max()) + 1
     if count == mesh.vertex_count:  # each vertex is in use, and has a position of its own
         return mesh.vertices
@@ -109,29 +96,14 @@ def corners_of(mesh: TriangleMesh, topology: Topology) -> np.ndarray:
 def position_ids(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return *faces* with one number a position instead of one a vertex.
 
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-        Rows that no face uses may hold anything.
-    faces : (F, 3) integers
-        Rows of *vertices*.
-
-    Returns
-    -------
-    (F, 3) int32
-        Numbers from 0 without a gap, rising with the first vertex at each position.
+    *vertices*: (V, 3); *faces*: (F, 3). Returned: numbers from 0 without a gap, rising with the first vertex
+    at each position.
     """
     return merged_positions(vertices, faces)[0]
 
 
 def merged_positions(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return *faces* by positions, as `position_ids` does, and the first vertex at each, (K, 3) float64.
-
-    Parameters
-    ----------
-    vertices, faces
-        As `position_ids`.
-    """
+    """Return *faces* by positions, as `position_ids` does, and the first vertex at each, (K, 3) float64."""
     is_used = np.zeros(len(vertices), dtype=bool)
     is_used[faces.ravel()] = True
     is_all_used = bool(is_used.all())
@@ -149,14 +121,7 @@ def merged_positions(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarra
 def first_equal_rows(points: np.ndarray) -> np.ndarray:
     """Return for each row of *points* the first row that equals it; -0.0 equals 0.0.
 
-    Parameters
-    ----------
-    points : (N, 3) float64, finite
-
-    Returns
-    -------
-    (N,) int64
-        Its own row where no earlier one is equal.
+    *points*: (N, 3) finite.
     """
     columns = [(points[:, axis] + 0.0).view(np.uint64) for axis in range(3)]  # the sum turns -0.0 into 0.0
     keys = np.zeros(len(points), dtype=np.uint64)

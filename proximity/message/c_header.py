@@ -136,12 +136,7 @@ def _magics() -> Iterator[str]:
 def enum_text(name: str, values: type[Enum]) -> str:
     """An enumeration in C. Members whose values are words are numbered in their order.
 
-    Parameters
-    ----------
-    name : str
-        Of the enumeration in C, behind its prefix.
-    values : type of Enum
-        With a text below each member that needs one.
+    *values*: with a text below each member that needs one.
     """
     meanings = meanings_of(values)
     lines = [*comment_lines(inspect.getdoc(values) or "", ""), f"enum decaff_{name} {{"]
@@ -227,15 +222,7 @@ def _crc_table() -> str:
 
 
 def comment_lines(text: str, indent: str) -> list[str]:
-    """Lines of a C comment, in ASCII.
-
-    Parameters
-    ----------
-    text : str
-        What it says.
-    indent : str
-        Before each line.
-    """
+    """Lines of a C comment, in ASCII."""
     text = text.replace("``", "`").replace("…", "...").replace("²", "2")
     lines = textwrap.wrap(text, WIDTH - len(indent) - 6)
     if len(lines) == 1:

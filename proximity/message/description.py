@@ -38,12 +38,6 @@ DESCRIPTION = Kind("description", 0x44434544, DESCRIPTION_HEADER, LABEL, sent="s
 
 
 def encoded_name(name: str) -> bytes:
-    """Return a name as messages hold it: cut between two characters where it is too long.
-
-    Parameters
-    ----------
-    name : str
-        Of a part or a finger.
-    """
+    """Return a name as messages hold it: cut between two characters where it is too long."""
     data = name.encode("utf-8", "replace")
     return data if len(data) <= NAME_BYTES else data[:NAME_BYTES].decode("utf-8", "ignore").encode()

@@ -156,27 +156,14 @@ class Message:
 def parts_of(data: np.ndarray, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
     """Header, as an array of shape (), and records of a message, as views of its bytes.
 
-    Parameters
-    ----------
-    data : (size,) uint8
-        A message without a flaw, or room for one.
-    kind : Kind
-        Which it is.
+    *data*: a message without a flaw, or room for one.
     """
     size = kind.header.itemsize
     return data[:size].view(kind.header).reshape(()), data[size:].view(kind.record)
 
 
 def flaw_of(data: np.ndarray, kind: Kind) -> Flaw | None:
-    """Say what is wrong with bytes that claim to be a message of that kind; None: nothing.
-
-    Parameters
-    ----------
-    data : (size,) uint8
-        What arrived; nothing of it is trusted.
-    kind : Kind
-        What is expected.
-    """
+    """Say what is wrong with bytes that claim to be a message of that kind; None: nothing."""
     size = len(data)
     if size < kind.header_size:
         return Flaw.SHORT

@@ -29,12 +29,7 @@ def layout_module(
 ) -> str:
     """Return the text of an ES module with the layout of all messages.
 
-    Parameters
-    ----------
-    records : mapping of sequences of Field
-        More records, by their names.
-    constants : mapping
-        More constants, by their names, as JSON has them.
+    *constants*: more constants, by their names, as JSON has them.
     """
     all_records = {name: fields for name, (_, fields) in RECORDS.items()} | dict(records or {})
     values = {

@@ -43,10 +43,7 @@ class DescriptionMessages:
     def take(self, data: np.ndarray) -> Flaw | None:
         """Take one message in, and say what is wrong inside of it; None: nothing.
 
-        Parameters
-        ----------
-        data : (size,) uint8
-            A message of kind `DESCRIPTION` that is whole and new.
+        *data*: a message of kind `DESCRIPTION` that is whole and new.
         """
         header, records = parts_of(data, DESCRIPTION)
         of = tuple(int(header[name]) for name in ("session", "epoch", "part_count", "finger_count"))

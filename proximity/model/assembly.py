@@ -71,13 +71,7 @@ class Model:
         return self.reals.nbytes + self.words.nbytes + self.frames.nbytes + self.parts.nbytes
 
     def part_alone(self, row: int) -> "Model":
-        """Return a model of one part at the identity pose, in this model's memory.
-
-        Parameters
-        ----------
-        row : int
-            Of the part.
-        """
+        """Return a model of one part at the identity pose, in this model's memory."""
         frames, parts = self.frames[[row, row]], self.parts[[row, row]]
         frames[:, layout.FRAME_VELOCITY :] = 0.0
         parts[:, [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]] = 0
@@ -86,13 +80,7 @@ class Model:
         return finished(self.reals, self.words, frames, parts)
 
     def folded_faces(self, row: int) -> np.ndarray:
-        """Return the faces of a part over which the winding number tells the side, (K,) int32.
-
-        Parameters
-        ----------
-        row : int
-            Of the part.
-        """
+        """Return the faces of a part over which the winding number tells the side, (K,) int32."""
         part = self.parts[row]
         first, count = part[layout.PART_FIRST_BLOCK], part[layout.PART_BLOCK_COUNT]
         notes = self.words[part[layout.PART_BLOCK_NOTES] + first :][:count].view(np.int32)
@@ -102,26 +90,14 @@ class Model:
         return folded
 
     def part_arrays(self, row: int) -> PartArrays:
-        """Return copies of a part's arrays, numbered from zero.
-
-        Parameters
-        ----------
-        row : int
-            Of the part.
-        """
+        """Return copies of a part's arrays, numbered from zero."""
         views = self.part_views(row)
         bvh = Bvh(views.bvh.nodes.copy(), views.bvh.blocks.copy(), views.bvh.slot_faces.copy())
         copies = {name: getattr(views, name).copy() for name in _ARRAYS}
         return replace(views, bvh=bvh, **copies)
 
     def part_views(self, row: int) -> PartArrays:
-        """Return a part's arrays, numbered from zero, in this model's memory as far as may be.
-
-        Parameters
-        ----------
-        row : int
-            Of the part.
-        """
+        """Return a part's arrays, numbered from zero, in this model's memory as far as may be."""
         part, frame = self.parts[row], self.frames[row]
         node_count, block_count = int(part[layout.PART_NODE_COUNT]), int(part[layout.PART_BLOCK_COUNT])
         root, first_block = int(part[layout.PART_ROOT]), int(part[layout.PART_FIRST_BLOCK])
@@ -188,19 +164,9 @@ def assemble(
 ) -> Model:
     """Return the model of parts at poses.
 
-    Parameters
-    ----------
-    pieces : list of PartArrays
-        At least one. What is in memory for a model is not copied, if it is the only one: the model has that
-        memory.
-    poses : list of Pose
-        ``world_from_part``, one a part.
-    dynamic, hidden : collection of int
-        Rows of parts that are going to move, and of those that no question finds.
-    epoch : int
-        Of the scene.
-    names : tuple of str
-        Of its parts.
+    *pieces*: at least one. What is in memory for a model is not copied, if it is the only one: the model has
+    that memory. *dynamic*, *hidden*: rows of parts that are going to move, and of those that no question
+    finds.
     """
     count = len(pieces)
     parts = np.zeros((count + 1, PART_COLUMNS), np.int64)
@@ -311,17 +277,7 @@ def finished(
     epoch: int = 0,
     names: tuple[str, ...] = (),
 ) -> Model:
-    """Return a model of arrays that are complete.
-
-    Parameters
-    ----------
-    reals, words, frames, parts
-        See `kernels.layout`.
-    epoch : int
-        Of the scene.
-    names : tuple of str
-        Of its parts.
-    """
+    """Return a model of arrays that are complete."""
     packed = native.packed(ModelArrays(reals, words, frames, parts))
     return Model(reals, words, frames, parts, packed, epoch, names)
 

@@ -54,15 +54,7 @@ class LocalFrame:
 def local_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
     """Return the local frame of a box.
 
-    Parameters
-    ----------
-    lower, upper : (3,) float64, m
-        Corners of the box.
-
-    Raises
-    ------
-    MeshError
-        If the box is so large, or so small, that squared lengths leave float64.
+    *lower*, *upper*: (3,) m.
     """
     largest = float(np.maximum(np.abs(lower), np.abs(upper)).max())
     extent = float((upper - lower).max())
@@ -107,12 +99,7 @@ class Bvh:
         Every face lies in exactly one slot, every box contains what is below it, every node and leaf is
         reached once, and the depth is within the walks' stack.
 
-        Parameters
-        ----------
-        corners : (K, 3) float64
-            Local coordinates.
-        faces : (F, 3) int32
-            Rows of *corners*.
+        *corners*: (K, 3); *faces*: (F, 3).
         """
         used = self.slot_faces[self.slot_faces != NO_FACE]
         assert np.array_equal(np.sort(used), np.arange(len(faces))), "every face lies in exactly one slot"
@@ -152,12 +139,7 @@ class Bvh:
 def build_bvh(corners: np.ndarray, faces: np.ndarray) -> Bvh:
     """Return the tree over triangles.
 
-    Parameters
-    ----------
-    corners : (K, 3) float64
-        Local coordinates, within [-1, 1].
-    faces : (F, 3) int32
-        Rows of *corners*; at least one.
+    *corners*: (K, 3); *faces*: (F, 3).
 
     Notes
     -----
@@ -174,21 +156,7 @@ def build_bvh(corners: np.ndarray, faces: np.ndarray) -> Bvh:
 
 
 def build_nodes(corners: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the nodes of the tree over triangles, and what `fill_blocks` needs to fill its blocks.
-
-    Parameters
-    ----------
-    corners, faces
-        As `build_bvh`.
-
-    Returns
-    -------
-    nodes : (M * NODE_STRIDE,) float32
-    order : (F,) int32
-        Faces.
-    block_first : (B + 1,) int32
-        First position in that order of each block's.
-    """
+    """Return the nodes of the tree over triangles, and what `fill_blocks` needs to fill its blocks."""
     boxes = np.empty(BOX_STRIDE * len(faces), np.float32)
     face_boxes(corners, faces, boxes)
     nodes, order, block_first = build_tree(boxes, FACES_SHIFT)

@@ -71,16 +71,8 @@ def part_arrays(
 ) -> PartArrays:
     """Return the arrays of one part, with no sign chosen yet.
 
-    Parameters
-    ----------
-    corners : (K, 3) float64, m
-        One row a position.
-    faces : (F, 3) int32
-        Rows of *corners*.
-    neighbors : (F, 3) int32
-        As `topology.Topology.neighbors`.
-    frame : LocalFrame
-        To share with other parts; one of its own where not given, or where that would be coarse.
+    *corners*: (K, 3) m; *faces*: (F, 3); *neighbors*: (F, 3). *frame*: to share with other parts; one of its
+    own where not given, or where that would be coarse.
     """
     lower, upper = corners.min(axis=0), corners.max(axis=0)
     if frame is None or float((upper - lower).max()) * frame.scale < SMALLEST_SHARE:
@@ -117,13 +109,7 @@ def part_arrays(
 
 
 def moments_of(bvh: Bvh) -> np.ndarray:
-    """Return what the winding number needs of a tree, (M * MOMENT_STRIDE,) float32.
-
-    Parameters
-    ----------
-    bvh : Bvh
-        Of M nodes.
-    """
+    """Return what the winding number needs of a tree, (M * MOMENT_STRIDE,) float32."""
     moments = np.empty(bvh.node_count * MOMENT_STRIDE, np.float32)
     fill_moments(bvh.nodes, bvh.blocks, bvh.node_count, moments)
     return moments
@@ -132,27 +118,14 @@ def moments_of(bvh: Bvh) -> np.ndarray:
 def common_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
     """Return a frame for parts that go together, with space for them to move.
 
-    Parameters
-    ----------
-    lower, upper : (3,) float64, m
-        Corners of the box around all of them.
+    *lower*, *upper*: (3,) m.
     """
     frame = local_frame(lower, upper)
     return LocalFrame(frame.centre, frame.scale * MOVING_MARGIN)
 
 
 def with_sign(piece: PartArrays, sign: int, *, has_grid: bool) -> PartArrays:
-    """Return a part's arrays with its kind of sign and what that needs: folded faces, a sign grid.
-
-    Parameters
-    ----------
-    piece : PartArrays
-        Without.
-    sign : int
-        One of ``layout.SIGN_*``.
-    has_grid : bool
-        Whether the winding number is an integer everywhere.
-    """
+    """Return a part's arrays with its kind of sign and what that needs: folded faces, a sign grid."""
     piece = replace(piece, sign=sign)
     if not has_grid and sign != layout.SIGN_PSEUDONORMAL:
         return piece
@@ -200,11 +173,6 @@ def with_passing_faces(piece: PartArrays) -> PartArrays:
     """Return a part's arrays where self-intersecting faces count as folded.
 
     See `kernels.ray.self_intersections`.
-
-    Parameters
-    ----------
-    piece : PartArrays
-        With the sign of pseudo-normals.
     """
     passing = passing_faces(piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces, *_tree(piece))
     return replace(piece, folded=piece.folded | passing)
@@ -213,12 +181,7 @@ def with_passing_faces(piece: PartArrays) -> PartArrays:
 def with_folded_faces(piece: PartArrays, faces: np.ndarray) -> PartArrays:
     """Return a part's arrays where these faces, and no others, count as folded.
 
-    Parameters
-    ----------
-    piece : PartArrays
-        With its sign.
-    faces : (K,) int32
-        Rows of its faces, as found in another tree over them.
+    *faces*: rows of its faces, as found in another tree over them.
     """
     if not len(piece.folded):
         return piece
@@ -236,12 +199,7 @@ def _tree(piece: PartArrays) -> tuple[np.ndarray, np.ndarray, int, int]:
 def grid_size(extent: np.ndarray, wanted: int) -> tuple[float, tuple[int, int, int]]:
     """Return cells a unit of length, and how many along each axis, of a grid over a box.
 
-    Parameters
-    ----------
-    extent : (3,) float64
-        Of the box.
-    wanted : int
-        About how many cells in all.
+    *extent*: (3,).
     """
     shape = np.maximum(extent, extent.max() / 64.0)
     if not shape.prod() > 0.0:

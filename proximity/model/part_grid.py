@@ -31,12 +31,7 @@ NOTHING = Occupancy(np.zeros(0, np.int32), (0, 0, 0), np.zeros(3), 0.0)
 def occupancy(pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray) -> Occupancy:
     """Return which parts may hold a point, of those that are not dynamic.
 
-    Parameters
-    ----------
-    pieces : list of PartArrays
-        Of the model.
-    frames, parts
-        Of the model, complete but for what comes of this.
+    *frames*, *parts*: of the model, complete but for what comes of this.
     """
     if len(pieces) == 1:
         return NOTHING

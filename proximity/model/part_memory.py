@@ -29,15 +29,7 @@ class PartMemory:
     def of_size(
         cls, node_count: int, block_count: int, corner_count: int, face_count: int, grid_words: int
     ) -> "PartMemory":
-        """Return memory in which nothing is written yet but zeros between the arrays, and for a grid.
-
-        Parameters
-        ----------
-        node_count, block_count, corner_count, face_count : int
-            Of the part.
-        grid_words : int
-            Of its sign grid, if it gets one.
-        """
+        """Return memory in which nothing is written yet but zeros between the arrays, and for a grid."""
         reals, real_starts = _spaced(
             [BLOCK_STRIDE * block_count, 3 * corner_count, 3 * corner_count], np.float64
         )
@@ -50,29 +42,11 @@ class PartMemory:
         return cls(reals, words, real_starts, word_starts)
 
     def real(self, number: int, count: int) -> np.ndarray:
-        """Return so many numbers of one of the arrays in *reals*, to read and to write.
-
-        Parameters
-        ----------
-        number : int
-            Which of them, as `real_starts` lists them.
-        count : int
-            Numbers.
-        """
+        """Return so many numbers of one of the arrays in *reals*, to read and to write."""
         return self.reals[self.real_starts[number] :][:count]
 
     def word(self, number: int, count: int, dtype: type = np.float32) -> np.ndarray:
-        """Return so many of one of the arrays in *words*, likewise.
-
-        Parameters
-        ----------
-        number : int
-            Which of them, as `word_starts` lists them.
-        count : int
-            Words.
-        dtype : type
-            What their bits are.
-        """
+        """Return so many of one of the arrays in *words*, likewise."""
         return self.words[self.word_starts[number] :][:count].view(dtype)
 
 
@@ -85,12 +59,7 @@ REAL_CORNERS, REAL_NORMALS = 1, 2
 def joined(groups: Sequence[Sequence[np.ndarray]], dtype: type) -> tuple[np.ndarray, list[int]]:
     """Return groups of arrays in one array, each on a cache line, and where each begins; bits are kept.
 
-    Parameters
-    ----------
-    groups : lists of arrays
-        Of types as wide as *dtype*; those of a group are put end to end.
-    dtype : type
-        Of the result.
+    *groups*: of types as wide as *dtype*; those of a group are put end to end.
     """
     whole, starts = _spaced([sum(piece.size for piece in group) for group in groups], dtype)
     for start, group in zip(starts, groups, strict=True):

@@ -45,10 +45,7 @@ class PartTreesPlan:
     def of(cls, parts: np.ndarray) -> "PartTreesPlan":
         """Return the plan that a model was made by; the scene's row has it.
 
-        Parameters
-        ----------
-        parts : (P + 1, PART_COLUMNS) int64
-            Of the model.
+        *parts*: (P + 1, PART_COLUMNS).
         """
         row = parts[-1]
         return cls(len(parts) - 1, int(row[layout.SCENE_FIRST_NODE]), int(row[layout.SCENE_STATIC_CAPACITY]))
@@ -56,10 +53,7 @@ class PartTreesPlan:
     def copies_of(self, parts: np.ndarray) -> tuple[int, int]:
         """Return which copy of what moves a model uses, and which of the static tree.
 
-        Parameters
-        ----------
-        parts : (P + 1, PART_COLUMNS) int64
-            Of the model, complete.
+        *parts*: (P + 1, PART_COLUMNS).
         """
         if not self.capacity:
             return 0, 0
@@ -112,10 +106,7 @@ class PartTreesPlan:
 def dynamic_rows(parts: np.ndarray) -> np.ndarray:
     """Return the rows of the parts that are dynamic, (L,) int64.
 
-    Parameters
-    ----------
-    parts : (P + 1, PART_COLUMNS) int64
-        Of the model.
+    *parts*: (P + 1, PART_COLUMNS).
     """
     return np.flatnonzero(parts[:-1, layout.PART_IS_DYNAMIC])
 
@@ -123,12 +114,8 @@ def dynamic_rows(parts: np.ndarray) -> np.ndarray:
 def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> None:
     """Give the scene's row a frame that all parts fit, and say which parts are in that frame themselves.
 
-    Parameters
-    ----------
-    frames, parts
-        Of the model.
-    wanted : LocalFrame
-        Taken if it fits: parts that share it can be walked as one tree. Otherwise one with space to move.
+    *wanted*: taken if it fits: parts that share it can be walked as one tree. Otherwise one with space to
+    move.
     """
     scene = len(parts) - 1
     frame = wanted
@@ -145,13 +132,7 @@ def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> N
 
 
 def note_fused(frames: np.ndarray, parts: np.ndarray) -> None:
-    """Say which parts are in the scene's frame themselves, and whether all are.
-
-    Parameters
-    ----------
-    frames, parts
-        Of the model, with the scene's frame chosen.
-    """
+    """Say which parts are in the scene's frame themselves, and whether all are."""
     scene = len(parts) - 1
     is_alike = frames[:scene, : layout.FRAME_SCALE + 1] == frames[scene, : layout.FRAME_SCALE + 1]
     is_still = parts[:scene, layout.PART_IS_DYNAMIC] == 0
@@ -164,21 +145,7 @@ def static_tree(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the tree over parts that are neither dynamic nor hidden.
 
-    Parameters
-    ----------
-    words : (W,) float32
-        The parts' nodes at least.
-    frames, parts
-        Of the model, with the scene's frame chosen.
-    first_node : int
-        Where its root is going to be.
-
-    Returns
-    -------
-    nodes : (N * NODE_STRIDE,) float32
-        Empty where nothing stands still.
-    entries : (E, 2) int32
-        Part and reference.
+    *words*: (W,) float32.
     """
     scene = len(parts) - 1
     nothing = np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
@@ -200,14 +167,7 @@ def write_static(
 ) -> bool:
     """Write a copy of a static tree; whether it fits. The only part of a scene needs none.
 
-    Parameters
-    ----------
-    words, parts
-        Of the model; the scene's row of *parts* is reported.
-    copy : int
-        Which of the copies.
-    nodes, entries
-        As `static_tree` returns them for that copy.
+    *words*, *parts*: of the model; the scene's row of *parts* is reported.
     """
     plan = PartTreesPlan.of(parts)
     if not plan.capacity:
@@ -228,12 +188,7 @@ def write_static(
 def thin_static(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
     """Write another copy of the static tree, without the parts that have become dynamic or hidden.
 
-    Parameters
-    ----------
-    words, parts
-        Of the model; the scene's row of *parts* is reported.
-    copy : int
-        Which of the copies.
+    *words*, *parts*: of the model; the scene's row of *parts* is reported.
     """
     row, target = parts[-1], PartTreesPlan.of(parts).static_node(copy)
     entries_at, root = row[layout.SCENE_ENTRIES], row[layout.SCENE_STATIC_ROOT]
@@ -259,16 +214,7 @@ def write_moving(
 ) -> float:
     """Write what follows from where parts are: boxes, the scene's row, the dynamic tree; how far they reach.
 
-    Parameters
-    ----------
-    words, frames, parts
-        Of the model, with its static tree.
-    region : int
-        Where the super node is going to be.
-    order : (L,) int64
-        Positions of the dynamic parts in `dynamic_rows`, along the curve.
-    steps : int
-        By which the order is mended at most.
+    *order*: positions of the dynamic parts in `dynamic_rows`, along the curve.
     """
     rows = dynamic_rows(parts)
     versions, boxes = np.zeros(len(parts), np.int64), np.zeros((len(parts) - 1, 6), np.float32)
@@ -280,12 +226,8 @@ def write_moving(
 
 
 def dynamic_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
-    """Return the dynamic parts' positions along the curve, (L,) int64; None where not each of them has one.
-
-    Parameters
-    ----------
-    words, parts
-        Of a model, complete.
+    """Return the dynamic parts' positions along the curve, (L,) int64; None where not each of them has
+    one.
     """
     dynamic, region = dynamic_rows(parts), int(parts[-1, layout.SCENE_SUPER_NODE])
     positions = np.arange(len(dynamic))
@@ -302,25 +244,11 @@ def dynamic_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
 
 
 def rewrite_entries(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
-    """Write the entries of dynamic parts anew, behind those of the static tree, which stay.
-
-    Parameters
-    ----------
-    words, parts
-        Of the model.
-    copy : int
-        Of the static tree.
-    """
+    """Write the entries of dynamic parts anew, behind those of the static tree, which stay."""
     at = PartTreesPlan.of(parts).entries_at(copy)
     _write_entries(words, parts, copy, words[at : at + 2 * parts[-1, layout.SCENE_ENTRY_COUNT]])
 
 
 def clear_first(words: np.ndarray, parts: np.ndarray) -> None:
-    """Make the first of the nodes for trees over parts the empty one.
-
-    Parameters
-    ----------
-    words, parts
-        Of the model.
-    """
+    """Make the first of the nodes for trees over parts the empty one."""
     clear_node(words, PartTreesPlan.of(parts).first_node)

@@ -46,12 +46,7 @@ is not to be paid at every tick of a part that goes to and fro."""
 def write_motion(frame: np.ndarray, velocity: np.ndarray, angular_velocity: np.ndarray) -> None:
     """Write into a part's row of frames how it moves.
 
-    Parameters
-    ----------
-    frame : (FRAME_COLUMNS,) float64
-        The row.
-    velocity, angular_velocity : (3,) float64
-        m/s and rad/s.
+    *frame*: (FRAME_COLUMNS,); *velocity*, *angular_velocity*: (3,).
     """
     frame[_VELOCITY], frame[_ANGULAR_VELOCITY] = velocity, angular_velocity
 
@@ -59,14 +54,7 @@ def write_motion(frame: np.ndarray, velocity: np.ndarray, angular_velocity: np.n
 def write_surface(frame: np.ndarray, stiffness: float | None, damping: float) -> None:
     """Write into a part's row of frames how it answers a touch.
 
-    Parameters
-    ----------
-    frame : (FRAME_COLUMNS,) float64
-        The row.
-    stiffness : N/m, or None
-        None, kept as 0: rigid.
-    damping : N s/m
-        0 of a rigid part.
+    *frame*: (FRAME_COLUMNS,).
     """
     frame[layout.FRAME_SURFACE] = SURFACE_RIGID if stiffness is None else SURFACE_DEFORMABLE
     frame[layout.FRAME_STIFFNESS], frame[layout.FRAME_DAMPING] = stiffness or 0.0, damping
@@ -102,11 +90,6 @@ class SceneState:
     """The present poses of a scene's parts, and the models made of them.
 
     Not for several threads at once: the scene has a lock. A model, once made, may be asked by any of them.
-
-    Parameters
-    ----------
-    model : Model
-        As `assemble` made it.
     """
 
     current: Model | None  # None while something has changed that no model shows yet
@@ -143,14 +126,7 @@ class SceneState:
     ) -> None:
         """Put parts elsewhere; a part whose pose stays gets its velocities only.
 
-        Parameters
-        ----------
-        rows : (K,) int64
-            Of the parts.
-        matrices : (K, 4, 4) float64
-            ``world_from_part``, as `first_unfit_move` lets pass.
-        velocities, angular_velocities : (K, 3) float64
-            Or (0, 3): all zero.
+        *matrices*: (K, 4, 4); *velocities*, *angular_velocities*: (K, 3).
         """
         self._begin()
         freed = move_parts(
@@ -162,29 +138,13 @@ class SceneState:
         self._is_whole = True
 
     def set_surface(self, row: int, stiffness: float | None, damping: float) -> None:
-        """Say how a part answers a touch.
-
-        Parameters
-        ----------
-        row : int
-            Of the part.
-        stiffness, damping
-            As `write_surface`.
-        """
+        """Say how a part answers a touch."""
         self._begin(row)
         write_surface(self.frames[row], stiffness, damping)
         self._is_whole = True
 
     def set_hidden(self, row: int, is_hidden: bool) -> bool:
-        """Hide or show a part; whether that is a change.
-
-        Parameters
-        ----------
-        row : int
-            Of the part.
-        is_hidden : bool
-            Whether no question finds it.
-        """
+        """Hide or show a part; whether that is a change."""
         if self.parts[row, layout.PART_IS_HIDDEN] == is_hidden:
             return False
         self._begin(row)
@@ -201,13 +161,7 @@ class SceneState:
         return finished(latest.reals, latest.words, self.frames, self.parts, self.epoch, latest.names)
 
     def reshape(self, row: int) -> None:
-        """Take notice that the shape of a part has changed; from now on it stands by itself.
-
-        Parameters
-        ----------
-        row : int
-            Of the part.
-        """
+        """Take notice that the shape of a part has changed; from now on it stands by itself."""
         self._begin(row)
         self.epoch += 1
         update_box(self.frames, self.parts, row)
@@ -222,13 +176,7 @@ class SceneState:
         return [int(row) for row in dynamic_rows(self.parts)]
 
     def values(self, row: int) -> dict[str, Any]:
-        """Return what is true of a part now, by names of fields.
-
-        Parameters
-        ----------
-        row : int
-            Of the part.
-        """
+        """Return what is true of a part now, by names of fields."""
         frame = self.frames[row]
         velocity, angular_velocity = frame[_VELOCITY].copy(), frame[_ANGULAR_VELOCITY].copy()
         velocity.flags.writeable = angular_velocity.flags.writeable = False
@@ -369,12 +317,7 @@ class SceneState:
 def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray) -> int:
     """Return the first row of a move that is no rigid transform, or goes too far or too fast; -1 if none.
 
-    Parameters
-    ----------
-    matrices : (K, 4, 4) float64
-        ``world_from_part``.
-    velocities, angular_velocities : (K, 3) float64
-        Or (0, 3).
+    *matrices*: (K, 4, 4); *velocities*, *angular_velocities*: (K, 3).
     """
     return int(
         first_unfit(

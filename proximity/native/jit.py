@@ -40,15 +40,7 @@ is_kept = True
 
 
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
-    """Return the function as numba compiles it when it is called.
-
-    Parameters
-    ----------
-    function : function
-        A kernel.
-    **options
-        As `numba.njit` takes them.
-    """
+    """Return the function as numba compiles it when it is called."""
     dispatcher = numba.njit(nogil=True, error_model="numpy", **options)(function)
     if is_kept:
         before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
@@ -60,24 +52,12 @@ def compiled(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def argument_types(signature: Signature) -> tuple[types.Type, ...]:
-    """Return what numba calls the types of an entry point's arguments.
-
-    Parameters
-    ----------
-    signature : Signature
-        Of the entry point.
-    """
+    """Return what numba calls the types of an entry point's arguments."""
     return tuple(map(numba_type, signature.arguments))
 
 
 def numba_type(value: Array | Scalar | Bundle) -> types.Type:
-    """Return what numba calls a type of a signature.
-
-    Parameters
-    ----------
-    value : Array, Scalar or Bundle
-        The type.
-    """
+    """Return what numba calls a type of a signature."""
     if isinstance(value, Scalar):
         return _TYPES[value.kind]
     if isinstance(value, Array):

@@ -71,12 +71,7 @@ class Signature:
 def bundle(kind: Any, **fields: str) -> Any:
     """Declare a named tuple of arrays; returns its class.
 
-    Parameters
-    ----------
-    kind : type
-        The named tuple.
-    **fields : str
-        Of each of its fields the type of the array, as in a signature.
+    ***fields*: of each of its fields the type of the array, as in a signature.
     """
     if tuple(fields) != kind._fields:
         raise ValueError(f"{kind.__name__} has the fields {kind._fields}, declared are {tuple(fields)}")
@@ -86,13 +81,7 @@ def bundle(kind: Any, **fields: str) -> Any:
 
 
 def signature(text: str) -> Signature:
-    """Return the signature that is written so.
-
-    Parameters
-    ----------
-    text : str
-        See the module.
-    """
+    """Return the signature that is written so."""
     arguments, _, results = text.partition("->")
     return Signature(
         tuple(map(_value, _PARTS.findall(arguments))),

@@ -6,10 +6,7 @@ import numpy as np
 def scalar_columns(records: np.ndarray) -> dict[str, np.ndarray]:
     """Return one column for each number of the records, in their order; vectors end in _x, _y and _z.
 
-    Parameters
-    ----------
-    records : (N,) structured
-        Each field a number or (3,) numbers.
+    *records*: (N,) structured.
     """
     columns: dict[str, np.ndarray] = {}
     for name in records.dtype.names or ():

@@ -29,21 +29,8 @@ def write_contacts(
     alone, ``.csv`` a line a finger and tick: ``time_s``, ``hand`` where *fingers* are given, then the fields
     of a contact, three columns (``_x``, ``_y``, ``_z``) for each vector, every number with all its digits.
 
-    Parameters
-    ----------
-    path : path
-        The file; replaced where there is one already, at once and wholly.
-    contacts : (T, N) CONTACT
-        What was answered.
-    times_ns : (T,) int64
-        The instants of the poses.
-    fingers : sequence of (hand, finger), N of them
-        Whom the columns belong to; then ``finger`` in a CSV is the one named here, not the column.
-
-    Raises
-    ------
-    RecordingError
-        If the ending is another or the file cannot be written.
+    *path*: the file; replaced where there is one already, at once and wholly. *contacts*: (T, N) CONTACT.
+    *fingers*: whom the columns belong to; then ``finger`` in a CSV is the one named here, not the column.
     """
     check_log_name(path)
     target = Path(path)
@@ -53,13 +40,7 @@ def write_contacts(
 
 
 def check_log_name(path: str | os.PathLike[str]) -> None:
-    """Refuse a name that no log can be written to, before there is anything to write.
-
-    Raises
-    ------
-    RecordingError
-        If the ending says no format, or the folder is not there.
-    """
+    """Refuse a name that no log can be written to, before there is anything to write."""
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise RecordingError(f"{target}: expected a name that ends in {', '.join(SUFFIXES)}")

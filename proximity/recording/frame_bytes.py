@@ -29,13 +29,6 @@ def frame_at(data: memoryview, offset: int) -> int:
     """Return the size of the whole frame that begins at *offset*, 0 if none does, or `UNDECIDED`.
 
     The frame may be of another version of the layout: see `is_known`.
-
-    Parameters
-    ----------
-    data : memoryview of bytes
-        A stretch of a log.
-    offset : int
-        Where in it, 0 to its length.
     """
     left = len(data) - offset
     if left < PREFIX.itemsize:
@@ -49,17 +42,7 @@ def frame_at(data: memoryview, offset: int) -> int:
 
 
 def is_known(data: memoryview, offset: int, size: int) -> bool:
-    """Return whether a whole frame is laid out as `FRAME` is now.
-
-    Parameters
-    ----------
-    data : memoryview of bytes
-        A stretch of a log.
-    offset : int
-        Where the frame begins.
-    size : int
-        What `frame_at` said.
-    """
+    """Return whether a whole frame is laid out as `FRAME` is now."""
     _, _, version, header_size, _ = _BEGINNING.unpack_from(data, offset)
     if version != VERSION or header_size != FRAME_HEADER.itemsize or size < header_size:
         return False
@@ -70,10 +53,7 @@ def is_known(data: memoryview, offset: int, size: int) -> bool:
 def last_end(data: memoryview) -> int:
     """Return where the last whole frame in a stretch of a log ends; 0 if there is none.
 
-    Parameters
-    ----------
-    data : memoryview of bytes
-        The stretch; it may begin in the middle of a frame.
+    *data*: the stretch; it may begin in the middle of a frame.
     """
     found, offset = 0, 0
     text = bytes(data)
@@ -88,12 +68,6 @@ def last_end(data: memoryview) -> int:
 
 @cache
 def frame_type(size: int) -> np.dtype:
-    """Return the type of a frame of that many bytes: ``header`` and ``contacts``, (N,) CONTACT.
-
-    Parameters
-    ----------
-    size : int
-        Of a frame that `is_known`.
-    """
+    """Return the type of a frame of that many bytes: ``header`` and ``contacts``, (N,) CONTACT."""
     count = (size - FRAME_HEADER.itemsize) // CONTACT.itemsize
     return np.dtype([("header", FRAME_HEADER), ("contacts", CONTACT, (count,))])

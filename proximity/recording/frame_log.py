@@ -33,16 +33,6 @@ class FrameLog:
 
     A torn frame at the end of the file, which a crash leaves, is cut off first (`cut_size`). What is longer
     than a frame can be is left for readers to skip.
-
-    Parameters
-    ----------
-    path : path
-        The file; made if it is not there.
-
-    Raises
-    ------
-    RecordingError
-        If the file cannot be opened, is being written by another, or is not a frame log.
     """
 
     path: str
@@ -78,16 +68,6 @@ class FrameLog:
         Where that fails, the file is cut back to its last whole frame. The next `RETRY_AFTER` frames are
         refused with the same error, untried; then writing is tried again, and fails again or goes on. All
         frames that were not written are counted in `lost_count`.
-
-        Parameters
-        ----------
-        data : (size,) uint8
-            A sealed frame.
-
-        Raises
-        ------
-        RecordingError
-            If it cannot be written: the disk is full, for example.
         """
         if self._pause:
             self._pause -= 1
@@ -111,13 +91,7 @@ class FrameLog:
         self.frame_count += 1
 
     def close(self) -> None:
-        """Wait until all is on the disk, and close the file; closing twice is once.
-
-        Raises
-        ------
-        RecordingError
-            If the disk did not take all of it.
-        """
+        """Wait until all is on the disk, and close the file; closing twice is once."""
         if self._file < 0:
             return
         try:

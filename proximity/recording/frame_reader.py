@@ -29,19 +29,11 @@ class Damage:
 class FrameReader:
     """The frames in a log, to be iterated over; each iteration reads the file anew.
 
-    Iterating gives runs of frames of the same number of fingers, oldest first: read-only arrays (B,) with
-    the fields ``header`` (FRAME_HEADER) and ``contacts``, (N,) CONTACT. They stay as they are for as long as
-    they are held. The counts below are those of what was read so far.
+    Iterating gives runs of frames of the same number of fingers, oldest first: read-only arrays (B,) with the
+    fields ``header`` (FRAME_HEADER) and ``contacts``, (N,) CONTACT. They stay as they are for as long as they
+    are held. The counts below are those of what was read so far.
 
-    Parameters
-    ----------
-    path : path
-        The log; one that is being written may be read.
-
-    Raises
-    ------
-    RecordingError
-        While iterating, if the file cannot be read, or holds something and no whole frame.
+    *path*: the log; one that is being written may be read.
     """
 
     path: str

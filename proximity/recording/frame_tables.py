@@ -43,10 +43,7 @@ _NO_FRAMES = np.zeros(0, frame_type(FRAME.size(0)))
 def frame_columns(frames: np.ndarray) -> dict[str, np.ndarray]:
     """Return frames as columns, a line a finger and frame.
 
-    Parameters
-    ----------
-    frames : (B,) structured
-        Frames of one size, as `FrameReader` gives them.
+    *frames*: (B,) structured.
     """
     header, contacts = frames["header"], frames["contacts"]
     shown = {title: header[field] for title, field in HEADER_COLUMNS.items()}
@@ -58,12 +55,7 @@ def frame_columns(frames: np.ndarray) -> dict[str, np.ndarray]:
 def write_frames_csv(stream: TextIO, runs: Iterable[np.ndarray]) -> int:
     """Write frames as CSV; return how many lines, without the one that names the columns.
 
-    Parameters
-    ----------
-    stream : text file
-        Where to write.
-    runs : iterable of (B,) structured
-        A `FrameReader`.
+    *runs*: (B,) structured.
     """
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(frame_columns(_NO_FRAMES))
@@ -78,17 +70,7 @@ def write_frames_csv(stream: TextIO, runs: Iterable[np.ndarray]) -> int:
 def write_frames_parquet(stream: BinaryIO, runs: Iterable[np.ndarray]) -> int:
     """Write frames as Parquet; return how many lines.
 
-    Parameters
-    ----------
-    stream : binary file
-        Where to write; it stays open.
-    runs : iterable of (B,) structured
-        A `FrameReader`.
-
-    Raises
-    ------
-    RecordingError
-        If pyarrow is not there.
+    *runs*: (B,) structured.
     """
     arrow, parquet = load_pyarrow()
     schema = arrow.table(frame_columns(_NO_FRAMES)).schema
@@ -107,12 +89,6 @@ def write_frames_parquet(stream: BinaryIO, runs: Iterable[np.ndarray]) -> int:
 
 
 def load_pyarrow() -> tuple[Any, Any]:
-    """Return the modules ``pyarrow`` and ``pyarrow.parquet``.
-
-    Raises
-    ------
-    RecordingError
-        If they are not there; it says what to install.
-    """
+    """Return the modules ``pyarrow`` and ``pyarrow.parquet``."""
     with needed("Parquet needs", "parquet", RecordingError):
         return import_module("pyarrow"), import_module("pyarrow.parquet")

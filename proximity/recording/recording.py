@@ -57,13 +57,7 @@ class Recording:
         return int(self.is_present.sum())
 
     def finger_name(self, row: int) -> str:
-        """Return what people call a finger, with its hand where there are several.
-
-        Parameters
-        ----------
-        row : int
-            Column of the positions.
-        """
+        """Return what people call a finger, with its hand where there are several."""
         hand, finger = self.fingers[row]
         return FINGERS[finger] if self.hand_count == 1 else f"{FINGERS[finger]} of hand {hand}"
 
@@ -77,18 +71,7 @@ class Recording:
         )
 
     def first(self, duration_s: float) -> "Recording":
-        """Return the beginning, no longer than said.
-
-        Parameters
-        ----------
-        duration_s : float, s
-            More than zero.
-
-        Raises
-        ------
-        RecordingError
-            If it is not.
-        """
+        """Return the beginning, no longer than said."""
         if not duration_s > 0.0:
             raise RecordingError(f"{duration_s:g} s of a recording cannot be taken, expected more than zero")
         last = self.times_ns - self.times_ns[0] <= duration_s * NANOSECONDS
@@ -99,18 +82,6 @@ class Recording:
 
         Between two samples of a finger its position is interpolated linearly, unless they are farther apart
         than *gap_limit_s*: there it is missing. Nothing is extrapolated.
-
-        Parameters
-        ----------
-        period_s : float, s
-            The step, rounded to nanoseconds.
-        gap_limit_s : float, s
-            The longest time that is interpolated across.
-
-        Raises
-        ------
-        RecordingError
-            If the period is no time, or makes more instants than fit into memory.
         """
         if not (math.isfinite(period_s) and period_s * NANOSECONDS >= 1.0):
             raise RecordingError(f"a period of {period_s:g} s is too short, expected 1 ns or more")
@@ -135,17 +106,7 @@ class Recording:
     def placed(self, pose: Pose, scale: float = 1.0) -> "Recording":
         """Return the recording in another frame: scaled about its origin, then turned and shifted.
 
-        Parameters
-        ----------
-        pose : Pose
-            ``target_from_recording``.
-        scale : float
-            How many times as large the motion becomes; more than zero.
-
-        Raises
-        ------
-        RecordingError
-            If the scale is not a number above zero.
+        *scale*: how many times as large the motion becomes; more than zero.
         """
         scale = positive("scale", scale, "times the size", error=RecordingError)
         return replace(self, positions=pose.point(self.positions * scale))
@@ -161,19 +122,8 @@ class Recording:
     ) -> Pose:
         """Return the pose that, with *scale*, puts the hand's box in the middle of another.
 
-        Parameters
-        ----------
-        lower, upper : (3,) float64, m
-            Corners of the other box.
-        rotation : (3, 3) float64
-            How the hand is turned; not at all where not given.
-        scale : float
-            As in `placed`, for which the pose is meant.
-
-        Raises
-        ------
-        RecordingError
-            If the scale is not a number above zero.
+        *lower*, *upper*: (3,) m. *rotation*: (3, 3); how the hand is turned; not at all where not given.
+        *scale*: as in `placed`, for which the pose is meant.
         """
         own_lower, own_upper = self.placed(Pose(rotation), scale).middle()
         return Pose(rotation, 0.5 * (np.asarray(lower) + upper) - 0.5 * (own_lower + own_upper))

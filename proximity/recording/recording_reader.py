@@ -37,17 +37,12 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
     The first line names the columns, in any order: ``time_s`` (or ms, us, ns), ``hand`` (0, 1, ...),
     ``finger`` (0 the thumb to 4 the little finger) and ``x_m``, ``y_m``, ``z_m`` (or mm, cm); others are
-    ignored. Fields stand between commas, semicolons or tabs; with the latter two a decimal comma is read
-    too. Blank lines and lines that begin with ``#`` are skipped. Times never run backwards; a finger that
-    has no line at a time, or a position of nan, is missing then.
+    ignored. Fields stand between commas, semicolons or tabs; with the latter two a decimal comma is read too.
+    Blank lines and lines that begin with ``#`` are skipped. Times never run backwards; a finger that has no
+    line at a time, or a position of nan, is missing then.
 
     A last line that does not end may be cut, even in the middle of a number; that is in the notes. It is not
     refused, nor left out: editors leave the end away as well, and whose last sample is there should have it.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read or a line cannot be used; the message names file and line.
     """
     name = os.fspath(path)
     text = _read_text(name)

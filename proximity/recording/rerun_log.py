@@ -32,21 +32,7 @@ def write_rerun(
 ) -> int:
     """Write frames as a recording for Rerun; return how many frames.
 
-    Parameters
-    ----------
-    path : path
-        Of the recording, ``.rrd``.
-    frames : iterable of (B,) structured
-        Runs of frames, as `FrameReader` gives them.
-    parts : iterable of ShownPart
-        What they are of.
-    radius : float, m
-        Of the fingertip spheres.
-
-    Raises
-    ------
-    RecordingError
-        If rerun-sdk is not installed, or the file cannot be written.
+    *frames*: (B,) structured.
     """
     with needed("a recording for Rerun needs", "rerun", RecordingError):
         rerun = import_module("rerun")

@@ -29,26 +29,10 @@ GRID_MARGIN = 1.0 + 2.0**-20
 def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: str) -> Solid:
     """Write new vertices into a part of *model*; return the solid that has them.
 
-    *solid*, the part as it was, keeps its shape: it builds its arrays anew when next asked.
-    The part's box in the scene and the tree over the parts are out of date afterwards.
+    *solid*, the part as it was, keeps its shape: it builds its arrays anew when next asked. The part's box in
+    the scene and the tree over the parts are out of date afterwards.
 
-    Parameters
-    ----------
-    model : Model
-        Of a scene; changed in place.
-    row : int
-        Of the part.
-    solid : Solid
-        The part.
-    vertices : (V, 3) float64, m, part's frame
-        One for each of ``solid.mesh.vertices``.
-    name : str
-        Of the part, for messages.
-
-    Raises
-    ------
-    MeshError
-        If they cannot be used; nothing is changed then.
+    *vertices*: (V, 3) m, part's frame.
     """
     assert model.reals.flags.writeable and model.words.flags.writeable, "what is deformed is not shared"
     count = solid.mesh.vertex_count

@@ -98,19 +98,7 @@ def _counted(
 def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) -> Scene:
     """Return the scene of meshes at their poses, split into bodies.
 
-    Parameters
-    ----------
-    geometries : iterable of Geometry
-        At least one; those that share their arrays share their trees.
-    origin : str
-        Where they came from, for messages.
-    report : LoadReport
-        Of the scene.
-
-    Raises
-    ------
-    MeshError
-        If what they hold cannot be used.
+    *geometries*: at least one; those that share their arrays share their trees.
     """
     parts = _parts_of(geometries, origin)
     try:

@@ -47,17 +47,7 @@ class Part:
 def checked_part(given: Any) -> Part:
     """Return a part to put into a scene, with everything that a user may have set looked at.
 
-    Parameters
-    ----------
-    given : Part or Solid
-        A `Solid` becomes a part at the identity pose.
-
-    Raises
-    ------
-    SceneError
-        If it is neither, or its velocities, surface or repairs are none.
-    PoseError
-        If its pose is no rigid transform, or goes too far.
+    *given*: a `Solid` becomes a part at the identity pose.
     """
     part = _as_part(given)
     checked_matrix(part.name, part.pose)
@@ -93,14 +83,8 @@ def _as_part(part: Any) -> Part:
 def parts_of_mesh(vertices: Any, faces: Any, *, source_faces: Any = None, name: str = "mesh") -> list[Part]:
     """Return the bodies of a mesh as parts.
 
-    Parameters
-    ----------
-    vertices, faces
-        As `Scene.from_mesh`.
-    source_faces : (F,) integers
-        What the rows of *faces* are called outside; their numbers where not given.
-    name : str
-        Of the part; several bodies are numbered from 1.
+    *source_faces*: what the rows of *faces* are called outside; their numbers where not given. *name*: of the
+    part; several bodies are numbered from 1.
     """
     bodies = split_bodies(vertices, faces, source_faces)
     lower = np.min([body.mesh.vertices.min(axis=0) for body in bodies], axis=0)

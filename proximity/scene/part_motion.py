@@ -19,21 +19,8 @@ def checked_moves(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return matrices (K, 4, 4) and both velocities (K, 3), or (0, 3), for parts of those names.
 
-    Parameters
-    ----------
-    names : list of str
-        K names, for messages.
-    poses : (K, 4, 4) array-like, or a list of Pose
-        ``world_from_part``.
-    velocities, angular_velocities : (K, 3) array-like, or None
-        m/s and rad/s.
-
-    Raises
-    ------
-    PoseError
-        If some pose is no rigid transform, or goes too far.
-    SceneError
-        If velocities are not finite or too fast, or not as many.
+    *poses*: (K, 4, 4) array-like, or a list of Pose; *velocities*, *angular_velocities*: (K, 3) array-like,
+    or None.
     """
     matrices = _as_matrices(names, poses)
     linear = _as_velocities(names, velocities, "velocities")
@@ -54,21 +41,7 @@ def checked_move(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return what `checked_moves` returns, for one part.
 
-    Parameters
-    ----------
-    name : str
-        Of the part, for messages.
-    pose : Pose or (4, 4) array-like
-        ``world_from_part``.
-    velocity, angular_velocity : (3,) array-like
-        m/s and rad/s.
-
-    Raises
-    ------
-    PoseError
-        If the pose is no rigid transform, or goes too far.
-    SceneError
-        If a velocity is not finite, or beyond 1e9 m/s or rad/s.
+    *pose*: (4, 4) array-like; *velocity*, *angular_velocity*: (3,) array-like.
     """
     linear = checked_velocity(name, velocity, "velocity", "m/s").reshape(1, 3)
     angular = checked_velocity(name, angular_velocity, "angular_velocity", "rad/s").reshape(1, 3)
@@ -84,17 +57,7 @@ def checked_move(
 def checked_matrix(name: str, pose: Any) -> np.ndarray:
     """Return a pose as a (4, 4) matrix.
 
-    Parameters
-    ----------
-    name : str
-        Of the part, for messages.
-    pose : Pose or (4, 4) array-like
-        ``world_from_part``.
-
-    Raises
-    ------
-    PoseError
-        If it is no rigid transform, or goes too far.
+    *pose*: (4, 4) array-like.
     """
     try:
         pose = Pose.of(pose)
@@ -111,19 +74,7 @@ def checked_matrix(name: str, pose: Any) -> np.ndarray:
 def checked_velocity(name: str, velocity: Any, what: str, unit: str) -> np.ndarray:
     """Return a velocity as (3,) float64, a copy.
 
-    Parameters
-    ----------
-    name : str
-        Of the part, for messages.
-    velocity : (3,) array-like
-        Of `FASTEST_MOVE` at most along each axis.
-    what, unit : str
-        Which velocity, and its unit, for messages.
-
-    Raises
-    ------
-    SceneError
-        If it is not three such numbers.
+    *velocity*: (3,) array-like.
     """
     expected = f"3 finite numbers, {unit}"
     array = as_float64(velocity, f"entries of {what} of part {name!r}", error=SceneError, expected=expected)
@@ -140,19 +91,7 @@ def checked_velocity(name: str, velocity: Any, what: str, unit: str) -> np.ndarr
 def checked_surface(name: str, stiffness: Any, damping: Any) -> tuple[float | None, float]:
     """Return stiffness, N/m, None of a rigid part, and damping, N s/m.
 
-    Parameters
-    ----------
-    name : str
-        Of the part, for messages.
-    stiffness : float or None
-        Above 0.
-    damping : float
-        At least 0, and 0 of a rigid part.
-
-    Raises
-    ------
-    SceneError
-        If they are no such numbers.
+    *damping*: at least 0, and 0 of a rigid part.
     """
     damping = not_negative(f"damping of part {name!r}", damping, "N s/m", error=SceneError)
     if stiffness is not None:

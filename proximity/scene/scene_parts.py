@@ -24,13 +24,6 @@ class SceneParts:
     """Parts, their rows by name, and the state of their arrays.
 
     Not for several threads at once: the scene has a lock.
-
-    Parameters
-    ----------
-    parts : list of Part
-        As the state has them.
-    state : SceneState
-        Of their arrays.
     """
 
     def __init__(self, parts: list[Part], state: SceneState) -> None:
@@ -47,16 +40,8 @@ class SceneParts:
     ) -> "SceneParts":
         """Return parts whose arrays are put together from *pieces*.
 
-        Parameters
-        ----------
-        parts : list of Part
-            With names that differ, and solids that are in no other scene.
-        pieces : list of PartArrays
-            Of the parts.
-        dynamic : collection of int
-            Rows of the parts that have moved by themselves.
-        epoch : int
-            Of the scene.
+        *parts*: with names that differ, and solids that are in no other scene. *dynamic*: rows of the parts
+        that have moved by themselves.
         """
         model = assemble(
             pieces,
@@ -76,10 +61,7 @@ class SceneParts:
     def of_new(cls, parts: list[Part]) -> "SceneParts":
         """Return parts whose solids nobody else has.
 
-        Parameters
-        ----------
-        parts : list of Part
-            As `checked_parts` takes them. The list is emptied: their arrays are not needed twice.
+        *parts*: as `checked_parts` takes them. The list is emptied: their arrays are not needed twice.
         """
         made = with_arrays(checked_parts(parts), are_new=True)
         parts.clear()
@@ -173,12 +155,7 @@ class SceneParts:
     def deform(self, row: int, vertices: Any) -> None:
         """Give a part another shape; whoever interrupts this leaves a note, by which it is mended.
 
-        Parameters
-        ----------
-        row : int
-            Of the part.
-        vertices : (V, 3) float64, m, part's frame
-            As `deform_part` takes them.
+        *vertices*: (V, 3) m, part's frame.
         """
         part, state = self._parts[row], self.state
         state.current, self._interrupted = None, (row, LocalFrame.read(state.frames[row]))
@@ -200,13 +177,7 @@ class SceneParts:
 
 
 def checked_parts(given: Iterable[Any]) -> list[Part]:
-    """Return parts to make a scene of.
-
-    Raises
-    ------
-    SceneError, PoseError
-        As `Scene`.
-    """
+    """Return parts to make a scene of."""
     parts = [checked_part(part) for part in given]
     if not parts:
         raise SceneError("a scene has no parts, expected at least one")
@@ -226,12 +197,7 @@ def checked_parts(given: Iterable[Any]) -> list[Part]:
 def with_arrays(parts: list[Part], *, are_new: bool = False) -> tuple[list[Part], list[PartArrays]]:
     """Return parts for a scene of their own, and their arrays.
 
-    Parameters
-    ----------
-    parts : list of Part
-        A solid may be in several.
-    are_new : bool
-        Whether nobody else has their solids: then the scene may take the memory of the only one.
+    *are_new*: whether nobody else has their solids: then the scene may take the memory of the only one.
     """
     solids = {id(part.solid): part.solid._for_scene() for part in parts}
     own = [replace(part, solid=solids[id(part.solid)]) for part in parts]

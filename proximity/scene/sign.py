@@ -159,12 +159,7 @@ def _contradictions(
 ) -> tuple[int, int]:
     """Number of points that were asked, and of those at which the two methods disagree about the side.
 
-    Parameters
-    ----------
-    signed, model : PartArrays, Model
-        With the sign of pseudo-normals.
-    points, normals : (N, 3) float64
-        As `_surface_samples` tells.
+    *points*, *normals*: (N, 3).
 
     Notes
     -----

@@ -12,13 +12,7 @@ from proximity.pose import Pose
 
 
 class SolidArrays:
-    """The arrays of a solid: in memory of its own, or in that of a scene.
-
-    Parameters
-    ----------
-    model : Model
-        The solid alone, at the identity pose.
-    """
+    """The arrays of a solid: in memory of its own, or in that of a scene."""
 
     __slots__ = ("is_overwritten", "model", "row")
     model: Model

@@ -59,14 +59,7 @@ class Answering(Protocol):
 class TrackerAnswers:
     """Contacts with the parts of a scene.
 
-    Parameters
-    ----------
-    tracker : Tracker
-        Of as many fingers as the input has. Only the service may tick it from now on.
-    moves : MovesInput
-        Where parts move; None: nothing tells.
-    changes : ChangesInput
-        What else happens to parts; None: nothing tells.
+    *tracker*: of as many fingers as the input has. Only the service may tick it from now on.
     """
 
     source = Source.GEOMETRY
@@ -126,16 +119,9 @@ class TrackerAnswers:
     def answer(self, samples: FingerPoses, now_ns: int) -> np.ndarray:
         """Change and move the parts that are to change and move, and tick.
 
-        Parts that have a velocity stand where they are at the instant of the newest pose. Bounds hold for
-        the pose of each finger, with parts where they were reported to be, carried on with the velocities
+        Parts that have a velocity stand where they are at the instant of the newest pose. Bounds hold for the
+        pose of each finger, with parts where they were reported to be, carried on with the velocities
         reported.
-
-        Parameters
-        ----------
-        samples : FingerPoses
-            Newest poses; nan: not tracked.
-        now_ns : int, ns
-            Instant of the tick.
         """
         if self.changes is not None:
             self.changes.apply(self.tracker.scene)

@@ -19,13 +19,7 @@ fingertips in metres holds of bends by it."""
 
 
 class Bends:
-    """Follows the bends of fingers from pose to pose.
-
-    Parameters
-    ----------
-    count : int
-        Of fingers.
-    """
+    """Follows the bends of fingers from pose to pose."""
 
     def __init__(self, count: int) -> None:
         self._motions = np.zeros((count, MOTION_REALS))
@@ -39,14 +33,8 @@ class Bends:
     def write(self, contacts: np.ndarray, bends: np.ndarray, pose_ns: np.ndarray) -> None:
         """Write bend and bend rate at the pose's instant, of fingers that are tracked and are on no path.
 
-        Parameters
-        ----------
-        contacts : (N,) CONTACT
-            As a tracker answered.
-        bends : (N,) float64
-            As they came with the poses; nan: not reported.
-        pose_ns : (N,) int64, ns
-            Instants of the poses.
+        *contacts*: (N,) CONTACT. *bends*: as they came with the poses; nan: not reported. *pose_ns*: (N,),
+        ns.
         """
         is_tracked = contacts["flags"] & (ContactFlag.TRACKED | ContactFlag.ON_PATH) == ContactFlag.TRACKED
         for i in np.flatnonzero(is_tracked & np.isfinite(bends)).tolist():

@@ -29,11 +29,8 @@ class Clock(Protocol):
 class MonotonicClock:
     """The system's monotonic clock, as ``time.monotonic_ns`` and C's ``CLOCK_MONOTONIC`` read it.
 
-    Parameters
-    ----------
-    spin : float, s
-        Sleep until that long before the instant, and look at the clock without pause from then on. It makes
-        up for a system that wakes late, and keeps a core busy meanwhile.
+    *spin*: sleep until that long before the instant, and look at the clock without pause from then on. It
+    makes up for a system that wakes late, and keeps a core busy meanwhile.
     """
 
     skipped_ns = 0
@@ -43,13 +40,7 @@ class MonotonicClock:
         self.now_ns = self.stopwatch_ns = time.monotonic_ns
 
     def sleep_until(self, due_ns: int) -> None:
-        """Sleep, then spin.
-
-        Parameters
-        ----------
-        due_ns : int, ns
-            The instant.
-        """
+        """Sleep, then spin."""
         now_ns = time.monotonic_ns
         wakes_ns = due_ns - self._spin_ns
         left = wakes_ns - now_ns()
@@ -82,11 +73,5 @@ class SkippingClock:
         return self._now_ns
 
     def sleep_until(self, due_ns: int) -> None:
-        """Jump.
-
-        Parameters
-        ----------
-        due_ns : int, ns
-            The instant.
-        """
+        """Jump."""
         self._now_ns = max(self._now_ns, due_ns)

@@ -16,13 +16,6 @@ class Describer:
     """Makes the messages of a description: every second, at each change of the epoch, and when asked.
 
     At most one a tick: a tick encodes no more than `MOST_LABELS` names.
-
-    Parameters
-    ----------
-    finger_names : sequence of str
-        Of all fingers.
-    radii : sequence of float, m
-        Of all fingers; nan: not known.
     """
 
     def __init__(self, finger_names: Sequence[str], radii: Sequence[float]) -> None:
@@ -41,14 +34,7 @@ class Describer:
     def message(self, epoch: int, now_ns: int, labels: Callable[[], PartLabels]) -> Message | None:
         """Return what is to be published now; None: nothing.
 
-        Parameters
-        ----------
-        epoch : int
-            Of the frame that was published last.
-        now_ns : int, ns
-            The present instant, on the clock of subscribers.
-        labels : callable
-            Gives the parts of that epoch. Called where something is to be published.
+        *labels*: gives the parts of that epoch. Called where something is to be published.
         """
         if epoch != self._epoch or self._is_asked or (self._next is None and now_ns >= self._due_ns):
             self._epoch, self._next, self._is_asked = epoch, 0, False

@@ -16,14 +16,7 @@ _HEADER = struct_of(FRAME_FIELDS[len(PREFIX_FIELDS) :])
 class FrameBuilder:
     """Room for the frames of a service, filled anew each tick.
 
-    Parameters
-    ----------
-    count : int
-        Of fingers.
-    source : Source
-        Where the distances come from.
-    period_ns, valid_for_ns : int, ns
-        Between ticks; how long after its oldest pose a frame may be used as it is.
+    *period_ns*, *valid_for_ns*: between ticks; how long after its oldest pose a frame may be used as it is.
     """
 
     message: Message
@@ -52,10 +45,8 @@ class FrameBuilder:
     def fill(self, contacts: np.ndarray) -> None:
         """Take the contacts of a tick.
 
-        Parameters
-        ----------
-        contacts : (N,) CONTACT
-            Copied as bytes: NumPy copies records field by field, which takes 10 µs for five.
+        *contacts*: (N,) CONTACT; copied as bytes: NumPy copies records field by field, which takes 10 µs for
+        five.
         """
         if contacts is not self._contacts:
             self._contacts, self._contact_bytes = contacts, contacts.view(np.uint8)
@@ -66,18 +57,8 @@ class FrameBuilder:
     ) -> None:
         """Write the header.
 
-        Parameters
-        ----------
-        start_ns, publish_ns : int, ns
-            When the tick began; now.
-        missed : int
-            Ticks left out so far.
-        epoch : int
-            Of the scene.
-        skipped_ns : int, ns
-            By which these times are ahead of those that subscribers read.
-        is_late : bool
-            Whether of what the contacts were made of something is too old already.
+        *skipped_ns*: by which these times are ahead of those that subscribers read. *is_late*: whether of
+        what the contacts were made of something is too old already.
         """
         oldest_ns, tracked, uncertain = finger_kernels.overview(self._wide, self._numbers)
         self.tracked = tracked
@@ -99,13 +80,7 @@ class FrameBuilder:
         self._write(pose_ns - skipped_ns, start_ns - skipped_ns, publish_ns - skipped_ns)
 
     def stop(self, now_ns: int) -> None:
-        """Make the last frame one that says that no others will come.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            On the clock of subscribers.
-        """
+        """Make the last frame one that says that no others will come."""
         self.state = State.STOPPING
         pose_ns = int(self.message.header["pose_ns"]) or now_ns
         self._write(pose_ns, now_ns, now_ns)

@@ -14,17 +14,7 @@ LOGGER = logging.getLogger("proximity.service")
 
 
 class Outgoing:
-    """Hands each frame to all publishers, and to the log as the first of them has sealed it.
-
-    Parameters
-    ----------
-    publishers : sequence of Publisher
-        Closed with it.
-    log : Log
-        Closed with it; None: frames are not kept.
-    size : int
-        Bytes of a frame.
-    """
+    """Hands each frame to all publishers, and to the log as the first of them has sealed it."""
 
     failures: dict[str, int]  # frames that an address did not take
 

@@ -23,13 +23,7 @@ class Histogram:
         self._counts = [0] * BIN_COUNT
 
     def record(self, duration_ns: int) -> None:
-        """Count a duration; one below zero counts as zero.
-
-        Parameters
-        ----------
-        duration_ns : int, ns
-            How long it took.
-        """
+        """Count a duration; one below zero counts as zero."""
         if duration_ns > self.max_ns:
             self.max_ns = duration_ns
         self.count += 1
@@ -42,13 +36,7 @@ class Histogram:
             self._counts[-1] += 1
 
     def percentile(self, share: float) -> int:
-        """Return what that share of the durations do not exceed, ns: the upper end of a bin; 0 of none.
-
-        Parameters
-        ----------
-        share : float
-            Percent, 0 to 100.
-        """
+        """Return what that share of the durations do not exceed, ns: the upper end of a bin; 0 of none."""
         wanted = share / 100.0 * self.count
         seen = 0
         for _, upper_ns, count in self.rows():

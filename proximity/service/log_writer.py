@@ -30,15 +30,8 @@ class Log(Protocol):
 class LogWriter:
     """Appends frames to a log, in a thread of its own.
 
-    Parameters
-    ----------
-    log : Log
-        Asked from that thread only, until it is closed.
-    size : int
-        Bytes of a frame.
-    depth : int
-        Frames that wait at most, if they are no larger than `MOST_RING_BYTES` together; those beyond are
-        lost, and counted.
+    *log*: asked from that thread only, until it is closed. *depth*: frames that wait at most, if they are no
+    larger than `MOST_RING_BYTES` together; those beyond are lost, and counted.
     """
 
     written: int  # frames appended
@@ -70,13 +63,7 @@ class LogWriter:
         return notes
 
     def put(self, data: np.ndarray) -> None:
-        """Keep a frame until `wake`; never waits.
-
-        Parameters
-        ----------
-        data : (size,) uint8
-            Copied.
-        """
+        """Keep a frame until `wake`; never waits."""
         head = self._head
         if head - self._tail >= len(self._rows):
             self.lost += 1

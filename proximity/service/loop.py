@@ -32,33 +32,10 @@ SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
 class Service:
     """Takes poses in, has them answered, and publishes frames, every period.
 
-    Parameters
-    ----------
-    answering : Answering
-        Who makes contacts: `TrackerAnswers` or `SensorAnswers`.
-    pose_input : PoseInput
-        Where samples come from, of as many fingers. Closed at the end.
-    publishers : sequence of Publisher
-        Who gets the frames. Closed at the end.
-    period : float, s
-        Between ticks.
-    valid_for : float, s
-        Age of the oldest pose up to which a frame may be used as it is.
-    stale_after : float, s
-        Age from which a pose is worth nothing.
-    clock : Clock
-        The system's monotonic one where not given.
-    log : Log
-        What frames are appended to, by another thread. Closed at the end.
-    real_time : RealTime
-        What the system is asked for; None: nothing.
-    describer : Describer
-        Makes the messages that tell names of parts and fingers; None: nobody does.
-
-    Raises
-    ------
-    ServiceError
-        If a time cannot be used.
+    *pose_input*: where samples come from, of as many fingers. Closed at the end. *valid_for*: age of the
+    oldest pose up to which a frame may be used as it is. *log*: what frames are appended to, by another
+    thread. Closed at the end. *describer*: makes the messages that tell names of parts and fingers; None:
+    nobody does.
     """
 
     def __init__(
@@ -117,22 +94,8 @@ class Service:
 
         The first tick comes when everything is compiled and in memory. A service runs once.
 
-        Parameters
-        ----------
-        stop : threading.Event
-            Ends it, when set by another thread or by a signal's handler.
-        tick_count : int
-            Ends it after so many ticks.
-
-        Returns
-        -------
-        Report
-            What was done; also ``report``, where another thread may look at it meanwhile.
-
-        Raises
-        ------
-        ServiceError
-            If it has run already.
+        *stop*: ends it, when set by another thread or by a signal's handler. Returned: what was done; also
+        ``report``, where another thread may look at it meanwhile.
         """
         if self._has_run:
             raise ServiceError("this service has already run and is closed: make a new one")
@@ -152,11 +115,6 @@ class Service:
 
         Returns when that is done, and lets go of who made them until then, without closing it: its moves may
         be in use again. All that takes long is done in the thread of the caller.
-
-        Raises
-        ------
-        ServiceError
-            If it is for another number of fingers, or of another kind.
 
         Notes
         -----

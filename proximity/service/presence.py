@@ -12,11 +12,6 @@ class Presence:
     """Parts of a scene as they were at one moment, whoever takes them out or hides them meanwhile.
 
     It holds until the scene has another epoch: places change without, but nothing that is kept here.
-
-    Parameters
-    ----------
-    scene : Scene
-        That is looked at.
     """
 
     epoch: int  # of the scene, when it was looked at

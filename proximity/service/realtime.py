@@ -48,14 +48,7 @@ def undisturbed() -> Iterator[None]:
 class RealTime:
     """Ask for what needs a permission, for the thread that enters the ``with`` block; undone at its end.
 
-    Parameters
-    ----------
-    priority : int
-        Of SCHED_FIFO, 1 to 99.
-    core : int
-        Core to run on; None: the last one that the process may use, where there are several.
-    lock_memory : bool
-        Whether memory is kept from being swapped out.
+    *core*: core to run on; None: the last one that the process may use, where there are several.
     """
 
     notes: list[str]  # what was granted or refused, a sentence each

@@ -22,13 +22,7 @@ class Samples(Protocol):
 
 
 class FingerPoses:
-    """Poses of fingers.
-
-    Parameters
-    ----------
-    count : int
-        Of fingers.
-    """
+    """Poses of fingers."""
 
     positions: np.ndarray  # (N, 3) float64, m, scene's frame; nan: not tracked
     pose_ns: np.ndarray  # (N,) int64, ns, instants of the positions
@@ -51,12 +45,7 @@ class FingerPoses:
 
         What was reported once and is not any more becomes nan.
 
-        Parameters
-        ----------
-        newer : FingerPoses
-            Of as many fingers.
-        rows : slice or (N,) mask
-            Which of them.
+        *rows*: (N,) mask.
         """
         self.velocities = _taken(self.velocities, newer.velocities, rows)
         self.paths = _taken(self.paths, newer.paths, rows)

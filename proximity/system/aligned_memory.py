@@ -18,15 +18,7 @@ HUGE_PAGE = 2**21
 
 
 def aligned_empty(count: int, dtype: type) -> np.ndarray:
-    """Return (count,) uninitialised numbers that begin on a cache line; 2 MB and more on huge pages.
-
-    Parameters
-    ----------
-    count : int
-        Numbers.
-    dtype : type
-        Of the result.
-    """
+    """Return (count,) uninitialised numbers that begin on a cache line; 2 MB and more on huge pages."""
     size = count * np.dtype(dtype).itemsize
     if size >= HUGE_PAGE and hasattr(mmap, "MADV_HUGEPAGE"):
         with suppress(OSError):  # no memory left, which the usual source tells in its own words

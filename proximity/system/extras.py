@@ -12,29 +12,13 @@ PACKAGES = {"rerun": "rerun-sdk", "vtkmodules": "VTK", "xr": "pyopenxr"}
 
 
 def installation(extra: str) -> str:
-    """Return the command that installs an optional part.
-
-    Parameters
-    ----------
-    extra : str
-        Its name in ``pyproject.toml``, under optional dependencies.
-    """
+    """Return the command that installs an optional part."""
     return f'pip install "{DISTRIBUTION}[{extra}]"'
 
 
 @contextmanager
 def needed(sentence: str, extra: str, error: type[ProximityError]) -> Iterator[None]:
-    """Say what needs a library that is imported within, and what to install, if it cannot be imported.
-
-    Parameters
-    ----------
-    sentence : str
-        Its beginning: ``figures need``.
-    extra : str
-        Of ``pyproject.toml``, which installs it.
-    error : type
-        What is raised.
-    """
+    """Say what needs a library that is imported within, and what to install, if it cannot be imported."""
     try:
         yield
     except ImportError as missing:

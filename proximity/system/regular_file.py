@@ -19,16 +19,7 @@ class NotRegularFileError(OSError):
 
 
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
-    """Open a file for reading bytes, links followed.
-
-    Raises
-    ------
-    NotRegularFileError
-        If it is a pipe, a socket or a device. What was opened is looked at, so that nobody can replace it
-        in between.
-    OSError
-        If it is a directory, or cannot be opened.
-    """
+    """Open a file for reading bytes, links followed."""
     return open(path, "rb", opener=_open_descriptor)
 
 

@@ -20,10 +20,7 @@ def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threadin
 
     Signals reach the main thread; in another one nothing is changed.
 
-    Parameters
-    ----------
-    stop : threading.Event
-        What is set; a new one where not given.
+    *stop*: what is set; a new one where not given.
     """
     stop = threading.Event() if stop is None else stop
     if threading.current_thread() is not threading.main_thread():
@@ -52,15 +49,7 @@ def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threadin
 
 
 def stop_at_input(stop: threading.Event, descriptor: int = 0) -> threading.Thread:
-    """Have *stop* set when a file has something to read, or ends; return the thread that waits for it.
-
-    Parameters
-    ----------
-    stop : threading.Event
-        What is set.
-    descriptor : int
-        Of the file; standard input where not given.
-    """
+    """Have *stop* set when a file has something to read, or ends; return the thread that waits for it."""
 
     def wait() -> None:
         with suppress(OSError):  # it is not open

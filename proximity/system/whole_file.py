@@ -36,19 +36,8 @@ def whole_file(
     Where a link leads to a file, it is that file which is replaced; its permissions stay. Of several who
     write one file at once, the last to end wins. After the block it survives a loss of power.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    error : type
-        What to raise.
-    takes_devices : bool
-        Write to what is there and no regular file, ``/dev/null`` for example, as it is; else refuse it.
-
-    Raises
-    ------
-    error
-        If it cannot be written; what was there before is there still, and nothing is left behind.
+    *takes_devices*: write to what is there and no regular file, ``/dev/null`` for example, as it is; else
+    refuse it.
     """
     try:
         shown = os.fsdecode(path)

@@ -44,18 +44,7 @@ class Address:
 
 
 def parse(text: str) -> Address:
-    """Take an address apart.
-
-    Parameters
-    ----------
-    text : str
-        For example ``iox2://decaff`` or ``udp://127.0.0.1:9100?from=127.0.0.1``.
-
-    Raises
-    ------
-    PublishError
-        If it has no scheme, no location, or options that are not ``name=value``.
-    """
+    """Take an address apart."""
     if not isinstance(text, str):
         raise PublishError(f"an address is text such as iox2://decaff, not {text!r}")
     try:

@@ -22,16 +22,7 @@ def widen(contacts: np.ndarray, now_ns: int, max_speed: float, max_acceleration:
     Nothing is exact or predicted any more, no force is valid, and the place of contact is kept without a
     promise. Times to contact go on counting from the pose. A finger that is not tracked stays so.
 
-    Parameters
-    ----------
-    contacts : (N,) CONTACT
-        As they were published; changed in place.
-    now_ns : int
-        The instant, on the clock of the poses, not before them.
-    max_speed : float, m/s
-        Of a finger.
-    max_acceleration : float, m/s²
-        Of a finger.
+    *contacts*: (N,) CONTACT. *now_ns*: the instant, on the clock of the poses, not before them.
 
     Notes
     -----
@@ -48,12 +39,8 @@ def widen(contacts: np.ndarray, now_ns: int, max_speed: float, max_acceleration:
 class Widening:
     """Quantities computed once for contacts whose bounds are widened again and again.
 
-    Parameters
-    ----------
-    contacts : (N,) CONTACT
-        As they were published. Changed in place: at once what does not depend on time, the rest by `at`.
-    max_speed, max_acceleration : float, m/s and m/s²
-        Of a finger.
+    *contacts*: (N,) CONTACT; as they were published. Changed in place: at once what does not depend on time,
+    the rest by `at`.
     """
 
     def __init__(self, contacts: np.ndarray, max_speed: float, max_acceleration: float) -> None:
@@ -125,10 +112,7 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
 def forget(contacts: np.ndarray) -> None:
     """Leave nothing of contacts but whose they are, where they come from and when that was.
 
-    Parameters
-    ----------
-    contacts : (N,) CONTACT
-        Changed in place: as of fingers that are not tracked.
+    *contacts*: (N,) CONTACT; changed in place: as of fingers that are not tracked.
     """
     for name in _FLOATS:
         contacts[name] = np.nan

@@ -27,10 +27,7 @@ _WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 class Key:
     """Makes and verifies tags.
 
-    Parameters
-    ----------
-    secret : (32,) bytes
-        The key itself.
+    *secret*: (32,).
     """
 
     def __init__(self, secret: bytes) -> None:
@@ -49,18 +46,7 @@ class Key:
 
 
 def key_of(address: Address) -> Key | None:
-    """Read the key that an address names; None where it names none.
-
-    Parameters
-    ----------
-    address : Address
-        With or without the option ``key``.
-
-    Raises
-    ------
-    PublishError
-        If the file cannot be read, is no regular file or no key, or may be used by others than its owner.
-    """
+    """Read the key that an address names; None where it names none."""
     path = address.options.get("key")
     if path is None:
         return None
@@ -89,13 +75,7 @@ def key_of(address: Address) -> Key | None:
 
 
 def write_key(path: str) -> None:
-    """Make a key, in a new file that only its owner may read.
-
-    Raises
-    ------
-    PublishError
-        If the file is there already, which is never written over, or cannot be written.
-    """
+    """Make a key, in a new file that only its owner may read."""
     try:
         number = os.open(path, _WRITE_FLAGS, 0o600)
     except FileExistsError as taken:

@@ -46,14 +46,9 @@ class ForeignClock:
     def arrived(self, sent_ns: int, now_ns: int, *, is_new_run: bool = False, kind: int = 0) -> None:
         """Learn that what was sent at *sent_ns*, their clock, arrived at *now_ns*, ours.
 
-        Parameters
-        ----------
-        sent_ns, now_ns : int, ns
-            As above.
-        is_new_run : bool
-            Whether the publisher's session is another one than that of the message before, of its kind.
-        kind : int
-            Messages of one kind come in the order of their numbers; of several, the order tells nothing.
+        *is_new_run*: whether the publisher's session is another one than that of the message before, of its
+        kind. *kind*: messages of one kind come in the order of their numbers; of several, the order tells
+        nothing.
         """
         offset, fastest = now_ns - sent_ns, _grown(self._offset_ns, self._seen_ns, now_ns)
         pace = PACE_NS + max(now_ns - self._first_ns, 0) // NS_PER_DRIFT

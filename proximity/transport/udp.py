@@ -74,10 +74,7 @@ class _Endpoint(NamedTuple):
 class UdpOutlet:
     """Sends to HOST:PORT.
 
-    Parameters
-    ----------
-    address : Address
-        Where to; ``bind``: from where; ``key``: with which tags.
+    *address*: where to; ``bind``: from where; ``key``: with which tags.
     """
 
     lost: int  # messages for which the system had no room
@@ -138,13 +135,7 @@ class UdpOutlet:
 
 
 class UdpInlet:
-    """Listens at HOST:PORT.
-
-    Parameters
-    ----------
-    address : Address
-        Where; ``from``: whom to; ``key``: which tags verify.
-    """
+    """Listens at HOST:PORT."""
 
     shares_clock: bool
     is_keyed: bool

@@ -44,17 +44,7 @@ class Shown:
 
 
 class Bridge:
-    """Pages and what they are shown.
-
-    Parameters
-    ----------
-    shown : Shown
-        What that is.
-    access : Access
-        Who may come in.
-    files : PageFiles
-        Of the page.
-    """
+    """Pages and what they are shown."""
 
     def __init__(self, shown: Shown, access: Access, files: PageFiles) -> None:
         self.server = PageServer(access, files, self._meet)

@@ -27,12 +27,7 @@ class DisplayMesh:
 def display_mesh(vertices: np.ndarray, faces: np.ndarray) -> DisplayMesh:
     """Return what is drawn of a mesh.
 
-    Parameters
-    ----------
-    vertices : (V, 3) float64, m
-        Corners, welded.
-    faces : (F, 3) integers
-        Rows of *vertices*.
+    *vertices*: (V, 3) m; *faces*: (F, 3).
 
     Notes
     -----
@@ -65,14 +60,8 @@ def display_mesh(vertices: np.ndarray, faces: np.ndarray) -> DisplayMesh:
 def coarser(vertices: np.ndarray, faces: np.ndarray, target: int) -> tuple[np.ndarray, np.ndarray]:
     """Return a mesh of fewer faces that looks alike: at most *target*, or nearly.
 
-    Parameters
-    ----------
-    vertices : (V, 3) float64, m
-        Corners, welded.
-    faces : (F, 3) integers
-        Rows of *vertices*.
-    target : int
-        How many faces are wanted; more than there are changes nothing.
+    *vertices*: (V, 3) m; *faces*: (F, 3). *target*: how many faces are wanted; more than there are changes
+    nothing.
 
     Notes
     -----

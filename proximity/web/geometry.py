@@ -36,12 +36,7 @@ _CHUNK = struct.Struct("<II")
 def scene_glb(scene: Scene, *, most_faces: int = MOST_FACES) -> bytes:
     """Return a scene as GLB, metres, in the scene's own axes (z up).
 
-    Parameters
-    ----------
-    scene : Scene
-        With its parts where they are now.
-    most_faces : int
-        That are drawn; a larger scene is made coarser, each part by its share.
+    *most_faces*: that are drawn; a larger scene is made coarser, each part by its share.
     """
     total = sum(part.solid.mesh.face_count for part in scene.parts)
     share = min(1.0, most_faces / total)

@@ -14,14 +14,8 @@ WITHIN_S = 60.0
 
 
 class ServiceKeeper:
-    """A thread that keeps a service running in a process of its own; stopped at the end of a ``with`` block.
-
-    Parameters
-    ----------
-    path : str
-        Of the scene file.
-    say : callable
-        Is given sentences, by another thread.
+    """A thread that keeps a service running in a process of its own; stopped at the end of a ``with``
+    block.
     """
 
     failure: ServiceError | None  # why it could not be started at all

@@ -17,15 +17,7 @@ IDLE_GAP_S = 0.012
 
 
 class PageClient:
-    """A page, and the tasks that send to it.
-
-    Parameters
-    ----------
-    connection : ServerConnection
-        Of the page.
-    number : int
-        Counts pages.
-    """
+    """A page, and the tasks that send to it."""
 
     def __init__(self, connection: Any, number: int) -> None:
         self.connection, self.number = connection, number
@@ -41,12 +33,7 @@ class PageClient:
     def offer(self, data: bytes, *, is_answer: bool) -> None:
         """Have a frame sent, unless too many are on their way; a newer one takes its place.
 
-        Parameters
-        ----------
-        data : bytes
-            The frame.
-        is_answer : bool
-            Whether it has new poses: it is sent sooner.
+        *is_answer*: whether it has new poses: it is sent sooner.
         """
         now = time.monotonic()
         if now - self._sent_s >= (ANSWER_GAP_S if is_answer else IDLE_GAP_S):

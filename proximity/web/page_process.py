@@ -75,21 +75,7 @@ def run_page(
 ) -> dict[str, Any]:
     """Show a page until asked to stop; return what was refused meanwhile.
 
-    Parameters
-    ----------
-    settings : PageSettings
-        What, and where.
-    stop : threading.Event
-        Ends it.
-    say : callable
-        Is given sentences meanwhile, by several threads.
-    begun : callable
-        Is given ``url`` and more when the page can be opened.
-
-    Raises
-    ------
-    ServiceError
-        If files, address or certificate cannot be used, or websockets is not installed.
+    *begun*: is given ``url`` and more when the page can be opened.
     """
     with needed("the page needs", "web", ServiceError):
         from proximity.web.bridge import Bridge

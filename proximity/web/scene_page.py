@@ -9,11 +9,5 @@ PAGE = Path(__file__).parent / "page"
 
 
 def scene_page_files(frame_ancestors: str = "'self'") -> PageFiles:
-    """Return them, with the layout of messages.
-
-    Parameters
-    ----------
-    frame_ancestors : str
-        As of `PageFiles`.
-    """
+    """Return them, with the layout of messages."""
     return PageFiles(PAGE, {"/layout.js": page_layout()}, frame_ancestors)

@@ -50,25 +50,8 @@ def write_scene_file(
 ) -> SceneFile:
     """Write the scene file of a service that a page feeds, and return what it says.
 
-    Parameters
-    ----------
-    folder : Path
-        Where to.
-    files : sequence of str
-        Of parts; or one scene file, whose parts and fingers are taken.
-    addresses : Addresses
-        Between page and service.
-    units : str
-        Of files that declare none.
-    rate_hz : float, Hz
-        Of the service.
-    radius : float, m
-        Of all fingertips; None: as the scene file says, or as by default.
-
-    Raises
-    ------
-    ServiceError
-        If a file cannot be used.
+    *files*: of parts; or one scene file, whose parts and fingers are taken. *radius*: of all fingertips;
+    None: as the scene file says, or as by default.
     """
     if len(files) == 1 and files[0].endswith(".toml"):
         given = read_scene_file(files[0])

@@ -19,17 +19,7 @@ MOST_POINTS = 40_000
 def slice_bytes(scene: Scene, asked: Any) -> bytes:
     """Measure what a page asks for, and return it as a message.
 
-    Parameters
-    ----------
-    scene : Scene
-        As it is now.
-    asked : dict
-        ``ticket``, ``origin``, ``u`` and ``v``, m, ``width`` and ``height``; from a page, not trusted.
-
-    Raises
-    ------
-    UnfitError
-        If it is no such question.
+    *asked*: ``ticket``, ``origin``, ``u`` and ``v``, m, ``width`` and ``height``; from a page, not trusted.
     """
     try:
         corners = {name: np.array([float(x) for x in asked[name]]) for name in ("origin", "u", "v")}
@@ -57,20 +47,7 @@ def slice_bytes(scene: Scene, asked: Any) -> bytes:
 
 
 def clearance_document(scene: Scene, asked: Any) -> dict[str, Any]:
-    """Measure how far two parts are apart, and return what a page is told.
-
-    Parameters
-    ----------
-    scene : Scene
-        As it is now.
-    asked : list of two str
-        Names of parts; from a page, not trusted.
-
-    Raises
-    ------
-    UnfitError
-        If it is no such question.
-    """
+    """Measure how far two parts are apart, and return what a page is told."""
     if not (isinstance(asked, list) and len(asked) == 2 and all(isinstance(name, str) for name in asked)):
         raise UnfitError("how far parts are apart is asked with two names")
     try:

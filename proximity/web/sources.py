@@ -31,13 +31,7 @@ class NewFrame(NamedTuple):
 
 
 class LiveFrames:
-    """Frames that a service publishes; bytes that are no sound frame never come through.
-
-    Parameters
-    ----------
-    address : str
-        As of `open_subscriber`.
-    """
+    """Frames that a service publishes; bytes that are no sound frame never come through."""
 
     def __init__(self, address: str) -> None:
         self._subscriber = open_subscriber(address)
@@ -68,12 +62,7 @@ class OtherPrograms:
 
     Addresses that only one program can listen at are the service's own, and are left to it.
 
-    Parameters
-    ----------
-    addresses : sequence of str
-        Of moves and changes; None where there is none.
-    scene : Scene
-        Is changed likewise.
+    *addresses*: of moves and changes; None where there is none.
     """
 
     def __init__(self, addresses: Sequence[str | None] = (), scene: Scene | None = None) -> None:
@@ -114,18 +103,7 @@ class OtherPrograms:
 
 
 class LoggedFrames:
-    """The frames of a log, by their place and by time.
-
-    Parameters
-    ----------
-    path : path
-        The log.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read, has no frame, or is larger than can be kept.
-    """
+    """The frames of a log, by their place and by time."""
 
     def __init__(self, path: Any) -> None:
         reader = FrameReader(path)
@@ -165,10 +143,7 @@ class LoggedFrames:
     def at(self, place: int) -> bytes:
         """Return a frame.
 
-        Parameters
-        ----------
-        place : int
-            From 0; beyond the ends the first or the last.
+        *place*: from 0; beyond the ends the first or the last.
         """
         place = min(max(place, 0), self.count - 1)
         run = int(np.searchsorted(self._begins, place, side="right")) - 1

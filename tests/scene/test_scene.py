@@ -165,6 +165,8 @@ def test_part_within_a_part_does_not_hide_the_depth():
         assert scene.parts[hit.part].name == "outer"
         assert hit.gradient.tolist() == [0.0, 0.0, 1.0]
         assert scene.distance((0.0, 0.0, 0.3)) == pytest.approx(0.05, rel=1e-12)
+        # One name, one meaning: of this hit 1.7 m would be another "distance" than the scene's.
+        assert not hasattr(hit, "distance")
 
 
 def test_where_parts_overlap_the_deepest_counts():

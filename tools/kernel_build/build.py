@@ -18,14 +18,15 @@ from kernel_build.targets import Instructions, Target, extension_path, host_targ
 from proximity.native.declaration import ENTRIES
 from proximity.native.sources import PACKAGE
 
-
 GROUPS = (
     ("kernels.scene.point_queries",),
     ("kernels.tree", "kernels.mesh", "kernels.sign", "kernels.geometry"),
     ("kernels.tracking", "kernels.scene.segment_queries"),
     ("",),
 )
-"""Modules, by the beginnings of their names, whose entry points share much code: groups that take about as long."""
+"""Modules, by the beginnings of their names, whose entry points share much code: groups that take about
+as long.
+"""
 
 
 def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]:

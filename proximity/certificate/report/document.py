@@ -49,14 +49,7 @@ TAIL_POINTS = 120  # of a plot
 def document(certificate: Certificate, gate: float | None = None, *, version: str = "") -> dict[str, Any]:
     """Return all that is reported of a certificate.
 
-    Parameters
-    ----------
-    certificate : Certificate
-        What was found and measured.
-    gate : float, s
-        Period that the verdict is on; the scene's own where not given.
-    version : str
-        Of this program.
+    *gate*: period that the verdict is on; the scene's own where not given.
     """
     subject = certificate.subject
     lower, upper = subject.scene.bounds
@@ -117,13 +110,7 @@ def _verdicts(certificate: Certificate, period: float) -> dict[str, Any]:
 
 
 def periods_of(asked: float) -> tuple[Period, ...]:
-    """Return the periods that all is held against: the known ones, and the one asked for.
-
-    Parameters
-    ----------
-    asked : float, s
-        The scene's own, or the gate's.
-    """
+    """Return the periods that all is held against: the known ones, and the one asked for."""
     if any(abs(asked - period.seconds) <= 1e-9 * asked for period in PERIODS):
         return PERIODS
     return tuple(sorted((*PERIODS, Period(asked, "as asked")), key=lambda period: -period.seconds))

@@ -20,13 +20,7 @@ CLOUD = 1200
 
 
 def check_report_name(path: str | os.PathLike[str]) -> None:
-    """Refuse what is no name of a report.
-
-    Raises
-    ------
-    ServiceError
-        If it ends in something else than .html or .json, or its folder is not there.
-    """
+    """Refuse what is no name of a report."""
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise ServiceError(f"{target} does not end in {' or '.join(SUFFIXES)}")
@@ -37,26 +31,7 @@ def check_report_name(path: str | os.PathLike[str]) -> None:
 def write_report(path: str | os.PathLike[str], reported: dict[str, Any], scene: Scene) -> tuple[Path, ...]:
     """Write JSON, and then the page if that is asked for; each file wholly or not at all.
 
-    Parameters
-    ----------
-    path : path
-        Ends in .html: the page, with the JSON beside it. Ends in .json: that alone.
-    reported : dict
-        See `document`.
-    scene : Scene
-        Whose surface is drawn.
-
-    Returns
-    -------
-    tuple of Path
-        What was written.
-
-    Raises
-    ------
-    DecaffError
-        If Jinja or matplotlib is not there; it says what to install. The JSON is written.
-    RecordingError
-        If a file cannot be written.
+    *path*: ends in .html: the page, with the JSON beside it. Ends in .json: that alone.
     """
     check_report_name(path)
     target = Path(path)
@@ -73,13 +48,7 @@ def write_report(path: str | os.PathLike[str], reported: dict[str, Any], scene: 
 
 
 def as_json(reported: dict[str, Any]) -> str:
-    """Return a document as text; what is no number becomes null.
-
-    Parameters
-    ----------
-    reported : dict
-        See `document`.
-    """
+    """Return a document as text; what is no number becomes null."""
     return json.dumps(_plain(reported), allow_nan=False, indent=1, ensure_ascii=False) + "\n"
 
 

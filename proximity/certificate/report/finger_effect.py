@@ -28,15 +28,7 @@ class Felt:
 
 
 def felt(delay: float, speed: float) -> Felt:
-    """Return what a delay means for a finger of that speed.
-
-    Parameters
-    ----------
-    delay : float, s
-        From where the finger is to the force.
-    speed : float, m/s
-        At the touch.
-    """
+    """Return what a delay means for a finger of that speed."""
     penetration, press = speed * delay, Press(speed=speed)
     return Felt(
         speed,
@@ -51,11 +43,6 @@ def delay_of(period: float, busy: float) -> float:
 
     A finger that touches just after a tick is noticed a period later, and answered when that is computed.
 
-    Parameters
-    ----------
-    period : float, s
-        At which ticks are due.
-    busy : float, s
-        From when a tick is due until its answer; beyond a period, ticks are left out.
+    *busy*: from when a tick is due until its answer; beyond a period, ticks are left out.
     """
     return total_delay(period * max(1, math.ceil(busy / period)), busy)

@@ -26,17 +26,7 @@ def extract(key: str, times: dict[str, Any]) -> Any:
 def page(reported: dict[str, Any], surface: np.ndarray) -> str:
     """Return the report.
 
-    Parameters
-    ----------
-    reported : dict
-        See `document`.
-    surface : (K, 3) float64, m
-        Points of the surface, for the picture of the worst places.
-
-    Raises
-    ------
-    DecaffError
-        If Jinja or matplotlib is not there; it says what to install.
+    *surface*: (K, 3) m; points of the surface, for the picture of the worst places.
     """
 
     def draw() -> dict[str, str]:

@@ -17,13 +17,7 @@ CLOUD = 1200
 
 
 def draw_tails(reported: dict[str, Any]) -> str:
-    """Return how many ticks took longer than a time, for each motion and the loop; both axes logarithmic.
-
-    Parameters
-    ----------
-    reported : dict
-        See `document`.
-    """
+    """Return how many ticks took longer than a time, for each motion and the loop; both axes logarithmic."""
 
     def draw(figure: "Figure", _: Any) -> None:
         panel = figure.add_subplot()
@@ -49,12 +43,7 @@ def draw_tails(reported: dict[str, Any]) -> str:
 def draw_places(reported: dict[str, Any], surface: np.ndarray) -> str:
     """Return where the worst places are, seen along two axes, with points of the surface around them.
 
-    Parameters
-    ----------
-    reported : dict
-        See `document`.
-    surface : (K, 3) float64, m
-        Points of the surface.
+    *surface*: (K, 3) m.
     """
 
     def draw(figure: "Figure", _: Any) -> None:
@@ -77,13 +66,7 @@ def draw_places(reported: dict[str, Any], surface: np.ndarray) -> str:
 
 
 def draw_feeling(reported: dict[str, Any]) -> str:
-    """Return how deep a finger enters a wall that answers late, with the periods of this scene marked.
-
-    Parameters
-    ----------
-    reported : dict
-        See `document`.
-    """
+    """Return how deep a finger enters a wall that answers late, with the periods of this scene marked."""
 
     def draw(figure: "Figure", _: Any) -> None:
         panels = figure.subplots(1, 2)

@@ -29,18 +29,8 @@ def ascend(
 ) -> Climb:
     """Search from a position for one where a tick costs most.
 
-    Parameters
-    ----------
-    probe : Probe
-        Tells what positions cost.
-    start : (3,) float64, m
-        Where it begins.
-    radius : float, m
-        Of the ball in which the first neighbours lie.
-    rng : Generator
-        Decides which.
-    most_steps : float
-        Nodes and leaves that the probe may have visited before another round begins.
+    *start*: (3,) m. *radius*: of the ball in which the first neighbours lie. *most_steps*: nodes and leaves
+    that the probe may have visited before another round begins.
     """
     position = np.asarray(start, np.float64)
     worth = [float(probe.costs(position[None]).worth[0])]

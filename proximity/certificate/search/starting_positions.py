@@ -38,28 +38,13 @@ class Starts:
     def extended(self, positions: np.ndarray, origins: list[str]) -> "Starts":
         """Return these and others.
 
-        Parameters
-        ----------
-        positions : (K, 3) float64, m
-            Which others.
-        origins : list of str
-            How each came about.
+        *positions*: (K, 3) m.
         """
         return Starts(np.concatenate([self.positions, positions]), (*self.origins, *origins))
 
 
 def starts(subject: Subject, counts: tuple[int, int, int], rng: np.random.Generator) -> Starts:
-    """Return where to begin.
-
-    Parameters
-    ----------
-    subject : Subject
-        Whose scene is searched.
-    counts : (random, near the surface, samples of the surface)
-        How many; each sample gives two medial positions.
-    rng : Generator
-        Decides all that is random.
-    """
+    """Return where to begin."""
     scene, reach = subject.scene, subject.working_range
     lower, upper = scene.bounds
     random = rng.uniform(lower - reach, upper + reach, (counts[0], 3))
@@ -74,17 +59,7 @@ def starts(subject: Subject, counts: tuple[int, int, int], rng: np.random.Genera
 
 
 def surface_samples(scene: Scene, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return points of the surface, evenly by area, and the faces' normals there, (K, 3) each.
-
-    Parameters
-    ----------
-    scene : Scene
-        Of which hidden parts are left out.
-    count : int
-        Of points.
-    rng : Generator
-        Decides where they are.
-    """
+    """Return points of the surface, evenly by area, and the faces' normals there, (K, 3) each."""
     corners = [part.pose.point(part.solid.mesh.vertices[part.solid.mesh.faces]) for part in _shown(scene)]
     areas = np.concatenate([_area_vectors(each) for each in corners])
     sizes = np.linalg.norm(areas, axis=1)
@@ -99,12 +74,7 @@ def surface_samples(scene: Scene, count: int, rng: np.random.Generator) -> tuple
 def medial_positions(subject: Subject, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Return centres of balls that touch the surface at points, on both sides, and hold none of it, (2 K, 3).
 
-    Parameters
-    ----------
-    subject : Subject
-        Whose scene it is.
-    points, normals : (K, 3) float64
-        Of the surface, m; unit.
+    *points*, *normals*: (K, 3).
 
     Notes
     -----
@@ -132,12 +102,7 @@ def medial_positions(subject: Subject, points: np.ndarray, normals: np.ndarray) 
 def nearest_points(subject: Subject, positions: np.ndarray) -> np.ndarray:
     """Return points of the surface that are nearest, or nearly so where that is dear to know, (K, 3).
 
-    Parameters
-    ----------
-    subject : Subject
-        Whose scene it is.
-    positions : (K, 3) float64, m
-        From where.
+    *positions*: (K, 3) m.
     """
     tracker = subject.tracker(fingers=GROUP, budget=MEDIAL_BUDGET)
     found, tips = np.empty_like(positions), np.full((GROUP, 3), np.nan)
@@ -152,10 +117,7 @@ def nearest_points(subject: Subject, positions: np.ndarray) -> np.ndarray:
 def centres(scene: Scene) -> np.ndarray:
     """Return middles of parts, means of their corners, and centres of balls fitted to them, (K, 3) m.
 
-    Parameters
-    ----------
-    scene : Scene
-        Its first parts, if there are very many, and the middle of all.
+    *scene*: its first parts, if there are very many, and the middle of all.
     """
     found = [np.mean(scene.bounds, axis=0)]
     for part in _shown(scene)[:MOST_MIDDLES]:

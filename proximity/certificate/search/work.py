@@ -66,15 +66,7 @@ class Costs:
 
 
 class Probe:
-    """Tells what positions cost, a group at a time.
-
-    Parameters
-    ----------
-    subject : Subject
-        Scene, and how it is ticked.
-    goal : Goal
-        In which manner, and with which budget.
-    """
+    """Tells what positions cost, a group at a time."""
 
     def __init__(self, subject: Subject, goal: Goal) -> None:
         budget = subject.budget if goal.has_budget else UNLIMITED
@@ -85,10 +77,7 @@ class Probe:
     def costs(self, positions: np.ndarray) -> Costs:
         """Return what positions cost.
 
-        Parameters
-        ----------
-        positions : (K, 3) float64, m
-            Centres of fingertips.
+        *positions*: (K, 3) m.
         """
         count = len(positions)
         costs = Costs(np.zeros(count, np.int64), np.zeros(count), np.zeros(count), np.zeros(count, np.bool_))

@@ -65,18 +65,8 @@ def search(
 ) -> tuple[Found, ...]:
     """Return the worst positions, for each of `GOALS`.
 
-    Parameters
-    ----------
-    subject : Subject
-        What is searched.
-    seed : int
-        Decides all that is random.
-    counts : (random, near the surface, samples)
-        How many places climbs may begin at; `START_COUNTS` where not given.
-    most_steps : float
-        Nodes and leaves visited for each goal, about.
-    progress : callable
-        Called with what is done, and which share of the search is.
+    *counts*: how many places climbs may begin at; `START_COUNTS` where not given. *progress*: called with
+    what is done, and which share of the search is.
     """
     begin = starts(subject, START_COUNTS if counts is None else counts, np.random.default_rng([seed, 0]))
     found: list[Found] = []

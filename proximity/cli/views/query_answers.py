@@ -308,7 +308,7 @@ def _reported(name: str, answer: dict[str, Any], units: str) -> str:
 
 
 def _why_nothing(mode: str, answer: dict[str, Any]) -> str:
-    distance = answer["distance"]
+    distance = answer["signed_distance" if mode == "closest" else "distance"]
     if not all(math.isfinite(value) for name in ASKED[mode] for value in answer[name]):
         why = "the point is not finite" if mode == "closest" else "the numbers given are not finite"
     elif math.isnan(distance):

@@ -19,16 +19,7 @@ def sorted_half_edges(corners):
     *corners* (F, 3) int32, not negative. Half-edge ``3 * face + k`` runs from corner k of a face to the next;
     forward is from the lower corner to the higher.
 
-    Returns
-    -------
-    order : (H,) int64
-        Half-edges; of one kind and edge by number.
-    is_forward : (H,) bool
-        In that order.
-    starts, counts, forward_counts : (E,) int64
-        Of each edge: its first position in that order, how many there are, and how many run forward.
-    is_loop : (E,) bool
-        Both corners are equal.
+    Returned: of each edge: its first position in that order, how many there are, and how many run forward.
 
     Notes
     -----

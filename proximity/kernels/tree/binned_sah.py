@@ -202,14 +202,9 @@ def _write_leaf(links, node, first, count):
 def halve(boxes, order, leaf_shift):
     """Return the boxes (N * `BOX_STRIDE`) and the links (N, 4) of a binary tree; node 0 is its root.
 
-    Parameters
-    ----------
-    boxes : (F * `BOX_STRIDE`,) float32
-        Of the faces, F >= 1. Brought into the tree's order.
-    order : (F,) int32
-        Numbers of the faces. Brought into the tree's order.
-    leaf_shift : int
-        A leaf takes ``2 ** leaf_shift`` faces at most.
+    *boxes*: (F * `BOX_STRIDE`,) float32; of the faces, F >= 1. Brought into the tree's order. *order*:
+    numbers of the faces. Brought into the tree's order. *leaf_shift*: a leaf takes ``2 ** leaf_shift`` faces
+    at most.
     """
     capacity = max(64, len(order) >> leaf_shift << 1)
     nodes = np.empty(capacity * BOX_STRIDE, np.float32)

@@ -177,20 +177,8 @@ def _wait(waiting, at, node, first, number, depth, reference_at):
 def widen_tree(boxes, links, order):
     """Return the wide nodes, and the order of faces and each leaf's first position in it, leaves in a row.
 
-    Parameters
-    ----------
-    boxes : (N * `BOX_STRIDE`,) float32
-    links : (N, 4) int32
-        As `binned_sah.halve` returns them; children may have been put elsewhere since.
-    order : (F,) int32
-        What a leaf's ``LINK_FIRST`` counts in.
-
-    Returns
-    -------
-    nodes : (M * NODE_STRIDE,) float32
-        See `layout`; a child's number is above its parent's.
-    order : (F,) int32
-    leaf_first : (B + 1,) int32
+    *boxes*: (N * `BOX_STRIDE`,) float32. *links*: (N, 4); as `binned_sah.halve` returns them; children may
+    have been put elsewhere since.
     """
     topological, starts, numbers = _levels(links)
     leaf_count = np.int64(numbers[0])

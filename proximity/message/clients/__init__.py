@@ -25,13 +25,7 @@ EXAMPLES = {"Example.cs", "DecaffHand.cs", "example.mjs", "example.cpp"}
 
 
 def client_files(language: str) -> dict[str, str]:
-    """Return the files of a client: their texts by their names.
-
-    Parameters
-    ----------
-    language : str
-        One of `LAYOUTS`.
-    """
+    """Return the files of a client: their texts by their names."""
     name, layout = LAYOUTS[language]
     folder = Path(__file__).parent / language
     texts = {
@@ -43,22 +37,7 @@ def client_files(language: str) -> dict[str, str]:
 def write_client(language: str, folder: str | os.PathLike[str]) -> dict[str, bool]:
     """Write the files of a client into a folder, which is made where it is not there.
 
-    Parameters
-    ----------
-    language : str
-        One of `LAYOUTS`.
-    folder : path
-        Where to.
-
-    Returns
-    -------
-    dict
-        By the files' paths, whether they were written: an example that is there already is left alone.
-
-    Raises
-    ------
-    ProximityError
-        If the folder cannot be made, or a file not be written.
+    Returned: by the files' paths, whether they were written: an example that is there already is left alone.
     """
     return write_sources(client_files(language), folder, EXAMPLES)
 
@@ -68,24 +47,7 @@ def write_sources(
 ) -> dict[str, bool]:
     """Write sources into a folder, which is made where it is not there.
 
-    Parameters
-    ----------
-    texts : mapping
-        Texts of the files by their names.
-    folder : path
-        Where to.
-    kept : collection of str
-        Files that are left alone where they are there already.
-
-    Returns
-    -------
-    dict
-        By the files' paths, whether they were written.
-
-    Raises
-    ------
-    ProximityError
-        If the folder cannot be made, or a file not be written.
+    *kept*: files that are left alone where they are there already.
     """
     target = Path(folder)
     try:

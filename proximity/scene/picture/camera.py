@@ -33,19 +33,7 @@ class Camera:
     def fitted(cls, view: str, points: np.ndarray, size: tuple[int, int]) -> "Camera":
         """Return the camera that shows all *points* as large as possible.
 
-        Parameters
-        ----------
-        view : str
-            One of `TO_VIEWER`.
-        points : (N, 3) float64, m, scene's frame
-            What has to be seen.
-        size : (width, height)
-            Of the image, pixels.
-
-        Raises
-        ------
-        QueryError
-            If there is no such view.
+        *points*: (N, 3) m, scene's frame.
         """
         turn = rotation_of(view)
         seen = points @ turn.T
@@ -68,10 +56,7 @@ class Camera:
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Return right, down and depth of points, in pixels from the upper left corner; depth grows away.
 
-        Parameters
-        ----------
-        points : (..., 3) float64, m, scene's frame
-            What is looked at.
+        *points*: (..., 3) m, scene's frame.
         """
         seen = (points - self.center) @ self.screen_from_scene.T / self.meters_per_pixel
         half = np.array([self.size[0] / 2, self.size[1] / 2, 0.0])
@@ -87,18 +72,7 @@ class Camera:
 
 
 def rotation_of(view: str) -> np.ndarray:
-    """Return the rotation with the rows right, up and to the viewer.
-
-    Parameters
-    ----------
-    view : str
-        One of `TO_VIEWER`.
-
-    Raises
-    ------
-    QueryError
-        If there is no such view.
-    """
+    """Return the rotation with the rows right, up and to the viewer."""
     if view not in TO_VIEWER:
         raise QueryError(f"no view {view!r}, expected one of {', '.join(TO_VIEWER)}")
     back = np.array(TO_VIEWER[view]) / np.linalg.norm(TO_VIEWER[view])

@@ -15,12 +15,8 @@ SHARE_OF_RANGE = 0.12  # the smaller side of zero reaches at least as far as thi
 class DistanceColors:
     """A colour map for the signed distances of one picture.
 
-    Parameters
-    ----------
-    signed_distance : float64, m
-        All that will be shown; what is not finite is left out.
-    metres : float
-        Metres in the unit in which steps are round numbers.
+    *signed_distance*: all that will be shown; what is not finite is left out. *metres*: metres in the unit in
+    which steps are round numbers.
     """
 
     def __init__(self, signed_distance: np.ndarray, metres: float) -> None:
@@ -51,13 +47,7 @@ class DistanceColors:
 
 
 def load_matplotlib() -> Any:
-    """Return matplotlib with what a page takes.
-
-    Raises
-    ------
-    QueryError
-        If it is not installed; the message says how to install it.
-    """
+    """Return matplotlib with what a page takes."""
     with needed("pictures need", "picture", QueryError):
         import matplotlib
         import matplotlib.figure

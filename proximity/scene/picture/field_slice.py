@@ -31,26 +31,7 @@ class FieldSlice:
     def of(
         cls, scene: "Scene", axis: str, position: float, *, unit: str = "m", metres: float = 1.0
     ) -> "FieldSlice":
-        """Return the slice of a scene, a margin around its parts included.
-
-        Parameters
-        ----------
-        scene : Scene
-            What is cut.
-        axis : str
-            One of `AXES`.
-        position : float, m
-            Where the plane cuts the axis.
-        unit : str
-            The word for lengths in a message.
-        metres : float
-            Metres in that unit.
-
-        Raises
-        ------
-        QueryError
-            If there is no such axis, or the plane passes the parts farther away than they are large.
-        """
+        """Return the slice of a scene, a margin around its parts included."""
         if axis not in SHOWN_AXES:
             raise QueryError(f"a slice across {axis!r}, expected one of x, y, z")
         lower, upper = scene.bounds
@@ -87,10 +68,7 @@ class FieldSlice:
     def at(self, points: np.ndarray) -> np.ndarray:
         """Return signed distances between the grid's points, linearly; nan outside the map.
 
-        Parameters
-        ----------
-        points : (..., 3) float64, m, scene's frame
-            On the plane.
+        *points*: (..., 3) m, scene's frame.
         """
         first, second = SHOWN_AXES[self.axis]
         column, is_right = _cells(points[..., first], self.right)

@@ -31,39 +31,14 @@ HEAD, FOOT = 0.075, 0.085  # of the height
 
 
 def write_picture(picture: Picture, path: str | os.PathLike[str]) -> None:
-    """Write a picture as a PNG file, at once and wholly; one that is there is replaced.
-
-    Parameters
-    ----------
-    picture : Picture
-        What to draw.
-    path : path
-        Of the file.
-
-    Raises
-    ------
-    QueryError
-        If VTK or matplotlib is not installed, the size, the view or the slice cannot be used, or all parts
-        are hidden.
-    """
+    """Write a picture as a PNG file, at once and wholly; one that is there is replaced."""
     content = draw(picture)
     with whole_file(path) as stream:
         stream.write(content)
 
 
 def draw(picture: Picture) -> bytes:
-    """Return a picture as the bytes of a PNG file.
-
-    Parameters
-    ----------
-    picture : Picture
-        What to draw.
-
-    Raises
-    ------
-    QueryError
-        As `write_picture`.
-    """
+    """Return a picture as the bytes of a PNG file."""
     width, height = picture.size
     if not all(SMALLEST <= side <= LARGEST for side in picture.size):
         raise QueryError(f"a picture of {width}x{height} pixels, expected {SMALLEST} to {LARGEST} a side")
@@ -87,13 +62,7 @@ def draw(picture: Picture) -> bytes:
 
 
 def load_renderer() -> None:
-    """Import VTK and matplotlib: what takes a second is over, and what is missing is reported.
-
-    Raises
-    ------
-    QueryError
-        If one is not installed; the message says how to install it.
-    """
+    """Import VTK and matplotlib: what takes a second is over, and what is missing is reported."""
     load_vtk()
     load_matplotlib()
 
@@ -101,12 +70,7 @@ def load_renderer() -> None:
 def slice_box(size: tuple[int, int], field: FieldSlice) -> tuple[float, float, float, float]:
     """Return left, bottom, width and height of the slice's map, as shares of the page.
 
-    Parameters
-    ----------
-    size : (width, height)
-        Of the page, pixels.
-    field : FieldSlice
-        What the map shows; a metre is as long to the right as up.
+    *field*: what the map shows; a metre is as long to the right as up.
     """
     left, bottom, width, height = 0.590, 0.16, 0.315, 0.70
     shape = (field.up[-1] - field.up[0]) / (field.right[-1] - field.right[0]) * size[0] / size[1]

@@ -39,12 +39,7 @@ class Connections:
 def triangles_of(parts: "Sequence[Part]", colors: np.ndarray) -> Triangles:
     """Return the faces of parts in the scene's frame.
 
-    Parameters
-    ----------
-    parts : sequence of Part
-        At least one.
-    colors : (P, 3) float64
-        One a part.
+    *colors*: (P, 3).
     """
     pieces = [
         Triangles(
@@ -67,18 +62,7 @@ def draw_scene(
 ) -> np.ndarray:
     """Return the image, (H, W, 3) float64, 0 to 1.
 
-    Parameters
-    ----------
-    surface : Triangles
-        The parts.
-    connections : Connections
-        Points and their shortest connections, if any.
-    field : FieldSlice
-        Shown as a sheet of its colours, if any.
-    camera : Camera
-        The image's size and projection.
-    colors : DistanceColors
-        Of the sheet and the points.
+    *field*: shown as a sheet of its colours, if any.
     """
     fine = camera.resized(SAMPLES)
     image = surface_image.render(surface, fine, is_occluding=True)

@@ -46,13 +46,7 @@ class SurfaceImage:
 
 
 def load_vtk() -> Any:
-    """Return what is needed of VTK, as attributes of one object.
-
-    Raises
-    ------
-    QueryError
-        If it is not installed; the message says how to install it.
-    """
+    """Return what is needed of VTK, as attributes of one object."""
     names: dict[str, Any] = {}
     with needed("pictures need", "picture", QueryError):
         for name in MODULES:
@@ -64,19 +58,7 @@ def load_vtk() -> Any:
 def render(triangles: Triangles, camera: Camera, *, is_occluding: bool = False) -> SurfaceImage:
     """Return the image of triangles.
 
-    Parameters
-    ----------
-    triangles : Triangles
-        At least one.
-    camera : Camera
-        Size of the image and projection.
-    is_occluding : bool
-        Darken corners and gaps, where little light from around arrives.
-
-    Raises
-    ------
-    QueryError
-        If VTK is not there, or finds no OpenGL.
+    *is_occluding*: darken corners and gaps, where little light from around arrives.
     """
     vtk = load_vtk()
     data = _poly_data(vtk, triangles, camera)

@@ -52,43 +52,21 @@ class HasSnapshot:
 def morton_order_of(rows: np.ndarray, *_: np.ndarray) -> np.ndarray:
     """Return the order of the first array's rows along a space-filling curve, (N,) int64.
 
-    Parameters
-    ----------
-    rows : (N, 3) float64
-        Points.
+    *rows*: (N, 3).
     """
     order: np.ndarray = morton_order(rows)
     return order
 
 
 def worker_count(workers: Any, kind: str = "threads") -> int:
-    """Return how many workers of that kind are meant.
-
-    Parameters
-    ----------
-    workers : int
-        1 or more; -1 for all cores.
-    kind : str
-        What they are, for the message.
-
-    Raises
-    ------
-    QueryError
-        If *workers* is no such number.
-    """
+    """Return how many workers of that kind are meant."""
     if not is_whole(workers, -1) or workers == 0:
         raise QueryError(f"workers is {workers!r}, expected a number of {kind}, or -1 for all cores")
     return (os.cpu_count() or 1) if workers == -1 else int(workers)
 
 
 def first_slice(model_bytes: int) -> int:
-    """Return how many rows to ask at first, of points or segments, which may be anywhere.
-
-    Parameters
-    ----------
-    model_bytes : int
-        Of what is asked.
-    """
+    """Return how many rows to ask at first, of points or segments, which may be anywhere."""
     return min(max(SMALLEST_FIRST, FIRST_BYTES // model_bytes), LARGEST_SLICE)
 
 
@@ -101,29 +79,10 @@ def run_batch(
 ) -> list[tuple[int, Any]]:
     """Ask for all rows, sorted if there are many, on as many threads as wanted.
 
-    Parameters
-    ----------
-    ask : callable
-        Given an order and the arrays, or a slice of each, asks for the rows of that number, or for all as
-        they come where the order is empty.
-    arrays : list of array
-        What *ask* takes, N rows each; one that has a single row stands for all.
-    workers : int
-        Threads; -1 for all cores.
-    order_of : callable or None
-        Given the arrays, or a slice of each, the order to take their rows in; None: as they come.
-    size : int
-        Rows of the first slice.
-
-    Returns
-    -------
-    list of tuple
-        For each slice, the first row that it was cut from, and what *ask* has returned.
-
-    Raises
-    ------
-    QueryError
-        If *workers* is no number of threads.
+    *ask*: given an order and the arrays, or a slice of each, asks for the rows of that number, or for all as
+    they come where the order is empty. *arrays*: what *ask* takes, N rows each; one that has a single row
+    stands for all. *order_of*: given the arrays, or a slice of each, the order to take their rows in; None:
+    as they come. Returned: for each slice, the first row that it was cut from, and what *ask* has returned.
     """
     thread_count = worker_count(workers)
     count = len(arrays[0])
@@ -166,17 +125,7 @@ def _cut(arrays: list[np.ndarray], first: int, last: int) -> list[np.ndarray]:
 
 
 class Block:
-    """Rows that are sorted together.
-
-    Parameters
-    ----------
-    first : int
-        How many rows are before them.
-    arrays : list of array
-        Theirs alone.
-    order_of : callable or None
-        See `run_batch`.
-    """
+    """Rows that are sorted together."""
 
     def __init__(self, first: int, arrays: list[np.ndarray], order_of: OrderOf | None) -> None:
         self._first, self._arrays = first, arrays
@@ -188,16 +137,7 @@ class Block:
     ) -> list[tuple[int, Any]]:
         """Ask for rows *at* to *last*, in slices.
 
-        Parameters
-        ----------
-        ask : callable
-            See `run_batch`.
-        at, last : int
-            Of the order, or of the rows where there is none.
-        size : int
-            Rows of the first slice.
-        is_over : Event or None
-            Set where no more slices are wanted.
+        *at*, *last*: of the order, or of the rows where there is none.
         """
         answers = []
         while at < last and not (is_over and is_over.is_set()):

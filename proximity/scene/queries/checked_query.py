@@ -23,15 +23,7 @@ from proximity.scene.queries.query_arguments import broadcast_limits, broadcast_
 
 
 def order_of_points(model: Model, count: int) -> tuple[OrderOf | None, int]:
-    """Return how to order many points or segments, and how many rows to ask at first.
-
-    Parameters
-    ----------
-    model : Model
-        What is asked.
-    count : int
-        Rows.
-    """
+    """Return how to order many points or segments, and how many rows to ask at first."""
     return morton_order_of, first_slice(model.reals.nbytes)
 
 
@@ -51,12 +43,7 @@ class CheckedQuery:
     def ask(self, model: Model, *arguments: Any) -> Any:
         """Return the table of answers, in the shape of the question.
 
-        Parameters
-        ----------
-        model : Model
-            What is asked.
-        *arguments
-            Arrays of rows, how far to look, and a number of workers, as the caller gave them.
+        **arguments*: arrays of rows, how far to look, and a number of workers, as the caller gave them.
         """
         *given, max_distance, workers = arguments
         rows = [as_points(each, name) for each, name in zip(given, self.names, strict=True)]

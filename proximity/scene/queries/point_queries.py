@@ -108,7 +108,7 @@ class PointQueries(HasSnapshot):
         return _signed_distance(self.snapshot(), points, inf, workers)
 
     def distance(self, points: npt.ArrayLike, *, workers: int = 1) -> Reals:
-        """Return distances to the surface, m, without sign: the fastest query.
+        """Return distances to the nearest surface of any part, m, without sign: the fastest query.
 
         Parameters
         ----------

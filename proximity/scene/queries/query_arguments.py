@@ -14,17 +14,7 @@ _NO_LIMIT = np.array([inf])
 def broadcast_rows(rows: list[np.ndarray], names: tuple[str, ...]) -> list[np.ndarray]:
     """Return one array of rows, or two in one shape, C-ordered.
 
-    Parameters
-    ----------
-    rows : list of (..., 3) float64
-        One or two.
-    names : tuple of str
-        What the caller calls them, for the message.
-
-    Raises
-    ------
-    QueryError
-        If their shapes do not broadcast together.
+    *rows*: (..., 3).
     """
     first, second = rows[0], rows[-1]
     if first.shape == second.shape:
@@ -44,19 +34,8 @@ def broadcast_limits(
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return how far to look, m, (1,) for all rows or (N,) for each, and the rows in one shape with that.
 
-    Parameters
-    ----------
-    max_distance : float or array-like, m
-        One length, or lengths whose shape broadcasts against the leading shape of the rows.
-    rows : list of (..., 3) float64
-        Of one shape.
-    name : str
-        What the rows are, for the message.
-
-    Raises
-    ------
-    QueryError
-        If they are no lengths of 0 or more, or the shapes do not broadcast together.
+    *max_distance*: one length, or lengths whose shape broadcasts against the leading shape of the rows.
+    *rows*: (..., 3).
     """
     if max_distance is inf:
         return _NO_LIMIT, rows

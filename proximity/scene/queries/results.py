@@ -100,7 +100,6 @@ class ClosestPoints(_Record):
     _choice_count = 4
     _fields = (
         "signed_distance",
-        "distance",
         "point",
         "gradient",
         "part",
@@ -114,11 +113,6 @@ class ClosestPoints(_Record):
     def signed_distance(self) -> Reals:
         """S float64, m, negative inside; inf where nothing is within *max_distance*."""
         return self._real(0)
-
-    @property
-    def distance(self) -> Reals:
-        """S float64, m to the surface, never negative: the magnitude of the signed distance."""
-        return _kept(np.abs(self._table[..., 0]))
 
     @property
     def point(self) -> Reals:

@@ -57,10 +57,7 @@ class Contents:
 def is_archive(path: Any) -> bool:
     """Return whether a regular file begins like one of these, or is at least named so.
 
-    Parameters
-    ----------
-    path : path
-        Of a file that may not be there: then it is none.
+    *path*: of a file that may not be there: then it is none.
     """
     try:
         name = os.fsdecode(path)
@@ -89,21 +86,8 @@ def write_archive(
 ) -> None:
     """Write a file, wholly or not at all: until it is whole it bears another name.
 
-    Parameters
-    ----------
-    path : path
-        A file that is there is replaced; who has it mapped keeps the old one.
-    metadata : dict
-        Whatever JSON can hold; floats keep their bits.
-    arrays : dict of str to array
-        C-ordered, of float64, float32, int64 or int32.
-    layout : dict of str to int
-        What the arrays are laid out for; whoever reads must say the same.
-
-    Raises
-    ------
-    SceneError
-        If it cannot be written; nothing is left behind then.
+    *path*: a file that is there is replaced; who has it mapped keeps the old one. *layout*: what the arrays
+    are laid out for; whoever reads must say the same.
     """
     head = _head(metadata, arrays, layout)
     with whole_file(path, SceneError, takes_devices=False) as file:
@@ -139,17 +123,7 @@ def _write_all(file: BinaryIO, head: bytes, arrays: dict[str, np.ndarray]) -> No
 def read_archive(path: Any, layout: dict[str, int]) -> Contents:
     """Map a file, after looking at every bit of it.
 
-    Parameters
-    ----------
-    path : path
-        The file. It must not be changed in place as long as the arrays live; `write_archive` never does.
-    layout : dict of str to int
-        As it must have been written.
-
-    Raises
-    ------
-    MeshFormatError
-        If it is damaged, or does not fit this version or machine: one sentence that begins with the path.
+    *path*: the file. It must not be changed in place as long as the arrays live; `write_archive` never does.
 
     Notes
     -----
@@ -234,10 +208,7 @@ def checksum_of(data: np.ndarray) -> int:
     Sums of weighted words, a page each, and the CRC of those: no single flipped bit and no page in another's
     place goes unseen, and it takes as long as reading memory does, a fifth of what a CRC of all takes.
 
-    Parameters
-    ----------
-    data : (N,) uint8
-        C-ordered, beginning where a word may.
+    *data*: (N,) uint8.
     """
     whole = len(data) // PAGE * PAGE
     sums = np.einsum("pw,w->p", data[:whole].view(np.uint64).reshape(-1, PAGE // 8), _WEIGHTS)

@@ -60,13 +60,7 @@ class CompiledScene:
 
 
 def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> None:
-    """Write what a scene consists of.
-
-    Raises
-    ------
-    SceneError
-        If the file cannot be written, or a part's source faces are not what they should be.
-    """
+    """Write what a scene consists of."""
     parts = list(parts)
     # A solid may be in several parts: it is written once, and its first part is where its arrays are.
     row_of: dict[int, int] = {}
@@ -100,13 +94,7 @@ def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> N
 
 
 def read_scene(path: Any) -> CompiledScene:
-    """Return what `write_scene` wrote; the arrays are mapped, and trees are not made anew.
-
-    Raises
-    ------
-    MeshFormatError
-        If it is damaged, or does not fit this version or machine.
-    """
+    """Return what `write_scene` wrote; the arrays are mapped, and trees are not made anew."""
     contents = read_archive(path, LAYOUT)
     try:
         return _scene(contents.metadata, contents.arrays)

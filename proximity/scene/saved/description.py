@@ -26,16 +26,7 @@ def expect(is_right: Any, message: str) -> None:
 def list_of(kind: type, value: Any, what: str, count: int | None = None) -> list[Any]:
     """Return *value* if it is a list of *kind*, of *count* where that is given.
 
-    Parameters
-    ----------
-    kind : type
-        Of all entries, exactly: True is no whole number.
-    value : object
-        What JSON held.
-    what : str
-        For messages.
-    count : int
-        How many there must be.
+    *kind*: of all entries, exactly: True is no whole number.
     """
     expect(type(value) is list, f"{what} are {_shown(value)}, expected a list")
     expect(count is None or len(value) == count, f"there are {len(value)} {what}, expected {count}")
@@ -45,15 +36,7 @@ def list_of(kind: type, value: Any, what: str, count: int | None = None) -> list
 
 
 def numbers_below(limit: int, value: Any, what: str, count: int | None = None) -> list[int]:
-    """Return *value* if it is a list of whole numbers from 0 up to, but not, *limit*.
-
-    Parameters
-    ----------
-    limit : int
-        Above all of them.
-    value, what, count
-        As `list_of`.
-    """
+    """Return *value* if it is a list of whole numbers from 0 up to, but not, *limit*."""
     numbers = list_of(int, value, what, count)
     bad = next((number for number in numbers if not 0 <= number < limit), None)
     expect(bad is None, f"{what} have {_shown(bad)}, expected 0 to {limit - 1}")
@@ -76,17 +59,7 @@ def repairs_of(value: Any) -> Repairs:
 
 
 def velocities_of(value: Any, what: str, count: int) -> np.ndarray:
-    """Return velocities, (P, 3) float64, read-only.
-
-    Parameters
-    ----------
-    value : object
-        What JSON held.
-    what : str
-        For messages.
-    count : int
-        P.
-    """
+    """Return velocities, (P, 3) float64, read-only."""
     rows = list_of(list, value, what, count)
     expect(all(len(row) == 3 and all(type(entry) is float for entry in row) for row in rows),
            f"{what} are not three numbers each")  # fmt: skip
@@ -124,15 +97,7 @@ def report_of(value: Any) -> dict[str, Any] | None:
 
 
 def solid_of(value: Any, part_count: int) -> tuple[int, str, SignMethod, str, bool]:
-    """Return what is said of a solid: first part, name, sign method, reason, and whether it is watertight.
-
-    Parameters
-    ----------
-    value : object
-        What JSON held.
-    part_count : int
-        Parts there are.
-    """
+    """Return what is said of a solid: first part, name, sign method, reason, and whether it is watertight."""
     expect(type(value) is list and len(value) == 5, f"a solid is {_shown(value)}")
     kinds: tuple[Callable[..., Any], ...] = (int, str, str, str, bool)
     expect(all(type(entry) is kind for entry, kind in zip(value, kinds, strict=True)),

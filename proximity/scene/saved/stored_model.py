@@ -70,13 +70,7 @@ _SENTENCES = {
 def check_parts(
     reals: np.ndarray, words: np.ndarray, frames: np.ndarray, parts: np.ndarray, names: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Check all but the scene's row; return, of each node, the first and the number of blocks below it.
-
-    Raises
-    ------
-    MeshFormatError
-        If something refers to what is not there, or a frame is none.
-    """
+    """Check all but the scene's row; return, of each node, the first and the number of blocks below it."""
     _check_rows(parts, len(names), len(reals), len(words))
     _check_frames(frames, parts)
     node_count, block_count = (
@@ -102,19 +96,8 @@ def complete_model(
 ) -> None:
     """Check the trees over parts, and write again what follows from poses and from which parts are hidden.
 
-    Parameters
-    ----------
-    words, frames, parts
-        Of a model of which `check_parts` has looked at the parts, with the poses that are true.
-    names : tuple of str
-        Of its parts, for messages.
-    below : tuple of (N,) int32
-        As `check_parts` returns them.
-
-    Raises
-    ------
-    MeshFormatError
-        If the trees, or the grid over the parts, refer to what is not there, or parts are missing in them.
+    *words*, *frames*, *parts*: of a model of which `check_parts` has looked at the parts, with the poses that
+    are true.
     """
     row, plan = parts[-1], PartTreesPlan.of(parts)
     for part in range(len(parts) - 1):
@@ -148,23 +131,8 @@ def check_mesh(
 ) -> None:
     """Check that a part's faces are those of a mesh.
 
-    Parameters
-    ----------
-    words, parts
-        Of a model of which `check_parts` has looked at the parts.
-    part : int
-        Row of the part.
-    vertices : (V, 3) float64, m
-        Of the mesh.
-    faces : (F, 3) int32
-        Likewise, as many as the part has.
-    names : tuple of str
-        Of the parts, for messages.
-
-    Raises
-    ------
-    MeshFormatError
-        If they are not.
+    *words*, *parts*: of a model of which `check_parts` has looked at the parts. *vertices*: (V, 3) m;
+    *faces*: (F, 3).
     """
     fault, corners = np.zeros(model_validation.FAULT_SIZE, np.int64), np.empty(len(vertices), np.int32)
     kind = model_validation.fault_in_mesh(
@@ -187,15 +155,7 @@ def _raise_at(kind: int, fault: np.ndarray, parts: np.ndarray, names: tuple[str,
 
 
 def named(part: int, names: tuple[str, ...]) -> str:
-    """Return what a part is called in messages.
-
-    Parameters
-    ----------
-    part : int
-        Its row.
-    names : tuple of str
-        Of all parts.
-    """
+    """Return what a part is called in messages."""
     return f"part {part} {names[part]!r}"
 
 

@@ -39,13 +39,7 @@ class PartFiles:
         return tuple(note for _, _, notes in self._kept.values() for note in notes)
 
     def scene(self, settings: SceneFile) -> Scene:
-        """Return the scene of a file.
-
-        Raises
-        ------
-        ServiceError
-            If a file cannot be used, or two parts would have one name.
-        """
+        """Return the scene of a file."""
         kept: _Kept = {}
         parts: list[Part] = []
         entry_of: dict[str, int] = {}  # by name
@@ -93,13 +87,7 @@ def stamp_of(path: str) -> tuple[int, ...] | None:
 
 
 def finger_count(settings: SceneFile, recording: Recording | None) -> int:
-    """Return how many fingers there are: as the file says, as a recording has, ten with OpenXR, or five.
-
-    Raises
-    ------
-    ServiceError
-        If the file says another number than the recording has.
-    """
+    """Return how many fingers there are: as the file says, as a recording has, ten with OpenXR, or five."""
     count = settings.fingers.count
     if recording is None:
         default = DEFAULT_FINGERS if settings.input.openxr is None else TWO_HANDS
@@ -113,17 +101,7 @@ def finger_count(settings: SceneFile, recording: Recording | None) -> int:
 
 
 def finger_names(settings: SceneFile, recording: Recording | None, count: int) -> tuple[str, ...]:
-    """Return the names of fingers: as the file says, as a recording has them, or their numbers.
-
-    Parameters
-    ----------
-    settings : SceneFile
-        What was asked for.
-    recording : Recording
-        That is the input; None: it is another.
-    count : int
-        Of fingers.
-    """
+    """Return the names of fingers: as the file says, as a recording has them, or their numbers."""
     names = settings.fingers.names
     if names is not None:
         return names
@@ -133,36 +111,13 @@ def finger_names(settings: SceneFile, recording: Recording | None, count: int) -
 
 
 def finger_radii(settings: SceneFile, count: int) -> tuple[float, ...]:
-    """Return the radii of fingertips, m; nan where a sensor measures.
-
-    Parameters
-    ----------
-    settings : SceneFile
-        What was asked for.
-    count : int
-        Of fingers.
-    """
+    """Return the radii of fingertips, m; nan where a sensor measures."""
     radius = math.nan if settings.input.sensor is not None else settings.fingers.radius
     return radius if isinstance(radius, tuple) else (radius,) * count
 
 
 def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
-    """Return the tracker that a scene file asks for.
-
-    Parameters
-    ----------
-    settings : SceneFile
-        What was asked for.
-    scene : Scene
-        What is looked at.
-    count : int
-        Of fingers.
-
-    Raises
-    ------
-    ServiceError
-        If it cannot be.
-    """
+    """Return the tracker that a scene file asks for."""
     reported = {one.name: getattr(settings.fingers, one.name) for one in fields(FingerSettings)}
     reported = {
         name: value for name, value in reported.items() if value is not None and name not in NOT_OF_TRACKER
@@ -175,13 +130,7 @@ def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
 
 
 def read_input(settings: SceneFile) -> Recording | None:
-    """Return the recording that is the input, as it was recorded; None where it is another.
-
-    Raises
-    ------
-    ServiceError
-        If it cannot be read.
-    """
+    """Return the recording that is the input, as it was recorded; None where it is another."""
     entry = settings.input.recording
     if entry is None:
         return None
@@ -192,13 +141,7 @@ def read_input(settings: SceneFile) -> Recording | None:
 
 
 def place_recording(settings: SceneFile, recording: Recording, scene: Scene) -> Recording:
-    """Return a recording in the scene's frame: where the file says, or fitted to the parts.
-
-    Raises
-    ------
-    ServiceError
-        If it cannot be placed so.
-    """
+    """Return a recording in the scene's frame: where the file says, or fitted to the parts."""
     entry = settings.input.recording
     if entry is None:
         raise ServiceError(f"{settings.path}: the input is not a recording")
@@ -217,14 +160,7 @@ def place_recording(settings: SceneFile, recording: Recording, scene: Scene) -> 
 def placed_parts(loaded: Sequence[Part], name: str | None, world_from_file: Pose) -> list[Part]:
     """Return the parts of a file under their names, where they are put.
 
-    Parameters
-    ----------
-    loaded : sequence of Part
-        As the file has them.
-    name : str
-        Of the only part, or before those of several; None: as in the file.
-    world_from_file : Pose
-        Where the file's origin is.
+    *name*: of the only part, or before those of several; None: as in the file.
     """
     parts = []
     for part in loaded:

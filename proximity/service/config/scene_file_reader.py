@@ -65,13 +65,7 @@ DAMPING_RANGE = Range("N s/m", 0.0, 1e12)
 
 
 def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
-    """Return what a scene file says; ``meshes/demo.toml`` explains every key.
-
-    Raises
-    ------
-    ServiceError
-        If it cannot be used. The message names the line of what is wrong first, and what was expected.
-    """
+    """Return what a scene file says; ``meshes/demo.toml`` explains every key."""
     document = read_document(path)
     reader = _Reader(document, os.path.dirname(os.path.abspath(os.fsdecode(path))))
     settings = SceneFile(
@@ -92,18 +86,8 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
 def override(settings: SceneFile, overrides: dict[str, Any]) -> SceneFile:
     """Return what a scene file says, but for some of its [service].
 
-    Parameters
-    ----------
-    settings : SceneFile
-        What the file says.
-    overrides : dict
-        What holds instead, by its key in [service]; None: what the file says. A path is relative to the
-        present folder.
-
-    Raises
-    ------
-    ServiceError
-        If it cannot be used.
+    *overrides*: what holds instead, by its key in [service]; None: what the file says. A path is relative to
+    the present folder.
     """
     document = Document("", "")
     reported = {key: _as_in_toml(value) for key, value in overrides.items() if value is not None}

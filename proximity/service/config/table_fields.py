@@ -47,16 +47,8 @@ class Range:
 class Table:
     """A table at a path of a document, and the keys that it may have.
 
-    Parameters
-    ----------
-    document : Document
-        Where it is, and where complaints go.
-    path : tuple
-        Of the table; one that is not there is empty.
-    content : any
-        What is there; complained of unless it is a table.
-    known : sequence of str
-        Its keys; others are complained of.
+    *path*: of the table; one that is not there is empty. *content*: what is there; complained of unless it is
+    a table.
     """
 
     def __init__(self, document: Document, path: Path, content: Any, known: Sequence[str]) -> None:

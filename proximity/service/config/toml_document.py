@@ -33,17 +33,7 @@ Path = tuple[str | int, ...]
 class Document:
     """A TOML file that was read, and what is wrong with its content.
 
-    Parameters
-    ----------
-    text : str
-        What is in the file.
-    name : str
-        What messages call it; nothing where there is no file.
-
-    Raises
-    ------
-    ServiceError
-        If it is no TOML; the message has the line.
+    *name*: what messages call it; nothing where there is no file.
     """
 
     name: str
@@ -75,23 +65,11 @@ class Document:
         return ServiceError(f"{self._prefix(self.line_of(path))}{sentence}")
 
     def complain(self, path: Path, sentence: str) -> None:
-        """Remember that something is wrong, and go on.
-
-        Parameters
-        ----------
-        path, sentence
-            As of `error`.
-        """
+        """Remember that something is wrong, and go on."""
         self._complaints.append((self.line_of(path), sentence))
 
     def raise_complaints(self) -> None:
-        """Raise what was complained of first in the file, if anything was.
-
-        Raises
-        ------
-        ServiceError
-            With the line, and how many more complaints there are, with the first of their lines.
-        """
+        """Raise what was complained of first in the file, if anything was."""
         if not self._complaints:
             return
         (line, sentence), *more = sorted(self._complaints, key=lambda complaint: complaint[0])
@@ -143,20 +121,7 @@ def _other_mistakes(numbers: list[int]) -> str:
 
 
 def read_document(path: str | os.PathLike[str], what: str = "a scene file") -> Document:
-    """Return what is in a TOML file.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    what : str
-        What messages say was expected.
-
-    Raises
-    ------
-    ServiceError
-        If it cannot be read, is too large, no text, or no TOML.
-    """
+    """Return what is in a TOML file."""
     name = os.fsdecode(path)
     try:
         with open_regular(path) as file:

@@ -27,10 +27,7 @@ def guarded(say: Callable[[str], None]) -> Callable[[str], None]:
 def warnings_of_loop_to(say: Callable[[str], None] | None) -> Iterator[None]:
     """Have what the loop warns of within the block said by a thread of its own.
 
-    Parameters
-    ----------
-    say : callable
-        Is given sentences; None: they are logged, and nothing else.
+    *say*: is given sentences; None: they are logged, and nothing else.
     """
     if say is None:
         yield

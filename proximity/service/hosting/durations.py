@@ -8,19 +8,6 @@ from proximity.errors import ServiceError
 
 
 def checked_seconds(name: str, value: Any) -> float:
-    """Return a span of time, s, that threads can wait for: inf is as long as they can, some centuries.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : float
-        0 or more.
-
-    Raises
-    ------
-    ServiceError
-        If it is no such number.
-    """
+    """Return a span of time, s, that threads can wait for: inf is as long as they can, some centuries."""
     seconds = not_negative(name, value, "seconds", may_be_infinite=True, error=ServiceError)
     return min(seconds, threading.TIMEOUT_MAX)

@@ -11,20 +11,7 @@ TABLE = 4097
 
 
 def read_gloves(settings: SceneFile, count: int) -> GloveChoices | None:
-    """Return where fingertips go as fingers bend, by their calibrations; None where there is no [glove].
-
-    Parameters
-    ----------
-    settings : SceneFile
-        What is asked for.
-    count : int
-        Of fingers.
-
-    Raises
-    ------
-    ServiceError
-        If a calibration cannot be read, is too old, does not fit, or there are not as many as fingers.
-    """
+    """Return where fingertips go as fingers bend, by their calibrations; None where there is no [glove]."""
     glove = settings.glove
     if glove is None:
         return None

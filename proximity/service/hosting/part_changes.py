@@ -20,25 +20,14 @@ NOT_ALLOWED = "parts cannot be added: the scene file has no input.parts_from"
 class PartChanger:
     """Carries out requests for parts to be added or removed.
 
-    Parameters
-    ----------
-    service : Service
-        Whose scene is changed.
-    settings : callable
-        Gives the scene file as it is served at present.
+    *settings*: gives the scene file as it is served at present.
     """
 
     def __init__(self, service: Service, settings: Callable[[], SceneFile]) -> None:
         self._service, self._settings = service, settings
 
     def carry_out(self, request: Request) -> None:
-        """Do what a request asks for; what cannot be done is written into it.
-
-        Parameters
-        ----------
-        request : Request
-            It is over afterwards.
-        """
+        """Do what a request asks for; what cannot be done is written into it."""
         try:
             self._carry_out(request)
         except ProximityError as unfit:
@@ -63,17 +52,8 @@ class PartChanger:
 def allowed_file(name: str, folders: Sequence[str]) -> str:
     """Return the path of a file that a message may name: a regular file within one of some folders.
 
-    Parameters
-    ----------
-    name : str
-        As the message has it, relative to one of the folders.
-    folders : sequence of str
-        Where parts may be read from; the first that has the file counts.
-
-    Raises
-    ------
-    SceneError
-        If there is no such file, or it is elsewhere, as a link may be.
+    *name*: as the message has it, relative to one of the folders. *folders*: where parts may be read from;
+    the first that has the file counts.
     """
     if not folders:
         raise SceneError(NOT_ALLOWED)

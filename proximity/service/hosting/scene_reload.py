@@ -20,16 +20,8 @@ REFUSED = "the edit is refused, the previous scene stays in use"
 class SceneReloader:
     """Gives a running service the scene of its file, whenever that file or a file of its parts changes.
 
-    Parameters
-    ----------
-    made : Made
-        The service, and what is kept of its scene.
-    settings : SceneFile
-        What it was made of.
-    overrides : dict
-        What was said otherwise than in the file: it goes on to hold.
-    say : callable
-        Is given a sentence for whoever edits.
+    *made*: the service, and what is kept of its scene. *overrides*: what was said otherwise than in the file:
+    it goes on to hold.
     """
 
     def __init__(
@@ -76,13 +68,7 @@ class SceneReloader:
 
 
 def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
-    """Raise if a file says something else of what a running service cannot change.
-
-    Raises
-    ------
-    ServiceError
-        With the line of what is other.
-    """
+    """Raise if a file says something else of what a running service cannot change."""
     reported = _fixed(after)
     for path, value in _fixed(before).items():
         if reported[path] != value:

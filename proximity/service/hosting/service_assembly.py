@@ -54,17 +54,7 @@ class Made:
 
 
 def make_service(settings: SceneFile) -> Made:
-    """Open and load all that a scene file asks for.
-
-    Raises
-    ------
-    ServiceError
-        If parts, recording or calibrations cannot be used; the message has the line.
-    PublishError
-        If an address cannot be opened.
-    RecordingError
-        If the log cannot be written.
-    """
+    """Open and load all that a scene file asks for."""
     service, files = settings.service, PartFiles()
     with ExitStack() as opened:
         # What another program may have taken first: that takes no time.

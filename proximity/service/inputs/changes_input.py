@@ -49,19 +49,8 @@ class ChangesInput:
     What one message says is done as a whole. One that cannot be done is refused and counted, with the reason
     of the first of each kind, and the scene stays as it is.
 
-    Parameters
-    ----------
-    address : str
-        As of `open_subscriber`.
-    requests : SimpleQueue of Request
-        Where to put what takes long; whoever takes it out writes ``refusal`` and ``is_over``.
-    describe : callable
-        Is called when a message asks for the description.
-
-    Raises
-    ------
-    PublishError
-        If the address cannot be opened.
+    *requests*: where to put what takes long; whoever takes it out writes ``refusal`` and ``is_over``.
+    *describe*: is called when a message asks for the description.
     """
 
     requests: SimpleQueue[Request | None]
@@ -88,13 +77,7 @@ class ChangesInput:
         return refused + self._reception.notes
 
     def apply(self, scene: Scene) -> None:
-        """Do what has arrived, up to the first message that takes long.
-
-        Parameters
-        ----------
-        scene : Scene
-            That is served.
-        """
+        """Do what has arrived, up to the first message that takes long."""
         if self._pending is not None and not self._is_carried_out(*self._pending):
             return
         for kind, records, _ in self._reception.messages():
@@ -155,17 +138,7 @@ class ChangesInput:
 def carry_out(scene: Scene, actions: tuple[tuple[str, PartAction], ...]) -> None:
     """Hide, show and remove parts.
 
-    Parameters
-    ----------
-    scene : Scene
-        That is changed.
-    actions : tuple
-        Names of parts, and what is to be done with each.
-
-    Raises
-    ------
-    SceneError
-        If there is no such part, or no other: those before it have been changed then.
+    *actions*: names of parts, and what is to be done with each.
     """
     do = {PartAction.HIDE: scene.hide, PartAction.SHOW: scene.show, PartAction.REMOVE: scene.remove}
     for name, action in actions:

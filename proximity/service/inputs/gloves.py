@@ -25,14 +25,7 @@ class GloveChoices:
     def bend(self, rows: np.ndarray, reported: np.ndarray, counts: np.ndarray) -> np.ndarray:
         """Return the bends of some fingers, (F,): as given, else of the counts; nan where neither can be.
 
-        Parameters
-        ----------
-        rows : (F,) int
-            Which fingers.
-        reported : (F,) float64
-            Bends; nan: derived from the counts.
-        counts : (F,) float64
-            What potentiometers read.
+        *rows*: (F,) int.
         """
         bends = np.array(reported, np.float64)
         for i in np.flatnonzero(np.isnan(bends)):
@@ -44,14 +37,7 @@ class GloveChoices:
     def paths(self, rows: np.ndarray, rotations: np.ndarray, knuckles: np.ndarray) -> np.ndarray:
         """Return the ways of some fingertips, (F, K, 3), m, in the world.
 
-        Parameters
-        ----------
-        rows : (F,) int
-            Which fingers.
-        rotations : (F, 3, 3) float64
-            world_from_finger.
-        knuckles : (F, 3) float64, m, world
-            Where they are.
+        *rows*: (F,) int; *rotations*: (F, 3, 3); *knuckles*: (F, 3) m, world.
         """
         return np.einsum("fij,fkj->fki", rotations, self.corners[rows]) + knuckles[:, None, :]
 
@@ -59,12 +45,7 @@ class GloveChoices:
 def points_on(paths: np.ndarray, bends: np.ndarray) -> np.ndarray:
     """Return where bends are on polylines with corners evenly from 0 to 1, (F, 3); beyond, straight on.
 
-    Parameters
-    ----------
-    paths : (F, K, 3) float64, m
-        The polylines.
-    bends : (F,) float64
-        One on each; nan gives nan.
+    *paths*: (F, K, 3) m.
     """
     last = paths.shape[1] - 1
     along = last * bends
@@ -77,10 +58,7 @@ def points_on(paths: np.ndarray, bends: np.ndarray) -> np.ndarray:
 def is_rotation(rotations: np.ndarray) -> np.ndarray:
     """Return which of some matrices turn and do no more, (F,).
 
-    Parameters
-    ----------
-    rotations : (F, 3, 3) float64
-        As they were sent; nan is none.
+    *rotations*: (F, 3, 3).
     """
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))

@@ -33,19 +33,8 @@ class OpenXrInput:
     A thread looks every 4 ms, since a call into a runtime may take longer than a tick. Fingertips that are
     exactly where they were are no new sample: a runtime that repeats its last one would make fingers stand.
 
-    Parameters
-    ----------
-    scene_from_openxr : Pose
-        Where the runtime's origin is in the scene, and how its axes are turned.
-    count : int
-        Of fingers that are served; more than ten are never tracked.
-    open_hands : callable
-        Returns the source.
-
-    Raises
-    ------
-    ServiceError
-        If it cannot be opened.
+    *scene_from_openxr*: where the runtime's origin is in the scene, and how its axes are turned. *count*: of
+    fingers that are served; more than ten are never tracked.
     """
 
     is_over: bool
@@ -73,13 +62,7 @@ class OpenXrInput:
         return [f"OpenXR failed {self._failure_count} times, first: {self._first_failure}"]
 
     def poll(self, now_ns: int) -> FingerPoses | None:
-        """Return the newest fingertips; None where there are no others than before.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            The present instant.
-        """
+        """Return the newest fingertips; None where there are no others than before."""
         latest, self._latest = self._latest, None
         if latest is None:
             return None

@@ -27,13 +27,7 @@ FINGERS = 2 * len(TIPS)
 
 
 class OpenXrHands:
-    """A session with an OpenXR runtime.
-
-    Raises
-    ------
-    ServiceError
-        If pyopenxr is not installed, no runtime runs, or it lacks an extension or hand tracking.
-    """
+    """A session with an OpenXR runtime."""
 
     is_over: bool
     """Whether the runtime has ended the session."""
@@ -82,13 +76,7 @@ class OpenXrHands:
         self._needed = int(xr.SPACE_LOCATION_POSITION_VALID_BIT | xr.SPACE_LOCATION_POSITION_TRACKED_BIT)
 
     def tips(self) -> tuple[int, np.ndarray]:
-        """Return an instant, ns, monotonic, and the fingertips then, (10, 3) m; nan where not tracked.
-
-        Raises
-        ------
-        ServiceError
-            If the runtime refuses.
-        """
+        """Return an instant, ns, monotonic, and the fingertips then, (10, 3) m; nan where not tracked."""
         xr, positions = self._xr, np.full((FINGERS, 3), np.nan)
         try:
             self._follow_session()

@@ -25,21 +25,8 @@ FARTHEST_NS = 2**62
 class Reception:
     """Takes the messages at an address that can be used.
 
-    Parameters
-    ----------
-    address : str
-        As of `open_subscriber`.
-    kinds : sequence of Kind
-        Which are expected.
-    clock : callable
-        Gives now, ns, monotonic.
-    is_timed : bool
-        Whether instants in the messages matter: then a clock elsewhere must be known before they are given.
-
-    Raises
-    ------
-    PublishError
-        If the address cannot be opened.
+    *is_timed*: whether instants in the messages matter: then a clock elsewhere must be known before they are
+    given.
     """
 
     def __init__(
@@ -111,16 +98,7 @@ class Reception:
     def leave_out(self, what: str, count: int, why: str = "", *, says: str = "") -> None:
         """Count what of a message is not used; the first time is logged.
 
-        Parameters
-        ----------
-        what : str
-            In the plural, for the report.
-        count : int
-            How many.
-        why : str
-            For the log.
-        says : str
-            What the log says instead of *what* and *why*.
+        *says*: what the log says instead of *what* and *why*.
         """
         if what not in self._left_out:
             LOGGER.warning("%s: %s", self.address, says or f"{what}{why and f' ({why})'}")
@@ -134,17 +112,8 @@ class Reception:
 def rows_of(fingers: np.ndarray, count: int) -> tuple[slice | np.ndarray, np.ndarray | None]:
     """Return the rows that records of these fingers belong to, and which of the records they are.
 
-    Parameters
-    ----------
-    fingers : (K,) integers
-        As records name them.
-    count : int
-        Of fingers that there are; whoever is beyond them is left out.
-
-    Returns
-    -------
-    rows, chosen
-        All rows in order, as is usual, are a slice; all records are None.
+    *count*: of fingers that there are; whoever is beyond them is left out. Returned: all rows in order, as is
+    usual, are a slice; all records are None.
     """
     if len(fingers) == count and (fingers == np.arange(count)).all():
         return slice(None), None

@@ -11,13 +11,7 @@ from proximity.service.samples import LONG_AGO
 
 
 class Measurements:
-    """Distances of fingers, and what a sensor knows beside them.
-
-    Parameters
-    ----------
-    count : int
-        Of fingers.
-    """
+    """Distances of fingers, and what a sensor knows beside them."""
 
     distances: np.ndarray  # (N, 1) float64, m; nan: nothing was measured
     pose_ns: np.ndarray  # (N,) int64, ns, instants of the measurements
@@ -38,12 +32,7 @@ class Measurements:
     def take_rest(self, newer: "Measurements", rows: Any) -> None:
         """Copy all else that was reported of some fingers.
 
-        Parameters
-        ----------
-        newer : Measurements
-            Of as many fingers.
-        rows : slice or (N,) mask
-            Which of them.
+        *rows*: (N,) mask.
         """
         self._bytes[rows] = newer._bytes[rows]
 
@@ -52,18 +41,6 @@ class SensorInput:
     """Distances of fingers, as `MEASURED` messages at an address.
 
     A message need not tell all fingers: of the others, what was reported last is still true.
-
-    Parameters
-    ----------
-    address : str
-        As of `open_subscriber`.
-    count : int
-        Of fingers.
-
-    Raises
-    ------
-    PublishError
-        If the address cannot be opened.
     """
 
     is_over = False
@@ -80,13 +57,7 @@ class SensorInput:
         return self._reception.notes
 
     def poll(self, now_ns: int) -> Measurements | None:
-        """Return the newest measurement of each finger; None where no message came.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            The present instant.
-        """
+        """Return the newest measurement of each finger; None where no message came."""
         has_come = False
         for _, records, offset_ns in self._reception.messages():
             has_come = True

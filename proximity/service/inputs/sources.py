@@ -43,15 +43,10 @@ class RecordingInput:
 
     To serve a recording as fast as it can be computed, give the service a `SkippingClock`.
 
-    Parameters
-    ----------
-    recording : Recording
-        In the frame of the scene. At its own instants, or `Recording.resampled` to those of the ticks.
-    latency : float, s
-        How old a pose is when it comes in.
-    repeat : bool
-        Begin anew after the end. Between, the hand is away for a tenth of a second: from the last pose to the
-        first it has not moved, and no velocity may say so.
+    *recording*: in the frame of the scene. At its own instants, or `Recording.resampled` to those of the
+    ticks. *latency*: how old a pose is when it comes in. *repeat*: begin anew after the end. Between, the
+    hand is away for a tenth of a second: from the last pose to the first it has not moved, and no velocity
+    may say so.
     """
 
     is_over: bool
@@ -74,13 +69,7 @@ class RecordingInput:
         self._round_ns = int(self._times_ns[-1]) + MAX_GAP_NS
 
     def poll(self, now_ns: int) -> FingerPoses | None:
-        """Return the poses of the last instant that is past; None where that is the one given before.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            The present instant.
-        """
+        """Return the poses of the last instant that is past; None where that is the one given before."""
         if self._start_ns is None:
             self._start_ns = now_ns - self._latency_ns
         elapsed = now_ns - self._latency_ns - self._start_ns
@@ -124,13 +113,6 @@ class CallableInput:
     It returns positions, (N, 3) float64, m, of that very instant; or positions and their instants, one or
     (N,) int64, ns; or `FingerPoses`; or None where it has nothing new. What it raises is counted, and the
     loop goes on without a new pose. It must be quick: the tick waits for it.
-
-    Parameters
-    ----------
-    function : callable
-        Of the present instant, ns.
-    count : int
-        Of fingers.
     """
 
     is_over = False
@@ -150,13 +132,7 @@ class CallableInput:
         return [f"the pose callback raised {self.failures} times, first: {self._first_failure}"]
 
     def poll(self, now_ns: int) -> FingerPoses | None:
-        """Ask the function.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            The present instant.
-        """
+        """Ask the function."""
         try:
             reported = self._function(now_ns)
             return None if reported is None else self._understood(reported, now_ns)

@@ -25,24 +25,9 @@ PASSED_ON = ("position", "velocity", "normal", "bend", "bend_rate", "surface", "
 class SensorAnswers:
     """Contacts as a sensor measured them.
 
-    Parameters
-    ----------
-    count : int
-        Of fingers.
-    latency : float, s
-        From a tick until the controller acts on its answer: predictions are for then.
-    horizon : float, s
-        How far ahead contacts are looked for.
-    max_speed : float, m/s
-        By which a distance changes at most; faster is a jump of the sensor.
-    max_acceleration : float, m/s²
-        Bounds of predictions hold as long as it is not exceeded, and distances are no farther off than
-        reported.
-
-    Raises
-    ------
-    ServiceError
-        If a number cannot be used.
+    *latency*: from a tick until the controller acts on its answer: predictions are for then. *max_speed*: by
+    which a distance changes at most; faster is a jump of the sensor. *max_acceleration*: bounds of
+    predictions hold as long as it is not exceeded, and distances are no farther off than reported.
 
     Notes
     -----
@@ -103,20 +88,7 @@ class SensorAnswers:
         self._error_sums[:] = 0.0
 
     def answer(self, samples: Measurements, now_ns: int) -> np.ndarray:
-        """Make the contacts.
-
-        Parameters
-        ----------
-        samples : Measurements
-            Newest ones; nan: nothing was measured.
-        now_ns : int, ns
-            Instant of the tick.
-
-        Returns
-        -------
-        (N,) CONTACT
-            The same array each time.
-        """
+        """Make the contacts."""
         with np.errstate(over="ignore", invalid="ignore"):  # whatever a sensor tells
             return self._answer(samples, now_ns)
 

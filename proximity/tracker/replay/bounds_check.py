@@ -54,17 +54,7 @@ class CertifiedTimes:
 
 
 def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
-    """Hold the bounds of a sample of all finger-ticks against the exact distance.
-
-    Parameters
-    ----------
-    scene : Scene
-        As it was during the run.
-    run : Replay
-        What was answered.
-    radius : float, m
-        Of the fingertips.
-    """
+    """Hold the bounds of a sample of all finger-ticks against the exact distance."""
     ticks, rows = _sample(_is_tracked(run))
     contacts = run.contacts[ticks, rows]
     points = run.recording.positions[ticks, rows]
@@ -89,17 +79,7 @@ def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
 
 
 def judge_predictions(scene: Scene, run: Replay, radius: float) -> PredictionsKept:
-    """Hold predicted distances against those where the finger really was, between two ticks.
-
-    Parameters
-    ----------
-    scene : Scene
-        As it was during the run.
-    run : Replay
-        What was answered.
-    radius : float, m
-        Of the fingertips.
-    """
+    """Hold predicted distances against those where the finger really was, between two ticks."""
     is_predicted = _is_tracked(run) & _has(run, ContactFlag.PREDICTED)
     ticks, rows = _sample(is_predicted & np.isfinite(run.contacts["predicted_distance"]))
     contacts = run.contacts[ticks, rows]
@@ -115,15 +95,6 @@ def judge_predictions(scene: Scene, run: Replay, radius: float) -> PredictionsKe
 
 def judge_certified_times(scene: Scene, run: Replay, radius: float) -> CertifiedTimes:
     """Compare the certified times of a sample of finger-ticks with what the fingers touched.
-
-    Parameters
-    ----------
-    scene : Scene
-        As it was during the run.
-    run : Replay
-        What was answered.
-    radius : float, m
-        Of the fingertips.
 
     Notes
     -----

@@ -14,21 +14,7 @@ PASSING_SPEED, PASSING_DISTANCE = 0.2, 0.005
 def wandering_hands(
     scene: Scene, ticks: int, count: int = 2, *, seed: int = 5, rate: float = 1000.0
 ) -> np.ndarray:
-    """Return hands of five fingers that wander through a scene at some 0.3 m/s, (T, 5 count, 3).
-
-    Parameters
-    ----------
-    scene : Scene
-        Its box is where they wander.
-    ticks : int
-        How many.
-    count : int
-        Of hands.
-    seed : int
-        Decides their paths.
-    rate : float, Hz
-        Of the ticks.
-    """
+    """Return hands of five fingers that wander through a scene at some 0.3 m/s, (T, 5 count, 3)."""
     lower, upper = scene.bounds
     rng = np.random.default_rng(seed)
     t = np.arange(ticks)[:, None] / rate
@@ -45,14 +31,7 @@ def wandering_hands(
 def resting(positions: np.ndarray, fingers: int, ticks: int) -> np.ndarray:
     """Return fingers that stay at positions, (T, N, 3).
 
-    Parameters
-    ----------
-    positions : (K, 3) float64, m
-        Given to the fingers in turn.
-    fingers : int
-        How many.
-    ticks : int
-        How many.
+    *positions*: (K, 3) m.
     """
     own = positions[np.arange(fingers) % len(positions)]
     return np.ascontiguousarray(np.broadcast_to(own, (ticks, fingers, 3)))
@@ -61,17 +40,7 @@ def resting(positions: np.ndarray, fingers: int, ticks: int) -> np.ndarray:
 def passing(
     positions: np.ndarray, fingers: int, ticks: int, rng: np.random.Generator, *, rate: float = 1000.0
 ) -> np.ndarray:
-    """Return fingers that go to and fro through positions, each in a direction of its own, (T, N, 3).
-
-    Parameters
-    ----------
-    places, fingers, ticks
-        As of `resting`.
-    rng : Generator
-        Decides the directions.
-    rate : float, Hz
-        Of the ticks.
-    """
+    """Return fingers that go to and fro through positions, each in a direction of its own, (T, N, 3)."""
     directions = rng.normal(size=(fingers, 3))
     directions *= PASSING_DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
     beat, phases = PASSING_SPEED / PASSING_DISTANCE, rng.uniform(0.0, 2.0 * np.pi, fingers)
@@ -82,12 +51,7 @@ def passing(
 def repeated(positions: np.ndarray, ticks: int) -> np.ndarray:
     """Return a motion over and over, (ticks, N, 3); from its end to its begin nobody is there for a while.
 
-    Parameters
-    ----------
-    positions : (T, N, 3) float64, m
-        Once.
-    ticks : int
-        How many, the pauses left out of account.
+    *positions*: (T, N, 3) m.
     """
     nobody = np.full((PAUSE_TICKS, *positions.shape[1:]), np.nan)
     one = np.concatenate([positions, nobody])

@@ -32,33 +32,12 @@ def fitted_pose(
 ) -> Pose:
     """Return where to put a recording so that its fingers come near the parts and touch them.
 
-    The box of the middle 80 % of all positions is put concentric with the box of the scene. If then more
-    than a tenth of the positions touch, the hand is raised, along z, until a tenth do. If none touches
-    then, the hand is moved along the shortest connection of all, until that finger is pressed in by half its
-    radius.
+    The box of the middle 80 % of all positions is put concentric with the box of the scene. If then more than
+    a tenth of the positions touch, the hand is raised, along z, until a tenth do. If none touches then, the
+    hand is moved along the shortest connection of all, until that finger is pressed in by half its radius.
 
-    Parameters
-    ----------
-    scene : Scene
-        What is to be touched.
-    recording : Recording
-        As it was recorded.
-    radius : float, m
-        Of the fingertips.
-    rotation : (3, 3) float64
-        How the hand is turned; not at all where not given.
-    scale : float
-        How many times as large as recorded the motion is.
-
-    Returns
-    -------
-    Pose
-        For ``recording.placed(pose, scale)``.
-
-    Raises
-    ------
-    SceneError
-        If all parts are hidden: there is nothing to come near.
+    *rotation*: (3, 3); how the hand is turned; not at all where not given. *scale*: how many times as large
+    as recorded the motion is.
     """
     if all(part.is_hidden for part in scene.parts):
         raise SceneError("all parts are hidden, expected one that a recording can be fitted to")
@@ -79,15 +58,7 @@ def fitted_pose(
 def turn_about_axes(degrees: Sequence[float]) -> np.ndarray:
     """Return the rotation about the target's x, then its y, then its z axis, (3, 3).
 
-    Parameters
-    ----------
-    degrees : three floats
-        How far about each; counter-clockwise seen from the axis' tip.
-
-    Raises
-    ------
-    PoseError
-        If they are not finite.
+    *degrees*: how far about each; counter-clockwise seen from the axis' tip.
     """
     rotation = np.eye(3)
     for axis, angle in enumerate(degrees):

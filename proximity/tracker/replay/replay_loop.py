@@ -42,26 +42,9 @@ def replay(
 ) -> Replay:
     """Run a tracker over a recording as fast as it goes.
 
-    Parameters
-    ----------
-    make_tracker : callable
-        Makes a tracker for the recording's fingers; called twice, the first is for rehearsal.
-    recording : Recording
-        In the frame of the scene, at the rate of the ticks; see `Recording.resampled`.
-    latency : float, s
-        How old a pose is at its tick.
-    watch : callable
-        Is given the ticks in ranges and passes them on, one by one: a progress bar.
-
-    Returns
-    -------
-    Replay
-        All answers.
-
-    Raises
-    ------
-    RecordingError
-        If the latency is none, or the answers would not fit into memory.
+    *make_tracker*: makes a tracker for the recording's fingers; called twice, the first is for rehearsal.
+    *recording*: in the frame of the scene, at the rate of the ticks; see `Recording.resampled`. *watch*: is
+    given the ticks in ranges and passes them on, one by one: a progress bar.
     """
     if not 0.0 <= latency <= 1.0:
         raise RecordingError(f"a latency of {latency:g} s cannot be replayed, expected 0 to 1 s")

@@ -73,17 +73,7 @@ class ReplaySummary:
 
 
 def summarise(scene: Scene, run: Replay, radius: float) -> ReplaySummary:
-    """Return what is reported of a replay; every bound of a sample is checked against the exact distance.
-
-    Parameters
-    ----------
-    scene : Scene
-        As it was during the run.
-    run : Replay
-        What was answered.
-    radius : float, m
-        Of the fingertips.
-    """
+    """Return what is reported of a replay; every bound of a sample is checked against the exact distance."""
     flags = run.contacts["flags"]
     is_tracked = (flags & np.uint32(ContactFlag.TRACKED)) != 0
 
@@ -108,13 +98,7 @@ def summarise(scene: Scene, run: Replay, radius: float) -> ReplaySummary:
 
 
 def tick_times(nanoseconds: np.ndarray) -> TickTimes:
-    """Return percentiles and histogram of what ticks took.
-
-    Parameters
-    ----------
-    nanoseconds : (T,) int64
-        Of each tick; at least one.
-    """
+    """Return percentiles and histogram of what ticks took."""
     p50, p99, p999, longest = map(float, np.percentile(nanoseconds, PERCENTILES))
     # bin k: from 2^(k - 1) to 2^k µs; bin 0: below 1 µs
     bins = np.frexp(nanoseconds / MICROSECOND_NS)[1].clip(0)

@@ -42,16 +42,9 @@ class StoppedError(Exception):
 class GuidedPages:
     """Pages that a program leads, from the beginning to the end of a ``with`` block.
 
-    Parameters
-    ----------
-    title : str
-        Above all steps.
-    has_stop : bool
-        Whether the person's page has an emergency stop, too; watching pages always have one.
-    on_stop : callable
-        Is called once at an emergency stop, at once and by the thread of the server: it must be quick.
-    port : int
-        Where to listen on this machine; 0: any that is free.
+    *has_stop*: whether the person's page has an emergency stop, too; watching pages always have one.
+    *on_stop*: is called once at an emergency stop, at once and by the thread of the server: it must be quick.
+    *port*: where to listen on this machine; 0: any that is free.
 
     Notes
     -----
@@ -114,10 +107,7 @@ class GuidedPages:
     def present(self, step: Step) -> None:
         """Show a step, and go on; `wait` takes its answer.
 
-        Parameters
-        ----------
-        step : Step
-            Takes the place of the one before, whose answer no longer counts.
+        *step*: takes the place of the one before, whose answer no longer counts.
         """
         number = self._shown[0] + 1
         self._shown = number, step
@@ -129,17 +119,7 @@ class GuidedPages:
     def wait(self, timeout: float | None = None) -> Answer | None:
         """Wait for the answer to the step that is shown; None: there is none yet.
 
-        Parameters
-        ----------
-        timeout : float, s
-            How long to wait; None: until there is one.
-
-        Raises
-        ------
-        StoppedError
-            At an emergency stop, and until `stopped` is cleared.
-        PageLeftError
-            If the person's page was closed, and is away for 5 s.
+        *timeout*: how long to wait; None: until there is one.
         """
         ends = float("inf") if timeout is None else time.monotonic() + timeout
         while True:
@@ -158,10 +138,7 @@ class GuidedPages:
     def ask(self, step: Step) -> Answer:
         """Show a step, and wait for its answer; raises what `wait` raises.
 
-        Parameters
-        ----------
-        step : Step
-            With buttons, or with a time that ends it.
+        *step*: with buttons, or with a time that ends it.
         """
         self.present(step)
         answer = self.wait()
@@ -169,15 +146,7 @@ class GuidedPages:
         return answer
 
     def show(self, numbers: Mapping[str, str], watched: Mapping[str, str] | None = None) -> None:
-        """Show live numbers, which stay until others take their place.
-
-        Parameters
-        ----------
-        numbers : mapping of str to str
-            Names, and numbers with their units.
-        watched : mapping of str to str
-            What only watching pages show; None: as before.
-        """
+        """Show live numbers, which stay until others take their place."""
         self._tell("live", dict(numbers))
         if watched is not None:
             self._tell("watched", dict(watched))

@@ -30,18 +30,7 @@ class Field:
     may_be_empty: bool = False  # then the value is None
 
     def value(self, given: object) -> float | str | bool | None:
-        """Return what a page gave for this field: a number, a text, or whether it is ticked.
-
-        Parameters
-        ----------
-        given : object
-            A text, or whether it is ticked.
-
-        Raises
-        ------
-        FieldError
-            If that is not what is expected.
-        """
+        """Return what a page gave for this field: a number, a text, or whether it is ticked."""
         if self.kind == "tick":
             if given is True or (given is False and self.may_be_empty):
                 return given
@@ -94,13 +83,7 @@ class Step:
     progress: tuple[int, int] | None = None  # done, of so many
 
     def document(self, number: int) -> dict[str, Any]:
-        """Return it as a page takes it.
-
-        Parameters
-        ----------
-        number : int
-            Counts steps.
-        """
+        """Return it as a page takes it."""
         shown = asdict(self)
         for field in shown["fields"]:
             ends = field.pop("least"), field.pop("most")
@@ -113,20 +96,7 @@ class Step:
         return {"number": number, **shown}
 
     def answer(self, given: Mapping[str, Any]) -> "Answer":
-        """Return what a page answered.
-
-        Parameters
-        ----------
-        given : mapping
-            ``button``, ``values`` and ``seconds``.
-
-        Raises
-        ------
-        FieldError
-            If a field is not filled in as expected.
-        UnfitError
-            If it is no answer to this step.
-        """
+        """Return what a page answered."""
         pressed = [button for button in self.buttons if button.key == given.get("button")]
         values, seconds = given.get("values"), given.get("seconds")
         if not pressed or not isinstance(values, dict):

@@ -43,19 +43,7 @@ class Access:
 
     @classmethod
     def of(cls, tokens: tuple[str, ...], names: tuple[str, ...], port: int, *, is_secure: bool) -> "Access":
-        """Return who may come in at these names of this machine.
-
-        Parameters
-        ----------
-        tokens : tuple of str
-            One of which the first message must have.
-        names : tuple of str
-            Names and addresses, IPv6 in brackets.
-        port : int
-            At which it is listened.
-        is_secure : bool
-            Whether TLS is spoken.
-        """
+        """Return who may come in at these names of this machine."""
         usual = 443 if is_secure else 80
         hosts = {f"{name.lower()}:{port}" for name in names}
         hosts |= {name.lower() for name in names if port == usual}
@@ -64,12 +52,7 @@ class Access:
     def refusal(self, host: str | None, origin: str | None, *, is_live: bool) -> tuple[int, str] | None:
         """Return status and sentence of a request that is refused; None: it may come in.
 
-        Parameters
-        ----------
-        host, origin : str
-            The headers; None where they are not there.
-        is_live : bool
-            Whether it asks for the live connection, which must say its origin.
+        *is_live*: whether it asks for the live connection, which must say its origin.
         """
         if host is None or host.lower() not in self.hosts:
             return 421, "The page is not served under this name: open the address that was printed."
@@ -99,12 +82,7 @@ class Allowance:
     def takes(self, size: int, now: float | None = None) -> bool:
         """Whether another message is within what may be sent; it is counted.
 
-        Parameters
-        ----------
-        size : int, bytes
-            Of the message.
-        now : float, s
-            On a monotonic clock; asked for where not given.
+        *now*: on a monotonic clock; asked for where not given.
         """
         now = time.monotonic() if now is None else now
         elapsed, self.since = now - self.since, now

@@ -24,14 +24,8 @@ _IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
 class PageFiles:
     """What is served over HTTP.
 
-    Parameters
-    ----------
-    folder : path
-        Of the files, with ``index.html``.
-    made : mapping of str to str
-        Scripts that are no files, by their names, beginning with a slash.
-    frame_ancestors : str
-        Sources of pages that may show this one in a frame, as a content security policy has them.
+    *made*: scripts that are no files, by their names, beginning with a slash. *frame_ancestors*: sources of
+    pages that may show this one in a frame, as a content security policy has them.
     """
 
     def __init__(self, folder: Path, made: Mapping[str, str], frame_ancestors: str = "'self'") -> None:
@@ -46,13 +40,7 @@ class PageFiles:
         self._packed: dict[str, bytes] = {}
 
     def get(self, path: str) -> tuple[str, bytes] | None:
-        """Return type and compressed content of a file; None where there is none.
-
-        Parameters
-        ----------
-        path : str
-            As in the request, beginning with a slash.
-        """
+        """Return type and compressed content of a file; None where there is none."""
         found = self._known.get(path.partition("?")[0])
         if found is None:
             return None

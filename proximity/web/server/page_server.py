@@ -43,14 +43,7 @@ Meet = Callable[[ServerConnection, str], Awaitable[None]]
 class PageServer:
     """Files and live connections.
 
-    Parameters
-    ----------
-    access : Access
-        Who may come in.
-    files : PageFiles
-        Of the page.
-    meet : callable
-        Is given each live connection that may come in.
+    *meet*: is given each live connection that may come in.
     """
 
     def __init__(self, access: Access, files: PageFiles, meet: Meet) -> None:
@@ -58,17 +51,7 @@ class PageServer:
         self.refused: dict[str, int] = {}  # how often, by what was wrong
 
     async def listen(self, host: str, port: int, ssl: Any = None) -> Server:
-        """Begin to listen; closed by the caller.
-
-        Parameters
-        ----------
-        host : str
-            Address of this machine.
-        port : int
-            0: any that is free.
-        ssl : SSLContext
-            For TLS.
-        """
+        """Begin to listen; closed by the caller."""
         return await serve(
             self._page,
             host,
@@ -88,17 +71,7 @@ class PageServer:
         self.refused[what] = self.refused.get(what, 0) + 1
 
     async def refuse(self, connection: ServerConnection, code: int, sentence: str) -> None:
-        """Close a connection for what its page did; the first time for each sentence is logged.
-
-        Parameters
-        ----------
-        connection : ServerConnection
-            Of the page.
-        code : int
-            One of those of `access`.
-        sentence : str
-            Which says what was wrong.
-        """
+        """Close a connection for what its page did; the first time for each sentence is logged."""
         if sentence not in self.refused:
             LOGGER.warning("a page is disconnected: %s", sentence)
         self.count_refused(sentence)
