@@ -1,7 +1,8 @@
 """Compile the kernels ahead of time: ``python tools/build_kernels.py [--target NAME] [--out FOLDER]``.
 
 Without a target, for this machine, into ``proximity/native`` of the checkout: for the best set of
-instructions that its processor has. With ``--every-set``, or PROXIMITY_INSTRUCTIONS=all, for every set of the target.
+instructions that its processor has. With ``--every-set``, or PROXIMITY_INSTRUCTIONS=all, for every set of the
+target.
 """
 
 import argparse
