@@ -75,7 +75,7 @@ class Chirp:
 
 def free_chirp(drum: Drum) -> Chirp:
     """Return the chirp for a drum that nothing touches: some times its friction, 0.6 rad from end to end."""
-    friction, most = drum.friction * drum.radius, MOST_SHARE * drum.force_limit * drum.radius
+    friction, most = drum.friction * drum.lever, MOST_SHARE * drum.force_limit * drum.lever
     amplitude = min(max(OVER_FRICTION * friction, 0.01 * most), most)
     first = math.sqrt(amplitude / (FREE_SWING * inertia(drum))) / (2.0 * math.pi)
     # In a swing alone friction looks like latency: both make it late. Coasting shows the friction.
@@ -85,7 +85,7 @@ def free_chirp(drum: Drum) -> Chirp:
 
 def held_chirp(glove: Glove, drum: Drum) -> Chirp:
     """Return the chirp for a drum that presses on a held finger's replica, about where they ring."""
-    most = MOST_SHARE * drum.force_limit * drum.radius
+    most = MOST_SHARE * drum.force_limit * drum.lever
     wanted = HELD_FORCE * float(glove.replica_torque(HELD_BEND, 1.0)) / _drum_rate(glove)
     mean = min(wanted, most / (1.0 + HELD_SHARE))
     ringing = math.sqrt(drum_stiffness(glove, glove.cable.stiffness) / inertia(drum)) / (2.0 * math.pi)
@@ -94,7 +94,7 @@ def held_chirp(glove: Glove, drum: Drum) -> Chirp:
 
 def inertia(drum: Drum) -> float:
     """Return the inertia of a drum about its axis, kg m², its rotor behind the gear."""
-    return drum.mass * drum.radius**2
+    return drum.mass * drum.lever**2
 
 
 def drum_stiffness(glove: Glove, cable: float) -> float:
@@ -144,7 +144,7 @@ def identify_free(record: DrumRecord, drum: Drum) -> dict[str, float]:
         If the drum did not follow, or the model does not explain its answer.
     """
     _check_motor(record)
-    scale = np.array([inertia(drum), max(drum.friction * drum.radius, 1e-6), 0.0, _period(record)])
+    scale = np.array([inertia(drum), max(drum.friction * drum.lever, 1e-6), 0.0, _period(record)])
     scale[2] = 0.1 * scale[1]
 
     def plant(numbers: np.ndarray) -> np.ndarray:
@@ -179,7 +179,7 @@ def identify_held(record: DrumRecord, drum: Drum, glove: Glove, viscous: float) 
     """
     _check_motor(record)
     stiff = drum_stiffness(glove, glove.cable.stiffness)
-    mass, friction = inertia(drum), max(drum.friction * drum.radius, 1e-6)
+    mass, friction = inertia(drum), max(drum.friction * drum.lever, 1e-6)
     scale = np.array([stiff, 0.1 * math.sqrt(stiff * mass), mass, friction, _period(record)])
 
     def plant(numbers: np.ndarray) -> np.ndarray:

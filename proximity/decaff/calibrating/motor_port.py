@@ -44,10 +44,10 @@ class MotorPort:
         self._failure: MotorError | None = None
         self._thread = threading.Thread(target=self._watch, name="reads the motor", daemon=True)
         ratio = motor.settings.ratio
-        if abs(ratio / drum.ratio - 1.0) > RATIO_OFF:
+        if abs(ratio / drum.gear.ratio - 1.0) > RATIO_OFF:
             raise DecaffError(
-                f"the motor's address has a ratio of {ratio:g} and the drum one of {drum.ratio:g}, expected "
-                "the same: add ratio= to the address, or choose another --drum"
+                f"the motor's address has a ratio of {ratio:g} and the drum one of {drum.gear.ratio:g}, "
+                "expected the same: add ratio= to the address, or choose another --drum or --glove"
             )
 
     def __enter__(self) -> "MotorPort":

@@ -18,7 +18,6 @@ from proximity.decaff.drum.servo_gains import best_damped
 from proximity.errors import DecaffError
 
 SERVO_RATE = 3000.0  # Hz, where nothing else is said; assumed
-REFERENCE_SPEED_SHARE = 0.7  # of the speed limit; 1.75 m/s
 DEADBAND_COUNTS = 0.5  # of the encoder
 SIMULATION_STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 
@@ -96,7 +95,7 @@ def servo_for(drum: Drum, rate: float) -> Servo:
         gains.stiffness,
         gains.damping,
         drum.acceleration,
-        REFERENCE_SPEED_SHARE * drum.speed_limit,
+        drum.planned_speed,
         deadband=DEADBAND_COUNTS * drum.resolution,
     )
 

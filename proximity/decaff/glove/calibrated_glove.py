@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
+from proximity.decaff.arguments import positive
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.calibration import Calibration
 from proximity.decaff.glove.finger import Finger
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import CONTACT_BEND, Glove
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
@@ -58,6 +60,10 @@ class CalibratedGlove:
     def finger(self) -> Finger:
         """The finger as measured."""
         return self.glove.finger
+
+    def tip_drum(self, bend: float = CONTACT_BEND) -> Drum:
+        """Return the drum as the fingertip meets it at a bend: `Glove.tip_drum`."""
+        return self.glove.tip_drum(bend)
 
     def bend_of_counts(
         self, counts: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
@@ -220,15 +226,22 @@ class CalibratedGlove:
 
 
 def _as_measured(glove: Glove, calibration: Calibration) -> Glove:
-    """A glove with the finger and the cable that were measured."""
+    """A glove with the finger, the cable and the drum that were measured."""
     compliance = calibration.cable_compliance
     cable = replace(
         glove.cable,
         stiffness=1.0 / compliance if compliance > 0.0 else np.inf,
         backlash=calibration.backlash,
     )
-    finger = replace(glove.finger, phalanges=calibration.phalanges)
-    return replace(glove, finger=finger, cable=cable)
+    finger, motor = replace(glove.finger, phalanges=calibration.phalanges), glove.motor
+    if calibration.drum_inertia is not None:
+        rotor = calibration.drum_inertia / glove.gear.ratio**2 - glove.gear.inertia
+        motor = replace(
+            motor, inertia=positive("the rotor's measured inertia", rotor, "kilogram square metres")
+        )
+    if calibration.drum_friction is not None:
+        motor = replace(motor, friction=calibration.drum_friction / glove.gear.ratio)
+    return replace(glove, finger=finger, cable=cable, motor=motor)
 
 
 def _check_table(glove: Glove, calibration: Calibration) -> None:

@@ -1,15 +1,17 @@
-"""Model of the glove: finger bend, replica, potentiometer and drum, and the conversions between them.
+"""Model of the glove: finger, linkage, cable, potentiometer, drum, gear and motor, and what follows.
 
 One degree of freedom a finger: bend, fingertip, angle of the linkage, travel of the cable, angle of the
 replica, counts, and where the drum must stand are all functions of one another (docs/guide/drums.md). A
-calibration replaces what the cable and the linkage are thought to do by what was measured (`calibration`).
+calibration replaces what the cable, the linkage and the motor are thought to do by what was measured
+(`calibration`).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from proximity.decaff.drum.drum_model import GEARS, USUAL_GEAR, Drum, Gear, Motor, gear_named
 from proximity.decaff.glove.drum_geometry import ArmDrum, DrumGeometry
 from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.linkage import CHECKED_BENDS, Linkage
@@ -17,6 +19,9 @@ from proximity.decaff.glove.transmission import Cable, Potentiometer
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
+
+CONTACT_BEND = 0.5
+"""Where a finger touches unless something else is said: half way to the fist."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +37,8 @@ class Glove:
     cable: Cable = field(default_factory=Cable)
     potentiometer: Potentiometer = field(default_factory=Potentiometer)
     drum: DrumGeometry = field(default_factory=ArmDrum)
+    motor: Motor = field(default_factory=Motor)
+    gear: Gear = GEARS[USUAL_GEAR]
 
     def __post_init__(self) -> None:
         self.linkage.check(self.finger)
@@ -200,19 +207,18 @@ class Glove:
         torque = np.asarray(contact_force, np.float64) * self.drum.lever(self.replica_angle(bend))
         return torque / self.tip_per_radian(bend)
 
-    def motor_torque(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
-        """Return the torque of the drum's motor for a force at the fingertip, (...), N m.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger.
-        tip_force : (...) float64, N
-            Against the fingertip's path.
-        """
+    def lever(self, bend: ArrayLike) -> np.ndarray:
+        """Return how far the fingertip goes a radian of the drum, (...), m; also a newton's torque there."""
         replica = self.replica_angle(bend)
-        contact_force = self.replica_torque(bend, tip_force) / self.drum.lever(replica)
-        return contact_force * self.drum.motor_lever(replica)
+        return self.tip_per_radian(bend) * self.drum.motor_lever(replica) / self.drum.lever(replica)
+
+    def motor_torque(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
+        """Return the torque at the motor's shaft for a force at the fingertip, (...), N m, without losses."""
+        return self.lever(bend) * np.asarray(tip_force, np.float64) / self.gear.ratio
+
+    def tip_drum(self, bend: float = CONTACT_BEND) -> Drum:
+        """Return the drum as the fingertip meets it at a bend."""
+        return Drum(float(self.lever(bend)), self.motor, self.gear)
 
     def cable_tension(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
         """Return the tension of the cable for a force at the fingertip, (...), N.
@@ -239,3 +245,18 @@ class Glove:
         """
         ratio = self.cable.replica_pulley / self.tip_per_radian(bend)
         return self.cable.stiffness * ratio**2
+
+
+def with_gear(glove: Glove, name: str) -> Glove:
+    """Return the same glove with another of `GEARS`."""
+    return replace(glove, gear=gear_named(name))
+
+
+def tip_drums(glove: Glove) -> dict[str, Drum]:
+    """Return drums on a glove: with each of `GEARS`, and with its own gear where that is another."""
+    drums = {name: with_gear(glove, name).tip_drum() for name in GEARS}
+    return drums if glove.gear in GEARS.values() else drums | {glove.gear.name: glove.tip_drum()}
+
+
+DRUMS = tip_drums(Glove())
+"""Drums of the glove of our own dimensions."""

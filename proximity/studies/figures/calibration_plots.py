@@ -18,7 +18,7 @@ from proximity.decaff.calibrating.swing_kernels import (
     SWING_STIFFNESS,
     SWING_VISCOUS,
 )
-from proximity.decaff.calibrating.tasks import FREE, HELD, POSE_TASKS, POSES, TOUCH, Task, drum_lever
+from proximity.decaff.calibrating.tasks import FREE, HELD, POSE_TASKS, POSES, TOUCH, Task
 from proximity.studies.figures import style
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _draw_touches(panel: "Axes", session: Session) -> None:
     glove = session.bench.glove
     bends = [float(glove.bend_of_counts(touch["counts"])) for touch in session.readings.of(TOUCH)]
     found = next(one for one in session.estimates() if one.key == "touch_offset")
-    factor = 1e3 * float(drum_lever(glove, HELD_BEND))  # 10 % more or less at other bends
+    factor = 1e3 * float(glove.lever(HELD_BEND))  # 10 % more or less at other bends
     _mark(panel, session, TOUCH, bends, "offset", found.value, session.of(TOUCH), factor)
     half = factor * found.half_width
     panel.axhspan(-half, half, color="#0072B2", alpha=0.25, linewidth=0, label="mean and its 95 %")

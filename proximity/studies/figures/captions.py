@@ -39,17 +39,14 @@ def hand_words(hand: Hand) -> str:
     )
 
 
-def drum_words(name: str, drum: Drum) -> str:
-    """Return what a drum is.
+def gears_words(drum: Drum) -> str:
+    """Return what drums have in common that differ in their gear, which is their name."""
+    return f"{drum.motor.name}, total gearing as named, on a lever of {1e3 * drum.lever:.0f} mm"
 
-    Parameters
-    ----------
-    name : str
-        Of `DRUMS`.
-    drum : Drum
-        Of that name.
-    """
+
+def drum_words(drum: Drum) -> str:
+    """Return what a drum is, and how it acts at the fingertip."""
     return (
-        f"drum {name}: {1e3 * drum.mass:.0f} g, servo at {1e-3 * SERVO_RATE:g} kHz, encoder "
+        f"drum {drum.words}: {1e3 * drum.mass:.0f} g, servo at {1e-3 * SERVO_RATE:g} kHz, encoder "
         f"{1e6 * drum.resolution:.1f} µm with the wall at random within a count (ours)"
     )

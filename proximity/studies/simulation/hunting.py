@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum_model import DRUMS, Drum, with_random_phases
+from proximity.decaff.drum.drum_model import Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
+from proximity.decaff.glove.glove import DRUMS
 from proximity.studies.simulation.closed_loop import DecaffLoop
 from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand

@@ -31,7 +31,6 @@ STIFFNESSES = tuple(50.0 * 10.0 ** (k / 6.0) for k in range(16))
 DAMPING_RATIOS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.5, 3.0)
 TUNING_STEP = 2e-5  # s, of the simulation
 HOPELESS = 3.0  # an error from which on a stiffer wall is not tried
-ELECTRICAL_TIME = 0.12e-3  # s, of a motor of the 20 W class; assumed
 SENSOR_SMOOTHING = 10.0  # Hz, of the force that is measured, not taken from the motor's torque
 CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, between which one is looked for
 HALVINGS = 14  # of that, in its logarithm: to a thousandth
@@ -181,7 +180,7 @@ class Stretch(StrEnum):
 
 
 def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch.LEFT) -> Decaff:
-    """Return the same glove with a cable, the counts of its potentiometer, and a motor with a winding.
+    """Return the same glove with a cable, and the counts of its potentiometer.
 
     Parameters
     ----------
@@ -192,12 +191,10 @@ def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch
     stretch : Stretch
         How its stretch is made up for.
     """
-    motor = replace(glove.drum.motor, electrical_time=ELECTRICAL_TIME)
     resolution = float(Glove().resolution(CONTACT_BEND))
     has_sensor = stretch == Stretch.SENSOR
     return replace(
         glove,
-        drum=replace(glove.drum, motor=motor),
         sensing=replace(glove.sensing, resolution=resolution),
         holding=replace(
             glove.holding,
