@@ -10,10 +10,9 @@ from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import DrumAction, DrumState, FrameMark, Observation
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.drum.drum_model import DRUMS
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
 from proximity.message import ContactFlag, Mode, State
 from proximity.studies.simulation.closed_loop import decaff
@@ -54,7 +53,7 @@ def test_controller_displays_what_the_plain_rule_does(speed):
 
 
 @pytest.mark.parametrize("rate", [500.0, 3000.0])
-@pytest.mark.parametrize("drum", ["direct", "gear4"])
+@pytest.mark.parametrize("drum", ["gear14", "gear51"])
 def test_drum_meets_a_resting_finger_with_a_millijoule_at_any_rate(drum, rate):
     """Reference, where the finger waits just before the wall and the drum comes from afar.
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from pages import PAGES
 
-from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
+from proximity.decaff.drum.drum_model import with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
+from proximity.decaff.glove.glove import DRUMS
 from proximity.studies.simulation.closed_loop import decaff
 from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
@@ -30,7 +31,7 @@ def swings(name, speed, **settings):
 @pytest.mark.parametrize("name", DRUMS)
 @pytest.mark.parametrize("speed", [0.1, 1.0])
 def test_force_at_rest_swings_less_than_is_felt(name, speed):
-    """Without the deadband, most phases swing by up to 44 (gear4), 140 (direct) and 18 mN (gear10)."""
+    """Without the deadband, most phases swing by up to 44 (gear51), 140 (direct) and 18 mN (gear10)."""
     assert swings(name, speed).max() < FELT_SWING
     assert (swings(name, speed, deadband=0.0) > FELT_SWING).mean() > 0.5
 
@@ -49,11 +50,11 @@ def test_deadband_is_the_cure_at_rest_and_a_finer_encoder_makes_the_steps_before
 
 
 def test_page_has_the_comparison_of_the_cures():
-    """Run ``python -m proximity.studies.simulation.hunting`` for what belongs there; gear4 is checked."""
+    """Run ``python -m proximity.studies.simulation.hunting`` for what belongs there; gear51 is checked."""
     page = PAGES["science/drum.md"].splitlines()
-    begin = page.index("| cure | direct | gear4 | gear10 |")
+    begin = page.index("| cure | gear14 | gear51 | gear111 |")
     rows = page[begin + 2 : begin + 2 + len(CURES)]
 
     for row, cure in zip(rows, CURES.values(), strict=True):
         words = [part.strip() for part in row.strip("|").split("|")]
-        assert (words[0], words[2]) == (cure.words, cell(rest_of(DRUMS["gear4"], cure)))
+        assert (words[0], words[2]) == (cure.words, cell(rest_of(DRUMS["gear51"], cure)))

@@ -330,7 +330,7 @@ def _print(press: "Simulation") -> None:
     )
     if press.coupled is not None:
         gains = f"{press.coupled.stiffness:.4g} N/m, {press.coupled.damping:.3g} N·s/m"
-        device = f"{1e3 * COUPLED_DEVICE.mass:g} g that the finger carries"
+        device = f"{1e3 * COUPLED_DEVICE.mass:.0f} g that the finger carries"
         print_block(console, [("spring, damper", gains), ("device", device)])
     console.print()
     rows = table([""], ("this wall", "real wall"))
