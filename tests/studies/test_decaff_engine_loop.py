@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import shapes
 from pages import PAGES
+from paper_drums import GEAR49
 from project import MESHES
 
+from proximity.decaff.drum.drum_model import with_random_phases
 from proximity.errors import DecaffError
 from proximity.pose import Pose
 from proximity.recording import Recording
@@ -43,9 +45,14 @@ def flat():
     return place_finger(box_scene(), (0.0, 0.0, 0.01))
 
 
+PLACED = with_random_phases(GEAR49, 1)[0]
+
+
 def run(finger, speed=0.5, hold=0.2, **setup):
     return press_on_part(
-        finger, HAND.press(speed, hold=hold), EngineSetup(**{"start_distance": START_DISTANCE, **setup})
+        finger,
+        HAND.press(speed, hold=hold),
+        EngineSetup(**{"start_distance": START_DISTANCE, "drum": PLACED, **setup}),
     )
 
 

@@ -20,4 +20,5 @@ GEAR12, GEAR49, GEAR122 = (
 )
 PAPER_DRUMS = {"gear12": GEAR12, "gear49": GEAR49, "gear122": GEAR122}
 PAPER_GLOVE = Decaff(GEAR49)
+PAPER_DESIGN = Glove(motor=MOTOR, gear=GEAR49.gear)
 PAPER_DEVICE = Link(mass=0.020, damping=0.05)  # link and rotor that a coupled wall hangs on the finger

@@ -40,7 +40,7 @@ Examples:
   proximity drum iox2://decaff
   proximity drum iox2://decaff --glove glove.json --log drum.csv
   proximity drum udp://127.0.0.1:9100 --limit 10 --json
-  proximity drum iox2://decaff --motor "odrive-can://can0?node=0&kt=0.05&ratio=4"
+  proximity drum iox2://decaff --motor "odrive-can://can0?node=0&kt=0.05"
   proximity drum iox2://decaff --motor "simplefoc:///dev/ttyACM0?kt=0.05" --arm
 """
 
