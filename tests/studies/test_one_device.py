@@ -2,15 +2,18 @@
 
 import json
 import re
+from dataclasses import replace
 
+import glove_files
 import numpy as np
 import pytest
 from paper_drums import LEVER, paper_drum
 
 from proximity.decaff.chip.sources import controller_sources
-from proximity.decaff.drum.drum_model import GEARS, Gear, gear_named, with_random_phases
+from proximity.decaff.drum.drum_model import GEARS, Gear, Motor, gear_named, with_random_phases
 from proximity.decaff.drum.servo import servo_for
-from proximity.decaff.glove.calibration import read_calibration
+from proximity.decaff.glove.calibration import read_calibration, write_calibration
+from proximity.decaff.glove.design import glove_of, table_of
 from proximity.decaff.glove.drum_geometry import EccentricDrum
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import CONTACT_BEND, DRUMS, Glove, with_gear
@@ -21,6 +24,7 @@ from proximity.errors import DecaffError
 from proximity.studies.simulation import sweeps
 from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
+from proximity.studies.simulation.simulated_press import Setup
 
 DESIGN = {"format": "proximity glove design", "version": 1}
 
@@ -118,6 +122,27 @@ def test_design_that_cannot_be_is_refused_with_the_file(tmp_path, parts, message
     with pytest.raises(DecaffError, match=message) as refused:
         read_any_glove(written(tmp_path, **parts))
     assert "design.json" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "glove",
+    [Glove(), Glove(drum=EccentricDrum()), with_gear(Glove(motor=Motor("mine", duty_bits=9)), "gear14")],
+)
+def test_design_is_read_as_it_was_written(glove):
+    assert glove_of(json.loads(json.dumps(table_of(glove)))) == glove
+
+
+def test_drum_that_was_measured_is_the_one_that_is_simulated(tmp_path):
+    """Inertia and friction of the drum, behind the gear of the design that stands beside them."""
+    design = with_gear(Glove(), "gear14")
+    made = replace(read_calibration(glove_files.write(tmp_path / "glove.json")), design=design)
+    write_calibration(tmp_path / "glove.json", replace(made, drum_inertia=3e-4, drum_friction=0.02))
+    glove = read_any_glove(tmp_path / "glove.json")
+
+    assert glove.tip_drum().mass * glove.tip_drum().lever ** 2 == pytest.approx(3e-4)
+    assert glove.tip_drum().friction * glove.tip_drum().lever == pytest.approx(0.02)
+    assert Setup(glove=glove.glove).drum.mass == FingerPath(glove).drum.mass
+    assert f"{FingerPath(glove).drum.lever!r}" in controller_sources([glove])["decaff_controller.h"]
 
 
 def test_design_is_no_calibration(tmp_path):

@@ -19,6 +19,7 @@ PARTS: dict[str, Any] = {
     "finger": Finger, "linkage": Linkage, "cable": Cable, "potentiometer": Potentiometer,
     "drum": ArmDrum, "motor": Motor, "gear": Gear,
 }  # fmt: skip
+ALWAYS = ("name", "crank")  # fields that are written although they are the usual ones: they tell parts apart
 
 
 def glove_of(table: Any) -> Glove:
@@ -31,17 +32,17 @@ def glove_of(table: Any) -> Glove:
 
 def table_of(glove: Glove) -> dict[str, Any]:
     """Return what of a glove is not of our own dimensions."""
+    usual: Glove = Glove()
     found: dict[str, Any] = {}
     for name in PARTS:
         part = getattr(glove, name)
-        usual = type(part)() if name == "drum" or part != getattr(Glove(), name) else part
-        changed = {
-            field.name: getattr(part, field.name)
-            for field in fields(part)
-            if getattr(part, field.name) != getattr(usual, field.name) or field.name in ("crank", "name")
-        }
-        if part != getattr(Glove(), name):
-            found[name] = changed
+        if part != getattr(usual, name):
+            default = type(part)()
+            found[name] = {
+                field.name: getattr(part, field.name)
+                for field in fields(part)
+                if field.name in ALWAYS or getattr(part, field.name) != getattr(default, field.name)
+            }
     return found
 
 
