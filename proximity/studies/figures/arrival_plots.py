@@ -75,8 +75,8 @@ def draw_motion(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
         f"{gears_words(glove.tip_drum())}.",
         *(
             f"{name}: {1e3 * drums[name].mass:.0f} g, {1e-3 * servo.stiffness:.3g} kN/m, "
-            f"{servo.damping:.0f} N·s/m, at most {servo.acceleration:.0f} m/s², {servo.speed:.2g} m/s; goes "
-            f"{-1e3 * table[f'{name}_left_m'].min():.1f} mm too far"
+            f"{servo.damping:.0f} N·s/m; up to {servo.acceleration:.0f} m/s², {servo.speed:.2g} m/s; swings "
+            f"{-1e3 * table[f'{name}_left_m'].min():.1f} mm past"
             for name, servo in servos.items()
         ),
     )
