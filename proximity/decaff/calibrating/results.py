@@ -59,17 +59,7 @@ class Estimate:
 
 
 class Session:
-    """A calibration under way: what is calibrated, with what, and the readings so far.
-
-    Parameters
-    ----------
-    bench : Bench
-        What is calibrated.
-    readings : Readings
-        So far, with the same instruments.
-    skipped : sequence of str
-        Keys of tasks that are left out.
-    """
+    """A calibration under way: what is calibrated, with what, and the readings so far."""
 
     def __init__(self, bench: Bench, readings: Readings, skipped: Sequence[str] = ()) -> None:
         self.bench, self.readings = bench, readings
@@ -93,20 +83,7 @@ class Session:
         return [task.key for task in needed if len(self.of(task)) < task.repeats]
 
     def take(self, asked: Asked, ready: Ready) -> None:
-        """Measure, and keep the reading.
-
-        Parameters
-        ----------
-        asked : Asked
-            As `next` returned it.
-        ready : callable
-            Returns when the person has done a part of the task.
-
-        Raises
-        ------
-        DecaffError
-            If the reading cannot be right; nothing is kept of it.
-        """
+        """Measure, and keep the reading."""
         free = self.readings.agreeing(FREE, self.bench)
         viscous = float(np.mean([reading["viscous"] for reading in free])) if free else 0.0
         bench = Bench(self.bench.instruments, self.bench.glove, viscous)

@@ -91,15 +91,7 @@ class SimulatedGlove:
         }
 
     def prepare(self, asked: Asked, part: int) -> None:
-        """Do what a part of a task says, as a person would.
-
-        Parameters
-        ----------
-        asked : Asked
-            The task.
-        part : int
-            Of it, from 0.
-        """
+        """Do what a part of a task says, as a person would."""
         self._asked, self._part = asked.task.key, part
         self._random = np.random.default_rng([self._seed, asked.number + 1, part])
         is_at_block = self._asked in (BACKLASH.key, PULL.key)

@@ -94,13 +94,7 @@ class Calibration:
 
 
 def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> None:
-    """Write a calibration to a file, at once and wholly; one that is there is replaced.
-
-    Raises
-    ------
-    DecaffError
-        If it cannot be written; nothing is left behind then.
-    """
+    """Write a calibration to a file, at once and wholly; one that is there is replaced."""
     text = json.dumps(_as_document(calibration), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     with whole_file(path, DecaffError) as stream:
         stream.write(text.encode())
@@ -128,20 +122,7 @@ def read_glove_file(path: str | os.PathLike[str]) -> Calibration | Glove:
 
 
 def check_age(calibration: Calibration, *, most_days: float | None = None) -> None:
-    """Refuse a calibration that was made too long ago, or will be made.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        Of a glove that is to be used.
-    most_days : float, days
-        How old it may be; `MOST_AGE_DAYS` where not given.
-
-    Raises
-    ------
-    DecaffError
-        With the date, and what was expected.
-    """
+    """Refuse a calibration that was made too long ago, or will be made."""
     most = positive("most_days", MOST_AGE_DAYS if most_days is None else most_days, "days")
     age = (datetime.now(UTC) - calibration.made) / timedelta(days=1)
     date = f"{calibration.made:%Y-%m-%d}"

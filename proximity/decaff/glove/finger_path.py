@@ -23,18 +23,7 @@ LEVER_STEP = 2e-4  # rad, over which the slope of the path is taken
 
 
 class FingerPath:
-    """Places of fingertip and drum, as tables.
-
-    Parameters
-    ----------
-    glove : Glove or CalibratedGlove
-        Of the finger.
-
-    Raises
-    ------
-    DecaffError
-        If the drum cannot stand anywhere in the finger's path.
-    """
+    """Places of fingertip and drum, as tables."""
 
     retracted: float
     """m: the drum's position farthest from the finger, beyond the fist where it gets there."""
@@ -73,43 +62,19 @@ class FingerPath:
         return self._bends, self._positions, self._angles
 
     def position(self, bend: float) -> float:
-        """Return how far the fingertip has come at a bend, m; at the ends of the table it stays.
-
-        Parameters
-        ----------
-        bend : float
-            Of the finger.
-        """
+        """Return how far the fingertip has come at a bend, m; at the ends of the table it stays."""
         return _between(bend, self._bends, self._positions)
 
     def bend(self, position: float) -> float:
-        """Return the bend at a position.
-
-        Parameters
-        ----------
-        position : float, m
-            Of the fingertip.
-        """
+        """Return the bend at a position."""
         return _between(position, self._positions, self._bends)
 
     def drum_position(self, angle: float) -> float:
-        """Return where the drum meets the finger, m.
-
-        Parameters
-        ----------
-        angle : float, rad
-            Of the drum.
-        """
+        """Return where the drum meets the finger, m."""
         return _between(angle, self._angles, self._positions)
 
     def drum_angle(self, position: float) -> float:
-        """Return the angle at which the drum meets the finger at a position, rad.
-
-        Parameters
-        ----------
-        position : float, m
-            Of the fingertip.
-        """
+        """Return the angle at which the drum meets the finger at a position, rad."""
         return _between(position, self._positions, self._angles)
 
     def lever(self, angle: float) -> float:

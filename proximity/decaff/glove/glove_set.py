@@ -50,20 +50,7 @@ def _warn_of_simulated(path: str) -> None:
 
 
 def as_many(gloves: Sequence[G], count: int) -> list[G]:
-    """Return what there is of so many fingers: one for all, or as they are.
-
-    Parameters
-    ----------
-    gloves : sequence
-        One, or one a finger.
-    count : int
-        Of fingers.
-
-    Raises
-    ------
-    DecaffError
-        If there is another number of them.
-    """
+    """Return what there is of so many fingers: one for all, or as they are."""
     if len(gloves) not in (1, count):
         raise DecaffError(
             f"{len(gloves)} calibrations for {count} fingers, expected one for all, or one for each"

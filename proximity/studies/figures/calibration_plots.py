@@ -40,35 +40,14 @@ DRUM_PARTS = {
 
 
 def write(session: Session, path: Path) -> None:
-    """Draw a calibration as a PNG.
-
-    Parameters
-    ----------
-    session : Session
-        All of whose glove's tasks are done.
-    path : path
-        Of the picture.
-
-    Raises
-    ------
-    DecaffError
-        If matplotlib is not there.
-    """
+    """Draw a calibration as a PNG."""
     rows = 2 if any(session.of(task) for task in (FREE, HELD)) else 1
     size = (style.PAGE_WIDTH, HEIGHT * rows / 2)
     style.write_bytes(path, style.render(draw, session, size, "png"))
 
 
 def draw(figure: "Figure", session: Session) -> None:
-    """Draw counts over the bend, touches, and the chirps.
-
-    Parameters
-    ----------
-    figure : Figure
-        Empty.
-    session : Session
-        As of `write`.
-    """
+    """Draw counts over the bend, touches, and the chirps."""
     chirps = [task for task in (FREE, HELD) if session.of(task)]
     panels = figure.subplots(2 if chirps else 1, 2, squeeze=False)
     for panel in panels.flat[2 + len(chirps) :]:

@@ -17,15 +17,7 @@ COINCIDE = "Where fewer curves are seen, several lie on one another."
 
 
 def caption(figure: "Figure", *lines: str) -> None:
-    """Put text below a figure.
-
-    Parameters
-    ----------
-    figure : Figure
-        Of any width.
-    lines : strs
-        Each begins a line, and is wrapped where it is wider than the figure.
-    """
+    """Put text below a figure."""
     most = int(LETTERS_AN_INCH * figure.get_figwidth())
     wrapped = [part for line in lines for part in textwrap.wrap(line, most)]
     figure.supxlabel("\n".join(wrapped), fontsize=SIZE, color=COLOUR)

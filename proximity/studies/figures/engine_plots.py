@@ -39,13 +39,7 @@ SIZE = (style.PAGE_WIDTH, 3.5)
 
 
 def bracket() -> Scene:
-    """Return the sample bracket: beside the package in a checkout, inside of it where it was installed.
-
-    Raises
-    ------
-    DecaffError
-        If it is at neither place.
-    """
+    """Return the sample bracket: beside the package in a checkout, inside of it where it was installed."""
     package = Path(__file__).resolve().parents[2]
     for folder in (package / "samples", package.parent / "meshes"):
         if (folder / "bracket.stl").is_file():

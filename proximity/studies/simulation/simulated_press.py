@@ -130,13 +130,7 @@ class Simulation:
 
 
 def simulate(setup: Setup) -> Simulation:
-    """Return a press on a wall.
-
-    Raises
-    ------
-    DecaffError
-        If the stiffness or the damping is negative.
-    """
+    """Return a press on a wall."""
     hand, coupled = Hand(), None
     press = hand.press(setup.speed)
     if setup.wall == Wall.COUPLED:
@@ -197,15 +191,7 @@ def describe(simulation: Simulation) -> str:
 
 
 def cable_words(stiffness: float, stretch: str) -> str:
-    """Return a cable in words.
-
-    Parameters
-    ----------
-    stiffness : float, N/m
-        At the fingertip.
-    stretch : str
-        Of `Stretch`.
-    """
+    """Return a cable in words."""
     return f"{stiffness:.4g} N/m at the fingertip, {Stretch(stretch).words}"
 
 

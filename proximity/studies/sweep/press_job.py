@@ -89,20 +89,7 @@ MEASURES = {
 
 
 def run(values: Values, files: NodeFiles) -> dict[str, Any]:
-    """Return the measures of one press.
-
-    Parameters
-    ----------
-    values : mapping
-        See `FACTORS`.
-    files : NodeFiles
-        Not used.
-
-    Raises
-    ------
-    DecaffError
-        If the numbers make no device, or one gain of a coupled wall is given and the other tuned.
-    """
+    """Return the measures of one press."""
     del files
     hand, coupled = Hand(), None
     press = hand.press(values["speed"], hold=values["hold"])
