@@ -51,7 +51,7 @@ def _part(name: str, numbers: Any) -> Any:
         return gear_named(numbers)
     if not isinstance(numbers, Mapping):
         raise DecaffError(f"{name} of the design is {numbers!r}, expected its fields")
-    kind = EccentricDrum if name == "drum" and "crank" in numbers else PARTS[name]
+    kind: Any = EccentricDrum if name == "drum" and "crank" in numbers else PARTS[name]
     types = {field.name: field.type for field in fields(kind)}
     _check_names(f"{name} of the design", numbers, types)
     for field, value in numbers.items():
