@@ -85,7 +85,8 @@ slice_fields
 calibrating · chip · simulated_drums
 motors
 controller
-drum · glove
+glove
+drum
 arguments
 """,
     "proximity.studies": """

@@ -23,7 +23,7 @@ def _report(sentence: str) -> None:
 
 
 @contextmanager
-def armable_motors(addresses: list[str], gloves: list[CalibratedGlove]) -> Iterator[list[MotorDrum]]:
+def armable_motors(addresses: list[str], gloves: list[Glove | CalibratedGlove]) -> Iterator[list[MotorDrum]]:
     """Open motors, which stay off, and say what was never tried; they end switched off.
 
     Parameters
@@ -46,7 +46,7 @@ def armable_motors(addresses: list[str], gloves: list[CalibratedGlove]) -> Itera
 
 def ready_bench(
     rate: float,
-    gloves: list[CalibratedGlove],
+    gloves: list[Glove | CalibratedGlove],
     motors: list[MotorDrum],
     stop: threading.Event,
     cable: CableRule | None = None,

@@ -5,9 +5,13 @@ import math
 from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
+
+if TYPE_CHECKING:
+    from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+    from proximity.decaff.glove.glove import Glove
 
 LONGEST_S = 1e9
 
@@ -81,6 +85,25 @@ CABLE = Annotated[
         "in. Without it, no cable.",
     ),
 ]
+GLOVE = Annotated[
+    Path | None,
+    typer.Option(
+        "--glove",
+        metavar="FILE",
+        help="File of the glove, as calibrate or a builder wrote it: motor, gear, lever, linkage and cable. "
+        "Default: a glove with assumed dimensions.",
+    ),
+]
+GLOVES = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--glove",
+        "--calibration",
+        metavar="FILE",
+        help="File of the glove, as calibrate or a builder wrote it: one for all fingers, or one for each. "
+        "Default: a glove with assumed dimensions.",
+    ),
+]
 SOFTEST_CABLE, STIFFEST_CABLE = 10.0, 1e6  # N/m at the fingertip
 
 
@@ -145,12 +168,32 @@ def cable_stiffness(text: str, max_age: float | None = None) -> float:
             raise typer.BadParameter(
                 f"{text!r}: expected a stiffness in N/m, or the file of a calibration", param_hint="--cable"
             ) from None
-        from proximity.decaff.glove.default_bend import CONTACT_BEND
-        from proximity.decaff.glove.glove_set import read_glove
+        from proximity.decaff.glove.glove import CONTACT_BEND
+        from proximity.decaff.glove.glove_set import read_any_glove
 
-        stiffness = float(read_glove(text, max_age).glove.tip_stiffness(CONTACT_BEND))
+        stiffness = float(designed(read_any_glove(text, max_age)).tip_stiffness(CONTACT_BEND))
     check_range(stiffness, "--cable", "N/m at the fingertip", SOFTEST_CABLE, STIFFEST_CABLE)
     return stiffness
+
+
+def designed(worn: "Glove | CalibratedGlove") -> "Glove":
+    """Return a glove's parts: as measured where it was calibrated, else as designed."""
+    from proximity.decaff.glove.glove import Glove
+
+    return worn if isinstance(worn, Glove) else worn.glove
+
+
+def check_gear(name: str | None) -> str | None:
+    """Return the name of a gear of ours; refuse another one."""
+    if name is not None:
+        from proximity.decaff.drum.drum_model import gear_named
+        from proximity.errors import DecaffError
+
+        try:
+            gear_named(name)
+        except DecaffError as unknown:
+            raise typer.BadParameter(str(unknown), param_hint="--drum") from unknown
+    return name
 
 
 def load_options(step_tolerance: float, unpacked_limit: float) -> dict[str, float]:

@@ -45,41 +45,23 @@ def run(
     is_sensor: bool,
     as_json: bool,
 ) -> None:
-    """Simulate a press on a part, and tell of it.
-
-    Parameters
-    ----------
-    pressed_part : Place
-        What is pressed on.
-    setup : Setup
-        Speed, rate, latency and drum.
-    policy : str
-        A plain reading of distances; the drum's controller where None.
-    out : path
-        What to draw or write; None: nothing.
-    is_sensor : bool
-        Distances are measured at a far end.
-    as_json : bool
-        Tell it as a document.
-    """
+    """Simulate a press on a part, and report it; without a *policy* the drum's controller reads distances."""
     from proximity.cli import progress
     from proximity.cli.views.json_output import write_document
-    from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
     from proximity.formats import metres_per_unit
     from proximity.studies import part_press
     from proximity.studies.engine.engine_setup import Distances, EngineSetup
     from proximity.studies.figures import captions, press_plots
     from proximity.studies.simulation import simulated_press
     from proximity.studies.simulation.sweeps import Stretch
-    from proximity.studies.simulation.tip_cable import TipCable
 
     reported = EngineSetup(
         Distances.SENSOR if is_sensor else Distances.ENGINE,
         setup.rate,
         setup.latency,
         None if policy is None else simulated_press.POLICIES[policy],
-        with_random_phases(DRUMS[setup.drum], 1)[0],
-        None if setup.cable is None else TipCable.usual(setup.cable),
+        setup.drum,
+        setup.tip_cable,
         Stretch(setup.stretch),
     )
     metres = metres_per_unit(pressed_part.units)

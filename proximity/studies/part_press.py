@@ -46,26 +46,7 @@ def simulate_on_part(
     speed: float = 0.1,
     recording: Recording | None = None,
 ) -> PartSimulation:
-    """Return a press on a part.
-
-    Parameters
-    ----------
-    scene : Scene
-        With parts.
-    setup : EngineSetup
-        How the finger learns of them.
-    at : three floats, m
-        Where the finger touches, as of `place_finger`; not of a recorded hand.
-    speed : float, m/s
-        Of the approach; not of a recorded hand.
-    recording : Recording
-        In the scene's frame: the finger that touches first is followed.
-
-    Raises
-    ------
-    DecaffError
-        As of `place_finger` and `recorded_hand`.
-    """
+    """Return a press on a part."""
     hand = Hand()
     if recording is not None:
         finger, recorded = recorded_hand(scene, recording)

@@ -19,7 +19,6 @@ from proximity.decaff.calibrating.readings import Readings
 from proximity.decaff.calibrating.results import Session
 from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
 from proximity.decaff.calibrating.tasks import Bench
-from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.glove.calibration import read_calibration
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import MotorError
@@ -149,7 +148,7 @@ def test_numbers_are_filled_in_beside_the_pose(tmp_path):
 
 def test_emergency_stop_ends_the_calibration_at_once(tmp_path):
     stopped = threading.Event()
-    glove = SimulatedGlove(0, Glove(), GEAR4)
+    glove = SimulatedGlove(0, Glove())
     session = Session(Bench(glove.instruments, Glove()), Readings(tmp_path / "r.json", "test"))
 
     def press(url):

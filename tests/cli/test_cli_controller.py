@@ -8,8 +8,7 @@ from proximity import cli
 from proximity.decaff.chip.constants import ChipSettings
 from proximity.decaff.chip.sources import controller_sources
 from proximity.decaff.controller.cable_stretch import CableRule
-from proximity.decaff.drum.drum_model import DIRECT
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import DRUMS, Glove
 
 
 @pytest.fixture
@@ -28,11 +27,11 @@ def run(monkeypatch, capsys):
 
 def test_sources_are_written(run, tmp_path):
     folder = tmp_path / "a" / "b"
-    code, out, err = run("--out", folder, "--drum", "direct", "--rate", 2000)
+    code, out, err = run("--out", folder, "--drum", "gear14", "--rate", 2000)
 
     files = {path.name: path.read_text(encoding="ascii") for path in folder.iterdir()}
     assert (code, err) == (0, "")
-    assert files == controller_sources([Glove()], ChipSettings(2000.0, DIRECT))
+    assert files == controller_sources([Glove()], ChipSettings(2000.0, DRUMS["gear14"]))
     assert out.splitlines() == [f"{folder / name}: written" for name in controller_sources([Glove()])]
 
 

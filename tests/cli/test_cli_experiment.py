@@ -38,9 +38,10 @@ def test_new_design_is_written_once_and_can_be_planned(experiment, tmp_path):
     assert experiment("new", path)[:2] == (0, f"{path}: written\n")
     code, _, err = experiment("new", path)
     assert code == 2 and "cannot be written (File exists): choose another name" in err.replace("\n", " ")
+    path.write_text(path.read_text().replace("stiffness = 100.0", "stiffness = 200.0"))
     code, out, err = experiment("plan", path, "--slot", 1)
     assert code == 0 and err.startswith("proximity: 248 trials, 42 minutes as planned, design ")
-    assert "proximity: coupled10ms in stiffness is unstable at 320 N/m with 1.7 N s/m, 10 ms late" in err
+    assert "proximity: coupled10ms in stiffness is unstable at 320 N/m with 1 N s/m, 10 ms late" in err
     lines = out.splitlines()
     assert lines[:3] == ["step\trun\tstage\ttask\tcondition\tlevel\todd", "consent", "question hours"]
     assert len(lines) == 260 and "catch\tstiffness\tdecaff\t1\t" in out

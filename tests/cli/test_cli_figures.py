@@ -9,8 +9,8 @@ import pytest
 from project import MESHES
 
 from proximity.cli.views.json_output import plain
-from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.drum.drum_model import with_random_phases
+from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.scene.loader import load
 from proximity.studies.engine.engine_setup import EngineSetup
 from proximity.studies.figures.catalogue import PLATES
@@ -86,10 +86,10 @@ def test_wall_that_shakes_is_called_unstable(run):
 
 
 def test_json_of_a_press_is_the_models(run):
-    options = ("--latency-ms", 10, "--rate-hz", 500, "--drum", "gear10", "--policy", "latched")
+    options = ("--latency-ms", 10, "--rate-hz", 500, "--drum", "gear111", "--policy", "latched")
     result = run("simulate", *options, "--speed", 1, "--json")
 
-    expected = document(simulate(Setup(Wall.DECAFF, 1.0, 0.010, 500.0, "gear10", "latched")))
+    expected = document(simulate(Setup(Wall.DECAFF, 1.0, 0.010, 500.0, gear="gear111", policy="latched")))
     assert (result.code, result.err) == (0, "")
     assert json.loads(result.out) == expected
 
@@ -106,7 +106,7 @@ def test_wall_out_of_control_is_told_in_short_numbers(run):
     ("options", "sentence"),
     [
         (("--wall", "soft"), "'soft': expected one of real, coupled, decaff"),
-        (("--wall", "coupled", "--drum", "gear4"), "a coupled wall has none"),
+        (("--wall", "coupled", "--drum", "gear51"), "a coupled wall has none"),
         (("--stiffness", 5), "a decaff wall has none"),
         (("--out", "press.gif"), "press.gif does not end in .png, .svg, .pdf, .csv"),
         (("--wall", "coupled", "--stiffness", 5), "expected both or neither"),
@@ -180,11 +180,11 @@ def test_press_on_a_part_is_told_beside_the_ideal_and_the_real(run, tmp_path):
 
 
 def test_json_of_a_press_on_a_part_is_the_models(run):
-    result = run("simulate", *FAST, "--drum", "direct", "--stiffness", 800, "--damping", 2, "--json")
+    result = run("simulate", *FAST, "--drum", "gear14", "--stiffness", 800, "--damping", 2, "--json")
 
     scene = load(BOX)
     scene.set_surface("box", stiffness=800.0, damping=2.0)
-    setup = EngineSetup(drum=with_random_phases(DRUMS["direct"], 1)[0])
+    setup = EngineSetup(drum=with_random_phases(DRUMS["gear14"], 1)[0])
     expected = simulate_on_part(scene, setup, at=(0.020, 0.015, 0.025), speed=1.0)
     assert (result.code, result.err) == (0, "")
     assert json.loads(result.out) == plain(part_document(expected))

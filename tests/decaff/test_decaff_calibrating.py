@@ -13,23 +13,25 @@ from proximity.decaff.calibrating.drum_chirp import (
     held_chirp,
     identify_free,
     identify_held,
+    inertia,
 )
 from proximity.decaff.calibrating.instruments import DrumRecord
 from proximity.decaff.calibrating.readings import Readings
 from proximity.decaff.calibrating.results import Session, as_document, contradiction
 from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
 from proximity.decaff.calibrating.tasks import FREE, PULL, TOUCH, Bench
-from proximity.decaff.drum.drum_model import DRUMS, GEAR4
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import Glove, with_gear
 from proximity.errors import DecaffError
 
 DESIGN = Glove()
-LENGTHS = (0.045, 0.026, 0.020)
+DRUM = DESIGN.tip_drum()
+INERTIA, FRICTION = inertia(DRUM), 0.04  # kg m² and N m of the drum
 
 
-def begin(path, seed, drum="gear4", skipped=()):
-    glove = SimulatedGlove(seed, DESIGN, DRUMS[drum])
-    bench = Bench(glove.instruments, DESIGN, DRUMS[drum])
+def begin(path, seed, drum="gear51", skipped=()):
+    design = with_gear(DESIGN, drum)
+    glove = SimulatedGlove(seed, design)
+    bench = Bench(glove.instruments, design)
     return Session(bench, Readings(path, glove.instruments.name), skipped), glove
 
 
@@ -42,7 +44,7 @@ def measure(session, glove, most=500):
     return taken
 
 
-@pytest.mark.parametrize("drum", ["gear4", "gear10"])
+@pytest.mark.parametrize("drum", ["gear14", "gear51"])
 def test_simulated_gloves_are_recovered_within_their_uncertainties(tmp_path, drum):
     """Of 10 gloves with 16 numbers each about 95 of 100 intervals hold the truth, and none is far wider."""
     shares = []
@@ -52,7 +54,7 @@ def test_simulated_gloves_are_recovered_within_their_uncertainties(tmp_path, dru
         estimates = session.estimates()
         assert {one.key for one in estimates} == set(glove.truth)
         shares += [(one.value - glove.truth[one.key]) / one.half_width for one in estimates]
-        session.calibration("", LENGTHS)
+        session.calibration("")
     shares = np.abs(shares)
 
     # 152 of 160 are expected; fewer than 144 come about by chance once in 400 times.
@@ -148,7 +150,7 @@ def test_touches_that_disagree_are_not_made_a_calibration(tmp_path):
     session.of(TOUCH)[0]["angle"] += 0.05
 
     with pytest.raises(DecaffError, match="touches disagree"):
-        session.calibration("", LENGTHS)
+        session.calibration("")
 
 
 # --- chirps -------------------------------------------------------------------------------------------------
@@ -164,32 +166,31 @@ def record_of(chirp, plant, latency=1e-3, step=1e-9, rate=3000.0):
 
 def test_friction_and_latency_are_separated_by_coasting():
     """By the chirp alone both make the answer late."""
-    inertia, friction = 3e-5, 1.2e-3
-    found = identify_free(record_of(free_chirp(GEAR4), [inertia, friction, 2e-5, 0.0, 0.0]), GEAR4)
+    found = identify_free(record_of(free_chirp(DRUM), [1.2 * INERTIA, FRICTION, 1e-3, 0.0, 0.0]), DRUM)
 
-    assert found["inertia"] == pytest.approx(inertia, rel=2e-3)
-    assert found["friction"] == pytest.approx(friction, rel=0.02)
+    assert found["inertia"] == pytest.approx(1.2 * INERTIA, rel=2e-3)
+    assert found["friction"] == pytest.approx(FRICTION, rel=0.02)
     assert found["latency"] == pytest.approx(1e-3, rel=0.02)
 
 
 def test_stiffness_three_times_off_the_model_is_found():
-    record = record_of(held_chirp(DESIGN, GEAR4), [2.4e-5, 2e-3, 0.0, 54.0, 6e-3])
+    record = record_of(held_chirp(DESIGN, DRUM), [INERTIA, FRICTION, 0.0, 54.0, 0.065])
 
-    assert identify_held(record, GEAR4, DESIGN, 0.0)["stiffness"] == pytest.approx(54.0, rel=0.01)
+    assert identify_held(record, DRUM, DESIGN, 0.0)["stiffness"] == pytest.approx(54.0, rel=0.01)
 
 
 def test_chirp_that_went_wrong_is_refused():
-    chirp = free_chirp(GEAR4)
-    good = record_of(chirp, [2.4e-5, 1.8e-3, 0.0, 0.0, 0.0], step=1e-3)
+    chirp = free_chirp(DRUM)
+    good = record_of(chirp, [INERTIA, FRICTION, 0.0, 0.0, 0.0], step=1e-3)
     times, torques = good.times, good.commanded
 
     with pytest.raises(DecaffError, match="hardly moved, expected a swing"):
-        identify_free(DrumRecord(times, torques, np.zeros(len(times)), torques), GEAR4)
+        identify_free(DrumRecord(times, torques, np.zeros(len(times)), torques), DRUM)
     blocked = np.clip(good.angles, -1.0, good.angles[0] + 0.05)
     with pytest.raises(DecaffError, match="cannot be explained, expected 15 % at most: is something in the"):
-        identify_free(DrumRecord(times, torques, blocked, torques), GEAR4)
+        identify_free(DrumRecord(times, torques, blocked, torques), DRUM)
     with pytest.raises(DecaffError, match=r"the motor's torque is .* off its command"):
-        identify_free(DrumRecord(times, torques, good.angles, 0.1 * torques), GEAR4)
+        identify_free(DrumRecord(times, torques, good.angles, 0.1 * torques), DRUM)
 
 
 def test_step_of_an_encoder_is_seen_where_there_is_one():
@@ -208,4 +209,4 @@ def test_file_keeps_readings_and_results(tmp_path):
     document = json.loads((tmp_path / "r.json").read_text())
     assert len(document["readings"]) == len(session.readings.all)
     assert document["results"]["drum_mass"]["readings"] == len(session.of(FREE))
-    assert document["results"]["drum_mass"]["model"] == pytest.approx(GEAR4.mass)
+    assert document["results"]["drum_mass"]["model"] == pytest.approx(DRUM.mass)

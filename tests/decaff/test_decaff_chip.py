@@ -21,10 +21,9 @@ from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.controller.surface_law import PAD_DAMPING, SurfaceLaw
 from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
-from proximity.decaff.drum.drum_model import DIRECT, DRUMS
 from proximity.decaff.drum.servo import servo_for
 from proximity.decaff.glove.finger_path import FingerPath
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.message import ContactFlag, Flaw, Mode, Source, Surface
 from proximity.transport import Subscriber
 
@@ -256,7 +255,7 @@ def test_bound_of_passivity_in_closed_form_is_that_of_python(damping):
 
 
 def test_constants_are_those_of_python():
-    text = controller_sources([Glove()], ChipSettings(1000.0, DIRECT, Limits(max_speed=2.5)))[
+    text = controller_sources([Glove()], ChipSettings(1000.0, DRUMS["gear14"], Limits(max_speed=2.5)))[
         "decaff_controller.h"
     ]
     for module, names in MODULE_CONSTANTS:

@@ -20,7 +20,6 @@ from proximity.decaff.controller.passivity import is_passive, required_damping
 from proximity.decaff.controller.steady_force import Handover, SteadyRule
 from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.drum.servo import move, servo_for
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
@@ -468,7 +467,7 @@ def test_after_100_ms_the_drum_retracts():
 def test_drum_is_retracted_within_150_ms(bend):
     """The fastest that a geared drum goes, from nearly the flat hand to beyond the fist."""
     distance = PATH.retracted - PATH.position(bend)
-    _, positions = move(GEAR4, servo_for(GEAR4, 3000.0), distance, 0.150)
+    _, positions = move(PATH.drum, servo_for(PATH.drum, 3000.0), distance, 0.150)
 
     assert positions[-1] >= distance - 1e-3
 
@@ -861,13 +860,13 @@ def test_drum_and_finger_come_together_no_faster_than_that():
     bench.step(contact(bench.now, bench.bend))
 
     far = list(caps)[60]  # the speed is low-passed
-    assert bench.action.speed_cap <= 0.091 - speed + 2e-3
+    assert bench.action.speed_cap <= LIMITS.near_speed(PATH.drum.mass) - speed + 2e-3
     assert bench.action.force_cap == LIMITS.peak_force
     # With half of what it has, the drum brakes before the finger, which goes on meanwhile, is near; it begins
     # when the next cap has come and the servo has followed it.
-    closing, near = caps[far] + speed, LIMITS.near_speed(GEAR4.mass)
+    closing, near = caps[far] + speed, LIMITS.near_speed(PATH.drum.mass)
     unbraked = closing * (1.0 / RATE + SERVO_LAG)
-    assert unbraked + (closing**2 - near**2) / GEAR4.acceleration == pytest.approx(far - 2e-3, rel=0.1)
+    assert unbraked + (closing**2 - near**2) / PATH.drum.acceleration == pytest.approx(far - 2e-3, rel=0.1)
 
 
 def test_force_has_a_peak_and_what_lasts():
@@ -883,21 +882,23 @@ def test_force_has_a_peak_and_what_lasts():
 
 
 def test_action_tells_the_motor_by_the_parameters_of_the_drum():
-    """At the shaft of gear4: a newton of the rim is 10 mm / 4, a metre a second 4 / 10 mm."""
+    """At the shaft of gear51: a newton at the fingertip is the lever / 51, a metre a second 51 / lever."""
     bench = approaching()
     held = bench.run(1)
-    assert (held.torque, held.torque_cap) == (0.0, pytest.approx(100.0 * 0.010 / 4.0))  # all a gear carries
-    assert held.motor_speed_cap == GEAR4.motor_speed(held.speed_cap) <= GEAR4.motor.speed * (1.0 + 1e-12)
+    assert (held.torque, held.torque_cap) == (0.0, pytest.approx(6.5 / 51.0))  # all a gear carries
+    assert (
+        held.motor_speed_cap == PATH.drum.motor_speed(held.speed_cap) <= PATH.drum.motor.speed * (1.0 + 1e-12)
+    )
 
     bench = touching()
     bench.bend = PATH.bend(PATH.position(WALL) + 0.004)
     late = bench.run(1)
-    assert late.torque_cap == pytest.approx(late.force_cap * 0.010 / 4.0)
+    assert late.torque_cap == pytest.approx(late.force_cap * PATH.drum.lever / 51.0)
 
     soft = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
     pressed = touching(**soft).run(1, **soft)
     assert pressed.mode is DriveMode.FORCE
-    assert pressed.torque == pytest.approx(pressed.force * 0.010 / 4.0)
+    assert pressed.torque == pytest.approx(pressed.force * PATH.drum.lever / 51.0)
 
     off = bench.step(None, has_fault=True)
     assert (off.torque, off.torque_cap) == (0.0, 0.0)

@@ -4,10 +4,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import paper_drums
 import pytest
+from paper_drums import GEAR12, GEAR49, GEAR122
+from paper_drums import PAPER_DRUMS as DRUMS
 
 from proximity.decaff.drum import drum_kernels, servo
-from proximity.decaff.drum.drum_model import DIRECT, DRUMS, GEAR4, GEAR10, Drum, Motor
+from proximity.decaff.drum.drum_model import Gear, Motor
 from proximity.decaff.drum.servo import servo_for, settling_time
 from proximity.errors import DecaffError
 from proximity.studies.simulation import arrival
@@ -15,7 +18,7 @@ from proximity.studies.simulation.devices import Decaff, Sensing
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.stability import servo_response
 
-FRICTIONLESS = Motor(friction=0.0)
+FRICTIONLESS = replace(paper_drums.MOTOR, friction=0.0)
 
 
 def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0, measured=None):
@@ -64,19 +67,19 @@ def test_drums_are_one_motor_behind_three_gears():
 
 @pytest.mark.internals
 def test_drum_coasts_until_friction_has_taken_its_energy():
-    numbers, speed, where, step = GEAR4.as_array(), 0.5, 0.0, 1e-5
+    numbers, speed, where, step = GEAR49.as_array(), 0.5, 0.0, 1e-5
     while speed > 0.0:
         where, speed = drum_kernels.pushed(numbers, 0.0, 0.0, where, speed, step)
 
     # From 0.5 m/s v²m/2F; a step's length is what the sum of the steps is uncertain by.
     assert speed == 0.0
-    assert where == pytest.approx(0.5 * GEAR4.mass * 0.5**2 / GEAR4.friction, abs=0.5 * step)
+    assert where == pytest.approx(0.5 * GEAR49.mass * 0.5**2 / GEAR49.friction, abs=0.5 * step)
 
 
 @pytest.mark.internals
 def test_motor_has_no_force_left_at_its_speed_limit():
-    fast = GEAR4.speed_limit
-    frictionless = replace(GEAR4, motor=FRICTIONLESS).as_array()
+    fast = GEAR49.speed_limit
+    frictionless = replace(GEAR49, motor=FRICTIONLESS).as_array()
 
     assert drum_kernels.pushed(frictionless, 50.0, 0.0, 0.0, fast, 1e-5)[1] == fast
     assert drum_kernels.pushed(frictionless, -50.0, 0.0, 0.0, fast, 1e-5)[1] < fast
@@ -85,7 +88,7 @@ def test_motor_has_no_force_left_at_its_speed_limit():
 
 @pytest.mark.internals
 def test_pulse_width_makes_the_force_a_whole_number_of_steps():
-    drum = replace(GEAR4, motor=Motor(duty_bits=8))
+    drum = replace(GEAR49, motor=replace(paper_drums.MOTOR, duty_bits=8))
     rows = driven(
         drum, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 5e-3}, 100
     )
@@ -95,26 +98,26 @@ def test_pulse_width_makes_the_force_a_whole_number_of_steps():
     assert drum.force_step == pytest.approx(112.0 / 256.0)
     np.testing.assert_allclose(widths, np.round(widths), atol=1e-9)
     assert np.ptp(widths) > 100.0
-    assert GEAR4.force_step == 0.0
+    assert GEAR49.force_step == 0.0
 
 
 @pytest.mark.internals
 def test_motor_never_pushes_with_more_than_its_limit_or_what_it_is_told():
     asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
-    full = driven(GEAR4, asked, 60)
-    capped = driven(GEAR4, asked | {drum_kernels.COMMAND_FORCE_CAP: 3.0}, 60)
+    full = driven(GEAR49, asked, 60)
+    capped = driven(GEAR49, asked | {drum_kernels.COMMAND_FORCE_CAP: 3.0}, 60)
 
     assert np.abs(full[:, drum_kernels.DRIVE_APPLIED]).max() > 50.0
-    assert np.abs(full[:, drum_kernels.DRIVE_APPLIED]).max() <= GEAR4.force_limit
+    assert np.abs(full[:, drum_kernels.DRIVE_APPLIED]).max() <= GEAR49.force_limit
     assert np.abs(capped[:, drum_kernels.DRIVE_APPLIED]).max() == 3.0
 
 
 @pytest.mark.internals
 def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
-    rows = driven(GEAR4, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_OFF}, 30, contact=1.0, start=0.01)
+    rows = driven(GEAR49, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_OFF}, 30, contact=1.0, start=0.01)
 
     time = 30 / 3000.0
-    fallen = 0.5 * (1.0 - GEAR4.friction) / GEAR4.mass * time**2
+    fallen = 0.5 * (1.0 - GEAR49.friction) / GEAR49.mass * time**2
     assert not rows[:, drum_kernels.DRIVE_APPLIED].any()
     # Semi-implicit steps are half a step ahead.
     assert rows[-1, drum_kernels.DRIVE_POSITION] - 0.01 == pytest.approx(fallen, rel=2e-3)
@@ -125,8 +128,8 @@ def test_force_that_is_not_measured_is_served_without_an_integral():
     """Of nan the integral became nan, and with it the motor's force, for good."""
     asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_FORCE, drum_kernels.COMMAND_TARGET: 0.5}
     asked |= {drum_kernels.COMMAND_START_FORCE: math.nan, drum_kernels.COMMAND_SLEW: math.inf}
-    blind = driven(GEAR4, asked, 30, contact=0.5, measured=math.nan)
-    seeing = driven(GEAR4, asked, 30, contact=0.5, measured=0.4)
+    blind = driven(GEAR49, asked, 30, contact=0.5, measured=math.nan)
+    seeing = driven(GEAR49, asked, 30, contact=0.5, measured=0.4)
 
     assert not blind[:, drum_kernels.DRIVE_INTEGRATED].any()
     assert blind[-1, drum_kernels.DRIVE_APPLIED] == pytest.approx(-0.5)
@@ -139,9 +142,9 @@ def test_force_that_is_not_measured_is_served_without_an_integral():
 @pytest.mark.parametrize(
     ("name", "rate", "stiffness"),
     [
-        ("direct", 10_000, 43_350),
-        ("gear4", 3000, 62_424),
-        ("direct", 500, 108),
+        ("gear12", 10_000, 43_350),
+        ("gear49", 3000, 62_424),
+        ("gear12", 500, 108),
     ],
 )
 def test_stiffness_of_servos(name, rate, stiffness):
@@ -154,23 +157,25 @@ def test_stiffness_of_servos(name, rate, stiffness):
 
 def test_bandwidth_in_units_of_the_rate():
     """Reference values, to their printed digits; the same for every drum: servos differ by a scale."""
-    for drum, rate in ((DIRECT, 1000.0), (GEAR4, 3000.0), (GEAR10, 10_000.0)):
+    for drum, rate in ((GEAR12, 1000.0), (GEAR49, 3000.0), (GEAR122, 10_000.0)):
         gains = servo_for(drum, rate)
         assert servo_response.bandwidth(drum, gains) / rate == pytest.approx(0.0994, abs=5e-5)
         assert servo_response.phase_bandwidth(drum, gains) / rate == pytest.approx(0.0337, abs=5e-5)
         plain = servo_response.bandwidth(drum, gains, with_reference_speed=False)
         assert plain / rate == pytest.approx(0.0353, abs=5e-5)
 
-    gear4 = servo_for(GEAR4, 3000.0)
-    assert servo_response.bandwidth(GEAR4, gear4) == pytest.approx(298.0, abs=0.5)
-    assert servo_response.bandwidth(GEAR4, gear4, with_reference_speed=False) == pytest.approx(106.0, abs=0.5)
+    gear49 = servo_for(GEAR49, 3000.0)
+    assert servo_response.bandwidth(GEAR49, gear49) == pytest.approx(298.0, abs=0.5)
+    assert servo_response.bandwidth(GEAR49, gear49, with_reference_speed=False) == pytest.approx(
+        106.0, abs=0.5
+    )
     # The required rate of the drum.
-    assert servo_response.bandwidth(GEAR4, gear4) > 100.0
+    assert servo_response.bandwidth(GEAR49, gear49) > 100.0
 
 
 @pytest.mark.parametrize("share", [0.01, 0.0337, 0.0994])
 def test_response_is_that_of_a_mass_stepped_sample_by_sample(share):
-    gains = servo_for(GEAR4, 3000.0)
+    gains = servo_for(GEAR49, 3000.0)
     count = 4000
     reference = np.sin(2.0 * math.pi * share * np.arange(-1, count))
     position, velocity, last, demanded, positions = 0.0, 0.0, 0.0, 0.0, np.zeros(count)
@@ -180,22 +185,24 @@ def test_response_is_that_of_a_mass_stepped_sample_by_sample(share):
         last, applied = position, demanded
         demanded = gains.stiffness * error + gains.damping * speed_error
         positions[k] = position
-        position += velocity * gains.period + 0.5 * applied / GEAR4.mass * gains.period**2
-        velocity += applied / GEAR4.mass * gains.period
+        position += velocity * gains.period + 0.5 * applied / GEAR49.mass * gains.period**2
+        velocity += applied / GEAR49.mass * gains.period
     # The reference at sample k is that of row k + 1: a sine of phase 2 pi share k.
     phases = 2.0 * math.pi * share * np.arange(count)[2000:]
     swing = np.stack((np.sin(phases), np.cos(phases)))
     found = np.linalg.lstsq(swing.T, positions[2000:], rcond=None)[0]
 
-    expected = servo_response.servo_response(GEAR4, gains, share * 3000.0)
+    expected = servo_response.servo_response(GEAR49, gains, share * 3000.0)
     assert found == pytest.approx([expected.real, expected.imag], abs=1e-9)
 
 
 @pytest.mark.internals
 def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
-    gains = servo_for(GEAR4, 3000.0)
+    gains = servo_for(GEAR49, 3000.0)
     rows = driven(
-        GEAR4, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}, 120
+        GEAR49,
+        {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03},
+        120,
     )
     speeds = rows[:, drum_kernels.DRIVE_REFERENCE_SPEED]
     references = rows[:, drum_kernels.DRIVE_REFERENCE]
@@ -213,7 +220,7 @@ def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
 @pytest.mark.internals
 def test_speed_cap_is_kept():
     asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
-    rows = driven(GEAR4, asked | {drum_kernels.COMMAND_SPEED_CAP: 0.05}, 300)
+    rows = driven(GEAR49, asked | {drum_kernels.COMMAND_SPEED_CAP: 0.05}, 300)
 
     assert rows[:, drum_kernels.DRIVE_REFERENCE_SPEED].max() == pytest.approx(0.05)
 
@@ -224,10 +231,10 @@ def test_speed_cap_is_kept():
 @pytest.mark.parametrize(
     ("name", "rate", "far", "near", "share"),
     [
-        ("direct", 3000, 17.2, 12.1, 0.02),
-        ("direct", 10_000, 13.3, 8.0, 0.03),
-        ("gear4", 3000, 29.7, 17.9, 0.02),
-        ("gear10", 3000, 61.9, 36.6, 0.05),
+        ("gear12", 3000, 17.2, 12.1, 0.02),
+        ("gear12", 10_000, 13.3, 8.0, 0.03),
+        ("gear49", 3000, 29.7, 17.9, 0.02),
+        ("gear122", 3000, 61.9, 36.6, 0.05),
     ],
 )
 def test_settling_times(name, rate, far, near, share):
@@ -244,9 +251,9 @@ def test_settling_times(name, rate, far, near, share):
 
 
 LOOK_AHEADS = {  # mm at 0.1, 0.25, 0.5, 1 m/s for a latency of 1 and 40 ms (reference values)
-    "direct": ((6, 8, 10, 20), (10, 18, 30, 58)),
-    "gear4": ((4, 10, 18, 34), (8, 18, 36, 72)),
-    "gear10": ((8, 16, 32, 64), (12, 26, 52, 102)),
+    "gear12": ((6, 8, 10, 20), (10, 18, 30, 58)),
+    "gear49": ((4, 10, 18, 34), (8, 18, 36, 72)),
+    "gear122": ((8, 16, 32, 64), (12, 26, 52, 102)),
 }
 
 
@@ -272,11 +279,11 @@ def test_look_ahead_by_bisection_and_by_formula(name):
     [
         (lambda: Motor(inertia=0.0), "inertia is 0.0, expected a positive number of kilogram square metres"),
         (lambda: Motor(friction=-1.0), "friction is -1.0, expected a number of newton metres of 0 or more"),
-        (lambda: Drum(ratio=-4.0), "ratio is -4.0, expected a positive number of turns to a turn"),
-        (lambda: servo_for(GEAR4, 0.0), "rate is 0.0, expected a positive number of hertz"),
-        (lambda: replace(servo_for(GEAR4, 3e3), speed=math.nan), "speed is nan, expected a positive number"),
+        (lambda: Gear(ratio=-4.0), "ratio is -4.0, expected a positive number of turns to a turn"),
+        (lambda: servo_for(GEAR49, 0.0), "rate is 0.0, expected a positive number of hertz"),
+        (lambda: replace(servo_for(GEAR49, 3e3), speed=math.nan), "speed is nan, expected a positive number"),
         (
-            lambda: settling_time(GEAR4, servo_for(GEAR4, 3e3), 5e-5),
+            lambda: settling_time(GEAR49, servo_for(GEAR49, 3e3), 5e-5),
             "distance is 5e-05, expected metres, far",
         ),
         (lambda: arrival.age_on_curve(1e-4, 0.0, 1.0), "curvature is 0.0, expected a positive number of 1/m"),
@@ -294,6 +301,6 @@ def test_what_cannot_be_is_named(make, message):
 
 
 def test_servo_that_follows_everything_has_no_bandwidth():
-    drum = replace(GEAR4, motor=Motor(inertia=1e-12))
+    drum = replace(GEAR49, motor=replace(paper_drums.MOTOR, inertia=1e-12))
     with pytest.raises(DecaffError, match="the servo follows every frequency"):
         servo_response.phase_bandwidth(drum, servo_for(drum, 3000.0), lag=10.0)

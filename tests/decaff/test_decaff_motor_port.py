@@ -18,27 +18,31 @@ from proximity.decaff.calibrating.drum_chirp import (
     inertia,
 )
 from proximity.decaff.calibrating.motor_port import MotorPort
-from proximity.decaff.drum.drum_model import DIRECT, GEAR4
 from proximity.decaff.glove.finger_path import FingerPath
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.decaff.motors.motor_set import opened_motors
 from proximity.errors import DecaffError, MotorError
 
 GLOVE = Glove()
 PATH = FingerPath(GLOVE)
+DRUM = PATH.drum
 CHANNELS = itertools.count()
 PATIENT = "&watchdog=300"  # ms: a busy machine may hold a simulated motor up
 TURN = 2.0 * math.pi
-INERTIA, FRICTION = 1.25 * inertia(GEAR4), 1.5e-3  # kg m² and N m of the drum
-HALF_WAY = 0.5 * (PATH.drum_angles[1] - PATH.drum_angles[0]) * GEAR4.ratio / TURN  # turns of the motor
+INERTIA, FRICTION = 1.25 * inertia(DRUM), 0.8 * DRUM.friction * DRUM.lever  # kg m² and N m of the drum
+HALF_WAY = 0.5 * (PATH.drum_angles[1] - PATH.drum_angles[0]) * DRUM.gear.ratio / TURN  # turns of the motor
 STEP = 2e-4  # s
 STIFFNESS = 0.8 * drum_stiffness(GLOVE, GLOVE.cable.stiffness)  # N m/rad
 
 
 def like_the_drum(shaft):
     """Give a simulated motor the drum's inertia and friction, seen through its gear."""
-    per_turn = TURN / GEAR4.ratio**2
-    shaft.inertia, shaft.viscous, shaft.friction = INERTIA * per_turn, 1e-5 * per_turn, FRICTION / GEAR4.ratio
+    per_turn = TURN / DRUM.gear.ratio**2
+    shaft.inertia, shaft.viscous, shaft.friction = (
+        INERTIA * per_turn,
+        1e-5 * per_turn,
+        FRICTION / DRUM.gear.ratio,
+    )
     shaft.stiffness = STIFFNESS * per_turn
     return shaft
 
@@ -82,13 +86,13 @@ def port(motor, drum):
     drum.home()
     drum.rest()
     motor.turns -= HALF_WAY
-    return MotorPort(drum, GEAR4)
+    return MotorPort(drum, DRUM)
 
 
 def test_free_drum_is_identified_and_the_motor_off_again(motor, port):
     assert port.angle() == pytest.approx(0.5 * sum(PATH.drum_angles), abs=0.05)
 
-    found = identify_free(port.swing(free_chirp(GEAR4).torques(port.rate)), GEAR4)
+    found = identify_free(port.swing(free_chirp(DRUM).torques(port.rate)), DRUM)
 
     assert motor.mode == "off"
     assert found["inertia"] == pytest.approx(INERTIA, rel=0.02)
@@ -99,14 +103,14 @@ def test_free_drum_is_identified_and_the_motor_off_again(motor, port):
 def test_cable_is_identified_while_the_finger_is_held(motor, port):
     motor.held_at = motor.turns
 
-    record = port.swing(held_chirp(GLOVE, GEAR4).torques(port.rate))
+    record = port.swing(held_chirp(GLOVE, DRUM).torques(port.rate))
 
-    assert identify_held(record, GEAR4, GLOVE, 0.0)["stiffness"] == pytest.approx(STIFFNESS, rel=0.05)
+    assert identify_held(record, DRUM, GLOVE, 0.0)["stiffness"] == pytest.approx(STIFFNESS, rel=0.05)
 
 
 def test_nothing_moves_before_homing(motor, drum):
     with pytest.raises(MotorError, match="a motion was commanded before the motor was homed"):
-        MotorPort(drum, GEAR4).swing(np.full(100, 1e-3))
+        MotorPort(drum, DRUM).swing(np.full(100, 1e-3))
     assert not motor.has_moved and motor.mode == "off"
 
 
@@ -121,7 +125,7 @@ def test_emergency_stop_ends_a_swing_and_all_that_follow(motor, port):
     motor.has_moved, motor.serve = False, stopping
     for _ in range(2):
         with pytest.raises(MotorError, match="the emergency stop was pressed"):
-            port.swing(np.full(100, -1e-2))
+            port.swing(np.full(100, -0.1))
         time.sleep(0.1)
         assert motor.mode == "off"
 
@@ -135,7 +139,7 @@ def test_motor_is_read_while_a_person_works_and_a_fault_is_reported(make):
     ):
         drum.home()
         drum.rest()
-        with MotorPort(drum, GEAR4) as port:
+        with MotorPort(drum, DRUM) as port:
             motor.turns -= HALF_WAY
             wait_until(lambda: abs(port.newest_angle() - 0.5 * sum(PATH.drum_angles)) < 0.1)
             port.swing(np.full(20, 1e-4))
@@ -155,9 +159,10 @@ def wait_until(done):
 
 def test_ratio_that_is_not_the_drums_is_refused(drum):
     with pytest.raises(
-        DecaffError, match=r"^the motor's address has a ratio of 4 and the drum one of 1, expected the same: "
+        DecaffError,
+        match=r"^the motor's address has a ratio of 51 and the drum one of 14, expected the same: ",
     ):
-        MotorPort(drum, DIRECT)
+        MotorPort(drum, DRUMS["gear14"])
 
 
 def test_answers_that_come_late_are_left_out_and_a_long_silence_is_refused():

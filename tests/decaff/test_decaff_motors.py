@@ -45,7 +45,7 @@ def motor(request):
 @pytest.fixture
 def drum(motor):
     """The drum of a motor that is off; whatever a test does, it ends off."""
-    with opened_motors([motor.url + PATIENT], [PATH], lambda sentence: None) as (drum,):
+    with opened_motors([f"{motor.url}{PATIENT}&ratio=4"], [PATH], lambda sentence: None) as (drum,):
         yield drum
     deadline = time.monotonic() + 1.0
     while motor.mode != "off" and not motor.is_silent and time.monotonic() < deadline:
@@ -276,6 +276,6 @@ def test_drum_of_a_calibrated_glove_counts_from_the_stop_as_when_it_was_calibrat
         angle = drum.angle
         turns = motor.turns
 
-    stop = angle + (motor.stop - turns) * 2.0 * math.pi / 4.0
+    stop = angle + (motor.stop - turns) * 2.0 * math.pi / PATH.drum.gear.ratio
     assert stop == pytest.approx(PATH.drum_angles[1] + 0.1, abs=0.02)
     assert angle == pytest.approx(min(path.drum_angles[1], stop - 0.02), abs=0.03)

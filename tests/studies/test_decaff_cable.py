@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper_drums import GEAR49, MOTOR, PAPER_GLOVE
 
 from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum_model import GEAR4, Motor
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
@@ -17,7 +17,6 @@ from proximity.errors import DecaffError
 from proximity.studies.simulation import press_kernels
 from proximity.studies.simulation.closed_loop import coupled_wall, decaff
 from proximity.studies.simulation.controller_in_loop import ControllerInLoop
-from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation
 from proximity.studies.simulation.sweeps import Stretch, best_coupled_wall, needed_cable, with_transmission
@@ -25,7 +24,7 @@ from proximity.studies.simulation.target_policies import Target, TargetPolicy
 from proximity.studies.simulation.tip_cable import TipCable
 
 HAND = Hand()
-GLOVE = Decaff()
+GLOVE = PAPER_GLOVE
 CABLE = TipCable.of(Glove())
 SMOOTH = TipCable(CABLE.stiffness)
 PATH = FingerPath(Glove())
@@ -136,8 +135,8 @@ def test_drums_controller_makes_up_for_the_stretch_as_the_policy_does(stretch, s
 @pytest.mark.internals
 def test_current_takes_its_time_and_the_motors_speed_its_voltage():
     """Full force stands after five time constants; at half the speed limit half of it is left."""
-    wound = replace(GEAR4, motor=Motor(electrical_time=0.12e-3, current_bandwidth=50e3)).as_array()
-    stall, fast = 112.0, GEAR4.speed_limit
+    wound = replace(GEAR49, motor=replace(MOTOR, electrical_time=0.12e-3, current_bandwidth=50e3)).as_array()
+    stall, fast = 112.0, GEAR49.speed_limit
 
     def after(seconds, speed):
         force = 0.0
@@ -148,7 +147,7 @@ def test_current_takes_its_time_and_the_motors_speed_its_voltage():
     assert after(0.12e-3, 0.0) == pytest.approx(stall * (1.0 - math.exp(-1.0)), rel=0.01)
     assert after(1.2e-3, 0.5 * fast) == pytest.approx(0.5 * stall, rel=0.01)
     assert (
-        drum_kernels.current_force(GEAR4.as_array(), 5.0, 0.0, fast, 1e-6) == 5.0
+        drum_kernels.current_force(GEAR49.as_array(), 5.0, 0.0, fast, 1e-6) == 5.0
     )  # at once, without a winding
 
 
@@ -157,9 +156,9 @@ def test_current_takes_its_time_and_the_motors_speed_its_voltage():
     [
         (lambda: TipCable(0.0), "stiffness is 0.0, expected a positive number of newtons a metre"),
         (lambda: TipCable.of(Glove(), friction=-0.1), "friction is -0.1, expected a number of shares"),
-        (lambda: Motor(electrical_time=-1.0), "electrical_time is -1.0, expected a number of seconds"),
+        (lambda: replace(MOTOR, electrical_time=-1.0), "electrical_time is -1.0, expected a number"),
         (
-            lambda: Motor(current_bandwidth=0.0),
+            lambda: replace(MOTOR, current_bandwidth=0.0),
             "current_bandwidth is 0.0, expected a positive number of hertz",
         ),
     ],

@@ -34,7 +34,7 @@ def test_page_has_every_claim_with_its_figures(found):
         ("operator who draws back", ("0.0192", "1.905")),  # reference value
         ("soft wall", ("0.5,",)),  # reference value
         ("lightly damped", ("27.4", "20.6")),  # reference value
-        ("exactly the force", ("15.1%",)),  # reference value
+        ("exactly the force", ("15.2%", "51:1")),  # 15.3 in the reference, of a device 2 % heavier
         ("with cable", ("1212 N/m",)),  # reference value
     ],
 )
@@ -45,7 +45,7 @@ def test_claim_has_the_figures_of_the_paper_worked_through(found, words, figures
 
 
 def test_every_claim_says_whether_it_holds(found):
-    assert len(found) == 16
+    assert len(found) == 17
     assert {one.holds for one in found} <= {claims.YES, claims.PARTLY, claims.NO}
     assert all(one.holds == claims.YES or len(one.here) > 40 for one in found)
 

@@ -13,20 +13,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper_drums import PAPER_DEVICE, PAPER_DRUMS, PAPER_GLOVE
 from project import ROOT
 from scipy.integrate import solve_ivp
 
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
-from proximity.decaff.drum.drum_model import DRUMS
 from proximity.errors import DecaffError
 from proximity.studies.paper.trajectories import Press
 from proximity.studies.simulation import metrics, press_kernels, sweeps
 from proximity.studies.simulation.closed_loop import DecaffLoop, coupled_wall, decaff, ideal_drum, real_wall
 from proximity.studies.simulation.devices import (
-    COUPLED_DEVICE,
     MASSLESS_MOTOR,
     CoupledWall,
-    Decaff,
     Sensing,
 )
 from proximity.studies.simulation.hand import Hand
@@ -36,7 +34,7 @@ from proximity.studies.simulation.target_policies import Target, TargetPolicy
 from proximity.studies.stability.coupled_limit import critical_stiffness, rests_on
 
 HAND = Hand()
-GLOVE = Decaff()  # gear4, 3 kHz servo, 1 kHz distances, as in the reference
+GLOVE = PAPER_GLOVE  # 48.8:1, 3 kHz servo, 1 kHz distances, as in the reference
 SHIFT = np.array([0.006, 0.015, 0.030, 0.050])  # at 0.1, 0.25, 0.5, 1 m/s
 LATENCIES = (0.0001, 0.001, 0.003, 0.010, 0.040)
 
@@ -141,7 +139,7 @@ def test_floor_without_that_sampling_lies_within_its_spread(speed):
 @pytest.mark.parametrize(
     ("device", "printed"),
     [
-        (COUPLED_DEVICE, (4593, 2398, 724.6, 253.0, 142.6)),
+        (PAPER_DEVICE, (4593, 2398, 724.6, 253.0, 142.6)),
         (MASSLESS_MOTOR, (7303, 3451, 847.6, 297.3, 172.3)),
     ],
 )
@@ -157,7 +155,7 @@ def test_finger_shakes_above_the_critical_stiffness_and_not_below(delay):
     """A sampled spring is felt half a period later than its latency."""
     ripples = {}
     for share in (0.9, 1.1):
-        stiffness = share * critical_stiffness(HAND, COUPLED_DEVICE, delay)
+        stiffness = share * critical_stiffness(HAND, PAPER_DEVICE, delay)
         wall = CoupledWall(stiffness, 0.0, 5000.0, delay - 1e-4, resolution=0.0)
         ripples[share] = deviation(coupled_wall(HAND, HAND.press(0.1, hold=1.5), wall)).ripple
 
@@ -211,8 +209,8 @@ def test_best_coupled_wall_against_latency(latency_ms):
     contact comes. The reference does not tell; here it is a tenth of a period.
     """
     stiffness, damping, errors, onset, penetration, steady, work = COUPLED[latency_ms]
-    wall = sweeps.best_coupled_wall(HAND, 1000.0, 1e-3 * latency_ms)
-    row = sweeps.coupled_row(HAND, wall)
+    wall = sweeps.best_coupled_wall(HAND, 1000.0, 1e-3 * latency_ms, device=PAPER_DEVICE)
+    row = sweeps.coupled_row(HAND, wall, device=PAPER_DEVICE)
     slow, quarter, _, fast = row.deviations
 
     assert wall.stiffness == pytest.approx(stiffness, abs=0.5)
@@ -293,16 +291,16 @@ def test_stale_distances_make_the_drum_chase_a_finger_that_leaves():
 @pytest.mark.parametrize(
     ("name", "rate", "errors", "travel"),
     [
-        ("direct", 1000, (11.1, 26.9), (1.03, 3.34)),
-        ("direct", 3000, (4.1, 17.0), (0.10, 0.85)),
-        ("gear4", 1000, (1.9, None), (0.09, None)),
-        ("gear4", 3000, (2.6, 14.2), (0.02, 0.18)),
-        ("gear10", 3000, (1.9, 14.9), (0.02, 0.19)),
+        ("gear12", 1000, (11.1, 26.9), (1.03, 3.34)),
+        ("gear12", 3000, (4.1, 17.0), (0.10, 0.85)),
+        ("gear49", 1000, (1.9, None), (0.09, None)),
+        ("gear49", 3000, (2.6, 14.2), (0.02, 0.18)),
+        ("gear122", 3000, (1.9, 14.9), (0.02, 0.19)),
     ],
 )
 def test_drums_and_servos(name, rate, errors, travel):
     """Reference, at 0.1 and 1 m/s: errors in %, travel past the wall in mm."""
-    row = sweeps.drum_row(HAND, with_drum(GLOVE, DRUMS[name], rate), speeds=(0.1, 1.0))
+    row = sweeps.drum_row(HAND, with_drum(GLOVE, PAPER_DRUMS[name], rate), speeds=(0.1, 1.0))
     for found, error, way, shift in zip(row.deviations, errors, travel, (0.012, 0.05), strict=True):
         if error is not None:
             assert 100.0 * found.error == pytest.approx(error, abs=100.0 * shift)
@@ -421,7 +419,7 @@ def test_loop_can_be_taken_sample_by_sample():
         (lambda: Sensing(phase=1.0), "phase is 1.0, expected one below 1 of a period"),
         (lambda: Sensing(seed=-1), "seed is -1, expected a whole number of 0 or more"),
         (lambda: real_wall(HAND, Press()), "press touches at 0.05 s, expected one that touches at 0"),
-        (lambda: critical_stiffness(HAND, COUPLED_DEVICE, 0.0), "delay is 0.0, expected a positive number"),
+        (lambda: critical_stiffness(HAND, PAPER_DEVICE, 0.0), "delay is 0.0, expected a positive number"),
     ],
 )
 def test_what_cannot_be_is_named(make, message):

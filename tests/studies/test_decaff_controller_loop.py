@@ -4,16 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from paper_drums import GEAR49
 from sealed_frames import frame
 
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import DrumAction, DrumState, FrameMark, Observation
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.drum.drum_model import DRUMS
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
 from proximity.message import ContactFlag, Mode, State
 from proximity.studies.simulation.closed_loop import decaff
@@ -54,7 +54,7 @@ def test_controller_displays_what_the_plain_rule_does(speed):
 
 
 @pytest.mark.parametrize("rate", [500.0, 3000.0])
-@pytest.mark.parametrize("drum", ["direct", "gear4"])
+@pytest.mark.parametrize("drum", ["gear14", "gear51"])
 def test_drum_meets_a_resting_finger_with_a_millijoule_at_any_rate(drum, rate):
     """Reference, where the finger waits just before the wall and the drum comes from afar.
 
@@ -83,13 +83,14 @@ def test_drum_meets_a_resting_finger_with_a_millijoule_at_any_rate(drum, rate):
     assert max(speeds) <= 1.2 * Limits().near_speed(DRUMS[drum].mass)  # what the servo overshoots by
 
 
-def test_drum_that_was_kept_away_comes_back_no_faster_than_it_may():
+@pytest.mark.parametrize(("drum", "share"), [(GEAR49, 1.2), (PATH.drum, 1.7)])
+def test_drum_that_was_kept_away_comes_back_no_faster_than_it_may(drum, share):
     """Reference: never snap. A finger presses a late drum away, which has 1 N, and then lets go.
 
     What the servo was to follow had gone on to the target meanwhile: with all its force again the drum came
     after it with up to 2.5 m/s, and met the finger with 0.75 J.
     """
-    plant, target = DrumPlant(PATH), PATH.retracted - 0.080
+    plant, target = DrumPlant(PATH, drum), PATH.retracted - 0.080
 
     def serve(finger, force_cap, seconds):
         speeds = []
@@ -106,4 +107,6 @@ def test_drum_that_was_kept_away_comes_back_no_faster_than_it_may():
     assert plant.position > target + 0.020
     closing = serve(target - 0.010, math.inf, 0.1)
 
-    assert closing < 1.2 * 0.05
+    # A gear that rubs lets go with a jerk, of less energy than a bump may have.
+    assert closing < share * 0.05
+    assert 0.5 * drum.mass * closing**2 < 0.7 * Limits().near_energy

@@ -141,7 +141,7 @@ def test_missing_sample_is_told(monkeypatch, tmp_path):
 
 def test_drums_of_the_figure_are_in_place_after_their_settling_time():
     table = arrival_plots.motion_numbers()
-    for name in ("direct", "gear4", "gear10"):
+    for name in ("gear14", "gear51", "gear111"):
         late = table["time_s"] > table[f"{name}_settled_s"][0] + 1e-4
         assert table[f"{name}_left_m"][0] == arrival_plots.TRAVEL
         assert np.abs(table[f"{name}_left_m"][late]).max() <= 1e-4
@@ -254,7 +254,7 @@ def test_matplotlib_that_refuses_its_settings_is_told_in_a_sentence(tmp_path, mo
     [
         Setup(Wall.REAL, speed=0.25),
         Setup(Wall.COUPLED, speed=0.25, latency=0.003, stiffness=734.0, damping=4.4),
-        Setup(Wall.DECAFF, speed=0.25, latency=0.003, policy="latched", drum="gear10"),
+        Setup(Wall.DECAFF, speed=0.25, latency=0.003, policy="latched", gear="gear111"),
     ],
     ids=lambda setup: setup.wall,
 )
@@ -287,7 +287,7 @@ def test_drawn_press_shows_its_force_error_and_says_how_it_was_made(tmp_path):
     text = (tmp_path / "press.svg").read_text()
 
     np.testing.assert_array_equal(error, 1e3 * (table["force_N"] - table["real_force_N"]))
-    for words in ("gear4", "time-stamped", "0.25 m/s", "Pad 200 N/m, 6 N·s/m (the", "on one another"):
+    for words in ("51:1", "time-stamped", "0.25 m/s", "Pad 200 N/m, 6 N·s/m (the", "on one another"):
         assert words in text
 
 
@@ -308,7 +308,8 @@ def test_document_of_a_press_has_what_concerns_its_wall():
         ({"speed": np.nan}, "speed is nan, expected a number of metres a second"),
         ({"latency": 2.0}, "latency is 2, expected 0 to 1 seconds"),
         ({"rate": 1.0}, "rate is 1, expected 5 to 50000 hertz"),
-        ({"drum": "gear5"}, "drum is 'gear5', expected one of direct, gear4, gear10"),
+        ({"gear": "gear5"}, "drum is 'gear5', expected one of gear14, gear51, gear111"),
+        ({"gear": "gear4"}, "drum is 'gear4', the gear of a drum that no hand can wear: expected 'gear51'"),
         ({"policy": "TS"}, "policy is 'TS', expected one of naive, latched, feed-forward, time-stamped"),
         ({"wall": "soft"}, "wall is 'soft', expected one of real, coupled, decaff"),
         ({"stiffness": 2e6, "damping": 1.0}, r"stiffness is 2e\+06, expected 0 to 1e\+06 newtons a metre"),

@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper_drums import PAPER_GLOVE
 
 from proximity.decaff.controller.steady_force import Handover, SteadyForce, SteadyRule
 from proximity.decaff.drum.drum_command import DriveMode
 from proximity.errors import DecaffError
 from proximity.studies.simulation.closed_loop import DecaffLoop
-from proximity.studies.simulation.devices import Decaff, Sensing
+from proximity.studies.simulation.devices import Sensing
 from proximity.studies.simulation.force_after_contact import ForceAfterContact, Slave, bump
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.target_policies import DistanceSample, Holding, Target, TargetPolicy
@@ -28,7 +29,7 @@ def pressed(speed, *, rule=ANY_SPEED, is_bumpless=True, hold=HOLD, retracted=0.0
     It is looked at until the release, or for *beyond* seconds after the switch.
     """
     holding = Holding(retracted=retracted)
-    glove = replace(Decaff(), sensing=Sensing(reach=max(0.005, 0.07 * speed)), holding=holding)
+    glove = replace(PAPER_GLOVE, sensing=Sensing(reach=max(0.005, 0.07 * speed)), holding=holding)
     controller = ForceAfterContact(
         TargetPolicy(Target.TIME_STAMPED),
         lambda now: Slave(0.4 if now > controller.switched_at + STEP_AFTER else 0.8),

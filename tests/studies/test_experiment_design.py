@@ -1,15 +1,19 @@
 """Designs of experiments: their files, and the plans that follow from them."""
 
 from collections import Counter
+from dataclasses import replace
 from importlib.resources import files
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from experiments import SMALL, write_design
 
 from proximity.errors import ServiceError
+from proximity.studies.experiment.design import Kind
 from proximity.studies.experiment.design_file import read_design
-from proximity.studies.experiment.observers import DISTANCE_RATE
+from proximity.studies.experiment.display import interval_of, intervals_of
+from proximity.studies.experiment.observers import DISTANCE_RATE, Observer
 from proximity.studies.experiment.plan import (
     PlannedTrial,
     Stage,
@@ -19,6 +23,7 @@ from proximity.studies.experiment.plan import (
     plan,
     trials_of,
 )
+from proximity.studies.experiment.session import Trial
 from proximity.studies.experiment.unstable_walls import unstable_walls
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.sweeps import best_coupled_wall
@@ -126,7 +131,9 @@ def test_mistake_is_named_by_its_line(tmp_path, old, new, sentence):
 def test_coupled_walls_that_shake_are_named(tmp_path):
     stiff = SMALL.replace("stiffness = 1500.0", "stiffness = 5e5")
     calm = SMALL.replace("stiffness = 1500.0\ndamping = 2.0", "stiffness = 734.0\ndamping = 4.4")
-    shipped = unstable_walls(read_design(SHIPPED))
+    assert unstable_walls(read_design(SHIPPED)) == []
+    twice = SHIPPED.read_text().replace("stiffness = 100.0", "stiffness = 200.0")
+    shipped = unstable_walls(read_design(write_design(tmp_path, twice)))
 
     assert unstable_walls(read_design(write_design(tmp_path, calm))) == []
     assert unstable_walls(read_design(write_design(tmp_path, stiff))) == [
@@ -153,3 +160,32 @@ def test_without_conditions_that_is_said(tmp_path):
 def test_empty_file_is_no_design(tmp_path):
     with pytest.raises(ServiceError, match="the file is empty, expected a design in TOML"):
         read_design(write_design(tmp_path, "\n"))
+
+
+def test_every_display_of_the_shipped_design_has_the_same_surface():
+    """Damping varied together with the display: 1.0 against 4.74, 4.40 and 1.70 N s/m."""
+    design = read_design(SHIPPED)
+    task = design.task("stiffness")
+    surfaces = {interval_of(task, one, 0.19)[1:3] for one in design.conditions}
+
+    assert surfaces == {(100.0 * 1.19, 1.0)}
+
+
+@pytest.mark.parametrize(("name", "least", "most"), [("decaff", 0.5, 0.9), ("coupled10ms", 0.97, 1.0)])
+def test_simulated_participant_tells_the_real_wall_by_what_the_hand_feels(name, least, most):
+    """A hard wall is the real one; that the design expects the opposite of it changes nothing."""
+    design = read_design(SHIPPED)
+    misled = tuple(replace(one, correct=0.0, threshold=99.0) for one in design.conditions)
+    design = replace(design, conditions=misled)
+    right = []
+    for number in range(60):
+        planned = PlannedTrial(number, 1, "real", name, Stage.MAIN, number % 2, 0.0)
+        intervals = intervals_of(design, planned, 0.0)
+        observer, trial = Observer(design, 0), Trial(planned, 0.0, intervals, Kind.REAL, "")
+        felt = []
+        for index, interval in enumerate(intervals):
+            observer.begin(trial, index)
+            felt.append(observer.present(interval, 6.0, 8.0))
+        right.append(observer.answer(trial, felt) == planned.odd + 1)
+
+    assert least <= np.mean(right) <= most

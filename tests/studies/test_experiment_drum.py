@@ -4,6 +4,7 @@ import threading
 
 import numpy as np
 import pytest
+from paper_drums import PAPER_DESIGN
 from sealed_frames import frame
 from test_experiment_design import SHIPPED
 
@@ -46,7 +47,7 @@ def press(
     wall, stiffness, *, depth=0.004, latency=0.001, force=4.0, seconds=3.0, at=lambda display, ms: None
 ):
     """Frames of a press that the drum is stepped through, and why it was stopped."""
-    display, felt = DrumDisplay(RATE), []
+    display, felt = DrumDisplay(RATE, gloves=[PAPER_DESIGN]), []
     display.step(reading(0, depth), 0)
     interval = Interval(wall, stiffness, 2.0, latency, 1500.0, 0.2)
     thread = threading.Thread(target=lambda: felt.append(display.present(interval, force, seconds)))

@@ -304,7 +304,7 @@ def test_hand_feels_every_wall(design, wall, stiffness):
 def test_nothing_personal_is_in_the_data(dataset):
     done_by(dataset, "p01")
     personal = {getpass.getuser(), socket.gethostname(), str(Path.home()), str(dataset.folder.parent)}
-    dates = re.compile(rb"20[2-9]\d-\d\d-\d\d|20[2-9]\d[01]\d[0-3]\d")
+    dates = re.compile(rb"20[2-9]\d-\d\d-\d\d|20[2-9]\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])")
     files = [path for path in dataset.folder.rglob("*") if path.is_file() and path.suffix != ".npz"]
 
     assert len(files) > 6

@@ -9,8 +9,8 @@ from project import MESHES
 
 import proximity
 from proximity.certificate.certificate_job import CERTIFICATE
-from proximity.decaff.drum.drum_model import GEAR4, PHASE_SEED, with_random_phases
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.drum.drum_model import PHASE_SEED, USUAL_GEAR, with_random_phases
+from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.errors import DecaffError, ServiceError
 from proximity.studies.simulation.closed_loop import decaff
 from proximity.studies.simulation.devices import Decaff
@@ -94,7 +94,7 @@ def test_press_on_a_real_wall_has_no_error(do):
 
 
 def test_press_with_a_cable_is_that_with_its_transmission(do):
-    glove = Decaff(with_random_phases(GEAR4, 1)[0])
+    glove = Decaff(with_random_phases(DRUMS[USUAL_GEAR], 1)[0])
     cable = TipCable.of(Glove())
     expected = deviation(decaff(Hand(), Hand().press(0.1), with_transmission(glove, cable, Stretch.SENSOR)))
     found = do(PRESS, cable_stiffness=cable.stiffness, stretch="sensor")

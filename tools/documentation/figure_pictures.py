@@ -21,7 +21,7 @@ def main() -> None:
         for name in FIGURES:
             drawn, _ = write_figure(name, folder)
             image = Image.open(drawn).convert("RGB")
-            image.thumbnail((WIDEST, WIDEST))
+            image.thumbnail((WIDEST, 2 * WIDEST))
             image.quantize(COLOURS).save(PICTURES / drawn.name, optimize=True)
 
 

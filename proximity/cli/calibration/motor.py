@@ -7,7 +7,6 @@ import typer
 
 from proximity.cli.drum_motors import watch_motors
 from proximity.decaff.calibrating.motor_port import MotorPort
-from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.motors.motor_drum import NOT_ON_HARDWARE
@@ -21,20 +20,11 @@ def report(sentence: str) -> None:
 
 
 @contextmanager
-def opened_port(address: str, glove: Glove, drum: Drum) -> Iterator[MotorPort]:
-    """Open a motor, which stays off until its port homes it; it ends switched off.
-
-    Parameters
-    ----------
-    address : str
-        Of the motor.
-    glove : Glove
-        As designed.
-    drum : Drum
-        As designed.
-    """
+def opened_port(address: str, glove: Glove) -> Iterator[MotorPort]:
+    """Open a motor, which stays off until its port homes it; it ends switched off."""
     report(NOT_ON_HARDWARE)
-    with opened_motors([address], [FingerPath(glove)], report) as (motor,), MotorPort(motor, drum) as port:
+    path = FingerPath(glove)
+    with opened_motors([address], [path], report) as (motor,), MotorPort(motor, path.drum) as port:
         yield port
 
 

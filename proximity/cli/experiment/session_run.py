@@ -9,7 +9,7 @@ from proximity.cli.drum_loop import DrumsBeside
 from proximity.cli.drum_motors import armable_motors
 from proximity.cli.experiment.participant_page import PageRespondent, stop_everything
 from proximity.cli.experiment.participant_terminal import TerminalRespondent
-from proximity.decaff.glove.glove_set import read_glove
+from proximity.decaff.glove.glove_set import read_any_glove
 from proximity.decaff.motors.motor_set import home_all
 from proximity.studies.experiment.conduct import Monitor, RefusedError, StoppedError
 from proximity.studies.experiment.dataset import Dataset
@@ -27,7 +27,7 @@ class Drums:
     address: str  # of the service
     rate: float  # Hz
     finger: int
-    calibrations: list[Path]
+    gloves: list[Path]
     max_age: float | None  # days
     motors: list[str]  # addresses; they are armed
 
@@ -55,7 +55,7 @@ def run_session(
     str
         Why it ended before its end; empty: it did not.
     """
-    gloves, monitor = [read_glove(path, drums.max_age) for path in drums.calibrations], Monitor()
+    gloves, monitor = [read_any_glove(path, drums.max_age) for path in drums.gloves], Monitor()
     with (
         armable_motors(drums.motors, gloves) as motors,
         open_subscriber(drums.address) as subscriber,

@@ -55,13 +55,7 @@ class Chirp:
     push: float = 0.0  # s, of each push behind the chirp, to and fro, that the drum then coasts from
 
     def torques(self, rate: float) -> np.ndarray:
-        """Return its samples, N m, (N,).
-
-        Parameters
-        ----------
-        rate : float, Hz
-            Of the samples.
-        """
+        """Return its samples, N m, (N,)."""
         last = min(self.last, rate / LEAST_CYCLES)
         times = np.arange(round(SECONDS * rate)) / rate
         phase = 2.0 * math.pi * (self.first * times + (last - self.first) / (2.0 * SECONDS) * times**2)
@@ -75,7 +69,7 @@ class Chirp:
 
 def free_chirp(drum: Drum) -> Chirp:
     """Return the chirp for a drum that nothing touches: some times its friction, 0.6 rad from end to end."""
-    friction, most = drum.friction * drum.radius, MOST_SHARE * drum.force_limit * drum.radius
+    friction, most = drum.friction * drum.lever, MOST_SHARE * drum.force_limit * drum.lever
     amplitude = min(max(OVER_FRICTION * friction, 0.01 * most), most)
     first = math.sqrt(amplitude / (FREE_SWING * inertia(drum))) / (2.0 * math.pi)
     # In a swing alone friction looks like latency: both make it late. Coasting shows the friction.
@@ -85,7 +79,7 @@ def free_chirp(drum: Drum) -> Chirp:
 
 def held_chirp(glove: Glove, drum: Drum) -> Chirp:
     """Return the chirp for a drum that presses on a held finger's replica, about where they ring."""
-    most = MOST_SHARE * drum.force_limit * drum.radius
+    most = MOST_SHARE * drum.force_limit * drum.lever
     wanted = HELD_FORCE * float(glove.replica_torque(HELD_BEND, 1.0)) / _drum_rate(glove)
     mean = min(wanted, most / (1.0 + HELD_SHARE))
     ringing = math.sqrt(drum_stiffness(glove, glove.cable.stiffness) / inertia(drum)) / (2.0 * math.pi)
@@ -94,7 +88,7 @@ def held_chirp(glove: Glove, drum: Drum) -> Chirp:
 
 def inertia(drum: Drum) -> float:
     """Return the inertia of a drum about its axis, kg m², its rotor behind the gear."""
-    return drum.mass * drum.radius**2
+    return drum.mass * drum.lever**2
 
 
 def drum_stiffness(glove: Glove, cable: float) -> float:
@@ -103,19 +97,7 @@ def drum_stiffness(glove: Glove, cable: float) -> float:
 
 
 def answer(plant: np.ndarray, record: DrumRecord, latency: float, step: float = LONGEST_STEP) -> np.ndarray:
-    """Return the angles of a drum under the commands of a record, (N,), rad, from 0.
-
-    Parameters
-    ----------
-    plant : (SWING_SIZE,) float64
-        As the kernel reads it.
-    record : DrumRecord
-        Of which the commands and their times count.
-    latency : float, s
-        From a command to the angle that is read of it.
-    step : float, s
-        Of the simulation, at most.
-    """
+    """Return the angles of a drum under the commands of a record, (N,), rad, from 0."""
     times, count = record.times, len(record.times)
     period = (times[-1] - times[0]) / (count - 1)
     steps = math.ceil(period / step)
@@ -129,22 +111,9 @@ def answer(plant: np.ndarray, record: DrumRecord, latency: float, step: float = 
 
 
 def identify_free(record: DrumRecord, drum: Drum) -> dict[str, float]:
-    """Return inertia, kg m², friction, N m, viscous friction, N m s, and latency, s, of a free drum.
-
-    Parameters
-    ----------
-    record : DrumRecord
-        Of a drum that nothing touched.
-    drum : Drum
-        As designed: where the search begins.
-
-    Raises
-    ------
-    DecaffError
-        If the drum did not follow, or the model does not explain its answer.
-    """
+    """Return inertia, kg m², friction, N m, viscous friction, N m s, and latency, s, of a free drum."""
     _check_motor(record)
-    scale = np.array([inertia(drum), max(drum.friction * drum.radius, 1e-6), 0.0, _period(record)])
+    scale = np.array([inertia(drum), max(drum.friction * drum.lever, 1e-6), 0.0, _period(record)])
     scale[2] = 0.1 * scale[1]
 
     def plant(numbers: np.ndarray) -> np.ndarray:
@@ -159,27 +128,10 @@ def identify_free(record: DrumRecord, drum: Drum) -> dict[str, float]:
 
 
 def identify_held(record: DrumRecord, drum: Drum, glove: Glove, viscous: float) -> dict[str, float]:
-    """Return stiffness, N m/rad, and damping, N m s, of what a drum presses on, and the rest that swings.
-
-    Parameters
-    ----------
-    record : DrumRecord
-        Of a drum that presses on the replica of a held finger.
-    drum : Drum
-        As designed.
-    glove : Glove
-        As designed.
-    viscous : float, N m s
-        Friction of the free drum.
-
-    Raises
-    ------
-    DecaffError
-        If the drum did not follow, or the model does not explain its answer.
-    """
+    """Return stiffness, N m/rad, and damping, N m s, of what a drum presses on, and the rest that swings."""
     _check_motor(record)
     stiff = drum_stiffness(glove, glove.cable.stiffness)
-    mass, friction = inertia(drum), max(drum.friction * drum.radius, 1e-6)
+    mass, friction = inertia(drum), max(drum.friction * drum.lever, 1e-6)
     scale = np.array([stiff, 0.1 * math.sqrt(stiff * mass), mass, friction, _period(record)])
 
     def plant(numbers: np.ndarray) -> np.ndarray:

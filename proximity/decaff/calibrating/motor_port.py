@@ -25,15 +25,7 @@ RATIO_OFF = 0.01  # share by which gear ratios may differ
 
 
 class MotorPort:
-    """Drum port of a motor, read from the beginning to the end of a ``with`` block.
-
-    Parameters
-    ----------
-    motor : MotorDrum
-        Open, and off.
-    drum : Drum
-        As designed.
-    """
+    """Drum port of a motor, read from the beginning to the end of a ``with`` block."""
 
     rate = RATE
 
@@ -44,10 +36,10 @@ class MotorPort:
         self._failure: MotorError | None = None
         self._thread = threading.Thread(target=self._watch, name="reads the motor", daemon=True)
         ratio = motor.settings.ratio
-        if abs(ratio / drum.ratio - 1.0) > RATIO_OFF:
+        if abs(ratio / drum.gear.ratio - 1.0) > RATIO_OFF:
             raise DecaffError(
-                f"the motor's address has a ratio of {ratio:g} and the drum one of {drum.ratio:g}, expected "
-                "the same: add ratio= to the address, or choose another --drum"
+                f"the motor's address has a ratio of {ratio:g} and the drum one of {drum.gear.ratio:g}, "
+                "expected the same: add ratio= to the address, or choose another --drum or --glove"
             )
 
     def __enter__(self) -> "MotorPort":
@@ -83,20 +75,7 @@ class MotorPort:
         self._motor.switch_off()
 
     def swing(self, torques: np.ndarray) -> DrumRecord:
-        """Switch the motor on, command torques, N m at the drum, and switch it off again.
-
-        Parameters
-        ----------
-        torques : (N,) float64, N m
-            Samples at `rate`, positive away from the finger.
-
-        Raises
-        ------
-        DecaffError
-            If answers came too rarely to be used.
-        MotorError
-            If anything is uncertain; the motor is off then.
-        """
+        """Switch the motor on, command torques, N m at the drum, and switch it off again."""
         self._check()
         with self._lock, self._off_at_once():
             self._motor.resume()

@@ -40,15 +40,7 @@ class Asked:
 
 
 class Readings:
-    """Readings of one glove with the same instruments, in the order in which they came.
-
-    Parameters
-    ----------
-    path : path
-        Of the file; read if it is there.
-    source : str
-        Names the instruments.
-    """
+    """Readings of one glove with the same instruments, in the order in which they came."""
 
     def __init__(self, path: str | os.PathLike[str], source: str) -> None:
         self.path, self.source = Path(path), source
@@ -58,26 +50,12 @@ class Readings:
             self._read()
 
     def add(self, task: Task, values: dict[str, Any]) -> None:
-        """Add a reading, and write the file.
-
-        Parameters
-        ----------
-        task : Task
-            Of which it is.
-        values : dict
-            What was measured.
-        """
+        """Add a reading, and write the file."""
         self.all.append({"task": task.key, "made": datetime.now(UTC).isoformat(), **values})
         self.write()
 
     def write(self, results: dict[str, Any] | None = None) -> None:
-        """Write the file, at once and wholly.
-
-        Parameters
-        ----------
-        results : dict
-            What the readings say, beside them.
-        """
+        """Write the file, at once and wholly."""
         document = {
             "format": FORMAT, "version": FILE_VERSION, "source": self.source, "began": self.began.isoformat(),
             "results": results or {}, "readings": self.all,
@@ -99,18 +77,6 @@ class Readings:
         """Return what is to be measured next; None: all is there.
 
         Poses come in rounds, as a finger closes from the flat hand to the fist; other tasks one by one.
-
-        Parameters
-        ----------
-        tasks : sequence of Task
-            In their order.
-        bench : Bench
-            What is calibrated.
-
-        Raises
-        ------
-        DecaffError
-            If many readings of a task do not agree.
         """
         counts = {task.key: len(self.agreeing(task, bench)) for task in tasks}
         left = [task for task in tasks if counts[task.key] < task.repeats]

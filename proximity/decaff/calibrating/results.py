@@ -59,17 +59,7 @@ class Estimate:
 
 
 class Session:
-    """A calibration under way: what is calibrated, with what, and the readings so far.
-
-    Parameters
-    ----------
-    bench : Bench
-        What is calibrated.
-    readings : Readings
-        So far, with the same instruments.
-    skipped : sequence of str
-        Keys of tasks that are left out.
-    """
+    """A calibration under way: what is calibrated, with what, and the readings so far."""
 
     def __init__(self, bench: Bench, readings: Readings, skipped: Sequence[str] = ()) -> None:
         self.bench, self.readings = bench, readings
@@ -93,23 +83,10 @@ class Session:
         return [task.key for task in needed if len(self.of(task)) < task.repeats]
 
     def take(self, asked: Asked, ready: Ready) -> None:
-        """Measure, and keep the reading.
-
-        Parameters
-        ----------
-        asked : Asked
-            As `next` returned it.
-        ready : callable
-            Returns when the person has done a part of the task.
-
-        Raises
-        ------
-        DecaffError
-            If the reading cannot be right; nothing is kept of it.
-        """
+        """Measure, and keep the reading."""
         free = self.readings.agreeing(FREE, self.bench)
         viscous = float(np.mean([reading["viscous"] for reading in free])) if free else 0.0
-        bench = Bench(self.bench.instruments, self.bench.glove, self.bench.drum, viscous)
+        bench = Bench(self.bench.instruments, self.bench.glove, viscous)
         bend = asked.bend if asked.bend is not None else 0.0
         self.readings.add(asked.task, asked.task.measure(bench, bend, ready))
 
@@ -130,21 +107,8 @@ class Session:
                 )
         return found
 
-    def calibration(self, name: str, phalanges: tuple[float, float, float]) -> Calibration:
-        """Return the calibration of a glove whose tasks are all done.
-
-        Parameters
-        ----------
-        name : str
-            Of hand and finger.
-        phalanges : (3,) float, m
-            Lengths of the finger's.
-
-        Raises
-        ------
-        DecaffError
-            If the readings contradict one another, or cannot be of such a glove.
-        """
+    def calibration(self, name: str) -> Calibration:
+        """Return the calibration of a glove whose tasks are all done; *name* is that of hand and finger."""
         values = {estimate.key: estimate.value for estimate in self.estimates()}
         touches, glove = self.of(TOUCH), self.bench.glove
         made = Calibration(
@@ -157,12 +121,19 @@ class Session:
             cable_compliance=values["cable_compliance"],
             backlash=values["backlash"],
             latency=values["latency"],
-            phalanges=phalanges,
+            phalanges=glove.finger.phalanges,
             name=name,
             is_simulated=self.bench.instruments.is_simulated,
+            drum_inertia=self._measured(FREE, "inertia"),
+            drum_friction=self._measured(FREE, "friction"),
+            design=glove,
         )
         CalibratedGlove(glove, made)
         return made
+
+    def _measured(self, task: Task, name: str) -> float | None:
+        readings = self.of(task)
+        return max(0.0, float(np.mean([reading[name] for reading in readings]))) if readings else None
 
 
 def _half_width(values: np.ndarray) -> float:
@@ -180,8 +151,8 @@ _Quantity = tuple[
 def _quantities(bench: Bench) -> list[_Quantity]:
     glove, drum = bench.glove, bench.drum
     a_count = glove.cable.replica_pulley / glove.potentiometer.gain  # m of cable
-    # Of a held drum to a cable in N/m, and of the drum's axis to its rim.
-    per_cable, radius = drum_stiffness(glove, 1.0), drum.radius
+    # Of a held drum to a cable in N/m, and of the drum's axis to the fingertip.
+    per_cable, lever = drum_stiffness(glove, 1.0), drum.lever
     designed = glove.potentiometer.counts(glove.replica_angle(POSES))
 
     def value(name: str, factor: float = 1.0) -> Callable[[Reading], float]:
@@ -203,13 +174,13 @@ def _quantities(bench: Bench) -> list[_Quantity]:
         ("touch_offset", "drum zero", "mrad", 1e3, TOUCH, value("offset"), math.nan,
          hidden(HALF_COUNT / glove.potentiometer.gain)),
         ("latency", "glove latency", "ms", 1e3, LATENCY, value("latency"), math.nan, value("sampled")),
-        ("drum_mass", "drum mass", "g", 1e3, FREE, value("inertia", radius**-2),
+        ("drum_mass", "drum mass", "g", 1e3, FREE, value("inertia", lever**-2),
          drum.mass, no),
-        ("drum_friction", "drum friction", "mN", 1e3, FREE, value("friction", 1.0 / radius),
+        ("drum_friction", "drum friction", "mN", 1e3, FREE, value("friction", 1.0 / lever),
          drum.friction, no),
         ("drum_latency", "drum latency", "ms", 1e3, FREE, value("latency"), math.nan, no),
-        ("drum_resolution", "encoder step", "µm", 1e6, FREE, value("step", radius),
-         drum.resolution, value("step_error", radius)),
+        ("drum_resolution", "encoder step", "µm", 1e6, FREE, value("step", lever),
+         drum.resolution, value("step_error", lever)),
         ("cable_stiffness", "cable spring", "N/mm", 1e-3, HELD,
          value("stiffness", 1.0 / per_cable), glove.cable.stiffness, no),
     ]  # fmt: skip

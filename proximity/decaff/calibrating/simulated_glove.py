@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from proximity.decaff.calibrating.drum_chirp import answer, drum_stiffness, inertia
+from proximity.decaff.calibrating.drum_chirp import HELD_BEND, answer, drum_stiffness, inertia
 from proximity.decaff.calibrating.instruments import DrumRecord, Instruments
 from proximity.decaff.calibrating.readings import Asked
 from proximity.decaff.calibrating.swing_kernels import (
@@ -21,7 +21,6 @@ from proximity.decaff.calibrating.swing_kernels import (
     SWING_VISCOUS,
 )
 from proximity.decaff.calibrating.tasks import BACKLASH, FREE, HELD, POSES, PULL, TENSION, TOUCH
-from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.calibration_fit import step_latency
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
@@ -40,21 +39,11 @@ FINE_STEP = 2.5e-6  # s, a tenth of that with which the answer is identified
 
 
 class SimulatedGlove:
-    """Hand, glove and drum with parameters near those of the design; both ports at once.
-
-    Parameters
-    ----------
-    seed : int
-        Of its parameters and of all noise.
-    design : Glove
-        As designed.
-    drum : Drum
-        As designed.
-    """
+    """Hand, glove and drum with parameters near those of the design; both ports at once."""
 
     rate = RATE
 
-    def __init__(self, seed: int, design: Glove, drum: Drum) -> None:
+    def __init__(self, seed: int, design: Glove) -> None:
         if seed < 0:
             raise DecaffError(f"the seed is {seed}, expected 0 or more")
         self._seed = seed
@@ -66,12 +55,13 @@ class SimulatedGlove:
             backlash=random.uniform(0.05e-3, 0.3e-3),
         )
         motor = replace(
-            drum.motor,
-            inertia=drum.motor.inertia * random.uniform(0.8, 1.3),
-            friction=drum.motor.friction * random.uniform(0.7, 1.4),
+            design.motor,
+            inertia=design.motor.inertia * random.uniform(0.8, 1.3),
+            friction=design.motor.friction * random.uniform(0.7, 1.4),
             encoder_counts=int(random.choice([2000, 2048, 4000, 4096])),
         )
-        self._glove, self._drum = replace(design, cable=cable), replace(drum, motor=motor)
+        self._glove = replace(design, cable=cable, motor=motor)
+        self._drum = replace(design.tip_drum(HELD_BEND), motor=motor)  # its mass is counted by the design
         self._mounted = random.uniform(-0.1, 0.1)
         self._latency = random.uniform(2e-3, 12e-3)
         self._drum_latency = random.uniform(0.3e-3, 1.5e-3)
@@ -101,15 +91,7 @@ class SimulatedGlove:
         }
 
     def prepare(self, asked: Asked, part: int) -> None:
-        """Do what a part of a task says, as a person would.
-
-        Parameters
-        ----------
-        asked : Asked
-            The task.
-        part : int
-            Of it, from 0.
-        """
+        """Do what a part of a task says, as a person would."""
         self._asked, self._part = asked.task.key, part
         self._random = np.random.default_rng([self._seed, asked.number + 1, part])
         is_at_block = self._asked in (BACKLASH.key, PULL.key)
@@ -155,7 +137,7 @@ class SimulatedGlove:
         """Swing the drum, which stands free or at the replica as the task says."""
         plant = np.zeros(SWING_SIZE)
         plant[SWING_INERTIA] = inertia(self._drum)
-        plant[SWING_FRICTION] = self._drum.friction * self._drum.radius
+        plant[SWING_FRICTION] = self._drum.friction * self._drum.lever
         plant[SWING_VISCOUS] = 0.01 * plant[SWING_FRICTION]
         if self._asked == HELD.key:
             plant[SWING_INERTIA] += LINK_INERTIA
@@ -175,5 +157,5 @@ class SimulatedGlove:
         return float(self._random.normal(0.0, TOUCH_ERROR))
 
     def _read(self, angle: float) -> float:
-        step = self._drum.resolution / self._drum.radius
+        step = self._drum.resolution / self._drum.lever
         return round(angle / step) * step

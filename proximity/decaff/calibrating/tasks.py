@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from proximity.decaff.calibrating.drum_chirp import (
     HELD_BEND,
@@ -25,7 +24,7 @@ from proximity.decaff.calibrating.drum_chirp import (
     inertia,
 )
 from proximity.decaff.calibrating.instruments import DrumRecord, Instruments
-from proximity.decaff.drum.drum_model import GEAR4, Drum
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove import calibration_fit
 from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE
 from proximity.decaff.glove.calibration import TABLE_SIZE
@@ -54,8 +53,12 @@ class Bench:
 
     instruments: Instruments
     glove: Glove
-    drum: Drum = GEAR4
     viscous: float = 0.0  # N m s, of the free drum, once that is known
+
+    @property
+    def drum(self) -> Drum:
+        """Of the glove, at the bend at which it is held."""
+        return self.glove.tip_drum(HELD_BEND)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,11 +165,6 @@ def _as_lists(record: DrumRecord) -> dict[str, list[float]]:
     }
 
 
-def drum_lever(glove: Glove, bends: ArrayLike) -> np.ndarray:
-    """Return how far the fingertip goes a radian of the drum that it leans on, (...), m."""
-    return np.asarray(glove.tip_per_radian(bends) / glove.drum.drum_rate(glove.replica_angle(bends)))
-
-
 def _count_range(bench: Bench) -> float:
     return float(np.ptp(bench.glove.counts([0.0, 1.0])))
 
@@ -216,7 +214,7 @@ TOUCH = Task(
     TOUCHED,
     _touch,
     "offset",
-    lambda bench: TOUCH_TOLERANCE / float(drum_lever(bench.glove, TOUCHED).max()),
+    lambda bench: TOUCH_TOLERANCE / float(bench.glove.lever(TOUCHED).max()),
     "turn the drum gently: the replica must not move; check that the encoder is firm on its shaft",
     repeats=9,
 )

@@ -13,9 +13,10 @@ from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.controller.steady_force import Handover, SteadyForce, SteadyRule
 from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum_model import GEAR4, Drum
+from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum
 from proximity.decaff.drum.servo import Servo, servo_for
 from proximity.decaff.glove import finger_path
+from proximity.decaff.glove.glove import DRUMS
 from proximity.message import contact
 from proximity.message.c_header import comment_lines
 from proximity.transport import message_check
@@ -44,7 +45,7 @@ class ChipSettings:
     """What a controller on a chip is made for; the Python controller is given the same."""
 
     rate: float = 3000.0  # Hz
-    drum: Drum = GEAR4
+    drum: Drum = DRUMS[USUAL_GEAR]
     limits: Limits = field(default_factory=Limits)
     handover: Handover = field(default_factory=Handover)
     servo: Servo | None = None  # None: the one that suits the drum
@@ -161,8 +162,8 @@ def _servo(settings: ChipSettings) -> Iterator[_Constant]:
             yield name, float(numbers[getattr(drum_kernels, name)]), remarks[name]
     share = 1.0 - math.exp(-2.0 * math.pi * servo.smoothing * servo.period)
     yield "SERVO_SMOOTHING_SHARE", share, f"of a low-pass at {servo.smoothing:g} Hz"
-    yield "DRUM_RADIUS", drum.radius, "m, of the rim"
-    yield "DRUM_RATIO", drum.ratio, "turns of the motor to one of the drum"
+    yield "DRUM_RADIUS", drum.lever, "m of fingertip to a radian of the drum, at half bend"
+    yield "DRUM_RATIO", drum.gear.ratio, "turns of the motor to one of the drum"
 
 
 def _definition(name: str, value: Any, remark: str) -> list[str]:

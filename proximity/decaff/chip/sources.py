@@ -38,8 +38,8 @@ def controller_sources(
     DecaffError
         If a drum cannot stand in its finger's path, or the settings cannot be used.
     """
-    settings = settings or ChipSettings()
     paths = [FingerPath(glove) for glove in gloves]
+    settings = settings or ChipSettings(drum=paths[0].drum)
     kinds = {
         "RATE_TEXT": f"{settings.rate:g}",
         "CONSTANTS": constants_text(settings, len(paths)),

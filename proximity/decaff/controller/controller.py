@@ -25,7 +25,7 @@ from proximity.decaff.controller.release import Release
 from proximity.decaff.controller.steady_force import Handover, SteadyForce
 from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.drum.drum_model import GEAR4, Drum
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.message import Source, Surface
@@ -74,13 +74,13 @@ class FingerController:
         self,
         path: FingerPath,
         rate: float = SERVO_RATE,
-        drum: Drum = GEAR4,
+        drum: Drum | None = None,
         limits: Limits | None = None,
         handover: Handover | None = None,
         cable: CableRule | None = None,
     ) -> None:
         self._path, self._rate, self._limits = path, positive("rate", rate, "hertz"), limits or Limits()
-        self._handover = handover or Handover()
+        self._handover, drum = handover or Handover(), drum or path.drum
         self._near_speed = self._limits.near_speed(drum.mass)
         self._drum, self._braking = drum, BRAKING_SHARE * drum.acceleration
         self._stretch = CableStretch(cable or CableRule(), self._limits.continuous_force)

@@ -32,13 +32,7 @@ class DrumCommand:
     force_slew: float = 0.0  # N/s, of the force reference; 0: the servo's own, inf: at once
 
     def write(self, array: np.ndarray) -> None:
-        """Write it as the kernels read it.
-
-        Parameters
-        ----------
-        array : (COMMAND_SIZE,) float64
-            Filled anew.
-        """
+        """Write it as the kernels read it."""
         array[drum_kernels.COMMAND_MODE] = self.mode
         array[drum_kernels.COMMAND_TARGET] = self.target
         array[drum_kernels.COMMAND_SPEED_CAP] = self.speed_cap

@@ -1,6 +1,6 @@
 """Kernels that step a motor-driven drum, as a moving mass, and its servo.
 
-All is given at the drum's rim: masses in kg, positions in m. A positive position is away from the finger, and
+All is given at the fingertip: masses in kg, positions in m. A positive position is away from the finger, and
 a positive motor force pushes there; to press on the finger the motor pulls. The servo acts one sample late:
 what it computes from a measurement is applied from the next sample on.
 """
@@ -22,7 +22,8 @@ DRUM_OFFSET = 6  # m, at which an encoder count lies
 DRUM_STALL_FORCE = 7  # N, of a motor that stands, at its full voltage
 DRUM_ELECTRICAL_TIME = 8  # s, inductance over resistance; 0: the current is what is asked for, at once
 DRUM_CURRENT_RATE = 9  # 1/s, of the current's loop
-DRUM_SIZE = 10
+DRUM_LOSS = 10  # share of the force on the link by which the gear rubs
+DRUM_SIZE = 11
 
 # --- a servo ---
 SERVO_PERIOD = 0  # s
@@ -97,11 +98,13 @@ def pushed(
 ) -> tuple[float, float]:
     """Place and speed of the drum after a step under its motor and the link's *contact* force.
 
-    At its speed limit the motor has no force left that would make the drum faster.
+    At its speed limit the motor has no force left that would make the drum faster. A gear rubs by a share of
+    what it carries, either way: it helps to hold, and does not help to press.
     """
     is_too_fast = abs(speed) >= drum[DRUM_SPEED_LIMIT] and applied * speed > 0.0
     force = contact if is_too_fast else applied + contact
-    speed = slid(speed, force, drum[DRUM_FRICTION], drum[DRUM_MASS], step)
+    friction = drum[DRUM_FRICTION] + drum[DRUM_LOSS] * abs(contact)
+    speed = slid(speed, force, friction, drum[DRUM_MASS], step)
     return where + speed * step, speed
 
 
@@ -139,7 +142,7 @@ def enter_mode(drive: np.ndarray, command: np.ndarray, reported: float) -> None:
     A position starts where the drum is, with no integral: with one, a drum whose finger has gone would go
     after it. A force starts so that the motor does what it did of late. Taking its force at the very
     sample was tried: where that one saw an encoder count, the damping adds 4 N, and the finger is thrown off
-    (2026-11-21, gear4).
+    (2026-11-21, a drum of 0.24 kg).
     """
     if command[COMMAND_MODE] == MODE_POSITION:
         drive[DRIVE_REFERENCE], drive[DRIVE_REFERENCE_SPEED], drive[DRIVE_INTEGRATED] = reported, 0.0, 0.0

@@ -1,7 +1,8 @@
-"""Model of the contact drum: motor, gear, friction, limits, encoder, pulse width.
+"""Motor and gear by their data sheets, and the contact drum that they are at the fingertip.
 
-All that acts at the rim is given there, behind the gear, so that a drum compares with the finger it stops: a
-gear of n multiplies the motor's force by n, and the mass of its rotor by n². What drives it is in `servo`.
+A radian of the drum is `lever` metres of fingertip, 0.12 on a hand. So a motor behind a gear of n acts there
+with n / lever times its torque and (n / lever)² times its inertia. This is the one place that converts; the
+lever over the whole bend is the glove's (`Glove.tip_drum`).
 """
 
 import math
@@ -11,31 +12,35 @@ import numpy as np
 
 from proximity.decaff.arguments import finite, not_negative, positive, whole
 from proximity.decaff.drum import drum_kernels as kernels
+from proximity.errors import DecaffError
 
-RIM_RADIUS = 0.010  # m; assumed
 REFERENCE_SHARE = 0.5  # of the force limit, that the reference's acceleration may ask for; assumed
+PLANNED_SPEED_SHARE = 0.7  # of the motor's speed, that the servo plans with; assumed
 PHASE_SEED = 29  # of walls that lie at random within an encoder count
 PAD_STIFFNESS = 200.0  # N/m, of a fingertip; the paper's
 
 
 @dataclass(frozen=True, slots=True)
 class Motor:
-    """A motor of the 20 W class, at its own shaft."""
+    """A motor by its data sheet, at its own shaft: a maxon RE 25 (118752) with an encoder of 500 lines."""
 
-    inertia: float = 1.5e-6  # kg m², of the rotor; assumed: 15 g at the rim
-    torque: float = 0.28  # N m, at most; assumed: 28 N at the rim
-    speed: float = 1000.0  # rad/s, at most; assumed: 1 m/s behind a gear of 10
-    friction: float = (
-        4.5e-4  # N m; assumed: with it, 0.045 N at the rim, drums settle as science/drum.md says
-    )
-    encoder_counts: int = 2000  # a turn; assumed: 31 µm at the rim
+    name: str = "RE 25, 20 W, 24 V"
+    inertia: float = 1.03e-6  # kg m², of the rotor
+    torque: float = 0.242  # N m, of a motor that stands, at its full voltage: for moments
+    continuous_torque: float = 0.0288  # N m, that it bears for ever
+    heating_time: float = 12.6  # s, thermal time constant of the winding
+    speed: float = 1000.0  # rad/s, without a load
+    friction: float = 8.6e-4  # N m: the current without a load
+    encoder_counts: int = 2000  # a turn
     duty_bits: int = 0  # of the pulse width, either way; 0: continuous
-    electrical_time: float = 0.0  # s, inductance over resistance; 0: the current follows at once
+    electrical_time: float = 0.10e-3  # s, inductance over resistance; 0: the current follows at once
     current_bandwidth: float = 1000.0  # Hz, of the current's loop; assumed
 
     def __post_init__(self) -> None:
         positive("inertia", self.inertia, "kilogram square metres")
         positive("torque", self.torque, "newton metres")
+        positive("continuous_torque", self.continuous_torque, "newton metres")
+        positive("heating_time", self.heating_time, "seconds")
         positive("speed", self.speed, "radians a second")
         not_negative("friction", self.friction, "newton metres")
         whole("encoder_counts", self.encoder_counts, 1)
@@ -45,56 +50,131 @@ class Motor:
 
 
 @dataclass(frozen=True, slots=True)
-class Drum:
-    """A motor, a gear and a rim; what is given of it holds at the rim."""
+class Gear:
+    """A gear between motor and drum by its data sheet; by default there is none."""
 
-    motor: Motor = field(default_factory=Motor)
+    name: str = "none"
     ratio: float = 1.0  # turns of the motor to one of the drum
-    radius: float = RIM_RADIUS  # m
-    gear_limit: float = 100.0  # N, that its teeth and bearings carry; assumed
-    usable_acceleration: float | None = (
-        None  # m/s², of the reference; None: half of what the force limit allows
-    )
-    encoder_phase: float = 0.0  # of a count, by which one lies beyond the position 0
+    efficiency: float = 1.0  # share of the torque that arrives
+    backlash: float = 0.0  # rad of the drum
+    torque: float = math.inf  # N m at the drum, that teeth and bearings carry for moments
+    continuous_torque: float = math.inf  # N m at the drum
+    inertia: float = 0.0  # kg m² at the motor's shaft
+    input_speed: float = math.inf  # rad/s of the motor, for long
 
     def __post_init__(self) -> None:
         positive("ratio", self.ratio, "turns to a turn")
-        positive("radius", self.radius, "metres")
-        positive("gear_limit", self.gear_limit, "newtons")
+        if not positive("efficiency", self.efficiency, "shares") <= 1.0:
+            raise DecaffError(f"efficiency is {self.efficiency!r}, expected 1 at most")
+        not_negative("backlash", self.backlash, "radians")
+        positive("torque", self.torque, "newton metres", may_be_infinite=True)
+        positive("continuous_torque", self.continuous_torque, "newton metres", may_be_infinite=True)
+        not_negative("inertia", self.inertia, "kilogram square metres")
+        positive("input_speed", self.input_speed, "radians a second", may_be_infinite=True)
+
+
+_FAST = 6000.0 * 2.0 * math.pi / 60.0
+GEARS = {
+    "gear14": Gear("GP 32 A, 14:1", 14.0, 0.75, math.radians(0.8), 3.4, 2.25, 0.8e-7, _FAST),
+    "gear51": Gear("GP 32 A, 51:1", 51.0, 0.70, math.radians(1.0), 6.5, 4.5, 0.7e-7, _FAST),
+    "gear111": Gear("GP 32 A, 111:1", 111.0, 0.70, math.radians(1.0), 6.5, 4.5, 0.7e-7, _FAST),
+}
+"""Planetary gears of maxon that fit that motor, by their total reduction."""
+USUAL_GEAR = "gear51"
+FORMER_NAMES = {"direct": "gear14", "gear4": "gear51", "gear10": "gear111"}
+"""Of drums of which a metre of rim was a metre of fingertip: what comes nearest to them on a hand."""
+
+
+def gear_named(name: str) -> Gear:
+    """Return one of `GEARS`; a name of former drums is refused with the one that comes nearest."""
+    if name in FORMER_NAMES:
+        raise DecaffError(
+            f"drum is {name!r}, the gear of a drum that no hand can wear: expected {FORMER_NAMES[name]!r}, "
+            f"the total gearing that comes nearest, or another of {', '.join(GEARS)}"
+        )
+    if name not in GEARS:
+        raise DecaffError(f"drum is {name!r}, expected one of {', '.join(GEARS)}")
+    return GEARS[name]
+
+
+@dataclass(frozen=True, slots=True)
+class Drum:
+    """A motor, a gear and the lever of a glove at some bend; what is derived holds at the fingertip."""
+
+    lever: float  # m of fingertip to a radian of the drum
+    motor: Motor = field(default_factory=Motor)
+    gear: Gear = GEARS[USUAL_GEAR]
+    usable_acceleration: float | None = None  # m/s², of the reference; None: half of what the force allows
+    encoder_phase: float = 0.0  # of a count, by which one lies beyond the position 0
+
+    def __post_init__(self) -> None:
+        positive("lever", self.lever, "metres to a radian")
         finite("encoder_phase", self.encoder_phase, "counts")
         if self.usable_acceleration is not None:
             positive("usable_acceleration", self.usable_acceleration, "metres a second squared")
 
     @property
+    def words(self) -> str:
+        """Motor, total gearing and lever, for captions."""
+        gearing, lever = self.gear.ratio, 1e3 * self.lever
+        return f"{self.motor.name}, {gearing:g}:1 in all on a lever of {lever:.0f} mm"
+
+    @property
+    def turn(self) -> float:
+        """How far the motor turns a metre of fingertip, rad/m; also the newtons of a newton metre."""
+        return self.gear.ratio / self.lever
+
+    @property
     def mass(self) -> float:
-        """Mass of the rotor as felt at the rim, kg."""
-        return self.motor.inertia * (self.ratio / self.radius) ** 2
+        """Mass of rotor and gear, kg."""
+        return (self.motor.inertia + self.gear.inertia) * self.turn**2
 
     @property
     def force_limit(self) -> float:
-        """At the rim, N."""
-        return min(self.motor.torque * self.ratio / self.radius, self.gear_limit)
+        """Force for moments, N."""
+        return min(self.motor.torque * self.turn, self.gear.torque / self.lever)
+
+    @property
+    def continuous_force(self) -> float:
+        """Force with which it may press for ever, N."""
+        lasting = self.motor.continuous_torque * self.gear.efficiency * self.turn
+        return min(lasting, self.gear.continuous_torque / self.lever)
 
     @property
     def speed_limit(self) -> float:
-        """At the rim, m/s."""
-        return self.motor.speed * self.radius / self.ratio
+        """Speed without a load, m/s."""
+        return self.motor.speed / self.turn
+
+    @property
+    def planned_speed(self) -> float:
+        """Largest speed of the servo's reference, m/s."""
+        return min(PLANNED_SPEED_SHARE * self.motor.speed, self.gear.input_speed) / self.turn
 
     @property
     def friction(self) -> float:
-        """Coulomb friction at the rim, N."""
-        return self.motor.friction * self.ratio / self.radius
+        """Coulomb friction without a load, N."""
+        return self.motor.friction * self.turn
+
+    @property
+    def loss(self) -> float:
+        """Share of the force on the finger by which the gear rubs."""
+        return 1.0 / self.gear.efficiency - 1.0
+
+    @property
+    def play(self) -> float:
+        """Way that the gear's backlash leaves, m."""
+        return self.gear.backlash * self.lever
 
     @property
     def resolution(self) -> float:
-        """Resolution of the encoder at the rim, m."""
-        return 2.0 * math.pi * self.radius / (self.motor.encoder_counts * self.ratio)
+        """Step of the encoder, m."""
+        return 2.0 * math.pi / (self.motor.encoder_counts * self.turn)
 
     @property
     def force_step(self) -> float:
         """Step by which the pulse width changes the force, N; 0: continuous."""
         bits = self.motor.duty_bits
-        return self.motor.torque * self.ratio / self.radius / 2.0**bits if bits else 0.0
+        return self.motor.torque * self.turn / 2.0**bits if bits else 0.0
 
     @property
     def acceleration(self) -> float:
@@ -103,27 +183,20 @@ class Drum:
             return self.usable_acceleration
         return REFERENCE_SHARE * self.force_limit / self.mass
 
-    def motor_torque(self, force: float) -> float:
-        """Return the torque of the motor for a force at the rim, N m at its shaft; no more than it may.
+    def overload_time(self, force: float) -> float:
+        """Return how long a cold motor may press with a force, s, until its winding is too hot."""
+        share = self.motor.continuous_torque * self.gear.efficiency * self.turn / force
+        return -self.motor.heating_time * math.log1p(-(share**2)) if share < 1.0 else math.inf
 
-        Parameters
-        ----------
-        force : float, N
-            At the rim, of either sign; infinite: all there is.
-        """
+    def motor_torque(self, force: float) -> float:
+        """Return the torque of the motor, N m at its shaft, for a force, N, without losses; limited."""
         most = self.force_limit
-        return min(max(force, -most), most) * self.radius / self.ratio
+        return min(max(force, -most), most) / self.turn
 
     def motor_speed(self, speed: float) -> float:
-        """Return the speed of the motor for one of the rim, rad/s at its shaft; no more than it has.
-
-        Parameters
-        ----------
-        speed : float, m/s
-            Of the rim, of either sign.
-        """
+        """Return the speed of the motor, rad/s at its shaft, for one of the fingertip, m/s; limited."""
         most = self.speed_limit
-        return min(max(speed, -most), most) * self.ratio / self.radius
+        return min(max(speed, -most), most) * self.turn
 
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels read them."""
@@ -135,27 +208,14 @@ class Drum:
         array[kernels.DRUM_RESOLUTION] = self.resolution
         array[kernels.DRUM_FORCE_STEP] = self.force_step
         array[kernels.DRUM_OFFSET] = self.encoder_phase * self.resolution
-        array[kernels.DRUM_STALL_FORCE] = self.motor.torque * self.ratio / self.radius
+        array[kernels.DRUM_STALL_FORCE] = self.motor.torque * self.turn
         array[kernels.DRUM_ELECTRICAL_TIME] = self.motor.electrical_time
         array[kernels.DRUM_CURRENT_RATE] = 2.0 * math.pi * self.motor.current_bandwidth
+        array[kernels.DRUM_LOSS] = self.loss
         return array
 
 
 def with_random_phases(drum: Drum, count: int) -> list[Drum]:
-    """Return the same drum several times, each with its encoder's counts elsewhere; the same on every run.
-
-    Parameters
-    ----------
-    drum : Drum
-        As it is.
-    count : int
-        How many.
-    """
+    """Return a drum so many times, each with its encoder's counts elsewhere; the same on every run."""
     phases = np.random.default_rng(PHASE_SEED).uniform(-0.5, 0.5, count)
     return [replace(drum, encoder_phase=float(phase)) for phase in phases]
-
-
-DIRECT = Drum(usable_acceleration=800.0)  # m/s², assumed; half the force would give 933 m/s²
-GEAR4 = Drum(ratio=4.0)
-GEAR10 = Drum(ratio=10.0)
-DRUMS = {"direct": DIRECT, "gear4": GEAR4, "gear10": GEAR10}

@@ -58,13 +58,7 @@ class SampledMass:
 
     @property
     def last_half_angle(self) -> float:
-        """The h at which the region of a free mass ends, rad.
-
-        Raises
-        ------
-        DecaffError
-            If the mass is not free.
-        """
+        """The h at which the region of a free mass ends, rad."""
         if not self.is_free:
             raise DecaffError(
                 f"the mass has {self.damping:g} N·s/m and {self.stiffness:g} N/m of its own, expected none"
@@ -93,17 +87,7 @@ class Gains:
 
 
 def characteristic(device: SampledMass, stiffness: ArrayLike, damping: ArrayLike) -> np.ndarray:
-    """Return coefficients of the characteristic polynomial, (..., d + 4), highest power first.
-
-    Parameters
-    ----------
-    device : SampledMass
-        Of d samples of delay.
-    stiffness : (...) float64, N/m
-        Of the wall.
-    damping : (...) float64, N·s/m
-        Of the wall; broadcast with the stiffness.
-    """
+    """Return coefficients of the characteristic polynomial, (..., d + 4), highest power first."""
     k, b = np.broadcast_arrays(
         np.asarray(stiffness, np.float64), np.asarray(damping, np.float64) / device.period
     )
@@ -117,25 +101,7 @@ def characteristic(device: SampledMass, stiffness: ArrayLike, damping: ArrayLike
 
 
 def stiffness_limit(device: SampledMass, damping: float) -> float:
-    """Return the stiffness up to which every wall of some damping is stable, N/m; 0 where none is.
-
-    Parameters
-    ----------
-    device : SampledMass
-        What feels it.
-    damping : float, N·s/m
-        Of the wall; may be zero.
-
-    Raises
-    ------
-    DecaffError
-        If the damping is negative or not finite.
-
-    Notes
-    -----
-    Below the first stiffness that puts a root on the unit circle no root has crossed it: either all walls
-    there are stable, or none is. The one half way decides.
-    """
+    """Return the stiffness up to which every wall of some damping is stable, N/m; 0 where none is."""
     without = characteristic(device, 0.0, not_negative("damping", damping, "newton seconds a metre"))
     return _stiffness_at_loss(without, characteristic(device, 1.0, damping) - without)
 
@@ -191,20 +157,7 @@ def _stiffness_at_loss(without: np.ndarray, of_stiffness: np.ndarray) -> float:
 
 
 def damping_window(device: SampledMass, stiffness: float) -> tuple[float, float]:
-    """Return the damping from which on and up to which a wall is stable, N·s/m; nan where there is none.
-
-    Parameters
-    ----------
-    device : SampledMass
-        Free, of d samples of delay.
-    stiffness : float, N/m
-        Of the wall.
-
-    Raises
-    ------
-    DecaffError
-        If the stiffness is not positive and finite, or the mass not free.
-    """
+    """Return the damping from which on and up to which a wall is stable, N·s/m; nan where there is none."""
     a = positive("stiffness", stiffness, "newtons a metre") / device.stiffness_unit
     stiffest = _stiffest_half_angle(device)
     if a > edge_at(device, stiffest)[0]:

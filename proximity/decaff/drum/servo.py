@@ -18,7 +18,6 @@ from proximity.decaff.drum.servo_gains import best_damped
 from proximity.errors import DecaffError
 
 SERVO_RATE = 3000.0  # Hz, where nothing else is said; assumed
-REFERENCE_SPEED_SHARE = 0.7  # of the speed limit; 1.75 m/s
 DEADBAND_COUNTS = 0.5  # of the encoder
 SIMULATION_STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 
@@ -75,20 +74,7 @@ class Servo:
 
 
 def servo_for(drum: Drum, rate: float) -> Servo:
-    """Return the servo that suits a drum: best damped at a fifth of the largest stiffness that is stable.
-
-    Parameters
-    ----------
-    drum : Drum
-        What it drives.
-    rate : float, Hz
-        Samples a second.
-
-    Raises
-    ------
-    DecaffError
-        If the rate is not positive.
-    """
+    """Return the servo that suits a drum: best damped at a fifth of the largest stiffness that is stable."""
     period = 1.0 / positive("rate", rate, "hertz")
     gains = best_damped(SampledMass(drum.mass, period))
     return Servo(
@@ -96,36 +82,18 @@ def servo_for(drum: Drum, rate: float) -> Servo:
         gains.stiffness,
         gains.damping,
         drum.acceleration,
-        REFERENCE_SPEED_SHARE * drum.speed_limit,
+        drum.planned_speed,
         deadband=DEADBAND_COUNTS * drum.resolution,
     )
 
 
 def steps_a_sample(rate: float, step: float = SIMULATION_STEP) -> int:
-    """Return into how many steps of the plant a sample is cut, so that none is longer than *step*.
-
-    Parameters
-    ----------
-    rate : float, Hz
-        Samples a second.
-    step : float, s
-        The longest that is allowed.
-    """
+    """Return into how many steps of the plant a sample is cut, so that none is longer than *step*."""
     return math.ceil(1.0 / (positive("rate", rate, "hertz") * positive("step", step, "seconds")) - 1e-9)
 
 
 def move(drum: Drum, servo: Servo, distance: float, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return how a drum goes from rest to a position, nothing in its path: times, s, and positions, m.
-
-    Parameters
-    ----------
-    drum, servo : Drum, Servo
-        What moves, and what drives it.
-    distance : float, m
-        To where.
-    duration : float, s
-        How long to look.
-    """
+    """Return how a drum goes from rest to a position, nothing in its path: times, s, and positions, m."""
     steps = steps_a_sample(servo.rate)
     step = servo.period / steps
     positions = np.zeros(math.ceil(positive("duration", duration, "seconds") / step))
@@ -136,24 +104,7 @@ def move(drum: Drum, servo: Servo, distance: float, duration: float) -> tuple[np
 def settling_time(
     drum: Drum, servo: Servo, distance: float, *, within: float = 1e-4, longest: float = 0.5
 ) -> float:
-    """Return the settling time of a drum, s: when it stays near its target; inf if it never does.
-
-    Parameters
-    ----------
-    drum, servo : Drum, Servo
-        What moves, and what drives it.
-    distance : float, m
-        How far it is sent.
-    within : float, m
-        What counts as being there.
-    longest : float, s
-        How long to look.
-
-    Raises
-    ------
-    DecaffError
-        If the distance is none.
-    """
+    """Return the settling time of a drum, s: when it stays near its target; inf if it never does."""
     if not math.isfinite(distance) or abs(distance) <= within:
         raise DecaffError(
             f"distance is {distance!r}, expected metres, farther than {within:g} from the start"

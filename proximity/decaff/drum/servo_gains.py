@@ -20,20 +20,7 @@ WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is damped 
 
 
 def best_damped(device: SampledMass, share: float = WELL_DAMPED_SHARE) -> Gains:
-    """Return a stiffness, and the damping with which disturbances die out fastest.
-
-    Parameters
-    ----------
-    device : SampledMass
-        Of d samples of delay.
-    share : float
-        Of the largest stiffness.
-
-    Raises
-    ------
-    DecaffError
-        If the share is not between zero and one.
-    """
+    """Return a stiffness, and the damping with which disturbances die out fastest."""
     if not positive("share", share, "shares") < 1.0:
         raise DecaffError(f"share is {share!r}, expected one below 1 of the largest stiffness")
     stiffness = share * maximum_stiffness(device).stiffness

@@ -15,18 +15,7 @@ LEAST_EFFECT = 1e-7  # of what varies, on the circle, as a share of its coeffici
 
 
 def roots(coefficients: ArrayLike) -> np.ndarray:
-    """Return all roots, (..., n) complex, as eigenvalues of the companion matrix.
-
-    Parameters
-    ----------
-    coefficients : (..., n + 1) float64
-        The first is not zero.
-
-    Raises
-    ------
-    DecaffError
-        If there is no power, or a first coefficient is zero or any is not finite.
-    """
+    """Return all roots, (..., n) complex, as eigenvalues of the companion matrix."""
     polynomials = _checked(coefficients)
     power = polynomials.shape[-1] - 1
     companion = np.zeros((*polynomials.shape[:-1], power, power))
@@ -36,40 +25,12 @@ def roots(coefficients: ArrayLike) -> np.ndarray:
 
 
 def spectral_radius(coefficients: ArrayLike) -> np.ndarray:
-    """Return the largest modulus of a root, (...): below one, disturbances die out.
-
-    Parameters
-    ----------
-    coefficients : (..., n + 1) float64
-        As of `roots`.
-
-    Raises
-    ------
-    DecaffError
-        As of `roots`.
-    """
+    """Return the largest modulus of a root, (...): below one, disturbances die out."""
     return np.abs(roots(coefficients)).max(axis=-1)
 
 
 def crossings(fixed: ArrayLike, varied: ArrayLike) -> np.ndarray:
-    """Return every real s, ascending, for which ``fixed + s varied`` has a root on the unit circle.
-
-    Parameters
-    ----------
-    fixed, varied : (n + 1,) float64
-        Highest power first; they may begin with zeros. Roots at 1 are not looked for.
-
-    Raises
-    ------
-    DecaffError
-        As of `roots`, of *fixed*.
-
-    Notes
-    -----
-    Such a root z has ``s = -fixed(z) / varied(z)``, and s is real where the imaginary part of fixed(z) times
-    conjugate varied(z) is zero. That is a sum of sines of the angle; divided by the sine it is a Chebyshev
-    series in the cosine, all of whose roots are found: none hides between points of a grid.
-    """
+    """Return every real s, ascending, for which ``fixed + s varied`` has a root on the unit circle."""
     fixed, varied = _checked(fixed), np.asarray(varied, np.float64)
     power = len(fixed) - 1
     products = np.correlate(fixed[::-1], varied[::-1], "full")  # of powers -n to n of z

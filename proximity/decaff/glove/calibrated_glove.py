@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
+from proximity.decaff.arguments import positive
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.calibration import Calibration
 from proximity.decaff.glove.finger import Finger
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import CONTACT_BEND, Glove
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
@@ -59,21 +61,14 @@ class CalibratedGlove:
         """The finger as measured."""
         return self.glove.finger
 
+    def tip_drum(self, bend: float = CONTACT_BEND) -> Drum:
+        """Return the drum as the fingertip meets it at a bend: `Glove.tip_drum`."""
+        return self.glove.tip_drum(bend)
+
     def bend_of_counts(
         self, counts: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return the bend, (...); nan where the counts lie farther off the table than a hand can go.
-
-        Parameters
-        ----------
-        counts : (...) float64
-            What the potentiometer reads.
-        tension : (...) float64, N
-            Of the cable: it stretches, and the replica stays behind.
-        is_closing : (...) bool
-            Whether the finger bends, as when the table was made; as it opens, the replica is ahead by the
-            backlash.
-        """
+        """Return the bend, (...); nan where the counts lie farther off the table than a hand can go."""
         read = np.asarray(counts, np.float64)
         behind = np.asarray(tension, np.float64) * self.calibration.cable_compliance
         ahead = np.where(is_closing, 0.0, self.calibration.backlash)
@@ -85,26 +80,14 @@ class CalibratedGlove:
         return np.where(is_near, self._extended_bend(position), np.nan)
 
     def counts(self, bend: ArrayLike) -> np.ndarray:
-        """Return what the potentiometer reads at a bend as the finger closes, (...), float64.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger.
-        """
+        """Return what the potentiometer reads at a bend as the finger closes, (...), float64."""
         position = np.asarray(bend, np.float64)
         inside = np.clip(position, 0.0, 1.0)
         first, last = self.calibration.counts[[0, -1]]
         return np.interp(inside, INVERSE, self._inverse) + (position - inside) * (last - first)
 
     def counts_table(self, row_count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return counts, evenly over all that a hand may reach, and the bends there, (K,) and (K,).
-
-        Parameters
-        ----------
-        row_count : int
-            K, 2 or more.
-        """
+        """Return counts, evenly over all that a hand may reach, and the bends there, (K,) and (K,)."""
         first, last = self.calibration.counts[[0, -1]]
         margin = RANGE_MARGIN * (last - first)
         counts = np.linspace(first - margin, last + margin, row_count)
@@ -115,51 +98,20 @@ class CalibratedGlove:
         return self.finger.path_world(Pose(), PATH_CORNERS)
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:
-        """Return what the drum's encoder says as it meets the finger there, (...), rad; nan: it cannot.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Where the finger is to be met.
-        """
+        """Return what the drum's encoder says as it meets the finger there, (...), rad; nan: it cannot."""
         return self._drum_angle_of_counts(self.counts(bend))
 
     def bend_of_drum(self, drum_angle: ArrayLike) -> np.ndarray:
-        """Return the bend at which the finger meets the drum, (...): the inverse of `drum_angle`.
-
-        Parameters
-        ----------
-        drum_angle : (...) float64, rad
-            What the drum's encoder says.
-        """
+        """Return the bend at which the finger meets the drum, (...): the inverse of `drum_angle`."""
         own = np.asarray(drum_angle, np.float64) - self.calibration.touch_offset
         return self._extended_bend(self.glove.potentiometer.counts(self.glove.drum.replica_angle(own)))
 
     def gap(self, bend: ArrayLike, drum_angle: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes until the replica meets the drum, (...), m; negative beyond it.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Where the finger is.
-        drum_angle : (...) float64, rad
-            What the drum's encoder says.
-        """
+        """Return how far the fingertip goes until the replica meets the drum, (...), m; negative past it."""
         return self.finger.path_length(bend, self.bend_of_drum(drum_angle))
 
     def check_counts(self, counts: float) -> None:
-        """Refuse to start with a reading that the table does not reach.
-
-        Parameters
-        ----------
-        counts : float
-            What the potentiometer reads.
-
-        Raises
-        ------
-        DecaffError
-            If the table is of another hand, or the glove has slipped.
-        """
+        """Refuse to start with a reading that the table does not reach."""
         if not np.isfinite(self.bend_of_counts(counts)):
             first, last = self.calibration.counts[[0, -1]]
             raise DecaffError(
@@ -168,20 +120,7 @@ class CalibratedGlove:
             )
 
     def check_touches(self, counts: ArrayLike, drum_angles: ArrayLike) -> None:
-        """Refuse to run where the drum touches elsewhere than it did when the glove was calibrated.
-
-        Parameters
-        ----------
-        counts : (K,) float64
-            What the potentiometer read as the drum, driven slowly, touched the replica.
-        drum_angles : (K,) float64, rad
-            What the drum's encoder said then.
-
-        Raises
-        ------
-        DecaffError
-            If one is off by more than 0.3 mm at the fingertip, or cannot be known.
-        """
+        """Refuse to run where the drum touches elsewhere than it did when the glove was calibrated."""
         read, reported = np.ravel(counts), np.ravel(drum_angles)
         if len(read) != len(reported):
             raise DecaffError(
@@ -196,13 +135,7 @@ class CalibratedGlove:
                 )
 
     def touch_error(self, counts: ArrayLike, drum_angles: ArrayLike) -> np.ndarray:
-        """Return how far beyond the expected position the drum touched, (...), m at the fingertip.
-
-        Parameters
-        ----------
-        counts, drum_angles
-            As of `check_touches`, of any shape.
-        """
+        """Return how far beyond the expected position the drum touched, (...), m at the fingertip."""
         read = np.asarray(counts, np.float64)
         replica = self.glove.potentiometer.angle(read)
         off = np.asarray(drum_angles, np.float64) - self._drum_angle_of_counts(read)
@@ -220,15 +153,22 @@ class CalibratedGlove:
 
 
 def _as_measured(glove: Glove, calibration: Calibration) -> Glove:
-    """A glove with the finger and the cable that were measured."""
+    """A glove with the finger, the cable and the drum that were measured."""
     compliance = calibration.cable_compliance
     cable = replace(
         glove.cable,
         stiffness=1.0 / compliance if compliance > 0.0 else np.inf,
         backlash=calibration.backlash,
     )
-    finger = replace(glove.finger, phalanges=calibration.phalanges)
-    return replace(glove, finger=finger, cable=cable)
+    finger, motor = replace(glove.finger, phalanges=calibration.phalanges), glove.motor
+    if calibration.drum_inertia is not None:
+        rotor = calibration.drum_inertia / glove.gear.ratio**2 - glove.gear.inertia
+        motor = replace(
+            motor, inertia=positive("the rotor's measured inertia", rotor, "kilogram square metres")
+        )
+    if calibration.drum_friction is not None:
+        motor = replace(motor, friction=calibration.drum_friction / glove.gear.ratio)
+    return replace(glove, finger=finger, cable=cable, motor=motor)
 
 
 def _check_table(glove: Glove, calibration: Calibration) -> None:

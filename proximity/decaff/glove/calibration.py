@@ -1,13 +1,13 @@
 """Calibration of one finger's glove: read from a file, and refused when too old or inconsistent.
 
-A calibration is a table of counts over bends and five numbers (guide/motors.md). Its file is JSON with units
-in the names of its fields, and is either wholly there or not at all. How the numbers come of measurements is
-in `calibrating`, a glove that uses them in `calibrated_glove`.
+A calibration is a table of counts over bends, some numbers (guide/motors.md) and the design that they were
+measured of. Its file is JSON with units in the names of its fields, and is either wholly there or not at
+all. How the numbers come of measurements is in `calibrating`, a glove that uses them in `calibrated_glove`.
 """
 
 import json
 import os
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,15 @@ import numpy as np
 
 from proximity.checks.arrays import as_float64
 from proximity.decaff.arguments import finite, not_negative, positive
+from proximity.decaff.glove.design import glove_of, table_of
+from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.system.regular_file import open_regular
 from proximity.system.whole_file import whole_file
 
 FORMAT = "proximity glove calibration"
+DESIGN_FORMAT = "proximity glove design"
+"""Of a file that has a design alone, which nobody has measured."""
 FILE_VERSION = 1
 """Of the file. Another one is refused: what it says may mean something else."""
 TABLE_SIZE = 7
@@ -55,6 +59,9 @@ class Calibration:
     phalanges: tuple[float, float, float]  # m
     name: str = ""  # of hand and finger, for people
     is_simulated: bool = False  # measured of a simulated glove: for practice, and of nobody's hand
+    drum_inertia: float | None = None  # kg m² at the drum, rotor and gear together; None: as designed
+    drum_friction: float | None = None  # N m at the drum
+    design: Glove = field(default_factory=Glove)
 
     def __post_init__(self) -> None:
         if not isinstance(self.made, datetime) or self.made.tzinfo is None:
@@ -80,56 +87,42 @@ class Calibration:
             raise DecaffError(f"phalanges are {self.phalanges!r}, expected three numbers of metres")
         for length in self.phalanges:
             positive("one of phalanges", length, "metres")
+        if self.drum_inertia is not None:
+            positive("drum_inertia", self.drum_inertia, "kilogram square metres")
+        if self.drum_friction is not None:
+            not_negative("drum_friction", self.drum_friction, "newton metres")
 
 
 def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> None:
-    """Write a calibration to a file, at once and wholly; one that is there is replaced.
-
-    Raises
-    ------
-    DecaffError
-        If it cannot be written; nothing is left behind then.
-    """
+    """Write a calibration to a file, at once and wholly; one that is there is replaced."""
     text = json.dumps(_as_document(calibration), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     with whole_file(path, DecaffError) as stream:
         stream.write(text.encode())
 
 
 def read_calibration(path: str | os.PathLike[str]) -> Calibration:
-    """Return the calibration in a file.
+    """Return the calibration in a file that `write_calibration` wrote, changed by hand or not."""
+    found = read_glove_file(path)
+    if isinstance(found, Glove):
+        raise DecaffError(f"{path}: is a design that nobody has measured, expected a calibration of a glove")
+    return found
 
-    Parameters
-    ----------
-    path : path
-        Of a file that `write_calibration` wrote, changed by hand or not.
 
-    Raises
-    ------
-    DecaffError
-        If it cannot be read, is of another version, or contradicts itself.
-    """
+def read_glove_file(path: str | os.PathLike[str]) -> Calibration | Glove:
+    """Return what is in a glove's file: a calibration, or a design alone."""
     try:
         document = _read_document(Path(path))
+        if document["format"] == DESIGN_FORMAT:
+            return glove_of(
+                {name: part for name, part in document.items() if name not in ("format", "version")}
+            )
         return _of_document(document)
     except DecaffError as unfit:
         raise DecaffError(f"{path}: {unfit}") from unfit
 
 
 def check_age(calibration: Calibration, *, most_days: float | None = None) -> None:
-    """Refuse a calibration that was made too long ago, or will be made.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        Of a glove that is to be used.
-    most_days : float, days
-        How old it may be; `MOST_AGE_DAYS` where not given.
-
-    Raises
-    ------
-    DecaffError
-        With the date, and what was expected.
-    """
+    """Refuse a calibration that was made too long ago, or will be made."""
     most = positive("most_days", MOST_AGE_DAYS if most_days is None else most_days, "days")
     age = (datetime.now(UTC) - calibration.made) / timedelta(days=1)
     date = f"{calibration.made:%Y-%m-%d}"
@@ -157,8 +150,11 @@ _FIELDS = {
     "latency_s": "latency",
     "phalanges_m": "phalanges",
     "simulated": "is_simulated",
+    "drum_inertia_kg_m2": "drum_inertia",
+    "drum_friction_N_m": "drum_friction",
+    "design": "design",
 }
-_MAY_LACK = {"simulated"}
+_MAY_LACK = {"simulated", "drum_inertia_kg_m2", "drum_friction_N_m", "design"}
 assert set(_FIELDS.values()) == {field.name for field in fields(Calibration)}, "every field has a position"
 
 
@@ -170,6 +166,10 @@ def _as_document(calibration: Calibration) -> dict[str, Any]:
             value = value.tolist()
         elif isinstance(value, datetime):
             value = value.isoformat()
+        elif isinstance(value, Glove):
+            value = table_of(value)
+        elif value is None:
+            continue
         elif not isinstance(value, str | tuple | bool):
             value = float(value)
         document[key] = value
@@ -190,7 +190,7 @@ def _read_document(path: Path) -> dict[str, Any]:
         raise
     except (ValueError, RecursionError) as unfit:
         raise DecaffError(f"is not JSON ({unfit})") from unfit
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
+    if not isinstance(document, dict) or document.get("format") not in (FORMAT, DESIGN_FORMAT):
         raise DecaffError(f"is not a calibration of a glove, expected the format {FORMAT!r}")
     if document.get("version") != FILE_VERSION or isinstance(document["version"], bool):
         raise DecaffError(
@@ -229,6 +229,8 @@ def _of_document(document: dict[str, Any]) -> Calibration:
     if not isinstance(values["phalanges"], list):
         raise DecaffError(f"phalanges are {values['phalanges']!r}, expected three numbers of metres")
     values["phalanges"] = tuple(values["phalanges"])
+    if "design" in values:
+        values["design"] = glove_of(values["design"])
     return Calibration(**values)
 
 

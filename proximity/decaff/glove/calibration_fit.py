@@ -44,20 +44,6 @@ def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> flo
     """Return where the drum's encoder says it touches, less where its geometry does, rad.
 
     For a drum on a coaxial arm its angle alpha is that of the geometry and this.
-
-    Parameters
-    ----------
-    glove : Glove
-        As designed.
-    counts : (K,) float64
-        What the potentiometer read at each touch; three or more.
-    drum_angles : (K,) float64, rad
-        What the drum's encoder said then.
-
-    Raises
-    ------
-    DecaffError
-        If there are fewer touches, or they disagree with one another by more than 0.3 mm at the fingertip.
     """
     replica = glove.potentiometer.angle(_measured("counts", counts))
     reported = _measured("drum_angles", drum_angles)
@@ -79,22 +65,7 @@ def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> flo
 
 
 def cable_compliance(glove: Glove, counts: ArrayLike, tensions: ArrayLike = (0.0, 2.0)) -> float:
-    """Return how far the cable stretches a newton, m/N, the finger held still.
-
-    Parameters
-    ----------
-    glove : Glove
-        As designed.
-    counts : (2,) float64
-        What the potentiometer read under each tension.
-    tensions : (2,) float64, N
-        Of the cable.
-
-    Raises
-    ------
-    DecaffError
-        If the replica went with the pull, or nothing was pulled.
-    """
+    """Return how far the cable stretches a newton, m/N, the finger held still."""
     read, pulled = _measured("counts", counts), _measured("tensions", tensions)
     if not len(read) == len(pulled) == 2:
         raise DecaffError(f"{len(read)} counts and {len(pulled)} tensions, expected two of each")
@@ -110,20 +81,7 @@ def cable_compliance(glove: Glove, counts: ArrayLike, tensions: ArrayLike = (0.0
 
 
 def backlash(glove: Glove, closing_counts: float, opening_counts: float) -> float:
-    """Return the cable's backlash, m, of the same bend reached from both directions.
-
-    Parameters
-    ----------
-    glove : Glove
-        As designed.
-    closing_counts, opening_counts : float
-        What the potentiometer read as the finger came from the flat hand, and from the fist.
-
-    Raises
-    ------
-    DecaffError
-        If there is less than none.
-    """
+    """Return the cable's backlash, m, of the same bend reached from both directions."""
     finite("closing_counts", closing_counts, "counts of the potentiometer")
     finite("opening_counts", opening_counts, "counts of the potentiometer")
     travel = (opening_counts - closing_counts) / glove.potentiometer.gain * glove.cable.replica_pulley
@@ -136,22 +94,7 @@ def backlash(glove: Glove, closing_counts: float, opening_counts: float) -> floa
 
 
 def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float:
-    """Return how long after a step its answer began, s: when it had come a tenth of its path.
-
-    Parameters
-    ----------
-    times : (K,) float64, s
-        Of the values; increasing.
-    values : (K,) float64
-        The answer, at rest before the step and at its end.
-    step_time : s
-        When the step was.
-
-    Raises
-    ------
-    DecaffError
-        If there is no answer, or it came before the step.
-    """
+    """Return how long after a step its answer began, s: when it had come a tenth of its path."""
     finite("step_time", step_time, "seconds")
     instants, answer = _measured("times", times), _measured("values", values)
     is_usable = len(instants) == len(answer) >= 2

@@ -8,10 +8,9 @@ import math
 from typing import Any
 
 from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.glove import CONTACT_BEND
 from proximity.message import Mode
 
-CONTACT_BEND = 0.5
-"""At which such a finger touches: half way to the fist."""
 SLOPE_STEP = 1e-3  # m, of a difference
 NEAR = (Mode.POSITION, Mode.FORCE)
 

@@ -62,53 +62,23 @@ class ArmDrum:
         return math.asin(self.clearance / self.arm)
 
     def drum_angle(self, replica: ArrayLike) -> np.ndarray:
-        """Return where the drum stands as it touches the link, (...), rad.
-
-        Parameters
-        ----------
-        replica : (...) float64, rad
-            Angle of the link.
-        """
+        """Return where the drum stands as it touches the link, (...), rad."""
         return np.asarray(replica, np.float64) + self.alpha
 
     def replica_angle(self, drum: ArrayLike) -> np.ndarray:
-        """Return where the link is as the drum touches it, (...), rad.
-
-        Parameters
-        ----------
-        drum : (...) float64, rad
-            Angle of the arm.
-        """
+        """Return where the link is as the drum touches it, (...), rad."""
         return np.asarray(drum, np.float64) - self.alpha
 
     def drum_rate(self, replica: ArrayLike) -> np.ndarray:
-        """Return how far the drum turns a radian of the replica, (...): 1.
-
-        Parameters
-        ----------
-        replica : (...) float64, rad
-            Angle of the link.
-        """
+        """Return how far the drum turns a radian of the replica, (...): 1."""
         return np.ones(np.shape(replica))
 
     def lever(self, replica: ArrayLike) -> np.ndarray:
-        """Return how far from the potentiometer the roller touches, (...), m.
-
-        Parameters
-        ----------
-        replica : (...) float64, rad
-            Angle of the link.
-        """
+        """Return how far from the potentiometer the roller touches, (...), m."""
         return np.full(np.shape(replica), self.arm * math.cos(self.alpha))
 
     def motor_lever(self, replica: ArrayLike) -> np.ndarray:
-        """Return the torque of the motor a newton of contact force, (...), m.
-
-        Parameters
-        ----------
-        replica : (...) float64, rad
-            Angle of the link.
-        """
+        """Return the torque of the motor a newton of contact force, (...), m."""
         return self.lever(replica)
 
 
@@ -139,13 +109,7 @@ class EccentricDrum:
         return self.roller_radius + 0.5 * self.link_width
 
     def drum_angle(self, replica: ArrayLike) -> np.ndarray:
-        """Return where the drum stands as it touches the link, (...), rad; nan where it cannot.
-
-        Parameters
-        ----------
-        replica : (...) float64, rad
-            Angle of the link.
-        """
+        """Return where the drum stands as it touches the link, (...), rad; nan where it cannot."""
         phi = np.asarray(replica, np.float64)
         with np.errstate(invalid="ignore"):
             return phi + np.arcsin(self._sine(phi))
@@ -155,11 +119,6 @@ class EccentricDrum:
 
         The link is a tangent from the origin to a circle about the roller's centre, so this needs no
         iteration.
-
-        Parameters
-        ----------
-        drum : (...) float64, rad
-            Angle of the crank.
         """
         psi = np.asarray(drum, np.float64)
         x = self.motor[0] + self.crank * np.cos(psi)
@@ -168,35 +127,17 @@ class EccentricDrum:
             return np.arctan2(y, x) - np.arcsin(self.clearance / np.hypot(x, y))
 
     def drum_rate(self, replica: ArrayLike) -> np.ndarray:
-        """Return how far the drum turns a radian of the replica, (...); infinite where it locks.
-
-        Parameters
-        ----------
-        replica : (...) float64, rad
-            Angle of the link.
-        """
+        """Return how far the drum turns a radian of the replica, (...); infinite where it locks."""
         with np.errstate(divide="ignore"):
             return self.lever(replica) / self.motor_lever(replica)
 
     def lever(self, replica: ArrayLike) -> np.ndarray:
-        """Return how far from the potentiometer the roller touches, (...), m; nan where it cannot.
-
-        Parameters
-        ----------
-        replica : (...) float64, rad
-            Angle of the link.
-        """
+        """Return how far from the potentiometer the roller touches, (...), m; nan where it cannot."""
         phi = np.asarray(replica, np.float64)
         return self.motor[0] * np.cos(phi) + self.motor[1] * np.sin(phi) + self.motor_lever(phi)
 
     def motor_lever(self, replica: ArrayLike) -> np.ndarray:
-        """Return the torque of the motor a newton of contact force, (...), m; 0 where it locks.
-
-        Parameters
-        ----------
-        replica : (...) float64, rad
-            Angle of the link.
-        """
+        """Return the torque of the motor a newton of contact force, (...), m; 0 where it locks."""
         sine = self._sine(np.asarray(replica, np.float64))
         with np.errstate(invalid="ignore"):
             return self.crank * np.sqrt((1.0 - sine) * (1.0 + sine))

@@ -44,17 +44,7 @@ class Finger:
         not_negative("pad_radius", self.pad_radius, "metres")
 
     def point(self, bend: ArrayLike, along: float = 1.0, dorsal: float = 0.0) -> np.ndarray:
-        """Return a point that moves with the distal phalanx, (..., 2), m; by default the fingertip.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Where the finger is.
-        along : float
-            Share of the distal phalanx at which the point lies; 1: its end.
-        dorsal : m
-            How far it lies off the phalanx, to the back of the finger.
-        """
+        """Return a point that moves with the distal phalanx, (..., 2), m; by default the fingertip."""
         angles, lengths = self._link_angles(bend), self._lengths(along)
         c, s = np.cos(angles), np.sin(angles)
         x = (lengths * c).sum(axis=-1) - dorsal * s[..., 2]
@@ -62,13 +52,7 @@ class Finger:
         return np.stack([x, y], axis=-1)
 
     def point_rate(self, bend: ArrayLike, along: float = 1.0, dorsal: float = 0.0) -> np.ndarray:
-        """Return the derivative of `point` with respect to the bend, (..., 2), m.
-
-        Parameters
-        ----------
-        bend, along, dorsal
-            As of `point`.
-        """
+        """Return the derivative of `point` with respect to the bend, (..., 2), m."""
         angles, lengths = self._link_angles(bend), self._lengths(along)
         turns = -np.cumsum(self.flexions)  # of the link angles, a unit of bend
         c, s = np.cos(angles), np.sin(angles)
@@ -77,24 +61,12 @@ class Finger:
         return np.stack([x, y], axis=-1)
 
     def speed(self, bend: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes a unit of bend, (...), m.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Where the finger is.
-        """
+        """Return how far the fingertip goes a unit of bend, (...), m."""
         rate = self.point_rate(bend)
         return np.hypot(rate[..., 0], rate[..., 1])
 
     def path_length(self, start: ArrayLike, end: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes from one bend to another, (...), m; negative backwards.
-
-        Parameters
-        ----------
-        start, end : (...) float64
-            The bends; no more than about 1 apart.
-        """
+        """Return how far the fingertip goes from one bend to another, (...), m; negative backwards."""
         first, last = np.asarray(start, np.float64)[..., None], np.asarray(end, np.float64)[..., None]
         half = 0.5 * (last - first)
         speeds = self.speed(0.5 * (first + last) + half * GAUSS_NODES)
@@ -104,31 +76,13 @@ class Finger:
         """Return the way of the fingertip from flat hand to fist as a polyline, evenly in bend, (K, 3), m.
 
         That is what `Tracker.tick` takes as a path, and what a ``path_poses`` message holds.
-
-        Parameters
-        ----------
-        world_from_hand : Pose
-            Of the finger: its knuckle and its plane.
-        corner_count : int
-            K, 2 or more. With 65 the line is 0.03 mm off the path at most.
-
-        Raises
-        ------
-        DecaffError
-            If there are fewer corners.
         """
         if corner_count < 2:
             raise DecaffError(f"a path of {corner_count} corners, expected 2 or more")
         return world_from_hand.point(self.point_hand(np.linspace(0.0, 1.0, corner_count)))
 
     def point_hand(self, bend: ArrayLike) -> np.ndarray:
-        """Return the fingertip in three dimensions, (..., 3), m, hand frame.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Where the finger is.
-        """
+        """Return the fingertip in three dimensions, (..., 3), m, hand frame."""
         points = self.point(bend)
         return np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)
 
@@ -138,15 +92,6 @@ class Finger:
         The distance is divided by the cosine of incidence, which the raw distance leaves out: that one is
         wrong at first order. What is left grows with the square of the distance along the path;
         nan where bending leads away from the surface, or along it.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Where the finger was when the distance was measured.
-        distance : (...) float64, m
-            Signed distance of the pad's surface then.
-        normal : (..., 2) or (..., 3) float64, hand frame
-            Unit, from the object to the finger.
         """
         position = np.asarray(bend, np.float64)
         closing = -(np.asarray(normal, np.float64)[..., :2] * self.point_rate(position)).sum(axis=-1)
@@ -163,19 +108,6 @@ class Finger:
 
         Newton's method: each answer tells the next place to ask at. From 20 mm away it takes three or four
         questions.
-
-        Parameters
-        ----------
-        bend : float
-            Where the finger is.
-        query : callable
-            Takes a point (3,), m, hand frame; answers with the signed distance of its pad's surface and the
-            normal.
-
-        Returns
-        -------
-        float, int
-            The bend, nan if none was found up to bend 1; and how often was asked.
         """
         position = float(bend)
         for count in range(1, MOST_QUERIES + 1):

@@ -9,6 +9,7 @@ from bisect import bisect_right
 
 import numpy as np
 
+from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
@@ -18,27 +19,18 @@ BENDS = np.linspace(-0.05, 1.05, 2201)
 
 LEAST_BEND, MOST_BEND = -0.1, 1.1
 """A hand that is warm bends a little farther than when it was measured; no hand bends farther. Assumed."""
+LEVER_STEP = 2e-4  # rad, over which the slope of the path is taken
 
 
 class FingerPath:
-    """Places of fingertip and drum, as tables.
-
-    Parameters
-    ----------
-    glove : Glove or CalibratedGlove
-        Of the finger.
-
-    Raises
-    ------
-    DecaffError
-        If the drum cannot stand anywhere in the finger's path.
-    """
+    """Places of fingertip and drum, as tables."""
 
     retracted: float
     """m: the drum's position farthest from the finger, beyond the fist where it gets there."""
     drum_angles: tuple[float, float]
     """rad: the drum's angle at the flat hand, or a little beyond it, and where it is retracted."""
-
+    drum: Drum
+    """As the fingertip meets it at `CONTACT_BEND`."""
     designed_retracted: float
     """rad: the same angle by the design alone. Homing counts from there, before and after a calibration."""
 
@@ -61,6 +53,7 @@ class FingerPath:
         self.retracted = self._positions[-1]
         self.drum_angles = self._angles[0], self._angles[-1]
         self.designed_retracted = self.drum_angles[1]
+        self.drum = glove.tip_drum()
         if isinstance(glove, CalibratedGlove):
             self.designed_retracted = FingerPath(glove.glove).drum_angles[1]
 
@@ -69,44 +62,27 @@ class FingerPath:
         return self._bends, self._positions, self._angles
 
     def position(self, bend: float) -> float:
-        """Return how far the fingertip has come at a bend, m; at the ends of the table it stays.
-
-        Parameters
-        ----------
-        bend : float
-            Of the finger.
-        """
+        """Return how far the fingertip has come at a bend, m; at the ends of the table it stays."""
         return _between(bend, self._bends, self._positions)
 
     def bend(self, position: float) -> float:
-        """Return the bend at a position.
-
-        Parameters
-        ----------
-        position : float, m
-            Of the fingertip.
-        """
+        """Return the bend at a position."""
         return _between(position, self._positions, self._bends)
 
     def drum_position(self, angle: float) -> float:
-        """Return where the drum meets the finger, m.
-
-        Parameters
-        ----------
-        angle : float, rad
-            Of the drum.
-        """
+        """Return where the drum meets the finger, m."""
         return _between(angle, self._angles, self._positions)
 
     def drum_angle(self, position: float) -> float:
-        """Return the angle at which the drum meets the finger at a position, rad.
-
-        Parameters
-        ----------
-        position : float, m
-            Of the fingertip.
-        """
+        """Return the angle at which the drum meets the finger at a position, rad."""
         return _between(position, self._positions, self._angles)
+
+    def lever(self, angle: float) -> float:
+        """Return how far the fingertip goes a radian of the drum, m; also the torque of a newton there."""
+        least, most = self.drum_angles
+        middle = min(max(angle, least + LEVER_STEP), most - LEVER_STEP)
+        ends = self.drum_position(middle - LEVER_STEP), self.drum_position(middle + LEVER_STEP)
+        return (ends[1] - ends[0]) / (2.0 * LEVER_STEP)
 
 
 def _between(x: float, xs: list[float], ys: list[float]) -> float:

@@ -1,15 +1,17 @@
-"""Model of the glove: finger bend, replica, potentiometer and drum, and the conversions between them.
+"""Model of the glove: finger, linkage, cable, potentiometer, drum, gear and motor, and what follows.
 
 One degree of freedom a finger: bend, fingertip, angle of the linkage, travel of the cable, angle of the
 replica, counts, and where the drum must stand are all functions of one another (docs/guide/drums.md). A
-calibration replaces what the cable and the linkage are thought to do by what was measured (`calibration`).
+calibration replaces what the cable, the linkage and the motor are thought to do by what was measured
+(`calibration`).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from proximity.decaff.drum.drum_model import GEARS, USUAL_GEAR, Drum, Gear, Motor, gear_named
 from proximity.decaff.glove.drum_geometry import ArmDrum, DrumGeometry
 from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.linkage import CHECKED_BENDS, Linkage
@@ -17,6 +19,9 @@ from proximity.decaff.glove.transmission import Cable, Potentiometer
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
+
+CONTACT_BEND = 0.5
+"""Where a finger touches unless something else is said: half way to the fist."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +37,8 @@ class Glove:
     cable: Cable = field(default_factory=Cable)
     potentiometer: Potentiometer = field(default_factory=Potentiometer)
     drum: DrumGeometry = field(default_factory=ArmDrum)
+    motor: Motor = field(default_factory=Motor)
+    gear: Gear = GEARS[USUAL_GEAR]
 
     def __post_init__(self) -> None:
         self.linkage.check(self.finger)
@@ -43,83 +50,35 @@ class Glove:
     def replica_angle(
         self, bend: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return the angle of the replica, (...), rad.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger; beyond 0 and 1 it goes on in a straight line.
-        tension : (...) float64, N
-            Of the cable; see `cable_tension`.
-        is_closing : (...) bool
-            Whether the finger bends: then the cable's backlash is lost.
-        """
+        """Return the angle of the replica, (...), rad."""
         return self.cable.replica_turn(self.linkage.turn(self.finger, bend), tension, is_closing=is_closing)
 
     def replica_rate(self, bend: ArrayLike) -> np.ndarray:
-        """Return the derivative of `replica_angle` with respect to the bend, (...), rad.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger.
-        """
+        """Return the derivative of `replica_angle` with respect to the bend, (...), rad."""
         ratio = self.cable.hand_pulley / self.cable.replica_pulley
         return ratio * self.linkage.turn_rate(self.finger, bend)
 
     def bend(
         self, replica_angle: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return the bend at which the replica has that angle, (...): the inverse of `replica_angle`.
-
-        Parameters
-        ----------
-        replica_angle : (...) float64, rad
-            Of the replica.
-        tension, is_closing
-            As of `replica_angle`.
-        """
+        """Return the bend at which the replica has that angle, (...): the inverse of `replica_angle`."""
         turn = self.cable.hand_turn(replica_angle, tension, is_closing=is_closing)
         return self.linkage.bend(self.finger, turn)
 
     def counts(self, bend: ArrayLike) -> np.ndarray:
-        """Return what the potentiometer reads, (...), int64.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger.
-        """
+        """Return what the potentiometer reads, (...), int64."""
         return self.potentiometer.read(self.replica_angle(bend))
 
     def bend_of_counts(self, counts: ArrayLike) -> np.ndarray:
-        """Return the bend that reads so, (...).
-
-        Parameters
-        ----------
-        counts : (...) int64
-            What the potentiometer reads.
-        """
+        """Return the bend that reads so, (...)."""
         return self.bend(self.potentiometer.angle(counts))
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:
-        """Return where the drum must stand to meet the finger there, (...), rad; nan where it cannot.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Where the finger is to be met.
-        """
+        """Return where the drum must stand to meet the finger there, (...), rad; nan where it cannot."""
         return self.drum.drum_angle(self.replica_angle(bend))
 
     def bend_of_drum(self, drum_angle: ArrayLike) -> np.ndarray:
-        """Return the bend at which the finger meets the drum, (...): the inverse of `drum_angle`.
-
-        Parameters
-        ----------
-        drum_angle : (...) float64, rad
-            Where the drum stands.
-        """
+        """Return the bend at which the finger meets the drum, (...): the inverse of `drum_angle`."""
         return self.bend(self.drum.replica_angle(drum_angle))
 
     def drum_reach(self) -> float:
@@ -128,27 +87,11 @@ class Glove:
         return 1.0 if can.all() else float(CHECKED_BENDS[max(0, int(np.argmin(can)) - 1)])
 
     def gap(self, bend: ArrayLike, drum_angle: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes until the replica meets the drum, (...), m; negative beyond it.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Where the finger is.
-        drum_angle : (...) float64, rad
-            Where the drum stands.
-        """
+        """Return how far the fingertip goes until the replica meets the drum, (...), m; negative past it."""
         return self.finger.path_length(bend, self.bend_of_drum(drum_angle))
 
     def path_world(self, world_from_hand: Pose, corner_count: int = PATH_CORNERS) -> np.ndarray:
-        """Return the finger's path for the tracker, evenly in bend, (K, 3), m: `Finger.path_world`.
-
-        Parameters
-        ----------
-        world_from_hand : Pose
-            Of the finger: its knuckle and its plane.
-        corner_count : int
-            K, 2 or more.
-        """
+        """Return the finger's path for the tracker, evenly in bend, (K, 3), m: `Finger.path_world`."""
         return self.finger.path_world(world_from_hand, corner_count)
 
     # --- how finely, how stiffly, with what force ---
@@ -157,73 +100,37 @@ class Glove:
         """Return how far the fingertip goes a radian of the replica, (...), m.
 
         It is also the torque of the replica, N m, that a newton at the fingertip along its path needs.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger.
         """
         return self.finger.speed(bend) / self.replica_rate(bend)
 
     def resolution(self, bend: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes a count of the potentiometer, (...), m.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger.
-        """
+        """Return how far the fingertip goes a count of the potentiometer, (...), m."""
         return self.tip_per_radian(bend) / self.potentiometer.gain
 
     def replica_torque(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
-        """Return the torque on the replica for a force at the fingertip, (...), N m.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger.
-        tip_force : (...) float64, N
-            Against the fingertip's path.
-        """
+        """Return the torque on the replica for a force at the fingertip, (...), N m."""
         return np.asarray(tip_force, np.float64) * self.tip_per_radian(bend)
 
     def tip_force(self, bend: ArrayLike, contact_force: ArrayLike) -> np.ndarray:
-        """Return the force at the fingertip, (...), N, as the drum's roller presses on the replica.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger.
-        contact_force : (...) float64, N
-            Of the roller, at a right angle to the link.
-        """
+        """Return the force at the fingertip, (...), N, as the drum's roller presses on the replica."""
         torque = np.asarray(contact_force, np.float64) * self.drum.lever(self.replica_angle(bend))
         return torque / self.tip_per_radian(bend)
 
-    def motor_torque(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
-        """Return the torque of the drum's motor for a force at the fingertip, (...), N m.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger.
-        tip_force : (...) float64, N
-            Against the fingertip's path.
-        """
+    def lever(self, bend: ArrayLike) -> np.ndarray:
+        """Return how far the fingertip goes a radian of the drum, (...), m; also a newton's torque there."""
         replica = self.replica_angle(bend)
-        contact_force = self.replica_torque(bend, tip_force) / self.drum.lever(replica)
-        return contact_force * self.drum.motor_lever(replica)
+        return self.tip_per_radian(bend) * self.drum.motor_lever(replica) / self.drum.lever(replica)
+
+    def motor_torque(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
+        """Return the torque at the motor's shaft for a force at the fingertip, (...), N m, without losses."""
+        return self.lever(bend) * np.asarray(tip_force, np.float64) / self.gear.ratio
+
+    def tip_drum(self, bend: float = CONTACT_BEND) -> Drum:
+        """Return the drum as the fingertip meets it at a bend."""
+        return Drum(float(self.lever(bend)), self.motor, self.gear)
 
     def cable_tension(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
-        """Return the tension of the cable for a force at the fingertip, (...), N.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger.
-        tip_force : (...) float64, N
-            Against the fingertip's path.
-        """
+        """Return the tension of the cable for a force at the fingertip, (...), N."""
         return self.replica_torque(bend, tip_force) / self.cable.replica_pulley
 
     def tip_stiffness(self, bend: ArrayLike) -> np.ndarray:
@@ -231,11 +138,21 @@ class Glove:
 
         The square of cable travel over fingertip travel counts: a small pulley at the hand makes a stiff
         wall soft.
-
-        Parameters
-        ----------
-        bend : (...) float64
-            Of the finger.
         """
         ratio = self.cable.replica_pulley / self.tip_per_radian(bend)
         return self.cable.stiffness * ratio**2
+
+
+def with_gear(glove: Glove, name: str) -> Glove:
+    """Return the same glove with another of `GEARS`."""
+    return replace(glove, gear=gear_named(name))
+
+
+def tip_drums(glove: Glove) -> dict[str, Drum]:
+    """Return drums on a glove: with each of `GEARS`, and with its own gear where that is another."""
+    drums = {name: with_gear(glove, name).tip_drum() for name in GEARS}
+    return drums if glove.gear in GEARS.values() else drums | {glove.gear.name: glove.tip_drum()}
+
+
+DRUMS = tip_drums(Glove())
+"""Drums of the glove of our own dimensions."""

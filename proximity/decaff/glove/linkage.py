@@ -37,26 +37,12 @@ class Linkage:
             finite("one of base and thimble", value, "metres")
 
     def reach(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
-        """Return how far the thimble is from the base, (...), m.
-
-        Parameters
-        ----------
-        finger : Finger
-            That wears it.
-        bend : (...) float64
-            Where the finger is.
-        """
+        """Return how far the thimble is from the base, (...), m."""
         offset = self._offset(finger, bend)
         return np.hypot(offset[..., 0], offset[..., 1])
 
     def angle(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
-        """Return the angle of the first bar, (...), rad; nan where the bars do not reach.
-
-        Parameters
-        ----------
-        finger, bend
-            As of `reach`.
-        """
+        """Return the angle of the first bar, (...), rad; nan where the bars do not reach."""
         offset = self._offset(finger, bend)
         reach = np.hypot(offset[..., 0], offset[..., 1])
         with np.errstate(invalid="ignore"):
@@ -64,13 +50,7 @@ class Linkage:
         return np.arctan2(offset[..., 1], offset[..., 0]) + elbow
 
     def angle_rate(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
-        """Return the derivative of `angle` with respect to the bend, (...), rad.
-
-        Parameters
-        ----------
-        finger, bend
-            As of `reach`.
-        """
+        """Return the derivative of `angle` with respect to the bend, (...), rad."""
         offset = self._offset(finger, bend)
         rate = finger.point_rate(bend, self.thimble_along, self.thimble_dorsal)
         reach = np.hypot(offset[..., 0], offset[..., 1])
@@ -86,11 +66,6 @@ class Linkage:
 
         Before bend 0 and beyond 1 it goes on in a straight line: linkages may not reach there, and a hand
         may bend a little farther than it did when it was measured.
-
-        Parameters
-        ----------
-        finger, bend
-            As of `reach`; the linkage is one that `check` lets pass.
         """
         position = np.asarray(bend, np.float64)
         inside = np.clip(position, 0.0, 1.0)
@@ -99,25 +74,11 @@ class Linkage:
         return turned + beyond * self.turn_rate(finger, inside) if beyond.any() else turned
 
     def turn_rate(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
-        """Return the derivative of `turn` with respect to the bend, (...), rad.
-
-        Parameters
-        ----------
-        finger, bend
-            As of `turn`.
-        """
+        """Return the derivative of `turn` with respect to the bend, (...), rad."""
         return np.abs(self.angle_rate(finger, np.clip(bend, 0.0, 1.0)))
 
     def bend(self, finger: Finger, turn: ArrayLike) -> np.ndarray:
-        """Return the bend at which the first bar has turned so far, (...): the inverse of `turn`.
-
-        Parameters
-        ----------
-        finger : Finger
-            That wears it.
-        turn : (...) float64, rad
-            Since the flat hand.
-        """
+        """Return the bend at which the first bar has turned so far, (...): the inverse of `turn`."""
         inverse = _measured(self, finger).bend_of_turn
         wanted = np.asarray(turn, np.float64)
         inside = np.clip(wanted, inverse.x[0], inverse.x[-1])
@@ -126,13 +87,7 @@ class Linkage:
         return position + beyond / self.turn_rate(finger, position) if beyond.any() else position
 
     def check(self, finger: Finger) -> None:
-        """Refuse a linkage that does not follow the finger over its whole bend.
-
-        Raises
-        ------
-        DecaffError
-            If the bars cannot reach the thimble, or the angle turns back: then two bends have one angle.
-        """
+        """Refuse a linkage that does not follow the finger over its whole bend."""
         reach = self.reach(finger, CHECKED_BENDS)
         least, most = abs(self.first_bar - self.second_bar), self.first_bar + self.second_bar
         is_out = ~((least < reach) & (reach < most))

@@ -28,33 +28,14 @@ class Cable:
     def replica_turn(
         self, hand_turn: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return how far the replica has turned since the flat hand, (...), rad.
-
-        Parameters
-        ----------
-        hand_turn : (...) float64, rad
-            How far the hand's pulley has.
-        tension : (...) float64, N
-            Of the cable: it stretches.
-        is_closing : (...) bool
-            Whether the finger bends, and the backlash is lost; as it opens, the replica is where the cable
-            is.
-        """
+        """Return how far the replica has turned since the flat hand, (...), rad."""
         lost = np.asarray(tension, np.float64) / self.stiffness + np.where(is_closing, self.backlash, 0.0)
         return (self.hand_pulley * np.asarray(hand_turn, np.float64) - lost) / self.replica_pulley
 
     def hand_turn(
         self, replica_turn: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return how far the hand's pulley has turned, (...), rad: the inverse of `replica_turn`.
-
-        Parameters
-        ----------
-        replica_turn : (...) float64, rad
-            How far the replica has.
-        tension, is_closing
-            As of `replica_turn`.
-        """
+        """Return how far the hand's pulley has turned, (...), rad: the inverse of `replica_turn`."""
         lost = np.asarray(tension, np.float64) / self.stiffness + np.where(is_closing, self.backlash, 0.0)
         return (self.replica_pulley * np.asarray(replica_turn, np.float64) + lost) / self.hand_pulley
 
@@ -89,31 +70,13 @@ class Potentiometer:
         return self.count / self.span
 
     def counts(self, angle: ArrayLike) -> np.ndarray:
-        """Return the counts of an angle, (...), float64, neither rounded nor limited.
-
-        Parameters
-        ----------
-        angle : (...) float64, rad
-            Of the replica.
-        """
+        """Return the counts of an angle, (...), float64, neither rounded nor limited."""
         return self.count * self.zero_share + self.gain * np.asarray(angle, np.float64)
 
     def read(self, angle: ArrayLike) -> np.ndarray:
-        """Return what is read at an angle, (...), int64: the nearest counts, the last ones beyond the ends.
-
-        Parameters
-        ----------
-        angle : (...) float64, rad
-            Of the replica; finite.
-        """
+        """Return what is read at an angle, (...), int64: the nearest counts, within the span."""
         return np.clip(np.rint(self.counts(angle)), 0, self.count - 1).astype(np.int64)
 
     def angle(self, counts: ArrayLike) -> np.ndarray:
-        """Return the angle of counts, (...), rad.
-
-        Parameters
-        ----------
-        counts : (...) float64
-            As read, or finer.
-        """
+        """Return the angle of counts, (...), rad."""
         return (np.asarray(counts, np.float64) - self.count * self.zero_share) / self.gain

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from urllib.parse import parse_qsl, urlsplit
 
-from proximity.decaff.drum.drum_model import GEAR4
+from proximity.decaff.drum.drum_model import GEARS, USUAL_GEAR, Drum, Motor
 from proximity.decaff.motors.motor_driver import MotorDriver
 from proximity.errors import MotorError
 from proximity.system.extras import installation
@@ -88,42 +88,38 @@ class MotorSettings:
     """What a person says of a motor and its drum; defaults are those of the modelled drum."""
 
     name: str  # the address, for sentences
-    ratio: float = GEAR4.ratio  # turns of the motor to one of the drum
+    ratio: float = GEARS[USUAL_GEAR].ratio  # turns of the motor to one of the drum
     direction: float = 1.0  # of the motor as the drum leaves the finger
     stop: float = 0.1  # rad, from the retracted drum to its mechanical stop
-    torque: float = GEAR4.motor.torque  # N m at the shaft, at most
+    torque: float = Motor().torque  # N m at the shaft, at most
     speed: float = 1.0  # m/s at the fingertip, at most
     torque_constant: float = 0.05  # N m/A
     watchdog: float = 0.05  # s of silence after which the motor is switched off
 
     @classmethod
-    def of(cls, address: MotorAddress) -> "MotorSettings":
-        """Take the settings from an address."""
+    def of(cls, address: MotorAddress, drum: Drum | None = None) -> "MotorSettings":
+        """Take the settings from an address; gear and torque are those of the drum where it gives none."""
+        ratio = cls.ratio if drum is None else drum.gear.ratio
+        torque = cls.torque if drum is None else drum.motor.torque
         direction = address.whole("direction", 1, -1, 1)
         if direction == 0:
             raise address.refuse("direction=0, expected 1 or -1")
         return cls(
             address.text,
-            address.number("ratio", cls.ratio, 0.01, 1000.0),
+            address.number("ratio", ratio, 0.01, 1000.0),
             direction,
             address.number("stop", cls.stop, 0.02, 3.0),
-            address.number("torque", cls.torque, 1e-4, 10.0),
+            address.number("torque", torque, 1e-4, 10.0),
             address.number("speed", cls.speed, 0.01, 5.0),
             address.number("kt", cls.torque_constant, 1e-4, 10.0),
             1e-3 * address.number("watchdog", 1e3 * cls.watchdog, 10.0, 500.0),
         )
 
 
-def open_motor(text: str) -> tuple[MotorDriver, MotorSettings]:
-    """Open a motor's driver; the motor stays off.
-
-    Parameters
-    ----------
-    text : str
-        Its address.
-    """
+def open_motor(text: str, drum: Drum | None = None) -> tuple[MotorDriver, MotorSettings]:
+    """Open the driver of a drum's motor by its address; the motor stays off."""
     address = MotorAddress.parse(text)
-    settings = MotorSettings.of(address)
+    settings = MotorSettings.of(address, drum)
     module = import_module(DRIVERS[address.scheme])
     opener: Callable[[MotorAddress, MotorSettings], MotorDriver] = module.open_driver
     try:

@@ -1,8 +1,7 @@
-"""Turns of a motor, angles of its drum, metres and newtons at the fingertip: the one place that converts.
+"""Turns of a motor, angles of its drum, metres and newtons at the fingertip.
 
-Motor and drum are joined by a gear; drum and fingertip by the glove's geometry, as `FingerPath` has it. A
-force does the same work at both ends: the drum's torque is the force times the fingertip's metres a radian
-of the drum.
+Motor and drum are joined by a gear; drum and fingertip by the lever of `FingerPath`. A force does the same
+work at both ends.
 """
 
 import math
@@ -10,19 +9,9 @@ import math
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.motors.motor_address import MotorSettings
 
-LEVER_STEP = 2e-4  # rad, over which the slope of the path is taken
-
 
 class MotorScale:
-    """Conversions of one motor; angles are right once `set_home` was called.
-
-    Parameters
-    ----------
-    path : FingerPath
-        Of the finger.
-    settings : MotorSettings
-        Of the motor.
-    """
+    """Conversions of one motor; angles are right once `set_home` was called."""
 
     def __init__(self, path: FingerPath, settings: MotorSettings) -> None:
         self._path = path
@@ -46,21 +35,14 @@ class MotorScale:
         """Return where the drum at an angle, rad, meets the finger on its path, m."""
         return self._path.drum_position(angle)
 
-    def lever(self, angle: float) -> float:
-        """Return how far the fingertip goes a radian of the drum, m; also the torque of a newton."""
-        least, most = self._path.drum_angles
-        middle = min(max(angle, least + LEVER_STEP), most - LEVER_STEP)
-        ends = self.position(middle - LEVER_STEP), self.position(middle + LEVER_STEP)
-        return (ends[1] - ends[0]) / (2.0 * LEVER_STEP)
-
     def torque(self, force: float, angle: float) -> float:
         """Return the motor's torque, N m, that presses on the finger with a force, N."""
-        return -self._direction * force * self.lever(angle) / self._ratio
+        return -self._direction * force * self._path.lever(angle) / self._ratio
 
     def force(self, torque: float, angle: float) -> float:
         """Return the force on the finger, N, of the motor's torque, N m; the inverse of `torque`."""
-        return -self._direction * torque * self._ratio / self.lever(angle)
+        return -self._direction * torque * self._ratio / self._path.lever(angle)
 
     def drum_speed(self, speed: float, angle: float) -> float:
         """Return the drum's speed, rad/s, at a speed of the fingertip, m/s."""
-        return speed / self.lever(angle)
+        return speed / self._path.lever(angle)

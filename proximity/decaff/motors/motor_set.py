@@ -31,7 +31,7 @@ def opened_motors(
     motors: list[MotorDrum] = []
     try:
         for address, path in zip(addresses, paths, strict=True):
-            motors.append(MotorDrum(*open_motor(address), path))
+            motors.append(MotorDrum(*open_motor(address, path.drum), path))
         yield motors
     except BaseException:
         for motor in motors:

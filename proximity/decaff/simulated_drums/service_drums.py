@@ -24,7 +24,6 @@ from proximity.decaff.controller.controller_states import (
 )
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.drum.drum_model import GEAR4
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.default_bend import with_bend
 from proximity.decaff.glove.finger_path import FingerPath
@@ -268,8 +267,8 @@ class DrumBench:
         return [self._finger(path, plant) for path, plant in zip(paths, plants, strict=True)]
 
     def _finger(self, path: FingerPath, plant: DrumPlant | MotorDrum) -> FingerBench:
-        controller = FingerController(path, self._rate, GEAR4, self._limits, cable=self._cable)
+        controller = FingerController(path, self._rate, None, self._limits, cable=self._cable)
         return FingerBench(path, controller, plant)
 
     def _plant(self, path: FingerPath) -> DrumPlant:
-        return DrumPlant(path, GEAR4, self._cable.stiffness)
+        return DrumPlant(path, None, self._cable.stiffness)

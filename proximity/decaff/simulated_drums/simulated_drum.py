@@ -1,7 +1,4 @@
-"""Simulated drum of one finger, driven by a controller's actions in real time.
-
-Forces and masses are those of the drum's rim, taken as at the fingertip, as the closed loop has it.
-"""
+"""Simulated drum of one finger, driven by a controller's actions in real time; all holds at the fingertip."""
 
 import math
 
@@ -9,7 +6,7 @@ import numpy as np
 
 from proximity.decaff.controller.controller_states import DrumAction, commanded
 from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum_model import GEAR4, PAD_STIFFNESS, Drum
+from proximity.decaff.drum.drum_model import PAD_STIFFNESS, Drum
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for, steps_a_sample
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.simulated_drums.simulated_drum_kernels import serve_against
@@ -18,23 +15,14 @@ LONGEST_STEP = 0.1  # s that one action is served for
 
 
 class DrumPlant:
-    """Drum, motor and servo, and the pad of a finger that leans on it.
-
-    Parameters
-    ----------
-    path : FingerPath
-        Of the finger.
-    drum : Drum
-        What is driven.
-    cable : float, N/m
-        Stiffness of the cable at the fingertip; inf: it does not stretch.
-    """
+    """The drum of a path, or another, and the pad of a finger that leans on it; *cable* in N/m there."""
 
     drum: Drum
     force: float  # N, on the finger
     link: float  # m, of the replica's link: where the finger is, or where the drum stops it
 
-    def __init__(self, path: FingerPath, drum: Drum = GEAR4, cable: float = math.inf) -> None:
+    def __init__(self, path: FingerPath, drum: Drum | None = None, cable: float = math.inf) -> None:
+        drum = drum or path.drum
         servo = servo_for(drum, SERVO_RATE)
         self._path, self._period = path, servo.period
         self.drum = drum
@@ -63,17 +51,7 @@ class DrumPlant:
         return self.drum.motor_torque(-float(self._drive[drum_kernels.DRIVE_APPLIED]))
 
     def advance(self, action: DrumAction, finger: float, seconds: float) -> None:
-        """Serve an action for a time, in whole samples; what is left over comes next.
-
-        Parameters
-        ----------
-        action : DrumAction
-            Of the controller.
-        finger : float, m
-            Where the finger would be without a drum.
-        seconds : float, s
-            How long; no more than a tenth of a second counts.
-        """
+        """Serve an action in whole samples, at most for a tenth of a second; what is left over comes next."""
         target = action.force if action.mode == drum_kernels.MODE_FORCE else action.position
         commanded(action, target).write(self._command)
         time = self._left + min(max(seconds, 0.0), LONGEST_STEP)

@@ -22,22 +22,7 @@ Latency = float | Sequence[float]
 
 
 class DelayedLink:
-    """Both ends of the transport; as an outlet and as an inlet of `proximity.transport`.
-
-    Parameters
-    ----------
-    latency : float or floats, s
-        From sending to arrival.
-    clock : callable
-        Gives now, ns.
-    silences : pairs of ints, ns
-        First and last instant between which what is sent is lost.
-
-    Raises
-    ------
-    DecaffError
-        If a latency is none.
-    """
+    """Both ends of the transport; as an outlet and as an inlet of `proximity.transport`."""
 
     shares_clock = True
     refused = 0

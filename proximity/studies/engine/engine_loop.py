@@ -45,19 +45,7 @@ from proximity.transport import Counts, Subscriber
 def press_on_part(
     finger: PlacedFinger, press: Intent, setup: EngineSetup | None = None, hand: Hand | None = None
 ) -> EnginePress:
-    """Return a press on a part.
-
-    Parameters
-    ----------
-    finger : PlacedFinger
-        Before its part. The part's surface, rigid or deformable, is the wall.
-    press : Press or RecordedPress
-        What the hand means to do.
-    setup : EngineSetup
-        How the finger learns of the part, and what stops it.
-    hand : Hand
-        Who presses.
-    """
+    """Return a press on a part."""
     setup, hand = setup or EngineSetup(), hand or Hand()
     loop = DecaffLoop(hand, press, _glove(finger, setup))
     part = finger.scene.parts[finger.part]
@@ -77,19 +65,7 @@ def press_on_part(
 
 
 class Engine:
-    """Service, message and controller of one finger, stepped by the closed loop.
-
-    Parameters
-    ----------
-    finger : PlacedFinger
-        Before its part.
-    setup : EngineSetup
-        How it is reported.
-    loop : DecaffLoop
-        Whose finger it is.
-    real : Response
-        The real wall's, whose force a far end feels.
-    """
+    """Service, message and controller of one finger, stepped by the closed loop."""
 
     reported_contact: float
     reported_error: float

@@ -39,37 +39,11 @@ class Reader(ABC):
         contact: Any,
         frame: FrameMark | None,
     ) -> DrumCommand:
-        """Return what the drum shall do until the next sample.
-
-        Parameters
-        ----------
-        distance_sample : DistanceSample
-            What potentiometer, encoder and force sensor tell.
-        now_ns : int, ns
-            The instant, on the clock of frames.
-        state : State
-            Of the newest frame, as it is now.
-        contact : CONTACT or None
-            What it says of the finger.
-        frame : FrameMark or None
-            Which frame that is.
-        """
+        """Return what the drum shall do until the next sample."""
 
 
 class ControllerReader(Reader):
-    """The drum's controller.
-
-    Parameters
-    ----------
-    controller : FingerController
-        Of the finger.
-    path : FingerPath
-        Of the finger.
-    wall : float, m
-        The position of contact on it.
-    has_force_sensor : bool
-        Whether the force between link and drum is measured.
-    """
+    """The drum's controller."""
 
     def __init__(
         self, controller: FingerController, path: FingerPath, wall: float, *, has_force_sensor: bool = True
@@ -116,17 +90,7 @@ class ControllerReader(Reader):
 
 
 class PolicyReader(Reader):
-    """One of the plain readings of a distance, with the engine's distances along the way.
-
-    Parameters
-    ----------
-    policy : TargetPolicy
-        The reading.
-    path : FingerPath
-        Of the finger.
-    wall : float, m
-        The position of contact on it.
-    """
+    """One of the plain readings of a distance, with the engine's distances along the way."""
 
     def __init__(self, policy: TargetPolicy, path: FingerPath, wall: float) -> None:
         super().__init__()

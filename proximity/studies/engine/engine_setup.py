@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from proximity.decaff.arguments import not_negative, positive
-from proximity.decaff.drum.drum_model import GEAR4, Drum, with_random_phases
+from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE
+from proximity.decaff.glove.glove import DRUMS
 from proximity.errors import DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.studies.engine.delayed_link import Latency
@@ -15,7 +16,7 @@ from proximity.studies.simulation.target_policies import Target
 from proximity.studies.simulation.tip_cable import TipCable
 
 FARTHEST = 0.100  # m, that a wall is known of; assumed
-DRUM = with_random_phases(GEAR4, 1)[0]
+DRUM = with_random_phases(DRUMS[USUAL_GEAR], 1)[0]
 Spans = Sequence[tuple[float, float]]
 """From, to; s from the touch."""
 

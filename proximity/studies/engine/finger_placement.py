@@ -55,23 +55,11 @@ class PlacedFinger:
         return -float(self.normal @ _direction(self.glove.finger, self.world_from_hand, self.contact_bend))
 
     def corners(self, count: int = PATH_CORNERS) -> np.ndarray:
-        """Return the way as a tracker takes it, (K, 3), m, scene's frame.
-
-        Parameters
-        ----------
-        count : int
-            K.
-        """
+        """Return the way as a tracker takes it, (K, 3), m, scene's frame."""
         return self.glove.finger.path_world(self.world_from_hand, count)
 
     def point(self, bend: float) -> np.ndarray:
-        """Return the centre of the fingertip, (3,), m, scene's frame.
-
-        Parameters
-        ----------
-        bend : float
-            Of the finger.
-        """
+        """Return the centre of the fingertip, (3,), m, scene's frame."""
         return self.world_from_hand.point(self.glove.finger.point_hand(bend))
 
 
@@ -82,21 +70,6 @@ def place_finger(
 
     Of the attitudes of the hand the first is taken that leaves the finger a free way; where none does, the
     one that lets it touch nearest to the position that was meant.
-
-    Parameters
-    ----------
-    scene : Scene
-        With parts.
-    at : three floats, m
-        The finger touches where the surface is nearest to this point, from outside.
-        Where not given: a point above the middle of the parts.
-    glove : Glove
-        Of the finger; the default one where not given.
-
-    Raises
-    ------
-    DecaffError
-        If *at* is no point, or no attitude of the hand leaves the finger a free way.
     """
     glove = glove or Glove()
     path, finger = FingerPath(glove), glove.finger
@@ -124,24 +97,7 @@ def place_finger(
 
 
 def placed(scene: Scene, glove: Glove, world_from_hand: Pose, touch: float | None = None) -> PlacedFinger:
-    """Return a finger of a hand that is held in some way.
-
-    Parameters
-    ----------
-    scene : Scene
-        With parts.
-    glove : Glove
-        Of the finger.
-    world_from_hand : Pose
-        Of its knuckle and its plane.
-    touch : float
-        Bend of its first touch, where it is known.
-
-    Raises
-    ------
-    DecaffError
-        If the finger touches nothing before the fist, or is inside from the beginning.
-    """
+    """Return a finger of a hand that is held in some way."""
     bend = first_touch(scene, glove.finger, world_from_hand) if touch is None else touch
     if not 0.0 < bend < 1.0:
         raise DecaffError("the finger touches nothing between flat hand and fist, expected one that does")

@@ -48,28 +48,11 @@ class RecordedPress:
         return self.loss_time
 
     def lead(self, start_distance: float) -> float:
-        """Return how long before the touch it begins, s.
-
-        Parameters
-        ----------
-        start_distance : float, m
-            Does not matter here.
-        """
+        """Return how long before the touch it begins, s."""
         return -self.begin
 
     def at(self, times: ArrayLike) -> Motion:
-        """Return where the hand means to be.
-
-        Parameters
-        ----------
-        times : (...) float64, s
-            Any instants.
-
-        Returns
-        -------
-        Motion
-            Arrays of the shape of *times*; at rest before and after.
-        """
+        """Return where the hand means to be."""
         own = self.begin + self.step * np.arange(len(self.positions))
         times = np.asarray(times, np.float64)
         is_within = (times > own[0]) & (times < own[-1])
@@ -79,13 +62,7 @@ class RecordedPress:
         return Motion(np.interp(times, own, self.positions), velocity, acceleration)
 
     def sees(self, time: float) -> bool:
-        """Return whether the sensor had the finger at an instant.
-
-        Parameters
-        ----------
-        time : float, s
-            The instant.
-        """
+        """Return whether the sensor had the finger at an instant."""
         row = round((time - self.begin) / self.step)
         return bool(self.is_seen[min(max(row, 0), len(self.is_seen) - 1)])
 
@@ -97,24 +74,7 @@ class RecordedPress:
 
 
 def recorded_press(scene: Scene, recording: Recording, radius: float, start_distance: float) -> RecordedPress:
-    """Return the motion of the finger that touches first.
-
-    Parameters
-    ----------
-    scene : Scene
-        With parts.
-    recording : Recording
-        In the scene's frame.
-    radius : float, m
-        Of the fingertips.
-    start_distance : float, m
-        How far from the touch a finger can be; one that was recorded farther off waits there.
-
-    Raises
-    ------
-    DecaffError
-        If no finger comes from outside and touches, or the recording is too long.
-    """
+    """Return the motion of the finger that touches first."""
     if recording.duration_s > LONGEST_RECORDING:
         raise DecaffError(
             f"{recording.path}: {recording.duration_s:.0f} s are recorded, "
@@ -139,13 +99,7 @@ def recorded_press(scene: Scene, recording: Recording, radius: float, start_dist
 
 
 def recorded_hand(scene: Scene, recording: Recording) -> tuple[PlacedFinger, RecordedPress]:
-    """Return the finger of a recorded hand that touches first, before it touches, and its motion.
-
-    Raises
-    ------
-    DecaffError
-        As of `recorded_press` and `place_finger`.
-    """
+    """Return the finger of a recorded hand that touches first, before it touches, and its motion."""
     glove = Glove()
     press = recorded_press(scene, recording, glove.finger.pad_radius, math.inf)
     finger = place_finger(scene, press.outside.tolist(), glove=glove)

@@ -33,17 +33,7 @@ class Feed(Protocol):
 
 
 class TrackedFinger:
-    """Poses of a finger and its path, for a tracker.
-
-    Parameters
-    ----------
-    finger : PlacedFinger
-        Before its part.
-    answering : TrackerAnswers
-        Of one finger.
-    corners : int
-        Of the polyline that the tracker takes as the way.
-    """
+    """Poses of a finger and its path, for a tracker."""
 
     def __init__(self, finger: PlacedFinger, answering: TrackerAnswers, corners: int = PATH_CORNERS) -> None:
         self.answering: Answering = answering
@@ -52,19 +42,7 @@ class TrackedFinger:
         self._poses.paths, self._poses.bends = finger.corners(corners)[None], np.zeros(1)
 
     def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> FingerPoses:
-        """Return the pose.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            Its instant.
-        bend : float
-            Of the finger; nan: it is not seen.
-        bend_rate : float, 1/s
-            Not reported: the tracker finds it out.
-        force : float, N
-            Not reported.
-        """
+        """Return the pose."""
         poses = self._poses
         poses.positions[0] = self._finger.point(bend)
         poses.pose_ns[0] = now_ns
@@ -74,45 +52,21 @@ class TrackedFinger:
 
 
 class ExactAnswers(TrackerAnswers):
-    """A tracker's contacts, with the position of contact as it truly is, known from the beginning.
-
-    Parameters
-    ----------
-    tracker : Tracker
-        Of one finger.
-    contact_bend : float
-        The truth.
-    """
+    """A tracker's contacts, with the position of contact as it truly is, known from the beginning."""
 
     def __init__(self, tracker: Tracker, contact_bend: float) -> None:
         super().__init__(tracker)
         self._contact_bend = contact_bend
 
     def answer(self, samples: FingerPoses, now_ns: int) -> np.ndarray:
-        """Tick, and tell the truth.
-
-        Parameters
-        ----------
-        samples : FingerPoses
-            The newest pose.
-        now_ns : int, ns
-            Instant of the tick.
-        """
+        """Tick, and tell the truth."""
         contacts = super().answer(samples, now_ns)
         contacts["contact_bend"], contacts["contact_bend_error"] = self._contact_bend, 0.0
         return contacts
 
 
 class MeasuredFinger:
-    """Measurements of a sensor at a far end where a finger moves as this one does: teleoperation.
-
-    Parameters
-    ----------
-    finger : PlacedFinger
-        Before its part.
-    latency : float, s
-        For which contacts are predicted.
-    """
+    """Measurements of a sensor at a far end where a finger moves as this one does: teleoperation."""
 
     def __init__(self, finger: PlacedFinger, latency: float) -> None:
         self.answering: Answering = SensorAnswers(1, latency=latency)
@@ -120,19 +74,7 @@ class MeasuredFinger:
         self._measured = Measurements(1)
 
     def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Measurements:
-        """Return the measurement.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            Its instant.
-        bend : float
-            Of the finger; nan: nothing is measured.
-        bend_rate : float, 1/s
-            At which that grows.
-        force : float, N
-            On the finger of the far end.
-        """
+        """Return the measurement."""
         measured, finger = self._measured, self._finger
         measured.pose_ns[0] = now_ns
         measured.distances[0, 0] = np.nan
@@ -150,17 +92,7 @@ class MeasuredFinger:
 
 
 class SimulatedService:
-    """Ticks when it is asked to, and publishes.
-
-    Parameters
-    ----------
-    feed : Feed
-        Of one finger.
-    outlet : Outlet
-        Where frames go.
-    period : float, s
-        Between ticks, as frames tell it.
-    """
+    """Ticks when it is asked to, and publishes."""
 
     def __init__(self, feed: Feed, outlet: Outlet, period: float) -> None:
         answering = feed.answering
@@ -173,15 +105,7 @@ class SimulatedService:
         self._has_begun = False
 
     def tick(self, now_ns: int, **known: Any) -> None:
-        """Make a frame of what is known now.
-
-        Parameters
-        ----------
-        now_ns : int, ns
-            The instant.
-        **known
-            Of the finger, as `Feed.samples` takes it.
-        """
+        """Make a frame of what is known now."""
         sample_filter, frame_builder = self._sample_filter, self._frame_builder
         if not self._has_begun:
             sample_filter.start(now_ns)

@@ -61,7 +61,7 @@ class Condition:
     latency: float = 0.001  # s, of forces or of distances
     # N/m, gain of a coupled wall that displays a rigid surface; of others what simulated observers rate it as
     stiffness: float = 1500.0
-    damping: float = 2.0  # N s/m, gain of a coupled wall; of the surface elsewhere
+    damping: float = 2.0  # N s/m, gain of a coupled wall; of a surface whose task gives none
     threshold: float = 0.2  # expected: level at which an answer is right half-way between chance and always
     correct: float = 0.5  # expected: probability to tell the wall from the real one
 
@@ -77,6 +77,7 @@ class Task:
     levels: tuple[float, ...]
     varied: Varied
     stiffness: float | None  # N/m, of the surface that is displayed; None: rigid
+    damping: float | None  # N s/m, of that surface on every condition; None: that of the condition
     speed: float  # m/s, of the approach that is asked for
     practice: int
     catch: int  # trials that nobody fails who attends
@@ -146,6 +147,8 @@ class Observers:
 
     spread: float = 0.1  # standard deviation of a participant's log10 threshold
     interaction: float = 0.0  # the same, of each condition of a participant
+    # Deviation of the logarithm of what is felt, which answers follow; 0: they follow the thresholds.
+    felt_noise: float = 0.0
     width: float = 0.6  # log10 units from 5 to 95 % of the psychometric function
     lapse: float = 0.02
     rating_noise: float = 0.1  # standard deviation of the log10 of a rating

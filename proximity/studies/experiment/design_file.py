@@ -36,7 +36,8 @@ TABLES = (
 )  # fmt: skip
 CONDITION_KEYS = ("name", "wall", "latency", "stiffness", "damping", "threshold", "correct")
 TASK_KEYS = (
-    "name", "kind", "method", "trials", "levels", "varied", "stiffness", "speed", "practice", "catch",
+    "name", "kind", "method", "trials", "levels", "varied", "stiffness", "damping", "speed", "practice",
+    "catch",
     "catch_level", "blocks", "question", "instructions",
 )  # fmt: skip
 QUESTION_KEYS = ("key", "text", "range", "choices", "when")
@@ -65,7 +66,8 @@ NUMBERS = {  # of tables with a default each
         "stopped_trials": SHARE,
     }),
     "observers": (Observers, {
-        "spread": Range("", 0.0, 2.0), "interaction": Range("", 0.0, 2.0), "width": Range("", 0.01, 5.0),
+        "spread": Range("", 0.0, 2.0), "interaction": Range("", 0.0, 2.0),
+        "felt_noise": Range("", 0.0, 2.0), "width": Range("", 0.01, 5.0),
         "lapse": Range("", 0.0, 0.2), "rating_noise": Range("", 0.0, 2.0), "speed_noise": SHARE,
     }),
 }  # fmt: skip
@@ -173,6 +175,9 @@ def _task(table: Table) -> Task:
     stiffness = table.number("stiffness", None, STIFFNESS)
     if stiffness is None and varied is Varied.STIFFNESS and table.has("levels"):
         table.complain("levels", "are shares of the stiffness, expected tasks.stiffness beside them")
+    damping = table.number("damping", None, DAMPING)
+    if damping is not None and stiffness is None:
+        table.complain("damping", "is of a surface, expected tasks.stiffness beside it")
     catch = table.whole("catch", 0, NONE_OR_MORE)
     if catch and kind is not Kind.STIFFER:
         table.complain("catch", f'is of tasks of kind "stiffer", and this one is "{kind}"')
@@ -184,6 +189,7 @@ def _task(table: Table) -> Task:
         levels=listed,
         varied=varied,
         stiffness=stiffness,
+        damping=damping,
         speed=table.number("speed", 0.2, SPEED),
         practice=table.whole("practice", 0, NONE_OR_MORE),
         catch=catch,

@@ -115,7 +115,8 @@ def stopped_by_force(force: float, limit: float) -> str:
 
 def interval_of(task: Task, condition: Condition, level: float) -> Interval:
     """Return a condition's surface at a level of the task's stimulus; 0: without it."""
-    stiffness, damping, latency, speed = task.stiffness, condition.damping, condition.latency, task.speed
+    stiffness, latency, speed = task.stiffness, condition.latency, task.speed
+    damping = condition.damping if task.damping is None else task.damping
     if task.varied is Varied.SPEED:
         speed = level or task.speed
     elif task.varied is Varied.LATENCY:

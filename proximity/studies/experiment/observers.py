@@ -1,4 +1,6 @@
-"""Simulated participants: a hand that presses, and answers by a psychometric function with lapses.
+"""Simulated participants: a hand that presses, and answers by what it feels.
+
+For tests of the analysis, and for planning, they answer by a psychometric function with lapses instead.
 
 What an observer does in a trial depends on the design's seed, its slot and the number of the trial alone: a
 session that goes on after a crash is the same as one that went through.
@@ -30,6 +32,7 @@ from proximity.studies.simulation.sweeps import with_latency
 
 DISTANCE_RATE = 1000.0  # Hz, of forces and of distances
 FRAME_PERIOD = 1e-3  # s
+DEEP = 0.9  # of the deepest position: there a finger rests
 FASTER = (-1, 0, 1)  # speeds of a hand, in the observers' deviation of them: few, so that presses are shared
 
 
@@ -81,7 +84,7 @@ class Observer:
         )
 
     def answer(self, trial: Trial, felt: list[Presentation]) -> Any:
-        """Answer a trial; what was felt only counts by the levels of the design."""
+        """Answer by what was felt; by the design's thresholds where nothing was, or it has no noise of it."""
         task, rng = self._design.task(trial.planned.task), self._rng(trial)
         if task.kind is Kind.RATING:
             stiffness = trial.intervals[0].stiffness or trial.intervals[0].gain
@@ -89,6 +92,10 @@ class Observer:
             return round(10.0 ** (math.log10(stiffness) + noise), 1)
         if len(trial.intervals) < 2:
             return None
+        noise = self._design.observers.felt_noise
+        if noise > 0.0 and felt:
+            impressions = [_impression(task.kind, one) + noise * rng.standard_normal() for one in felt]
+            return int(np.argmax(impressions)) + 1
         right = trial.planned.odd + 1
         return right if rng.random() < self.probability(trial) else 3 - right
 
@@ -108,6 +115,22 @@ class Observer:
 
     def _rng(self, trial: Trial) -> np.random.Generator:
         return np.random.default_rng([*self._seeds, 2 + 2 * trial.planned.number])
+
+
+def _impression(kind: Kind, shown: Presentation) -> float:
+    """Logarithm of the stiffness that a hand feels, or, where the real wall is sought, of the hardness.
+
+    Stiffness is force over the way of the finger where it is deepest; hardness the steepest rise of the force
+    over the speed of the finger as it comes (the rate-hardness of Lawrence and others, 2000).
+    """
+    time, finger, force = (shown.frames[name].astype(np.float64) for name in ("time", "finger", "force"))
+    if not (force > 0.0).any() or not finger.max() > 0.0:
+        return -math.inf
+    if kind is Kind.REAL:
+        rises, speeds = np.diff(force) / np.diff(time), np.diff(finger) / np.diff(time)
+        return math.log(float(rises.max()) / float(speeds[max(0, int(np.argmax(finger >= 0.0)) - 1)]))
+    is_deep = finger >= DEEP * finger.max()
+    return math.log(float(force[is_deep].mean()) / float(finger[is_deep].mean()))
 
 
 @lru_cache(maxsize=2000)

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from proximity.decaff.drum.drum_model import GEAR4, with_random_phases
 from proximity.decaff.glove.glove import Glove
 from proximity.studies.figures import style
 from proximity.studies.figures.captions import caption, drum_words, hand_words
@@ -21,6 +20,7 @@ from proximity.studies.simulation.tip_cable import FRICTION, PRELOAD, WRAP, TipC
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+OURS = Glove()
 STIFFNESSES = tuple(np.geomspace(200.0, 1e5, 13).tolist())  # N/m, at the fingertip
 SPEEDS = (0.1, 0.5)  # m/s
 RATE, LATENCY = 1000.0, 0.001  # Hz, s
@@ -33,21 +33,21 @@ CURVES = {
 }
 
 
-def numbers() -> Table:
+def numbers(glove: Glove = OURS) -> Table:
     """Return force errors and forces at rest over the stiffness of the cable, a row a speed and stiffness."""
-    hand, glove = Hand(), Decaff(with_random_phases(GEAR4, 1)[0])
-    usual, coupled = TipCable.of(Glove()), sweeps.best_coupled_wall(hand, RATE, LATENCY)
+    hand, drum = Hand(), Decaff.of(glove)
+    usual, coupled = TipCable.of(glove), sweeps.best_coupled_wall(hand, RATE, LATENCY)
     rows = []
     for speed in SPEEDS:
         press = hand.press(speed)
         bounds = [
-            deviation(each).error for each in (coupled_wall(hand, press, coupled), decaff(hand, press, glove))
+            deviation(each).error for each in (coupled_wall(hand, press, coupled), decaff(hand, press, drum))
         ]
         for stiffness in STIFFNESSES:
             found = []
             for name, (stretch, _, _) in CURVES.items():
                 cable = TipCable(stiffness) if name == "slippery" else replace(usual, stiffness=stiffness)
-                one = deviation(decaff(hand, press, sweeps.with_transmission(glove, cable, stretch)))
+                one = deviation(decaff(hand, press, sweeps.with_transmission(drum, cable, stretch)))
                 found += [one.error, one.steady_error]
             rows.append((speed, stiffness, usual.stiffness, *found, *bounds))
     columns = [f"{name}_{what}" for name in CURVES for what in ("error", "steady_error_N")]
@@ -62,16 +62,8 @@ def numbers() -> Table:
     return Table.of_rows(names, rows)
 
 
-def draw(figure: "Figure", table: Table) -> None:
-    """Draw force errors over the stiffness of the cable, a panel a speed, and the force at rest.
-
-    Parameters
-    ----------
-    figure : Figure
-        Empty.
-    table : Table
-        As of `numbers`.
-    """
+def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
+    """Draw force errors over the stiffness of the cable, a panel a speed, and the force at rest."""
     panels = figure.subplots(1, len(SPEEDS) + 1)
     for panel, speed in zip(panels, SPEEDS, strict=False):
         rows = table.where(speed_m_per_s=speed)
@@ -101,9 +93,9 @@ def draw(figure: "Figure", table: Table) -> None:
         panel.set_xlabel("stiffness of the cable\nat the fingertip [N/m]")
     caption(
         figure,
-        f"Dotted: the glove's cable of {1e-3 * Glove().cable.stiffness:g} N/mm, {usual:.0f} N/m at the "
+        f"Dotted: the glove's cable of {1e-3 * glove.cable.stiffness:g} N/mm, {usual:.0f} N/m at the "
         f"fingertip; friction {FRICTION:g} over {np.degrees(WRAP):.0f}°, preload {PRELOAD:g} N (ours). "
-        f"{hand_words(Hand())}; {drum_words('gear4', GEAR4)}; distances at {1e-3 * RATE:g} kHz, "
+        f"{hand_words(Hand())}; {drum_words(glove.tip_drum())}; distances at {1e-3 * RATE:g} kHz, "
         f"{1e3 * LATENCY:g} ms late. In (c) both curves by the sensor lie on one another.",
     )
     captions = [f"approach at {speed:g} m/s" for speed in SPEEDS]

@@ -18,7 +18,7 @@ from proximity.decaff.calibrating.swing_kernels import (
     SWING_STIFFNESS,
     SWING_VISCOUS,
 )
-from proximity.decaff.calibrating.tasks import FREE, HELD, POSE_TASKS, POSES, TOUCH, Task, drum_lever
+from proximity.decaff.calibrating.tasks import FREE, HELD, POSE_TASKS, POSES, TOUCH, Task
 from proximity.studies.figures import style
 
 if TYPE_CHECKING:
@@ -40,35 +40,14 @@ DRUM_PARTS = {
 
 
 def write(session: Session, path: Path) -> None:
-    """Draw a calibration as a PNG.
-
-    Parameters
-    ----------
-    session : Session
-        All of whose glove's tasks are done.
-    path : path
-        Of the picture.
-
-    Raises
-    ------
-    DecaffError
-        If matplotlib is not there.
-    """
+    """Draw a calibration as a PNG."""
     rows = 2 if any(session.of(task) for task in (FREE, HELD)) else 1
     size = (style.PAGE_WIDTH, HEIGHT * rows / 2)
     style.write_bytes(path, style.render(draw, session, size, "png"))
 
 
 def draw(figure: "Figure", session: Session) -> None:
-    """Draw counts over the bend, touches, and the chirps.
-
-    Parameters
-    ----------
-    figure : Figure
-        Empty.
-    session : Session
-        As of `write`.
-    """
+    """Draw counts over the bend, touches, and the chirps."""
     chirps = [task for task in (FREE, HELD) if session.of(task)]
     panels = figure.subplots(2 if chirps else 1, 2, squeeze=False)
     for panel in panels.flat[2 + len(chirps) :]:
@@ -103,7 +82,7 @@ def _draw_touches(panel: "Axes", session: Session) -> None:
     glove = session.bench.glove
     bends = [float(glove.bend_of_counts(touch["counts"])) for touch in session.readings.of(TOUCH)]
     found = next(one for one in session.estimates() if one.key == "touch_offset")
-    factor = 1e3 * float(drum_lever(glove, HELD_BEND))  # 10 % more or less at other bends
+    factor = 1e3 * float(glove.lever(HELD_BEND))  # 10 % more or less at other bends
     _mark(panel, session, TOUCH, bends, "offset", found.value, session.of(TOUCH), factor)
     half = factor * found.half_width
     panel.axhspan(-half, half, color="#0072B2", alpha=0.25, linewidth=0, label="mean and its 95 %")

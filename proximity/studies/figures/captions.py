@@ -17,15 +17,7 @@ COINCIDE = "Where fewer curves are seen, several lie on one another."
 
 
 def caption(figure: "Figure", *lines: str) -> None:
-    """Put text below a figure.
-
-    Parameters
-    ----------
-    figure : Figure
-        Of any width.
-    lines : strs
-        Each begins a line, and is wrapped where it is wider than the figure.
-    """
+    """Put text below a figure."""
     most = int(LETTERS_AN_INCH * figure.get_figwidth())
     wrapped = [part for line in lines for part in textwrap.wrap(line, most)]
     figure.supxlabel("\n".join(wrapped), fontsize=SIZE, color=COLOUR)
@@ -39,17 +31,14 @@ def hand_words(hand: Hand) -> str:
     )
 
 
-def drum_words(name: str, drum: Drum) -> str:
-    """Return what a drum is.
+def gears_words(drum: Drum) -> str:
+    """Return what drums have in common that differ in their gear, which is their name."""
+    return f"{drum.motor.name}, total gearing as named, on a lever of {1e3 * drum.lever:.0f} mm"
 
-    Parameters
-    ----------
-    name : str
-        Of `DRUMS`.
-    drum : Drum
-        Of that name.
-    """
+
+def drum_words(drum: Drum) -> str:
+    """Return what a drum is, and how it acts at the fingertip."""
     return (
-        f"drum {name}: {1e3 * drum.mass:.0f} g, servo at {1e-3 * SERVO_RATE:g} kHz, encoder "
+        f"drum {drum.words}: {1e3 * drum.mass:.0f} g, servo at {1e-3 * SERVO_RATE:g} kHz, encoder "
         f"{1e6 * drum.resolution:.1f} µm with the wall at random within a count (ours)"
     )

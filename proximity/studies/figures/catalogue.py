@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.studies.figures import (
     arrival_plots,
@@ -22,9 +22,6 @@ from proximity.studies.figures import (
 )
 from proximity.studies.figures.tables import Table
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 @dataclass(frozen=True, slots=True)
 class Plate:
@@ -32,9 +29,10 @@ class Plate:
 
     title: str
     stem: str  # of its files
-    numbers: Callable[[], Table]
-    draw: "Callable[[Figure, Table], None]"
+    numbers: Callable[..., Table]
+    draw: "Callable[..., None]"
     size: tuple[float, float]  # inches
+    has_drum: bool = False  # both take the glove
 
 
 def _figure_5(name: str) -> Plate:
@@ -69,6 +67,7 @@ PLATES = {
         error_plots.numbers_against_speed,
         error_plots.draw_against_speed,
         error_plots.SIZE,
+        has_drum=True,
     ),
     "error-latency": Plate(
         "force error against latency",
@@ -76,6 +75,7 @@ PLATES = {
         error_plots.numbers_against_latency,
         error_plots.draw_against_latency,
         error_plots.SIZE,
+        has_drum=True,
     ),
     "error-engine": Plate(
         "force error with the engine in the loop, on the sample bracket",
@@ -83,6 +83,7 @@ PLATES = {
         engine_plots.numbers,
         engine_plots.draw,
         engine_plots.SIZE,
+        has_drum=True,
     ),
     "cable": Plate(
         "what the cable costs, over its stiffness",
@@ -90,6 +91,7 @@ PLATES = {
         cable_plots.numbers,
         cable_plots.draw,
         cable_plots.SIZE,
+        has_drum=True,
     ),
     "drum-motion": Plate(
         "how drums go to their place",
@@ -97,6 +99,7 @@ PLATES = {
         arrival_plots.motion_numbers,
         arrival_plots.draw_motion,
         arrival_plots.MOTION_SIZE,
+        has_drum=True,
     ),
     "arrival": Plate(
         "look-ahead that a drum needs to arrive in time",
@@ -104,24 +107,14 @@ PLATES = {
         arrival_plots.numbers,
         arrival_plots.draw,
         arrival_plots.SIZE,
+        has_drum=True,
     ),
 }
 """Every figure by its name."""
 
 
 def chosen_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of figures that are asked for, each once: all where none is named.
-
-    Parameters
-    ----------
-    names : strs
-        Some of `PLATES`.
-
-    Raises
-    ------
-    DecaffError
-        If one is not; it says which there are.
-    """
+    """Return the names of figures that are asked for, each once: all where none is named."""
     chosen = tuple(dict.fromkeys(names))
     for name in chosen:
         if name not in PLATES:
@@ -129,30 +122,18 @@ def chosen_names(names: Iterable[str]) -> tuple[str, ...]:
     return chosen or tuple(PLATES)
 
 
-def write_figure(name: str, folder: str | os.PathLike[str], form: str = "png") -> tuple[Path, Path]:
-    """Write a figure and its numbers, each at once and wholly; return both paths.
-
-    Parameters
-    ----------
-    name : str
-        One of `PLATES`.
-    folder : path
-        Made where it is not there.
-    form : str
-        One of `plotting.FORMATS`.
-
-    Raises
-    ------
-    DecaffError
-        If there is no such figure or format, matplotlib is not there, or the folder cannot be made.
-    """
+def write_figure(
+    name: str, folder: str | os.PathLike[str], form: str = "png", glove: Glove | None = None
+) -> tuple[Path, Path]:
+    """Write a figure of a glove and its numbers, each at once and wholly; return both paths."""
     (name,) = chosen_names([name])
     plate, folder = PLATES[name], Path(folder)
     style.check_format(form)
     style.load_figure()
     _make(folder)
-    table = plate.numbers()
-    drawn = style.render(plate.draw, table, plate.size, form)
+    worn = {"glove": glove or Glove()} if plate.has_drum else {}
+    table = plate.numbers(**worn)
+    drawn = style.render(partial(plate.draw, **worn), table, plate.size, form)
     image, numbers = folder / f"{plate.stem}.{form}", folder / f"{plate.stem}.csv"
     style.write_bytes(image, drawn)
     style.write_table(numbers, table)

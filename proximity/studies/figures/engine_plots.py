@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from proximity.decaff.drum.drum_model import GEAR4
+from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.scene.loader import load
 from proximity.scene.scene import Scene
@@ -16,6 +16,7 @@ from proximity.studies.figures import style
 from proximity.studies.figures.captions import caption, drum_words, hand_words
 from proximity.studies.figures.tables import Table
 from proximity.studies.simulation.closed_loop import ideal_drum
+from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
 from proximity.studies.simulation.metrics import deviation, drum_offset
 from proximity.studies.simulation.target_policies import Target
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+OURS = Glove()
 SPEEDS = tuple(np.geomspace(0.1, 1.0, 5).tolist())  # m/s
 LATENCIES = (0.0, 0.001, 0.003, 0.010)  # s, from a pose until its frame has arrived
 START_POSITION = (0.048, 0.030, 0.020)  # m: the finger comes from there to the foot of the bracket
@@ -37,13 +39,7 @@ SIZE = (style.PAGE_WIDTH, 3.5)
 
 
 def bracket() -> Scene:
-    """Return the sample bracket: beside the package in a checkout, inside of it where it was installed.
-
-    Raises
-    ------
-    DecaffError
-        If it is at neither place.
-    """
+    """Return the sample bracket: beside the package in a checkout, inside of it where it was installed."""
     package = Path(__file__).resolve().parents[2]
     for folder in (package / "samples", package.parent / "meshes"):
         if (folder / "bracket.stl").is_file():
@@ -51,19 +47,21 @@ def bracket() -> Scene:
     raise DecaffError(f"the sample bracket.stl is neither in {package} nor in meshes beside it")
 
 
-def numbers() -> Table:
+def numbers(glove: Glove = OURS) -> Table:
     """Return force errors of both readings, a row a reading, latency and speed."""
-    hand, finger = Hand(), place_finger(bracket(), START_POSITION)
+    hand, finger, drum = Hand(), place_finger(bracket(), START_POSITION), Decaff.of(glove).drum
     rows = []
     for speed in SPEEDS:
         press = hand.press(speed)
         ideal = press_on_part(
-            finger, press, EngineSetup(start_distance=START_DISTANCE).ideal, hand
+            finger, press, EngineSetup(drum=drum, start_distance=START_DISTANCE).ideal, hand
         ).error.share
         floor = deviation(ideal_drum(hand, press)).error
         for name, reading in READINGS.items():
             for latency in LATENCIES:
-                setup = EngineSetup(latency=latency, reading=reading, start_distance=START_DISTANCE)
+                setup = EngineSetup(
+                    latency=latency, reading=reading, drum=drum, start_distance=START_DISTANCE
+                )
                 felt = press_on_part(finger, press, setup, hand)
                 rows.append(
                     (
@@ -94,16 +92,8 @@ def numbers() -> Table:
     return Table.of_rows(names, rows)
 
 
-def draw(figure: "Figure", table: Table) -> None:
-    """Draw force errors over speed, a panel a reading.
-
-    Parameters
-    ----------
-    figure : Figure
-        Empty.
-    table : Table
-        As of `numbers`.
-    """
+def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
+    """Draw force errors over speed, a panel a reading, as of `numbers`."""
     panels = figure.subplots(1, len(READINGS), sharey=True)
     for panel, name in zip(panels, READINGS, strict=True):
         _panel(panel, table, name)
@@ -116,7 +106,7 @@ def draw(figure: "Figure", table: Table) -> None:
     caption(
         figure,
         f"Sample bracket, tracker at {1e-3 * setup.rate:g} kHz, 0 to 10 ms from a pose to its frame. "
-        f"{hand_words(Hand())}; {drum_words('gear4', GEAR4)}; no cable. "
+        f"{hand_words(Hand())}; {drum_words(glove.tip_drum())}; no cable. "
         "In (a) the four latencies lie on one another; so do, from 0.2 m/s on, both lines without marks.",
     )
 

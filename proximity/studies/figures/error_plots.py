@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from proximity.decaff.drum.drum_model import GEAR4, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE
+from proximity.decaff.glove.glove import Glove
 from proximity.studies.figures import style
 from proximity.studies.figures.captions import caption, drum_words, hand_words
 from proximity.studies.figures.tables import Table
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+OURS = Glove()
 RATE = 1000.0  # Hz, of walls and of distances
 SPEEDS = tuple(np.geomspace(0.1, 1.0, 11).tolist())  # m/s
 LATENCIES = tuple(1e-3 * np.array([0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 7, 10, 15, 20, 30, 40]))  # s
@@ -45,18 +46,9 @@ CURVES = (
 )
 
 
-def numbers(latencies: Sequence[float], speeds: Sequence[float]) -> Table:
-    """Return force errors of all walls, a row a latency and speed.
-
-    Parameters
-    ----------
-    latencies : floats, s
-        Of walls and of distances. The coupled wall is tuned for each, once for all speeds.
-    speeds : floats, m/s
-        Of the approach.
-    """
-    hand, speeds = Hand(), tuple(speeds)
-    glove = Decaff(with_random_phases(GEAR4, 1)[0])
+def numbers(latencies: Sequence[float], speeds: Sequence[float], glove: Glove = OURS) -> Table:
+    """Return force errors, a row a latency and speed; each coupled wall is tuned for all speeds."""
+    hand, speeds, drum = Hand(), tuple(speeds), Decaff.of(glove)
     floor = np.array([deviation(ideal_drum(hand, hand.press(speed))).error for speed in speeds])
     blocks = []
     for latency in latencies:
@@ -68,7 +60,7 @@ def numbers(latencies: Sequence[float], speeds: Sequence[float]) -> Table:
             "coupled_damping_N_s_per_m": np.full(len(speeds), wall.damping),
             "coupled_error": sweeps.coupled_row(hand, wall, speeds=speeds).errors,
         }
-        blocks.append(block | _drum_errors(hand, glove, latency, speeds) | {"ideal_drum_error": floor})
+        blocks.append(block | _drum_errors(hand, drum, latency, speeds) | {"ideal_drum_error": floor})
     return Table({name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]})
 
 
@@ -82,19 +74,19 @@ def _drum_errors(
     }
 
 
-def numbers_against_speed() -> Table:
+def numbers_against_speed(glove: Glove = OURS) -> Table:
     """Return force errors at many speeds and two latencies."""
-    return numbers(SPEED_PANELS, SPEEDS)
+    return numbers(SPEED_PANELS, SPEEDS, glove)
 
 
-def numbers_against_latency() -> Table:
+def numbers_against_latency(glove: Glove = OURS) -> Table:
     """Return force errors at many latencies and two speeds.
 
     A drum's error goes by stairs, since its servo takes a distance at its next sample: each stair has a row
     at either side, in which the coupled wall, which is not tuned there, is nan.
     """
-    tuned = numbers(LATENCIES, LATENCY_PANELS)
-    hand, glove = Hand(), Decaff(with_random_phases(GEAR4, 1)[0])
+    tuned = numbers(LATENCIES, LATENCY_PANELS, glove)
+    hand, drum = Hand(), Decaff.of(glove)
     blocks = [tuned.columns]
     for stair in range(STAIRS):
         edge = (stair + 0.5) / SERVO_RATE
@@ -105,22 +97,14 @@ def numbers_against_latency() -> Table:
                 "speed_m_per_s": np.array(LATENCY_PANELS),
                 "ideal_drum_error": tuned["ideal_drum_error"][: len(LATENCY_PANELS)],
             }
-            blocks.append(block | _drum_errors(hand, glove, latency, LATENCY_PANELS))
+            blocks.append(block | _drum_errors(hand, drum, latency, LATENCY_PANELS))
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in tuned.columns}
     order = np.argsort(columns["latency_s"], kind="stable")
     return Table({name: column[order] for name, column in columns.items()})
 
 
-def draw_against_speed(figure: "Figure", table: Table) -> None:
-    """Draw force errors over speed, a panel a latency.
-
-    Parameters
-    ----------
-    figure : Figure
-        Empty.
-    table : Table
-        As of `numbers_against_speed`.
-    """
+def draw_against_speed(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
+    """Draw force errors over speed, a panel a latency, as of `numbers_against_speed`."""
     panels = figure.subplots(1, len(SPEED_PANELS), sharey=True)
     for panel, latency in zip(panels, SPEED_PANELS, strict=True):
         rows = table.where(latency_s=latency)
@@ -128,19 +112,11 @@ def draw_against_speed(figure: "Figure", table: Table) -> None:
         panel.set_xlabel("speed of approach [m/s]")
         panel.set_xticks([0.1, 0.2, 0.5, 1.0], ["0.1", "0.2", "0.5", "1"])
     style.letter_panels(panels, (f"{1e3 * latency:g} ms of latency" for latency in SPEED_PANELS))
-    _finish(figure, panels)
+    _finish(figure, panels, glove)
 
 
-def draw_against_latency(figure: "Figure", table: Table) -> None:
-    """Draw force errors over latency, a panel a speed.
-
-    Parameters
-    ----------
-    figure : Figure
-        Empty.
-    table : Table
-        As of `numbers_against_latency`.
-    """
+def draw_against_latency(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
+    """Draw force errors over latency, a panel a speed, as of `numbers_against_latency`."""
     panels = figure.subplots(1, len(LATENCY_PANELS), sharey=True)
     for panel, speed in zip(panels, LATENCY_PANELS, strict=True):
         rows = table.where(speed_m_per_s=speed)
@@ -149,7 +125,7 @@ def draw_against_latency(figure: "Figure", table: Table) -> None:
         ticks = [0.1, 0.3, 1.0, 3.0, 10.0, 40.0]
         panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     style.letter_panels(panels, (f"approach at {speed:g} m/s" for speed in LATENCY_PANELS))
-    _finish(figure, panels)
+    _finish(figure, panels, glove)
 
 
 def _curves(panel: "Axes", across: np.ndarray, rows: Table) -> None:
@@ -164,7 +140,7 @@ def _curves(panel: "Axes", across: np.ndarray, rows: Table) -> None:
     panel.minorticks_off()
 
 
-def _finish(figure: "Figure", panels: "Sequence[Axes]") -> None:
+def _finish(figure: "Figure", panels: "Sequence[Axes]", glove: Glove) -> None:
     panels[0].set_ylabel("force error against the real wall [%]")
     panels[0].set_ylim(1.0, 700.0)
     panels[0].set_yticks([1, 3, 10, 30, 100, 300], ["1", "3", "10", "30", "100", "300"])
@@ -172,7 +148,7 @@ def _finish(figure: "Figure", panels: "Sequence[Axes]") -> None:
     caption(
         figure,
         "Force error: rms of the difference over the real wall's rms, from the touch on. "
-        f"{hand_words(Hand())}; {drum_words('gear4', GEAR4)}; walls and distances at {1e-3 * RATE:g} kHz, no "
-        "cable. Up to 20 ms, feed-forward (large diamonds) and time-stamped lie on one another, and near the "
-        "drum that never moves.",
+        f"{hand_words(Hand())}; {drum_words(glove.tip_drum())}; walls and distances at {1e-3 * RATE:g} "
+        "kHz, no cable. Up to 20 ms, feed-forward (large diamonds) and time-stamped lie on one another, "
+        "and near the drum that never moves.",
     )

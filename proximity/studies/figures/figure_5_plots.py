@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SIZE = (style.COLUMN_WIDTH, 3.1)
-PAGE_SIZE = (style.PAGE_WIDTH, 6.6)
+PAGE_SIZE = (style.PAGE_WIDTH, 8.8)
 POSITIONS_SHOWN = (-2.0, 10.5)  # mm; before and after, the finger is on its path
 POSITION_TICKS = (0, 4, 8)  # mm
 FORCES_SHOWN = (-0.06, 1.75)  # N; the same but for 5f, so that figures compare
@@ -42,13 +42,7 @@ REACTION = f"5f: draws back by {GAIN_SHARE:g} times the stable gain (ours); nega
 
 
 def numbers(name: str) -> Table:
-    """Return the curves of one of the figures.
-
-    Parameters
-    ----------
-    name : str
-        ``"5a"`` and so on.
-    """
+    """Return the curves of one of the figures, ``"5a"`` and so on."""
     times = figure_5.sample_times(style.SAMPLING)
     columns = {
         "time_s": times,
@@ -62,15 +56,7 @@ def numbers(name: str) -> Table:
 
 
 def position(name: str, times: np.ndarray) -> np.ndarray:
-    """Return where a finger is on its wall at some instants, (T,), m: not late, as the force may be.
-
-    Parameters
-    ----------
-    name : str
-        ``"5a"`` and so on.
-    times : (T,) float64, s
-        When.
-    """
+    """Return where a finger is on its wall at some instants, (T,), m: not late, as the force may be."""
     if name == "5f":
         gain = GAIN_SHARE * critical_gain(FINGER, DELAY)
         reaction = react(PENETRATED, FINGER, gain, DELAY, end=float(times[-1]) + DELAY)
@@ -84,42 +70,29 @@ def position(name: str, times: np.ndarray) -> np.ndarray:
 def all_numbers() -> Table:
     """Return the curves of all eight figures."""
     times = figure_5.sample_times(style.SAMPLING)
-    curves = {f"{name}_force_N": FIGURES[name](times) for name in FIGURES}
-    return Table({"time_s": times, **curves})
+    columns = {"time_s": times}
+    for name in FIGURES:
+        columns[f"{name}_position_m"] = position(name, times)
+        columns[f"{name}_force_N"] = FIGURES[name](times)
+    return Table(columns)
 
 
 def drawer(name: str) -> "Callable[[Figure, Table], None]":
-    """Return what draws one of the figures: positions above, forces below.
-
-    Parameters
-    ----------
-    name : str
-        ``"5a"`` and so on.
-    """
+    """Return what draws one of the figures, ``"5a"`` and so on: positions above, forces below."""
 
     def draw(figure: "Figure", table: Table) -> None:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 3))
-        times = 1e3 * table["time_s"]
-        above.plot(times, 1e3 * table["real_position_m"], **style.REAL)
-        below.plot(times, table["real_force_N"], **style.REAL, label="real wall")
-        if name != "5a":
-            stroke = style.line(style.COUPLED)
-            shown = {"5e": "simulated wall, as in 5b", "5f": "reacting operator"}.get(name, "simulated wall")
-            above.plot(times, 1e3 * table["position_m"], **stroke)
-            below.plot(times, table["force_N"], **stroke, label=shown)
+        real = table["real_position_m"], table["real_force_N"]
+        simulated = None if name == "5a" else (table["position_m"], table["force_N"])
+        _draw_pair(above, below, name, table["time_s"], real, simulated)
+        if simulated is not None:
             style.legend_above(figure, below, 2)
-        above.set_ylim(*POSITIONS_SHOWN)
-        above.set_yticks(POSITION_TICKS)
         for instant, event in ((PRESS.touch_time, " touch"), (PRESS.loss_time, " leaves")):
             above.text(1e3 * instant, POSITIONS_SHOWN[1], event, va="top", fontsize=6.5, color="0.35")
         above.set_ylabel("position [mm]")
         above.set_title(f"FIG {name}  {CAPTIONS[name]}", loc="left")
-        highest = 1.05 * float(table["force_N"].max()) if name == "5f" else FORCES_SHOWN[1]
-        below.set_ylim(FORCES_SHOWN[0], highest)
         below.set_ylabel("force [N]")
         below.set_xlabel("time [ms]")
-        below.set_xlim(0.0, times[-1])
-        _mark_events(above, below)
         last = {"5a": (), "5f": (REACTION, DASHES)}.get(name, (DASHES,))
         caption(figure, *PARAMETERS, *last)
 
@@ -127,34 +100,46 @@ def drawer(name: str) -> "Callable[[Figure, Table], None]":
 
 
 def draw_all(figure: "Figure", table: Table) -> None:
-    """Draw the forces of all eight figures on a page.
-
-    Parameters
-    ----------
-    figure : Figure
-        Empty.
-    table : Table
-        As of `all_numbers`.
-    """
-    panels = figure.subplots(4, 2, sharex=True, sharey=True).ravel()
-    times, real = 1e3 * table["time_s"], table["5a_force_N"]
-    for panel, name in zip(panels, FIGURES, strict=True):
-        panel.plot(times, real, **style.REAL, label="real wall")
-        if name != "5a":
-            label = "simulated wall"
-            panel.plot(times, table[f"{name}_force_N"], **style.line(style.COUPLED), label=label)
-        _mark_events(panel)
-    style.letter_panels(panels, (CAPTIONS[name] for name in FIGURES))
-    panels[0].set_ylim(*FORCES_SHOWN)
-    for panel in panels[::2]:
-        panel.set_ylabel("force [N]")
-    for panel in panels[-2:]:
-        panel.set_xlabel("time [ms]")
-        panel.set_xlim(0.0, times[-1])
-    style.legend_above(figure, panels[1], 2)
-    cut = f"Above {FORCES_SHOWN[1]:g} N they are cut off: the highest is {table['5f_force_N'].max():.1f} N."
+    """Draw positions and forces of all eight figures on a page, as of `all_numbers`."""
+    grid = figure.subplots(8, 2, sharex=True, height_ratios=(2, 3) * 4)
+    pairs = [(grid[row, column], grid[row + 1, column]) for row in range(0, 8, 2) for column in range(2)]
+    real = table["5a_position_m"], table["5a_force_N"]
+    for (above, below), name in zip(pairs, FIGURES, strict=True):
+        simulated = None if name == "5a" else (table[f"{name}_position_m"], table[f"{name}_force_N"])
+        _draw_pair(above, below, name, table["time_s"], real, simulated)
+    for above, below in pairs[::2]:
+        above.set_ylabel("x [mm]")
+        below.set_ylabel("F [N]")
+    for _, below in pairs[-2:]:
+        below.set_xlabel("time [ms]")
+    style.letter_panels([above for above, _ in pairs], (CAPTIONS[name] for name in FIGURES))
+    style.legend_above(figure, pairs[1][1], 2)
     dotted = "Dotted: the finger touches, and leaves, the real wall."
-    caption(figure, f"{' '.join(PARAMETERS)} {dotted} {DASHES}", f"{REACTION} {cut}")
+    other = "5f has another scale of forces."
+    caption(figure, f"{' '.join(PARAMETERS)} {dotted} {DASHES}", f"{REACTION} {other}")
+
+
+def _draw_pair(
+    above: "Axes",
+    below: "Axes",
+    name: str,
+    times: np.ndarray,
+    real: tuple[np.ndarray, np.ndarray],
+    simulated: tuple[np.ndarray, np.ndarray] | None,
+) -> None:
+    """Position, m, above and force, N, below, of a real and a simulated wall at *times*, s."""
+    above.plot(1e3 * times, 1e3 * real[0], **style.REAL)
+    below.plot(1e3 * times, real[1], **style.REAL, label="real wall")
+    if simulated is not None:
+        shown = {"5e": "simulated wall, as in 5b", "5f": "reacting operator"}.get(name, "simulated wall")
+        above.plot(1e3 * times, 1e3 * simulated[0], **style.line(style.COUPLED))
+        below.plot(1e3 * times, simulated[1], **style.line(style.COUPLED), label=shown)
+    above.set_ylim(*POSITIONS_SHOWN)
+    above.set_yticks(POSITION_TICKS)
+    highest = 1.05 * float(simulated[1].max()) if simulated is not None and name == "5f" else FORCES_SHOWN[1]
+    below.set_ylim(FORCES_SHOWN[0], highest)
+    below.set_xlim(0.0, 1e3 * float(times[-1]))
+    _mark_events(above, below)
 
 
 def _mark_events(*panels: "Axes") -> None:

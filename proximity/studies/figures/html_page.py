@@ -15,24 +15,7 @@ def render_page(
     draw: Callable[[], Mapping[str, str]],
     filters: Iterable[Callable[..., Any]],
 ) -> str:
-    """Return a page.
-
-    Parameters
-    ----------
-    template : path
-        In which ``style`` is the style of all pages, and ``pictures`` are the figures.
-    values : mapping
-        What else the template names.
-    draw : function
-        Returns the figures by name, as `page_figure.svg` draws them; called when Jinja is there.
-    filters : iterable of functions
-        That the template uses, by their names.
-
-    Raises
-    ------
-    DecaffError
-        If Jinja is not there; it says what to install.
-    """
+    """Return a page."""
     with needed("pages need", "sim", DecaffError):
         import_module("jinja2")  # before anything is drawn
         markup = import_module("markupsafe").Markup
@@ -48,24 +31,7 @@ def filled_in(
     *,
     is_html: bool = True,
 ) -> str:
-    """Return a template with values filled in; in HTML, with what they have of its signs escaped.
-
-    Parameters
-    ----------
-    template : path
-        For Jinja.
-    values : mapping
-        What it names.
-    filters : iterable of functions
-        That it uses, by their names.
-    is_html : bool
-        Else it is plain text.
-
-    Raises
-    ------
-    DecaffError
-        If Jinja is not there; it says what to install.
-    """
+    """Return a template with values filled in; in HTML, with what they have of its signs escaped."""
     with needed("pages need", "sim", DecaffError):
         jinja = import_module("jinja2")
     environment = jinja.Environment(

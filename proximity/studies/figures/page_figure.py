@@ -26,17 +26,7 @@ LOOK = {
 
 
 def svg(draw: Callable[["Figure", Any], None], name: str, size: tuple[float, float] = (WIDE, HIGH)) -> str:
-    """Return a figure as an element of a page.
-
-    Parameters
-    ----------
-    draw : function
-        What draws on a figure.
-    name : str
-        Of the figure on its page: its ids begin with it, and it is what a reader of screens says.
-    size : (width, height)
-        In inches.
-    """
+    """Return a figure as an element of a page."""
     drawn = style.render(draw, None, size, "svg", look=LOOK).decode()
     text = drawn[drawn.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

@@ -34,17 +34,7 @@ def numbers(simulation: Simulation) -> Table:
 
 
 def curves(response: Response, real: Response, *, has_drum: bool, ideal: Response | None = None) -> Table:
-    """Return a press every 0.1 ms beside others at the same instants.
-
-    Parameters
-    ----------
-    response, real : Response
-        The press, and the same on a real wall.
-    has_drum : bool
-        Whether what stops the finger is a drum.
-    ideal : Response
-        With an ideal distance, where there is one.
-    """
+    """Return a press every 0.1 ms beside others at the same instants."""
     stride = max(round(style.SAMPLING / response.step), 1)
     every = slice(response.zero % stride, None, stride)  # the contact among them
     times = response.times[every]
@@ -65,19 +55,7 @@ def curves(response: Response, real: Response, *, has_drum: bool, ideal: Respons
 
 
 def draw(figure: "Figure", table: Table, wall: Wall, note: str = "") -> None:
-    """Draw a press.
-
-    Parameters
-    ----------
-    figure : Figure
-        Empty.
-    table : Table
-        As of `numbers`.
-    wall : Wall
-        What was pressed on.
-    note : str
-        Of what it was, and how fast; below the figure.
-    """
+    """Draw a press."""
     above, below, error = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
     times, stroke = 1e3 * table["time_s"], style.line(STROKES[wall])
     is_there = table["finger_m"] >= 1e-3 * DEEPEST
@@ -115,43 +93,13 @@ def draw(figure: "Figure", table: Table, wall: Wall, note: str = "") -> None:
 
 
 def write(path: str | os.PathLike[str], simulation: Simulation) -> None:
-    """Write a press to a file, as a figure or as CSV, at once and wholly.
-
-    Parameters
-    ----------
-    path : path
-        Ends in .csv or in one of `plotting.FORMATS`.
-    simulation : Simulation
-        The press.
-
-    Raises
-    ------
-    DecaffError
-        If it ends otherwise, or matplotlib is not there.
-    """
+    """Write a press to a file, as a figure or as CSV, at once and wholly."""
     note = f"{describe(simulation)}\n{simulation.setup.speed:g} m/s. {hand_words(simulation.response.hand)}"
     write_curves(path, numbers(simulation), simulation.setup.wall, note)
 
 
 def write_curves(path: str | os.PathLike[str], table: Table, wall: Wall, note: str = "") -> None:
-    """Write curves to a file, as a figure or as CSV, at once and wholly.
-
-    Parameters
-    ----------
-    path : path
-        Ends in .csv or in one of `plotting.FORMATS`.
-    table : Table
-        As of `curves`.
-    wall : Wall
-        What was pressed on.
-    note : str
-        As of `draw`.
-
-    Raises
-    ------
-    DecaffError
-        If it ends otherwise, or matplotlib is not there.
-    """
+    """Write curves to a file, as a figure or as CSV, at once and wholly."""
     form = Path(path).suffix.lower().removeprefix(".")
     if form == "csv":
         style.write_table(path, table)

@@ -39,15 +39,7 @@ def numbers() -> Table:
 
 
 def draw(figure: "Figure", table: Table) -> None:
-    """Draw all regions, and the small ones again, larger.
-
-    Parameters
-    ----------
-    figure : Figure
-        Empty.
-    table : Table
-        As of `numbers`.
-    """
+    """Draw all regions, and the small ones again, larger."""
     whole, part = figure.subplots(1, 2)
     for panel, delays in ((whole, DELAYS), (part, DELAYS[1:])):
         for delay in delays:

@@ -80,13 +80,7 @@ LOOK = {
 
 
 def load_figure() -> "type[Figure]":
-    """Return matplotlib's class of figures.
-
-    Raises
-    ------
-    DecaffError
-        If matplotlib is not there; it says what to install. Or if it refuses its own settings.
-    """
+    """Return matplotlib's class of figures."""
     with needed("figures need", "sim", DecaffError):
         try:
             figure: type[Figure] = import_module("matplotlib.figure").Figure
@@ -96,18 +90,7 @@ def load_figure() -> "type[Figure]":
 
 
 def check_format(form: str) -> None:
-    """Refuse what is no format of figures.
-
-    Parameters
-    ----------
-    form : str
-        One of `FORMATS`.
-
-    Raises
-    ------
-    DecaffError
-        If it is none of them.
-    """
+    """Refuse what is no format of figures."""
     if form not in FORMATS:
         raise DecaffError(f"no figures of format {form!r}, expected one of {', '.join(FORMATS)}")
 
@@ -125,26 +108,7 @@ def render(
     *,
     look: dict[str, Any] | None = None,
 ) -> bytes:
-    """Return a figure as the bytes of a file; the same table gives the same bytes.
-
-    Parameters
-    ----------
-    draw : function
-        What draws the table on a figure.
-    table : Table
-        What is shown: passed on to *draw*.
-    size : (width, height)
-        In inches.
-    form : str
-        One of `FORMATS`.
-    look : dict
-        Settings of matplotlib that differ from `LOOK`.
-
-    Raises
-    ------
-    DecaffError
-        If it is none of them, or matplotlib is not there.
-    """
+    """Return a figure as the bytes of a file; the same table gives the same bytes."""
     check_format(form)
     new_figure = load_figure()
     dates: dict[str, Any] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
@@ -176,17 +140,7 @@ def letter_panels(panels: "Iterable[Axes]", captions: Iterable[str]) -> None:
 
 
 def legend_above(figure: "Figure", panel: "Axes", columns: int) -> None:
-    """Put a panel's legend above all panels, where it covers nothing.
-
-    Parameters
-    ----------
-    figure : Figure
-        The whole.
-    panel : Axes
-        Whose curves are named.
-    columns : int
-        How many names stand side by side.
-    """
+    """Put a panel's legend above all panels, where it covers nothing."""
     handles, names = panel.get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper center", ncols=columns)
 

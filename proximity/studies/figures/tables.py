@@ -15,18 +15,7 @@ from proximity.errors import DecaffError
 
 
 class Table:
-    """Columns of equal length, by name.
-
-    Parameters
-    ----------
-    columns : mapping of str to (N,) array
-        Numbers or words.
-
-    Raises
-    ------
-    DecaffError
-        If they are not equally long.
-    """
+    """Columns of equal length, by name."""
 
     def __init__(self, columns: Mapping[str, ArrayLike]) -> None:
         self.columns = {name: np.asarray(values) for name, values in columns.items()}
@@ -36,15 +25,7 @@ class Table:
 
     @classmethod
     def of_rows(cls, names: Sequence[str], rows: Iterable[Sequence[float | str]]) -> "Table":
-        """Return a table of what was found row by row.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Of the columns.
-        rows : iterable of sequences
-            One value a column each; one row at least.
-        """
+        """Return a table of what was found row by row."""
         return cls(dict(zip(names, zip(*rows, strict=True), strict=True)))
 
     def __getitem__(self, name: str) -> np.ndarray:

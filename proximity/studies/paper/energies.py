@@ -38,21 +38,7 @@ _STOPS: dict[Stop, tuple[Callable[[float], float], float]] = {
 
 
 def kappa(stop: str | Callable[[float], float], end: float = math.inf) -> float:
-    """Return the factor of the damper's loss for a way of stopping.
-
-    Parameters
-    ----------
-    stop : Stop or its name, or a function
-        A function gives the share of the first speed that is left at time s, in units of depth over first
-        speed.
-    end : float
-        The s at which the finger rests; for a function only.
-
-    Raises
-    ------
-    DecaffError
-        If there is no such stop, or the function does not come to rest after a depth of one.
-    """
+    """Return the factor of the damper's loss for a way of stopping."""
     if callable(stop):
         speed = stop
     else:
@@ -67,45 +53,17 @@ def kappa(stop: str | Callable[[float], float], end: float = math.inf) -> float:
 
 
 def kinetic_energy(mass: float, speed: float) -> float:
-    """Return the energy of a mass that moves, J.
-
-    Parameters
-    ----------
-    mass : float, kg
-        What moves.
-    speed : float, m/s
-        How fast.
-    """
+    """Return the energy of a mass that moves, J."""
     return 0.5 * mass * speed**2
 
 
 def spring_energy(stiffness: float, deflection: float) -> float:
-    """Return what a spring holds, J.
-
-    Parameters
-    ----------
-    stiffness : float, N/m
-        Of the spring.
-    deflection : float, m
-        From its rest.
-    """
+    """Return what a spring holds, J."""
     return 0.5 * stiffness * deflection**2
 
 
 def damping_loss(damping: float, speed: float, depth: float, factor: float) -> float:
-    """Return what a damper takes while a finger stops, J.
-
-    Parameters
-    ----------
-    damping : float, N·s/m
-        Of the damper.
-    speed : float, m/s
-        At touch.
-    depth : float, m
-        At rest.
-    factor : float
-        See `kappa`.
-    """
+    """Return what a damper takes while a finger stops, J."""
     return factor * damping * speed * depth
 
 
@@ -161,21 +119,7 @@ def energy_excess(
     *,
     factor: float = 0.5,
 ) -> EnergyExcess:
-    """Return how much more energy a press takes on a wall that is penetrated, equations (13) to (15).
-
-    Parameters
-    ----------
-    press : Press
-        On the real wall: its speed at touch and its depth.
-    penetration : float, m
-        By how much deeper the finger goes.
-    finger : SpringDamper
-        What acts at the real wall.
-    equivalent : SpringDamper
-        What acts at the simulated one; the finger alone, as in (15), where not given.
-    factor : float
-        See `kappa`; 1/2 as printed where not given.
-    """
+    """Return how much more energy a press takes on a wall that is penetrated, equations (13) to (15)."""
     other = finger if equivalent is None else equivalent
     depth, speed = press.depth, press.speed
     deep = depth + penetration
@@ -189,15 +133,5 @@ def energy_excess(
 
 
 def quadratic_from(press: Press, finger: SpringDamper, *, factor: float = 0.5) -> float:
-    """Return the penetration from which on the energy's excess is mostly quadratic in it, m.
-
-    Parameters
-    ----------
-    press : Press
-        On the real wall.
-    finger : SpringDamper
-        What acts at both walls.
-    factor : float
-        See `kappa`.
-    """
+    """Return the penetration from which on the energy's excess is mostly quadratic in it, m."""
     return 2.0 * (press.depth + factor * finger.damping * press.speed / finger.stiffness)

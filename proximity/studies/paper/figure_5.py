@@ -35,48 +35,19 @@ SIMULATED = {
 
 
 def sample_times(step: float = 1e-5) -> np.ndarray:
-    """Return evenly spaced instants from 0 to `END`, (T,), s.
-
-    Parameters
-    ----------
-    step : float, s
-        Between two.
-    """
+    """Return evenly spaced instants from 0 to `END`, (T,), s."""
     return np.arange(round(END / step) + 1) * step
 
 
 def real_wall(times: np.ndarray, press: Press = PRESS, convention: str = Convention.NEWTON) -> np.ndarray:
-    """Return FIG 5a: the real wall.
-
-    Parameters
-    ----------
-    times : (T,) float64, s
-        When.
-    press : Press
-        The motion on the real wall.
-    convention : Convention
-        Or its name.
-    """
+    """Return FIG 5a: the real wall."""
     return REAL_WALL.force(times, press, convention)
 
 
 def simulated_wall(
     figure: str, times: np.ndarray, press: Press = PRESS, convention: str = Convention.NEWTON
 ) -> np.ndarray:
-    """Return FIG 5b (penetrated), 5c (and late), 5d (late only), 5g (soft) or 5h (lightly damped).
-
-    Parameters
-    ----------
-    figure : str
-        ``"5b"`` and so on.
-    times, press, convention
-        As of `real_wall`.
-
-    Raises
-    ------
-    DecaffError
-        If it is none of these.
-    """
+    """Return FIG 5b (penetrated), 5c (and late), 5d (late only), 5g (soft) or 5h (lightly damped)."""
     wall = SIMULATED.get(figure)
     if wall is None:
         raise DecaffError(
@@ -86,17 +57,7 @@ def simulated_wall(
 
 
 def operator_reacts(times: np.ndarray, *, gain: float | None = None, step: float = DELAY) -> np.ndarray:
-    """Return FIG 5f: the operator draws back, from where 5b is, by the force of a step ago; held in between.
-
-    Parameters
-    ----------
-    times : (T,) float64, s
-        When.
-    gain : float, m/N
-        How far he draws back; 1.5 times what is stable where not given.
-    step : float, s
-        How late he reacts; assumed to be the delay.
-    """
+    """Return FIG 5f: the operator draws back, from where 5b is, by the force of a step ago; held between."""
     gain = GAIN_SHARE * critical_gain(FINGER, step) if gain is None else gain
     reaction = react(PENETRATED, FINGER, gain, step, end=float(np.max(times, initial=0.0)) + step)
     felt = np.searchsorted(reaction.times, np.asarray(times), side="right") - 1
@@ -133,17 +94,7 @@ ERROR_WINDOW = 0.080  # s
 
 
 def compare(times: np.ndarray, force: np.ndarray, real: np.ndarray, press: Press = PRESS) -> Comparison:
-    """Return what the paper's figure shows of a wall, in numbers.
-
-    Parameters
-    ----------
-    times : (T,) float64, s
-        Evenly spaced, from before the touch until no force is left.
-    force, real : (T,) float64, N
-        Of the wall, and of the real wall.
-    press : Press
-        The motion on the real wall.
-    """
+    """Return what the paper's figure shows of a wall, in numbers."""
     step = times[1] - times[0]
     half = 0.5 * step  # an instant counts as the one it is nearest to
     is_after = times > press.loss_time - half

@@ -23,35 +23,13 @@ class Reaction:
 
 
 def critical_gain(finger: SpringDamper, step: float) -> float:
-    """Return the gain above which an operator who reacts one step late is unstable, m/N.
-
-    Parameters
-    ----------
-    finger : SpringDamper
-        With its mass.
-    step : float, s
-        Between two reactions.
-
-    Notes
-    -----
-    Source: the root that leaves the unit circle leaves it at -1, where differences alternate in sign.
-    """
+    """Return the gain above which an operator who reacts one step late is unstable, m/N."""
     now, last, before = _weights(finger, positive("step", step, "seconds"))
     return 1.0 / (now - last + before)
 
 
 def growth(finger: SpringDamper, gain: float, step: float) -> float:
-    """Return by how much a disturbance grows in a step, while the finger stays in contact.
-
-    Parameters
-    ----------
-    finger : SpringDamper
-        With its mass.
-    gain : float, m/N
-        How far the operator draws back.
-    step : float, s
-        Between two reactions.
-    """
+    """Return by how much a disturbance grows in a step, while the finger stays in contact."""
     weights = _weights(finger, positive("step", step, "seconds"))
     return float(np.abs(np.roots([1.0, *(gain * weight for weight in weights)])).max())
 
@@ -59,24 +37,7 @@ def growth(finger: SpringDamper, gain: float, step: float) -> float:
 def react(
     press: Press, finger: SpringDamper, gain: float, step: float, *, end: float, can_pull: bool = False
 ) -> Reaction:
-    """Return what happens when the operator draws back from the force that was felt a step ago.
-
-    Parameters
-    ----------
-    press : Press
-        What the operator means to do.
-    finger : SpringDamper
-        With its mass.
-    gain : float, m/N
-        How far he draws back.
-    step : float, s
-        Between two reactions.
-    end : float, s
-        Until when; from 0.
-    can_pull : bool
-        A wall that holds the finger once it has touched makes the recursion linear: it grows without end.
-        Otherwise it ends in a limit cycle.
-    """
+    """Return what happens when the operator draws back from the force that was felt a step ago."""
     step, gain = positive("step", step, "seconds"), not_negative("gain", gain, "metres a newton")
     times = np.arange(int(end / step * (1.0 + 1e-12)) + 1) * step
     now, last, before = _weights(finger, step)

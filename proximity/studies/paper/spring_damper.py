@@ -29,13 +29,7 @@ class SpringDamper:
         return self.damping / critical if critical > 0.0 else math.inf
 
     def dynamic_stiffness(self, s: ArrayLike) -> np.ndarray:
-        """Return force over displacement without the mass, N/m, complex.
-
-        Parameters
-        ----------
-        s : (...) complex, 1/s
-            ``2j * pi * frequency_hz`` on the imaginary axis.
-        """
+        """Return force over displacement without the mass, N/m, complex."""
         return self.stiffness + self.damping * np.asarray(s, np.complex128)
 
 
@@ -56,27 +50,13 @@ def in_series(first: SpringDamper, second: SpringDamper) -> SpringDamper:
 
 
 def series_stiffness(first: SpringDamper, second: SpringDamper, s: ArrayLike) -> np.ndarray:
-    """Return force over displacement of two spring-dampers in a row, exactly, N/m, complex.
-
-    Parameters
-    ----------
-    first, second : SpringDamper
-        The finger and the wall, both of finite stiffness and damping.
-    s : (...) complex, 1/s
-        ``2j * pi * frequency_hz`` on the imaginary axis.
-    """
+    """Return force over displacement of two spring-dampers in a row, exactly, N/m, complex."""
     one, other = first.dynamic_stiffness(s), second.dynamic_stiffness(s)
     return one * other / (one + other)
 
 
 def slow_series_damping(first: SpringDamper, second: SpringDamper) -> float:
-    """Return the damping of two spring-dampers in a row when they move slowly, N·s/m; (8) gives another.
-
-    Parameters
-    ----------
-    first, second : SpringDamper
-        The finger and the wall, both of finite stiffness and damping.
-    """
+    """Return the damping of two spring-dampers in a row when they move slowly, N·s/m; (8) gives another."""
     weighted = first.damping * second.stiffness**2 + second.damping * first.stiffness**2
     return weighted / (first.stiffness + second.stiffness) ** 2
 

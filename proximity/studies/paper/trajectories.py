@@ -86,33 +86,11 @@ class Press:
         return self.release_time + self.rise_time
 
     def deeper(self, penetration: float) -> "Press":
-        """Return the same press on a wall that gives way: same speed at touch, same release, greater depth.
-
-        Parameters
-        ----------
-        penetration : float, m
-            By how much the wall gives way.
-
-        Raises
-        ------
-        DecaffError
-            If the finger would not have stopped at its release.
-        """
+        """Return the same press on a wall that gives way: same speed, same release, greater depth."""
         return replace(self, depth=self.depth + not_negative("penetration", penetration, "metres"))
 
     def at(self, times: ArrayLike) -> Motion:
-        """Return where the finger is.
-
-        Parameters
-        ----------
-        times : (...) float64, s
-            Any instants, in any order.
-
-        Returns
-        -------
-        Motion
-            Arrays of the shape of *times*. Before the touch and after the loss the speed is constant.
-        """
+        """Return where the finger is."""
         times = np.asarray(times, np.float64)
         s = np.clip((times - self.touch_time) / self.rise_time, 0.0, 1.0)
         r = np.clip((times - self.release_time) / self.rise_time, 0.0, 1.0)
@@ -124,23 +102,11 @@ class Press:
         return Motion(position + self.speed * (before - after), velocity, acceleration)
 
     def lead(self, start_distance: float) -> float:
-        """Return how long before the touch the finger is so far away, s.
-
-        Parameters
-        ----------
-        start_distance : float, m
-            How far.
-        """
+        """Return how long before the touch the finger is so far away, s."""
         return start_distance / self.speed
 
     def as_array(self) -> np.ndarray:
-        """Return its numbers as the kernels of a closed loop read them.
-
-        Raises
-        ------
-        DecaffError
-            If it does not touch at 0.
-        """
+        """Return its numbers as the kernels of a closed loop read them."""
         if self.touch_time != 0.0:
             raise DecaffError(f"press touches at {self.touch_time:g} s, expected one that touches at 0")
         return np.array([self.speed, self.depth, self.release_time])

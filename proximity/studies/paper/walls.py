@@ -36,25 +36,7 @@ INERTIA_SIGN = {Convention.NEWTON: 1.0, Convention.PAD: 0.0, Convention.PRINTED:
 def contact_force(
     motion: Motion, contact: SpringDamper, convention: str = Convention.NEWTON, *, can_pull: bool = False
 ) -> np.ndarray:
-    """Return the force on a finger whose motion is known, equations (2) and (7), N.
-
-    Parameters
-    ----------
-    motion : Motion
-        Of the finger.
-    contact : SpringDamper
-        Of the finger, or what it makes with the wall.
-    convention : Convention
-        Or its name.
-    can_pull : bool
-        Leave it negative where the pad recovers slower than the finger leaves. A wall cannot pull; and
-        nothing is felt where the position is not positive, in either case.
-
-    Raises
-    ------
-    DecaffError
-        If there is no such convention.
-    """
+    """Return the force on a finger whose motion is known, equations (2) and (7), N."""
     inertia = contact.mass * _inertia_sign(convention) * motion.acceleration
     force = inertia + contact.damping * motion.velocity + contact.stiffness * motion.position
     return np.where(motion.position > TOUCHING, force if can_pull else np.maximum(force, 0.0), 0.0)
@@ -65,13 +47,6 @@ def steady_force(advance: float, *stiffnesses: float) -> float:
 
     Of hand, finger and wall, when the hand means to go *advance* beyond the surface: always less than of
     hand and finger alone. The paper's (9) gives more, because it prescribes how far the finger goes.
-
-    Parameters
-    ----------
-    advance : float, m
-        How far the hand means to go beyond the surface.
-    *stiffnesses : float, N/m
-        Of each spring; inf for a rigid one.
     """
     return advance / sum(
         1.0 / positive("stiffness", each, "N/m", may_be_infinite=True) for each in stiffnesses
@@ -81,30 +56,12 @@ def steady_force(advance: float, *stiffnesses: float) -> float:
 def steady_excess(
     deflection: float, penetration: float, finger: SpringDamper, equivalent: SpringDamper
 ) -> float:
-    """Return by how much a wall that is entered further is felt too strong at rest, equation (10), N.
-
-    Parameters
-    ----------
-    deflection : float, m
-        Of the finger on the real wall.
-    penetration : float, m
-        By how much further it goes into the simulated one.
-    finger, equivalent : SpringDamper
-        What acts at the real wall, and at the simulated one.
-    """
+    """Return by how much a wall that is entered further is felt too strong at rest, equation (10), N."""
     return equivalent.stiffness * (deflection + penetration) - finger.stiffness * deflection
 
 
 def total_delay(sensing: float, display: float, period: float = 0.0) -> float:
-    """Return the delay of a simulated force, equation (11), and half the period for which it is held, s.
-
-    Parameters
-    ----------
-    sensing, display : float, s
-        From the position to the computer, and from there to the finger.
-    period : float, s
-        Between two forces; 0 where there is no hold.
-    """
+    """Return the delay of a simulated force, equation (11), and half the period for which it is held, s."""
     return sensing + display + 0.5 * period
 
 
@@ -115,17 +72,7 @@ class RealWall:
     finger: SpringDamper = FINGER
 
     def force(self, times: ArrayLike, press: Press, convention: str = Convention.NEWTON) -> np.ndarray:
-        """Return the force on the finger, (...), N.
-
-        Parameters
-        ----------
-        times : (...) float64, s
-            When.
-        press : Press
-            The motion on the real wall.
-        convention : Convention
-            Or its name.
-        """
+        """Return the force on the finger, (...), N."""
         return contact_force(press.at(times), self.finger, convention)
 
 
@@ -142,17 +89,7 @@ class TraditionalWall:
         not_negative("delay", self.delay, "seconds")
 
     def force(self, times: ArrayLike, press: Press, convention: str = Convention.NEWTON) -> np.ndarray:
-        """Return the force on the finger, (...), N.
-
-        Parameters
-        ----------
-        times : (...) float64, s
-            When.
-        press : Press
-            The motion on the real wall.
-        convention : Convention
-            Or its name.
-        """
+        """Return the force on the finger, (...), N."""
         motion = press.deeper(self.penetration).at(np.asarray(times, np.float64) - self.delay)
         return contact_force(motion, self.equivalent, convention)
 
@@ -177,17 +114,7 @@ class DecaffWall:
         return self.finger.stiffness / (self.finger.stiffness + self.drum_stiffness)
 
     def force(self, times: ArrayLike, press: Press, convention: str = Convention.NEWTON) -> np.ndarray:
-        """Return the force on the finger, (...), N.
-
-        Parameters
-        ----------
-        times : (...) float64, s
-            When.
-        press : Press
-            The motion on the real wall.
-        convention : Convention
-            Or its name.
-        """
+        """Return the force on the finger, (...), N."""
         motion = press.at(times)
         if math.isinf(self.drum_stiffness):
             return contact_force(motion, self.finger, convention)

@@ -24,62 +24,19 @@ SHORT_HOLD = 1e-3  # s: what comes after the touch does not matter
 
 
 def arrival_time(drum: Drum, servo: Servo, distance: float) -> float:
-    """Return how long a drum is about to take from rest to rest, s: full speed-up, full braking, settling.
-
-    Parameters
-    ----------
-    drum, servo : Drum, Servo
-        What moves, and what drives it.
-    distance : float, m
-        How far.
-
-    Raises
-    ------
-    DecaffError
-        If the distance is not positive.
-    """
+    """Return how long a drum is about to take from rest to rest, s: full speed-up, full braking, settling."""
     swing = 2.0 * math.sqrt(positive("distance", distance, "metres") / drum.acceleration)
     return swing + SETTLING_SAMPLES * servo.period
 
 
 def look_ahead(speed: float, sensing: Sensing, arrival: float) -> float:
-    """Return from how far away a wall must be known, m: what a finger goes until the drum is there.
-
-    Parameters
-    ----------
-    speed : float, m/s
-        Of the finger.
-    sensing : Sensing
-        How late distances come, and how far apart.
-    arrival : float, s
-        What the drum needs.
-
-    Raises
-    ------
-    DecaffError
-        If the speed or the arrival time is not positive.
-    """
+    """Return from how far away a wall must be known, m: what a finger goes until the drum is there."""
     age = sensing.latency + 1.0 / sensing.rate
     return positive("speed", speed, "metres a second") * (age + positive("arrival", arrival, "seconds"))
 
 
 def needed_look_ahead(hand: Hand, glove: Decaff, speed: float) -> float:
-    """Return the least reach with which a drum is in place at the touch, m, in steps of `GRID`.
-
-    Parameters
-    ----------
-    hand : Hand
-        Who presses.
-    glove : Decaff
-        With what; its reach does not matter.
-    speed : float, m/s
-        Of the finger.
-
-    Raises
-    ------
-    DecaffError
-        If the drum is late at the farthest reach.
-    """
+    """Return the least reach with which a drum is in place at the touch, m, in steps of `GRID`."""
     press = hand.press(speed, hold=SHORT_HOLD)
 
     def is_in_place(count: int) -> bool:
@@ -98,21 +55,6 @@ def needed_look_ahead(hand: Hand, glove: Decaff, speed: float) -> float:
 
 
 def age_on_curve(error: float, curvature: float, speed: float) -> float:
-    """Return how old one distance may be on a curved path, s: latency and the time between measurements.
-
-    Parameters
-    ----------
-    error : float, m
-        How wrong the contact location may be.
-    curvature : float, 1/m
-        Of the distance along the finger's path.
-    speed : float, m/s
-        Of the finger.
-
-    Raises
-    ------
-    DecaffError
-        If a number is not positive.
-    """
+    """Return how old one distance may be on a curved path, s: latency and the time between measurements."""
     travel = math.sqrt(2.0 * positive("error", error, "metres") / positive("curvature", curvature, "1/m"))
     return travel / positive("speed", speed, "metres a second")

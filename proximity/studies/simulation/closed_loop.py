@@ -31,17 +31,7 @@ PHASE = 0.1  # of a period, from a coupled wall's sample to the contact; assumed
 def real_wall(
     hand: Hand, press: Intent, *, like: Response | None = None, step: float = SIMULATION_STEP
 ) -> Response:
-    """Return a press on a wall that neither moves nor pulls.
-
-    Parameters
-    ----------
-    hand, press : Hand, Press
-        Who presses, and what is meant.
-    like : Response
-        Whose instants to use; its own where not given.
-    step : float, s
-        Of those.
-    """
+    """Return a press on a wall that neither moves nor pulls."""
     response = _empty(hand, press, step, LEAD) if like is None else _same_instants(hand, press, like)
     body = _body(hand, Link())
     press_kernels.press_real_wall(body, press.as_array(), response.zero, response.step, response.record)
@@ -56,24 +46,7 @@ def soft_wall(
     *,
     like: Response | None = None,
 ) -> Response:
-    """Return a press on a surface that gives way as a spring with a damper, without mass.
-
-    Parameters
-    ----------
-    hand, press : Hand, Press or RecordedPress
-        Who presses, and what is meant.
-    stiffness : float, N/m
-        Of the surface.
-    damping : float, N s/m
-        Of the surface.
-    like : Response
-        Whose instants to use; its own where not given.
-
-    Raises
-    ------
-    DecaffError
-        If the stiffness is not positive, or the damping negative.
-    """
+    """Return a press on a surface that gives way as a spring with a damper, without mass."""
     numbers = np.zeros(press_kernels.WALL_SIZE)
     numbers[press_kernels.WALL_STIFFNESS] = positive("stiffness", stiffness, "newtons a metre")
     numbers[press_kernels.WALL_DAMPING] = not_negative("damping", damping, "newton seconds a metre")
@@ -95,19 +68,7 @@ def coupled_wall(
     device: Link = COUPLED_DEVICE,
     step: float = SIMULATION_STEP,
 ) -> Response:
-    """Return a press on a traditional wall: finger and device are bound to each other by the pad.
-
-    Parameters
-    ----------
-    hand, press : Hand, Press
-        Who presses, and what is meant.
-    wall : CoupledWall
-        What pushes back.
-    device : Link
-        What hangs on the finger.
-    step : float, s
-        At most; a whole number of steps makes a sample.
-    """
+    """Return a press on a traditional wall: finger and device are bound to each other by the pad."""
     steps = steps_a_sample(wall.rate, step)
     response = _empty(hand, press, 1.0 / (wall.rate * steps), LEAD)
     numbers = np.array([wall.stiffness, wall.damping, wall.resolution])
@@ -120,15 +81,7 @@ def coupled_wall(
 
 
 def ideal_drum(hand: Hand, press: Intent, *, step: float = SIMULATION_STEP) -> Response:
-    """Return a press on a drum that stands at the wall and does not move: what a link alone costs.
-
-    Parameters
-    ----------
-    hand, press : Hand, Press
-        Who presses, and what is meant.
-    step : float, s
-        Of the simulation.
-    """
+    """Return a press on a drum that stands at the wall and does not move: what a link alone costs."""
     response = _empty(hand, press, step, LEAD)
     body = _body(hand, Link())
     loop_kernels.run_stop(body, press.as_array(), 0.0, response.zero, response.step, response.record)
@@ -138,22 +91,7 @@ def ideal_drum(hand: Hand, press: Intent, *, step: float = SIMULATION_STEP) -> R
 def decaff(
     hand: Hand, press: Intent, glove: Decaff, target: Target | Controller = Target.TIME_STAMPED
 ) -> Response:
-    """Return a press on a drum that is sent to where the wall is said to be.
-
-    Parameters
-    ----------
-    hand, press : Hand, Press
-        Who presses, and what is meant.
-    glove : Decaff
-        Drum, servo, link and sensing.
-    target : Target or Controller
-        One of the four readings of a distance, run in compiled code; or who is asked at every sample.
-
-    Raises
-    ------
-    DecaffError
-        If *target* is neither.
-    """
+    """Return a press on a drum that is sent to where the wall is said to be."""
     loop = DecaffLoop(hand, press, glove)
     if isinstance(target, Target):
         loop.run(target)
@@ -166,15 +104,7 @@ def decaff(
 
 
 class DecaffLoop:
-    """A glove with a drum, a sample of its servo at a time, for controllers outside compiled code.
-
-    Parameters
-    ----------
-    hand, press : Hand, Press
-        Who presses, and what is meant.
-    glove : Decaff
-        Drum, servo, link and sensing.
-    """
+    """A glove with a drum, a sample of its servo at a time, for controllers outside compiled code."""
 
     response: Response  # filled as far as the loop has come
     drive: np.ndarray  # of drum and servo, as of `drum_kernels`; a study may change what is demanded
@@ -206,13 +136,7 @@ class DecaffLoop:
         return (self._first - self.response.zero) * self.response.step
 
     def distance_sample(self) -> DistanceSample:
-        """Return what a controller knows at this sample.
-
-        Raises
-        ------
-        DecaffError
-            If the press is over.
-        """
+        """Return what a controller knows at this sample."""
         self._must_go_on()
         response, row = self.response, self._first
         loop_kernels.read_message(
@@ -232,24 +156,12 @@ class DecaffLoop:
         )
 
     def row(self, time: float) -> int:
-        """Return the row of the record that is nearest to an instant, of those that are filled.
-
-        Parameters
-        ----------
-        time : float, s
-            From the contact.
-        """
+        """Return the row of the record that is nearest to an instant, of those that are filled."""
         last = min(self._first, self.response.record.shape[1] - 1)
         return min(max(self.response.zero + round(time / self.response.step), 0), last)
 
     def link_at(self, time: float) -> tuple[float, float]:
-        """Return where the link was by the potentiometer, m, and how fast, m/s.
-
-        Parameters
-        ----------
-        time : float, s
-            An instant that is not after this sample.
-        """
+        """Return where the link was by the potentiometer, m, and how fast, m/s."""
         row, record = self.row(time), self.response.record
         link, speed = (
             float(record[i, row]) for i in (press_kernels.RECORD_LINK, press_kernels.RECORD_LINK_SPEED)
@@ -257,13 +169,7 @@ class DecaffLoop:
         return self._read(link), speed
 
     def tick(self, command: DrumCommand) -> None:
-        """Serve a command for one sample, and move everything by it.
-
-        Raises
-        ------
-        DecaffError
-            If the press is over.
-        """
+        """Serve a command for one sample, and move everything by it."""
         self._must_go_on()
         response = self.response
         command.write(self._command)
@@ -283,13 +189,7 @@ class DecaffLoop:
         self._first = last
 
     def run(self, target: Target) -> None:
-        """Go through the whole press with one of the four readings, in compiled code.
-
-        Raises
-        ------
-        DecaffError
-            If the press has begun.
-        """
+        """Go through the whole press with one of the four readings, in compiled code."""
         if self._first > 0:
             raise DecaffError(f"the press is at {self.now:g} s, expected one that has not begun")
         response = self.response

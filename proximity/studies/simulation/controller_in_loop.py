@@ -20,19 +20,7 @@ START_NS = 1_000_000_000_000  # the loop's 0 on the clock of frames: its times a
 
 
 class ControllerInLoop:
-    """A `FingerController` as `closed_loop.decaff` asks one.
-
-    Parameters
-    ----------
-    controller : FingerController
-        Of the same rate as the loop's servo.
-    path : FingerPath
-        Of the controller.
-    surface : (float, float), N/m and N s/m
-        Stiffness and damping of the wall; None: it is rigid.
-    has_force_sensor : bool
-        Whether the force between link and drum is measured.
-    """
+    """A `FingerController` as `closed_loop.decaff` asks one."""
 
     action: DrumAction | None  # of the last sample
 

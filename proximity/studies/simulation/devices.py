@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proximity.decaff.arguments import finite, not_negative, positive, whole
-from proximity.decaff.drum.drum_model import DIRECT, GEAR4, Drum
+from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
+from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.errors import DecaffError
 from proximity.studies.simulation import loop_kernels
 from proximity.studies.simulation.target_policies import Holding
@@ -30,8 +31,10 @@ class Link:
         not_negative("contact_damping", self.contact_damping, "newton seconds a metre")
 
 
-# Link and rotor of a traditional glove, which hang on the finger; assumed
-COUPLED_DEVICE = Link(mass=0.020, damping=0.05)
+COUPLED_MOTOR = DRUMS["gear14"]
+"""Of a traditional glove, which turns with the finger: with more gearing it would be felt more."""
+COUPLED_DEVICE = Link(mass=Link().mass + COUPLED_MOTOR.mass, damping=0.05)
+"""Link and rotor of a traditional glove, which hang on the finger; the damping is assumed."""
 MASSLESS_MOTOR = Link(mass=0.005, damping=0.05)
 
 
@@ -43,7 +46,7 @@ class CoupledWall:
     damping: float  # N s/m, on the difference of two samples
     rate: float = 1000.0  # Hz
     latency: float = 0.001  # s, beyond sampling and holding
-    resolution: float = DIRECT.resolution  # m, of an encoder without a gear
+    resolution: float = COUPLED_MOTOR.resolution  # m, of its encoder
 
     def __post_init__(self) -> None:
         not_negative("stiffness", self.stiffness, "newtons a metre")
@@ -106,7 +109,7 @@ class Sensing:
 class Decaff:
     """A glove with a contact drum: what it is made of, and what it is given."""
 
-    drum: Drum = GEAR4
+    drum: Drum = DRUMS[USUAL_GEAR]
     servo: Servo = None  # type: ignore[assignment]  # None: the one that suits the drum, at 3 kHz
     link: Link = field(default_factory=Link)
     sensing: Sensing = field(default_factory=Sensing)
@@ -116,3 +119,8 @@ class Decaff:
     def __post_init__(self) -> None:
         if self.servo is None:
             object.__setattr__(self, "servo", servo_for(self.drum, SERVO_RATE))
+
+    @classmethod
+    def of(cls, glove: Glove) -> "Decaff":
+        """Return a glove's drum, with the wall at random within a count of its encoder, without its cable."""
+        return cls(with_random_phases(glove.tip_drum(), 1)[0])

@@ -28,19 +28,7 @@ class Slave:
 
 
 class ForceAfterContact:
-    """A controller for teleoperation: position at first contact, the slave's force once the force is steady.
-
-    Parameters
-    ----------
-    before_contact : Controller
-        Who says where the drum stands as long as the position is served.
-    slave : function of seconds to Slave
-        What the far end tells.
-    rate : float, Hz
-        Of the servo.
-    handover : Handover
-        How the modes change.
-    """
+    """A controller for teleoperation: position at first contact, the slave's force once it is steady."""
 
     switched_at: float  # s; nan while the position is served
 
@@ -80,15 +68,7 @@ class ForceAfterContact:
 
 
 def bump(response: Response, at: float) -> float:
-    """Return by how much the force on the finger departs from what it was at a change of mode, at most, N.
-
-    Parameters
-    ----------
-    response : Response
-        The press.
-    at : float, s
-        Of the change.
-    """
+    """Return by how much the force on the finger departs from what it was at a change of mode, at most, N."""
     row = response.zero + round(at / response.step)
     after = response.force[row : row + round(BUMP_TIME / response.step)]
     return float(np.abs(after - response.force[row]).max())

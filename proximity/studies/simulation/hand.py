@@ -39,38 +39,12 @@ class Hand:
         return 1.0 / (1.0 / self.stiffness + 1.0 / self.pad_stiffness)
 
     def steady_force(self, depth: float, wall_stiffness: float = math.inf) -> float:
-        """Return the force at rest, N.
-
-        Parameters
-        ----------
-        depth : float, m
-            To which the hand means to go.
-        wall_stiffness : float, N/m
-            Of the surface; inf: it does not give way.
-
-        Raises
-        ------
-        DecaffError
-            If the depth is negative, or the stiffness not positive.
-        """
+        """Return the force at rest, N."""
         wall = positive("wall_stiffness", wall_stiffness, "newtons a metre", may_be_infinite=True)
         return not_negative("depth", depth, "metres") / (1.0 / self.series_stiffness + 1.0 / wall)
 
     def press(self, speed: float, *, hold: float = HOLD_TIME) -> Press:
-        """Return the intent that comes at some speed and holds `STEADY_FORCE` against a rigid wall.
-
-        Parameters
-        ----------
-        speed : float, m/s
-            Before the touch, and when it is over.
-        hold : float, s
-            How long the intent stays at its depth.
-
-        Raises
-        ------
-        DecaffError
-            If a number is not positive.
-        """
+        """Return the intent that comes at some speed and holds `STEADY_FORCE` against a rigid wall."""
         depth = STEADY_FORCE / self.series_stiffness
         rise = 2.0 * depth / positive("speed", speed, "metres a second")
         return Press(speed, depth, touch_time=0.0, release_time=rise + positive("hold", hold, "seconds"))

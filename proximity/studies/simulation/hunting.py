@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum_model import DRUMS, Drum, with_random_phases
+from proximity.decaff.drum.drum_model import Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
+from proximity.decaff.glove.glove import DRUMS
 from proximity.studies.simulation.closed_loop import DecaffLoop
 from proximity.studies.simulation.devices import Decaff
 from proximity.studies.simulation.hand import Hand
@@ -58,19 +59,7 @@ class Rest:
 
 
 def rest_of(drum: Drum, cure: Cure, *, phases: int = PHASES, speeds: Sequence[float] = SPEEDS) -> Rest:
-    """Return how still a drum is with a cure.
-
-    Parameters
-    ----------
-    drum : Drum
-        One of `DRUMS`.
-    cure : Cure
-        One of `CURES`.
-    phases : int
-        Of the encoder, at random.
-    speeds : floats, m/s
-        Of the touch; the force error is that of the first.
-    """
+    """Return how still a drum is with a cure."""
     motor = replace(drum.motor, encoder_counts=drum.motor.encoder_counts * cure.fineness)
     swings, frequencies, errors, steps = [], [], [], []
     for placed in with_random_phases(replace(drum, motor=motor), phases):
@@ -87,13 +76,7 @@ def rest_of(drum: Drum, cure: Cure, *, phases: int = PHASES, speeds: Sequence[fl
 
 
 def markdown(phases: int = PHASES) -> str:
-    """Return how still every drum is with every cure, as a table.
-
-    Parameters
-    ----------
-    phases : int
-        As of `rest_of`.
-    """
+    """Return how still every drum is with every cure, as a table."""
     rows = [f"| cure | {' | '.join(DRUMS)} |", f"|---|{'---|' * len(DRUMS)}"]
     for cure in CURES.values():
         cells = [cell(rest_of(drum, cure, phases=phases)) for drum in DRUMS.values()]

@@ -34,15 +34,7 @@ class Deviation:
 
 
 def deviation(response: Response, reference: Response | None = None) -> Deviation:
-    """Return how a press differs from the same press on a real wall.
-
-    Parameters
-    ----------
-    response : Response
-        The press.
-    reference : Response
-        The same on a real wall, at the same instants; simulated where not given.
-    """
+    """Return how a press differs from the same press on a real wall."""
     real = reference or real_wall(response.hand, response.press, like=response)
     before_release = response.times < response.press.release_time
     is_rest = rest(response)
@@ -67,15 +59,7 @@ def force_error(response: Response, reference: Response) -> float:
 
 
 def onset(response: Response, threshold: float = ONSET_FORCE) -> float:
-    """Return when the force is first felt after the contact, s; inf if it never is.
-
-    Parameters
-    ----------
-    response : Response
-        The press.
-    threshold : float, N
-        What is felt.
-    """
+    """Return when the force is first felt after the contact, s; inf if it never is."""
     is_felt = response.force[response.zero :] >= threshold
     return float(np.argmax(is_felt)) * response.step if is_felt.any() else math.inf
 
@@ -94,15 +78,7 @@ def work(response: Response) -> float:
 
 
 def drum_offset(response: Response, wall_speed: float = 0.0) -> float:
-    """Return how far past the wall the drum is when the link meets it, m; nan if they never meet.
-
-    Parameters
-    ----------
-    response : Response
-        The press on a drum.
-    wall_speed : float, m/s
-        As of its sensing.
-    """
+    """Return how far past the wall the drum is when the link meets it, m; nan if they never meet."""
     met = np.flatnonzero(response.contact > 0.0)
     if not len(met):
         return math.nan

@@ -1,13 +1,13 @@
 """Simulation of one press on one wall, compared with the same press on a real wall."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
 from proximity.decaff.arguments import not_negative
-from proximity.decaff.drum.drum_model import DRUMS, with_random_phases
-from proximity.decaff.drum.servo import SERVO_RATE
+from proximity.decaff.drum.drum_model import Drum
+from proximity.decaff.glove.glove import Glove, with_gear
 from proximity.errors import DecaffError
 from proximity.studies.simulation.closed_loop import coupled_wall, decaff, real_wall
 from proximity.studies.simulation.devices import CoupledWall, Decaff
@@ -17,7 +17,6 @@ from proximity.studies.simulation.response import Response
 from proximity.studies.simulation.sweeps import (
     Stretch,
     best_coupled_wall,
-    with_drum,
     with_latency,
     with_transmission,
 )
@@ -55,7 +54,8 @@ class Setup:
     speed: float = 0.1  # m/s
     latency: float = 0.001  # s, of forces or of distances
     rate: float = 1000.0  # Hz, of forces or of distances
-    drum: str = "gear4"  # of `DRUMS`; its servo runs at 3 kHz
+    glove: Glove = field(default_factory=Glove)  # its servo runs at 3 kHz
+    gear: str | None = None  # of `GEARS`, instead of the glove's
     policy: str = "time-stamped"  # of `POLICIES`
     stiffness: float | None = None  # N/m, of a coupled wall; None: the best of a grid, as is the damping
     damping: float | None = None  # N s/m
@@ -67,7 +67,8 @@ class Setup:
         _within("rate", self.rate, RATES_ALLOWED, "hertz")
         _within("latency", self.latency, (0.0, LONGEST_LATENCY), "seconds")
         _one_of("wall", self.wall, tuple(Wall))
-        _one_of("drum", self.drum, tuple(DRUMS))
+        if self.gear is not None:
+            object.__setattr__(self, "glove", with_gear(self.glove, self.gear))
         _one_of("policy", self.policy, tuple(POLICIES))
         _one_of("stretch", self.stretch, tuple(Stretch))
         if self.cable is not None:
@@ -79,6 +80,16 @@ class Setup:
         if self.stiffness is not None and self.damping is not None:
             _within("stiffness", self.stiffness, (0.0, STIFFEST), "newtons a metre")
             _within("damping", self.damping, (0.0, MOST_DAMPED), "newton seconds a metre")
+
+    @property
+    def drum(self) -> Drum:
+        """Of the glove, with the wall at random within a count of its encoder."""
+        return Decaff.of(self.glove).drum
+
+    @property
+    def tip_cable(self) -> TipCable | None:
+        """The glove's cable with the stiffness that is given."""
+        return None if self.cable is None else replace(TipCable.of(self.glove), stiffness=self.cable)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,24 +130,16 @@ class Simulation:
 
 
 def simulate(setup: Setup) -> Simulation:
-    """Return a press on a wall.
-
-    Raises
-    ------
-    DecaffError
-        If the stiffness or the damping is negative.
-    """
+    """Return a press on a wall."""
     hand, coupled = Hand(), None
     press = hand.press(setup.speed)
     if setup.wall == Wall.COUPLED:
         coupled = _coupled(hand, setup)
         response = coupled_wall(hand, press, coupled)
     elif setup.wall == Wall.DECAFF:
-        glove = with_drum(Decaff(), with_random_phases(DRUMS[setup.drum], 1)[0], SERVO_RATE)
-        reported = with_latency(glove, setup.latency, setup.rate)
-        if setup.cable is not None:
-            cable = TipCable.usual(setup.cable)
-            reported = with_transmission(reported, cable, Stretch(setup.stretch))
+        reported = with_latency(Decaff.of(setup.glove), setup.latency, setup.rate)
+        if setup.tip_cable is not None:
+            reported = with_transmission(reported, setup.tip_cable, Stretch(setup.stretch))
         response = decaff(hand, press, reported, POLICIES[setup.policy])
     else:
         response = real_wall(hand, press)
@@ -180,7 +183,7 @@ def describe(simulation: Simulation) -> str:
     if setup.wall == Wall.COUPLED:
         return f"coupled, {late}"
     if setup.wall == Wall.DECAFF:
-        words = f"DECAFF, drum {setup.drum}, {setup.policy} distances, {late}"
+        words = f"DECAFF, drum {setup.drum.words}, {setup.policy} distances, {late}"
         return (
             words if setup.cable is None else f"{words}; cable of {cable_words(setup.cable, setup.stretch)}"
         )
@@ -188,15 +191,7 @@ def describe(simulation: Simulation) -> str:
 
 
 def cable_words(stiffness: float, stretch: str) -> str:
-    """Return a cable in words.
-
-    Parameters
-    ----------
-    stiffness : float, N/m
-        At the fingertip.
-    stretch : str
-        Of `Stretch`.
-    """
+    """Return a cable in words."""
     return f"{stiffness:.4g} N/m at the fingertip, {Stretch(stretch).words}"
 
 
@@ -207,7 +202,7 @@ def document(simulation: Simulation) -> dict[str, Any]:
     if setup.wall != Wall.REAL:
         reported |= {"latency": setup.latency, "rate": setup.rate}
     if setup.wall == Wall.DECAFF:
-        reported |= {"drum": setup.drum, "policy": setup.policy, "drum_offset": simulation.drum_offset}
+        reported |= {"drum": setup.drum.words, "policy": setup.policy, "drum_offset": simulation.drum_offset}
         if setup.cable is not None:
             reported |= {"cable": setup.cable, "stretch": setup.stretch}
     if coupled is not None:

@@ -31,7 +31,6 @@ STIFFNESSES = tuple(50.0 * 10.0 ** (k / 6.0) for k in range(16))
 DAMPING_RATIOS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.5, 3.0)
 TUNING_STEP = 2e-5  # s, of the simulation
 HOPELESS = 3.0  # an error from which on a stiffer wall is not tried
-ELECTRICAL_TIME = 0.12e-3  # s, of a motor of the 20 W class; assumed
 SENSOR_SMOOTHING = 10.0  # Hz, of the force that is measured, not taken from the motor's torque
 CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, between which one is looked for
 HALVINGS = 14  # of that, in its logarithm: to a thousandth
@@ -59,21 +58,7 @@ def best_coupled_wall(
     device: Link = COUPLED_DEVICE,
     speeds: Sequence[float] = SPEEDS,
 ) -> CoupledWall:
-    """Return the wall of the grid whose force errors, averaged over the speeds, are least.
-
-    Parameters
-    ----------
-    hand : Hand
-        Who presses.
-    rate : float, Hz
-        Samples a second.
-    latency : float, s
-        Beyond sampling and holding.
-    device : Link
-        What hangs on the finger.
-    speeds : floats, m/s
-        At which it is to serve.
-    """
+    """Return the wall of the grid whose force errors, averaged over the speeds, are least."""
     presses = [hand.press(speed) for speed in speeds]
     references: list[Response] = []
     best, best_error = CoupledWall(0.0, 0.0, rate, latency), np.inf
@@ -96,15 +81,7 @@ def best_coupled_wall(
 def coupled_row(
     hand: Hand, wall: CoupledWall, *, device: Link = COUPLED_DEVICE, speeds: Sequence[float] = SPEEDS
 ) -> Row:
-    """Return how far a coupled wall is from a real one at several speeds.
-
-    Parameters
-    ----------
-    hand, wall, device
-        As of `closed_loop.coupled_wall`.
-    speeds : floats, m/s
-        Of the approach.
-    """
+    """Return how far a coupled wall is from a real one at several speeds."""
     deviations = (deviation(coupled_wall(hand, hand.press(speed), wall, device=device)) for speed in speeds)
     return Row(wall, tuple(speeds), tuple(deviations))
 
@@ -116,47 +93,19 @@ def drum_row(
     *,
     speeds: Sequence[float] = SPEEDS,
 ) -> Row:
-    """Return how far a drum is from a real wall at several speeds.
-
-    Parameters
-    ----------
-    hand, glove, target
-        As of `closed_loop.decaff`. A controller with a memory goes from press to press with it.
-    speeds : floats, m/s
-        Of the approach.
-    """
+    """Return how far a drum is from a real wall at several speeds."""
     deviations = (deviation(decaff(hand, hand.press(speed), glove, target)) for speed in speeds)
     return Row(glove, tuple(speeds), tuple(deviations))
 
 
 def with_latency(glove: Decaff, latency: float, rate: float | None = None) -> Decaff:
-    """Return the same glove, reported later.
-
-    Parameters
-    ----------
-    glove : Decaff
-        As it is.
-    latency : float, s
-        From measurement to delivery.
-    rate : float, Hz
-        Of the distances; as it is where not given.
-    """
+    """Return the same glove, reported later."""
     sensing = replace(glove.sensing, latency=latency, rate=rate or glove.sensing.rate)
     return replace(glove, sensing=sensing)
 
 
 def with_drum(glove: Decaff, drum: Drum, rate: float) -> Decaff:
-    """Return the same glove with another drum, and the servo that suits it.
-
-    Parameters
-    ----------
-    glove : Decaff
-        As it is.
-    drum : Drum
-        The other.
-    rate : float, Hz
-        Of its servo.
-    """
+    """Return the same glove with another drum, and the servo that suits it."""
     return replace(glove, drum=drum, servo=servo_for(drum, rate))
 
 
@@ -181,23 +130,11 @@ class Stretch(StrEnum):
 
 
 def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch.LEFT) -> Decaff:
-    """Return the same glove with a cable, the counts of its potentiometer, and a motor with a winding.
-
-    Parameters
-    ----------
-    glove : Decaff
-        As it is.
-    cable : TipCable
-        Between finger and replica.
-    stretch : Stretch
-        How its stretch is made up for.
-    """
-    motor = replace(glove.drum.motor, electrical_time=ELECTRICAL_TIME)
+    """Return the same glove with a cable, and the counts of its potentiometer."""
     resolution = float(Glove().resolution(CONTACT_BEND))
     has_sensor = stretch == Stretch.SENSOR
     return replace(
         glove,
-        drum=replace(glove.drum, motor=motor),
         sensing=replace(glove.sensing, resolution=resolution),
         holding=replace(
             glove.holding,
@@ -210,24 +147,7 @@ def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch
 
 
 def needed_cable(hand: Hand, glove: Decaff, speed: float, error: float, stretch: Stretch) -> float:
-    """Return the stiffness of the cable at the fingertip with which a force error is reached, N/m.
-
-    Parameters
-    ----------
-    hand, glove : Hand, Decaff
-        Who presses, and on what; its cable is replaced.
-    speed : float, m/s
-        Of the approach.
-    error : float
-        The share that is allowed.
-    stretch : Stretch
-        How the cable's stretch is made up for.
-
-    Raises
-    ------
-    DecaffError
-        If the stiffest cable is not enough.
-    """
+    """Return the stiffness of the cable at the fingertip with which a force error is reached, N/m."""
     usual, press = TipCable.of(Glove()), hand.press(speed)
 
     def is_enough(stiffness: float) -> bool:

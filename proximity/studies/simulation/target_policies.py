@@ -99,15 +99,7 @@ class Controller(Protocol):
 
 
 class TargetPolicy:
-    """One of the four readings of a distance, as a controller: what the compiled loop does, sample by sample.
-
-    Parameters
-    ----------
-    target : Target
-        The reading.
-    holding : Holding
-        When the target is held.
-    """
+    """One of the four readings of a distance, as a controller: the compiled loop, sample by sample."""
 
     def __init__(self, target: Target, holding: Holding | None = None) -> None:
         self._kind = int(Target(target))

@@ -1,7 +1,7 @@
 """The sheathed cable between hand and replica, as it is felt at the fingertip."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from proximity.decaff.arguments import not_negative, positive
 from proximity.decaff.glove.default_bend import CONTACT_BEND
@@ -32,40 +32,11 @@ class TipCable:
     def of(
         cls, glove: Glove, bend: float = CONTACT_BEND, *, friction: float = FRICTION, wrap: float = WRAP
     ) -> "TipCable":
-        """Return the cable of a glove.
-
-        Parameters
-        ----------
-        glove : Glove
-            With its pulleys.
-        bend : float
-            At which the finger touches.
-        friction : float
-            Of cable on sheath.
-        wrap : float, rad
-            All bends of the sheath together.
-        """
+        """Return the cable of a glove."""
         capstan = math.expm1(not_negative("friction", friction, "shares") * not_negative("wrap", wrap, "rad"))
         tension_a_newton = float(glove.cable_tension(bend, 1.0))
         return cls(float(glove.tip_stiffness(bend)), capstan, capstan * PRELOAD / tension_a_newton)
 
-    @classmethod
-    def usual(cls, stiffness: float) -> "TipCable":
-        """Return a cable of some stiffness in the sheath that is assumed.
-
-        Parameters
-        ----------
-        stiffness : float, N/m
-            At the fingertip.
-        """
-        return replace(cls.of(Glove()), stiffness=stiffness)
-
     def damping(self, mass: float) -> float:
-        """Return the damping of the cable itself, N s/m.
-
-        Parameters
-        ----------
-        mass : float, kg
-            That swings on it.
-        """
+        """Return the damping of the cable itself, N s/m."""
         return 2.0 * self.loss * math.sqrt(self.stiffness * mass)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from proximity.decaff.drum.drum_model import DRUMS, PHASE_SEED, Drum, Motor
+from proximity.decaff.drum.drum_model import GEARS, PHASE_SEED, USUAL_GEAR, Drum, Motor
 from proximity.decaff.drum.servo import DEADBAND_COUNTS, SERVO_RATE, Servo, servo_for
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.errors import DecaffError
 from proximity.service.config.table_fields import Range
 from proximity.studies.simulation import tip_cable
@@ -53,7 +53,7 @@ FACTORS = {
     "rate": _number(1000.0, Range("Hz", *RATES_ALLOWED), only=REPORTED),
     "stiffness": _number(None, Range("N/m", 0.0, STIFFEST), absent="tuned", only=COUPLED),
     "damping": _number(None, Range("N s/m", 0.0, MOST_DAMPED), absent="tuned", only=COUPLED),
-    "drum": Factor(Kind.WORD, "gear4", words=tuple(DRUMS), only=ON_DRUM),
+    "drum": Factor(Kind.WORD, USUAL_GEAR, words=tuple(GEARS), only=ON_DRUM),
     "policy": Factor(Kind.WORD, "time-stamped", words=tuple(POLICIES), only=ON_DRUM),
     "encoder_counts": Factor(Kind.WHOLE, Motor().encoder_counts, Range("a turn", 1, 10**9), only=ON_DRUM),
     "motor_friction": _number(Motor().friction, Range("N m", 0.0, 10.0), only=ON_DRUM),
@@ -89,20 +89,7 @@ MEASURES = {
 
 
 def run(values: Values, files: NodeFiles) -> dict[str, Any]:
-    """Return the measures of one press.
-
-    Parameters
-    ----------
-    values : mapping
-        See `FACTORS`.
-    files : NodeFiles
-        Not used.
-
-    Raises
-    ------
-    DecaffError
-        If the numbers make no device, or one gain of a coupled wall is given and the other tuned.
-    """
+    """Return the measures of one press."""
     del files
     hand, coupled = Hand(), None
     press = hand.press(values["speed"], hold=values["hold"])

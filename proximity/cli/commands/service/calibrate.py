@@ -2,13 +2,13 @@
 
 import sys
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from proximity.cli.options import check_range, with_option_groups
+from proximity.cli.options import GLOVE, check_gear, check_range, with_option_groups
 from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ Examples:
   proximity calibrate glove.json --simulate --page
   proximity calibrate right-index.json --name "right index" --phalanges 45 26 20
   proximity calibrate glove.json --counts iox2://decaff/poses --finger 1
-  proximity calibrate glove.json --motor "odrive-can://can0?node=0&kt=0.05&ratio=4" --arm --page
+  proximity calibrate glove.json --motor "odrive-can://can0?node=0&kt=0.05" --arm --page
   proximity calibrate glove.json --again touches
 """
 
@@ -75,13 +75,16 @@ NAME = Annotated[
     str, typer.Option("--name", metavar="TEXT", help="Name of hand and finger, written into FILE.")
 ]
 PHALANGES = Annotated[
-    tuple[float, float, float],
+    tuple[float, float, float] | None,
     typer.Option(
-        "--phalanges", metavar="MM MM MM", help="Lengths of the phalanges, from the knuckle to the tip."
+        "--phalanges",
+        metavar="MM MM MM",
+        help="Lengths of the phalanges, from the knuckle to the tip; 45 26 20 if not given.",
     ),
 ]
 DRUM = Annotated[
-    str, typer.Option("--drum", metavar="DRUM", help="Design of the drum: direct, gear4 or gear10.")
+    str | None,
+    typer.Option("--drum", metavar="GEAR", help="Gear of the drum: gear14, gear51 or gear111 (total)."),
 ]
 SKIP = Annotated[
     list[str] | None,
@@ -113,16 +116,11 @@ class Measured:
     seed: SEED = 0
     counts: COUNTS = None
     finger: FINGER = 0
-    phalanges: PHALANGES = (45.0, 26.0, 20.0)
-    drum: DRUM = "gear4"
+    phalanges: PHALANGES = None
+    drum: DRUM = None
+    glove: GLOVE = None
     motor: MOTOR = None
     arm: ARM = False
-
-    @property
-    def lengths(self) -> tuple[float, float, float]:
-        """Lengths of the phalanges, m."""
-        first, middle, last = self.phalanges
-        return MM * first, MM * middle, MM * last
 
 
 @dataclass(frozen=True)
@@ -172,7 +170,7 @@ def command(
                     port.home()
                 waits = not asking.yes and (measured.simulate or measured.counts is not None)
                 guide(session, face, simulated, waits=waits)
-                sentence, drawing = _written(session, path, name, measured.lengths)
+                sentence, drawing = _written(session, path, name)
                 shown = ". ".join(filter(None, [sentence, contradiction(session)]))
                 face.results(result_rows(session.estimates(), truth), shown, drawing)
         except KeyboardInterrupt:
@@ -205,10 +203,16 @@ def _print(session: "Session", truth: dict[str, float] | None, *, as_json: bool)
 
 
 def _design(measured: Measured) -> "Glove":
-    from proximity.decaff.glove.finger import Finger
-    from proximity.decaff.glove.glove import Glove
+    """The glove as designed: that of the file, with the lengths that were given."""
+    from proximity.cli.options import designed
+    from proximity.decaff.glove.glove import Glove, with_gear
+    from proximity.decaff.glove.glove_set import read_any_glove
 
-    return Glove(finger=Finger(phalanges=measured.lengths))
+    worn = Glove() if measured.glove is None else designed(read_any_glove(measured.glove))
+    if measured.phalanges is not None:
+        first, middle, last = (MM * length for length in measured.phalanges)
+        worn = replace(worn, finger=replace(worn.finger, phalanges=(first, middle, last)))
+    return worn if measured.drum is None else with_gear(worn, measured.drum)
 
 
 def _port(measured: Measured) -> "AbstractContextManager[MotorPort | None]":
@@ -216,9 +220,8 @@ def _port(measured: Measured) -> "AbstractContextManager[MotorPort | None]":
     if measured.motor is None:
         return nullcontext()
     from proximity.cli.calibration.motor import opened_port
-    from proximity.decaff.drum.drum_model import DRUMS
 
-    return opened_port(measured.motor, _design(measured), DRUMS[measured.drum])
+    return opened_port(measured.motor, _design(measured))
 
 
 def _opened(
@@ -231,19 +234,18 @@ def _opened(
     from proximity.decaff.calibrating.results import Session
     from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
     from proximity.decaff.calibrating.tasks import Bench
-    from proximity.decaff.drum.drum_model import DRUMS
 
-    design, drum = _design(measured), DRUMS[measured.drum]
+    design = _design(measured)
     asked = AskedInstruments(measured.counts, measured.finger)
-    simulated = SimulatedGlove(measured.seed, design, drum) if measured.simulate else None
+    simulated = SimulatedGlove(measured.seed, design) if measured.simulate else None
     if simulated is not None:
         instruments = simulated.instruments
     elif port is not None:
         instruments = Instruments("a person's instruments and a motor", asked, port)
     else:
         instruments = Instruments("a person's instruments", asked, asked)
-    readings = Readings(path.with_suffix(".readings.json"), f"{instruments.name}, {measured.drum} drum")
-    return Session(Bench(instruments, design, drum), readings, skip or ()), asked, simulated
+    readings = Readings(path.with_suffix(".readings.json"), f"{instruments.name}, {design.gear.name} drum")
+    return Session(Bench(instruments, design), readings, skip or ()), asked, simulated
 
 
 def _face(asking: Asking, port: "MotorPort | None") -> "AbstractContextManager[Face]":
@@ -257,9 +259,7 @@ def _face(asking: Asking, port: "MotorPort | None") -> "AbstractContextManager[F
     return opened_page(port=asking.port, opens_browser=asking.browser, on_stop=on_stop)
 
 
-def _written(
-    session: "Session", path: Path, name: str, lengths: tuple[float, float, float]
-) -> tuple[str, Path | None]:
+def _written(session: "Session", path: Path, name: str) -> tuple[str, Path | None]:
     """Write the calibration, and draw it; return a sentence, and where the drawing is."""
     from proximity.cli.calibration.guide import UnfinishedError
     from proximity.decaff.calibrating.results import as_document
@@ -269,7 +269,7 @@ def _written(
 
     if missing := session.missing():
         raise UnfinishedError(f"{', '.join(missing)}: not measured, but a calibration needs it")
-    write_calibration(path, session.calibration(name, lengths))
+    write_calibration(path, session.calibration(name))
     session.readings.write(as_document(session.estimates()))
     drawing = path.with_suffix(".png")
     try:
@@ -306,8 +306,7 @@ def _begin(session: "Session", again: str | None) -> None:
 
 
 def _check(measured: Measured, asking: Asking, skip: list[str] | None) -> None:
-    if measured.drum not in ("direct", "gear4", "gear10"):
-        raise typer.BadParameter(f"{measured.drum!r}: expected direct, gear4 or gear10", param_hint="--drum")
+    check_gear(measured.drum)
     if measured.simulate and measured.counts is not None:
         raise typer.BadParameter("a simulated glove has its own counts", param_hint="--counts")
     if measured.simulate and measured.motor is not None:

@@ -1,12 +1,11 @@
 """``proximity controller``: the drum's controller as C99 sources for a microcontroller."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from proximity.cli.options import CABLE, cable_stiffness, check_range
+from proximity.cli.options import CABLE, GLOVES, cable_stiffness, check_gear, check_range, designed
 
 HELP = "\n\n".join(
     (
@@ -14,7 +13,8 @@ HELP = "\n\n".join(
         "It receives frames from udp://, with or without a key, and decides at a fixed rate where each drum "
         "stands. States, limits, safe behaviour and servo are those of the controller in proximity drum. It "
         "needs no heap, from <math.h> only sqrt, and a processor with double precision, such as a "
-        "Cortex-M7. With --calibration, decaff_glove.c contains the finger paths of your glove: run this "
+        "Cortex-M7. With --glove, decaff_glove.c contains the finger paths of your "
+        "glove, and the constants are those of its motor, gear and lever, as measured: run this "
         "command again after each calibration. With --cable the drum makes up for the stretch of the cable "
         "while it holds a position, from the measured force, or else from that of the motor.",
     )
@@ -23,34 +23,20 @@ HELP = "\n\n".join(
 EXAMPLES = """
 Examples:
   proximity controller --out firmware
-  proximity controller --out firmware --calibration glove.json --drum gear10
-  proximity controller --out firmware --calibration glove.json --cable glove.json
+  proximity controller --out firmware --glove glove.json
+  proximity controller --out firmware --glove glove.json --cable glove.json
 """
 
 LEAST_RATE_HZ, MOST_RATE_HZ = 150.0, 20000.0  # slower, each sample would trip the watchdog of 10 ms
 
 
-class DrumName(StrEnum):
-    """A drum whose servo is known."""
-
-    direct = "direct"
-    gear4 = "gear4"
-    gear10 = "gear10"
-
-
 def command(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write the files to.")],
-    calibration: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--calibration",
-            metavar="FILE",
-            help="Calibration of the glove: one for all, or one for each finger. Default: the paper's.",
-        ),
-    ] = None,
+    glove: GLOVES = None,
     drum: Annotated[
-        DrumName, typer.Option("--drum", metavar="direct|gear4|gear10", help="Drum to control.")
-    ] = DrumName.gear4,
+        str | None,
+        typer.Option("--drum", metavar="GEAR", help="Another gear: gear14, gear51 or gear111 (total)."),
+    ] = None,
     rate: Annotated[
         float, typer.Option("--rate", metavar="HZ", help="Rate of controller and servo.")
     ] = 3000.0,
@@ -62,11 +48,12 @@ def command(
     from proximity.decaff.chip.constants import ChipSettings
     from proximity.decaff.chip.sources import write_controller
     from proximity.decaff.controller.cable_stretch import CableRule
-    from proximity.decaff.drum.drum_model import DRUMS
-    from proximity.decaff.glove.glove import Glove
-    from proximity.decaff.glove.glove_set import read_glove
+    from proximity.decaff.glove.glove import Glove, with_gear
+    from proximity.decaff.glove.glove_set import read_any_glove
 
-    gloves = [read_glove(path) for path in calibration] if calibration else [Glove()]
+    gear, gloves = check_gear(drum), [read_any_glove(path) for path in glove or ()] or [Glove()]
+    first = designed(gloves[0])
+    tip_drum = (first if gear is None else with_gear(first, gear)).tip_drum()
     rule = CableRule() if cable is None else CableRule(cable_stiffness(cable))
-    for path in write_controller(gloves, out, ChipSettings(rate, DRUMS[drum.value], cable=rule)):
+    for path in write_controller(gloves, out, ChipSettings(rate, tip_drum, cable=rule)):
         typer.echo(f"{path}: written")

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from proximity.cli.options import ADDRESS, CABLE, LIMIT, cable_stiffness, check_limit, check_range
+from proximity.cli.options import ADDRESS, CABLE, GLOVES, LIMIT, cable_stiffness, check_limit, check_range
 from proximity.cli.program import EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
 
 if TYPE_CHECKING:
     from proximity.decaff.controller.cable_stretch import CableRule
     from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+    from proximity.decaff.glove.glove import Glove
 
 HELP = "\n\n".join(
     (
@@ -37,9 +38,9 @@ HELP = "\n\n".join(
 EXAMPLES = """
 Examples:
   proximity drum iox2://decaff
-  proximity drum iox2://decaff --calibration glove.json --log drum.csv
+  proximity drum iox2://decaff --glove glove.json --log drum.csv
   proximity drum udp://127.0.0.1:9100 --limit 10 --json
-  proximity drum iox2://decaff --motor "odrive-can://can0?node=0&kt=0.05&ratio=4"
+  proximity drum iox2://decaff --motor "odrive-can://can0?node=0&kt=0.05"
   proximity drum iox2://decaff --motor "simplefoc:///dev/ttyACM0?kt=0.05" --arm
 """
 
@@ -51,15 +52,6 @@ SWITCH_S = 1e-3  # that the drums wait at most while a picture is drawn
 
 RATE = Annotated[
     float, typer.Option("--rate", metavar="HZ", help="Rate of the controllers; the servos run at 3 kHz.")
-]
-CALIBRATION = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--calibration",
-        metavar="FILE",
-        help="Calibration of the glove: one for all fingers, or one for each. Default: a glove with assumed "
-        "dimensions.",
-    ),
 ]
 MAX_AGE = Annotated[
     float | None,
@@ -84,7 +76,7 @@ def command(
     address: ADDRESS,
     limit: LIMIT = None,
     rate: RATE = 500.0,
-    calibration: CALIBRATION = None,
+    glove: GLOVES = None,
     max_age: MAX_AGE = None,
     cable: CABLE = None,
     motor: MOTOR = None,
@@ -94,7 +86,7 @@ def command(
 ) -> None:
     """Run drums until asked to stop."""
     check_limit(limit)
-    _check(rate, max_age, calibration, is_armed=arm, motors=motor)
+    _check(rate, max_age, glove, is_armed=arm, motors=motor)
     # NumPy, Rich and the library: only now, so that --help and mistakes above answer at once.
     from proximity.cli.console import Console
     from proximity.cli.drum_loop import DrumsBeside, show_drums, summary
@@ -104,7 +96,7 @@ def command(
     from proximity.transport import Reading, open_subscriber
 
     sys.setswitchinterval(SWITCH_S)
-    gloves, rule = _worn(calibration or [], cable, max_age)
+    gloves, rule = _worn(glove or [], cable, max_age)
     with stopped_by_signals() as stop, armable_motors(motor or [], gloves) as motors:
         if motors and not arm:
             watch_motors(motors, stop, limit)
@@ -133,27 +125,27 @@ def command(
 
 
 def _worn(
-    calibration: list[Path], cable: str | None, max_age: float | None
-) -> tuple[list["CalibratedGlove"], "CableRule"]:
+    paths: list[Path], cable: str | None, max_age: float | None
+) -> tuple[list["Glove | CalibratedGlove"], "CableRule"]:
     """The gloves, and the cable whose stretch is made up for."""
     from proximity.decaff.controller.cable_stretch import CableRule
-    from proximity.decaff.glove.glove_set import read_glove
+    from proximity.decaff.glove.glove_set import read_any_glove
 
     rule = CableRule() if cable is None else CableRule(cable_stiffness(cable, max_age))
-    return [read_glove(path, max_age) for path in calibration], rule
+    return [read_any_glove(path, max_age) for path in paths], rule
 
 
 def _check(
     rate: float,
     max_age: float | None,
-    calibration: list[Path] | None,
+    glove: list[Path] | None,
     *,
     is_armed: bool,
     motors: list[str] | None,
 ) -> None:
     check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
-    if max_age is not None and not calibration:
-        raise typer.BadParameter("requires --calibration", param_hint="--max-age")
+    if max_age is not None and not glove:
+        raise typer.BadParameter("requires --glove", param_hint="--max-age")
     if is_armed and not motors:
         raise typer.BadParameter("requires --motor", param_hint="--arm")
 

@@ -10,7 +10,6 @@ import typer
 
 from proximity.cli.commands.service.drum import (
     ARM,
-    CALIBRATION,
     LEAST_RATE_HZ,
     MAX_AGE,
     MOST_RATE_HZ,
@@ -18,7 +17,7 @@ from proximity.cli.commands.service.drum import (
     RATE,
     SWITCH_S,
 )
-from proximity.cli.options import check_range
+from proximity.cli.options import GLOVES, check_range
 from proximity.cli.program import EXIT_INTERRUPTED, Command, Group
 
 HELP = "\n\n".join(
@@ -126,7 +125,7 @@ def run(
         bool, typer.Option("--browser/--no-browser", help="Open the participant's page in a browser.")
     ] = True,
     rate: RATE = 1000.0,
-    calibration: CALIBRATION = None,
+    glove: GLOVES = None,
     max_age: MAX_AGE = None,
     motor: MOTOR = None,
     arm: ARM = False,
@@ -142,7 +141,7 @@ def run(
     check_pseudonym(participant)
     dataset = Dataset(data, read_design(design))
     sys.setswitchinterval(SWITCH_S)
-    drums = Drums(address, rate, finger, calibration or [], max_age, motor or [])
+    drums = Drums(address, rate, finger, glove or [], max_age, motor or [])
     ending = run_session(dataset, participant, drums, at_terminal=terminal, opens_browser=browser)
     if ending:
         typer.echo(f"proximity: {ending}", err=True)

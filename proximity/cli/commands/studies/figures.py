@@ -6,6 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
+from proximity.cli.options import GLOVE, designed
+
 HELP = "\n\n".join(
     (
         "Draw the named figures, or all of them, each with its numbers as CSV in SI units.",
@@ -13,7 +15,8 @@ HELP = "\n\n".join(
         "and dampers a sampled wall is stable. error-speed and error-latency compare coupled walls and "
         "drums with the real wall, error-engine a drum that the distance service controls at a CAD part. "
         "cable shows what the cable of a glove costs. drum-motion and arrival show when a drum is in "
-        "position. Existing files are replaced. All figures take less than a minute. Requires matplotlib.",
+        "position. With --glove the drums are on your glove. Existing files are replaced. All figures take "
+        "less than a minute. Requires matplotlib.",
     )
 )
 
@@ -21,7 +24,7 @@ EXAMPLES = """
 Examples:
   proximity figures
   proximity figures 5c 5h stability --out paper --format pdf
-  proximity figures drum-motion --json
+  proximity figures drum-motion --glove glove.json --json
 """
 
 
@@ -42,14 +45,17 @@ def command(
     form: Annotated[
         str, typer.Option("--format", metavar="FORMAT", help="File format: png, svg or pdf.")
     ] = "png",
+    glove: GLOVE = None,
     as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
 ) -> None:
     """Write figures and their numbers."""
     # NumPy, Rich and the models: only now, so that --help answers at once.
     from proximity.cli import progress
     from proximity.cli.views.json_output import write_document
+    from proximity.decaff.glove.glove_set import read_any_glove
     from proximity.studies.figures import catalogue
 
+    worn = None if glove is None else designed(read_any_glove(glove))
     began, file_count = time.monotonic(), 0
     figures: list[dict[str, Any]] = []
     chosen = catalogue.chosen_names(names or ())
@@ -57,7 +63,7 @@ def command(
         started, title = time.monotonic(), catalogue.PLATES[name].title
         with progress.spinner(f"drawing {title}, figure") as count:
             count(number, len(chosen))
-            paths = catalogue.write_figure(name, out, form)
+            paths = catalogue.write_figure(name, out, form, worn)
         seconds = time.monotonic() - started
         file_count += len(paths)
         figures.append(

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from proximity.cli.options import CABLE, UNITS, cable_stiffness, check_range, with_option_groups
+from proximity.cli.options import (
+    CABLE,
+    GLOVE,
+    UNITS,
+    cable_stiffness,
+    check_gear,
+    check_range,
+    designed,
+    with_option_groups,
+)
 
 if TYPE_CHECKING:
     from proximity.studies.simulation.simulated_press import Setup, Simulation
@@ -17,8 +26,9 @@ HELP = "\n\n".join(
         "The hand approaches at --speed, presses with 0.8 N and leaves. A coupled wall is a spring and a "
         "damper, rendered by a motor on the finger; without --stiffness and --damping the best pair of a "
         "grid is used. A decaff wall is a drum that moves to the reported position of the wall; --policy "
-        "chooses how a distance becomes a position; --cable puts a cable between finger and drum. --out "
-        "draws the press, or writes it as CSV every 0.1 ms.",
+        "chooses how a distance becomes a position; --cable puts a cable between finger and drum. --glove "
+        "takes motor, gear, lever, cable and measured latency from the file of your glove. --out draws the "
+        "press, or writes it as CSV every 0.1 ms.",
         "With --scene the wall is a CAD part, and the engine controls the drum: the tracker on the finger's "
         "path, frames with the latency of --latency-ms, and the drum's controller. The result is compared "
         "with the ideal distance in the same loop, and with the true surface. --stiffness and --damping "
@@ -31,6 +41,7 @@ Examples:
   proximity simulate
   proximity simulate --speed 0.5 --latency-ms 10 --policy latched --out late.png
   proximity simulate --cable 1212 --stretch torque
+  proximity simulate --glove glove.json --stretch torque
   proximity simulate --wall coupled --latency-ms 3 --stiffness 734 --damping 4.4 --json
   proximity simulate --scene bracket.stl --at 48 30 20 --latency-ms 10 --out bracket.png
   proximity simulate --scene bracket.stl --recording hand.csv
@@ -40,6 +51,7 @@ USED_BY = {  # options that only some walls have
     "--latency-ms": ("coupled", "decaff"),
     "--rate-hz": ("coupled", "decaff"),
     "--drum": ("decaff",),
+    "--glove": ("decaff",),
     "--policy": ("decaff",),
     "--cable": ("decaff",),
     "--stretch": ("decaff",),
@@ -73,7 +85,7 @@ RATE_HZ = Annotated[
 ]
 DRUM = Annotated[
     str | None,
-    typer.Option("--drum", metavar="DRUM", help="Kind of drum: direct, gear4 or gear10; gear4 if not given."),
+    typer.Option("--drum", metavar="GEAR", help="Gear of the drum: gear14, gear51 or gear111 (total)."),
 ]
 POLICY = Annotated[
     str | None,
@@ -142,6 +154,7 @@ class WallOptions:
     latency_ms: LATENCY_MS = None
     rate_hz: RATE_HZ = None
     drum: DRUM = None
+    glove: GLOVE = None
     policy: POLICY = None
     stiffness: STIFFNESS = None
     damping: DAMPING = None
@@ -156,6 +169,7 @@ class WallOptions:
                 "--latency-ms": self.latency_ms,
                 "--rate-hz": self.rate_hz,
                 "--drum": self.drum,
+                "--glove": self.glove,
                 "--policy": self.policy,
                 "--stiffness": self.stiffness,
                 "--damping": self.damping,
@@ -178,7 +192,7 @@ class WallOptions:
             raise typer.BadParameter(
                 f"{self.stretch!r}: expected one of {', '.join(STRETCHES)}", param_hint="--stretch"
             )
-        if self.cable is None:
+        if self.cable is None and self.glove is None:
             _refuse({"--stretch": self.stretch}, "there is no --cable that stretches")
 
     def setup(self, *, is_on_part: bool) -> "Setup":
@@ -187,18 +201,32 @@ class WallOptions:
 
         if self.latency_ms is not None:
             check_range(self.latency_ms, "--latency-ms", "ms", 0.0, 1e3 * simulated_press.LONGEST_LATENCY)
-        options = {
-            "drum": self.drum,
+        options = self._worn() | {
+            "gear": check_gear(self.drum),
             "policy": self.policy,
             "rate": self.rate_hz,
             "stiffness": None if is_on_part else self.stiffness,
             "damping": None if is_on_part else self.damping,
-            "latency": None if self.latency_ms is None else 1e-3 * self.latency_ms,
-            "cable": None if self.cable is None else cable_stiffness(self.cable),
             "stretch": self.stretch,
         }
+        if self.latency_ms is not None:
+            options["latency"] = 1e-3 * self.latency_ms
+        if self.cable is not None:
+            options["cable"] = cable_stiffness(self.cable)
         chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
         return simulated_press.Setup(wall=simulated_press.Wall(self.wall), speed=self.speed, **chosen)
+
+    def _worn(self) -> dict[str, Any]:
+        """The glove of the file, with its cable, and its latency where that was measured."""
+        if self.glove is None:
+            return {}
+        from proximity.decaff.glove.glove import CONTACT_BEND
+        from proximity.decaff.glove.glove_set import CalibratedGlove, read_any_glove
+
+        worn = read_any_glove(self.glove)
+        parts = designed(worn)
+        latency = worn.calibration.latency if isinstance(worn, CalibratedGlove) else None
+        return {"glove": parts, "cable": float(parts.tip_stiffness(CONTACT_BEND)), "latency": latency}
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,7 +330,7 @@ def _print(press: "Simulation") -> None:
     )
     if press.coupled is not None:
         gains = f"{press.coupled.stiffness:.4g} N/m, {press.coupled.damping:.3g} N·s/m"
-        device = f"{1e3 * COUPLED_DEVICE.mass:g} g that the finger carries"
+        device = f"{1e3 * COUPLED_DEVICE.mass:.0f} g that the finger carries"
         print_block(console, [("spring, damper", gains), ("device", device)])
     console.print()
     rows = table([""], ("this wall", "real wall"))

@@ -1,0 +1,24 @@
+"""Drums of the reference values: one motor of the 20 W class, 12.2, 48.8 and 122 turns in all on a hand."""
+
+from proximity.decaff.drum.drum_model import Drum, Gear, Motor
+from proximity.decaff.glove.glove import Glove
+from proximity.studies.simulation.devices import Decaff, Link
+
+LEVER = Glove().tip_drum().lever
+MOTOR = Motor("20 W class", inertia=1.5e-6, torque=0.28, friction=4.5e-4, electrical_time=0.0)
+
+
+def paper_drum(ratio: float, **settings: float) -> Drum:
+    """Return that motor behind a gear without losses, whose teeth carry 100 N at the fingertip."""
+    return Drum(LEVER, MOTOR, Gear(f"{ratio:.3g}:1", ratio, torque=100.0 * LEVER), **settings)
+
+
+GEAR12, GEAR49, GEAR122 = (
+    paper_drum(100.0 * LEVER, usable_acceleration=800.0),
+    paper_drum(400.0 * LEVER),
+    paper_drum(1000.0 * LEVER),
+)
+PAPER_DRUMS = {"gear12": GEAR12, "gear49": GEAR49, "gear122": GEAR122}
+PAPER_GLOVE = Decaff(GEAR49)
+PAPER_DESIGN = Glove(motor=MOTOR, gear=GEAR49.gear)
+PAPER_DEVICE = Link(mass=0.020, damping=0.05)  # link and rotor that a coupled wall hangs on the finger
