@@ -1,9 +1,9 @@
 """The controller in C: built with sanitizers and for a Cortex-M7, driven by datagrams, its cost counted."""
 
+import math
 import re
 import shutil
 import sys
-from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -12,21 +12,25 @@ from controller_in_c import ANSWER, DRIVER, SOURCES, STRICT, Events, answer_of, 
 from sealed_frames import frame
 from wire import MS, SESSION, Clock, Wire
 
-from proximity.decaff.chip.constants import MODULE_CONSTANTS, ChipSettings
 from proximity.decaff.chip.sources import controller_sources, write_controller
 from proximity.decaff.controller.cable_stretch import CableRule
+from proximity.decaff.controller.compiled import HEADER, SETTINGS
 from proximity.decaff.controller.controller import FingerController
-from proximity.decaff.controller.controller_states import FrameMark, Observation
+from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
 from proximity.decaff.controller.drum_limits import Limits
-from proximity.decaff.controller.surface_law import PAD_DAMPING, SurfaceLaw
+from proximity.decaff.controller.passivity import largest_passive_stiffness
+from proximity.decaff.controller.settings import ControllerSettings
+from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.decaff.drum.drum_model import DIRECT, DRUMS
 from proximity.decaff.drum.servo import servo_for
-from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.message import ContactFlag, Flaw, Mode, Source, Surface
-from proximity.transport import Subscriber
+from proximity.message.c_header import header_text
+from proximity.message.contact import UNIT_ERROR
+from proximity.transport import Subscriber, message_check
 
 PATH = FingerPath(Glove())
 RATE = 3000.0
@@ -56,7 +60,7 @@ def program(tmp_path_factory):
 
 
 class Glove3kHz:
-    """A subscriber and a controller in Python at 3 kHz, and what they meet, noted for those in C."""
+    """A subscriber in Python and a controller at 3 kHz, and what they meet, noted for those on a chip."""
 
     def __init__(self, shares_clock=True, cable=None):
         self.clock, self.wire = Clock(), Wire(shares_clock)
@@ -189,7 +193,7 @@ def test_stretch_of_the_cable_is_made_up_for_alike(has_sensor, tmp_path):
         sent.append(PATH.position(0.5) - glove.sample().position)
 
     assert sent[4400] == pytest.approx(0.5e-3, rel=0.5)
-    glove.check(build(tmp_path, ChipSettings(RATE, cable=cable)), tmp_path)
+    glove.check(build(tmp_path, ControllerSettings(RATE, cable=cable)), tmp_path)
 
 
 def test_what_the_key_does_not_verify_is_not_used(program, tmp_path):
@@ -214,7 +218,7 @@ def test_what_the_key_does_not_verify_is_not_used(program, tmp_path):
 def test_servo_demands_what_the_kernel_demands(name, tmp_path):
     drum, rng = DRUMS[name], np.random.default_rng(3)
     servo = servo_for(drum, RATE)
-    program = build(tmp_path, ChipSettings(RATE, drum))
+    program = build(tmp_path, ControllerSettings(RATE, drum))
     arrays = drum.as_array(), servo.as_array()
     drive, command = np.zeros(drum_kernels.DRIVE_SIZE), np.zeros(drum_kernels.COMMAND_SIZE)
     drum_kernels.rest_drum(arrays[0], drive, 0.05)
@@ -233,7 +237,7 @@ def test_servo_demands_what_the_kernel_demands(name, tmp_path):
         drum_kernels.serve(*arrays, drive, command, measured)
         read = drive[drum_kernels.DRIVE_LAST_POSITION]  # by the encoder
         applied = drive[drum_kernels.DRIVE_APPLIED]
-        expected.append(applied)
+        expected.append(applied if mode else 0.0)  # off is off at once, on a chip
         events.data += b"V" + np.array([mode], np.uint8).tobytes()
         events.data += np.array([*numbers, read, measured, 0.0]).tobytes()
         drive[drum_kernels.DRIVE_SPEED] += (applied + force) / drum.mass / RATE
@@ -244,45 +248,62 @@ def test_servo_demands_what_the_kernel_demands(name, tmp_path):
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3, 0.5, 5.0])
-def test_bound_of_passivity_in_closed_form_is_that_of_python(damping):
-    """As decaff_controller.c has it, of a delay of one sample."""
-    own, b = PAD_DAMPING, min(damping, 0.5 * PAD_DAMPING)
-    most = (own + b) / 1.5 if own >= 5.0 * b else np.sqrt(b * (8.0 * own - 4.0 * b)) - 2.0 * b
+def test_bound_of_passivity_in_closed_form_is_colgates(damping):
+    """A drum without damping of its own, a pad of 2 N s/m, of which a surface takes half at most."""
+    displayed = SurfaceLaw(ControllerSettings(RATE)).displayed(1e6, damping)
 
-    assert SurfaceLaw(RATE, 0.0).displayed(1e6, damping)[0] == pytest.approx(most * RATE, rel=1e-9)
+    assert displayed[1] == min(damping, 1.0)
+    assert displayed[0] == pytest.approx(
+        largest_passive_stiffness(2.0, displayed[1], 1.0 / RATE, 1), rel=1e-9
+    )
 
 
 # --- what is written ---
 
 
-def test_constants_are_those_of_python():
-    text = controller_sources([Glove()], ChipSettings(1000.0, DIRECT, Limits(max_speed=2.5)))[
-        "decaff_controller.h"
-    ]
-    for module, names in MODULE_CONSTANTS:
-        for name in names:
-            (written,) = re.findall(rf"#define DECAFF_{name} (.*)", text)
-            assert float(re.sub(r"INT64_C|[()u]", "", written)) == getattr(module, name)
-    for field in fields(Limits):
-        assert f"#define DECAFF_LIMIT_{field.name.upper()} " in text
-    assert "#define DECAFF_LIMIT_MAX_SPEED 2.5\n" in text
-    assert "@" not in text and text.isascii()
+def test_numbers_that_python_has_as_well_are_the_same():
+    text = HEADER.read_text()
+    numbers = {
+        "UNIT_ERROR": UNIT_ERROR, "MOST_RUNS": message_check.MOST_RUNS, "LEAST_BEND": LEAST_BEND,
+        "RESTART_SILENCE_NS": message_check.RESTART_SILENCE_NS, "MOST_BEND": MOST_BEND,
+        "STANDING": drum_kernels.STANDING,
+    }  # fmt: skip
+    for name, number in numbers.items():
+        (written,) = re.findall(rf"#define DECAFF_{name} (\S*)", text)
+        assert float(re.sub(r"INT64_C|[()u]", "", written)) == number
+    for kind, prefix in ((DrumState, "DRUM_STATE"), (Trust, "TRUST"), (DriveMode, "DRIVE_MODE")):
+        written = [int(number) for number in re.findall(rf"    DECAFF_{prefix}_\w+ = (\d)", text)]
+        assert written == list(range(len(kind)))
+        assert re.findall(rf"    DECAFF_{prefix}_(\w+) = ", text) == [member.name for member in kind]
+    assert f"#define DECAFF_MOST_SKIPPED {message_check.MOST_SKIPPED}u" in header_text()
 
 
-def test_every_constant_is_used():
+def test_every_number_is_used():
     files = controller_sources([Glove()])
+    code = files["decaff_controller.c"] + files["decaff_controller.h"].partition("decaff_settings;")[2]
     names = re.findall(r"#define (DECAFF_\w+) ", files["decaff_controller.h"])
-    used = files["decaff_controller.c"] + files["decaff_controller.h"]
-    unused = {name for name in names if len(re.findall(rf"\b{name}\b", used)) < 2}
+    used = code + files["decaff_controller.h"]
 
-    assert unused <= {"DECAFF_LIMIT_NEAR_ENERGY", "DECAFF_LIMIT_CONTINUOUS"}  # near_energy: as NEAR_SPEED
+    assert {name for name in names if len(re.findall(rf"\b{name}\b", used)) < 2} <= {"DECAFF_CONTROLLER_H"}
+    assert {name for name in SETTINGS.names if not re.search(rf"(set|settings)->{name}\b", code)} == set()
+
+
+def test_settings_are_written_to_the_last_bit(tmp_path):
+    settings = ControllerSettings(1000.0, DIRECT, Limits(max_speed=2.1), cable=CableRule(1234.5))
+    record, text = settings.record()[0], controller_sources([Glove()], settings)["decaff_glove.c"]
+
+    for name in SETTINGS.names:
+        (written,) = re.findall(rf"    \.{name} = (.*?),?\n", text)
+        number = math.inf if "INFINITY" in written else float(re.sub(r"INT64_C|[()]", "", written))
+        assert number == record[name]
+    assert record.period == 1e-3 and record.max_speed == 2.1 and text.isascii()
 
 
 def test_calibrated_fingers_have_paths_of_their_own(tmp_path):
     write_controller([Glove(), Glove()], tmp_path)
     run(c_compiler(), *STRICT, "-c", tmp_path / "decaff_glove.c", "-o", tmp_path / "glove.o")
 
-    assert "#define DECAFF_PATH_COUNT 2\n" in (tmp_path / "decaff_controller.h").read_text()
+    assert (tmp_path / "decaff_glove.c").read_text().count("sizeof bends_") == 4
 
 
 # --- on a Cortex-M7 ---

@@ -26,7 +26,13 @@ def sources_digest() -> str:
     return str(sources().sources_digest())
 
 
+def digest_in_c() -> str:
+    """Return the digest of what is written in C beside kernels."""
+    return str(sources().digest_in_c())
+
+
 def is_current(target: Target, folder: Path) -> bool:
     """Return whether a folder holds the extension module of a target as the sources are now."""
     extension = extension_path(target, folder)
-    return extension.is_file() and sources_digest().encode() in extension.read_bytes()
+    content = extension.read_bytes() if extension.is_file() else b""
+    return all(digest.encode() in content for digest in (sources_digest(), digest_in_c()))

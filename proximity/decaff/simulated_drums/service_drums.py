@@ -238,8 +238,11 @@ class DrumBench:
                 "path or a glove"
             )
         for i, finger in enumerate(self.fingers):
+            if finger.action is not None and finger.action.is_hot and f"heat {i}" not in self._announced:
+                self._announced.add(f"heat {i}")
+                reported.append(f"the motor of finger {i} is hot: its force is limited until it has cooled")
             surface = finger.controller.frames.reading
-            if surface is None or surface.surface != Surface.DEFORMABLE:
+            if not surface.is_known or surface.surface != Surface.DEFORMABLE:
                 continue
             law, asked = finger.controller.law, (surface.stiffness, surface.damping)
             shown, _ = law.displayed(*asked)

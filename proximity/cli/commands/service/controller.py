@@ -59,14 +59,14 @@ def command(
     """Write the files of the controller."""
     check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
     # NumPy and SciPy: only now, so that --help answers at once.
-    from proximity.decaff.chip.constants import ChipSettings
     from proximity.decaff.chip.sources import write_controller
     from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.controller.settings import ControllerSettings
     from proximity.decaff.drum.drum_model import DRUMS
     from proximity.decaff.glove.glove import Glove
     from proximity.decaff.glove.glove_set import read_glove
 
     gloves = [read_glove(path) for path in calibration] if calibration else [Glove()]
     rule = CableRule() if cable is None else CableRule(cable_stiffness(cable))
-    for path in write_controller(gloves, out, ChipSettings(rate, DRUMS[drum.value], cable=rule)):
+    for path in write_controller(gloves, out, ControllerSettings(rate, DRUMS[drum.value], cable=rule)):
         typer.echo(f"{path}: written")

@@ -45,18 +45,127 @@
 extern "C" {
 #endif
 
-/* --- constants: those of proximity's controller --- */
+/* --- constants --- */
 
-@CONSTANTS@
+#define DECAFF_UNIT_ERROR 0.001               /* by which a normal's length may differ from 1 */
+#define DECAFF_MOST_RUNS 64u                  /* runs of the publisher that are remembered */
+#define DECAFF_RESTART_SILENCE_NS INT64_C(50000000) /* after which another run of the publisher is believed */
+#define DECAFF_LEAST_BEND (-0.1)              /* no hand bends farther than these; assumed */
+#define DECAFF_MOST_BEND 1.1
+#define DECAFF_MOST_RATE 100.0                /* 1/s: no finger bends faster; assumed */
+#define DECAFF_MOST_LENGTH 100.0              /* m: no distance that is measured is greater; assumed */
+#define DECAFF_LEAST_CLOSING 1e-3             /* m/s: slower, the finger is not closing; assumed */
+#define DECAFF_TABLE_ERROR 1e-5               /* of a bend, that goes to a position and back */
+#define DECAFF_MIN_TRAVEL 3e-3                /* m to the contact: nearer, the incidence is uncertain; assumed */
+#define DECAFF_LEAST_INCIDENCE 0.3            /* of a part that is followed: flatter, it slides; assumed */
+#define DECAFF_FOLLOW_NS INT64_C(50000000)    /* so long a drum still goes where a part that stopped is */
+#define DECAFF_SLOPE_BEND 1e-3                /* of the path, by which its slope is taken */
+#define DECAFF_MOST_FORCE 1000.0              /* N: no sensor of a finger measures more; assumed */
+#define DECAFF_COOL_HEAT 0.81                 /* of a motor, from which on it has its force again */
+#define DECAFF_LARGEST_POSITION_ERROR 5e-3    /* m: less certain a contact does not come nearer; assumed */
+#define DECAFF_DRUM_DAMPING 0.0               /* N s/m, of the drum itself: it has Coulomb friction only */
+#define DECAFF_PAD_DAMPING 2.0                /* N s/m, counted on of a fingertip's 6; assumed */
+#define DECAFF_DAMPING_SHARE 0.5              /* of that damping, which the surface's may take; assumed */
+#define DECAFF_STRAY_ANGLE 3.141592653589793  /* rad beyond the path: a drum is not parked farther off; assumed */
+#define DECAFF_STANDING 1e-6                  /* m/s: slower, the servo's reference stands */
 
 #ifndef DECAFF_MOST_FINGERS
-#define DECAFF_MOST_FINGERS 5u /* of a frame; one of more is refused */
+#define DECAFF_MOST_FINGERS 10u /* of a frame, two hands; one of more is refused */
+#endif
+#ifndef DECAFF_MOST_STEADY
+#define DECAFF_MOST_STEADY 1024u /* samples that a steady force is looked back on: 50 ms at 20 kHz */
 #endif
 
 /* The type of all that is computed. */
 typedef double decaff_real;
 
-@ENUMS@
+/* State of a drum. */
+enum decaff_drum_state {
+    DECAFF_DRUM_STATE_RETRACTED = 0,        /* out of the finger's path, or on its path there */
+    DECAFF_DRUM_STATE_APPROACH = 1,         /* stands, or goes to, where the finger will touch */
+    DECAFF_DRUM_STATE_CONTACT_POSITION = 2, /* the finger touches; the drum stands where the part is */
+    DECAFF_DRUM_STATE_CONTACT_FORCE = 3,    /* the finger touches; a force is served */
+    DECAFF_DRUM_STATE_HOLD = 4,             /* the finger touches, and what is known is old: nothing advances */
+    DECAFF_DRUM_STATE_FREEZE = 5,           /* nothing is known: a moment as it was, then without force */
+    DECAFF_DRUM_STATE_FAULT = 6             /* the motor is off until the controller is reset */
+};
+
+/* Trust in a finger's newest frames. */
+enum decaff_trust {
+    DECAFF_TRUST_FRESH = 0, /* sound, tracked, and young enough to be acted upon */
+    DECAFF_TRUST_OLD = 1,   /* sound; older than that */
+    DECAFF_TRUST_STALE = 2, /* too old, or the service knows nothing */
+    DECAFF_TRUST_LOST = 3   /* the finger is not tracked, or there never was a frame */
+};
+
+/* Quantity that the drum's motor controls. */
+enum decaff_drive_mode {
+    DECAFF_DRIVE_MODE_OFF = 0,
+    DECAFF_DRIVE_MODE_POSITION = 1,
+    DECAFF_DRIVE_MODE_FORCE = 2
+};
+
+/* --- what the drum is set to; `proximity controller` writes it into decaff_glove.c --- */
+
+typedef struct decaff_settings {
+    decaff_real period;              /* s between two samples of controller and servo */
+    int64_t fresh_ns;                /* age of a pose: younger, all is normal */
+    int64_t stale_ns;                /* older, nothing is known */
+    int64_t future_ns;               /* farther in the future, the frame is wrong */
+    int64_t freeze_ns;               /* in contact, nothing known: so long nothing changes */
+    int64_t ramp_ns;                 /* then the force limit goes to nothing */
+    int64_t watchdog_ns;             /* between two samples of the servo, at most */
+    decaff_real touch_gap;           /* m of finger and drum: nearer is touching */
+    decaff_real release_gap;         /* m, farther is released */
+    decaff_real touch_force;         /* N */
+    decaff_real gone_force;          /* N: with less, a drum that froze retracts */
+    decaff_real standoff;            /* m, from a finger that began inside */
+    decaff_real max_speed;           /* m/s of whatever moves: a contact that comes nearer faster is a jump */
+    decaff_real object_speed;        /* m/s of objects in old frames */
+    decaff_real speed_error;         /* of old frames, times the finger's speed */
+    decaff_real late_speed;          /* m/s, of a drum that comes late */
+    decaff_real late_force;          /* N, likewise */
+    decaff_real late_gap;            /* m, that counts as being there */
+    decaff_real near_gap;            /* m: nearer, the energy of a bump is limited */
+    decaff_real near_speed;          /* m/s, at which the drum has that energy */
+    decaff_real continuous_force;    /* N at the fingertip */
+    decaff_real peak_force;          /* N at the fingertip */
+    decaff_real force_time;          /* s, over which a force is continuous */
+    decaff_real heat_force;          /* N at the fingertip that the motor holds for ever */
+    decaff_real heat_time;           /* s, in which the motor warms up */
+    decaff_real follow_speed;        /* m/s: slower, a part that is touched is at rest */
+    decaff_real speed_decay;         /* 1/s, of the low-pass of the finger's speed */
+    decaff_real braking;             /* m/s2, that the drum is counted on to brake with near the finger */
+    decaff_real unbraked_speed;      /* m/s: what it brakes too late, in a sample and the servo's lag */
+    decaff_real cable_stiffness;     /* N/m at the fingertip; inf: no stretch is made up for */
+    decaff_real cable_decay;         /* 1/s, of two low-passes of the force that stretches it */
+    uint32_t steady_samples;         /* that a steady force is looked back on; DECAFF_MOST_STEADY at most */
+    decaff_real steady_share;        /* of two low-passes in a row */
+    decaff_real steady_ripple;       /* N that it may vary by */
+    decaff_real steady_ripple_share; /* of the force, if that is more */
+    decaff_real steady_slope_of_window; /* N that it may drift by */
+    decaff_real steady_least;        /* N that it must have */
+    decaff_real steady_slow_speed;   /* m/s of the finger */
+    decaff_real lost_force;          /* N: with less, for a while, the contact of teleoperation is lost */
+    decaff_real lost_time;           /* s */
+    decaff_real lost_distance;       /* m of the slave from its object: more, and the contact is lost */
+    decaff_real servo_stiffness;     /* N/m */
+    decaff_real servo_damping;       /* N s/m */
+    decaff_real servo_integral;      /* N/(m s) */
+    decaff_real servo_acceleration;  /* m/s2, of the reference */
+    decaff_real servo_speed;         /* m/s, of the reference */
+    decaff_real servo_force_gain;    /* 1/s */
+    decaff_real servo_force_damping; /* N s/m */
+    decaff_real servo_force_slew;    /* N/s, of a handover */
+    decaff_real servo_deadband;      /* m */
+    decaff_real servo_smoothing_share; /* of the low-pass of what the motor does */
+    decaff_real drum_force_limit;    /* N at the rim */
+    decaff_real drum_speed_limit;    /* m/s at the rim */
+    decaff_real drum_radius;         /* m, of the rim */
+    decaff_real drum_ratio;          /* turns of the motor to one of the drum */
+} decaff_settings;
+
+/* The bound of passivity of surfaces is that of one sample of delay: what the servo computes acts then. */
 
 /* Why the motor is off. */
 enum decaff_fault {
@@ -88,9 +197,12 @@ typedef struct decaff_path {
     const decaff_real *bends;
     const decaff_real *positions; /* m */
     const decaff_real *angles;    /* rad, of the drum where it meets the finger */
+    const decaff_settings *settings;
 } decaff_path;
 
-extern const decaff_path decaff_paths[DECAFF_PATH_COUNT];
+/* Of decaff_glove.c: one for all fingers, or one each. */
+extern const decaff_path decaff_paths[];
+extern const size_t decaff_path_count;
 
 /* Where the drum meets the finger at an angle, m. */
 decaff_real decaff_drum_position(const decaff_path *path, decaff_real angle);
@@ -156,6 +268,7 @@ typedef struct decaff_location {
     decaff_real error;        /* by which the bend may be off */
     decaff_real finger_speed; /* m/s, when it was reported */
     decaff_real incidence;    /* cosine between path and normal; NaN: too near to tell */
+    decaff_real drift;        /* m/s along the path, with the part's velocity; 0: it rests, or nobody knows */
     int64_t pose_ns;
     int64_t start_ns;         /* of the tick that reported it */
 } decaff_location;
@@ -199,7 +312,7 @@ typedef struct decaff_frame_trust {
 typedef struct decaff_steady {
     decaff_real once;  /* N, low-passed once */
     decaff_real twice; /* N, low-passed twice */
-    decaff_real window[DECAFF_STEADY_SAMPLES];
+    decaff_real window[DECAFF_MOST_STEADY];
     uint32_t count;    /* samples so far, no more than the window has */
     uint32_t next;     /* row of the window that is the oldest */
     uint32_t slow_count;
@@ -226,6 +339,10 @@ typedef struct decaff_controller {
     int64_t release_ns;      /* since when nothing is known */
     decaff_real share;       /* of the force that is left */
     decaff_real mean_force;  /* N */
+    decaff_real heat;        /* of the motor, low-passed square of its force over the one it holds for ever */
+    bool is_hot;
+    bool is_following;       /* a part that moves while it is touched */
+    int64_t moved_ns;        /* when it was seen to move last */
     bool is_budget_spent;
     decaff_real pressing_once;  /* N, that stretches the cable, low-passed once */
     decaff_real pressing_twice; /* N, low-passed twice */
@@ -246,9 +363,18 @@ typedef struct decaff_action {
     decaff_real torque_cap;      /* N m at the motor's shaft, at most */
     decaff_real motor_speed_cap; /* rad/s of the motor's shaft, at most */
     decaff_real force_slew;      /* N/s, of the force; 0: the servo's own, inf: at once */
+    decaff_real heat;            /* of the motor; from 1 on its force is limited to what it holds for ever */
+    bool is_hot;                 /* the force is limited so, until the motor is cooler */
 } decaff_action;
 
 void decaff_controller_begin(decaff_controller *finger, const decaff_path *path);
+
+/* Take a sample of a force; whether it is steady now. */
+bool decaff_is_steady(decaff_steady *watch, const decaff_settings *set, decaff_real force, decaff_real speed);
+
+/* What is displayed of a surface's stiffness, N/m, and damping, N s/m: as much as is passive. */
+void decaff_displayed(const decaff_settings *set, decaff_real stiffness, decaff_real damping, decaff_real *k,
+                      decaff_real *b);
 
 /* Start anew after a fault or an emergency stop, retracted, with nothing believed. */
 void decaff_controller_reset(decaff_controller *finger);
@@ -261,6 +387,7 @@ void decaff_controller_step(decaff_controller *finger, const decaff_observation 
 /* --- the servo of one drum --- */
 
 typedef struct decaff_servo {
+    const decaff_settings *settings;
     enum decaff_drive_mode last_mode;
     decaff_real demanded;        /* N, for the next sample */
     decaff_real reference;       /* m */
@@ -272,7 +399,7 @@ typedef struct decaff_servo {
 } decaff_servo;
 
 /* A drum at rest where it should be. */
-void decaff_servo_begin(decaff_servo *servo, decaff_real position);
+void decaff_servo_begin(decaff_servo *servo, const decaff_path *path, decaff_real position);
 
 /*
  * The motor's force from now on, N at the rim, positive away from the finger: what the last sample demanded.
@@ -282,10 +409,10 @@ decaff_real decaff_servo_step(decaff_servo *servo, const decaff_action *action, 
                               decaff_real force);
 
 /* The motor's torque for a force at the rim, N m at its shaft; no more than it may. */
-decaff_real decaff_motor_torque(decaff_real force);
+decaff_real decaff_motor_torque(const decaff_path *path, decaff_real force);
 
 /* The motor's speed for one of the rim, rad/s at its shaft; no more than it has. */
-decaff_real decaff_motor_speed(decaff_real speed);
+decaff_real decaff_motor_speed(const decaff_path *path, decaff_real speed);
 
 #ifdef __cplusplus
 }
