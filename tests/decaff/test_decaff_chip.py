@@ -211,7 +211,53 @@ def test_what_the_key_does_not_verify_is_not_used(program, tmp_path):
     assert np.frombuffer(events.answers([program], tmp_path), "<i4").tolist() == [9, 9, 9, 9, 0, 6]
 
 
+def test_sequence_of_nobody_leaves_the_drum_its_frames(program, tmp_path):
+    """One frame numbered 2**64 - 2, and all that followed counted as overtaken until a new session."""
+    glove = Glove3kHz()
+    for sample in range(60):
+        glove.bend = 0.3
+        wild = 2**64 - 2 if sample == 30 else sample
+        if sample % 3 == 0:
+            glove.offer(frame_of(glove, sample).seal(SESSION, wild).tobytes())
+        action = glove.sample()
+
+    assert action.state is DrumState.APPROACH
+    assert glove.flaws.count(Flaw.OLD) == 1 and glove.flaws.count(None) == 19
+    glove.check(program, tmp_path)
+
+
+@pytest.mark.parametrize("instant", [-(2**63), -(2**63) + 1, -1, 2**61 + 1, 2**63 - 1])
+@pytest.mark.parametrize("shares_clock", [True, False])
+def test_instant_that_no_clock_shows_is_refused(program, instant, shares_clock, tmp_path):
+    """It passed the checks, and overflowed in the clock of the sender: the sanitizers stopped there."""
+    glove = Glove3kHz(shares_clock)
+    for sample in range(300):
+        message = frame_of(glove, sample)
+        if sample % 10 == 5:
+            message.header["publish_ns"] = instant
+        glove.offer(message.seal(SESSION, sample).tobytes())
+        action = glove.sample()
+
+    assert action.state is DrumState.APPROACH and set(glove.flaws) <= {None, Flaw.CONTENT, Flaw.FUTURE}
+    assert glove.flaws.count(None) == 270
+    glove.check(program, tmp_path)
+
+
 # --- the servo ---
+
+
+@pytest.mark.parametrize("mode", [DriveMode.POSITION, DriveMode.FORCE])
+def test_encoder_without_a_number_for_a_sample_commands_no_force(program, mode, tmp_path):
+    """The force was 100 N away from the finger, for that sample and the next."""
+    events = Events(position=0.0501)
+    for sample in range(10):
+        numbers = [0.05 if mode is DriveMode.POSITION else 0.5, np.inf, 100.0, np.nan, np.inf]
+        read = np.nan if sample == 5 else 0.0501
+        events.data += b"V" + bytes([mode]) + np.array([*numbers, read, 0.5, 0.0]).tobytes()
+
+    found = np.frombuffer(events.answers([program], tmp_path), "<f8")
+    assert np.abs(found[1:5]).min() > 0.1  # it worked before
+    assert found[5] == found[6] == 0.0
 
 
 @pytest.mark.parametrize("name", DRUMS)

@@ -101,7 +101,7 @@ def location_of(*records):
 
 def touching(**fields):
     """A finger at the wall, the drum before it, 0.8 N between them."""
-    bench = approaching(**{name: fields.pop(name) for name in ("handover",) if name in fields})
+    bench = approaching(**{name: fields.pop(name) for name in ("handover", "limits") if name in fields})
     bench.bend = WALL
     bench.force = 0.8
     bench.run(3, **fields)
@@ -874,6 +874,23 @@ def test_force_has_a_peak_and_what_lasts():
     assert set(caps[spent:]) == {10.0}
     bench.force = math.nan
     assert bench.run(1).force_cap == 10.0
+
+
+def test_hot_motor_has_the_force_that_it_holds_for_ever():
+    """i2t: 18 N of a motor that holds 12 N heat it up within its time; with less it cools again."""
+    bench = touching(limits=Limits(heat_force=12.0, heat_time=2.0, continuous_force=18.0))
+    bench.force = 18.0
+    actions = [bench.run(1) for _ in range(3000)]
+    hot = next(k for k, action in enumerate(actions) if action.is_hot)
+
+    assert 1e-3 * hot == pytest.approx(-2.0 * math.log(1.0 - (12.0 / 18.0) ** 2), abs=0.05)
+    assert actions[hot - 1].force_cap > actions[hot].force_cap == 12.0
+    assert actions[hot].heat == pytest.approx(1.0, abs=1e-2)
+    bench.controller.reset()
+    assert bench.run(1).is_hot  # a reset cools nothing
+    bench.force = 5.0
+    cooled = [bench.run(1).is_hot for _ in range(3000)]
+    assert cooled[0] and not cooled[-1]
 
 
 def test_action_tells_the_motor_by_the_parameters_of_the_drum():
