@@ -585,6 +585,15 @@ static bool may_follow(const decaff_location *before, const decaff_location *fou
     return nearer <= ((set->max_speed * 1e-9 * (decaff_real)elapsed_ns) + error);
 }
 
+/* The rate of a bend, 1/s, at which its position goes at a speed, m/s. */
+static decaff_real rate_of(const decaff_path *path, decaff_real bend, decaff_real speed)
+{
+    decaff_real slope = (position_of_bend(path, bend + DECAFF_SLOPE_BEND) - position_of_bend(path, bend))
+                        / DECAFF_SLOPE_BEND;
+
+    return (slope > 0.0) ? (speed / slope) : 0.0;
+}
+
 /* In contact the surface is where it was. With a part that moves it goes by the part's velocity, and, half as fast
  * at most, towards where the distance has it: what is said of a finger that is inside is no more certain. */
 static void follow_part(decaff_location *at, const decaff_contact *c, const decaff_path *path, int64_t start_ns)
@@ -597,13 +606,10 @@ static void follow_part(decaff_location *at, const decaff_contact *c, const deca
         decaff_real away = position_of_bend(path, c->bend) - position
                            + (c->signed_distance / greater(at->incidence, DECAFF_LEAST_INCIDENCE));
         decaff_real most = 0.5 * magnitude(drift) * elapsed;
-        decaff_real slope;
 
         position += is_finite(away) ? greater(-most, lesser(most, away)) : 0.0;
         at->bend = bend_of_position(path, position);
-        slope = (position_of_bend(path, at->bend + DECAFF_SLOPE_BEND) - position_of_bend(path, at->bend))
-                / DECAFF_SLOPE_BEND;
-        at->rate = (slope > 0.0) ? (drift / slope) : 0.0;
+        at->rate = rate_of(path, at->bend, drift);
         at->drift = drift;
         at->error = 0.0;
         at->pose_ns = c->pose_ns;
@@ -633,6 +639,9 @@ static void take_location(decaff_frame_trust *frames, const decaff_contact *c, c
             found.incidence = frames->has_location ? frames->location.incidence : 1.0;
         }
         found.drift = drift_of(c, path->settings, found.incidence);
+        if (isnan(c->contact_bend_rate)) {
+            found.rate = rate_of(path, found.bend, found.drift);
+        }
         if ((frames->has_location && may_follow(&frames->location, &found, path, is_same_pose))
             || (!is_same_pose && frames->has_pending && may_follow(&frames->pending, &found, path, false))) {
             frames->location = found;
@@ -1143,7 +1152,8 @@ static decaff_real released_share(decaff_controller *finger, int64_t sample_ns)
     return finger->share;
 }
 
-/* With a part that moves the target goes where the contact is, no faster than drum and finger may come together. */
+/* With a part that moves the target goes where the contact is, no faster than drum and finger may come together,
+ * until it is there and the part has been at rest for a while. */
 static void follow_contact(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed)
 {
     const decaff_settings *set = finger->path->settings;
@@ -1152,16 +1162,16 @@ static void follow_contact(decaff_controller *finger, const decaff_observation *
     if (frames->has_location && (magnitude(frames->location.drift) > 0.0)) {
         finger->is_following = true;
         finger->moved_ns = seen->sample_ns;
-    } else if (decaff_time_between(finger->moved_ns, seen->sample_ns) > DECAFF_FOLLOW_NS) {
-        finger->is_following = false;
-    } else {
-        /* it has stopped just now */
     }
     if (finger->is_following && frames->has_location && (finger->trust == DECAFF_TRUST_FRESH)) {
         decaff_real position = lesser(predicted_position(frames, finger->path, seen->now_ns), retracted(finger->path));
 
         finger->target = greater(finger->target - (set->near_speed * elapsed),
                                  lesser(finger->target + (set->max_speed * elapsed), position));
+        if ((magnitude(finger->target - position) < set->touch_gap)
+            && (decaff_time_between(finger->moved_ns, seen->sample_ns) > DECAFF_FOLLOW_NS)) {
+            finger->is_following = false;
+        }
     }
 }
 
