@@ -23,7 +23,7 @@ from proximity.decaff.controller.settings import ControllerSettings
 from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
-from proximity.decaff.drum.drum_model import DIRECT, DRUMS
+from proximity.decaff.drum.drum_model import DIRECT, DRUMS, GEAR4
 from proximity.decaff.drum.servo import servo_for
 from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.decaff.glove.glove import Glove
@@ -302,6 +302,39 @@ def test_bound_of_passivity_in_closed_form_is_colgates(damping):
     assert displayed[0] == pytest.approx(
         largest_passive_stiffness(2.0, displayed[1], 1.0 / RATE, 1), rel=1e-9
     )
+
+
+# --- the start ---
+
+SIGN, HOME, DONE, WRONG_SIGN, STUCK, NO_ANGLE = range(6)  # enum decaff_start_state
+
+
+@pytest.mark.parametrize(
+    ("turns", "counts", "angle", "stop", "index", "state"),
+    [
+        (1, 1, 0.5, 1.9, math.nan, DONE),  # by touch of the stop
+        (1, 1, 0.5, 1.9, 1.5, DONE),  # by the index
+        (1, 1, 1.9, 1.9, math.nan, DONE),  # it stood at the stop
+        (-1, 1, 0.5, 1.9, math.nan, WRONG_SIGN),  # the motor's wires
+        (1, -1, 0.5, 1.9, math.nan, WRONG_SIGN),  # the encoder's
+        (-1, 1, 1.9, 1.9, math.nan, WRONG_SIGN),
+        (0, 1, 0.5, 1.9, math.nan, STUCK),
+        (1, 1, 0.5, 1e9, math.nan, STUCK),  # there is no stop
+        (1, 1, math.nan, 1.9, math.nan, NO_ANGLE),
+    ],
+)
+def test_drum_starts_where_its_stop_or_index_is_or_without_power(
+    turns, counts, angle, stop, index, state, tmp_path
+):
+    write_controller([Glove()], tmp_path)
+    sources = [*(tmp_path / name for name in SOURCES), DRIVER.with_name("start_driver.c")]
+    run(c_compiler(), *STRICT, "-O1", f"-I{tmp_path}", *sources, "-lm", "-o", tmp_path / "start")
+    words = run(tmp_path / "start", turns, counts, angle, stop, index).split()
+    found, off, most, last = int(words[0]), *(float(word) for word in words[1:])
+
+    assert (found, last) == (state, 0.0)
+    assert off == pytest.approx(0.0, abs=0.002) or state != DONE
+    assert most <= 0.1 * GEAR4.motor_torque(math.inf) + 1e-4
 
 
 # --- what is written ---

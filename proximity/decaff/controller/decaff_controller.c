@@ -1431,3 +1431,77 @@ decaff_real decaff_servo_step(decaff_servo *servo, const decaff_action *action, 
     servo->demanded = within(demand, limit);
     return (mode == DECAFF_DRIVE_MODE_OFF) ? 0.0 : applied; /* off at once */
 }
+
+/* --- the start --- */
+
+void decaff_start_begin(decaff_start *start, const decaff_path *path, decaff_real home)
+{
+    (void)memset(start, 0, sizeof *start);
+    start->path = path;
+    start->home = home;
+    start->angle = path->angles[path->count - 1u];
+}
+
+static void enter_start(decaff_start *start, enum decaff_start_state state)
+{
+    start->state = state;
+    start->time = 0.0;
+    start->still = 0.0;
+}
+
+/* The drum at its index or stop: from now on its angle is known. */
+static void set_home(decaff_start *start, decaff_real encoder)
+{
+    start->offset = start->home - encoder;
+    start->angle = start->home;
+    enter_start(start, DECAFF_START_DONE);
+}
+
+decaff_real decaff_start_step(decaff_start *start, decaff_real encoder, bool is_at_index)
+{
+    const decaff_settings *set = start->path->settings;
+    decaff_real most = DECAFF_START_SHARE * decaff_motor_torque(start->path, set->drum_force_limit), torque = 0.0;
+
+    if (start->state >= DECAFF_START_DONE) {
+        return 0.0;
+    }
+    if (!is_finite(encoder)) {
+        enter_start(start, DECAFF_START_NO_ANGLE);
+        return 0.0;
+    }
+    if (!start->has_angle) {
+        start->has_angle = true;
+        start->first = encoder;
+        start->last = encoder;
+    }
+    start->speed += (((encoder - start->last) / set->period) - start->speed) * share_of(set->speed_decay * set->period);
+    start->last = encoder;
+    start->time += set->period;
+    start->still = (magnitude(start->speed) < (0.1 * DECAFF_START_SPEED)) ? (start->still + set->period) : 0.0;
+    if (is_at_index) {
+        set_home(start, encoder);
+    } else if (start->time > DECAFF_START_LONGEST) {
+        enter_start(start, DECAFF_START_STUCK);
+    } else if (start->state == DECAFF_START_HOME) {
+        torque = within(most * (1.0 - (start->speed / DECAFF_START_SPEED)), most);
+        if ((start->still > DECAFF_START_STILL) && (start->time > DECAFF_START_RAMP)) {
+            set_home(start, encoder);
+            torque = 0.0;
+        }
+    } else {
+        /* Away from the finger first; where it does not turn, as at the stop, the other way. */
+        decaff_real share = start->time / DECAFF_START_RAMP;
+        decaff_real turned = (share < 1.0) ? (encoder - start->first) : (start->first - encoder);
+
+        if (turned > DECAFF_START_TURN) {
+            enter_start(start, DECAFF_START_HOME);
+        } else if (turned < -DECAFF_START_TURN) {
+            enter_start(start, DECAFF_START_WRONG_SIGN);
+        } else if (share > 2.0) {
+            enter_start(start, DECAFF_START_STUCK);
+        } else {
+            torque = most * ((share < 1.0) ? share : (1.0 - share));
+        }
+    }
+    return torque;
+}

@@ -1,36 +1,51 @@
 /*
- * decaff_controller.h: the controller of a contact drum, for a microcontroller, in C99.
+ * decaff_controller.h: the controller of contact drums in C99, for a simulation, a service, or a microcontroller.
  *
- * Made by `proximity controller`; what is changed here is lost. It does what proximity's own controller does,
- * sample by sample: frames are verified and aged, the place of contact is taken with the instant of its pose,
- * and the drum holds or retracts where anything is uncertain. It uses no heap, no files, no threads, no clock,
- * and of <math.h> `sqrt` alone. Lengths are in metres, angles in radians, instants in nanoseconds, positions
- * lie on the finger's path, greater away from the finger. What is not known is NaN: -ffast-math breaks it.
+ * Frames are verified and aged, the place of contact is taken with the instant of its pose, and the drum holds or
+ * retracts where anything is uncertain. It uses no heap, no files, no threads, no clock, and of <math.h> `sqrt`
+ * alone. What is not known is NaN: -ffast-math breaks it. Lengths are in metres, angles in radians, instants in
+ * nanoseconds.
+ *
+ * Signs. Positions lie on the finger's path and grow from the flat hand to the fist. The drum's angle grows with
+ * the position at which it meets the finger: greater is away from the finger, in front of it. A force of the motor
+ * (decaff_servo_step) is positive away from the finger, and so are decaff_motor_torque() of it and the torque that
+ * decaff_start_step() returns: a positive torque must turn the drum to greater angles, which decaff_start_step()
+ * tests. What presses finger and drum together (seen.force, seen.motor_force, action.force, action.torque) is
+ * positive where it presses.
  *
  * A wire format of doubles and a bound of a nanometre ask for a processor with double precision, such as a
- * Cortex-M7 (-mfpu=fpv5-d16 -mfloat-abi=hard). The rate is fixed: step each finger @RATE_TEXT@ times a second,
- * give instants of a monotonic clock of your own, and call all functions of one subscriber from one context.
+ * Cortex-M7 (-mfpu=fpv5-d16 -mfloat-abi=hard). Step each finger at the rate of its settings, give instants of a
+ * monotonic clock of your own, and call all functions of one subscriber from one context.
  *
- *   static decaff_subscriber frames;                       // one for all fingers
- *   static decaff_controller finger;                       // one a finger
+ *   static decaff_subscriber frames;                       // one for all fingers, of both hands
+ *   static decaff_start start;                             // one a finger, as all below
+ *   static decaff_controller finger;
  *   static decaff_servo servo;
  *
- *   decaff_subscriber_begin(&frames, 0, key);              // the service is another machine's; NULL: no key
+ *   decaff_subscriber_begin(&frames, false, key);          // the service is another machine's; NULL: no key
+ *   decaff_start_begin(&start, &decaff_paths[0], 1.9);     // rad, of the stop behind the retracted drum
  *   decaff_controller_begin(&finger, &decaff_paths[0]);
- *   decaff_servo_begin(&servo, decaff_drum_position(&decaff_paths[0], angle_of_encoder()));
  *
  *   decaff_subscriber_take(&frames, datagram, size, clock_ns());     // whenever a datagram has come
  *
- *   decaff_observation seen;                               // at each sample of the servo
- *   decaff_subscriber_look(&frames, 0u, clock_ns(), &seen);
- *   seen.bend = bend_of_potentiometer();
- *   seen.drum_angle = angle_of_encoder();
- *   seen.force = NAN;                                      // or measured
- *   seen.motor_force = -force;                             // of the last sample; used where none is measured
- *   seen.has_fault = motor_has_fault();
- *   decaff_controller_step(&finger, &seen, &action);
- *   force = decaff_servo_step(&servo, &action, decaff_drum_position(finger.path, seen.drum_angle), seen.force);
- *   set_motor_torque(-decaff_motor_torque(force));         // DECAFF_DRIVE_OFF: without power
+ *   if (start.state < DECAFF_START_DONE) {                 // at each sample of the servo, before all else
+ *       torque = decaff_start_step(&start, angle_of_encoder(), false);
+ *       decaff_servo_begin(&servo, &decaff_paths[0], decaff_drum_position(&decaff_paths[0], start.angle));
+ *   } else {
+ *       decaff_observation seen;
+ *       decaff_subscriber_look(&frames, 0u, clock_ns(), &seen);
+ *       seen.bend = bend_of_potentiometer();
+ *       seen.drum_angle = angle_of_encoder() + start.offset;
+ *       seen.force = NAN;                                  // or measured
+ *       seen.motor_force = -force;                         // of the last sample; used where none is measured
+ *       seen.has_fault = motor_has_fault() || start.state != DECAFF_START_DONE;
+ *       decaff_controller_step(&finger, &seen, &action);
+ *       force = decaff_servo_step(&servo, &action, decaff_drum_position(finger.path, seen.drum_angle), seen.force);
+ *       torque = decaff_motor_torque(finger.path, force);
+ *   }
+ *   set_motor_power(action.mode != DECAFF_DRIVE_MODE_OFF); // off: without power, whatever the torque
+ *   set_motor_torque(torque);
+ *   restart_watchdog();                                    // of the hardware: it cuts the power after 10 ms
  */
 #ifndef DECAFF_CONTROLLER_H
 #define DECAFF_CONTROLLER_H
@@ -67,6 +82,12 @@ extern "C" {
 #define DECAFF_PAD_DAMPING 2.0                /* N s/m, counted on of a fingertip's 6; assumed */
 #define DECAFF_DAMPING_SHARE 0.5              /* of that damping, which the surface's may take; assumed */
 #define DECAFF_STRAY_ANGLE 3.141592653589793  /* rad beyond the path: a drum is not parked farther off; assumed */
+#define DECAFF_START_SHARE 0.1                /* of the motor's torque, at most, before it is homed; assumed */
+#define DECAFF_START_RAMP 0.5                 /* s, in which that torque comes */
+#define DECAFF_START_TURN 0.02                /* rad of the drum, by which the sign shows; assumed */
+#define DECAFF_START_SPEED 0.4                /* rad/s of the drum, on its way to the stop; assumed */
+#define DECAFF_START_STILL 0.1                /* s without a turn: it is at the stop */
+#define DECAFF_START_LONGEST 20.0             /* s, after which nothing is found any more */
 #define DECAFF_STANDING 1e-6                  /* m/s: slower, the servo's reference stands */
 
 #ifndef DECAFF_MOST_FINGERS
@@ -408,11 +429,46 @@ void decaff_servo_begin(decaff_servo *servo, const decaff_path *path, decaff_rea
 decaff_real decaff_servo_step(decaff_servo *servo, const decaff_action *action, decaff_real position,
                               decaff_real force);
 
-/* The motor's torque for a force at the rim, N m at its shaft; no more than it may. */
+/* The motor's torque for a force at the rim, N m at its shaft, of the same sign; no more than it may. */
 decaff_real decaff_motor_torque(const decaff_path *path, decaff_real force);
 
 /* The motor's speed for one of the rim, rad/s at its shaft; no more than it has. */
 decaff_real decaff_motor_speed(const decaff_path *path, decaff_real speed);
+
+/* --- the start: which way the motor turns, and where the drum is --- */
+
+enum decaff_start_state {
+    DECAFF_START_SIGN = 0, /* a small torque, that grows, away from the finger: the angle must grow */
+    DECAFF_START_HOME,     /* slowly away from the finger, until the index or the mechanical stop */
+    DECAFF_START_DONE,     /* the offset is known; the torque is 0 */
+    DECAFF_START_WRONG_SIGN, /* a positive torque turned the drum to smaller angles: motor or encoder is reversed */
+    DECAFF_START_STUCK,    /* it does not turn, or neither index nor stop came */
+    DECAFF_START_NO_ANGLE  /* the encoder gives no number */
+};
+
+typedef struct decaff_start {
+    const decaff_path *path;
+    enum decaff_start_state state;
+    decaff_real angle;  /* rad, of the drum as far as it is known: when done, that of the controller */
+    decaff_real offset; /* rad, to be added to the encoder */
+    decaff_real home;   /* rad, of index or stop */
+    decaff_real first;  /* rad of the encoder, where it began */
+    decaff_real last;   /* rad of the encoder, a sample ago */
+    decaff_real speed;  /* rad/s, low-passed */
+    decaff_real time;   /* s, in this state */
+    decaff_real still;  /* s, that it has not turned */
+    bool has_angle;
+} decaff_start;
+
+/* `home`: the drum's angle where the index is seen, or at the stop, beyond the one where it is retracted. */
+void decaff_start_begin(decaff_start *start, const decaff_path *path, decaff_real home);
+
+/*
+ * The motor's torque at a sample, N m at its shaft, positive to greater angles; 0 where it is done or has failed.
+ * `encoder`: rad of the drum, from wherever it counts; `is_at_index`: false where there is none. Keep the finger
+ * out of the drum's path meanwhile.
+ */
+decaff_real decaff_start_step(decaff_start *start, decaff_real encoder, bool is_at_index);
 
 #ifdef __cplusplus
 }

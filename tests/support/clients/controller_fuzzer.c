@@ -214,6 +214,7 @@ static unsigned long live(unsigned long *used)
     decaff_clock clock = {0};
     decaff_controller finger;
     decaff_servo servo;
+    decaff_start start;
     const decaff_path *path = &decaff_paths[0];
     const decaff_settings *set = path->settings;
     decaff_action action = {0};
@@ -228,6 +229,7 @@ static unsigned long live(unsigned long *used)
     decaff_subscriber_begin(&frames, below(2) != 0, NULL);
     decaff_controller_begin(&finger, path);
     decaff_servo_begin(&servo, path, drum);
+    decaff_start_begin(&start, path, below(20) ? 1.9 : wild_real());
     for (sample = 0; sample < SAMPLES_A_LIFE; sample++) {
         now_ns += below(5000) ? PERIOD_NS : (int64_t)below(30000000);
         bend = sample % 3000 < 1000 ? 0.35 + 0.00016 * (double)(sample % 3000) : 0.51; /* closes, and presses */
@@ -261,6 +263,8 @@ static unsigned long live(unsigned long *used)
         SAFE(isfinite(force) && fabs(force) <= set->drum_force_limit && fabs(force) <= cap);
         SAFE(action.mode != DECAFF_DRIVE_MODE_OFF || force == 0.0);
         SAFE(isfinite(decaff_motor_torque(path, force)));
+        SAFE(fabs(decaff_start_step(&start, seen.drum_angle, below(9000) == 0))
+             <= 0.1 * decaff_motor_torque(path, set->drum_force_limit));
         cap = action.force_cap;
         drum += fmax(-0.0005, fmin(action.position - drum, 0.0005));
         states[action.state]++;
