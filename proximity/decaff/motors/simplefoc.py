@@ -71,8 +71,8 @@ class SimpleFoc:
     def send(self, command: MotorCommand) -> None:
         """Send limit and target, in the order in which no target has the limit of another.
 
-        A torque is that limit, with a target to which the shaft does not come. In another mode Commander would
-        take the old target for a current, 3 rad for 3 A, or the motor had to be off meanwhile.
+        A torque is that limit, with a target to which the shaft does not come. Torque mode would take the
+        old target for a current, 3 rad for 3 A, or the motor had to be off meanwhile.
         """
         turns, cap = command.turns, command.torque_cap
         if command.mode is DriveMode.FORCE:
