@@ -42,7 +42,7 @@ class ControllerSettings:
 
     def _of_rules(self) -> dict[str, float]:
         limits, handover = self.limits, self.handover
-        numbers = {name: getattr(limits, name) for name in Limits.__slots__ if name in SETTINGS.names}
+        numbers = {name: getattr(limits, name) for name in Limits.__slots__ if name in (SETTINGS.names or ())}
         numbers |= {name: getattr(handover, name) for name in ("lost_force", "lost_time", "lost_distance")}
         return numbers | steady_numbers(self.rate, handover.rule) | {"period": 1.0 / self.rate}
 
