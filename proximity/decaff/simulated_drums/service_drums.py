@@ -39,9 +39,8 @@ from proximity.system.time_units import S_PER_NS
 from proximity.transport import Reading
 
 CARRIED_NS = 20_000_000  # so long a finger is thought to go on as it did
-NO_POWER: dict[str, Any] = dict.fromkeys(
-    ("force", "speed_cap", "force_cap", "torque", "torque_cap", "motor_speed_cap"), 0.0
-)
+POWERS = "force", "speed_cap", "force_cap", "torque", "torque_cap", "motor_speed_cap"
+NO_POWER: dict[str, Any] = dict.fromkeys(POWERS, 0.0)
 SOFTER = 1e-6  # share by which a displayed stiffness must fall short before that is said
 
 
