@@ -1307,7 +1307,7 @@ decaff_real decaff_motor_torque(const decaff_path *path, decaff_real force)
     const decaff_settings *set = path->settings;
     decaff_real most = set->drum_force_limit;
 
-    return lesser(greater(force, -most), most) * set->drum_radius / set->drum_ratio;
+    return lesser(greater(force, -most), most) / set->drum_turn;
 }
 
 decaff_real decaff_motor_speed(const decaff_path *path, decaff_real speed)
@@ -1315,7 +1315,7 @@ decaff_real decaff_motor_speed(const decaff_path *path, decaff_real speed)
     const decaff_settings *set = path->settings;
     decaff_real most = set->drum_speed_limit;
 
-    return lesser(greater(speed, -most), most) * set->drum_ratio / set->drum_radius;
+    return lesser(greater(speed, -most), most) * set->drum_turn;
 }
 
 /* --- the servo --- */

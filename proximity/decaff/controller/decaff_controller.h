@@ -180,10 +180,9 @@ typedef struct decaff_settings {
     decaff_real servo_force_slew;    /* N/s, of a handover */
     decaff_real servo_deadband;      /* m */
     decaff_real servo_smoothing_share; /* of the low-pass of what the motor does */
-    decaff_real drum_force_limit;    /* N at the rim */
-    decaff_real drum_speed_limit;    /* m/s at the rim */
-    decaff_real drum_radius;         /* m, of the rim */
-    decaff_real drum_ratio;          /* turns of the motor to one of the drum */
+    decaff_real drum_force_limit;    /* N at the fingertip */
+    decaff_real drum_speed_limit;    /* m/s at the fingertip */
+    decaff_real drum_turn;           /* rad of the motor to a metre of fingertip; N there of a N m */
 } decaff_settings;
 
 /* The bound of passivity of surfaces is that of one sample of delay: what the servo computes acts then. */

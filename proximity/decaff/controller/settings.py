@@ -64,6 +64,5 @@ class ControllerSettings:
             "servo_smoothing_share": low_pass(servo.smoothing, servo.period),
             "drum_force_limit": drum.force_limit,
             "drum_speed_limit": drum.speed_limit,
-            "drum_radius": drum.radius,
-            "drum_ratio": drum.ratio,
+            "drum_turn": 1.0 / drum.motor_torque(1.0),
         }

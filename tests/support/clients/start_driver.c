@@ -6,6 +6,7 @@
 #include "decaff_controller.h"
 
 #define INERTIA 2.4e-5  /* kg m2, of motor and gear at the drum */
+#define RATIO 4.0       /* turns of the motor to one of the drum */
 #define FRICTION 1.8e-3 /* N m, likewise */
 
 int main(int count, char **words)
@@ -23,7 +24,7 @@ int main(int count, char **words)
     decaff_start_begin(&start, path, isnan(index) ? stop : index);
     for (sample = 0; sample < 90000 && start.state < DECAFF_START_DONE; sample++) {
         before = angle;
-        speed += turns * set->drum_ratio * torque / INERTIA * set->period;
+        speed += turns * RATIO * torque / INERTIA * set->period;
         speed -= fmax(-FRICTION / INERTIA * set->period, fmin(speed, FRICTION / INERTIA * set->period));
         angle += speed * set->period;
         if (angle >= stop) {
