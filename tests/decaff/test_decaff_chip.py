@@ -409,7 +409,7 @@ def test_cortex_m7_takes_it_with_little_code_and_stack(tmp_path):
     print(f"\ncode and data, static data, zeroed: {sizes}; stack of the largest functions: ", end="")
     print(sorted(stack.items(), key=lambda entry: -entry[1])[:4])
 
-    assert sizes["decaff_controller.c"][0] < 16_384 and sizes["decaff_controller.c"][1:] == [0, 0]
+    assert sizes["decaff_controller.c"][0] < 20_480 and sizes["decaff_controller.c"][1:] == [0, 0]
     assert sum(sorted(stack.values())[-6:]) < 2048  # no path is deeper
     assert needed <= {"memcpy", "memset", "decaff_paths", "sqrt"}  # no heap, no other libm
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sealed_frames import frame
 
+from proximity.decaff.controller import compiled
 from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
@@ -23,6 +24,7 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.message import ContactFlag, Mode, Source, State, Surface
+from proximity.native import in_c
 
 GLOVE = Glove()
 PATH = FingerPath(GLOVE)
@@ -912,6 +914,21 @@ def test_action_tells_the_motor_by_the_parameters_of_the_drum():
 
     off = bench.step(None, has_fault=True)
     assert (off.torque, off.torque_cap) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "instead", "reason"),
+    [
+        ("extension", lambda: None, "there is no compiled extension for this system"),
+        ("digest_in_c", lambda: "other", "its sources were edited since it was compiled"),
+    ],
+)
+def test_controller_that_was_not_compiled_says_what_to_do(name, instead, reason, monkeypatch):
+    monkeypatch.setattr(in_c, name, instead)
+    compiled.in_c.cache_clear()
+    with pytest.raises(DecaffError, match=f"{reason}; compile it by `python tools/build_kernels.py`"):
+        FingerController(PATH)
+    compiled.in_c.cache_clear()
 
 
 def test_limits_that_are_none_are_refused():
