@@ -28,6 +28,7 @@ errors · simd
 native
 """,
     "proximity.native": """
+in_c
 declaration
 jit · mode
 signature · sources

@@ -49,7 +49,10 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
             except subprocess.CalledProcessError:
                 if version != "editable":
                     raise
-                self._say("kernels could not be compiled; numba compiles them when they are called")
+                self._say(
+                    "nothing could be compiled: numba compiles kernels when they are called, and drums do "
+                    "not run"
+                )
                 return
             self._say(f"compiled in {time.perf_counter() - started:.0f} s")
         if version != "editable":

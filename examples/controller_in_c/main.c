@@ -11,14 +11,20 @@
  * the bend of the finger, and the angle that the drum is sent to. It ends after the service, with the drum
  * retracted. In your firmware a timer starts each sample, the bend comes from the potentiometer, and the angle
  * from the encoder. Here the service reports the bend, and the drum is where it was sent to.
+ *
+ * Signs: angles grow away from the finger, from the flat hand to the fist; a positive torque turns to greater angles.
+ * There is no motor here: power() says when it would be cut, which a fault does, and so does the watchdog, where no
+ * sample comes in time. In your firmware that is the chip's own, of 10 ms, and decaff_start_step() comes first: it
+ * tests the sign of torque and angle with a small torque, and finds the stop.
  */
-#define _POSIX_C_SOURCE 200809L
+#define _XOPEN_SOURCE 700
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/socket.h>
+#include <sys/time.h>
 #include <time.h>
 
 #include "decaff_controller.h"
@@ -33,6 +39,22 @@ static int64_t clock_ns(void)
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+/* Your motor driver's enable; off also when the program ends. */
+static void power(bool is_on)
+{
+    static bool was_on = true;
+    if (was_on && !is_on)
+        printf("power off\n");
+    was_on = is_on;
+}
+
+/* Your chip's watchdog: unless it is started anew in time, it cuts the power. A PC that does other work needs a second. */
+static void restart_watchdog(void)
+{
+    struct itimerval limit = {.it_value.tv_sec = 1};
+    setitimer(ITIMER_REAL, &limit, NULL); /* SIGALRM ends the program */
 }
 
 int main(int count, char **words)
@@ -71,6 +93,8 @@ int main(int count, char **words)
         seen.bend = bend;               /* your potentiometer */
         seen.drum_angle = action.angle; /* your encoder */
         decaff_controller_step(&finger, &seen, &action);
+        power(action.mode != DECAFF_DRIVE_MODE_OFF);
+        restart_watchdog();
         if (shown != (int)action.state && seen.contact != NULL)
             printf("%-16s %6.2f mm away, bend %.3f, drum to %.3f rad\n", STATES[action.state],
                    1e3 * seen.contact->signed_distance, bend, action.angle);

@@ -233,8 +233,8 @@ def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> d
             "peak_force_n": round(finger.peak_force, 4),
             "peak_torque_nm": round(finger.peak_torque, 6),
             "faults": finger.faults,
-            "dropped": finger.controller.frames.dropped,
-            "awaited": finger.controller.frames.awaited,
+            "dropped": int(finger.controller.frames.dropped),
+            "awaited": int(finger.controller.frames.awaited),
             "samples": dict(finger.samples),
         }
         for i, finger in enumerate(bench.fingers)

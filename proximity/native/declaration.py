@@ -41,7 +41,7 @@ class Entry:
     def description(self) -> tuple[Any, ...]:
         """Return what the extension has to know."""
         takes, gives = (
-            tuple(map(_codes, each)) for each in (self.signature.arguments, self.signature.results)
+            tuple(map(codes, each)) for each in (self.signature.arguments, self.signature.results)
         )
         return MODE, self.name, takes, gives, self.handful
 
@@ -152,8 +152,8 @@ def packed(arrays: Any) -> Any:
     if not IS_AHEAD:
         return arrays
     kind = BUNDLES[type(arrays).__name__]
-    codes = tuple(map(_codes, kind.arrays))
-    return OBJECTS.make_bundle(kind.name, list(BUNDLES).index(kind.name), codes, tuple(arrays))
+    words = tuple(map(codes, kind.arrays))
+    return OBJECTS.make_bundle(kind.name, list(BUNDLES).index(kind.name), words, tuple(arrays))
 
 
 class _Internal:
@@ -196,7 +196,7 @@ def _is_of(value: Array | Scalar | Bundle, given: Any) -> bool:
     )
 
 
-def _codes(value: Array | Scalar | Bundle) -> tuple[int, ...]:
+def codes(value: Array | Scalar | Bundle) -> tuple[int, ...]:
     """How the extension describes a type: kind, number, lengths."""
     if isinstance(value, Scalar):
         return _KINDS[value.kind], 0, 0

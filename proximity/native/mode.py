@@ -21,7 +21,7 @@ JIT, INTERPRETED = "jit", "interpreted"
 _REBUILD = "run `python -m pip install -e .` in the checkout"
 
 
-def _objects() -> Any:
+def extension() -> Any:
     """The extension module; None where there is none."""
     try:
         from proximity.native import _kernels  # type: ignore[attr-defined]
@@ -37,7 +37,7 @@ def _mode() -> tuple[str, Any]:
     wanted = os.environ.get("PROXIMITY_ISA", "")
     if wanted == JIT:
         return JIT, None
-    objects = _objects()
+    objects = extension()
     usable = objects.usable_instructions() if objects else []
     if wanted:
         if wanted not in usable:

@@ -18,11 +18,27 @@ def kernel_sources() -> list[Path]:
     return sorted(files)
 
 
+def sources_in_c() -> list[Path]:
+    """Return the files of what the extension has in C beside kernels."""
+    patterns = ("decaff/controller/*.c", "decaff/controller/*.h", "message/decaff_message.h.in")
+    return sorted(path for pattern in patterns for path in PACKAGE.glob(pattern))
+
+
 @cache
 def sources_digest() -> str:
-    """Return the digest of all of them."""
+    """Return the digest of all sources of kernels."""
+    return _digest_of(kernel_sources())
+
+
+@cache
+def digest_in_c() -> str:
+    """Return the digest of what is written in C beside them."""
+    return _digest_of(sources_in_c())
+
+
+def _digest_of(sources: list[Path]) -> str:
     digest = hashlib.sha256()
-    for source in kernel_sources():
+    for source in sources:
         content = source.read_bytes()
         digest.update(f"{source.name} {len(content)} ".encode() + content)
     return digest.hexdigest()[:32]

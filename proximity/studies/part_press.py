@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from proximity.decaff.controller.controller import DRUM_DAMPING
 from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.settings import ControllerSettings
 from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.recording import Recording
@@ -104,7 +104,7 @@ def _displayed(part: Part, setup: EngineSetup) -> str | None:
     """What the controller displays of a part that is too stiff for it, in words; None of others."""
     if setup.reading is not None or part.stiffness is None:
         return None
-    stiffness, _ = SurfaceLaw(SERVO_RATE, DRUM_DAMPING).displayed(part.stiffness, part.damping or 0.0)
+    stiffness, _ = SurfaceLaw(ControllerSettings(SERVO_RATE)).displayed(part.stiffness, part.damping or 0.0)
     if stiffness >= part.stiffness:
         return None
     return f"{stiffness:.4g} N/m, the stiffest that is passive at {SERVO_RATE:g} Hz"

@@ -21,6 +21,8 @@ RESTART_SILENCE_NS = 50_000_000
 that came before it and is there again is believed."""
 MOST_RUNS = 64
 """Runs of the publisher that are remembered: what came of them does not come again."""
+MOST_SKIPPED = 100_000_000
+"""Numbers that may be missing between two messages of a run: one that is farther on is none of it."""
 
 _Seen = tuple[int, int, int, int]
 """A message: session, sequence, when it was sent on the publisher's clock and taken on ours, ns."""
@@ -177,7 +179,7 @@ class Examiner:
             return None
         last_session, last_sequence, last_sent_ns, last_ns = last
         if session == last_session:
-            return Flaw.OLD if sequence <= last_sequence else None
+            return None if 0 < sequence - last_sequence <= MOST_SKIPPED else Flaw.OLD
         was_followed = (kind.magic, session) in self._ended
         if session > last_session and not was_followed:
             return None

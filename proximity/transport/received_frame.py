@@ -40,8 +40,8 @@ _KINDS = frozenset(
 """What the last four bytes of a contact may be: surface, mode, source and force_is_valid."""
 # As arrays: of a number, NumPy would make one at each comparison, which takes longer than to compare.
 _SHORTEST_SQ, _LONGEST_SQ = np.array((1.0 - UNIT_ERROR) ** 2), np.array((1.0 + UNIT_ERROR) ** 2)
-_MOST_NS = 2**62
-"""Of instants, on any clock: 146 years. What comes a while later must be a number of 64 bits as well."""
+_MOST_NS = 2**61
+"""Of instants, on any clock: 73 years. Sums of a few must be numbers of 64 bits as well."""
 _MOST_SOURCE = int(max(Source))
 _STATES = {int(state): state for state in State}
 _INSTANTS = slice(len(PREFIX_FIELDS), len(PREFIX_FIELDS) + 4)  # pose_ns, start_ns, publish_ns, valid_until_ns
@@ -114,6 +114,8 @@ class HeldFrame:
         latest = min((self.publish_ns if now_ns is None else now_ns) + MAX_FUTURE_NS, _MOST_NS)
         if max(self.pose_ns, self.publish_ns) > latest:
             return Flaw.FUTURE
+        if min(self.pose_ns, self.publish_ns) < 0:
+            return Flaw.CONTENT
         return self._content_flaw(latest)
 
     def _content_flaw(self, latest: int) -> Flaw | None:

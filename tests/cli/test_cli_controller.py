@@ -5,9 +5,9 @@ import sys
 import pytest
 
 from proximity import cli
-from proximity.decaff.chip.constants import ChipSettings
 from proximity.decaff.chip.sources import controller_sources
 from proximity.decaff.controller.cable_stretch import CableRule
+from proximity.decaff.controller.settings import ControllerSettings
 from proximity.decaff.glove.glove import DRUMS, Glove
 
 
@@ -31,7 +31,7 @@ def test_sources_are_written(run, tmp_path):
 
     files = {path.name: path.read_text(encoding="ascii") for path in folder.iterdir()}
     assert (code, err) == (0, "")
-    assert files == controller_sources([Glove()], ChipSettings(2000.0, DRUMS["gear14"]))
+    assert files == controller_sources([Glove()], ControllerSettings(2000.0, DRUMS["gear14"]))
     assert out.splitlines() == [f"{folder / name}: written" for name in controller_sources([Glove()])]
 
 
@@ -39,9 +39,10 @@ def test_cable_is_in_the_sources(run, tmp_path):
     code, _, err = run("--out", tmp_path, "--cable", 1212)
 
     assert (code, err) == (0, "")
-    text = (tmp_path / "decaff_controller.h").read_text(encoding="ascii")
-    assert text == controller_sources([Glove()], ChipSettings(cable=CableRule(1212.0)))["decaff_controller.h"]
-    assert "#define DECAFF_CABLE_STIFFNESS 1212.0\n" in text
+    text = (tmp_path / "decaff_glove.c").read_text(encoding="ascii")
+    settings = ControllerSettings(cable=CableRule(1212.0))
+    assert text == controller_sources([Glove()], settings)["decaff_glove.c"]
+    assert ".cable_stiffness = 1212.0,\n" in text
 
 
 def test_cable_that_is_none_is_told(run, tmp_path):

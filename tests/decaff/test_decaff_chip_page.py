@@ -29,7 +29,10 @@ def test_command_of_the_page_compiles_and_links_a_program(tmp_path):
         "int64_t clock_ns(void) { return 1; }\n"
         "double bend_of_potentiometer(void) { return 0.0; }\n"
         "double angle_of_encoder(void) { return 0.0; }\n"
+        "bool encoder_is_at_index(void) { return false; }\n"
         "bool motor_has_fault(void) { return false; }\n"
+        "void set_motor_power(bool is_on) { (void)is_on; }\n"
+        "void restart_watchdog(void) {}\n"
         "void set_motor_torque(double torque) { (void)torque; }\n"
         "int main(void) { begin(); on_sample(); return 0; }\n"
     )

@@ -1,22 +1,20 @@
 """The drum's controller: each failure and transition of docs/guide/drums.md, and what never happens."""
 
 import math
-import shutil
-from functools import cache
 
 import numpy as np
 import pytest
-from controller_in_c import Recorder, build
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sealed_frames import frame
 
+from proximity.decaff.controller import compiled
 from proximity.decaff.controller.cable_stretch import CableRule
-from proximity.decaff.controller.contact_location import is_sound, locate
-from proximity.decaff.controller.controller import SERVO_LAG, FingerController
+from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
-from proximity.decaff.controller.drum_limits import ForceBudget, Limits
+from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.controller.passivity import is_passive, required_damping
+from proximity.decaff.controller.settings import SERVO_LAG, ControllerSettings
 from proximity.decaff.controller.steady_force import Handover, SteadyRule
 from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum.drum_command import DriveMode
@@ -25,6 +23,7 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 from proximity.message import ContactFlag, Mode, Source, State, Surface
+from proximity.native import in_c
 
 GLOVE = Glove()
 PATH = FingerPath(GLOVE)
@@ -46,26 +45,6 @@ def contact(pose_ns, bend=0.3, position=WALL, **fields):
     for name, value in fields.items():
         record[name] = value
     return record
-
-
-@pytest.fixture(scope="module")
-def program_in_c(tmp_path_factory):
-    """The controller in C by its settings; None where there is no compiler."""
-    if shutil.which("cc") is None and shutil.which("gcc") is None:
-        return None
-    return cache(lambda settings: build(tmp_path_factory.mktemp("controller"), settings))
-
-
-@pytest.fixture(autouse=True)
-def in_c_too(program_in_c, monkeypatch, tmp_path):
-    """Whatever a test does with a controller, the one in C does the same: at 3 kHz, sample by sample."""
-    if program_in_c is None:
-        yield
-        return
-    recorder = Recorder(monkeypatch)
-    yield
-    monkeypatch.undo()
-    recorder.compare(PATH, program_in_c, tmp_path)
 
 
 class Bench:
@@ -110,9 +89,20 @@ def approaching(**settings):
     return bench
 
 
+def location_of(*records):
+    """Where a finger touches by records that follow each other, each of a pose of its own; None: nowhere."""
+    bench = Bench()
+    for record in records:
+        told = record.copy()
+        told["pose_ns"] = bench.now
+        bench.step(told)
+    frames = bench.controller.frames
+    return frames.location if frames.has_location else None
+
+
 def touching(**fields):
     """A finger at the wall, the drum before it, 0.8 N between them."""
-    bench = approaching(**{name: fields.pop(name) for name in ("handover",) if name in fields})
+    bench = approaching(**{name: fields.pop(name) for name in ("handover", "limits") if name in fields})
     bench.bend = WALL
     bench.force = 0.8
     bench.run(3, **fields)
@@ -158,7 +148,7 @@ def test_place_of_contact_is_extrapolated_where_none_is_told():
     told["normal"][:2], told["normal"][2] = normal, 0.0
     told["velocity"][:2], told["velocity"][2] = rate * slope, 0.0
 
-    location = locate(told, PATH)
+    location = location_of(told, told)
 
     assert location.bend == pytest.approx(float(GLOVE.finger.contact_bend(bend, distance, normal)))
     assert location.incidence == pytest.approx(math.sqrt(0.5), rel=0.01)
@@ -168,7 +158,7 @@ def test_place_of_contact_is_extrapolated_where_none_is_told():
 def test_finger_that_is_not_closing_has_no_place_of_contact(fields):
     told = contact(0, 0.3, math.nan, **({"bend_rate": 1.0, "velocity": [0.0, 0.0, -1.0]} | fields))
 
-    assert locate(told, PATH) is None
+    assert location_of(told, told) is None
 
 
 def test_place_of_contact_does_not_depend_on_latency():
@@ -417,7 +407,7 @@ def test_deformable_surface_is_served_by_its_law_from_the_touch_on():
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(100.0, 0.3), (1e5, 0.5), (1e6, 50.0)])
 def test_displayed_law_is_passive_whatever_the_surface(stiffness, damping):
-    law = SurfaceLaw(3000.0, 0.0)
+    law = SurfaceLaw(ControllerSettings(3000.0))
     k, b = law.displayed(stiffness, damping)
 
     assert 0.0 < k <= stiffness and b <= damping
@@ -427,17 +417,22 @@ def test_displayed_law_is_passive_whatever_the_surface(stiffness, damping):
 
 def test_damping_that_the_drum_lacks_is_reported():
     """The servo's own damping does not count: it is sampled and late."""
-    assert SurfaceLaw(3000.0, 0.0).lacking(800.0, 0.5) == required_damping(800.0, 0.5, 1 / 3000.0, 1)
-    assert SurfaceLaw(3000.0, 3.0).lacking(800.0, 0.5) == 0.0
+    assert SurfaceLaw(ControllerSettings(3000.0)).lacking(800.0, 0.5) == required_damping(
+        800.0, 0.5, 1 / 3000.0, 1
+    )
+    assert SurfaceLaw(ControllerSettings(3000.0), 3.0).lacking(800.0, 0.5) == 0.0
     assert FingerController(PATH).law.lacking(800.0, 0.0) > 0.0
 
 
 def test_law_pulls_never_and_is_nothing_for_what_is_no_number():
-    law = SurfaceLaw(3000.0, 0.0)
-
-    assert law.force(100.0, 1.0, 0.001, -10.0, 1.0) == 0.0
-    assert law.force(100.0, 1.0, -0.001, 10.0, 1.0) == 0.0
-    assert law.displayed(math.nan, math.inf) == (0.0, 0.0)
+    soft = {"surface": Surface.DEFORMABLE, "stiffness": 100.0, "damping": 1.0}
+    bench = touching(**soft)
+    for depth in [0.002] * 30 + [0.001, 0.0001]:  # the finger leaves at a metre a second
+        bench.bend = PATH.bend(PATH.position(WALL) + depth)
+        bench.drum = PATH.position(bench.bend)
+        action = bench.step(contact(bench.now, bench.bend, **soft))
+    assert (action.mode, action.force) == (DriveMode.FORCE, 0.0)
+    assert SurfaceLaw(ControllerSettings(3000.0)).displayed(math.nan, math.inf)[0] == 0.0
 
 
 # ---------------------------------------------------------------------------------- the table of failures
@@ -807,12 +802,12 @@ def test_watchdog_is_10_ms():
 def test_clock_of_the_frames_that_jumps_is_no_fault_of_the_servo(jump):
     """It is guessed from another machine's frames, and jumps when a faster one comes: the motor stays on."""
     for bench in (approaching(), touching()):
-        speed = bench.controller._speed
+        speed = float(bench.controller.known.speed)
         bench.now, bench.ahead = bench.now + jump, bench.ahead - jump
         action = bench.step(None)
 
         assert (action.mode, bench.controller.fault) == (DriveMode.POSITION, "")
-        assert abs(bench.controller._speed) <= abs(speed)
+        assert abs(float(bench.controller.known.speed)) <= abs(speed)
 
 
 def test_drum_freezes_for_its_time_whatever_the_clock_of_the_frames_does():
@@ -870,15 +865,33 @@ def test_drum_and_finger_come_together_no_faster_than_that():
 
 
 def test_force_has_a_peak_and_what_lasts():
-    budget = ForceBudget(LIMITS)
-    caps = [budget.cap(18.0, 1e-3) for _ in range(3000)]
+    bench = touching()
+    bench.force = 18.0
+    caps = [bench.run(1).force_cap for _ in range(3000)]
 
     spent = caps.index(10.0)
     assert caps[0] == 20.0
-    assert 1e-3 * spent == pytest.approx(-math.log(1.0 - 10.0 / 18.0), abs=0.01)
+    assert 1e-3 * spent == pytest.approx(-math.log((18.0 - 10.0) / (18.0 - 0.8 * 3e-3)), abs=0.01)
     assert set(caps[spent:]) == {10.0}
-    assert budget.cap(math.nan, 1e-3) == 10.0
-    assert [budget.cap(0.0, 1.0) for _ in range(2)][-1] == 20.0
+    bench.force = math.nan
+    assert bench.run(1).force_cap == 10.0
+
+
+def test_hot_motor_has_the_force_that_it_holds_for_ever():
+    """i2t: 18 N of a motor that holds 12 N heat it up within its time; with less it cools again."""
+    bench = touching(limits=Limits(heat_force=12.0, heat_time=2.0, continuous_force=18.0))
+    bench.force = 18.0
+    actions = [bench.run(1) for _ in range(3000)]
+    hot = next(k for k, action in enumerate(actions) if action.is_hot)
+
+    assert 1e-3 * hot == pytest.approx(-2.0 * math.log(1.0 - (12.0 / 18.0) ** 2), abs=0.05)
+    assert actions[hot - 1].force_cap > actions[hot].force_cap == 12.0
+    assert actions[hot].heat == pytest.approx(1.0, abs=1e-2)
+    bench.controller.reset()
+    assert bench.run(1).is_hot  # a reset cools nothing
+    bench.force = 5.0
+    cooled = [bench.run(1).is_hot for _ in range(3000)]
+    assert cooled[0] and not cooled[-1]
 
 
 def test_action_tells_the_motor_by_the_parameters_of_the_drum():
@@ -902,6 +915,21 @@ def test_action_tells_the_motor_by_the_parameters_of_the_drum():
 
     off = bench.step(None, has_fault=True)
     assert (off.torque, off.torque_cap) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "instead", "reason"),
+    [
+        ("extension", lambda: None, "there is no compiled extension for this system"),
+        ("digest_in_c", lambda: "other", "its sources were edited since it was compiled"),
+    ],
+)
+def test_controller_that_was_not_compiled_says_what_to_do(name, instead, reason, monkeypatch):
+    monkeypatch.setattr(in_c, name, instead)
+    compiled.in_c.cache_clear()
+    with pytest.raises(DecaffError, match=f"{reason}; compile it by `python tools/build_kernels.py`"):
+        FingerController(PATH)
+    compiled.in_c.cache_clear()
 
 
 def test_limits_that_are_none_are_refused():
@@ -956,10 +984,10 @@ def justified(told, state, now):
     """The nearest position that a record allows by itself, by the rules of docs/guide/drums.md; inf: none."""
     age = now - int(told["pose_ns"])
     is_good = state in (State.OK, State.DEGRADED) and told["flags"] & ContactFlag.TRACKED
-    if not is_good or not -5 * MS <= age <= 20 * MS or not is_sound(told, now, 5 * MS):
+    location = location_of(told, told) if is_good and -5 * MS <= age <= 20 * MS else None
+    if location is None:
         return math.inf
-    location = locate(told, PATH)
-    return math.inf if location is None else PATH.position(location.bend_at(now, 20 * MS))
+    return PATH.position(location.bend + location.rate * 1e-9 * min(max(age, 0), 20 * MS))
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)

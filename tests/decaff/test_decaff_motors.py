@@ -1,5 +1,6 @@
 """Drums with motors: each driver against a simulated motor that speaks its protocol, well and badly."""
 
+import io
 import itertools
 import math
 import time
@@ -16,9 +17,11 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.glove.glove_set import read_glove
 from proximity.decaff.motors.motor_address import MotorSettings, open_motor
+from proximity.decaff.motors.motor_driver import MotorCommand
 from proximity.decaff.motors.motor_drum import MotorDrum
 from proximity.decaff.motors.motor_scale import MotorScale
 from proximity.decaff.motors.motor_set import home_all, opened_motors
+from proximity.decaff.motors.simplefoc import SimpleFoc
 from proximity.decaff.simulated_drums.service_drums import DrumBench
 from proximity.errors import MotorError
 from proximity.message import CONTACT, Mode, State
@@ -190,6 +193,24 @@ def test_motor_over_udp_multicast():
     ):
         drum.home()
         assert drum.is_homed
+
+
+def test_simplefoc_is_not_off_between_position_and_torque():
+    """Each change of mode disabled the motor for a moment; nor has a target ever the limit of another."""
+    port = io.BytesIO()
+    motor = SimpleFoc(port, "M", 0.05)
+    motor.switch_on(MotorCommand(DriveMode.POSITION, 1.0, 0.0, 0.10))
+    port.truncate(port.seek(0))
+    for command in (
+        MotorCommand(DriveMode.FORCE, 0.0, -0.05, 0.10),
+        MotorCommand(DriveMode.FORCE, 0.0, 0.08, 0.10),
+        MotorCommand(DriveMode.POSITION, 1.0, 0.0, 0.10),
+    ):
+        motor.send(command)
+
+    assert port.getvalue().decode().split() == [
+        "MLC1.0000", "M-3.1416", "M3.1416", "MLC1.6000", "M6.2832", "MLC2.0000",
+    ]  # fmt: skip
 
 
 def test_scale_keeps_work_the_same_at_both_ends():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from wire import MS, NOW, SESSION, Clock, Wire, frame, sealed
 
 from proximity.message import FRAME, MAX_RECORDS, MOVES, POSES, Flaw, Message
-from proximity.transport.message_check import MOST_AT_ONCE, MOST_FLAWED, Examiner
+from proximity.transport.message_check import MOST_AT_ONCE, MOST_FLAWED, MOST_SKIPPED, Examiner
 
 SECOND = 1000 * MS
 
@@ -145,14 +145,18 @@ def test_losses_go_on_being_counted_when_the_publisher_starts_anew():
     assert (counts.received, counts.lost, counts.sessions) == (4, 1 + 3, 2)
 
 
-def test_largest_number_is_taken_and_the_next_run_goes_on():
+def test_number_far_beyond_the_last_is_none_of_the_run():
+    """One numbered 2**64 - 1 made all that followed look overtaken, until another run."""
     bench = Bench()
     assert bench.arrive_frame(0)
-    assert bench.arrive_frame(2**64 - 1)
-    assert bench.counts.lost == 2**64 - 2
-    assert not bench.arrive_frame(0)
+    assert not bench.arrive_frame(2**64 - 1)
+    assert not bench.arrive_frame(MOST_SKIPPED + 1)
+    assert bench.arrive_frame(MOST_SKIPPED)
+    assert bench.counts.lost == MOST_SKIPPED - 1
 
-    assert bench.arrive_frame(0, session=1)
+    assert bench.arrive_frame(2**64 - 1, session=1)  # of another run it may be the first
+    assert not bench.arrive_frame(0, session=1)
+    assert bench.arrive_frame(0, session=2)
 
 
 @pytest.mark.parametrize("shares_clock", [True, False])

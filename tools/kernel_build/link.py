@@ -1,6 +1,7 @@
 """Objects and C sources to one extension module, by the compiler and linker in the package ``ziglang``."""
 
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -8,10 +9,14 @@ from pathlib import Path
 
 import numpy
 
+from kernel_build.state import ROOT, digest_in_c
 from kernel_build.targets import Target
 from kernel_build.windows import python_library
+from proximity.message.c_header import header_text
+from proximity.native.in_c import C_CODE
 
 NATIVE, HEADERS = (Path(__file__).resolve().parent / name for name in ("native", "headers"))
+CONTROLLER = ROOT / "proximity" / "decaff" / "controller"
 _COMPILE = ["-O2", "-std=c11", "-Wall", "-Wextra", "-fvisibility=hidden", "-fno-sanitize=all", "-g0"]
 
 
@@ -31,9 +36,20 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
     """
     extension = folder / target.extension
     compiled = []
-    for source in [table, *sorted(NATIVE.glob("*.c"))]:
+    (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
+    for source in [table, *sorted(NATIVE.glob("*.c")), *CONTROLLER.glob("*.c")]:
         compiled.append(folder / f"{source.stem}.o")
-        _zig(target, folder, *_COMPILE, *_headers(target), "-c", str(source), "-o", str(compiled[-1]))
+        _zig(
+            target,
+            folder,
+            *_COMPILE,
+            *_headers(target),
+            f"-I{folder}",
+            "-c",
+            str(source),
+            "-o",
+            str(compiled[-1]),
+        )
     files = map(str, [*compiled, *objects])
     _zig(target, folder, "-shared", "-s", "-o", str(extension), *files, *_system(target, compiled, folder))
     return extension
@@ -50,13 +66,21 @@ def entry_table(wrappers: list[tuple[str, str, str]], digest: str) -> str:
         Of the sources.
     """
     lines = ['#include "entry_points.h"', ""]
+    wrappers = [*wrappers, *((C_CODE, name, name) for name in _functions_in_c())]
     lines += [f"extern int {symbol}(void **, void **, int64_t);" for _, _, symbol in wrappers]
     lines += ["", "const NamedEntry named_entries[] = {"]
     lines += [f'    {{"{instructions}", "{name}", {symbol}}},' for instructions, name, symbol in wrappers]
     lines += ["    {NULL, NULL, NULL}};", f'const char sources_digest[] = "{digest}";']
     sets = dict.fromkeys(instructions for instructions, _, _ in wrappers)
-    lines += [f'__attribute__((used)) static const char {name}[] = "for {name}";' for name in sets] + [""]
+    lines += [f'__attribute__((used)) static const char {name}[] = "for {name}";' for name in sets]
+    lines += [f'const char digest_in_c[] = "{digest_in_c()}";', ""]
     return "\n".join(lines)
+
+
+def _functions_in_c() -> list[str]:
+    """Names of the entry points that are written in C."""
+    text = (NATIVE / "controller.c").read_text(encoding="ascii")
+    return re.findall(r"^int (\w+)\(void \*\*unused, void \*\*no_error, int64_t words\)", text, re.MULTILINE)
 
 
 def _zig(target: Target, folder: Path, *options: str) -> None:
@@ -78,7 +102,7 @@ def _headers(target: Target) -> list[str]:
     config = own / "pyconfig.h"
     folders = [*([own] if own.is_dir() else []), sysconfig.get_paths()["include"], numpy.get_include()]
     first = ["-include", str(config)] if config.is_file() else []
-    return first + [f"-I{folder}" for folder in (NATIVE, *folders)]
+    return first + [f"-I{folder}" for folder in (NATIVE, CONTROLLER, *folders)]
 
 
 def _system(target: Target, compiled: list[Path], folder: Path) -> list[str]:

@@ -32,9 +32,14 @@ def every_set_is_wanted() -> bool:
     return os.environ.get("PROXIMITY_INSTRUCTIONS") == "all"
 
 
+def digest_in_c() -> str:
+    """Return the digest of what is written in C beside kernels."""
+    return str(sources().digest_in_c())
+
+
 def is_current(target: Target, folder: Path, *, every_set: bool) -> bool:
     """Return whether a folder holds the extension module of a target as the sources are now."""
     extension = extension_path(target, folder)
     content = extension.read_bytes() if extension.is_file() else b""
-    wanted = [sources_digest()] + [f"for {each.name}" for each in target.sets if every_set]
+    wanted = [sources_digest(), digest_in_c()] + [f"for {each.name}" for each in target.sets if every_set]
     return all(word.encode() + b"\0" in content for word in wanted)

@@ -103,6 +103,8 @@ class DrumAction:
     torque_cap: float = 0.0  # N m at the motor's shaft, at most: by the force cap and what motor and gear can
     motor_speed_cap: float = 0.0  # rad/s of the motor's shaft, at most
     force_slew: float = 0.0  # N/s at the fingertip, of the force; 0: that of a handover, inf: at once
+    heat: float = 0.0  # of the motor, as a share; from 1 on its force is limited to what it holds for ever
+    is_hot: bool = False  # the force is limited so, until the motor is cooler
 
 
 def commanded(action: DrumAction, target: float) -> DrumCommand:

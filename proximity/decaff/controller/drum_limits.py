@@ -36,22 +36,13 @@ class Limits:
     continuous_force: float = 10.0  # N, at the fingertip
     peak_force: float = 20.0  # N
     force_time: float = 1.0  # s, over which a force is continuous; assumed
+    heat_force: float = 10.0  # N, at the fingertip, that the motor holds for ever; assumed
+    heat_time: float = 20.0  # s, in which the motor warms up; assumed
+    follow_speed: float = 1e-3  # m/s: slower, a part that is touched is at rest; assumed
 
     def __post_init__(self) -> None:
         for field in fields(self):
             positive(field.name, getattr(self, field.name), _unit(field.name))
-
-    def widening(self, finger_speed: float, age_ns: int) -> float:
-        """Return by how much a drum draws back from a contact that was reported long ago, m.
-
-        Parameters
-        ----------
-        finger_speed : float, m/s
-            When it was reported.
-        age_ns : int, ns
-            Since the pose.
-        """
-        return (self.object_speed + self.speed_error * abs(finger_speed)) * 1e-9 * max(age_ns, 0)
 
     def near_speed(self, mass: float) -> float:
         """Return how fast drum and finger may come together, m/s.
@@ -62,40 +53,6 @@ class Limits:
             Of the drum.
         """
         return math.sqrt(2.0 * self.near_energy / mass)
-
-
-class ForceBudget:
-    """The force that may be displayed: the peak for a while, then what may last.
-
-    Parameters
-    ----------
-    limits : Limits
-        Of peak and continuous force.
-    """
-
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
-        self._mean = 0.0
-        self._is_spent = False
-
-    def cap(self, force: float, elapsed: float) -> float:
-        """Return the limit now, N; without a measured force it is the one that may last.
-
-        Parameters
-        ----------
-        force : float, N
-            On the finger; nan: not known.
-        elapsed : float, s
-            Since the last call.
-        """
-        limits = self._limits
-        if not math.isfinite(force):
-            return limits.continuous_force
-        share = -math.expm1(-elapsed / limits.force_time)
-        self._mean += (abs(force) - self._mean) * share
-        threshold = (0.9 if self._is_spent else 1.0) * limits.continuous_force
-        self._is_spent = self._mean >= threshold
-        return limits.continuous_force if self._is_spent else limits.peak_force
 
 
 def _unit(name: str) -> str:

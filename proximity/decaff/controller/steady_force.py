@@ -1,11 +1,13 @@
-"""Detection of a steady contact force, and the rule by which a controller changes from position to force."""
+"""Rules by which a contact force is steady, and a controller changes from position to force."""
 
+import math
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from proximity.decaff.arguments import not_negative, positive
-from proximity.decaff.controller import steady_kernels
+from proximity.decaff.controller.compiled import MOST_STEADY, SETTINGS, STEADY, in_c, memory
+from proximity.errors import DecaffError
+
+LEAST_WINDOW = 2  # samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,68 +31,6 @@ class SteadyRule:
         not_negative("least", self.least, "newtons")
         positive("slow_speed", self.slow_speed, "metres a second", may_be_infinite=True)
 
-    def as_array(self) -> np.ndarray:
-        """Return its numbers as the kernel reads them."""
-        array = np.zeros(steady_kernels.RULE_SIZE)
-        array[steady_kernels.RULE_CUTOFF] = self.cutoff
-        array[steady_kernels.RULE_RIPPLE] = self.ripple
-        array[steady_kernels.RULE_RIPPLE_SHARE] = self.ripple_share
-        array[steady_kernels.RULE_SLOPE] = self.slope
-        array[steady_kernels.RULE_LEAST] = self.least
-        array[steady_kernels.RULE_SLOW_SPEED] = self.slow_speed
-        return array
-
-
-class SteadyForce:
-    """Watches a force, sample by sample, until it is steady.
-
-    Parameters
-    ----------
-    rate : float, Hz
-        Samples a second.
-    rule : SteadyRule
-        What counts as steady.
-    """
-
-    def __init__(self, rate: float, rule: SteadyRule | None = None) -> None:
-        rule = rule or SteadyRule()
-        self._period = 1.0 / positive("rate", rate, "hertz")
-        self._rule = rule.as_array()
-        self._watch = np.zeros(steady_kernels.WATCH_SIZE)
-        self._window = np.zeros(self.sample_count(rate, rule))
-
-    @staticmethod
-    def sample_count(rate: float, rule: SteadyRule) -> int:
-        """Return the number of samples that are looked back on.
-
-        Parameters
-        ----------
-        rate : float, Hz
-            Samples a second.
-        rule : SteadyRule
-            What counts as steady.
-        """
-        return max(2, round(rule.window * rate))
-
-    @property
-    def filtered(self) -> float:
-        """The force, low-passed, N."""
-        return float(self._watch[steady_kernels.WATCH_TWICE])
-
-    def take(self, force: float, speed: float) -> bool:
-        """Return whether the force is steady, now that another sample is known.
-
-        Parameters
-        ----------
-        force : float, N
-            On the finger.
-        speed : float, m/s
-            Of the finger.
-        """
-        return bool(
-            steady_kernels.watch_force(self._rule, self._watch, self._window, force, speed, self._period)
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class Handover:
@@ -106,3 +46,47 @@ class Handover:
         not_negative("lost_force", self.lost_force, "newtons")
         not_negative("lost_time", self.lost_time, "seconds")
         positive("lost_distance", self.lost_distance, "metres", may_be_infinite=True)
+
+
+class SteadyForce:
+    """Watches a force, sample by sample at a *rate* in hertz, until it is steady, as the controller does."""
+
+    def __init__(self, rate: float, rule: SteadyRule | None = None) -> None:
+        _, settings, content = memory(SETTINGS)
+        for name, number in steady_numbers(rate, rule or SteadyRule()).items():
+            settings[name] = number
+        _, self._watch, watched = memory(STEADY)
+        self._content = watched[0], content[0]
+
+    @property
+    def filtered(self) -> float:
+        """The force, low-passed, N."""
+        return float(self._watch.twice)
+
+    def take(self, force: float, speed: float) -> bool:
+        """Return whether the force, N, is steady by now; *speed*, m/s, is the finger's."""
+        return bool(in_c("is_steady")(*self._content, force, speed))
+
+
+def steady_numbers(rate: float, rule: SteadyRule) -> dict[str, float]:
+    """Return a rule at a rate in hertz, as the settings in C have it."""
+    period = 1.0 / positive("rate", rate, "hertz")
+    samples = max(LEAST_WINDOW, round(rule.window * rate))
+    if samples > MOST_STEADY:
+        raise DecaffError(
+            f"a steady force is looked back on for {samples} samples ({rule.window:g} s at {rate:g} Hz), "
+            f"expected at most {MOST_STEADY}"
+        )
+    numbers = {
+        f"steady_{name}": getattr(rule, name) for name in ("ripple", "ripple_share", "least", "slow_speed")
+    }
+    return numbers | {
+        "steady_samples": samples,
+        "steady_share": low_pass(rule.cutoff, period),
+        "steady_slope_of_window": rule.slope * samples * period,
+    }
+
+
+def low_pass(cutoff: float, period: float) -> float:
+    """Return the share of what is new that a low-pass of a cutoff in hertz takes in."""
+    return 1.0 - math.exp(-2.0 * math.pi * cutoff * period)

@@ -3,8 +3,8 @@
 ``simplefoc:///dev/ttyACM0?motor=M&baud=115200&kt=0.05``; the firmware adds the motor by
 ``commander.motor(&motor, cmd)`` under the letter *motor*, and controls its current. Angles are radians of the
 shaft, currents amperes. Commander drops lines of 20 characters and more, so each limit has a line of its own.
-It has no watchdog: the firmware must switch the motor off when no line comes, and nothing here can check
-that it does.
+The motor stays in angle mode: a torque is the limit of its current. Commander has no watchdog: the firmware
+must switch the motor off when no line comes, and nothing here can check that it does.
 
 Source: SimpleFOC documentation, "Full motor configuration using the Commander", and the library's
 Commander.cpp: machine-readable answers (``@3``) repeat the letters of the question before the value.
@@ -24,6 +24,7 @@ TURN = 2.0 * math.pi
 STATES = 7  # target, voltages q and d, currents q and d, velocity, angle
 CURRENT_PLACE, ANGLE_PLACE = 3, 6
 ASK_AGAIN = 0.01  # s after a question that nobody answered
+TORQUE_LEAD = 0.5  # turns, by which the target of a torque is ahead of the shaft
 LONGEST_LINE = 256  # more without an end is no answer
 
 
@@ -45,8 +46,7 @@ class SimpleFoc:
         self._text, self._asked = b"", -math.inf
         self._answers, self._turns, self._current = 0, 0.0, 0.0
         self._is_on, self._fault = False, ""
-        self._mode: DriveMode | None = None
-        self._cap = math.nan
+        self._cap = 0.0  # N m
 
     def read(self) -> MotorReading:
         """Take in lines, and ask for all states and for whether the motor is on."""
@@ -62,26 +62,26 @@ class SimpleFoc:
         return MotorReading(self._answers, self._turns, self._current, torque, self._is_on, self._fault)
 
     def switch_on(self, command: MotorCommand) -> None:
-        """Set limit, mode and target of a motor that is off, then switch it on."""
-        self._mode, self._cap = None, math.nan
+        """Set mode, limit and target of a motor that is off, then switch it on."""
+        self._cap = 0.0
+        self._write(*(self._letter + line for line in ("E0", "C2", "LC0")))
         self.send(command)
+        self._write(f"{self._letter}E1")
 
     def send(self, command: MotorCommand) -> None:
-        """Send limit and target; where the mode changes, the motor is off meanwhile.
+        """Send limit and target, in the order in which no target has the limit of another.
 
-        A target means another thing in the other mode: 3 rad would become 3 A.
+        A torque is that limit, with a target to which the shaft does not come. Torque mode would take the
+        old target for a current, 3 rad for 3 A, or the motor had to be off meanwhile.
         """
-        lines = []
-        if command.torque_cap != self._cap:
-            self._cap = command.torque_cap
-            lines.append(f"LC{self._cap / self._constant:.4f}")
-        is_position = command.mode is DriveMode.POSITION
-        target = TURN * command.turns if is_position else command.torque / self._constant
-        if command.mode is self._mode:
-            lines.append(f"{target:.4f}")
-        else:
-            self._mode = command.mode
-            lines = ["E0", f"C{2 if is_position else 0}", *lines, f"{target:.4f}", "E1"]
+        turns, cap = command.turns, command.torque_cap
+        if command.mode is DriveMode.FORCE:
+            turns = self._turns + math.copysign(TORQUE_LEAD, command.torque)
+            cap = min(abs(command.torque), cap)
+        lines, limit = [f"{TURN * turns:.4f}"], [f"LC{cap / self._constant:.4f}"]
+        if cap != self._cap:
+            lines = limit + lines if cap < self._cap else lines + limit
+        self._cap = cap
         self._write(*(self._letter + line for line in lines))
 
     def switch_off(self) -> None:

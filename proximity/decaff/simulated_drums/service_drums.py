@@ -38,7 +38,8 @@ from proximity.system.time_units import S_PER_NS
 from proximity.transport import Reading
 
 CARRIED_NS = 20_000_000  # so long a finger is thought to go on as it did
-NO_POWER = dict.fromkeys(("force", "speed_cap", "force_cap", "torque", "torque_cap", "motor_speed_cap"), 0.0)
+POWERS = "force", "speed_cap", "force_cap", "torque", "torque_cap", "motor_speed_cap"
+NO_POWER: dict[str, Any] = dict.fromkeys(POWERS, 0.0)
 SOFTER = 1e-6  # share by which a displayed stiffness must fall short before that is said
 
 
@@ -237,8 +238,11 @@ class DrumBench:
                 "path or a glove"
             )
         for i, finger in enumerate(self.fingers):
+            if finger.action is not None and finger.action.is_hot and f"heat {i}" not in self._announced:
+                self._announced.add(f"heat {i}")
+                reported.append(f"the motor of finger {i} is hot: its force is limited until it has cooled")
             surface = finger.controller.frames.reading
-            if surface is None or surface.surface != Surface.DEFORMABLE:
+            if not surface.is_known or surface.surface != Surface.DEFORMABLE:
                 continue
             law, asked = finger.controller.law, (surface.stiffness, surface.damping)
             shown, _ = law.displayed(*asked)

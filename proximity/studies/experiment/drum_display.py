@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from proximity.decaff.controller.controller import DRUM_DAMPING, FingerController
+from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.settings import ControllerSettings
 from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.default_bend import with_bend
@@ -79,7 +80,7 @@ class DrumDisplay(DrumBench):
         DecaffError
             If it has one; coupled walls are displayed whether or not that is passive.
         """
-        law = SurfaceLaw(self._rate, DRUM_DAMPING)
+        law = SurfaceLaw(ControllerSettings(self._rate))
         for task in design.tasks:
             for condition in design.conditions:
                 if task.stiffness is None or condition.wall is not Wall.DECAFF:

@@ -57,31 +57,6 @@ static void get_measured(decaff_observation *seen)
     seen->has_fault = fault != 0;
 }
 
-static void observe(decaff_controller *finger, decaff_action *action)
-{
-    decaff_observation seen = {0};
-    static decaff_contact contact;
-    int64_t instants[3];
-    uint64_t numbers[2];
-    uint8_t bytes[2];
-
-    GET(instants);
-    GET(numbers);
-    GET(bytes);
-    seen.sample_ns = instants[0];
-    seen.now_ns = instants[1];
-    seen.start_ns = instants[2];
-    seen.session = numbers[0];
-    seen.sequence = numbers[1];
-    seen.state = (enum decaff_state)bytes[0];
-    get_measured(&seen);
-    if (bytes[1] != 0) {
-        GET(contact);
-        seen.contact = &contact;
-    }
-    step(finger, &seen, action);
-}
-
 static void take(decaff_subscriber *frames)
 {
     static uint8_t bytes[70000];
@@ -148,16 +123,7 @@ int main(int count, char **words)
             GET(position);
             decaff_subscriber_begin(&frames, shares_clock != 0, has_key != 0 ? key : NULL);
             decaff_controller_begin(&finger, &decaff_paths[0]);
-            decaff_servo_begin(&servo, position);
-            break;
-        case 'R':
-            decaff_controller_reset(&finger);
-            break;
-        case 'E':
-            decaff_controller_stop(&finger);
-            break;
-        case 'O':
-            observe(&finger, &action);
+            decaff_servo_begin(&servo, &decaff_paths[0], position);
             break;
         case 'D':
             take(&frames);

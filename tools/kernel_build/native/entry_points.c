@@ -548,7 +548,10 @@ static int execute(PyObject *module)
     if (bundle_type == NULL) {
         bundle_type = (PyTypeObject *)PyType_FromSpec(&bundle_spec);
     }
-    return bundle_type == NULL ? -1 : PyModule_AddStringConstant(module, "sources_digest", sources_digest);
+    if (bundle_type == NULL || PyModule_AddStringConstant(module, "digest_in_c", digest_in_c) < 0) {
+        return -1;
+    }
+    return PyModule_AddStringConstant(module, "sources_digest", sources_digest);
 }
 
 static PyModuleDef_Slot module_slots[] = {{Py_mod_exec, execute},

@@ -45,9 +45,9 @@ def command(
     """Write the files of the controller."""
     check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
     # NumPy and SciPy: only now, so that --help answers at once.
-    from proximity.decaff.chip.constants import ChipSettings
     from proximity.decaff.chip.sources import write_controller
     from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.controller.settings import ControllerSettings
     from proximity.decaff.glove.glove import Glove, with_gear
     from proximity.decaff.glove.glove_set import read_any_glove
 
@@ -55,5 +55,5 @@ def command(
     first = designed(gloves[0])
     tip_drum = (first if gear is None else with_gear(first, gear)).tip_drum()
     rule = CableRule() if cable is None else CableRule(cable_stiffness(cable))
-    for path in write_controller(gloves, out, ChipSettings(rate, tip_drum, cable=rule)):
+    for path in write_controller(gloves, out, ControllerSettings(rate, tip_drum, cable=rule)):
         typer.echo(f"{path}: written")

@@ -1,8 +1,5 @@
 /*
- * decaff_controller.c: see decaff_controller.h. Made by `proximity controller`; what is changed here is lost.
- *
- * Functions stand in the order of proximity's Python modules that do the same, named at the head of each part.
- * Expressions are evaluated in their order there, so that both come to the same numbers.
+ * decaff_controller.c: see decaff_controller.h. Simulations, drums of a service and chips run these lines.
  */
 #include "decaff_controller.h"
 
@@ -33,24 +30,15 @@ static bool is_finite(decaff_real number)
     return isfinite(number) != 0;
 }
 
+/* A force as it is measured; NaN where it cannot be. */
+static decaff_real force_of(decaff_real force)
+{
+    return (magnitude(force) <= DECAFF_MOST_FORCE) ? force : (decaff_real)NAN;
+}
+
 static decaff_real or_zero(decaff_real number)
 {
     return is_finite(number) ? number : 0.0;
-}
-
-/* Time from one instant to another, ns; the greatest number there is where it would be too long. */
-static int64_t time_between(int64_t from_ns, int64_t to_ns)
-{
-    int64_t time_ns;
-
-    if ((from_ns < 0) && (to_ns > (INT64_MAX + from_ns))) {
-        time_ns = INT64_MAX;
-    } else if ((from_ns > 0) && (to_ns < (INT64_MIN + from_ns))) {
-        time_ns = INT64_MIN;
-    } else {
-        time_ns = to_ns - from_ns;
-    }
-    return time_ns;
 }
 
 static int64_t within_ns(int64_t time_ns, int64_t most_ns)
@@ -103,7 +91,7 @@ static decaff_real length_of(decaff_real x, decaff_real y, decaff_real z)
     return length;
 }
 
-/* --- the finger's path: glove/finger_path.py --- */
+/* --- the finger's path --- */
 
 /* The line through two neighbours; beyond the ends the last value, and of NaN NaN. */
 static decaff_real between(decaff_real x, const decaff_real *xs, const decaff_real *ys, size_t count)
@@ -157,7 +145,7 @@ static decaff_real retracted(const decaff_path *path)
     return path->positions[path->count - 1u];
 }
 
-/* --- the subscriber: transport/message_check.py, received_frame.py, subscriber.py --- */
+/* --- the subscriber --- */
 
 void decaff_subscriber_begin(decaff_subscriber *frames, bool shares_clock, const uint8_t *key)
 {
@@ -186,7 +174,7 @@ static bool is_old(const decaff_subscriber *frames, const decaff_frame_header *n
     const decaff_frame_header *last = &frames->header;
     size_t row = ended_row(frames, next->session);
     bool was_followed = row < frames->ended_count;
-    bool is_silent = time_between(frames->heard_ns, now_ns) > DECAFF_RESTART_SILENCE_NS;
+    bool is_silent = decaff_time_between(frames->heard_ns, now_ns) > DECAFF_RESTART_SILENCE_NS;
     bool is_it;
 
     if (frames->has_key && (next->session < frames->newest_session)) {
@@ -194,7 +182,8 @@ static bool is_old(const decaff_subscriber *frames, const decaff_frame_header *n
     } else if (!frames->has_frame) {
         is_it = false;
     } else if (next->session == last->session) {
-        is_it = next->sequence <= last->sequence;
+        is_it = (next->sequence <= last->sequence)
+                || ((next->sequence - last->sequence) > (uint64_t)DECAFF_MOST_SKIPPED);
     } else if (was_followed) {
         is_it = !(is_silent && (next->sequence > frames->ended[row].sequence));
     } else if (next->session > last->session) {
@@ -235,7 +224,7 @@ static enum decaff_reason content_reason(const decaff_subscriber *frames, const 
                                          const uint8_t *message, int64_t now_ns)
 {
     int64_t base_ns = frames->shares_clock ? now_ns : next->publish_ns;
-    int64_t most_ns = INT64_MAX / 2 - DECAFF_AHEAD_NS;
+    int64_t most_ns = DECAFF_LAST_NS - DECAFF_AHEAD_NS;
     int64_t latest_ns = ((base_ns < most_ns) ? base_ns : most_ns) + DECAFF_AHEAD_NS;
     enum decaff_reason reason = DECAFF_REASON_USED;
     decaff_contact contact;
@@ -246,6 +235,8 @@ static enum decaff_reason content_reason(const decaff_subscriber *frames, const 
         reason = DECAFF_REASON_CONTENT;
     } else if ((next->pose_ns > latest_ns) || (next->publish_ns > latest_ns)) {
         reason = DECAFF_REASON_FUTURE;
+    } else if ((next->pose_ns < 0) || (next->publish_ns < 0)) {
+        reason = DECAFF_REASON_CONTENT;
     } else {
         for (i = 0u; (i < next->count) && (reason == DECAFF_REASON_USED); i++) {
             (void)memcpy(&contact, &message[sizeof *next + (i * sizeof contact)], sizeof contact);
@@ -353,7 +344,7 @@ static enum decaff_state state_at(const decaff_subscriber *frames, int64_t now_n
     enum decaff_state least = DECAFF_STATE_STARTING, state = (enum decaff_state)frame->state;
 
     if (!frames->has_frame || !is_believed
-        || (time_between(expires_ns, now_ns) > DECAFF_STALE_AFTER_NS)) {
+        || (decaff_time_between(expires_ns, now_ns) > DECAFF_STALE_AFTER_NS)) {
         least = DECAFF_STATE_STALE;
     } else if (now_ns > expires_ns) {
         least = DECAFF_STATE_LATE;
@@ -384,7 +375,7 @@ void decaff_subscriber_look(const decaff_subscriber *frames, size_t finger, int6
     seen->motor_force = NAN;
 }
 
-/* --- where the finger touches: controller/contact_location.py --- */
+/* --- where the finger touches --- */
 
 /* Unknown, or within bounds. */
 static bool may_be(decaff_real number, decaff_real least, decaff_real most)
@@ -404,11 +395,11 @@ static bool may_be_normal(const double *normal)
 }
 
 /* Whether what a tracked finger's record says can be. */
-static bool is_sound(const decaff_contact *c, int64_t now_ns)
+static bool is_sound(const decaff_contact *c, const decaff_settings *set, int64_t now_ns)
 {
     decaff_real distance = c->signed_distance;
 
-    return (time_between(now_ns, c->pose_ns) <= DECAFF_LIMIT_FUTURE_NS) && (distance >= -DECAFF_MOST_LENGTH)
+    return (decaff_time_between(now_ns, c->pose_ns) <= set->future_ns) && (distance >= -DECAFF_MOST_LENGTH)
            && ((distance <= DECAFF_MOST_LENGTH) || !is_finite(distance)) /* inf: nothing within reach */
            && (c->mode <= (uint8_t)DECAFF_MODE_HOLD) && (c->surface <= (uint8_t)DECAFF_SURFACE_DEFORMABLE)
            && (c->source <= (uint8_t)DECAFF_SOURCE_TELEOPERATION) && may_be_normal(c->normal)
@@ -440,6 +431,17 @@ static decaff_real extrapolated(const decaff_contact *c, decaff_real bend, decaf
         answer = bend + ((distance * c->bend_rate) / closing);
     }
     return answer;
+}
+
+/* How fast the contact goes along the finger's path as the part moves, m/s; 0: it rests, or nobody knows. */
+static decaff_real drift_of(const decaff_contact *c, const decaff_settings *set, decaff_real incidence)
+{
+    decaff_real coming = (c->normal[0] * c->part_velocity[0]) + (c->normal[1] * c->part_velocity[1])
+                         + (c->normal[2] * c->part_velocity[2]);
+    decaff_real drift = -or_zero(coming) / greater(or_zero(incidence), DECAFF_LEAST_INCIDENCE);
+
+    return (magnitude(drift) < set->follow_speed) ? 0.0
+                                                  : greater(-set->max_speed, lesser(set->max_speed, drift));
 }
 
 /* Where the finger touches, from what the record says; false: nowhere before the fist. */
@@ -487,7 +489,7 @@ static bool locate(const decaff_contact *c, const decaff_path *path, decaff_loca
     return true;
 }
 
-/* --- what is believed of frames: controller/frame_trust.py --- */
+/* --- what is believed of frames --- */
 
 /* Nothing is known until another record can be believed. */
 static void forget_location(decaff_frame_trust *frames)
@@ -510,23 +512,24 @@ static void forget_frames(decaff_frame_trust *frames)
 /* How long ago the last pose was that is believed, ns. */
 static int64_t age_of(const decaff_frame_trust *frames, int64_t now_ns)
 {
-    return frames->has_pose ? time_between(frames->pose_ns, now_ns) : now_ns;
+    return frames->has_pose ? decaff_time_between(frames->pose_ns, now_ns) : now_ns;
 }
 
 /* Where the finger will touch, m; inf: nowhere. */
 static decaff_real predicted_position(const decaff_frame_trust *frames, const decaff_path *path, int64_t now_ns)
 {
+    const decaff_settings *set = path->settings;
     const decaff_location *location = &frames->location;
     decaff_real answer = (decaff_real)INFINITY;
 
     if (frames->has_location) {
-        int64_t since_ns = within_ns(time_between(location->pose_ns, now_ns), DECAFF_LIMIT_FRESH_NS);
+        int64_t since_ns = within_ns(decaff_time_between(location->pose_ns, now_ns), set->fresh_ns);
         decaff_real bend = location->bend + (location->rate * 1e-9 * (decaff_real)since_ns);
 
         if (bend <= 1.0) {
-            decaff_real elapsed = seconds(within_ns(age_of(frames, now_ns), DECAFF_LIMIT_FRESH_NS));
+            decaff_real elapsed = seconds(within_ns(age_of(frames, now_ns), set->fresh_ns));
             /* However fast it is said to drift: nothing comes nearer faster than that. */
-            decaff_real nearest = position_of_bend(path, location->bend) - (DECAFF_LIMIT_MAX_SPEED * elapsed);
+            decaff_real nearest = position_of_bend(path, location->bend) - (set->max_speed * elapsed);
 
             answer = greater(position_of_bend(path, bend), nearest);
         }
@@ -534,7 +537,7 @@ static decaff_real predicted_position(const decaff_frame_trust *frames, const de
     return answer;
 }
 
-static enum decaff_trust trust_at(decaff_frame_trust *frames, int64_t now_ns)
+static enum decaff_trust trust_at(decaff_frame_trust *frames, const decaff_settings *set, int64_t now_ns)
 {
     enum decaff_trust trust = DECAFF_TRUST_STALE;
 
@@ -543,12 +546,12 @@ static enum decaff_trust trust_at(decaff_frame_trust *frames, int64_t now_ns)
     } else if (!frames->has_pose) {
         trust = DECAFF_TRUST_LOST;
     } else {
-        int64_t age_ns = time_between(frames->pose_ns, now_ns);
+        int64_t age_ns = decaff_time_between(frames->pose_ns, now_ns);
 
-        if (age_ns >= -DECAFF_LIMIT_FUTURE_NS) { /* else the clock is another one now */
-            if (age_ns <= DECAFF_LIMIT_FRESH_NS) {
+        if (age_ns >= -set->future_ns) { /* else the clock is another one now */
+            if (age_ns <= set->fresh_ns) {
                 trust = DECAFF_TRUST_FRESH;
-            } else if (age_ns <= DECAFF_LIMIT_STALE_NS) {
+            } else if (age_ns <= set->stale_ns) {
                 trust = DECAFF_TRUST_OLD;
             } else {
                 /* too old */
@@ -565,8 +568,9 @@ static enum decaff_trust trust_at(decaff_frame_trust *frames, int64_t now_ns)
 static bool may_follow(const decaff_location *before, const decaff_location *found, const decaff_path *path,
                        bool by_pose)
 {
-    int64_t elapsed_ns = time_between(before->pose_ns, found->pose_ns);
-    int64_t started_ns = time_between(before->start_ns, found->start_ns);
+    const decaff_settings *set = path->settings;
+    int64_t elapsed_ns = decaff_time_between(before->pose_ns, found->pose_ns);
+    int64_t started_ns = decaff_time_between(before->start_ns, found->start_ns);
     decaff_real position = position_of_bend(path, found->bend);
     decaff_real error = lesser(position_of_bend(path, found->bend + found->error) - position,
                                DECAFF_LARGEST_POSITION_ERROR);
@@ -575,10 +579,42 @@ static bool may_follow(const decaff_location *before, const decaff_location *fou
     if (!by_pose && (started_ns > elapsed_ns)) {
         elapsed_ns = started_ns;
     }
-    if (elapsed_ns > DECAFF_LIMIT_FRESH_NS) {
-        elapsed_ns = DECAFF_LIMIT_FRESH_NS;
+    if (elapsed_ns > set->fresh_ns) {
+        elapsed_ns = set->fresh_ns;
     }
-    return nearer <= ((DECAFF_LIMIT_MAX_SPEED * 1e-9 * (decaff_real)elapsed_ns) + error);
+    return nearer <= ((set->max_speed * 1e-9 * (decaff_real)elapsed_ns) + error);
+}
+
+/* The rate of a bend, 1/s, at which its position goes at a speed, m/s. */
+static decaff_real rate_of(const decaff_path *path, decaff_real bend, decaff_real speed)
+{
+    decaff_real slope = (position_of_bend(path, bend + DECAFF_SLOPE_BEND) - position_of_bend(path, bend))
+                        / DECAFF_SLOPE_BEND;
+
+    return (slope > 0.0) ? (speed / slope) : 0.0;
+}
+
+/* In contact the surface is where it was. With a part that moves it goes by the part's velocity, and, half as fast
+ * at most, towards where the distance has it: what is said of a finger that is inside is no more certain. */
+static void follow_part(decaff_location *at, const decaff_contact *c, const decaff_path *path, int64_t start_ns)
+{
+    decaff_real drift = drift_of(c, path->settings, at->incidence);
+    decaff_real elapsed = seconds(within_ns(decaff_time_between(at->pose_ns, c->pose_ns), path->settings->stale_ns));
+
+    if ((magnitude(drift) > 0.0) || (magnitude(at->drift) > 0.0)) {
+        decaff_real position = position_of_bend(path, at->bend) + (0.5 * (at->drift + drift) * elapsed);
+        decaff_real away = position_of_bend(path, c->bend) - position
+                           + (c->signed_distance / greater(at->incidence, DECAFF_LEAST_INCIDENCE));
+        decaff_real most = 0.5 * magnitude(drift) * elapsed;
+
+        position += is_finite(away) ? greater(-most, lesser(most, away)) : 0.0;
+        at->bend = bend_of_position(path, position);
+        at->rate = rate_of(path, at->bend, drift);
+        at->drift = drift;
+        at->error = 0.0;
+        at->pose_ns = c->pose_ns;
+        at->start_ns = start_ns;
+    }
 }
 
 /* Take a farther position or one no nearer than is possible, at once; others when confirmed. */
@@ -589,7 +625,7 @@ static void take_location(decaff_frame_trust *frames, const decaff_contact *c, c
     decaff_location found;
 
     if (!is_outside && frames->has_location) {
-        /* in contact, however deep: the position reported before is that of the surface */
+        follow_part(&frames->location, c, path, start_ns);
     } else if (!locate(c, path, &found)) {
         frames->has_pending = false;
         if (is_outside) {
@@ -601,6 +637,10 @@ static void take_location(decaff_frame_trust *frames, const decaff_contact *c, c
         found.start_ns = start_ns;
         if (isnan(found.incidence)) {
             found.incidence = frames->has_location ? frames->location.incidence : 1.0;
+        }
+        found.drift = drift_of(c, path->settings, found.incidence);
+        if (isnan(c->contact_bend_rate)) {
+            found.rate = rate_of(path, found.bend, found.drift);
         }
         if ((frames->has_location && may_follow(&frames->location, &found, path, is_same_pose))
             || (!is_same_pose && frames->has_pending && may_follow(&frames->pending, &found, path, false))) {
@@ -633,8 +673,9 @@ static void take_reading(decaff_contact_reading *reading, const decaff_contact *
 /* Look at a record once, and believe it if it is sound and in order. */
 static void take_record(decaff_frame_trust *frames, const decaff_observation *seen, const decaff_path *path)
 {
+    const decaff_settings *set = path->settings;
     const decaff_contact *c = seen->contact;
-    bool is_backward;
+    bool is_backward, is_wild;
 
     if (frames->has_frame && (frames->session == seen->session) && (frames->sequence == seen->sequence)
         && (frames->start_ns == seen->start_ns)) {
@@ -648,17 +689,19 @@ static void take_record(decaff_frame_trust *frames, const decaff_observation *se
     frames->session = seen->session;
     frames->sequence = seen->sequence;
     frames->start_ns = seen->start_ns;
+    is_wild = frames->has_newest && (seen->sequence > frames->newest_sequence)
+              && ((seen->sequence - frames->newest_sequence) > (uint64_t)DECAFF_MOST_SKIPPED);
     is_backward = (frames->has_newest && (seen->sequence <= frames->newest_sequence))
                   || (c->pose_ns < frames->newest_pose_ns);
-    if (!frames->has_newest || (seen->sequence > frames->newest_sequence)) {
+    if (!frames->has_newest || ((seen->sequence > frames->newest_sequence) && !is_wild)) {
         frames->newest_sequence = seen->sequence;
     }
     frames->has_newest = true;
-    if (is_backward || !is_sound(c, seen->now_ns)) {
+    if (is_backward || is_wild || !is_sound(c, set, seen->now_ns)) {
         frames->dropped++;
         return;
     }
-    if (time_between(c->pose_ns, seen->now_ns) > DECAFF_LIMIT_STALE_NS) {
+    if (decaff_time_between(c->pose_ns, seen->now_ns) > set->stale_ns) {
         return; /* too old to tell anything */
     }
     if ((c->flags & (uint32_t)DECAFF_FLAG_JUMPED) != 0u) {
@@ -684,7 +727,7 @@ static enum decaff_trust take_frames(decaff_frame_trust *frames, const decaff_ob
                      || (seen->state == DECAFF_STATE_STOPPING);
 
     if (seen->contact == NULL) {
-        trust = trust_at(frames, seen->now_ns);
+        trust = trust_at(frames, path->settings, seen->now_ns);
     } else if (is_silent || !is_tracked(seen->contact)) {
         trust = is_silent ? DECAFF_TRUST_STALE : DECAFF_TRUST_LOST;
         forget_location(frames);
@@ -694,29 +737,29 @@ static enum decaff_trust take_frames(decaff_frame_trust *frames, const decaff_ob
         if (seen->state != DECAFF_STATE_LATE) {
             take_record(frames, seen, path);
         }
-        trust = trust_at(frames, seen->now_ns);
+        trust = trust_at(frames, path->settings, seen->now_ns);
     }
     return trust;
 }
 
-/* --- a steady force, and the force of a surface: controller/steady_kernels.py, surface_law.py --- */
+/* --- a steady force, and the force of a surface --- */
 
 /* Take a sample; whether the force is steady now. */
-static bool is_steady(decaff_steady *watch, decaff_real force, decaff_real speed)
+bool decaff_is_steady(decaff_steady *watch, const decaff_settings *set, decaff_real force, decaff_real speed)
 {
-    bool is_full = watch->count >= DECAFF_STEADY_SAMPLES;
+    bool is_full = watch->count >= set->steady_samples;
     decaff_real oldest = watch->window[watch->next], low, high;
     bool varies, drifts;
     uint32_t i;
 
-    watch->once += DECAFF_STEADY_SHARE * (force - watch->once);
-    watch->twice += DECAFF_STEADY_SHARE * (watch->once - watch->twice);
+    watch->once += set->steady_share * (force - watch->once);
+    watch->twice += set->steady_share * (watch->once - watch->twice);
     watch->window[watch->next] = watch->twice;
-    watch->next = ((watch->next + 1u) < DECAFF_STEADY_SAMPLES) ? (watch->next + 1u) : 0u;
+    watch->next = ((watch->next + 1u) < set->steady_samples) ? (watch->next + 1u) : 0u;
     watch->count += is_full ? 0u : 1u;
-    if (!(magnitude(speed) < DECAFF_STEADY_SLOW_SPEED)) {
+    if (!(magnitude(speed) < set->steady_slow_speed)) {
         watch->slow_count = 0u;
-    } else if (watch->slow_count < DECAFF_STEADY_SAMPLES) {
+    } else if (watch->slow_count < set->steady_samples) {
         watch->slow_count++;
     } else {
         /* for long enough */
@@ -726,13 +769,13 @@ static bool is_steady(decaff_steady *watch, decaff_real force, decaff_real speed
     }
     low = watch->window[0];
     high = watch->window[0];
-    for (i = 1u; i < DECAFF_STEADY_SAMPLES; i++) {
+    for (i = 1u; i < set->steady_samples; i++) {
         low = lesser(low, watch->window[i]);
         high = greater(high, watch->window[i]);
     }
-    varies = (high - low) >= greater(DECAFF_STEADY_RIPPLE, DECAFF_STEADY_RIPPLE_SHARE * high);
-    drifts = magnitude(watch->twice - oldest) >= DECAFF_STEADY_SLOPE_OF_WINDOW;
-    return (low > DECAFF_STEADY_LEAST) && !varies && !drifts && (watch->slow_count >= DECAFF_STEADY_SAMPLES);
+    varies = (high - low) >= greater(set->steady_ripple, set->steady_ripple_share * high);
+    drifts = magnitude(watch->twice - oldest) >= set->steady_slope_of_window;
+    return (low > set->steady_least) && !varies && !drifts && (watch->slow_count >= set->steady_samples);
 }
 
 static decaff_real usable(decaff_real number)
@@ -740,27 +783,32 @@ static decaff_real usable(decaff_real number)
     return (is_finite(number) && (number > 0.0)) ? number : 0.0;
 }
 
-#if DECAFF_DELAY_SAMPLES != 1
-#error "the bound of passivity below is that of one sample of delay"
-#endif
-
-/* The force of a surface along the finger's path, N, within the bound of passivity. */
-static decaff_real surface_force(const decaff_contact_reading *surface, decaff_real depth, decaff_real speed,
-                                 decaff_real incidence)
+/* What is displayed of a surface: no stiffer than the bound of passivity lets it be with that damping. */
+void decaff_displayed(const decaff_settings *set, decaff_real stiffness, decaff_real damping, decaff_real *k,
+                      decaff_real *b)
 {
-    decaff_real own = DECAFF_DRUM_DAMPING + DECAFF_PAD_DAMPING;
-    decaff_real b = lesser(usable(surface->damping), DECAFF_DAMPING_SHARE * own), k, most, force = 0.0;
+    decaff_real own = DECAFF_DRUM_DAMPING + DECAFF_PAD_DAMPING, most;
+
+    *b = lesser(usable(damping), DECAFF_DAMPING_SHARE * own);
+    /* Colgate: K T/2 + K T c - B (2 c c - 1) is the device's own at most, of every cosine c. */
+    most = (own >= (5.0 * *b)) ? ((own + *b) / 1.5) : (sqrt(*b * ((8.0 * own) - (4.0 * *b))) - (2.0 * *b));
+    *k = lesser(usable(stiffness), most / set->period);
+}
+
+/* The force of a surface along the finger's path, N. */
+static decaff_real surface_force(const decaff_settings *set, const decaff_contact_reading *surface,
+                                 decaff_real depth, decaff_real speed, decaff_real incidence)
+{
+    decaff_real k, b, force = 0.0;
 
     if (depth > 0.0) {
-        /* Colgate: K T/2 + K T c - B (2 c c - 1) is the device's own at most, of every cosine c. */
-        most = (own >= (5.0 * b)) ? ((own + b) / 1.5) : (sqrt(b * ((8.0 * own) - (4.0 * b))) - (2.0 * b));
-        k = lesser(usable(surface->stiffness), most / DECAFF_SERVO_PERIOD);
+        decaff_displayed(set, surface->stiffness, surface->damping, &k, &b);
         force = greater(0.0, incidence * incidence * ((k * depth) + (b * speed)));
     }
     return force;
 }
 
-/* --- the stretch of the cable: controller/cable_stretch.py --- */
+/* --- the stretch of the cable --- */
 
 static void forget_stretch(decaff_controller *finger)
 {
@@ -772,13 +820,14 @@ static void forget_stretch(decaff_controller *finger)
 /* Take in the force that stretches the cable; the drum comes nearer only while a fresh frame is known. */
 static void take_stretch(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed)
 {
-    decaff_real share = share_of(DECAFF_CABLE_DECAY * elapsed);
+    const decaff_settings *set = finger->path->settings;
+    decaff_real share = share_of(set->cable_decay * elapsed);
     decaff_real force = or_zero(isnan(seen->force) ? seen->motor_force : seen->force), stretch;
 
     finger->pressing_once += share * (force - finger->pressing_once);
     finger->pressing_twice += share * (finger->pressing_once - finger->pressing_twice);
-    stretch = lesser(greater(finger->pressing_twice, 0.0), DECAFF_LIMIT_CONTINUOUS_FORCE)
-              / DECAFF_CABLE_STIFFNESS;
+    stretch = lesser(greater(finger->pressing_twice, 0.0), set->continuous_force)
+              / set->cable_stiffness;
     finger->stretch = (finger->trust == DECAFF_TRUST_FRESH) ? stretch : lesser(stretch, finger->stretch);
 }
 
@@ -788,7 +837,7 @@ static decaff_real sent(const decaff_controller *finger)
     return finger->target - finger->stretch;
 }
 
-/* --- the controller: controller/controller.py, drum_limits.py, release.py --- */
+/* --- the controller --- */
 
 static bool is_in_contact(enum decaff_drum_state state)
 {
@@ -802,6 +851,7 @@ static void leave_contact(decaff_controller *finger)
     finger->weak_for = 0.0;
     (void)memset(&finger->steady, 0, sizeof finger->steady);
     finger->is_releasing = false;
+    finger->is_following = false;
     finger->share = 1.0;
 }
 
@@ -838,11 +888,12 @@ void decaff_controller_stop(decaff_controller *finger)
 
 static enum decaff_fault fault_of(const decaff_controller *finger, const decaff_observation *seen)
 {
-    int64_t late_ns = finger->has_sample ? time_between(finger->sample_ns, seen->sample_ns) : 0;
+    const decaff_settings *set = finger->path->settings;
+    int64_t late_ns = finger->has_sample ? decaff_time_between(finger->sample_ns, seen->sample_ns) : 0;
     decaff_real least = finger->path->angles[0], most = finger->path->angles[finger->path->count - 1u];
     enum decaff_fault fault = DECAFF_FAULT_NONE;
 
-    if ((late_ns < 0) || (late_ns > DECAFF_LIMIT_WATCHDOG_NS)) {
+    if ((late_ns < 0) || (late_ns > set->watchdog_ns)) {
         fault = DECAFF_FAULT_WATCHDOG;
     } else if (!is_finite(seen->bend)) {
         fault = DECAFF_FAULT_NO_BEND;
@@ -864,6 +915,7 @@ static enum decaff_fault fault_of(const decaff_controller *finger, const decaff_
 /* The finger's position by the potentiometer, and its speed, low-passed. */
 static void follow_finger(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed)
 {
+    const decaff_settings *set = finger->path->settings;
     decaff_real before = finger->finger;
 
     finger->finger = position_of_bend(finger->path, seen->bend);
@@ -871,41 +923,57 @@ static void follow_finger(decaff_controller *finger, const decaff_observation *s
         finger->speed = 0.0;
     } else if (elapsed > 0.0) {
         finger->speed += (((finger->finger - before) / elapsed) - finger->speed)
-                         * share_of(DECAFF_SPEED_DECAY * elapsed);
+                         * share_of(set->speed_decay * elapsed);
     } else {
         /* as it was */
     }
 }
 
-/* The force that may be displayed: the peak for a while, then what may last. */
+/* What the motor's force has warmed it up to: i2t, of what it holds for ever. Of a force that nobody knows nothing
+ * is counted. */
+static void keep_heat(decaff_controller *finger, decaff_real motor_force, decaff_real force, decaff_real elapsed)
+{
+    const decaff_settings *set = finger->path->settings;
+    decaff_real share = (is_finite(motor_force) ? motor_force : force) / set->heat_force;
+
+    if (is_finite(share) && (elapsed > 0.0)) {
+        finger->heat += ((share * share) - finger->heat) * share_of(elapsed / set->heat_time);
+    }
+    finger->is_hot = finger->heat >= (finger->is_hot ? DECAFF_COOL_HEAT : 1.0);
+}
+
+/* The force that may be displayed: the peak for a while, then what may last; of a hot motor what it holds. */
 static decaff_real budget_cap(decaff_controller *finger, decaff_real force, decaff_real elapsed)
 {
-    decaff_real cap = DECAFF_LIMIT_CONTINUOUS_FORCE;
+    const decaff_settings *set = finger->path->settings;
+    decaff_real cap = set->continuous_force;
 
     if (is_finite(force)) {
-        decaff_real threshold = (finger->is_budget_spent ? 0.9 : 1.0) * DECAFF_LIMIT_CONTINUOUS_FORCE;
+        decaff_real threshold = (finger->is_budget_spent ? 0.9 : 1.0) * set->continuous_force;
 
         finger->mean_force += (magnitude(force) - finger->mean_force)
-                              * share_of(elapsed / DECAFF_LIMIT_FORCE_TIME);
+                              * share_of(elapsed / set->force_time);
         finger->is_budget_spent = finger->mean_force >= threshold;
-        cap = finger->is_budget_spent ? DECAFF_LIMIT_CONTINUOUS_FORCE : DECAFF_LIMIT_PEAK_FORCE;
+        cap = finger->is_budget_spent ? set->continuous_force : set->peak_force;
     }
-    return cap;
+    return finger->is_hot ? lesser(cap, set->heat_force) : cap;
 }
 
 /* Whether finger and object are apart for certain: a drum that is touched then is in the way. */
 static bool is_clear(const decaff_controller *finger, const decaff_observation *seen)
 {
+    const decaff_settings *set = finger->path->settings;
     return finger->frames.reading.is_known && (finger->trust == DECAFF_TRUST_FRESH) && (seen->contact != NULL)
-           && (finger->frames.reading.lower > DECAFF_LIMIT_RELEASE_GAP);
+           && (finger->frames.reading.lower > set->release_gap);
 }
 
 static bool touches(const decaff_controller *finger, const decaff_observation *seen, decaff_real drum)
 {
+    const decaff_settings *set = finger->path->settings;
     decaff_real gap = drum - finger->finger;
 
-    return (gap < DECAFF_LIMIT_TOUCH_GAP)
-           || ((seen->force > DECAFF_LIMIT_TOUCH_FORCE) && (gap < DECAFF_LIMIT_RELEASE_GAP));
+    return (gap < set->touch_gap)
+           || ((seen->force > set->touch_force) && (gap < set->release_gap));
 }
 
 /* The target that may be set: nearer to the finger only while a fresh frame is known. */
@@ -922,7 +990,8 @@ static decaff_real allowed(const decaff_controller *finger, decaff_real position
 /* A drum is late from when the finger passes the drum's target first until the drum is there. */
 static void mark_late(decaff_controller *finger, decaff_real drum, bool may_begin)
 {
-    decaff_real reached = finger->target + DECAFF_LIMIT_LATE_GAP;
+    const decaff_settings *set = finger->path->settings;
+    decaff_real reached = finger->target + set->late_gap;
 
     if (drum <= reached) {
         finger->is_late = false;
@@ -937,12 +1006,13 @@ static void mark_late(decaff_controller *finger, decaff_real drum, bool may_begi
  * until there. */
 static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap)
 {
+    const decaff_settings *set = finger->path->settings;
     decaff_real coming = greater(0.0, finger->speed); /* while the drum brakes, the finger goes on */
-    decaff_real slowest = coming + greater(0.0, DECAFF_NEAR_SPEED - finger->speed);
-    decaff_real free_gap = greater(0.0, gap - DECAFF_LIMIT_NEAR_GAP);
-    decaff_real braked = sqrt((slowest * slowest) + (DECAFF_UNBRAKED_SPEED * DECAFF_UNBRAKED_SPEED)
-                              + (2.0 * DECAFF_BRAKING * free_gap))
-                         - DECAFF_UNBRAKED_SPEED;
+    decaff_real slowest = coming + greater(0.0, set->near_speed - finger->speed);
+    decaff_real free_gap = greater(0.0, gap - set->near_gap);
+    decaff_real braked = sqrt((slowest * slowest) + (set->unbraked_speed * set->unbraked_speed)
+                              + (2.0 * set->braking * free_gap))
+                         - set->unbraked_speed;
 
     return greater(slowest, braked) - coming;
 }
@@ -962,24 +1032,27 @@ static void write_action(const decaff_controller *finger, decaff_action *action,
     action->speed_cap = speed;
     action->force_cap = cap;
     action->start_force = is_force ? finger->steady.twice : (decaff_real)NAN;
-    action->torque = decaff_motor_torque(lesser(action->force, cap));
-    action->torque_cap = decaff_motor_torque(cap);
-    action->motor_speed_cap = decaff_motor_speed(speed);
+    action->torque = decaff_motor_torque(finger->path, lesser(action->force, cap));
+    action->torque_cap = decaff_motor_torque(finger->path, cap);
+    action->motor_speed_cap = decaff_motor_speed(finger->path, speed);
     action->force_slew = (is_force && is_surface) ? (decaff_real)INFINITY : 0.0;
+    action->heat = finger->heat;
+    action->is_hot = finger->is_hot;
 }
 
 static void act_at_position(const decaff_controller *finger, decaff_action *action, decaff_real drum,
                             decaff_real most)
 {
+    const decaff_settings *set = finger->path->settings;
     decaff_real speed = (decaff_real)INFINITY, cap = most, gap = drum - finger->finger;
 
     if (sent(finger) < drum) {
         speed = closing_cap(finger, gap);
         if (finger->is_late) {
-            speed = lesser(speed, DECAFF_LIMIT_LATE_SPEED);
+            speed = lesser(speed, set->late_speed);
             /* Farther off nothing is pressed, and so weak a motor could not brake what goes away. */
-            if (gap <= DECAFF_LIMIT_NEAR_GAP) {
-                cap = lesser(cap, DECAFF_LIMIT_LATE_FORCE);
+            if (gap <= set->near_gap) {
+                cap = lesser(cap, set->late_force);
             }
         }
     }
@@ -989,13 +1062,14 @@ static void act_at_position(const decaff_controller *finger, decaff_action *acti
 static void act_free(decaff_controller *finger, decaff_action *action, decaff_real position, decaff_real drum,
                      decaff_real most)
 {
+    const decaff_settings *set = finger->path->settings;
     decaff_real cap = most;
 
     finger->force = (decaff_real)INFINITY;
     forget_stretch(finger);
     finger->target = allowed(finger, position);
     mark_late(finger, drum, finger->state == DECAFF_DRUM_STATE_APPROACH);
-    if ((sent(finger) >= drum) || ((drum - finger->finger) > DECAFF_LIMIT_NEAR_GAP)) {
+    if ((sent(finger) >= drum) || ((drum - finger->finger) > set->near_gap)) {
         cap = (decaff_real)INFINITY; /* nothing is pressed there but the drum's own mass */
     }
     act_at_position(finger, action, drum, cap);
@@ -1005,15 +1079,16 @@ static void act_free(decaff_controller *finger, decaff_action *action, decaff_re
 static decaff_real slave_force(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed,
                                bool has_steadied)
 {
+    const decaff_settings *set = finger->path->settings;
     const decaff_contact_reading *reading = &finger->frames.reading;
     bool is_known = is_finite(reading->force);
-    bool is_off = reading->distance > DECAFF_HANDOVER_LOST_DISTANCE;
+    bool is_off = reading->distance > set->lost_distance;
     decaff_real force = NAN;
 
     if (finger->serves_force) {
         /* A force that nobody measures is not felt either. */
-        finger->weak_for = (seen->force >= DECAFF_HANDOVER_LOST_FORCE) ? 0.0 : (finger->weak_for + elapsed);
-        finger->serves_force = !is_off && !(finger->weak_for >= DECAFF_HANDOVER_LOST_TIME);
+        finger->weak_for = (seen->force >= set->lost_force) ? 0.0 : (finger->weak_for + elapsed);
+        finger->serves_force = !is_off && !(finger->weak_for >= set->lost_time);
     } else if (has_steadied && is_known && !is_off && (finger->trust == DECAFF_TRUST_FRESH)
                && is_finite(seen->force)) {
         finger->serves_force = true;
@@ -1031,8 +1106,10 @@ static decaff_real slave_force(decaff_controller *finger, const decaff_observati
 static decaff_real force_wanted(decaff_controller *finger, const decaff_observation *seen, decaff_real drum,
                                 decaff_real elapsed)
 {
+    const decaff_settings *set = finger->path->settings;
     const decaff_contact_reading *reading = &finger->frames.reading;
-    bool has_steadied = is_steady(&finger->steady, or_zero(seen->force), finger->speed);
+    bool has_steadied = decaff_is_steady(&finger->steady, set, or_zero(seen->force),
+                                         finger->speed);
     bool has_served = finger->force < (decaff_real)INFINITY;
     decaff_real force = NAN;
 
@@ -1040,9 +1117,9 @@ static decaff_real force_wanted(decaff_controller *finger, const decaff_observat
         /* where it is uncertain no force begins */
     } else if (reading->surface == (uint8_t)DECAFF_SURFACE_DEFORMABLE) {
         /* A drum that came too near: what a surface serves that is not reached would not hold it. */
-        if (!(drum < (sent(finger) - DECAFF_LIMIT_LATE_GAP))) {
+        if (!(drum < (sent(finger) - set->late_gap))) {
             finger->serves_force = true;
-            force = surface_force(reading, finger->finger - finger->target, finger->speed,
+            force = surface_force(set, reading, finger->finger - finger->target, finger->speed,
                                   finger->frames.has_location ? finger->frames.location.incidence : 1.0);
         }
     } else if (reading->source != (uint8_t)DECAFF_SOURCE_TELEOPERATION) {
@@ -1056,6 +1133,7 @@ static decaff_real force_wanted(decaff_controller *finger, const decaff_observat
 /* The share of the force that is left: unchanged at first, where nothing is known, then ramped to nothing. */
 static decaff_real released_share(decaff_controller *finger, int64_t sample_ns)
 {
+    const decaff_settings *set = finger->path->settings;
     if ((finger->trust == DECAFF_TRUST_FRESH)
         || ((finger->trust == DECAFF_TRUST_OLD) && !finger->is_releasing)) {
         finger->is_releasing = false;
@@ -1067,27 +1145,52 @@ static decaff_real released_share(decaff_controller *finger, int64_t sample_ns)
             finger->is_releasing = true;
             finger->release_ns = sample_ns;
         }
-        ramped_ns = time_between(finger->release_ns, sample_ns) - DECAFF_LIMIT_FREEZE_NS;
+        ramped_ns = decaff_time_between(finger->release_ns, sample_ns) - set->freeze_ns;
         finger->share = lesser(
-            greater(1.0 - ((decaff_real)ramped_ns / (decaff_real)DECAFF_LIMIT_RAMP_NS), 0.0), 1.0);
+            greater(1.0 - ((decaff_real)ramped_ns / (decaff_real)set->ramp_ns), 0.0), 1.0);
     }
     return finger->share;
+}
+
+/* With a part that moves the target goes where the contact is, no faster than drum and finger may come together,
+ * until it is there and the part has been at rest for a while. */
+static void follow_contact(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed)
+{
+    const decaff_settings *set = finger->path->settings;
+    const decaff_frame_trust *frames = &finger->frames;
+
+    if (frames->has_location && (magnitude(frames->location.drift) > 0.0)) {
+        finger->is_following = true;
+        finger->moved_ns = seen->sample_ns;
+    }
+    if (finger->is_following && frames->has_location && (finger->trust == DECAFF_TRUST_FRESH)) {
+        decaff_real position = lesser(predicted_position(frames, finger->path, seen->now_ns), retracted(finger->path));
+
+        finger->target = greater(finger->target - (set->near_speed * elapsed),
+                                 lesser(finger->target + (set->max_speed * elapsed), position));
+        if ((magnitude(finger->target - position) < set->touch_gap)
+            && (decaff_time_between(finger->moved_ns, seen->sample_ns) > DECAFF_FOLLOW_NS)) {
+            finger->is_following = false;
+        }
+    }
 }
 
 /* Hold the position, or serve a force; what is old changes neither, and in the end the force goes. */
 static void act_in_contact(decaff_controller *finger, const decaff_observation *seen, decaff_action *action,
                            decaff_real drum, decaff_real cap, decaff_real elapsed)
 {
+    const decaff_settings *set = finger->path->settings;
     bool has_waned = finger->share < 1.0, is_fresh = finger->trust == DECAFF_TRUST_FRESH;
     decaff_real share = released_share(finger, seen->sample_ns), force;
 
     finger->is_late = finger->is_late || (has_waned && !(share < 1.0));
-    if (!(share > 0.0) || ((share < 1.0) && (seen->force < DECAFF_LIMIT_GONE_FORCE))) {
+    if (!(share > 0.0) || ((share < 1.0) && (seen->force < set->gone_force))) {
         leave_contact(finger);
         finger->state = DECAFF_DRUM_STATE_RETRACTED;
         act_free(finger, action, retracted(finger->path), drum, cap);
         return;
     }
+    follow_contact(finger, seen, elapsed);
     mark_late(finger, drum, !is_in_contact(finger->state));
     take_stretch(finger, seen, elapsed);
     force = force_wanted(finger, seen, drum, elapsed);
@@ -1107,7 +1210,7 @@ static void act_in_contact(decaff_controller *finger, const decaff_observation *
         if (!is_fresh) {
             force = lesser(force, finger->force);
         }
-        finger->force = lesser(lesser(force, DECAFF_LIMIT_CONTINUOUS_FORCE), share * cap);
+        finger->force = lesser(lesser(force, set->continuous_force), share * cap);
         write_action(finger, action, DECAFF_DRIVE_MODE_FORCE, (decaff_real)INFINITY, share * cap);
     }
 }
@@ -1115,6 +1218,7 @@ static void act_in_contact(decaff_controller *finger, const decaff_observation *
 /* Target of the drum while the finger does not touch. */
 static decaff_real position_wanted(const decaff_controller *finger, int64_t now_ns)
 {
+    const decaff_settings *set = finger->path->settings;
     const decaff_frame_trust *frames = &finger->frames;
     decaff_real farthest = retracted(finger->path), position = farthest;
 
@@ -1122,13 +1226,13 @@ static decaff_real position_wanted(const decaff_controller *finger, int64_t now_
         /* nothing is known */
     } else if (!frames->was_outside) {
         /* From inside no side of the surface can be known: no nearer than it is, and off the finger. */
-        position = greater(finger->target, finger->finger + DECAFF_LIMIT_STANDOFF);
+        position = greater(finger->target, finger->finger + set->standoff);
     } else {
         position = lesser(predicted_position(frames, finger->path, now_ns), farthest);
         if ((finger->trust == DECAFF_TRUST_OLD) && frames->has_location) {
             int64_t age_ns = age_of(frames, now_ns);
-            decaff_real speed = DECAFF_LIMIT_OBJECT_SPEED
-                                + (DECAFF_LIMIT_SPEED_ERROR * magnitude(frames->location.finger_speed));
+            decaff_real speed = set->object_speed
+                                + (set->speed_error * magnitude(frames->location.finger_speed));
 
             position += speed * 1e-9 * (decaff_real)((age_ns > 0) ? age_ns : 0);
         }
@@ -1156,16 +1260,23 @@ static void act_out_of_contact(decaff_controller *finger, const decaff_observati
     }
 }
 
-void decaff_controller_step(decaff_controller *finger, const decaff_observation *seen, decaff_action *action)
+void decaff_controller_step(decaff_controller *finger, const decaff_observation *given, decaff_action *action)
 {
+    const decaff_settings *set = finger->path->settings;
+    decaff_observation checked = *given;
+    const decaff_observation *seen = &checked;
     decaff_real elapsed, cap, drum;
+
+    checked.force = force_of(given->force);
+    checked.motor_force = force_of(given->motor_force);
 
     if (finger->fault == DECAFF_FAULT_NONE) {
         finger->fault = fault_of(finger, seen);
     }
-    elapsed = finger->has_sample ? seconds(time_between(finger->sample_ns, seen->sample_ns)) : 0.0;
+    elapsed = finger->has_sample ? seconds(decaff_time_between(finger->sample_ns, seen->sample_ns)) : 0.0;
     finger->has_sample = true;
     finger->sample_ns = seen->sample_ns;
+    keep_heat(finger, seen->motor_force, seen->force, elapsed);
     if (finger->fault != DECAFF_FAULT_NONE) {
         finger->state = DECAFF_DRUM_STATE_FAULT;
         write_action(finger, action, DECAFF_DRIVE_MODE_OFF, 0.0, 0.0);
@@ -1178,7 +1289,7 @@ void decaff_controller_step(decaff_controller *finger, const decaff_observation 
     if (finger->is_stopped) {
         finger->state = DECAFF_DRUM_STATE_RETRACTED;
         act_free(finger, action, retracted(finger->path), drum, cap);
-    } else if (is_in_contact(finger->state) && !((drum - finger->finger) > DECAFF_LIMIT_RELEASE_GAP)
+    } else if (is_in_contact(finger->state) && !((drum - finger->finger) > set->release_gap)
                && !is_clear(finger, seen)) {
         act_in_contact(finger, seen, action, drum, cap, elapsed);
     } else {
@@ -1189,84 +1300,91 @@ void decaff_controller_step(decaff_controller *finger, const decaff_observation 
     }
 }
 
-/* --- the motor: drum/drum_model.py --- */
+/* --- the motor --- */
 
-decaff_real decaff_motor_torque(decaff_real force)
+decaff_real decaff_motor_torque(const decaff_path *path, decaff_real force)
 {
-    decaff_real most = DECAFF_DRUM_FORCE_LIMIT;
+    const decaff_settings *set = path->settings;
+    decaff_real most = set->drum_force_limit;
 
-    return lesser(greater(force, -most), most) * DECAFF_DRUM_RADIUS / DECAFF_DRUM_RATIO;
+    return lesser(greater(force, -most), most) / set->drum_turn;
 }
 
-decaff_real decaff_motor_speed(decaff_real speed)
+decaff_real decaff_motor_speed(const decaff_path *path, decaff_real speed)
 {
-    decaff_real most = DECAFF_DRUM_SPEED_LIMIT;
+    const decaff_settings *set = path->settings;
+    decaff_real most = set->drum_speed_limit;
 
-    return lesser(greater(speed, -most), most) * DECAFF_DRUM_RATIO / DECAFF_DRUM_RADIUS;
+    return lesser(greater(speed, -most), most) * set->drum_turn;
 }
 
-/* --- the servo: drum/drum_kernels.py --- */
+/* --- the servo --- */
 
+/* A force within a limit; of no number nothing. */
 static decaff_real within(decaff_real number, decaff_real most)
 {
-    return greater(-most, lesser(most, number));
+    return isnan(number) ? 0.0 : greater(-most, lesser(most, number));
 }
 
-void decaff_servo_begin(decaff_servo *servo, decaff_real position)
+void decaff_servo_begin(decaff_servo *servo, const decaff_path *path, decaff_real position)
 {
     (void)memset(servo, 0, sizeof *servo);
+    servo->settings = path->settings;
     servo->last_mode = DECAFF_DRIVE_MODE_POSITION;
     servo->reference = position;
     servo->last_position = position;
 }
 
 /* Start a mode where the last one left off. */
-static void enter_mode(decaff_servo *servo, const decaff_action *action, decaff_real position)
+static void enter_mode(decaff_servo *servo, const decaff_action *action, enum decaff_drive_mode mode,
+                       decaff_real position)
 {
     bool is_bumpless = !isnan(action->start_force);
 
-    if (action->mode == DECAFF_DRIVE_MODE_POSITION) {
+    if (mode == DECAFF_DRIVE_MODE_POSITION) {
         servo->reference = position;
         servo->reference_speed = 0.0;
         servo->integrated = 0.0;
-    } else if (action->mode == DECAFF_DRIVE_MODE_FORCE) {
+    } else if (mode == DECAFF_DRIVE_MODE_FORCE) {
         servo->force_reference = is_bumpless ? action->start_force : 0.0;
         servo->integrated = is_bumpless ? (-servo->smoothed - action->start_force) : 0.0;
     } else {
         /* off */
     }
-    servo->last_mode = action->mode;
+    servo->last_mode = mode;
 }
 
 /* Move the reference towards the target: as fast as it may and still stop there, in whole samples. */
 static void shape_reference(decaff_servo *servo, const decaff_action *action)
 {
+    const decaff_settings *set = servo->settings;
     decaff_real away = action->position - servo->reference;
-    decaff_real half = 0.5 * DECAFF_SERVO_ACCELERATION * DECAFF_SERVO_PERIOD;
-    decaff_real wanted = sqrt((half * half) + (2.0 * DECAFF_SERVO_ACCELERATION * magnitude(away))) - half;
+    decaff_real half = 0.5 * set->servo_acceleration * set->period;
+    decaff_real wanted = sqrt((half * half) + (2.0 * set->servo_acceleration * magnitude(away))) - half;
     decaff_real change;
 
-    wanted = lesser(lesser(lesser(wanted, DECAFF_SERVO_SPEED), action->speed_cap),
-                    magnitude(away) / DECAFF_SERVO_PERIOD);
+    wanted = lesser(lesser(lesser(wanted, set->servo_speed), action->speed_cap),
+                    magnitude(away) / set->period);
     change = ((away > 0.0) ? wanted : -wanted) - servo->reference_speed;
-    servo->reference_speed += within(change, DECAFF_SERVO_ACCELERATION * DECAFF_SERVO_PERIOD);
-    servo->reference += servo->reference_speed * DECAFF_SERVO_PERIOD;
+    servo->reference_speed += within(change, set->servo_acceleration * set->period);
+    servo->reference += servo->reference_speed * set->period;
 }
 
 /* Stiffness, damping and integral against the shaped reference; N. */
 static decaff_real demand_position(decaff_servo *servo, decaff_real position, decaff_real speed, decaff_real limit)
 {
-    decaff_real lead = limit / DECAFF_SERVO_STIFFNESS, error, demand;
+    const decaff_settings *set = servo->settings;
+    decaff_real lead = limit / set->servo_stiffness, error, demand;
 
     servo->reference = greater(position - lead, lesser(position + lead, servo->reference));
     error = servo->reference - position;
-    if ((magnitude(error) <= DECAFF_SERVO_DEADBAND) && (magnitude(servo->reference_speed) <= DECAFF_STANDING)) {
+    if ((magnitude(error) <= set->servo_deadband) && (magnitude(servo->reference_speed) <= DECAFF_STANDING)) {
         error = 0.0;
     }
-    demand = (DECAFF_SERVO_STIFFNESS * error) + (DECAFF_SERVO_DAMPING * (servo->reference_speed - speed))
+    demand = (set->servo_stiffness * error) + (set->servo_damping * (servo->reference_speed - speed))
              + servo->integrated;
     if (magnitude(demand) <= limit) {
-        servo->integrated += DECAFF_SERVO_INTEGRAL * error * DECAFF_SERVO_PERIOD;
+        servo->integrated += set->servo_integral * error * set->period;
     }
     return demand;
 }
@@ -1275,12 +1393,13 @@ static decaff_real demand_position(decaff_servo *servo, decaff_real position, de
 static decaff_real demand_force(decaff_servo *servo, const decaff_action *action, decaff_real speed,
                                 decaff_real force, decaff_real limit)
 {
-    decaff_real slew = (action->force_slew > 0.0) ? action->force_slew : DECAFF_SERVO_FORCE_SLEW, demand;
+    const decaff_settings *set = servo->settings;
+    decaff_real slew = (action->force_slew > 0.0) ? action->force_slew : set->servo_force_slew, demand;
 
-    servo->force_reference += within(action->force - servo->force_reference, slew * DECAFF_SERVO_PERIOD);
-    demand = -servo->force_reference - servo->integrated - (DECAFF_SERVO_FORCE_DAMPING * speed);
-    if ((magnitude(demand) <= limit) && !isnan(force)) { /* of a force that is not measured nothing is missing */
-        servo->integrated += DECAFF_SERVO_FORCE_GAIN * (servo->force_reference - force) * DECAFF_SERVO_PERIOD;
+    servo->force_reference += within(action->force - servo->force_reference, slew * set->period);
+    demand = -servo->force_reference - servo->integrated - (set->servo_force_damping * speed);
+    if ((magnitude(demand) <= limit) && is_finite(force)) { /* of a force that is not measured nothing is missing */
+        servo->integrated += set->servo_force_gain * (servo->force_reference - force) * set->period;
     }
     return demand;
 }
@@ -1288,23 +1407,101 @@ static decaff_real demand_force(decaff_servo *servo, const decaff_action *action
 decaff_real decaff_servo_step(decaff_servo *servo, const decaff_action *action, decaff_real position,
                               decaff_real force)
 {
-    decaff_real speed = (position - servo->last_position) / DECAFF_SERVO_PERIOD;
-    decaff_real limit = lesser(DECAFF_DRUM_FORCE_LIMIT, action->force_cap);
+    const decaff_settings *set = servo->settings;
+    decaff_real limit = lesser(set->drum_force_limit, action->force_cap), speed = 0.0;
     decaff_real demand = 0.0, applied = servo->demanded;
+    enum decaff_drive_mode mode = is_finite(position) ? action->mode : DECAFF_DRIVE_MODE_OFF;
 
-    servo->last_position = position;
-    if (action->mode != servo->last_mode) {
-        enter_mode(servo, action, position);
+    if (is_finite(position)) {
+        speed = (position - servo->last_position) / set->period;
+        servo->last_position = position;
     }
-    if (action->mode == DECAFF_DRIVE_MODE_POSITION) {
+    if (mode != servo->last_mode) {
+        enter_mode(servo, action, mode, position);
+    }
+    if (mode == DECAFF_DRIVE_MODE_POSITION) {
         demand = demand_position(servo, position, speed, limit);
         shape_reference(servo, action);
-    } else if (action->mode == DECAFF_DRIVE_MODE_FORCE) {
+    } else if (mode == DECAFF_DRIVE_MODE_FORCE) {
         demand = demand_force(servo, action, speed, force, limit);
     } else {
         /* off */
     }
-    servo->smoothed += DECAFF_SERVO_SMOOTHING_SHARE * (applied - servo->smoothed);
+    servo->smoothed += set->servo_smoothing_share * (applied - servo->smoothed);
     servo->demanded = within(demand, limit);
-    return applied;
+    return (mode == DECAFF_DRIVE_MODE_OFF) ? 0.0 : applied; /* off at once */
+}
+
+/* --- the start --- */
+
+void decaff_start_begin(decaff_start *start, const decaff_path *path, decaff_real home)
+{
+    (void)memset(start, 0, sizeof *start);
+    start->path = path;
+    start->home = home;
+    start->angle = path->angles[path->count - 1u];
+}
+
+static void enter_start(decaff_start *start, enum decaff_start_state state)
+{
+    start->state = state;
+    start->time = 0.0;
+    start->still = 0.0;
+}
+
+/* The drum at its index or stop: from now on its angle is known. */
+static void set_home(decaff_start *start, decaff_real encoder)
+{
+    start->offset = start->home - encoder;
+    start->angle = start->home;
+    enter_start(start, DECAFF_START_DONE);
+}
+
+decaff_real decaff_start_step(decaff_start *start, decaff_real encoder, bool is_at_index)
+{
+    const decaff_settings *set = start->path->settings;
+    decaff_real most = DECAFF_START_SHARE * decaff_motor_torque(start->path, set->drum_force_limit), torque = 0.0;
+
+    if (start->state >= DECAFF_START_DONE) {
+        return 0.0;
+    }
+    if (!is_finite(encoder)) {
+        enter_start(start, DECAFF_START_NO_ANGLE);
+        return 0.0;
+    }
+    if (!start->has_angle) {
+        start->has_angle = true;
+        start->first = encoder;
+        start->last = encoder;
+    }
+    start->speed += (((encoder - start->last) / set->period) - start->speed) * share_of(set->speed_decay * set->period);
+    start->last = encoder;
+    start->time += set->period;
+    start->still = (magnitude(start->speed) < (0.1 * DECAFF_START_SPEED)) ? (start->still + set->period) : 0.0;
+    if (is_at_index) {
+        set_home(start, encoder);
+    } else if (start->time > DECAFF_START_LONGEST) {
+        enter_start(start, DECAFF_START_STUCK);
+    } else if (start->state == DECAFF_START_HOME) {
+        torque = within(most * (1.0 - (start->speed / DECAFF_START_SPEED)), most);
+        if ((start->still > DECAFF_START_STILL) && (start->time > DECAFF_START_RAMP)) {
+            set_home(start, encoder);
+            torque = 0.0;
+        }
+    } else {
+        /* Away from the finger first; where it does not turn, as at the stop, the other way. */
+        decaff_real share = start->time / DECAFF_START_RAMP;
+        decaff_real turned = (share < 1.0) ? (encoder - start->first) : (start->first - encoder);
+
+        if (turned > DECAFF_START_TURN) {
+            enter_start(start, DECAFF_START_HOME);
+        } else if (turned < -DECAFF_START_TURN) {
+            enter_start(start, DECAFF_START_WRONG_SIGN);
+        } else if (share > 2.0) {
+            enter_start(start, DECAFF_START_STUCK);
+        } else {
+            torque = most * ((share < 1.0) ? share : (1.0 - share));
+        }
+    }
+    return torque;
 }
