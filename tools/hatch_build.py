@@ -45,7 +45,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
                 if version != "editable":
                     raise
                 self._say(
-                    "nothing could be compiled: numba compiles kernels when they are called, and drums do not run"
+                    "nothing was compiled: numba compiles kernels when they are called; drums do not run"
                 )
                 return
             self._say(f"compiled in {time.perf_counter() - started:.0f} s")
