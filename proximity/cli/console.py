@@ -28,15 +28,7 @@ def results_console() -> Console:
 
 
 def print_block(console: rich.console.Console, lines: Iterable[tuple[str, str]]) -> None:
-    """Print labels and values, one pair a line.
-
-    Parameters
-    ----------
-    console : Console
-        Where to print.
-    lines : iterable of (label, value)
-        What to print.
-    """
+    """Print labels and values, one pair a line."""
     for label, value in lines:
         console.print(Text.assemble((f"{label:<15} ", "bold"), printable(value)), soft_wrap=True)
 
@@ -44,10 +36,7 @@ def print_block(console: rich.console.Console, lines: Iterable[tuple[str, str]])
 def table(left: Iterable[str], right: Iterable[str] = ()) -> Table:
     """Return an empty table without lines between its cells; text in square brackets is no mark.
 
-    Parameters
-    ----------
-    left, right : iterable of str
-        Titles of the columns of words, and of those of numbers behind them.
+    *left*, *right*: titles of the columns of words, and of those of numbers behind them.
     """
     return table_of([(title, False) for title in left] + [(title, True) for title in right])
 

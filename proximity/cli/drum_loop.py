@@ -48,21 +48,7 @@ def run(
     look: Callable[[Reading], None],
     is_over: Callable[[], bool],
 ) -> None:
-    """Step the controllers at a rate; samples that are missed are left out, not made up for.
-
-    Parameters
-    ----------
-    bench : DrumBench
-        Of all fingers.
-    subscriber : Subscriber
-        Of the service.
-    rate : float, Hz
-        Of the controllers.
-    look : callable
-        Is given the reading after each step.
-    is_over : callable
-        Tells when to end.
-    """
+    """Step the controllers at a rate; samples that are missed are left out, not made up for."""
     period, due = 1.0 / rate, time.monotonic()
     while not is_over():
         reading = subscriber.read()
@@ -78,16 +64,8 @@ class DrumsBeside:
 
     Whatever ends the thread before its time turns the motors off, and is raised as the ``with`` block ends.
 
-    Parameters
-    ----------
-    bench : DrumBench
-        Of all fingers; used by the thread only, but for being looked at.
-    subscriber : Subscriber
-        Used by the thread only.
-    rate : float, Hz
-        Of the controllers.
-    look : callable
-        Is given the reading after each step, by the thread.
+    *bench*: of all fingers; used by the thread only, but for being looked at. *look*: is given the reading
+    after each step, by the thread.
     """
 
     def __init__(
@@ -138,17 +116,7 @@ class DrumsBeside:
 
 
 def show_drums(screen: Screen, reading: Reading, bench: DrumBench) -> None:
-    """Show the drums, and say on stderr what they cannot do.
-
-    Parameters
-    ----------
-    screen : Screen
-        Where they are shown.
-    reading : Reading
-        The newest.
-    bench : DrumBench
-        Of all fingers.
-    """
+    """Show the drums, and say on stderr what they cannot do."""
     for warning in bench.warnings():
         typer.echo(f"proximity: {warning}", err=True)
     screen.show(
@@ -165,17 +133,7 @@ def line(reading: Reading, bench: DrumBench) -> str:
 
 
 def table(reading: Reading, bench: DrumBench, row_count: int) -> Table:
-    """Return what a terminal shows.
-
-    Parameters
-    ----------
-    reading : Reading
-        The newest.
-    bench : DrumBench
-        Of all fingers.
-    row_count : int
-        Most fingers that are shown.
-    """
+    """Return what a terminal shows."""
     shown = Table(title=f"{reading.state.name}, {len(bench.fingers)} fingers", title_justify="left", box=None)
     for name in DRUM_COLUMNS:
         shown.add_column(name, justify="left" if name == "drum" else "right", no_wrap=True)
@@ -208,19 +166,7 @@ def short_words(finger: FingerBench) -> Text:
 
 
 def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> dict[str, Any]:
-    """Return what became of the drums, for JSON.
-
-    Parameters
-    ----------
-    bench : DrumBench
-        Of all fingers.
-    address : str
-        Of the service.
-    counts : Counts
-        Of its frames.
-    seconds : float, s
-        How long the drums ran.
-    """
+    """Return what became of the drums, for JSON."""
     fingers = [
         {
             "finger": i,

@@ -24,15 +24,7 @@ def _report(sentence: str) -> None:
 
 @contextmanager
 def armable_motors(addresses: list[str], gloves: list[Glove | CalibratedGlove]) -> Iterator[list[MotorDrum]]:
-    """Open motors, which stay off, and say what was never tried; they end switched off.
-
-    Parameters
-    ----------
-    addresses : list of str
-        One for each finger, from the first.
-    gloves : list of CalibratedGlove
-        One for all, one each, or none.
-    """
+    """Open motors, which stay off, and say what was never tried; they end switched off."""
     if addresses:
         _report(NOT_ON_HARDWARE)
     each: list[Glove | CalibratedGlove] = [*gloves] or [Glove()]
@@ -53,18 +45,7 @@ def ready_bench(
 ) -> DrumBench:
     """Return the drums of all fingers, their motors homed; what takes long is done before a motor is on.
 
-    Parameters
-    ----------
-    rate : float, Hz
-        Of the controllers.
-    gloves : list of CalibratedGlove
-        One for all, one each, or none.
-    motors : list of MotorDrum
-        Open; they move.
-    stop : threading.Event
-        Set when to give up.
-    cable : CableRule
-        Whose stretch is made up for; none where not given.
+    *cable*: whose stretch is made up for; none where not given.
     """
     bench = DrumBench(rate, gloves, motors=motors, cable=cable)
     bench.warm_up()
@@ -73,17 +54,7 @@ def ready_bench(
 
 
 def watch_motors(motors: list[MotorDrum], stop: threading.Event, limit: float | None) -> None:
-    """Show what motors answer, each second; nothing is sent that could move them.
-
-    Parameters
-    ----------
-    motors : list of MotorDrum
-        Open, and off.
-    stop : threading.Event
-        Set when to end.
-    limit : float, s
-        After which to end; None: never.
-    """
+    """Show what motors answer, each second; nothing is sent that could move them."""
     _report("not armed: the motors are read, and stay off (--arm lets them move)")
     ends, due = None if limit is None else time.monotonic() + limit, 0.0
     for motor in motors:

@@ -12,42 +12,23 @@ EXACT_POWERS = np.array([10.0**exponent for exponent in range(23)])
 def in_units(lengths: np.ndarray, metres: float) -> np.ndarray:
     """Return *lengths* in the unit, rounded to `DIGITS` significant digits.
 
-    Parameters
-    ----------
-    lengths : (N, ...) float64, m
-        Also areas or volumes, with the power of *metres* that fits them.
-    metres : float
-        Metres in one unit.
+    *lengths*: (N, ...) m; also areas or volumes, with the power of *metres* that fits them.
     """
     with np.errstate(over="ignore"):
         return rounded(np.asarray(lengths, dtype=np.float64) / metres)
 
 
 def in_unit(length: float, metres: float) -> float:
-    """Return one length in the unit, as `in_units`.
-
-    Parameters
-    ----------
-    length : float, m
-        Also nan and inf.
-    metres : float
-        Metres in one unit.
-    """
+    """Return one length in the unit, as `in_units`."""
     return float(in_units(np.array([length]), metres)[0])
 
 
 def distances_in_units(distances: np.ndarray, metres: float, *points: np.ndarray) -> np.ndarray:
     """Return *distances* in the unit, rounded where the coordinates that they are differences of end.
 
-    Parameters
-    ----------
-    distances : (N,) float64, m
-        Signed or not.
-    metres : float
-        Metres in one unit.
-    *points : (N, 3) float64, m
-        Between which they are. Of the largest coordinate of a row `DIGITS` digits count: from -11 to -10 the
-        distance is 1, where the difference alone would give 0.999999999999999. nan is passed over.
+    *distances*: (N,) m. **points*: (N, 3) m; between which they are. Of the largest coordinate of a row
+    `DIGITS` digits count: from -11 to -10 the distance is 1, where the difference alone would give
+    0.999999999999999. nan is passed over.
     """
     largest = np.zeros(len(distances))
     for ends in points:
@@ -59,12 +40,7 @@ def distances_in_units(distances: np.ndarray, metres: float, *points: np.ndarray
 def rounded(values: np.ndarray, scales: np.ndarray | None = None) -> np.ndarray:
     """Return *values* rounded to `DIGITS` significant digits; zero has no sign, nan and inf stay.
 
-    Parameters
-    ----------
-    values : (N, ...) float64
-        Any.
-    scales : (N, ...) float64
-        Digits are counted from the first of these where they are larger.
+    *values*: (N, ...). *scales*: (N, ...); digits are counted from the first of these where they are larger.
     """
     sizes = np.abs(values) if scales is None else np.fmax(np.abs(values), scales)
     is_plain = (sizes > 1e-7) & (sizes < 1e36)  # so that both powers of ten below are exact

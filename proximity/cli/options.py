@@ -110,14 +110,7 @@ SOFTEST_CABLE, STIFFEST_CABLE = 10.0, 1e6  # N/m at the fingertip
 def check_range(value: float, option: str, meaning: str, smallest: float, largest: float) -> None:
     """Refuse a number out of range, nan included.
 
-    Parameters
-    ----------
-    value : float
-        What was asked for.
-    option, meaning : str
-        Which option, and what its number counts, for the message.
-    smallest, largest : float
-        The range, ends included.
+    *option*, *meaning*: which option, and what its number counts, for the message.
     """
     if not smallest <= value <= largest:
         raise typer.BadParameter(
@@ -126,13 +119,7 @@ def check_range(value: float, option: str, meaning: str, smallest: float, larges
 
 
 def check_limit(limit: float | None) -> None:
-    """Refuse what is no time to go on for, nan included.
-
-    Parameters
-    ----------
-    limit : float, s
-        None: until asked to stop.
-    """
+    """Refuse what is no time to go on for, nan included."""
     if limit is not None and not 0.0 < limit <= LONGEST_S:
         raise typer.BadParameter(
             f"{limit:g} seconds: expected more than 0, up to {LONGEST_S:g}", param_hint="--limit"
@@ -140,13 +127,7 @@ def check_limit(limit: float | None) -> None:
 
 
 def check_port(port: int) -> None:
-    """Refuse what is no port to listen on.
-
-    Parameters
-    ----------
-    port : int
-        0: any that is free.
-    """
+    """Refuse what is no port to listen on."""
     if not 0 <= port < 65536:
         raise typer.BadParameter(f"{port}: expected 0 to 65535", param_hint="--port")
 
@@ -154,12 +135,8 @@ def check_port(port: int) -> None:
 def cable_stiffness(text: str, max_age: float | None = None) -> float:
     """Return the stiffness of a cable at the fingertip, half bent, N/m.
 
-    Parameters
-    ----------
-    text : str
-        A number, or the file of a glove's calibration.
-    max_age : float, days
-        Of a calibration; that of `check_age` where not given.
+    *text*: a number, or the file of a glove's calibration. *max_age*: of a calibration; that of `check_age`
+    where not given.
     """
     try:
         stiffness = float(text)
@@ -197,15 +174,7 @@ def check_gear(name: str | None) -> str | None:
 
 
 def load_options(step_tolerance: float, unpacked_limit: float) -> dict[str, float]:
-    """Return what `proximity.load` calls these options, in its units.
-
-    Parameters
-    ----------
-    step_tolerance : float, mm
-        Above 0.
-    unpacked_limit : float, GB
-        Above 0.
-    """
+    """Return what `proximity.load` calls these options, in its units."""
     for name, value in (("--step-tolerance", step_tolerance), ("--unpacked-limit", unpacked_limit)):
         if not 0.0 < value < math.inf:
             raise typer.BadParameter(f"{value:g}: expected more than 0", param_hint=name)
@@ -215,10 +184,7 @@ def load_options(step_tolerance: float, unpacked_limit: float) -> dict[str, floa
 def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command in which every field of a dataclass among its parameters is an option of its own.
 
-    Parameters
-    ----------
-    command : function
-        Its annotations, and those of the dataclasses, are what Typer takes.
+    *command*: its annotations, and those of the dataclasses, are what Typer takes.
     """
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}

@@ -59,25 +59,12 @@ def read_points(
 
     Blank lines and comments are skipped; a comment begins with ``#`` at the start of a line or behind white
     space. Fields stand between commas, semicolons or white space. The first line may name the columns: x, y
-    and z among others, with their unit behind them or not, or three other names in this order. No name
-    begins like a number. A column called ``name`` is kept.
+    and z among others, with their unit behind them or not, or three other names in this order. No name begins
+    like a number. A column called ``name`` is kept.
 
-    Parameters
-    ----------
-    path : str
-        The file; ``-`` is standard input.
-    units : str
-        Of the coordinates; a header that names another unit contradicts it.
-    limit : int
-        Points in a chunk. A shorter chunk is the last; there is at least one, perhaps empty.
-    note : callable
-        Is given a sentence about columns that are not used, and about text without a point.
-
-    Raises
-    ------
-    QueryError
-        If the file cannot be read or a line is not a point; the message names file and line. Points that
-        stand before such a line are yielded first.
+    *units*: of the coordinates; a header that names another unit contradicts it. *limit*: points in a chunk.
+    A shorter chunk is the last; there is at least one, perhaps empty. *note*: is given a sentence about
+    columns that are not used, and about text without a point.
     """
     name = "standard input" if path == STANDARD_INPUT else path
     try:
@@ -103,21 +90,7 @@ def parse_points(
 ) -> Iterator[Points]:
     """Yield the points of *lines* as `read_points` does.
 
-    Parameters
-    ----------
-    lines : iterable of str
-        The text; bytes that are no UTF-8 stand in it as surrogates.
-    name : str
-        Where it comes from, for messages.
-    units : str
-        As of `read_points`.
-    limit, note
-        As of `read_points`.
-
-    Raises
-    ------
-    QueryError
-        If a line is not a point, or the header names another unit.
+    *lines*: the text; bytes that are no UTF-8 stand in it as surrogates.
     """
     reader = _Reader(name, units, note)
     has_yielded = False
@@ -268,13 +241,7 @@ def _check_units(names: list[str], units: str, where: str) -> None:
 
 
 def number(text: str) -> float:
-    """Return the number that *text* spells, nan and inf included.
-
-    Raises
-    ------
-    ValueError
-        If it spells none, or one beyond the range of float64; the message is a sentence.
-    """
+    """Return the number that *text* spells, nan and inf included."""
     try:
         value = None if "_" in text else float(text)  # Python would read 1_000
     except ValueError:
@@ -287,13 +254,7 @@ def number(text: str) -> float:
 
 
 def finite_number(text: str) -> float:
-    """Return the number that *text* spells.
-
-    Raises
-    ------
-    ValueError
-        If it spells none, or one that is not finite; the message is a sentence.
-    """
+    """Return the number that *text* spells."""
     value = number(text)
     if not math.isfinite(value):
         raise ValueError(f"{_shown(text.strip())} is not finite, expected a number")

@@ -60,15 +60,7 @@ def spinner(doing: str) -> Iterator[Callable[[int, int | None], None]]:
 
 
 def counted(chunks: Iterable[C], show: Callable[[int, int | None], None]) -> Iterator[C]:
-    """Pass *chunks* on, and show how many items they held so far.
-
-    Parameters
-    ----------
-    chunks : iterable of sized
-        What is passed on.
-    show : callable
-        Given by `spinner`.
-    """
+    """Pass *chunks* on, and show how many items they held so far."""
     done = 0
     for chunk in chunks:
         yield chunk
@@ -81,16 +73,8 @@ def with_bar(
 ) -> Iterator[T]:
     """Pass *chunks* on, and show how many of all queries are answered.
 
-    Parameters
-    ----------
-    chunks : iterable
-        What is passed on.
-    count_of : callable
-        Gives how many queries a chunk holds.
-    total : int
-        How many there are; None where that is not known.
-    is_shown : bool
-        False where a bar would run into the output.
+    *total*: how many there are; None where that is not known. *is_shown*: false where a bar would run into
+    the output.
     """
     console = Console(stderr=True)
     if not (is_shown and console.is_terminal):

@@ -30,17 +30,7 @@ Ask = Callable[[np.ndarray], Fields]
 
 
 class FarPoints:
-    """Counts the points that are much farther away than the scene is large.
-
-    Parameters
-    ----------
-    scene : Scene
-        What is asked.
-    units : str
-        What points are in.
-    metres : float
-        Metres in one unit.
-    """
+    """Counts the points that are much farther away than the scene is large."""
 
     def __init__(self, scene: "proximity.Scene", units: str, metres: float) -> None:
         self._lower, self._upper = (in_units(corner, metres) for corner in scene.bounds)
@@ -79,13 +69,7 @@ class Questions:
     far: FarPoints  # counts as chunks are asked
 
     def chunks(self) -> Iterator[Fields]:
-        """Answer chunk by chunk; at least one chunk, which may be empty.
-
-        Raises
-        ------
-        QueryError
-            Behind all answers, where a segment lacks its end.
-        """
+        """Answer chunk by chunk; at least one chunk, which may be empty."""
         count = 0
         for chunk in self.points:
             rows = np.array(chunk.coordinates, dtype=np.float64).reshape(-1, 3)
@@ -101,21 +85,7 @@ class Questions:
 def asker(
     scene: "proximity.Scene", mode: str, direction: tuple[float, ...] | None, metres: float, workers: int
 ) -> Ask:
-    """Return what answers rows of points.
-
-    Parameters
-    ----------
-    scene : Scene
-        Where to look.
-    mode : str
-        As of `Questions`.
-    direction : tuple of 3 floats
-        Of rays.
-    metres : float
-        Metres in one unit.
-    workers : int
-        Threads; -1 is all cores.
-    """
+    """Return what answers rows of points."""
     ask = {"closest": _closest, "ray": _first_hits, "segment": _closest_to_segments}[mode]
 
     def answers_to(rows: np.ndarray) -> Fields:

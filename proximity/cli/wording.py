@@ -11,39 +11,18 @@ NO_LENGTH = 1e-12
 def number(value: float, digits: int = 9) -> str:
     """Return *value* with so many significant digits, and zero without a sign.
 
-    Parameters
-    ----------
-    value : float
-        Any, also nan and inf.
-    digits : int
-        How many; zeros at the end are left out.
+    *digits*: how many; zeros at the end are left out.
     """
     return f"{value + 0.0:.{digits}g}"
 
 
 def length(value: float, digits: int = 9) -> str:
-    """Return a length as `number`; one that is rounding is zero.
-
-    Parameters
-    ----------
-    value : float
-        In the user's unit.
-    digits : int
-        How many.
-    """
+    """Return a length as `number`; one that is rounding is zero."""
     return number(0.0 if abs(value) < NO_LENGTH else value, digits)
 
 
 def counted(count: int, what: str) -> str:
-    """Return a number with what it counts.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-    what : str
-        One of them.
-    """
+    """Return a number with what it counts."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
@@ -53,15 +32,7 @@ def printable(text: str) -> str:
 
 
 def side(signed_distance: float, is_signed: bool) -> str | None:
-    """Return on which side of the surface a point is, in a word; None where there is no answer.
-
-    Parameters
-    ----------
-    signed_distance : float
-        Negative inside.
-    is_signed : bool
-        Whether the part has an inside.
-    """
+    """Return on which side of the surface a point is, in a word; None where there is no answer."""
     if math.isnan(signed_distance):
         return None
     if signed_distance == 0.0:

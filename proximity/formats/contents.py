@@ -75,17 +75,6 @@ class Source:
 
 
 def check_part_count(count: int) -> None:
-    """Raise if a file places more parts than anybody means, before they are made.
-
-    Parameters
-    ----------
-    count : int
-        Placements of meshes.
-
-    Raises
-    ------
-    MeshFormatError
-        With the count.
-    """
+    """Raise if a file places more parts than anybody means, before they are made."""
     if count > MOST_PARTS:
         raise MeshFormatError(f"it places {count} parts, expected at most {MOST_PARTS}")

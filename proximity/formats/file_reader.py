@@ -40,31 +40,11 @@ def read_geometries(
 ) -> FileContents:
     """Read every mesh of a file, in metres, at its place.
 
-    Parameters
-    ----------
-    path : str or path
-        A file with one of the extensions of `EXTENSIONS`.
-    units : str
-        What a number means in a file that does not say (STL, OBJ, PLY, OFF); a key of `UNITS`. Files that
-        declare their unit (glTF, 3MF, STEP) are read in that one, whatever stands here.
-    step_tolerance : m
-        How far triangles may leave the curved surfaces of a STEP file.
-    unpacked_limit : bytes
-        What a 3MF file, which is an archive, may unpack to.
-
-    Returns
-    -------
-    FileContents
-        At least one geometry; nothing merged, dropped or repaired. Identical instances share their arrays.
-
-    Raises
-    ------
-    MeshFormatError
-        If the file is missing, unreadable, not what it is called, or not whole. One sentence that begins
-        with the path.
-    MeshError
-        If there is no such unit, the tolerance is no length, the limit no number of bytes, or a vertex in
-        use is not finite.
+    *path*: a file with one of the extensions of `EXTENSIONS`. *units*: what a number means in a file that
+    does not say (STL, OBJ, PLY, OFF); a key of `UNITS`. Files that declare their unit (glTF, 3MF, STEP) are
+    read in that one, whatever stands here. *step_tolerance*: how far triangles may leave the curved surfaces
+    of a STEP file. *unpacked_limit*: what a 3MF file, which is an archive, may unpack to. Returned: at least
+    one geometry; nothing merged, dropped or repaired. Identical instances share their arrays.
     """
     metres = metres_per_unit(units)
     tolerance = positive("step_tolerance", step_tolerance, "metres", error=MeshError)
@@ -201,10 +181,7 @@ def _check_finite(mesh: RawMesh, vertices: np.ndarray, name: str) -> None:
 def unique_names(names: list[str]) -> tuple[list[str], list[str]]:
     """Return names that differ, and notes about those that had to be changed.
 
-    Parameters
-    ----------
-    names : list of str
-        As the file has them. The first of a name keeps it; the others get the first free number.
+    *names*: as the file has them. The first of a name keeps it; the others get the first free number.
     """
     taken = set(names)
     unique: list[str] = []

@@ -29,12 +29,7 @@ class Placement:
     def part_vertices(self, vertices: np.ndarray, metres_per_number: float) -> np.ndarray:
         """Return vertices deformed and in metres; the same array where nothing changes.
 
-        Parameters
-        ----------
-        vertices : (V, 3) float64, units of the file
-            Positions in the mesh's frame.
-        metres_per_number : float
-            Length of a unit of the file.
+        *vertices*: (V, 3) units of the file.
         """
         factor = self.scale * metres_per_number
         with np.errstate(over="ignore", invalid="ignore"):  # infinities are found and named later
@@ -42,28 +37,14 @@ class Placement:
             return deformed if factor == 1.0 else deformed * factor
 
     def pose(self, metres_per_number: float) -> Pose:
-        """Return world_from_part, in metres.
-
-        Parameters
-        ----------
-        metres_per_number : float
-            Length of a unit of the file.
-        """
+        """Return world_from_part, in metres."""
         return Pose(self.rotation, self.translation * metres_per_number)
 
 
 def place(matrix: np.ndarray | None) -> Placement:
     """Split a matrix into a rigid motion after a deformation.
 
-    Parameters
-    ----------
-    matrix : (4, 4) float64 or None
-        World from mesh, acting on columns; None is the identity.
-
-    Raises
-    ------
-    MeshFormatError
-        If it is not finite, has a perspective row, or flattens everything.
+    *matrix*: (4, 4) or None; world from mesh, acting on columns; None is the identity.
     """
     if matrix is None:
         return Placement(np.eye(3), np.zeros(3), 1.0, None)

@@ -27,25 +27,8 @@ def assemble(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Put polygons in order, check them, and cut them into triangles.
 
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-        Positions.
-    pieces : list of (row_ids, counts, table)
-        Together every polygon once; what stands behind the corners in a row is passed over.
-    polygon_count : int
-        Polygons there are.
-    locate : callable
-        Polygon row -> where it is in the file.
-
-    Returns
-    -------
-    faces (T, 3) int64, source_faces (T,) int32
-
-    Raises
-    ------
-    MeshFormatError
-        If a polygon is too small, or refers to what is no vertex.
+    *vertices*: (V, 3). *pieces*: together every polygon once; what stands behind the corners in a row is
+    passed over. *locate*: polygon row -> where it is in the file.
     """
     sizes = np.zeros(polygon_count, dtype=np.int64)
     for row_ids, counts, _ in pieces:
@@ -66,21 +49,7 @@ def check_polygons(
 ) -> None:
     """Raise if a polygon has too few or too many corners, or refers to a vertex that is not there.
 
-    Parameters
-    ----------
-    corners : (C,) int64
-        Vertices of all polygons, one polygon after another.
-    sizes : (P,) int64
-        Corners of each polygon.
-    vertex_count : int
-        Vertices there are.
-    locate : callable
-        Polygon row -> where it is in the file.
-
-    Raises
-    ------
-    MeshFormatError
-        Naming the first offender.
+    *locate*: polygon row -> where it is in the file.
     """
     small = np.flatnonzero(sizes < 3)
     if len(small):
@@ -109,21 +78,7 @@ def triangulate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cut polygons into triangles.
 
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-        Positions; those that are not finite are cut anyhow.
-    corners : (C,) int64
-        Rows of *vertices*, one polygon after another; checked.
-    sizes : (P,) int64
-        Corners of each polygon, at least 3.
-
-    Returns
-    -------
-    faces : (T, 3) int64
-        Ordered by polygon.
-    source_faces : (T,) int32
-        The polygon of each triangle.
+    *vertices*: (V, 3); positions; those that are not finite are cut anyhow.
     """
     source_faces = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes - 2)
     if (sizes == 3).all():

@@ -24,12 +24,8 @@ UNIT_NAMES = {"mm": "millimetres", "in": "inches", "m": "metres", "um": "microme
 def likely_unit(size: float, units: str) -> str | None:
     """Return the unit that makes a size most like that of a part, or None if no common unit makes it likely.
 
-    Parameters
-    ----------
-    size : float, m
-        Longest side of a part's box, as it was read.
-    units : str
-        In which it was read; a key of `UNITS`. It is the answer where it suits as well as the others.
+    *size*: longest side of a part's box, as it was read. *units*: in which it was read; a key of `UNITS`. It
+    is the answer where it suits as well as the others.
     """
     if not 0.0 < size < math.inf:
         return None
@@ -40,19 +36,7 @@ def likely_unit(size: float, units: str) -> str | None:
 
 
 def size_notes(parts: Sequence[tuple[str, float]], whole: float, units: str, is_declared: bool) -> list[str]:
-    """Return a sentence about sizes that are not likely, with the likely unit; none where all are likely.
-
-    Parameters
-    ----------
-    parts : sequence of (str, float)
-        Name and longest side, m, of each part.
-    whole : float, m
-        Longest side of the box around all parts.
-    units : str
-        In which the coordinates were read, as `FileContents.units`.
-    is_declared : bool
-        Whether the file declares that unit.
-    """
+    """Return a sentence about sizes that are not likely, with the likely unit; none where all are likely."""
     small = [part for part in parts if part[1] < SMALLEST_PART]
     large = [part for part in parts if part[1] > LARGEST_PART]
     what = []

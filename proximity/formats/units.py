@@ -20,18 +20,7 @@ UNITS: dict[str, float] = {
 
 
 def metres_per_unit(name: str) -> float:
-    """Return the length of one unit in metres.
-
-    Parameters
-    ----------
-    name : str
-        A key of `UNITS`.
-
-    Raises
-    ------
-    MeshError
-        If there is no such unit; the message lists those there are.
-    """
+    """Return the length of one unit in metres."""
     if isinstance(name, str) and name in UNITS:
         return UNITS[name]
     raise MeshError(f"there is no unit {name!r}, expected one of {', '.join(UNITS)}")

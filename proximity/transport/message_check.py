@@ -60,20 +60,9 @@ class Counts:
 class Examiner:
     """Takes messages from an inlet and lets through those that can be used.
 
-    Parameters
-    ----------
-    inlet : Inlet
-        Where they come from.
-    kinds : sequence of Kind
-        Which are expected; each kind has sessions and numbers of its own.
-    clock : callable
-        Gives now, ns, monotonic.
-    most_at_once : int
-        Messages looked at in one go.
-    most_flawed : int
-        Of these, such that cannot be used; then the others wait for the next go.
-    uncounted : Kind
-        One of the kinds, whose messages are neither counted as received nor as lost.
+    *kinds*: which are expected; each kind has sessions and numbers of its own. *most_flawed*: of these, such
+    that cannot be used; then the others wait for the next go. *uncounted*: one of the kinds, whose messages
+    are neither counted as received nor as lost.
 
     Notes
     -----
@@ -120,10 +109,7 @@ class Examiner:
 
         The bytes, (size,) uint8, are overwritten by the next message.
 
-        Parameters
-        ----------
-        content_flaw : callable
-            Says what is wrong inside of a message that is whole and new; None: nothing.
+        *content_flaw*: says what is wrong inside of a message that is whole and new; None: nothing.
         """
         inlet, buffer, counts = self._inlet, self._buffer, self.counts
         flawed_count = 0

@@ -49,13 +49,7 @@ _unpack_header = struct_of(FRAME_FIELDS).unpack_from
 
 
 class HeldFrame:
-    """Room for a frame of so many contacts.
-
-    Parameters
-    ----------
-    count : int
-        How many fingers.
-    """
+    """Room for a frame of so many contacts."""
 
     header: Any  # FRAME_HEADER, read-only
     contacts: np.ndarray  # (count,) CONTACT, read-only
@@ -94,14 +88,8 @@ class HeldFrame:
         self._kinds = records.view("<u4").reshape(count, 2 * CONTACT_WORDS)[:, -1]
 
     def take(self, data: np.ndarray, now_ns: int | None) -> Flaw | None:
-        """Take a frame in and say what is wrong with it; None: nothing. One that is wrong is not to be used.
-
-        Parameters
-        ----------
-        data : (size,) uint8
-            A whole frame with as many contacts.
-        now_ns : int
-            Now on the publisher's clock; None: not known.
+        """Take a frame in and say what is wrong with it; None: nothing. One that is wrong is not to be
+        used.
         """
         self._data[:] = data
         numbers = _unpack_header(self._data.data)

@@ -18,12 +18,7 @@ FRESH_S = 1.0  # for so long counts are shown as those right now
 class AskedInstruments:
     """Hand and drum whose numbers a person gives; both ports at once.
 
-    Parameters
-    ----------
-    address : str
-        Where `GLOVE_POSES` messages bring the counts; None: they are asked for, too.
-    finger : int
-        Of the service's, whose counts are listened to.
+    *address*: where `GLOVE_POSES` messages bring the counts; None: they are asked for, too.
     """
 
     rate = 0.0  # Hz: nobody types a chirp

@@ -82,21 +82,9 @@ class Face(Protocol):
 def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, waits: bool) -> None:
     """Ask for one reading after the other, until all are there.
 
-    Parameters
-    ----------
-    session : Session
-        Which readings are there is kept in its file after each.
-    face : Face
-        Asks the person.
-    simulated : SimulatedGlove
-        The simulated person, who does what is asked; None: a person does.
-    waits : bool
-        Whether a person is waited for before readings; before a motor moves, always.
-
-    Raises
-    ------
-    UnfinishedError
-        If the person stops.
+    *session*: which readings are there is kept in its file after each. *simulated*: the simulated person, who
+    does what is asked; None: a person does. *waits*: whether a person is waited for before readings; before a
+    motor moves, always.
     """
     failures, last = 0, ""
     while (asked := session.next()) is not None:
@@ -132,14 +120,8 @@ def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, wai
 
 
 def result_rows(estimates: Sequence[Estimate], truth: dict[str, float] | None) -> list[tuple[str, ...]]:
-    """Return a heading, and what the readings say beside the model, and beside the truth where it is known.
-
-    Parameters
-    ----------
-    estimates : sequence of Estimate
-        So far.
-    truth : dict
-        By their keys; None: nobody knows.
+    """Return a heading, and what the readings say beside the model, and beside the truth where it is
+    known.
     """
     rows = [("", "measured", "± 95 %", "model", *(("true",) if truth else ()), "readings", "")]
     for one in estimates:

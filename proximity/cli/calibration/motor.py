@@ -29,15 +29,7 @@ def opened_port(address: str, glove: Glove) -> Iterator[MotorPort]:
 
 
 def watch(address: str, glove: Glove) -> None:
-    """Show what a motor answers until Ctrl-C; it stays off.
-
-    Parameters
-    ----------
-    address : str
-        Of the motor.
-    glove : Glove
-        As designed.
-    """
+    """Show what a motor answers until Ctrl-C; it stays off."""
     report(NOT_ON_HARDWARE)
     with (
         stopped_by_signals() as stop,

@@ -23,13 +23,7 @@ KEPT = "All readings are kept, and the same command continues from there. You ca
 
 
 class Page:
-    """A `Face` that asks on a page.
-
-    Parameters
-    ----------
-    pages : GuidedPages
-        Begun.
-    """
+    """A `Face` that asks on a page."""
 
     def __init__(self, pages: GuidedPages) -> None:
         self._pages = pages
@@ -128,14 +122,8 @@ class Page:
 def opened_page(*, port: int, opens_browser: bool, on_stop: Callable[[], object] | None) -> Iterator[Page]:
     """Serve the page, and print where it is.
 
-    Parameters
-    ----------
-    port : int
-        Where to listen on this machine; 0: any that is free.
-    opens_browser : bool
-        Whether the page is opened in a browser.
-    on_stop : callable
-        Is called at an emergency stop; None: there is nothing to stop.
+    *port*: where to listen on this machine; 0: any that is free. *on_stop*: is called at an emergency stop;
+    None: there is nothing to stop.
     """
     with GuidedPages("Calibration", has_stop=on_stop is not None, on_stop=on_stop, port=port) as pages:
         typer.echo(pages.url)

@@ -60,13 +60,7 @@ class Terminal:
 
 
 def print_results(rows: Sequence[tuple[str, ...]]) -> None:
-    """Print rows of results.
-
-    Parameters
-    ----------
-    rows : sequence of tuple of str
-        As of `result_rows`.
-    """
+    """Print rows of results."""
     shown = table(rows[0][:1], rows[0][1:-1])
     shown.add_column("")
     for row in rows[1:]:

@@ -17,17 +17,7 @@ CHOICE_BUTTONS = (Button("1", "The first", "ArrowLeft"), Button("2", "The second
 
 
 class PageRespondent:
-    """Asks a person at a page; both pages stop everything.
-
-    Parameters
-    ----------
-    pages : GuidedPages
-        Open.
-    monitor : Monitor
-        Of the session, shown on the watching page.
-    title : str
-        Of the experiment.
-    """
+    """Asks a person at a page; both pages stop everything."""
 
     def __init__(self, pages: GuidedPages, monitor: Monitor, title: str) -> None:
         self._pages, self._monitor, self._title = pages, monitor, title

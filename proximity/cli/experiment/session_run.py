@@ -37,23 +37,7 @@ def run_session(
 ) -> str:
     """Do what is left of a session.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        Where the data go.
-    participant : str
-        Pseudonym.
-    drums : Drums
-        What displays the surfaces.
-    at_terminal : bool
-        Ask there; else on a page.
-    opens_browser : bool
-        Whether the page is opened in a browser of this machine.
-
-    Returns
-    -------
-    str
-        Why it ended before its end; empty: it did not.
+    *opens_browser*: whether the page is opened in a browser of this machine.
     """
     gloves, monitor = [read_any_glove(path, drums.max_age) for path in drums.gloves], Monitor()
     with (

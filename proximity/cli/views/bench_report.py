@@ -14,13 +14,7 @@ HASH_DIGITS = 16
 
 
 def write(reported: dict[str, Any]) -> None:
-    """Write the certificate to stdout: scene, worst positions, times against periods, the verdict.
-
-    Parameters
-    ----------
-    reported : dict
-        See `proximity.certificate.report.document`.
-    """
+    """Write the certificate to stdout: scene, worst positions, times against periods, the verdict."""
     console = results_console()
     print_block(console, _scene(reported))
     console.print()

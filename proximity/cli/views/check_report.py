@@ -28,19 +28,7 @@ Values = dict[str, Any]
 
 
 def report_of(scene: "proximity.Scene", file: str, units: str, metres: float) -> Values:
-    """Return the report as plain values; lengths, areas and volumes in the unit.
-
-    Parameters
-    ----------
-    scene : Scene
-        From a file.
-    file : str
-        Its name, as it was given.
-    units : str
-        What lengths are in.
-    metres : float
-        Metres in one unit.
-    """
+    """Return the report as plain values; lengths, areas and volumes in the unit."""
     origin = scene.report
     assert origin is not None, "a scene read from a file has a report"
     parts = [_part_values(part, metres) for part in scene.parts]
@@ -64,14 +52,8 @@ def report_of(scene: "proximity.Scene", file: str, units: str, metres: float) ->
 def print_report(console: Console, report: Values, *, is_whole: bool) -> None:
     """Print the report for people.
 
-    Parameters
-    ----------
-    console : Console
-        Where to print; where it is no terminal, lines are not folded to a width.
-    report : dict
-        As of `report_of`.
-    is_whole : bool
-        Whether to list all parts; else those beyond `PARTS_SHOWN` are counted.
+    *console*: where to print; where it is no terminal, lines are not folded to a width. *is_whole*: whether
+    to list all parts; else those beyond `PARTS_SHOWN` are counted.
     """
     parts, units = report["parts"], report["units"]
     declared = (

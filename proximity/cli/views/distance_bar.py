@@ -22,13 +22,7 @@ MAY_TOUCH_STYLE = "red"
 
 
 def ruler(width: int) -> str:
-    """Return the scale that stands above the bars.
-
-    Parameters
-    ----------
-    width : int
-        Cells of a bar.
-    """
+    """Return the scale that stands above the bars."""
     cells = [" "] * width
     for mark in MARKS_MM if width >= MARKS_WIDTH else FEW_MARKS_MM:
         text = str(mark)
@@ -40,18 +34,8 @@ def ruler(width: int) -> str:
 def bar(lower_mm: float, upper_mm: float, predicted_mm: float, width: int, style: str) -> Text:
     """Return the bar of a distance.
 
-    Parameters
-    ----------
-    lower_mm : float, mm
-        It is no less: the full part of the bar.
-    upper_mm : float, mm
-        It is no more: up to there the bar is shaded.
-    predicted_mm : float, mm
-        Where it will be soon: a mark; none where that is not on the scale.
-    width : int
-        Cells of the bar.
-    style : str
-        Of a finger that does not touch.
+    *lower_mm*: it is no less: the full part of the bar. *upper_mm*: it is no more: up to there the bar is
+    shaded. *predicted_mm*: where it will be soon: a mark; none where that is not on the scale.
     """
     if upper_mm <= 0.0:
         return touch(-lower_mm, width)
@@ -69,15 +53,7 @@ def bar(lower_mm: float, upper_mm: float, predicted_mm: float, width: int, style
 
 
 def touch(depth_mm: float, width: int) -> Text:
-    """Return the red field of a finger that touches.
-
-    Parameters
-    ----------
-    depth_mm : float, mm
-        How far it is inside.
-    width : int
-        Cells of the field.
-    """
+    """Return the red field of a finger that touches."""
     reported = f"{depth_mm + 0.0:.2f} mm inside"
     if width > len(reported) + len("touches, "):
         reported = f"touches, {reported}"

@@ -17,18 +17,7 @@ TITLES = (
 
 
 class DrumLog:
-    """A CSV file of a line a finger and sample; one that is there is replaced.
-
-    Parameters
-    ----------
-    path : Path
-        The file; None: nothing is written.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be written, at once or later.
-    """
+    """A CSV file of a line a finger and sample; one that is there is replaced."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path

@@ -39,10 +39,7 @@ CLOSING_STYLE = "yellow"
 def is_tracked(contacts: np.ndarray) -> np.ndarray:
     """Return of which fingers something is known.
 
-    Parameters
-    ----------
-    contacts : (N,) CONTACT
-        Of a reading.
+    *contacts*: (N,) CONTACT.
     """
     return (contacts["flags"] & ContactFlag.TRACKED) != 0
 
@@ -50,14 +47,7 @@ def is_tracked(contacts: np.ndarray) -> np.ndarray:
 def finger_cells(contact: Any, bar_width: int, part_names: Sequence[str] = ()) -> dict[str, Text]:
     """Return the cells of a finger by the names of their columns.
 
-    Parameters
-    ----------
-    contact : CONTACT
-        Of a reading.
-    bar_width : int
-        Cells of the bar.
-    part_names : sequence of str
-        Of the parts that the contact's numbers count; a part without one is shown by its number.
+    *part_names*: of the parts that the contact's numbers count; a part without one is shown by its number.
     """
     cells = {
         "finger": Text(str(contact["finger"]), "bold"),

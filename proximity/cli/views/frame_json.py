@@ -16,12 +16,8 @@ NAMED: dict[str, type[IntEnum]] = {"mode": Mode, "surface": Surface, "source": S
 def frame_document(frame: Any, part_names: Sequence[str]) -> dict[str, Any]:
     """Return a frame as plain values: fields of its header, and of the contact of each finger.
 
-    Parameters
-    ----------
-    frame : structured scalar
-        ``header`` and ``contacts``, (N,) CONTACT.
-    part_names : sequence of str
-        Of the parts that ``part`` counts; empty where they are not known, then ``part_name`` is null.
+    *part_names*: of the parts that ``part`` counts; empty where they are not known, then ``part_name`` is
+    null.
     """
     header = frame["header"]
     return {

@@ -7,15 +7,7 @@ from typing import Any
 
 
 def write_document(result: Any, *, indent: int | None = 1) -> None:
-    """Write one JSON document to stdout at once: somebody may wait for it.
-
-    Parameters
-    ----------
-    result : dict
-        What is written.
-    indent : int or None
-        None: all on one line.
-    """
+    """Write one JSON document to stdout at once: somebody may wait for it."""
     sys.stdout.write(json.dumps(plain(result), allow_nan=False, indent=indent) + "\n")
     sys.stdout.flush()
 

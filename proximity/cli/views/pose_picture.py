@@ -17,15 +17,7 @@ THICKNESS = 0.004  # m, of a finger's drawn sides about its bones
 
 
 def pose_picture(glove: Glove, bend: float) -> list[str]:
-    """Return lines of text: back of the hand and finger, seen from the side.
-
-    Parameters
-    ----------
-    glove : Glove
-        Whose finger is drawn.
-    bend : float
-        Of the finger.
-    """
+    """Return lines of text: back of the hand and finger, seen from the side."""
     canvas = np.zeros((4 * ROWS, 2 * COLUMNS), bool)
     joints = [np.zeros(2), *_joints(glove, bend)]
     for start, end in pairwise(joints):
@@ -41,15 +33,7 @@ def pose_picture(glove: Glove, bend: float) -> list[str]:
 
 
 def pose_drawing(glove: Glove, bend: float) -> str:
-    """Return an SVG of the same: back of the hand and finger, its joints, and the path of the fingertip.
-
-    Parameters
-    ----------
-    glove : Glove
-        Whose finger is drawn.
-    bend : float
-        Of the finger.
-    """
+    """Return an SVG of the same: back of the hand and finger, its joints, and the path of the fingertip."""
     joints = [np.zeros(2), *_joints(glove, bend)]
     path = [_joints(glove, each)[-1] for each in np.linspace(0.0, 1.0, 61)]
     lower = 1e3 * min(point[1] for point in path) - 14.0

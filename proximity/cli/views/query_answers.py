@@ -130,14 +130,7 @@ def write_json(stream: TextIO, head: dict[str, Any], chunks: Iterable[Fields]) -
 def write_csv(stream: TextIO, units: str, chunks: Iterable[Fields]) -> None:
     """Write a header and a line an answer; three numbers take three columns.
 
-    Parameters
-    ----------
-    stream : text file
-        Where to write.
-    units : str
-        What lengths are in.
-    chunks : iterable of dict
-        Answers, field by field; at least one chunk, which may be empty.
+    *chunks*: answers, field by field; at least one chunk, which may be empty.
     """
     writer = csv.writer(stream, lineterminator="\n")
     has_header = False
@@ -152,16 +145,7 @@ def write_csv(stream: TextIO, units: str, chunks: Iterable[Fields]) -> None:
 def write_table(stream: TextIO, mode: str, units: str, chunks: Iterable[Fields]) -> None:
     """Write a header and a line of fixed width an answer, as they come.
 
-    Parameters
-    ----------
-    stream : text file
-        Where to write.
-    mode : str
-        A key of `IN_TABLE`.
-    units : str
-        What lengths are in.
-    chunks : iterable of dict
-        Answers, field by field; at least one chunk, which may be empty.
+    *chunks*: answers, field by field; at least one chunk, which may be empty.
     """
     count = -1
     for chunk in chunks:
@@ -178,18 +162,8 @@ def write_table(stream: TextIO, mode: str, units: str, chunks: Iterable[Fields])
 
 
 def print_table(console: Console, mode: str, units: str, answers: Fields) -> str | None:
-    """Draw the table of a few answers on a terminal; return a note on what it is too narrow for, if anything.
-
-    Parameters
-    ----------
-    console : Console
-        The terminal.
-    mode : str
-        A key of `IN_TABLE`.
-    units : str
-        What lengths are in.
-    answers : dict
-        Answers, field by field.
+    """Draw the table of a few answers on a terminal; return a note on what it is too narrow for, if
+    anything.
     """
     columns = _shown(mode, answers)
     left_out = [sum(DISPENSABLE[:count], ()) for count in range(len(DISPENSABLE) + 1)]
@@ -208,19 +182,7 @@ def print_table(console: Console, mode: str, units: str, answers: Fields) -> str
 
 
 def block(mode: str, answer: dict[str, Any], units: str, sign: str) -> Lines:
-    """Return the lines that tell one answer, with the names of its points where they have some.
-
-    Parameters
-    ----------
-    mode : str
-        A key of `IN_BLOCK`.
-    answer : dict
-        The fields of one answer.
-    units : str
-        What lengths are in.
-    sign : str
-        How the sign is known.
-    """
+    """Return the lines that tell one answer, with the names of its points where they have some."""
     lines = [(FIELDS[name].title.replace("_", " "), answer[name]) for name in NAMES if name in answer]
     if answer["face"] is None:
         return [*lines, ("distance", _why_nothing(mode, answer))]

@@ -40,15 +40,7 @@ def inputs(scene: "proximity.Scene", file: str, recording: Recording, units: str
 
 
 def results(summary: ReplaySummary, metres: float) -> dict[str, Any]:
-    """Return what is reported of the ticks, with lengths in the unit.
-
-    Parameters
-    ----------
-    summary : ReplaySummary
-        In metres.
-    metres : float
-        Metres in one unit.
-    """
+    """Return what is reported of the ticks, with lengths in the unit."""
     nearest, bounds, predictions = summary.nearest, summary.bounds, summary.predictions
     certified = summary.certified_times
     return {
@@ -113,15 +105,7 @@ def broken(summary: ReplaySummary) -> list[str]:
 
 
 def write(report: dict[str, Any], *, as_json: bool) -> None:
-    """Write the report to stdout.
-
-    Parameters
-    ----------
-    report : dict
-        Of `inputs`, "placement", "settings" and `results`.
-    as_json : bool
-        One JSON document instead of lines to read.
-    """
+    """Write the report to stdout."""
     if as_json:
         write_document(report)
         return

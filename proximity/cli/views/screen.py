@@ -14,15 +14,7 @@ FIRST_AFTER_S = 0.1  # a first frame comes within that, where there is a service
 
 
 class Screen:
-    """A position on a terminal that is drawn anew, or lines of text where there is none.
-
-    Parameters
-    ----------
-    console : Console
-        Where to.
-    is_silent : bool
-        Shows nothing.
-    """
+    """A position on a terminal that is drawn anew, or lines of text where there is none."""
 
     def __init__(self, console: Console, *, is_silent: bool = False) -> None:
         self._console, self._is_silent = console, is_silent

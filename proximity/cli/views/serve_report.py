@@ -19,12 +19,7 @@ SHOWN_PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9}
 def write_beginning(beginning: Beginning, *, as_json: bool) -> None:
     """Report the start of a service: scene, addresses, rate, and what the system granted and refused.
 
-    Parameters
-    ----------
-    beginning : Beginning
-        What is served.
-    as_json : bool
-        A document on stdout instead of lines on stderr.
+    *as_json*: a document on stdout instead of lines on stderr.
     """
     settings = beginning.settings
     service, rate = settings.service, number(settings.service.rate_hz)

@@ -20,14 +20,8 @@ OTHER_LINES = 9  # of a terminal, beside the fingers
 class Follower:
     """The newest reading of a subscriber, and how fast frames come.
 
-    Parameters
-    ----------
-    subscriber : Subscriber
-        Of the service.
-    gather : float, s
-        That frames are let come before they are looked at: to wake for each takes a third of a core at 1 kHz.
-    clock : callable
-        Gives now, s, monotonic.
+    *gather*: that frames are let come before they are looked at: to wake for each takes a third of a core at
+    1 kHz.
     """
 
     def __init__(
@@ -42,10 +36,7 @@ class Follower:
     def look(self, timeout: float) -> tuple[Reading, Seen]:
         """Wait for new frames and return what is known.
 
-        Parameters
-        ----------
-        timeout : float, s
-            How long to wait at most, where none comes.
+        *timeout*: how long to wait at most, where none comes.
         """
         time.sleep(self._gather)
         reading = self._subscriber.wait(timeout)
@@ -73,16 +64,7 @@ class Follower:
 def show(screen: Screen, reading: Reading, seen: Seen, drums: Sequence[Text] | None = None) -> None:
     """Show a reading if it is time for it.
 
-    Parameters
-    ----------
-    screen : Screen
-        Where.
-    reading : Reading
-        What is known now.
-    seen : Seen
-        What is known beside.
-    drums : sequence of Text
-        What a controller does with each finger, where one runs beside.
+    *drums*: what a controller does with each finger, where one runs beside.
     """
 
     def drawn(size: ConsoleDimensions) -> RenderableType:

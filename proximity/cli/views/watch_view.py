@@ -73,18 +73,7 @@ def picture(
 ) -> RenderableType:
     """Return what a terminal shows.
 
-    Parameters
-    ----------
-    reading : Reading
-        What is known now.
-    seen : Seen
-        What is known beside.
-    width : int
-        Cells in a line of the terminal.
-    row_count : int
-        Most fingers that are shown: the nearest.
-    drums : sequence of Text
-        What a controller does with each finger, where one runs beside.
+    *drums*: what a controller does with each finger, where one runs beside.
     """
     if not len(reading.contacts):
         return Group(*headline(reading, seen, width))
@@ -107,17 +96,7 @@ def picture(
 
 
 def headline(reading: Reading, seen: Seen, width: int) -> tuple[Text, Text]:
-    """Return the two lines above the table: the state and what it means, and the figures.
-
-    Parameters
-    ----------
-    reading : Reading
-        What is known now.
-    seen : Seen
-        What is known beside.
-    width : int
-        Cells in a line of the terminal.
-    """
+    """Return the two lines above the table: the state and what it means, and the figures."""
     style = STATE_STYLES[reading.state]
     badge, meaning = f" {reading.state.name} ", _meaning(reading, seen)
     if reading.state is State.STALE:  # a whole line, so that nobody takes what stands below for now
@@ -141,12 +120,7 @@ def line(reading: Reading, seen: Seen) -> str:
 def nearest(contacts: np.ndarray, count: int) -> list[int]:
     """Return which fingers are shown: all, or the nearest, in the order of the frame.
 
-    Parameters
-    ----------
-    contacts : (N,) CONTACT
-        Of all fingers.
-    count : int
-        Most that are shown.
+    *contacts*: (N,) CONTACT.
     """
     lower = np.where(is_tracked(contacts), contacts["lower"], np.inf)
     return sorted(np.argsort(lower, kind="stable")[:count].tolist())

@@ -53,13 +53,7 @@ _SIGNATURES = {
 
 @cache
 def in_c(name: str) -> Any:
-    """Return a function of the controller, of bytes of these structures.
-
-    Raises
-    ------
-    DecaffError
-        If it was not compiled, or from other sources.
-    """
+    """Return a function of the controller, of bytes of these structures."""
     try:
         sizes = np.zeros(8, np.int64)
         function_in_c("controller_sizes", "int64[8]")(sizes)

@@ -26,25 +26,8 @@ NO_FAULT, WATCHDOG, NO_BEND, BEND, NO_ANGLE, ANGLE, MOTOR = range(7)  # enum dec
 class FingerController:
     """Decides, sample by sample, where the drum of one finger stands, or with what force it presses.
 
-    Parameters
-    ----------
-    path : FingerPath
-        Of the finger.
-    rate : float, Hz
-        Of the servo.
-    drum : Drum
-        What is driven; its mass bounds how fast it comes near the finger.
-    limits : Limits
-        Of ages, speeds and forces.
-    handover : Handover
-        When position gives way to force in teleoperation.
-    cable : CableRule
-        Whose stretch is made up for while a position is held; none where not given.
-
-    Raises
-    ------
-    DecaffError
-        If the rate cannot be used, or the controller was not compiled.
+    *drum*: what is driven; its mass bounds how fast it comes near the finger. *cable*: whose stretch is made
+    up for while a position is held; none where not given.
     """
 
     fault: str  # why the motor is off; empty: it is not

@@ -110,12 +110,7 @@ class DrumAction:
 def commanded(action: DrumAction, target: float) -> DrumCommand:
     """Return what a servo is given of a controller's action.
 
-    Parameters
-    ----------
-    action : DrumAction
-        Of the controller.
-    target : float, m or N
-        Its position, as the servo counts it; or its force.
+    *target*: its position, as the servo counts it; or its force.
     """
     return DrumCommand(
         action.mode, target, action.speed_cap, action.force_cap, action.start_force, action.force_slew

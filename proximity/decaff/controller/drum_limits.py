@@ -45,13 +45,7 @@ class Limits:
             positive(field.name, getattr(self, field.name), _unit(field.name))
 
     def near_speed(self, mass: float) -> float:
-        """Return how fast drum and finger may come together, m/s.
-
-        Parameters
-        ----------
-        mass : float, kg
-            Of the drum.
-        """
+        """Return how fast drum and finger may come together, m/s."""
         return math.sqrt(2.0 * self.near_energy / mass)
 
 

@@ -14,22 +14,6 @@ from proximity.decaff.arguments import finite, not_negative, positive, whole
 def required_damping(stiffness: float, damping: float, period: float, delay_samples: int = 0) -> float:
     """Return the damping of the device above which the sampled wall is passive, N·s/m.
 
-    Parameters
-    ----------
-    stiffness : float, N/m
-        Of the wall.
-    damping : float, N·s/m
-        Of the wall; may be negative.
-    period : float, s
-        Between two forces, each held.
-    delay_samples : int
-        d; one is built into equation (1).
-
-    Raises
-    ------
-    DecaffError
-        If an argument cannot be used.
-
     Notes
     -----
     Source: Colgate & Schenkel 1997, b > T/2 Re((1 - 1/z) H(z)) / (1 - cos) on the unit circle. For this
@@ -49,21 +33,7 @@ def required_damping(stiffness: float, damping: float, period: float, delay_samp
 def sufficient_damping(stiffness: float, damping: float, period: float, delay: float = 0.0) -> float:
     """Return a damping of the device that is enough for any delay: K (T/2 + delay) + |B|, N·s/m.
 
-    Parameters
-    ----------
-    stiffness : float, N/m
-        Of the wall.
-    damping : float, N·s/m
-        Of the wall; may be negative.
-    period : float, s
-        Between two forces, each held.
-    delay : float, s
-        From a position to its force, the hold not counted; whole periods or not.
-
-    Raises
-    ------
-    DecaffError
-        If an argument cannot be used.
+    *delay*: from a position to its force, the hold not counted; whole periods or not.
 
     Notes
     -----
@@ -77,35 +47,14 @@ def sufficient_damping(stiffness: float, damping: float, period: float, delay: f
 def is_passive(
     device_damping: float, stiffness: float, damping: float, period: float, delay_samples: int = 0
 ) -> bool:
-    """Return whether no passive hand can draw energy from the wall.
-
-    Parameters
-    ----------
-    device_damping : float, N·s/m
-        The device's own.
-    stiffness, damping, period, delay_samples
-        As of `required_damping`.
-    """
+    """Return whether no passive hand can draw energy from the wall."""
     return device_damping > required_damping(stiffness, damping, period, delay_samples)
 
 
 def largest_passive_stiffness(
     device_damping: float, damping: float, period: float, delay_samples: int = 0
 ) -> float:
-    """Return the stiffness up to which a wall is passive, N/m; 0 where its damping alone is too much.
-
-    Parameters
-    ----------
-    device_damping : float, N·s/m
-        The device's own.
-    damping, period, delay_samples
-        As of `required_damping`.
-
-    Raises
-    ------
-    DecaffError
-        If an argument cannot be used.
-    """
+    """Return the stiffness up to which a wall is passive, N/m; 0 where its damping alone is too much."""
     own = not_negative("device_damping", device_damping, "newton seconds a metre")
     if own <= required_damping(0.0, damping, period, delay_samples):
         return 0.0
@@ -119,17 +68,7 @@ def largest_passive_stiffness(
 
 
 def apparent_damping(stiffness: float, period: float, delay_samples: int = 0) -> float:
-    """Return the damper that a sampled spring looks like to slow motion, N·s/m: negative, it feeds energy.
-
-    Parameters
-    ----------
-    stiffness : float, N/m
-        Of the wall.
-    period : float, s
-        Between two forces, each held.
-    delay_samples : int
-        d; one is built into equation (1).
-    """
+    """Return the damper that a sampled spring looks like to slow motion, N·s/m: negative, it feeds energy."""
     return -stiffness * (delay_samples + 0.5) * period
 
 

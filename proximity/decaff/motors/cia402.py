@@ -51,20 +51,7 @@ NOT_VALID = 1 << 31  # of a message's identifier: it is being changed
 
 
 class Cia402:
-    """A drive of the profile.
-
-    Parameters
-    ----------
-    network : canopen.Network
-        Connected.
-    node : int
-        Of the drive, 1 to 126.
-
-    Raises
-    ------
-    MotorError
-        If the drive does not answer, or lacks an object that is needed.
-    """
+    """A drive of the profile."""
 
     def __init__(self, network: Any, node: int) -> None:
         from canopen import ObjectDictionary, SdoAbortedError, SdoCommunicationError
@@ -187,12 +174,7 @@ class Cia402:
 def open_driver(address: MotorAddress, settings: MotorSettings) -> Cia402:
     """Connect to the bus of an address, and set its drive up; it stays without voltage.
 
-    Parameters
-    ----------
-    address : MotorAddress
-        Its place is python-can's channel.
-    settings : MotorSettings
-        Taken from it; the drive itself knows its scales.
+    *settings*: taken from it; the drive itself knows its scales.
     """
     import can
     import canopen

@@ -37,17 +37,7 @@ BACK_OFF, STOP_TOLERANCE = 0.1, 0.03  # rad off the stop, and by how much two to
 
 
 class MotorDrum:
-    """A drum behind a motor's driver.
-
-    Parameters
-    ----------
-    driver : MotorDriver
-        Open; the motor is off.
-    settings : MotorSettings
-        Of motor and drum.
-    path : FingerPath
-        Of the finger.
-    """
+    """A drum behind a motor's driver."""
 
     reading: MotorReading
 
@@ -120,10 +110,7 @@ class MotorDrum:
     def await_answer(self, pause: Callable[[float], bool] | None = None) -> None:
         """Wait for the first answer.
 
-        Parameters
-        ----------
-        pause : callable
-            Waits for a time, s, and returns whether to give up.
+        *pause*: waits for a time, s, and returns whether to give up.
         """
         while not self.reading.answers:
             self.look()
@@ -132,10 +119,7 @@ class MotorDrum:
     def refresh(self, pause: Callable[[float], bool] | None = None) -> None:
         """Wait for an answer to a question that is asked from now on.
 
-        Parameters
-        ----------
-        pause : callable
-            Waits for a time, s, and returns whether to give up.
+        *pause*: waits for a time, s, and returns whether to give up.
         """
         answers = self.reading.answers + 1  # the next may be on its way already
         while self.reading.answers <= answers:
@@ -145,10 +129,7 @@ class MotorDrum:
     def home(self, pause: Callable[[float], bool] | None = None) -> None:
         """Switch the motor on, and find the mechanical stop that lies beyond the retracted drum, twice.
 
-        Parameters
-        ----------
-        pause : callable
-            Waits for a time, s, and returns whether to give up.
+        *pause*: waits for a time, s, and returns whether to give up.
         """
         pause = pause or _slept
         self.await_answer(pause)
@@ -171,14 +152,7 @@ class MotorDrum:
     def advance(self, action: DrumAction, finger: float, seconds: float) -> None:
         """Have the motor do what a controller wants; the finger is where its own sensor has it.
 
-        Parameters
-        ----------
-        action : DrumAction
-            Of the controller.
-        finger : float, m
-            Not used: a real drum needs no model of it.
-        seconds : float, s
-            Since the last action.
+        *finger*: not used: a real drum needs no model of it.
         """
         if not (self.is_homed and self._is_on):
             raise self.failed("a motion was commanded before the motor was homed")
@@ -201,10 +175,7 @@ class MotorDrum:
     def resume(self, pause: Callable[[float], bool] | None = None) -> None:
         """Switch a homed motor on again, without a torque; it may have been turned by hand meanwhile.
 
-        Parameters
-        ----------
-        pause : callable
-            Waits for a time, s, and returns whether to give up.
+        *pause*: waits for a time, s, and returns whether to give up.
         """
         if not self.is_homed:
             raise self.failed("a motion was commanded before the motor was homed")
@@ -214,22 +185,13 @@ class MotorDrum:
     def rest(self, pause: Callable[[float], bool] | None = None) -> None:
         """Take the power off until `resume`, and wait until the motor confirms it.
 
-        Parameters
-        ----------
-        pause : callable
-            Waits for a time, s, and returns whether to give up.
+        *pause*: waits for a time, s, and returns whether to give up.
         """
         self.switch_off(is_emergency=False)
         self._confirm("off", pause or _slept)
 
     def push(self, torque: float) -> float:
-        """Give the drum a torque, N m, positive away from the finger; return it, within the motor's limit.
-
-        Parameters
-        ----------
-        torque : float, N m
-            At the drum.
-        """
+        """Give the drum a torque, N m, positive away from the finger; return it, within the motor's limit."""
         if not (self.is_homed and self._is_on):
             raise self.failed("a motion was commanded before the motor was homed")
         self.look()
@@ -248,10 +210,7 @@ class MotorDrum:
     def switch_off(self, *, is_emergency: bool = True) -> None:
         """Take the power off, without waiting for an answer.
 
-        Parameters
-        ----------
-        is_emergency : bool
-            Whether the motor shall remember it, where it can, so that a person must look.
+        *is_emergency*: whether the motor shall remember it, where it can, so that a person must look.
         """
         self._is_on = False
         with suppress(MotorError):
@@ -261,13 +220,7 @@ class MotorDrum:
                 self._driver.switch_off()
 
     def failed(self, reason: str) -> MotorError:
-        """Take the power off, and return the error that says why.
-
-        Parameters
-        ----------
-        reason : str
-            What is uncertain.
-        """
+        """Take the power off, and return the error that says why."""
         self.switch_off()
         return MotorError(f"{self.settings.name}: {reason}; the motor was switched off")
 

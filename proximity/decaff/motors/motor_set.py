@@ -14,19 +14,7 @@ def opened_motors(
 ) -> Iterator[list[MotorDrum]]:
     """Open motors that stay off; at the end all of them are switched off and closed.
 
-    Parameters
-    ----------
-    addresses : sequence of str
-        One for each finger, from the first.
-    paths : sequence of FingerPath
-        Of as many fingers.
-    report : callable
-        Is given a sentence for each motor that does not confirm that it is off.
-
-    Raises
-    ------
-    MotorError
-        If one cannot be opened.
+    *report*: is given a sentence for each motor that does not confirm that it is off.
     """
     motors: list[MotorDrum] = []
     try:
@@ -51,14 +39,7 @@ def home_all(
 ) -> None:
     """Home motors one after the other; those that are homed hold their drums retracted meanwhile.
 
-    Parameters
-    ----------
-    motors : sequence of MotorDrum
-        Open; they move.
-    pause : callable
-        Waits for a time, s, and returns whether to give up.
-    report : callable
-        Is given a sentence before each motor moves.
+    *pause*: waits for a time, s, and returns whether to give up.
     """
     for count, motor in enumerate(motors):
 

@@ -32,14 +32,7 @@ SPEED_LIMIT = 160.0  # turns/s: beyond, the ODrive switches itself off
 class ODriveCan:
     """An axis of an ODrive.
 
-    Parameters
-    ----------
-    bus : can.BusABC
-        Open.
-    node : int
-        Of the axis, 0 to 63.
-    torque_constant : float, N m/A
-        Of the motor, as the ODrive has it, too.
+    *torque_constant*: of the motor, as the ODrive has it, too.
     """
 
     def __init__(self, bus: Any, node: int, torque_constant: float) -> None:
@@ -136,15 +129,7 @@ class ODriveCan:
 
 
 def open_driver(address: MotorAddress, settings: MotorSettings) -> ODriveCan:
-    """Open the bus of an address.
-
-    Parameters
-    ----------
-    address : MotorAddress
-        Its place is python-can's channel.
-    settings : MotorSettings
-        Taken from it.
-    """
+    """Open the bus of an address."""
     import can
 
     node = address.whole("node", 0, 0, 63)

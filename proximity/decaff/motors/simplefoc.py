@@ -29,17 +29,7 @@ LONGEST_LINE = 256  # more without an end is no answer
 
 
 class SimpleFoc:
-    """A motor behind a Commander.
-
-    Parameters
-    ----------
-    port : serial.Serial
-        Open, not waiting for what it reads.
-    letter : str
-        Of the motor.
-    torque_constant : float, N m/A
-        Of the motor.
-    """
+    """A motor behind a Commander."""
 
     def __init__(self, port: Any, letter: str, torque_constant: float) -> None:
         self._port, self._letter, self._constant = port, letter, torque_constant
@@ -134,15 +124,7 @@ class SimpleFoc:
 
 
 def open_driver(address: MotorAddress, settings: MotorSettings) -> SimpleFoc:
-    """Open the serial port of an address.
-
-    Parameters
-    ----------
-    address : MotorAddress
-        Its place is the port's name.
-    settings : MotorSettings
-        Taken from it.
-    """
+    """Open the serial port of an address."""
     import serial
 
     baud = address.whole("baud", 115200, 1200, 12_000_000)

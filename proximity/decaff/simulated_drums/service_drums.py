@@ -63,21 +63,7 @@ class FingerBench:
     def step(
         self, reading: Reading, sample_ns: int, elapsed: float, contact: Any, frame: FrameMark | None
     ) -> None:
-        """Run one sample.
-
-        Parameters
-        ----------
-        reading : Reading
-            Of all fingers.
-        sample_ns : int, ns
-            On this machine's monotonic clock.
-        elapsed : float, s
-            Since the last sample.
-        contact : CONTACT or None
-            Of this finger.
-        frame : FrameMark or None
-            Which frame that is of.
-        """
+        """Run one sample."""
         now_ns = reading.now_ns
         contact = self._follow(contact, now_ns)
         before = self.controller.state
@@ -134,25 +120,8 @@ class FingerBench:
 class DrumBench:
     """The drums of all fingers.
 
-    Parameters
-    ----------
-    rate : float, Hz
-        At which `step` is called.
-    gloves : sequence of Glove or CalibratedGlove
-        One for all fingers, or one each; one of our own dimensions where not given.
-    limits : Limits
-        Of every controller.
-    motors : sequence of MotorDrum
-        Of the first fingers, homed; the others are simulated.
-    cable : CableRule
-        Of every controller, and of the simulated drums.
-
-    Raises
-    ------
-    DecaffError
-        If a drum cannot stand in its finger's path; by `step`, if the service has another number of fingers.
-    MotorError
-        By `step`, if anything about a motor is uncertain, or there are more motors than fingers.
+    *gloves*: one for all fingers, or one each; one of our own dimensions where not given. *motors*: of the
+    first fingers, homed; the others are simulated.
     """
 
     fingers: list[FingerBench]
@@ -177,12 +146,8 @@ class DrumBench:
     def step(self, reading: Reading, sample_ns: int) -> None:
         """Run a sample of every finger.
 
-        Parameters
-        ----------
-        reading : Reading
-            The newest.
-        sample_ns : int, ns
-            Now, on this machine's monotonic clock: that of the reading may be another one's, and jump.
+        *sample_ns*: now, on this machine's monotonic clock: that of the reading may be another one's, and
+        jump.
         """
         count, frame = len(reading.contacts), FrameMark.of(reading.header)
         if count and len(self.fingers) != count:

@@ -48,13 +48,7 @@ class _Records:
 
 
 def count_bodies(text: str) -> int:
-    """Return how many meshes the assemblies of a file must give at least; 0 if that cannot be known.
-
-    Raises
-    ------
-    MeshFormatError
-        If a use of a product has no placement, a product in use has no shape, or one contains itself.
-    """
+    """Return how many meshes the assemblies of a file must give at least; 0 if that cannot be known."""
     if _USE not in text or any(word in text for word in _OTHER_PLACEMENTS):
         return 0
     records = _read(_TEXT.sub(" ", text))

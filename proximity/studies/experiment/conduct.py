@@ -80,30 +80,7 @@ def conduct(
     keep: Callable[[int, Frames], str],
     monitor: Monitor | None = None,
 ) -> None:
-    """Go through the rest of a session.
-
-    Parameters
-    ----------
-    session : Session
-        Replayed up to the end of the log.
-    log : TrialLog
-        Where every step goes.
-    apparatus : Apparatus
-        What displays the surfaces.
-    respondent : Respondent
-        Who answers.
-    keep : function of a trial's number and frames
-        Writes the frames; returns their hash.
-    monitor : Monitor
-        Of the experimenter.
-
-    Raises
-    ------
-    RefusedError
-        If the consent is refused.
-    StoppedError
-        If the experimenter stops it; the trial at hand is in the log as stopped.
-    """
+    """Go through the rest of a session."""
     monitor, started = monitor or Monitor(), time.monotonic()
     while (step := session.step) is not None:
         if monitor.stop.is_set():

@@ -21,20 +21,7 @@ from proximity.system.time_units import S_PER_NS
 class CoupledController(FingerController):
     """A controller whose deformable surfaces answer late, with gains of their own.
 
-    Parameters
-    ----------
-    path : FingerPath
-        Of the finger.
-    rate : float, Hz
-        Of the samples.
-    limits : Limits
-        Of forces and ages.
-    stiffness : float, N/m
-        Of the wall.
-    damping : float, N s/m
-        Of the wall, on the difference of two samples.
-    latency : float, s
-        Of the positions.
+    *damping*: of the wall, on the difference of two samples.
     """
 
     def __init__(

@@ -57,17 +57,7 @@ PARTICIPANT_COLUMNS = {
 class Dataset:
     """The folder of an experiment.
 
-    Parameters
-    ----------
-    folder : Path
-        Where it is.
-    design : Design
-        Of the experiment; None: the one that lies in the folder.
-
-    Raises
-    ------
-    RecordingError
-        If the folder is another experiment's, or cannot be written.
+    *design*: of the experiment; None: the one that lies in the folder.
     """
 
     folder: Path
@@ -101,17 +91,7 @@ class Dataset:
     def admit(self, pseudonym: str, apparatus: str) -> int:
         """Return the slot of a participant; a new one gets the first that is free.
 
-        Parameters
-        ----------
-        pseudonym : str
-            Of the participant.
-        apparatus : str
-            What displays the surfaces; `design.SIMULATED` where the participant is no person.
-
-        Raises
-        ------
-        RecordingError
-            If it is no pseudonym, all slots are taken, or people and simulated observers would be mixed.
+        *apparatus*: what displays the surfaces; `design.SIMULATED` where the participant is no person.
         """
         check_pseudonym(pseudonym)
         rows = self.participants()
@@ -143,17 +123,7 @@ class Dataset:
         return folder / f"sub-{pseudonym}_log.jsonl"
 
     def keep_frames(self, pseudonym: str, number: int, frames: dict[str, np.ndarray]) -> str:
-        """Write the frames of a trial, and return the hash of the file.
-
-        Parameters
-        ----------
-        pseudonym : str
-            Of the participant.
-        number : int
-            Of the trial.
-        frames : dict of arrays
-            By interval.
-        """
+        """Write the frames of a trial, and return the hash of the file."""
         folder, content = self._folder_of(pseudonym) / "frames", io.BytesIO()
         folder.mkdir(parents=True, exist_ok=True)
         np.savez_compressed(content, allow_pickle=False, **frames)
@@ -170,13 +140,7 @@ class Dataset:
         self._write_participants(rows)
 
     def entries(self, pseudonym: str) -> list[Entry]:
-        """Return the log of a participant.
-
-        Raises
-        ------
-        RecordingError
-            If it was edited, or a finished one was shortened.
-        """
+        """Return the log of a participant."""
         path = self.log_path(pseudonym)
         entries = read_log(path)
         row = next(row for row in self.participants() if row["participant_id"] == pseudonym)
@@ -207,12 +171,8 @@ class Dataset:
             )
 
     def trials(self) -> list[Entry]:
-        """Return the trials of all participants, each with its participant and whether that one is simulated.
-
-        Raises
-        ------
-        RecordingError
-            If a log was edited.
+        """Return the trials of all participants, each with its participant and whether that one is
+        simulated.
         """
         return [
             {"participant": row["participant_id"], "is_simulated": row["apparatus"] == SIMULATED} | entry
@@ -224,17 +184,7 @@ class Dataset:
     def forget(self, pseudonym: str, *, keeps_reports: bool = False) -> None:
         """Delete all of a participant.
 
-        Parameters
-        ----------
-        pseudonym : str
-            Of the participant.
-        keeps_reports : bool
-            Keep the reports in the folder: none has data of the participant.
-
-        Raises
-        ------
-        RecordingError
-            If there is no such participant.
+        *keeps_reports*: keep the reports in the folder: none has data of the participant.
         """
         rows = self.participants()
         left = [row for row in rows if row["participant_id"] != pseudonym]
@@ -273,13 +223,7 @@ class Dataset:
 
 
 def check_pseudonym(pseudonym: str) -> None:
-    """Refuse what may be a name.
-
-    Raises
-    ------
-    RecordingError
-        If it is not a few letters and digits.
-    """
+    """Refuse what may be a name."""
     if not PSEUDONYM.fullmatch(pseudonym):
         raise RecordingError(
             f"participant is {pseudonym!r}, expected a pseudonym such as p07: up to three small letters and "

@@ -74,13 +74,7 @@ NUMBERS = {  # of tables with a default each
 
 
 def read_design(path: str | os.PathLike[str]) -> Design:
-    """Return the design in a file.
-
-    Raises
-    ------
-    ServiceError
-        If it cannot be used: the message names the line, what is there, and what was expected.
-    """
+    """Return the design in a file."""
     document = read_document(path, "a design")
     top = Table(document, (), document.data, TABLES)
     design = Design(

@@ -64,17 +64,7 @@ class Apparatus(Protocol):
 
 
 def intervals_of(design: Design, planned: PlannedTrial, level: float) -> tuple[Interval, ...]:
-    """Return what a trial displays, in order.
-
-    Parameters
-    ----------
-    design : Design
-        Of the experiment.
-    planned : PlannedTrial
-        From the plan.
-    level : float
-        Of the task's stimulus.
-    """
+    """Return what a trial displays, in order."""
     task, condition = design.task(planned.task), design.condition(planned.condition)
     if task.kind not in CHOICES:
         return (interval_of(task, condition, level),)
@@ -91,14 +81,7 @@ def intervals_of(design: Design, planned: PlannedTrial, level: float) -> tuple[I
 def cut_at_limits(frames: np.ndarray, limit_force: float, limit_seconds: float) -> Presentation:
     """Return frames until a limit is passed.
 
-    Parameters
-    ----------
-    frames : (N,) FRAME
-        Of a whole interval.
-    limit_force : float, N
-        That ends it.
-    limit_seconds : float, s
-        That ends it.
+    *frames*: (N,) FRAME.
     """
     above = np.flatnonzero(~(frames["force"] <= limit_force))
     if len(above):

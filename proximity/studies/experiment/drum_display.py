@@ -38,19 +38,7 @@ SILENCE_S = 2.0  # beyond the longest interval, in which the drums must have end
 
 
 class DrumDisplay(DrumBench):
-    """The drums of a service, of which one displays surfaces.
-
-    Parameters
-    ----------
-    rate : float, Hz
-        At which `step` is called.
-    finger : int
-        Of the service, whose drum displays.
-    gloves : sequence of Glove or CalibratedGlove
-        As of `DrumBench`.
-    motors : sequence of MotorDrum
-        As of `DrumBench`.
-    """
+    """The drums of a service, of which one displays surfaces."""
 
     name = "drum"
 
@@ -73,13 +61,7 @@ class DrumDisplay(DrumBench):
         self._readings: deque[tuple[int, Reading]] = deque()  # by the instant of their sample
 
     def check(self, design: Design) -> None:
-        """Refuse a design whose soft surfaces this drum would display softer than they are.
-
-        Raises
-        ------
-        DecaffError
-            If it has one; coupled walls are displayed whether or not that is passive.
-        """
+        """Refuse a design whose soft surfaces this drum would display softer than they are."""
         law = SurfaceLaw(ControllerSettings(self._rate))
         for task in design.tasks:
             for condition in design.conditions:
@@ -97,13 +79,7 @@ class DrumDisplay(DrumBench):
                     )
 
     def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
-        """Display an interval, until the finger has touched and left, or a limit is passed.
-
-        Raises
-        ------
-        DecaffError
-            If the drums are not stepped, or were switched off.
-        """
+        """Display an interval, until the finger has touched and left, or a limit is passed."""
         self._frames, self._why = [], ""
         self._limits_of_interval = (limit_force, limit_seconds)
         self._is_over.clear()

@@ -33,13 +33,7 @@ class Method(Protocol):
 
 
 class Staircase:
-    """Three right answers in a row make it harder, one that is wrong makes it easier.
-
-    Parameters
-    ----------
-    levels : sequence of float
-        Ascending; it begins at the easiest.
-    """
+    """Three right answers in a row make it harder, one that is wrong makes it easier."""
 
     def __init__(self, levels: Sequence[float]) -> None:
         self._levels, self._at, self._right, self._wrong = tuple(levels), len(levels) - 1, 0, 0
@@ -60,15 +54,7 @@ class Staircase:
 class QuestPlus:
     """The level that is expected to say most of threshold, width and lapses (Watson 2017), by `questplus`.
 
-    Parameters
-    ----------
-    levels : sequence of float
-        From which it chooses; thresholds are looked for in their range, in logarithms.
-
-    Raises
-    ------
-    DecaffError
-        If questplus is not installed.
+    *levels*: from which it chooses; thresholds are looked for in their range, in logarithms.
     """
 
     def __init__(self, levels: Sequence[float]) -> None:
@@ -104,15 +90,7 @@ class QuestPlus:
 
 
 def method_for(procedure: Procedure, levels: Sequence[float]) -> Method | None:
-    """Return what chooses levels; None where the plan has chosen them.
-
-    Parameters
-    ----------
-    procedure : Procedure
-        Of a task.
-    levels : sequence of float
-        Of the task, ascending.
-    """
+    """Return what chooses levels; None where the plan has chosen them."""
     made: dict[Procedure, type[Staircase] | type[QuestPlus]]
     made = {Procedure.STAIRCASE: Staircase, Procedure.QUEST: QuestPlus}
     return made[procedure](levels) if procedure in made else None

@@ -39,14 +39,7 @@ FASTER = (-1, 0, 1)  # speeds of a hand, in the observers' deviation of them: fe
 class Observer:
     """One simulated participant: it answers, and its hand presses.
 
-    Parameters
-    ----------
-    design : Design
-        Of the experiment: what is expected of observers.
-    slot : int
-        Place of the participant.
-    seed : int
-        Of the answers, with the design's; another one is another participant in the same place.
+    *seed*: of the answers, with the design's; another one is another participant in the same place.
     """
 
     name = SIMULATED

@@ -56,12 +56,8 @@ def latin_square(count: int) -> list[list[int]]:
 def plan(design: Design, slot: int) -> list[Step]:
     """Return what a participant is shown, in order.
 
-    Parameters
-    ----------
-    design : Design
-        Of the experiment.
-    slot : int
-        Place among the participants, from 0: it chooses the row of the Latin square and the random numbers.
+    *slot*: place among the participants, from 0: it chooses the row of the Latin square and the random
+    numbers.
     """
     square = latin_square(len(design.conditions))
     row = square[slot % len(square)]

@@ -26,15 +26,7 @@ class Trial:
 
 
 class Session:
-    """What one participant does; it depends on the design, the slot and the answers alone.
-
-    Parameters
-    ----------
-    design : Design
-        Of the experiment.
-    slot : int
-        Place of the participant among all.
-    """
+    """What one participant does; it depends on the design, the slot and the answers alone."""
 
     steps: list[Step]
 
@@ -67,10 +59,7 @@ class Session:
     def take(self, *, is_right: bool | None = None) -> None:
         """Go on behind the step.
 
-        Parameters
-        ----------
-        is_right : bool
-            The answer of a trial; None: it had none that is right or wrong, or was stopped.
+        *is_right*: the answer of a trial; None: it had none that is right or wrong, or was stopped.
         """
         step = self.step
         if isinstance(step, PlannedTrial) and step.stage is Stage.MAIN and is_right is not None:

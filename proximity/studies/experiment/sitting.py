@@ -20,30 +20,7 @@ def sit(
     respondent: Respondent,
     monitor: Monitor | None = None,
 ) -> None:
-    """Do what is left of a participant's session.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Where the data go.
-    pseudonym : str
-        Of the participant.
-    apparatus : Apparatus
-        What displays the surfaces.
-    respondent : Respondent
-        Who answers.
-    monitor : Monitor
-        Of the experimenter.
-
-    Raises
-    ------
-    RecordingError
-        If the log was edited, or cannot be written, or people and simulated observers would be mixed.
-    RefusedError
-        If the consent is refused; then nothing is kept.
-    StoppedError
-        If the experimenter stops everything.
-    """
+    """Do what is left of a participant's session."""
     session = Session(dataset.design, dataset.admit(pseudonym, apparatus.name))
     try:
         with TrialLog(dataset.log_path(pseudonym)) as log:

@@ -26,15 +26,7 @@ START = "0" * 64  # hash before the first line
 class TrialLog:
     """The log of one participant, opened to go on.
 
-    Parameters
-    ----------
-    path : Path
-        The file; a new one where there is none.
-
-    Raises
-    ------
-    RecordingError
-        If it was edited, cannot be written, or another program has it open.
+    *path*: the file; a new one where there is none.
     """
 
     entries: list[Entry]  # from the first
@@ -61,15 +53,7 @@ class TrialLog:
         self.head = self.entries[-1]["sha256"] if self.entries else START
 
     def append(self, event: str, **content: Any) -> Entry:
-        """Write an entry; when this returns it is on the disk.
-
-        Parameters
-        ----------
-        event : str
-            What happened.
-        **content : any
-            Text, numbers, lists; nan becomes None.
-        """
+        """Write an entry; when this returns it is on the disk."""
         entry: Entry = {"event": event, **{key: _plain(value) for key, value in content.items()}}
         entry |= {"previous": self.head}
         entry["sha256"] = _hash(entry)
@@ -92,13 +76,7 @@ class TrialLog:
 
 
 def read_log(path: Path) -> list[Entry]:
-    """Return the entries of a log.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read, or was edited.
-    """
+    """Return the entries of a log."""
     return _read(path)[0]
 
 

@@ -11,13 +11,7 @@ from proximity.studies.stability.coupled_limit import rests_on
 
 
 def unstable_walls(design: Design) -> list[str]:
-    """Return a sentence for each task on a coupled wall that shakes under a simulated hand.
-
-    Parameters
-    ----------
-    design : Design
-        Of the experiment.
-    """
+    """Return a sentence for each task on a coupled wall that shakes under a simulated hand."""
     return [
         sentence
         for task in design.tasks

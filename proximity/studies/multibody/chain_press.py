@@ -99,28 +99,9 @@ def press(
 ) -> Pressing:
     """Let a finger move freely from *angles* and *rates* on, its tip against a plane.
 
-    Parameters
-    ----------
-    finger : PlanarFinger
-        That moves.
-    angles, rates : (n,) float64, rad and rad/s
-        Of the joints at first.
-    plane : Plane
-        What is in the way.
-    duration : s
-        How long; in whole steps.
-    step : s
-        Of the integrator, classical Runge-Kutta of fourth order. Where contact begins or ends amid a step the
-        error is of that step.
-    shown : Shown
-        How the force reaches the tip.
-    lag : s
-        By how much it is late, or how long it is held; whole steps. Not used where it is shown at once.
-
-    Raises
-    ------
-    DecaffError
-        If an argument cannot be used; the message says which and what was expected.
+    *step*: of the integrator, classical Runge-Kutta of fourth order. Where contact begins or ends amid a step
+    the error is of that step. *lag*: by how much it is late, or how long it is held; whole steps. Not used
+    where it is shown at once.
     """
     plane = Plane() if plane is None else plane
     positive("step", step, "seconds")

@@ -63,22 +63,7 @@ class PlanarFinger:
         dampings: ArrayLike = 0.0,
         gravity: float = 0.0,
     ) -> "PlanarFinger":
-        """Return a finger of thin even rods.
-
-        Parameters
-        ----------
-        lengths, masses : (n,) float64, m and kg
-            Of the rods.
-        stiffnesses, rest_angles, dampings : (n,) float64, or one number for all
-            Of the joints.
-        gravity : m/s²
-            Towards -y.
-
-        Raises
-        ------
-        DecaffError
-            If they are not numbers, or as `PlanarFinger` refuses.
-        """
+        """Return a finger of thin even rods."""
         count = np.size(lengths)
         rods, kilograms = _numbers("lengths", lengths, count), _numbers("masses", masses, count)
         return cls(
@@ -106,58 +91,28 @@ class PlanarFinger:
         return self.masses * self.centres + beyond * self.lengths
 
     def mass_matrix(self, angles: ArrayLike) -> np.ndarray:
-        """Return M(q), (n, n), kg m².
-
-        Parameters
-        ----------
-        angles : (n,) float64, rad
-            Of the joints.
-        """
+        """Return M(q), (n, n), kg m²."""
         links = self._links(angles)
         return _of_joints(self.coupling() * np.cos(links[:, None] - links))
 
     def coriolis_matrix(self, angles: ArrayLike, rates: ArrayLike) -> np.ndarray:
-        """Return C(q, q') of the Christoffel symbols, (n, n), N m s.
-
-        Parameters
-        ----------
-        angles, rates : (n,) float64, rad and rad/s
-            Of the joints.
-        """
+        """Return C(q, q') of the Christoffel symbols, (n, n), N m s."""
         links, turns = self._links(angles), self._links(rates)
         return _of_joints(self.coupling() * np.sin(links[:, None] - links) * turns)
 
     def static_torques(self, angles: ArrayLike) -> np.ndarray:
-        """Return P(q), what springs and weight pull the joints back with, (n,), N m.
-
-        Parameters
-        ----------
-        angles : (n,) float64, rad
-            Of the joints.
-        """
+        """Return P(q), what springs and weight pull the joints back with, (n,), N m."""
         weights = self.gravity * self.moments() * np.cos(self._links(angles))
         springs = self.stiffnesses * (np.asarray(angles, np.float64) - self.rest_angles)
         return springs + _from_here_on(weights)
 
     def tip(self, angles: ArrayLike) -> np.ndarray:
-        """Return where the tip is, (2,), m.
-
-        Parameters
-        ----------
-        angles : (n,) float64, rad
-            Of the joints.
-        """
+        """Return where the tip is, (2,), m."""
         links = self._links(angles)
         return np.array([self.lengths @ np.cos(links), self.lengths @ np.sin(links)])
 
     def tip_jacobian(self, angles: ArrayLike) -> np.ndarray:
-        """Return J, the derivative of `tip` with respect to the angles, (2, n), m.
-
-        Parameters
-        ----------
-        angles : (n,) float64, rad
-            Of the joints.
-        """
+        """Return J, the derivative of `tip` with respect to the angles, (2, n), m."""
         links = self._links(angles)
         columns = np.array([-self.lengths * np.sin(links), self.lengths * np.cos(links)])
         return np.array([_from_here_on(column) for column in columns])
@@ -165,44 +120,21 @@ class PlanarFinger:
     def tip_mass(self, angles: ArrayLike, direction: ArrayLike) -> float:
         """Return what mass a blow along *direction* meets at the tip, kg: ``1 / (n J M⁻¹ Jᵀ n)``.
 
-        Parameters
-        ----------
-        angles : (n,) float64, rad
-            Of the joints.
-        direction : (2,) float64
-            Unit.
+        *direction*: (2,).
         """
         lever = np.asarray(direction, np.float64) @ self.tip_jacobian(angles)
         return float(1.0 / (lever @ np.linalg.solve(self.mass_matrix(angles), lever)))
 
     def momentum(self, angles: ArrayLike, rates: ArrayLike) -> np.ndarray:
-        """Return p = M q', (n,), N m s.
-
-        Parameters
-        ----------
-        angles, rates : (n,) float64, rad and rad/s
-            Of the joints.
-        """
+        """Return p = M q', (n,), N m s."""
         return self.mass_matrix(angles) @ np.asarray(rates, np.float64)
 
     def kinetic_energy(self, angles: ArrayLike, rates: ArrayLike) -> float:
-        """Return the kinetic energy, J.
-
-        Parameters
-        ----------
-        angles, rates : (n,) float64, rad and rad/s
-            Of the joints.
-        """
+        """Return the kinetic energy, J."""
         return float(0.5 * np.asarray(rates, np.float64) @ self.momentum(angles, rates))
 
     def potential_energy(self, angles: ArrayLike) -> float:
-        """Return the energy of springs and weight, J: 0 with slack springs and level links.
-
-        Parameters
-        ----------
-        angles : (n,) float64, rad
-            Of the joints.
-        """
+        """Return the energy of springs and weight, J: 0 with slack springs and level links."""
         stretch = np.asarray(angles, np.float64) - self.rest_angles
         height = self.moments() @ np.sin(self._links(angles))
         return float(0.5 * self.stiffnesses @ stretch**2 + self.gravity * height)
@@ -218,10 +150,7 @@ class PlanarFinger:
 def joint_torques(link_torques: np.ndarray) -> np.ndarray:
     """Return the joints' torques, (..., n), that are the same as torques on the links.
 
-    Parameters
-    ----------
-    link_torques : (..., n) float64, N m
-        On each link.
+    *link_torques*: (..., n) N m.
     """
     return _from_here_on(link_torques)
 

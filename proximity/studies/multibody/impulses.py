@@ -24,27 +24,14 @@ class ImpulseLaw:
     def after(self, share: ArrayLike) -> np.ndarray:
         """Return the energy with so much of the impulse taken, (...), J.
 
-        Parameters
-        ----------
-        share : (...) float64
-            Of the impulse.
+        *share*: (...).
         """
         part = np.asarray(share, np.float64)
         return self.energy + part * (self.linear + part * self.quadratic)
 
 
 def impulse_law(finger: PlanarFinger, angles: ArrayLike, rates: ArrayLike, impulse: ArrayLike) -> ImpulseLaw:
-    """Return ``1/2 (p - s I)ᵀ M⁻¹ (p - s I)`` as a function of the share s.
-
-    Parameters
-    ----------
-    finger : PlanarFinger
-        That moves.
-    angles, rates : (n,) float64, rad and rad/s
-        Of its joints: p = M q'.
-    impulse : (n,) float64, N m s
-        I, torques of the joints integrated over time.
-    """
+    """Return ``1/2 (p - s I)ᵀ M⁻¹ (p - s I)`` as a function of the share s."""
     blow, speed = np.asarray(impulse, np.float64), np.asarray(rates, np.float64)
     return ImpulseLaw(
         finger.kinetic_energy(angles, speed),
@@ -56,16 +43,7 @@ def impulse_law(finger: PlanarFinger, angles: ArrayLike, rates: ArrayLike, impul
 def stopped_energy(force: float, damping: float, spring: float, mass: float) -> float:
     """Return the energy of a mass that these impulses stop, J: ``(I + C + K)² / (2 m)``, equation (22).
 
-    Parameters
-    ----------
-    force, damping, spring : N s
-        Time integrals I of the contact force, C of the damper's, K of the spring's: all decelerate.
-    mass : kg
-        What is stopped.
-
-    Raises
-    ------
-    DecaffError
-        If the mass is not positive.
+    *force*, *damping*, *spring*: time integrals I of the contact force, C of the damper's, K of the spring's:
+    all decelerate.
     """
     return (force + damping + spring) ** 2 / (2.0 * positive("mass", mass, "kilograms"))

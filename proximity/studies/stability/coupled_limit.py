@@ -23,14 +23,7 @@ FREQUENCY_TOLERANCE = 1e-12  # rad/s
 def device_resistance(hand: Hand, device: Link, s: ArrayLike) -> np.ndarray:
     """Return the force over the displacement of a device that hangs on a finger, (...) complex, N/m.
 
-    Parameters
-    ----------
-    hand : Hand
-        Behind the pad; its intent stands still.
-    device : Link
-        Mass and damping; what it touches is not looked at.
-    s : (...) complex, rad/s
-        Of the swing.
+    *device*: mass and damping; what it touches is not looked at. *s*: (...) complex, rad/s.
     """
     s = np.asarray(s)
     finger = hand.finger_mass * s**2 + hand.damping * s + hand.stiffness
@@ -41,17 +34,7 @@ def device_resistance(hand: Hand, device: Link, s: ArrayLike) -> np.ndarray:
 def critical_stiffness(hand: Hand, device: Link, delay: float) -> float:
     """Return the stiffness up to which a device rests on an undamped spring that is felt late, N/m.
 
-    Parameters
-    ----------
-    hand, device : Hand, Link
-        As of `device_resistance`.
-    delay : float, s
-        Of the spring's force, in all: latency, and half a period of sampling and holding.
-
-    Raises
-    ------
-    DecaffError
-        If the delay is not positive.
+    *delay*: of the spring's force, in all: latency, and half a period of sampling and holding.
     """
     positive("delay", delay, "seconds")
 
@@ -73,12 +56,7 @@ def critical_stiffness(hand: Hand, device: Link, delay: float) -> float:
 def rests_on(hand: Hand, wall: CoupledWall, device: Link = COUPLED_DEVICE) -> bool:
     """Return whether a finger comes to rest on a sampled wall, by the eigenvalues of the loop.
 
-    Parameters
-    ----------
-    hand, device : Hand, Link
-        As of `device_resistance`.
-    wall : CoupledWall
-        Its latency is rounded to whole samples, and the steps of its encoder are not looked at.
+    *wall*: its latency is rounded to whole samples, and the steps of its encoder are not looked at.
 
     Notes
     -----

@@ -20,14 +20,7 @@ HOLD_AND_COMPUTING = 1.5  # periods from a position to the middle of its force
 def pure_delay_boundary(mass: float, delay: float, count: int = 400) -> tuple[np.ndarray, np.ndarray]:
     """Return the edge of the stable region of a wall felt late: stiffness (count,), N/m, and damping, N·s/m.
 
-    Parameters
-    ----------
-    mass : float, kg
-        Of the device, which has no damping.
-    delay : float, s
-        Of the force.
-    count : int
-        How many points, from no stiffness and no damping to no stiffness and the largest damping.
+    *count*: how many points, from no stiffness and no damping to no stiffness and the largest damping.
     """
     turn = np.linspace(0.0, 0.5 * math.pi, count)
     unit = positive("mass", mass, "kilograms") / positive("delay", delay, "seconds")
@@ -36,15 +29,7 @@ def pure_delay_boundary(mass: float, delay: float, count: int = 400) -> tuple[np
 
 
 def pure_delay_limit(mass: float, delay: float) -> Gains:
-    """Return the largest stiffness of a wall felt late by a free mass, and its damping: u tan u = 2.
-
-    Parameters
-    ----------
-    mass : float, kg
-        Of the device, which has no damping.
-    delay : float, s
-        Of the force.
-    """
+    """Return the largest stiffness of a wall felt late by a free mass, and its damping: u tan u = 2."""
     unit = positive("mass", mass, "kilograms") / positive("delay", delay, "seconds")
     turn = brentq(lambda u: u * math.sin(u) - 2.0 * math.cos(u), 0.0, 0.5 * math.pi, xtol=ROOT_TOLERANCE)
     return Gains(unit / delay * turn**2 * math.cos(turn), unit * turn * math.sin(turn))
@@ -61,12 +46,7 @@ class SpringLimit:
 def delayed_spring_limit(finger: SpringDamper, delay: float) -> SpringLimit:
     """Return the stiffness up to which a finger rests on a spring that it feels late.
 
-    Parameters
-    ----------
-    finger : SpringDamper
-        Held by a hand that stands still; with damping.
-    delay : float, s
-        Of the spring's force.
+    *finger*: held by a hand that stands still; with damping.
 
     Notes
     -----

@@ -18,21 +18,8 @@ def bounce_energy_ratios(
 ) -> np.ndarray:
     """Return energy after a bounce over energy before, for entries spread over a period, (entry_count,).
 
-    Parameters
-    ----------
-    phase_step : float, rad
-        Natural frequency of mass and wall times the period: sqrt(K/m) T.
-    delay_samples : int
-        d; one is built into equation (1).
-    is_predicted : bool
-        Whether each force is that of the slope predictor.
-    entry_count : int
-        How many entries.
-
-    Raises
-    ------
-    DecaffError
-        If an argument cannot be used.
+    *phase_step*: natural frequency of mass and wall times the period: sqrt(K/m) T. *is_predicted*: whether
+    each force is that of the slope predictor.
     """
     stiffness = positive("phase_step", phase_step, "radians") ** 2
     delay_samples = whole("delay_samples", delay_samples, 0)
@@ -55,11 +42,6 @@ def bounce_energy_ratios(
 def slow_energy_ratio(phase_step: float, delay_samples: int = 0) -> float:
     """Return what the energy's ratio tends to when sampling is fast: that of a negative damper.
 
-    Parameters
-    ----------
-    phase_step : float, rad
-        Natural frequency of mass and wall times the period.
-    delay_samples : int
-        d.
+    *phase_step*: natural frequency of mass and wall times the period.
     """
     return math.exp(math.pi * phase_step * (delay_samples + 0.5))

@@ -15,14 +15,7 @@ from proximity.decaff.drum.sampled_mass import Gains
 def sampled_force(last: ArrayLike, before: ArrayLike, gains: Gains, period: float) -> np.ndarray:
     """Return the push of equation (1), (...), N: from the last sample and the one before, so one period late.
 
-    Parameters
-    ----------
-    last, before : (...) float64, m
-        Positions one and two samples ago.
-    gains : Gains
-        Of the wall.
-    period : float, s
-        Between two samples.
+    *last*, *before*: (...) m.
     """
     last, before = np.asarray(last, np.float64), np.asarray(before, np.float64)
     rate = gains.damping / positive("period", period, "seconds")
@@ -35,10 +28,7 @@ def predicted_force(force: ArrayLike, last: ArrayLike) -> np.ndarray:
 
     It is that of the middle of the period if the slope goes on, and takes the hold's half sample away.
 
-    Parameters
-    ----------
-    force, last : (...) float64, N
-        As computed now, and a period ago.
+    *force*, *last*: (...) N.
     """
     force = np.asarray(force, np.float64)
     return np.maximum(force + 0.5 * (force - np.asarray(last, np.float64)), 0.0)
@@ -47,16 +37,7 @@ def predicted_force(force: ArrayLike, last: ArrayLike) -> np.ndarray:
 def braking_pulse(mass: float, speed: ArrayLike, period: float, force_limit: float = math.inf) -> np.ndarray:
     """Return the push that stops a mass within one period of its entry, (...), N, after Salcudean and Vlaar.
 
-    Parameters
-    ----------
-    mass : float, kg
-        Of the device.
-    speed : (...) float64, m/s
-        Into the wall; one that leaves is not braked.
-    period : float, s
-        For which the force is held.
-    force_limit : float, N
-        Of the motor.
+    *speed*: (...) m/s; into the wall; one that leaves is not braked.
     """
     limit = not_negative("force_limit", force_limit, "newtons", may_be_infinite=True)
     pulse = positive("mass", mass, "kilograms") * np.asarray(speed, np.float64)

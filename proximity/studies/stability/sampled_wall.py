@@ -37,25 +37,14 @@ class Verdict(StrEnum):
 
 
 def is_stable(device: SampledMass, stiffness: ArrayLike, damping: ArrayLike) -> np.ndarray:
-    """Return whether disturbances die out, (...) bool, by the roots.
-
-    Parameters
-    ----------
-    device, stiffness, damping
-        As of `characteristic`.
-    """
+    """Return whether disturbances die out, (...) bool, by the roots."""
     return spectral_radius(characteristic(device, stiffness, damping)) < 1.0
 
 
 def boundary(device: SampledMass, count: int = 400) -> tuple[np.ndarray, np.ndarray]:
     """Return the edge of the stable region: stiffness (count,), N/m, and damping (count,), N·s/m.
 
-    Parameters
-    ----------
-    device : SampledMass
-        Of d samples of delay.
-    count : int
-        How many points, from no stiffness and no damping to no stiffness and the largest damping.
+    *count*: how many points, from no stiffness and no damping to no stiffness and the largest damping.
     """
     half_angle = np.linspace(0.0, device.last_half_angle, whole("count", count, 2))
     a, b = edge_at(device, half_angle)
@@ -68,13 +57,7 @@ def largest_damping(device: SampledMass) -> float:
 
 
 def verdict(device: SampledMass, gains: Gains) -> Verdict:
-    """Return whether a wall is stable, and if not, what is wrong with it.
-
-    Raises
-    ------
-    DecaffError
-        If the stiffness is not positive and finite, or the damping not finite.
-    """
+    """Return whether a wall is stable, and if not, what is wrong with it."""
     low, high = damping_window(device, gains.stiffness)
     damping = finite("damping", gains.damping, "newton seconds a metre")
     if math.isnan(low):
@@ -85,22 +68,7 @@ def verdict(device: SampledMass, gains: Gains) -> Verdict:
 
 
 def slowest_period(mass: float, gains: Gains, delay_samples: int = 1) -> float:
-    """Return the period up to which a wall is stable, s: with any damping, sampling faster restores it.
-
-    Parameters
-    ----------
-    mass : float, kg
-        Of the device.
-    gains : Gains
-        Of the wall.
-    delay_samples : int
-        d.
-
-    Raises
-    ------
-    DecaffError
-        If the stiffness or the damping is not positive and finite.
-    """
+    """Return the period up to which a wall is stable, s: with any damping, sampling faster restores it."""
     stiffness = positive("stiffness", gains.stiffness, "newtons a metre")
     damping = positive("damping", gains.damping, "newton seconds a metre")
     device = SampledMass(mass, 1.0, delay_samples)

@@ -25,14 +25,8 @@ def servo_response(
 ) -> np.ndarray:
     """Return position over reference, (...) complex.
 
-    Parameters
-    ----------
-    drum, servo : Drum, Servo
-        What moves, and what drives it.
-    frequencies : (...) float64, Hz
-        Above none, and below half the sampling rate.
-    with_reference_speed : bool
-        Whether the damping is against the speed of the reference, or against all speed.
+    *frequencies*: (...) Hz. *with_reference_speed*: whether the damping is against the speed of the
+    reference, or against all speed.
     """
     z = np.exp(2j * math.pi * np.asarray(frequencies, np.float64) / servo.rate)
     held = servo.period**2 / (2.0 * drum.mass) * (z + 1.0) / (z - 1.0) ** 2
@@ -43,18 +37,7 @@ def servo_response(
 
 
 def bandwidth(drum: Drum, servo: Servo, *, with_reference_speed: bool = True) -> float:
-    """Return the frequency from which on a swing is followed by less than 3 dB, Hz.
-
-    Parameters
-    ----------
-    drum, servo, with_reference_speed
-        As of `servo_response`.
-
-    Raises
-    ------
-    DecaffError
-        If there is none.
-    """
+    """Return the frequency from which on a swing is followed by less than 3 dB, Hz."""
 
     def left(frequency: float) -> float:
         return float(abs(servo_response(drum, servo, frequency, with_reference_speed=with_reference_speed)))
@@ -63,20 +46,7 @@ def bandwidth(drum: Drum, servo: Servo, *, with_reference_speed: bool = True) ->
 
 
 def phase_bandwidth(drum: Drum, servo: Servo, lag: float = math.pi / 4.0) -> float:
-    """Return the frequency from which on a swing is followed late, Hz, with the reference's speed.
-
-    Parameters
-    ----------
-    drum, servo : Drum, Servo
-        What moves, and what drives it.
-    lag : float, rad
-        Less than half a turn.
-
-    Raises
-    ------
-    DecaffError
-        If there is none.
-    """
+    """Return the frequency from which on a swing is followed late, Hz, with the reference's speed."""
     most = positive("lag", lag, "radians")
     return _first_fall(
         lambda frequency: float(np.angle(servo_response(drum, servo, frequency))) + most, servo.rate

@@ -32,14 +32,7 @@ def run_batch(
 ) -> tuple[list[Finding], dict[str, str]]:
     """Return what comes of conditions, in their order, and what computed it; see `row_files.MADE_BY`.
 
-    Parameters
-    ----------
-    job : Job
-        What is done.
-    folder, out : str
-        Where the study file is, and where its results go.
-    conditions : sequence of Condition
-        For which it is done.
+    *folder*, *out*: where the study file is, and where its results go.
     """
     return [_find(job, folder, out, condition) for condition in conditions], _made_by()
 

@@ -4,12 +4,6 @@ import hashlib
 
 
 def file_digest(path: str) -> str:
-    """Return the SHA-256 of a file, 64 hexadecimal digits.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read.
-    """
+    """Return the SHA-256 of a file, 64 hexadecimal digits."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

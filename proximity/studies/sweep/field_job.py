@@ -48,18 +48,6 @@ def run(values: Values, files: NodeFiles) -> dict[str, Any]:
 
     A grid is ``distance`` (X, Y, Z) float32 in metres with ``origin`` and ``spacing`` in metres; samples near
     the surface are ``points`` (N, 3) and ``distance`` (N,) with ``gradient`` (N, 3).
-
-    Parameters
-    ----------
-    values : mapping
-        See `FACTORS`.
-    files : NodeFiles
-        Where the scene is, and where to write.
-
-    Raises
-    ------
-    ProximityError
-        If the scene cannot be used, or the file not be written.
     """
     scene = files.scene(values["scene"], values["units"])
     if values["sampling"] == GRID:

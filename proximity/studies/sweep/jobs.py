@@ -63,15 +63,7 @@ class Job:
         return {name: value if self.matters(name, full) else None for name, value in full.items()}
 
     def matters(self, name: str, values: Values) -> bool:
-        """Return whether a factor has a say in a condition.
-
-        Parameters
-        ----------
-        name : str
-            Of the factor.
-        values : mapping
-            All factors.
-        """
+        """Return whether a factor has a say in a condition."""
         return all(
             values[other] in words if words else values[other] is not None
             for other, words in self.factors[name].only.items()

@@ -44,13 +44,7 @@ class NodeFiles:
     digests: Mapping[str, str]  # by factor
 
     def scene(self, name: str, units: str) -> Scene:
-        """Return the scene that the factor "scene" names, mapped from what this node has compiled.
-
-        Raises
-        ------
-        ProximityError
-            If the file cannot be used, or is not what it was when the study began.
-        """
+        """Return the scene that the factor "scene" names, mapped from what this node has compiled."""
         wanted = (self.digests["scene"], units)
         if wanted not in _open_scenes:
             while len(_open_scenes) >= SCENES_KEPT:
@@ -60,13 +54,7 @@ class NodeFiles:
         return _open_scenes[wanted]
 
     def recording(self, name: str) -> Recording:
-        """Return the recording that the factor "recording" names.
-
-        Raises
-        ------
-        ProximityError
-            As of `scene`.
-        """
+        """Return the recording that the factor "recording" names."""
         return _recording(os.path.join(self.folder, name), self.digests["recording"])
 
     def output(self, suffix: str) -> Path:

@@ -77,20 +77,7 @@ REPLAY_MEASURES = {
 
 
 def check(values: Values, files: NodeFiles) -> dict[str, Any]:
-    """Return the diagnosis of all parts of a scene together: repairs, sign, and size.
-
-    Parameters
-    ----------
-    values : mapping
-        See `SCENE_FACTORS`.
-    files : NodeFiles
-        Where the scene is.
-
-    Raises
-    ------
-    ProximityError
-        If the file cannot be used.
-    """
+    """Return the diagnosis of all parts of a scene together: repairs, sign, and size."""
     scene = files.scene(values["scene"], values["units"])
     found = [part.solid.diagnosis for part in scene.parts]
     solids = [part.solid for part in scene.parts]
@@ -121,20 +108,7 @@ def _repair_count(repairs: Repairs) -> int:
 
 
 def run_replay(values: Values, files: NodeFiles) -> dict[str, Any]:
-    """Return what `proximity replay` reports of a hand in a scene.
-
-    Parameters
-    ----------
-    values : mapping
-        See `SCENE_FACTORS`, `RECORDING_FACTORS` and `TRACKER_FACTORS`.
-    files : NodeFiles
-        Where scene and recording are.
-
-    Raises
-    ------
-    ProximityError
-        If a file cannot be used, or the tracker not be made.
-    """
+    """Return what `proximity replay` reports of a hand in a scene."""
     scene = files.scene(values["scene"], values["units"])
     ticked = _placed(values, files, scene)
 

@@ -22,24 +22,7 @@ class Repetition:
 
 
 def repeat(study: Study, out: Path, key: str) -> Repetition:
-    """Do the job for one condition, and return what comes of it; nothing is recorded.
-
-    Parameters
-    ----------
-    study : Study
-        That has the condition.
-    out : path
-        Folder of results.
-    key : str
-        Of the condition, or how it begins.
-
-    Raises
-    ------
-    ServiceError
-        If there is no such condition, or several are meant.
-    ProximityError
-        If the job fails.
-    """
+    """Do the job for one condition, and return what comes of it; nothing is recorded."""
     found = [condition for condition in study.conditions if condition.key.startswith(key.lower())]
     if len(found) != 1:
         reason = "no condition has" if not found else f"{len(found)} conditions have"

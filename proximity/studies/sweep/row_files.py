@@ -39,15 +39,7 @@ MADE_BY = (
 
 
 class RowFiles:
-    """The folder of a study's results, open for one run.
-
-    Parameters
-    ----------
-    folder : path
-        Made where it is not there.
-    job : Job
-        What the columns are.
-    """
+    """The folder of a study's results, open for one run."""
 
     def __init__(self, folder: Path, job: Job) -> None:
         self._arrow, self._parquet = _load_pyarrow()
@@ -60,18 +52,7 @@ class RowFiles:
         self._due = time.monotonic() + FLUSH_SECONDS
 
     def finished(self, *, with_failed: bool = True) -> set[bytes]:
-        """Return the keys of conditions that have a row, of earlier runs too.
-
-        Parameters
-        ----------
-        with_failed : bool
-            Whether those that failed count.
-
-        Raises
-        ------
-        ServiceError
-            If the folder holds the rows of another job.
-        """
+        """Return the keys of conditions that have a row, of earlier runs too."""
         keys: set[bytes] = set()
         for path in row_paths(self._folder):
             rows = self._parquet.read_table(path, columns=["key", "job", "failure"], partitioning=None)
@@ -91,13 +72,7 @@ class RowFiles:
             self.flush()
 
     def flush(self) -> None:
-        """Write all rows that wait, as one file.
-
-        Raises
-        ------
-        ServiceError
-            If it cannot be written.
-        """
+        """Write all rows that wait, as one file."""
         if self._rows:
             self._run.mkdir(parents=True, exist_ok=True)
             table = self._arrow.Table.from_pylist(self._rows, schema=self._schema)
@@ -108,15 +83,7 @@ class RowFiles:
         self._due = time.monotonic() + FLUSH_SECONDS
 
     def write_design(self, keys: Iterator[str], source: str) -> int:
-        """Write the keys of all conditions of the study; return how many there are.
-
-        Parameters
-        ----------
-        keys : iterator
-            Of the conditions, in their order.
-        source : str
-            Path of the study file.
-        """
+        """Write the keys of all conditions of the study; return how many there are."""
         schema = self._arrow.schema([("key", self._arrow.string())], metadata={SOURCE: source})
         total = 0
         with (
@@ -135,13 +102,7 @@ class RowFiles:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep a second run out of a folder while the block runs.
-
-    Raises
-    ------
-    ServiceError
-        If another run is in it, or it cannot be made.
-    """
+    """Keep a second run out of a folder while the block runs."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / ".lock").open("ab")
@@ -174,11 +135,6 @@ def read_rows(folder: Path) -> Recorded:
     """Return the rows of a study.
 
     A condition that was done again has its newest row; one that the study no longer has is left out.
-
-    Raises
-    ------
-    ServiceError
-        If there are none, or a file is damaged.
     """
     arrow, parquet = _load_pyarrow()
     paths = row_paths(folder)

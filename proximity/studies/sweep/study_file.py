@@ -61,19 +61,7 @@ class Study:
 def read_study(path: str | os.PathLike[str], jobs: Mapping[str, Job], *, with_files: bool = True) -> Study:
     """Return what a study file says.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    jobs : mapping
-        All jobs there are, by name.
-    with_files : bool
-        Whether files that factors name are looked for; else its conditions cannot be used.
-
-    Raises
-    ------
-    ServiceError
-        If it cannot be used. The message names the line of what is wrong first, and what was expected.
+    *with_files*: whether files that factors name are looked for; else its conditions cannot be used.
     """
     document = read_document(path, "a study")
     study = _StudyReader(document, os.fsdecode(path), jobs, with_files).study()

@@ -84,27 +84,9 @@ def run_study(
 ) -> Progress:
     """Do the job for every condition that has no row yet, and return how it went.
 
-    Parameters
-    ----------
-    study : Study
-        What to do.
-    out : path
-        Folder of the results.
-    address : str
-        Of a Ray cluster; without it, and where Ray is not running in this process, this machine is used.
-    cores : int
-        Of this machine; all where not given.
-    is_resumed : bool
-        Whether rows of earlier runs are kept; else the folder is emptied first.
-    with_failed : bool
-        Whether conditions that failed are tried again.
-    watch : callable
-        Given the progress now and then, and at the end, also if that is Ctrl-C.
-
-    Raises
-    ------
-    ServiceError
-        If Ray or the folder cannot be used.
+    *address*: of a Ray cluster; without it, and where Ray is not running in this process, this machine is
+    used. *is_resumed*: whether rows of earlier runs are kept; else the folder is emptied first. *watch*:
+    given the progress now and then, and at the end, also if that is Ctrl-C.
     """
     with locked(out):
         if not is_resumed:

@@ -121,12 +121,8 @@ def addresses() -> tuple[str, str]:
 
 
 def sample(name: str) -> Path:
-    """Return where a sample file is: beside the package in a checkout, inside of it where it was installed.
-
-    Parameters
-    ----------
-    name : str
-        Of a file in the folder ``meshes``.
+    """Return where a sample file is: beside the package in a checkout, inside of it where it was
+    installed.
     """
     package = Path(proximity.__file__).parent
     for folder in (package / "samples", package.parent / "meshes"):

@@ -97,17 +97,7 @@ def _reasons(counts: "Counts") -> dict[str, int]:
 
 
 def summary(frame_count: int, seconds: float, counts: "Counts") -> str:
-    """Return what was recorded, in words.
-
-    Parameters
-    ----------
-    frame_count : int
-        Written.
-    seconds : float, s
-        How long it took.
-    counts : Counts
-        Of the subscriber.
-    """
+    """Return what was recorded, in words."""
     reasons = [f"{count} {reason}" for reason, count in _reasons(counts).items()]
     frames = "1 frame" if frame_count == 1 else f"{frame_count} frames"
     return (

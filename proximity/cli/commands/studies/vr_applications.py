@@ -22,18 +22,7 @@ def time_applications(
 ) -> None:
     """Time each of them, and print a table or a document.
 
-    Parameters
-    ----------
-    files : list of str
-        Of parts.
-    recording : Path
-        Of a hand; None: the sample.
-    seconds : float, s
-        That each runs.
-    units : str
-        Of files that declare none.
-    as_json : bool
-        A document instead of a table; times in s.
+    *as_json*: a document instead of a table; times in s.
     """
     from proximity.certificate.vr_application import PATHS, VrCase, measure
     from proximity.cli import progress

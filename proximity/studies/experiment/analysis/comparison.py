@@ -62,22 +62,7 @@ class Comparison:
 
 
 def compare(task: str, conditions: Sequence[str], scores: Sequence[Score]) -> Comparison | None:
-    """Return the comparison of conditions; None where there are too few participants.
-
-    Parameters
-    ----------
-    task : str
-        Its name.
-    conditions : sequence of str
-        In their order.
-    scores : sequence of Score
-        Of any tasks.
-
-    Raises
-    ------
-    DecaffError
-        If statsmodels is not installed.
-    """
+    """Return the comparison of conditions; None where there are too few participants."""
     own = [score for score in scores if score.task == task]
     participants = sorted({score.participant for score in own})
     compared = [name for name in conditions if any(score.condition == name for score in own)]
@@ -101,18 +86,7 @@ def compare(task: str, conditions: Sequence[str], scores: Sequence[Score]) -> Co
 
 
 def mixed_model(table: np.ndarray) -> tuple[float, tuple[int, int], float]:
-    """Return F, its degrees of freedom and p of a difference among conditions.
-
-    Parameters
-    ----------
-    table : (participants, conditions) float64
-        Scores; nan where there is none.
-
-    Raises
-    ------
-    DecaffError
-        If statsmodels is not installed.
-    """
+    """Return F, its degrees of freedom and p of a difference among conditions."""
     with needed("experiments need", "experiment", DecaffError):
         model = import_module("statsmodels.regression.mixed_linear_model").MixedLM
     participant, condition = np.nonzero(np.isfinite(table))
@@ -132,10 +106,7 @@ def mixed_model(table: np.ndarray) -> tuple[float, tuple[int, int], float]:
 def within_f(tables: np.ndarray) -> np.ndarray:
     """Return p of a difference among conditions for many complete tables: what `mixed_model` finds for each.
 
-    Parameters
-    ----------
-    tables : (..., participants, conditions) float64
-        Scores.
+    *tables*: (..., participants, conditions).
     """
     rows, columns = tables.shape[-2:]
     grand = tables.mean(axis=(-2, -1), keepdims=True)
@@ -155,13 +126,6 @@ def bayes_factor_none(t: float, count: int) -> float:
 
     Source: Rouder et al. 2009, "Bayesian t tests for accepting and rejecting the null hypothesis", eq. 1,
     with a Cauchy prior of scale 0.707 on the size of the effect.
-
-    Parameters
-    ----------
-    t : float
-        Of a paired t test.
-    count : int
-        Of pairs.
     """
     df = count - 1
 

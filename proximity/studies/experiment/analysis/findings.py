@@ -51,20 +51,7 @@ class Findings:
 
 
 def find(design: Design, entries: Sequence[Entry]) -> Findings:
-    """Return what is found in trials.
-
-    Parameters
-    ----------
-    design : Design
-        Of the experiment.
-    entries : sequence of dict
-        As of `Dataset.trials`.
-
-    Raises
-    ------
-    DecaffError
-        If psignifit or statsmodels is not installed.
-    """
+    """Return what is found in trials."""
     kept, exclusions = exclude(design, entries)
     shapes = shapes_of(design, kept)
     cells = {key: own for key, own in cells_of(kept).items() if design.task(key[1]).kind is Kind.STIFFER}

@@ -21,20 +21,7 @@ JITTER = 0.12  # of a condition's width, by which the marks of participants lie 
 
 
 def draw_plots(findings: Findings, form: str) -> dict[str, bytes]:
-    """Return plots as files, by name: psychometric functions, and scores, of each task that was done.
-
-    Parameters
-    ----------
-    findings : Findings
-        What was found.
-    form : str
-        As of `style.FORMATS`.
-
-    Raises
-    ------
-    DecaffError
-        If matplotlib is not there.
-    """
+    """Return plots as files, by name: psychometric functions, and scores, of each task that was done."""
     plots = {}
 
     def draw_functions(figure: "Figure", task: Task) -> None:

@@ -55,14 +55,8 @@ class Psychometric:
 def shared_shape(cells: Sequence[Counts], levels: Sequence[float], expected: float) -> Shape:
     """Return the width and the lapse rate that are likeliest by the answers of all together.
 
-    Parameters
-    ----------
-    cells : sequence of Counts
-        Of each participant and condition; each has its own threshold, which is integrated out.
-    levels : sequence of float
-        That the design allows: thresholds are expected in their range.
-    expected : float, log10 units
-        Width that the design expects.
+    *cells*: of each participant and condition; each has its own threshold, which is integrated out. *levels*:
+    that the design allows: thresholds are expected in their range.
     """
     thresholds, prior = _thresholds(levels)
     asked, right, wrong = _matrices(cells)
@@ -79,13 +73,7 @@ def shared_shape(cells: Sequence[Counts], levels: Sequence[float], expected: flo
 
 
 def threshold_mean(counts: Counts, levels: Sequence[float], shape: Shape) -> float:
-    """Return the mean of the posterior of the log10 of the threshold, as `fit` has it.
-
-    Parameters
-    ----------
-    counts, levels, shape
-        As of `fit`.
-    """
+    """Return the mean of the posterior of the log10 of the threshold, as `fit` has it."""
     thresholds, prior = _thresholds(levels)
     asked, right, wrong = _matrices([counts])
     logs = _log_likelihood(asked - thresholds[:, None], shape.width, shape.lapse, right, wrong)[:, 0]
@@ -94,22 +82,7 @@ def threshold_mean(counts: Counts, levels: Sequence[float], shape: Shape) -> flo
 
 
 def fit(counts: Counts, levels: Sequence[float], shape: Shape) -> Psychometric:
-    """Return the psychometric function of answers.
-
-    Parameters
-    ----------
-    counts : dict
-        Right answers and all, by level.
-    levels : sequence of float
-        That the design allows.
-    shape : Shape
-        As of `shared_shape`.
-
-    Raises
-    ------
-    DecaffError
-        If psignifit is not installed.
-    """
+    """Return the psychometric function of answers."""
     data = np.array([[np.log10(level), right, count] for level, (right, count) in sorted(counts.items())])
     with needed("experiments need", "experiment", DecaffError):
         fit = import_module("psignifit").psignifit

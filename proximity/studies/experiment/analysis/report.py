@@ -33,22 +33,7 @@ ASKED = {
 
 
 def write_report(findings: Findings, folder: Path) -> list[Path]:
-    """Write a report, and return its files, the page first.
-
-    Parameters
-    ----------
-    findings : Findings
-        What was found.
-    folder : path
-        Where to; made where it is not there.
-
-    Raises
-    ------
-    DecaffError
-        If Jinja or matplotlib is not there.
-    RecordingError
-        If a file cannot be written.
-    """
+    """Write a report, and return its files, the page first."""
     folder.mkdir(parents=True, exist_ok=True)
     tables, paragraph = tables_of(findings), _paragraph(findings)
     pictures = draw_plots(findings, "png")

@@ -61,15 +61,7 @@ class Missing:
 
 
 def exclude(design: Design, entries: Sequence[Entry]) -> tuple[list[Entry], list[Exclusion]]:
-    """Return the trials that count, and what was left out; practice and catch trials never count.
-
-    Parameters
-    ----------
-    design : Design
-        With the rules.
-    entries : sequence of dict
-        Trials of all participants, as of `Dataset.trials`.
-    """
+    """Return the trials that count, and what was left out; practice and catch trials never count."""
     rules, left_out = design.exclusions, []
     by_participant: dict[str, list[Entry]] = defaultdict(list)
     for entry in entries:
@@ -100,15 +92,7 @@ def exclude(design: Design, entries: Sequence[Entry]) -> tuple[list[Entry], list
 
 
 def scores_of(design: Design, entries: Sequence[Entry]) -> list[Score]:
-    """Return the scores of trials that count.
-
-    Parameters
-    ----------
-    design : Design
-        Of the experiment.
-    entries : sequence of dict
-        Trials of all participants, as `exclude` leaves them.
-    """
+    """Return the scores of trials that count."""
     cells, shapes = cells_of(entries), shapes_of(design, entries)
     found = []
     for (participant, name, condition), own in cells.items():
@@ -125,17 +109,7 @@ def scores_of(design: Design, entries: Sequence[Entry]) -> list[Score]:
 def missing_scores(
     design: Design, entries: Sequence[Entry], scores: Sequence[Score], exclusions: Sequence[Exclusion]
 ) -> list[Missing]:
-    """Return what is not analysed although no rule leaves the participant out.
-
-    Parameters
-    ----------
-    design : Design
-        Of the experiment.
-    entries : sequence of dict
-        Trials of all participants, as of `Dataset.trials`.
-    scores, exclusions
-        As of `scores_of` and `exclude`.
-    """
+    """Return what is not analysed although no rule leaves the participant out."""
     left_out = {one.participant for one in exclusions if one.trial is None}
     participants = sorted({entry["participant"] for entry in entries} - left_out)
     cells = cells_of([entry for entry in entries if entry["stage"] == Stage.MAIN])
@@ -177,11 +151,6 @@ def shapes_of(design: Design, entries: Sequence[Entry]) -> dict[str, Shape]:
 
     Adaptive methods ask where the answer is least certain, which tells next to nothing of width and lapses:
     there they are as the design expects them.
-
-    Parameters
-    ----------
-    design, entries
-        As of `scores_of`.
     """
     expected, shapes = Shape(design.observers.width, design.observers.lapse), {}
     cells = cells_of(entries)

@@ -36,14 +36,7 @@ class Power:
 def simulated_trials(design: Design, slot: int, seed: int = 0) -> list[dict[str, Any]]:
     """Return the trials of a simulated participant, as of `Dataset.trials`; nothing is pressed.
 
-    Parameters
-    ----------
-    design : Design
-        Of the experiment, and of what is expected of observers.
-    slot : int
-        Place of the participant.
-    seed : int
-        Of the answers.
+    *design*: of the experiment, and of what is expected of observers.
     """
     session, observer = Session(design, slot), Observer(design, slot, seed)
     entries: list[dict[str, Any]] = []
@@ -73,19 +66,7 @@ def _unwatched(done: int, total: int) -> None:
 
 
 def simulated_scores(design: Design, count: int, seed: int = 0, watch: Watch = _unwatched) -> list[Score]:
-    """Return the scores of simulated participants.
-
-    Parameters
-    ----------
-    design : Design
-        Of the experiment.
-    count : int
-        Of participants.
-    seed : int
-        Of their answers.
-    watch : callable
-        Given how many participants are done.
-    """
+    """Return the scores of simulated participants."""
     entries: list[dict[str, Any]] = []
     for slot in range(count):
         entries += simulated_trials(design, slot, seed)
@@ -97,13 +78,6 @@ def with_effect(design: Design, ratio: float) -> Design:
     """Return a design whose observers have thresholds that many times the first condition's on all others.
 
     What they tell from the real wall differs only if the ratio is not 1: then it stays as the design has it.
-
-    Parameters
-    ----------
-    design : Design
-        Of the experiment.
-    ratio : float
-        Of thresholds; 1: no difference anywhere.
     """
     first = design.conditions[0]
     others = [
@@ -126,19 +100,6 @@ def power(
     """Return how often an effect is found with so many participants.
 
     A pool of participants is simulated, and samples are drawn from it.
-
-    Parameters
-    ----------
-    design : Design
-        Whose observers have the effect.
-    participants : sequence of int
-        Sizes of samples.
-    repetitions : int
-        Samples of each size.
-    pool : int
-        Simulated participants that the samples are drawn from.
-    watch : callable
-        Given how many of them are done.
     """
     scores = simulated_scores(design, pool, watch=watch)
     rng, found = np.random.default_rng(design.seed), []
@@ -159,15 +120,6 @@ def false_positives(design: Design, repetitions: int, watch: Watch = _unwatched)
     """Return, for each task, the share of whole experiments that find a difference where there is none.
 
     Each has its own participants, and goes through the same mixed model as a report.
-
-    Parameters
-    ----------
-    design : Design
-        Whose conditions are made equal to observers.
-    repetitions : int
-        Experiments.
-    watch : callable
-        Given how many of them are done.
     """
     equal, names = with_effect(design, 1.0), [one.name for one in design.conditions]
     counts = dict.fromkeys((task.name for task in design.tasks if task.kind in ANSWERED), 0)
@@ -192,12 +144,7 @@ class Recovery:
 def recovery(design: Design, seed: int = 0) -> Recovery:
     """Return how well the thresholds of a whole simulated experiment are found again.
 
-    Parameters
-    ----------
-    design : Design
-        Of the experiment, and of what is expected of observers.
-    seed : int
-        Of their answers.
+    *design*: of the experiment, and of what is expected of observers.
     """
     entries = [entry for slot in range(design.participants) for entry in simulated_trials(design, slot, seed)]
     functions = find(design, entries).functions

@@ -31,15 +31,7 @@ ACROSS = 4  # small panels side by side
 
 
 def draw_main(rows: Rows, choice: PlotChoice) -> str:
-    """Return a measure over a factor or another measure: a line a level of one factor, a panel of another.
-
-    Parameters
-    ----------
-    rows : Rows
-        Of the study.
-    choice : PlotChoice
-        Of which measure and x are chosen.
-    """
+    """Return a measure over a factor or another measure: a line a level of one factor, a panel of another."""
     x, measure = choice.x, choice.measure
     assert x is not None and measure is not None, "both are chosen"
     panels, of_panel = _levels(rows, choice.columns, MOST_PANELS)
@@ -79,15 +71,7 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
 
 
 def draw_effects(rows: Rows, effects: list[Effect]) -> str:
-    """Return a small panel a factor: the mean of a measure at each level.
-
-    Parameters
-    ----------
-    rows : Rows
-        Of the study.
-    effects : list of Effect
-        On one measure; one at least.
-    """
+    """Return a small panel a factor: the mean of a measure at each level."""
     height = -(-len(effects) // ACROSS)
 
     def draw(figure: "Figure", _: Any) -> None:

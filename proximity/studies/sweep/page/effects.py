@@ -18,15 +18,7 @@ Level = Any
 
 
 class Rows:
-    """Rows of a study as columns, without those that failed.
-
-    Parameters
-    ----------
-    job : Job
-        What the columns are.
-    table : pyarrow.Table
-        See `row_files.read_rows`.
-    """
+    """Rows of a study as columns, without those that failed."""
 
     def __init__(self, job: Job, table: Any) -> None:
         self.job, self.table = job, table.filter(table["failure"].is_null())
@@ -65,12 +57,7 @@ class Rows:
     def levels(self, name: str, most: int = MOST_LEVELS) -> tuple[list[Level], np.ndarray]:
         """Return the levels of a factor, and which of them each row has, (N,); none where there are too many.
 
-        Parameters
-        ----------
-        name : str
-            Of the factor.
-        most : int
-            Levels of a number, before it is put into bins.
+        *most*: levels of a number, before it is put into bins.
         """
         values = self.values(name)
         given = sorted(set(values) - {None, NOT_USED})
@@ -113,15 +100,7 @@ class Effect:
 
 
 def effect(rows: Rows, factor: str, measure: str) -> Effect | None:
-    """Return the effect of a factor on its own, the others as they come; None where it cannot be seen.
-
-    Parameters
-    ----------
-    rows : Rows
-        Of the study.
-    factor, measure : str
-        Their names.
-    """
+    """Return the effect of a factor on its own, the others as they come; None where it cannot be seen."""
     levels, ids = rows.levels(factor)
     numbers = rows.measure(measure)
     is_known = np.isfinite(numbers)

@@ -24,20 +24,7 @@ ROWS_LISTED = 300
 
 
 def study_page(study: Study, folder: Path) -> str:
-    """Return the page of what a folder holds.
-
-    Parameters
-    ----------
-    study : Study
-        As it was run.
-    folder : path
-        Of its results.
-
-    Raises
-    ------
-    ServiceError
-        If there are no results, or a library is missing.
-    """
+    """Return the page of what a folder holds."""
     recorded = read_rows(folder)
     if not recorded.rows.num_rows:
         raise ServiceError(f"{folder}: no condition is finished yet, run the study first")
