@@ -1,4 +1,20 @@
-"""The exceptions of the package, as a tree.
+"""The exceptions of the package, as a tree, with what a caller can do.
+
+::
+
+    ProximityError
+    ├── MeshError          (ValueError)    choose another mesh, or repair it
+    │   ├── MeshFormatError                export the file again: it is not what it claims, or is damaged
+    │   └── NotWatertightError             ask for unsigned distances, or close the surface
+    ├── QueryError         (ValueError)    change the argument that the message names
+    ├── PoseError          (ValueError)    give a rotation and a translation
+    ├── SceneError         (ValueError)    name parts that are there; save under another name
+    ├── RecordingError     (ValueError)    choose another recording or log
+    ├── ServiceError       (ValueError)    correct the line of the scene file that the message names
+    ├── DecaffError        (ValueError)    correct the glove's file, or measure again
+    ├── PublishError       (OSError)       choose another address, or try again
+    └── MotorError         (RuntimeError)  look at the motor before it gets power again
+    UnitsWarning           (UserWarning)   give positions in metres; can be filtered
 
 A message says what is wrong, where, and what was expected. Bad input raises; "nothing there" is an
 answer, never an exception.
