@@ -5,6 +5,8 @@ import pytest
 
 from benchmarks.digest import queries, scenes, ticks
 
+pytestmark = pytest.mark.filterwarnings("ignore::proximity.UnitsWarning")  # some points are far on purpose
+
 
 def digests(workers=1, seed="a test"):
     scene = scenes.random_scene(scenes.generator(seed), 4, 0.1)
