@@ -97,8 +97,8 @@ def products_of(text: str) -> Products:
     links = {of: own for own, of in _SHAPE_LINK.findall(text)}
     # Properties, as the volume for a check, have shapes too: these belong to an aspect, not to a product.
     definitions = set(_DEFINITION.findall(text))
-    owned = [(records.owners.get(of), of, shape) for of, shape in records.shapes]
-    shapes = {own: (of, shape) for own, of, shape in owned if own in definitions}
+    owners = {of: own for of, own in records.owners.items() if own in definitions}
+    shapes = {owners[of]: (of, shape) for of, shape in records.shapes if of in owners}
     parts = {part for _, part in records.uses.values()}
     linked = _linked(records)
     return Products(
