@@ -126,7 +126,8 @@ def _check_large(head: bytes, size: int, extension: str, unpacked_limit: float) 
 def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry, ...], list[str]]:
     meshes = [mesh for mesh in raw.meshes if len(mesh.faces)]
     if not meshes:
-        raise MeshFormatError("it contains no faces")
+        reasons = f" ({'; '.join(raw.notes)})" if raw.notes else ""
+        raise MeshFormatError(f"it contains no faces{reasons}")
     names, notes = unique_names([mesh.name.strip() or stem for mesh in meshes])
     hidden = [
         text_rows.shortened(name, 60) for mesh, name in zip(meshes, names, strict=True) if mesh.is_hidden

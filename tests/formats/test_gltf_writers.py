@@ -514,6 +514,13 @@ def test_meshopt_with_the_unpacked_numbers_beside_is_read(tmp_path):
     assert len(read(tmp_path, header).geometries) == 1
 
 
+@pytest.mark.parametrize("name", ["KHR_technique_webgl", "KHR_techniques_webgl"])
+def test_required_extension_for_shaders_changes_no_shape(tmp_path, name):
+    # Was: refused, as an extension that is not read.
+    header = changed(extensionsUsed=[name], extensionsRequired=[name])
+    assert len(read(tmp_path, header).geometries[0].faces) == 12
+
+
 def test_files_after_public_reports_are_read(shared_data):
     reports = shared_data / "reports"
     if not reports.is_dir():

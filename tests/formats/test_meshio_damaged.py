@@ -381,7 +381,10 @@ def changed_gltf(*path, to):
         ),
         (GLB.replace(b'{"asset"', b'["asset"'), "its JSON cannot be read ("),
         (changed_gltf("asset", to=None), "its JSON has no asset: it is not a glTF file"),
-        (changed_gltf("asset", "version", to="1.0"), "it is glTF version '1.0', expected 2.0"),
+        (
+            changed_gltf("asset", "version", to="1.0"),
+            "it is glTF version '1.0', expected 2.0 (gltf-pipeline converts files of version 1)",
+        ),
         (changed_gltf("buffers", 0, "byteLength", to=10**9), "buffer 0 has "),
         (
             changed_gltf("buffers", 0, "uri", to="none.bin"),
@@ -457,7 +460,14 @@ def changed_gltf(*path, to):
             changed_gltf("meshes", 0, "primitives", 0, "attributes", to=None),
             "primitive 0 of mesh 0 has no attributes",
         ),
-        (changed_gltf("meshes", 0, "primitives", 0, "mode", to=0), "it contains no faces"),
+        (
+            changed_gltf("meshes", 0, "primitives", 0, "mode", to=0),
+            "it contains no faces (points and lines were ignored: they enclose nothing)",
+        ),
+        (
+            changed_gltf("scenes", 0, "nodes", to=[]),
+            "it contains no faces (its default scene places no meshes)",
+        ),
         (
             changed_gltf("meshes", 0, "primitives", 0, "extensions", to=5),
             "primitive 0 of mesh 0 has extensions that are not a JSON object",
@@ -557,7 +567,7 @@ def test_json_nested_without_end_is_refused(tmp_path):
         ),
         (
             mesh_files.threemf(MODEL.replace("<model ", '<model requiredextensions="b p" ')),
-            "it needs the extensions b p, which are not read",
+            "it needs extensions that are not read: 'b, p'",
         ),
         (
             # A prefix means what the file says: here not materials, but beams that would be left out.
@@ -566,7 +576,7 @@ def test_json_nested_without_end_is_refused(tmp_path):
                     "<model ", f'<model xmlns:m="{EXTENSION}beamlattice/2017/02" requiredextensions="m" '
                 )
             ),
-            "it needs the extensions m, which are not read",
+            "it needs extensions that are not read: 'beamlattice'",
         ),
         (
             mesh_files.threemf(
@@ -669,7 +679,7 @@ def test_3mf_that_would_be_put_together_wrongly_is_refused(tmp_path, data, messa
         (STEP[:-10], "it does not end with END-ISO-10303-21: it is cut off"),
         (
             STEP.replace(b"ADVANCED_FACE", b"ADVANCED_FACX", 1),
-            "its shells list 6 faces, but OpenCASCADE could mesh 5",
+            "its shells list 6 faces, but OpenCASCADE could mesh 5 only; export it in another format, as 3MF",
         ),
         (STEP.replace(b"CLOSED_SHELL", b"NO_SHELL"), "it contains no faces"),
         (STEP[:2000] + STEP[-30:], "OpenCASCADE could not read all of it: ERR"),

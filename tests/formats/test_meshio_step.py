@@ -159,6 +159,27 @@ def test_part_files_of_part_files_and_other_units_are_read(tmp_path):
     assert contents.units == "in, mm"
 
 
+def test_part_file_with_a_shape_for_its_validation_properties_is_read(tmp_path):
+    # Was: "has 2 products that are part of no other", for part files of Creo and NX.
+    text, lid = with_lid_in_file("lid.stp")
+    product, shape = re.search(r"=SHAPE_DEFINITION_REPRESENTATION\((#\d+),(#\d+)\)", lid).groups()
+    aspect = (
+        f"#9101=SHAPE_ASPECT('','solid data',{product},.F.);\n"
+        "#9102=PROPERTY_DEFINITION('','shape with properties',#9101);\n"
+        f"#9103=SHAPE_DEFINITION_REPRESENTATION(#9102,{shape});\n"
+    )
+    (tmp_path / "lid.stp").write_text(lid.replace(TAIL, aspect + TAIL))
+    assert sorted(part.name for part in read(tmp_path, text).geometries) == ["base", "lid", "pin", "pin_2"]
+
+
+def test_part_file_that_is_named_once_for_each_use_is_read(tmp_path):
+    # Was: an AssertionError, for assemblies of Creo that hold a part twice.
+    text, lid = with_lid_in_file("lid.stp")
+    (tmp_path / "lid.stp").write_text(lid)
+    again = re.sub(r"#90(?!01)", "#91", text[text.index("#9002=") : text.index(TAIL)])
+    assert len(read(tmp_path, text.replace(TAIL, again + TAIL)).geometries) == 4
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

@@ -78,8 +78,8 @@ def _check(path: Path, words: Sequence[str], limit: float) -> Values:
         return {"status": status, "notes": report["notes"], "reason": "", "report": report}
     lines = said.decode(errors="replace").strip().splitlines() or ["nothing was said"]
     sentence = lines[-1].removeprefix("proximity: ").removeprefix(f"{path}: ")
-    is_told = running.returncode == 2  # else it is a mistake of ours, or the system ended it
-    return _refused(sentence if is_told else f"reading ended with code {running.returncode}: {sentence}")
+    is_refusal = running.returncode == 2  # else it is a mistake of ours, or the system ended it
+    return _refused(sentence if is_refusal else f"reading ended with code {running.returncode}: {sentence}")
 
 
 def _refused(reason: str) -> Values:

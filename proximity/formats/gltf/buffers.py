@@ -19,6 +19,7 @@ from proximity.system.regular_file import open_regular
 
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 _GLB_HEADER_BYTES, _CHUNK_HEADER_BYTES = 12, 8
+_CONVERSION = " (gltf-pipeline converts files of version 1)"
 _LARGEST_INTEGER = 2**53  # of JSON, where numbers are float64
 
 
@@ -101,7 +102,7 @@ def split_glb(data: bytes) -> tuple[bytes, bytes | None, list[str]]:
         raise MeshFormatError("it does not begin with a GLB header of 12 bytes")
     _, version, length = struct.unpack_from("<4sII", data)
     if version != 2:
-        raise MeshFormatError(f"it is glTF version {version}, expected 2")
+        raise MeshFormatError(f"it is glTF version {version}, expected 2{_CONVERSION}")
     if length > len(data):
         raise MeshFormatError(f"its header says {length} bytes, but the file has {len(data)}: it is cut off")
     notes = [f"{len(data) - length} bytes after its end were ignored"] if length < len(data) else []
@@ -134,7 +135,7 @@ def parse_header(header: bytes) -> Document:
         raise MeshFormatError("its JSON has no asset: it is not a glTF file")
     version = str(tree["asset"].get("version", ""))
     if version.split(".")[0] != "2":
-        raise MeshFormatError(f"it is glTF version {text_rows.shortened(version)}, expected 2.0")
+        raise MeshFormatError(f"it is glTF version {text_rows.shortened(version)}, expected 2.0{_CONVERSION}")
     return Document(tree)
 
 

@@ -22,7 +22,8 @@ _MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _INSTANCING = "EXT_mesh_gpu_instancing"
 _READ = ("KHR_node_visibility", "KHR_mesh_quantization", draco.EXTENSION)
 _LOOKS = re.compile(
-    r"material|texture|light|xmp|animation|audio|image|packing|metadata|features|selectab|hoverab|interactiv",
+    r"material|technique|texture|light|xmp|animation|audio|image|packing|metadata|features|selectab|hoverab|"
+    r"interactiv",
     re.IGNORECASE,
 )
 """In names of extensions that change no shape."""
@@ -51,6 +52,8 @@ def read_document(
     _check_extensions(document)  # a packed file need not have buffers
     buffers.load_buffers(document, path, binary)
     nodes = [node for node in scene_graph.walk(document) if node.mesh != scene_graph.NO_MESH]
+    if not nodes:
+        notes.append("its default scene places no meshes")
     surfaces = primitives.read_meshes(document, sorted({node.mesh for node in nodes}), notes)
     meshes = _placed(nodes, _parts(document, nodes, surfaces), notes)
     notes += _notes(document, nodes, surfaces)

@@ -81,6 +81,8 @@ class _Merge:
             definition = products.shapes.get(product)
             if definition is None or products.has_bodies(product) or product in products.assemblies:
                 continue  # a drawing of what is there
+            if product in renamed:
+                continue  # some programs refer to the file once for each use
             root = self._root(name, path)
             shape, representation = definition
             renamed |= dict(zip((product, shape, representation), root, strict=True))

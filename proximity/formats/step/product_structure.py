@@ -26,6 +26,7 @@ _TEXT = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
 _KINDS = "|".join((_USE, _PLACEMENT, _SHAPE, _RELATION, *_OF, *_BODIES))
 _RECORD = re.compile(rf"(#\d+)\s*=\s*({_KINDS}|\w*SHAPE_REPRESENTATION)\s*\(([^;]*)\)\s*;")
 _REFERENCE = re.compile(r"#\d+")
+_DEFINITION = re.compile(r"(#\d+)\s*=\s*PRODUCT_DEFINITION(?:_WITH_ASSOCIATED_DOCUMENTS)?\s*\(")
 _SHAPE_LINK = re.compile(rf"(#\d+)\s*=\s*{_SHAPE}\s*\(\s*(#\d+)")
 _ANY = re.compile(r"(#\d+)\s*=\s*\(?\s*(\w*)([^;]*);")
 _SHAPE_GIVING = ("SHAPE_DEFINITION_REPRESENTATION", "REPRESENTATION_RELATIONSHIP")
@@ -88,14 +89,17 @@ def products_of(text: str) -> Products:
     text = _TEXT.sub(" ", text)
     records = _read(text)
     links = {of: own for own, of in _SHAPE_LINK.findall(text)}
-    shapes = {records.owners[of]: (of, shape) for of, shape in records.shapes if of in records.owners}
+    # Properties, as the volume for a check, have shapes too: these belong to an aspect, not to a product.
+    definitions = set(_DEFINITION.findall(text))
+    owners = {of: own for of, own in records.owners.items() if own in definitions}
+    shapes = {owners[of]: (of, shape) for of, shape in records.shapes if of in owners}
     parts = {part for _, part in records.uses.values()}
     linked = _linked(records)
     return Products(
-        shapes={product: pair for product, pair in shapes.items() if product not in records.uses},
+        shapes=shapes,
         links=links,
         assemblies={assembly for assembly, _ in records.uses.values()},
-        roots=[product for product in shapes if product not in parts and product not in records.uses],
+        roots=[product for product in shapes if product not in parts],
         has_bodies=lambda product: _has_body(records, linked, [shapes[product][1]]),
     )
 

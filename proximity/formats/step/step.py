@@ -91,6 +91,7 @@ def _notes_on_faces(text: str, raw: RawFile) -> list[str]:
     unused = listed.difference(*(faces for shell, faces in shells.items() if shell in used))
     if arrived < len(listed) - len(unused):
         raise MeshFormatError(
-            f"its shells list {len(listed)} faces, but OpenCASCADE could mesh {arrived} only"
+            f"its shells list {len(listed)} faces, but OpenCASCADE could mesh {arrived} only; "
+            "export it in another format, as 3MF"
         )
     return [f"{len(unused)} faces were left out: no product uses their shells"]

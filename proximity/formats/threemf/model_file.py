@@ -128,15 +128,23 @@ class ModelFile(XmlFile):
     def _unit_of(self, attributes: dict[str, str]) -> str:
         needed = attributes.get("requiredextensions", "")
         # Prefixes are the writer's choice: only what they stand for counts.
-        uris = [self.uri_of(prefix) or "" for prefix in needed.split()]
-        if not all(any(word in uri for word in _HARMLESS_EXTENSIONS) for uri in uris):
-            raise MeshFormatError(f"it needs the extensions {needed[:40]}, which are not read")
+        uris = [self.uri_of(prefix) or prefix.replace("/", "") for prefix in needed.split()]
+        unread = [uri for uri in uris if not any(word in uri for word in _HARMLESS_EXTENSIONS)]
+        if unread:
+            raise MeshFormatError(
+                f"it needs extensions that are not read: {shown(', '.join(map(_extension_name, unread)))}"
+            )
         if any("/slice/" in uri for uri in uris):
             self.notes.append("it needs the slice extension: its meshes were read, its slices were not")
         unit = attributes.get("unit", _DEFAULT_UNIT).strip().lower()
         if unit not in _UNITS:
             raise MeshFormatError(f"its unit is {unit[:40]!r}, expected one of {', '.join(_UNITS)}")
         return _UNITS[unit]
+
+
+def _extension_name(uri: str) -> str:
+    """Return the last word of a namespace, before the year and month."""
+    return next((word for word in reversed(uri.split("/")) if word and not word.isdigit()), uri)
 
 
 @lru_cache(64)
