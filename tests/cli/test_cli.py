@@ -345,7 +345,7 @@ def test_csv_has_a_header_and_every_digit(run):
 
     first, second = csv.DictReader(io.StringIO(result.out))
     direct = FakeScene().closest(np.array([[0.1, 0.2, 0.3]]) * 0.001)
-    assert list(first)[:6] == ["x_mm", "y_mm", "z_mm", "signed_distance_mm", "distance_mm", "is_signed"]
+    assert list(first)[:6] == ["x_mm", "y_mm", "z_mm", "signed_distance_mm", "is_signed", "point_x_mm"]
     assert float(first["signed_distance_mm"]) == pytest.approx(direct.signed_distance[0] / 0.001, rel=1e-14)
     point = [float(first[name]) for name in ("point_x_mm", "point_y_mm", "point_z_mm")]
     assert point == in_units(direct.point[0], 0.001).tolist()
