@@ -282,6 +282,7 @@ def test_times_of_a_calendar_are_told_since_the_recording_begins(run, tmp_path):
     assert told["nearest"]["time_s"] == pytest.approx(1732000000.44, abs=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore::proximity.UnitsWarning")  # of the tracker that tests put there
 def test_hand_out_of_reach_is_told(run, tmp_path):
     path = tmp_path / "far.csv"
     path.write_text("time_s,hand,finger,x_m,y_m,z_m\n0,0,0,9,9,9\n")

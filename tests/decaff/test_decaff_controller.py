@@ -1,6 +1,7 @@
 """The drum's controller: each failure and transition of docs/guide/drums.md, and what never happens."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -102,7 +103,9 @@ def location_of(*records):
 
 def touching(**fields):
     """A finger at the wall, the drum before it, 0.8 N between them."""
-    bench = approaching(**{name: fields.pop(name) for name in ("handover", "limits") if name in fields})
+    bench = approaching(
+        **{name: fields.pop(name) for name in ("drum", "handover", "limits") if name in fields}
+    )
     bench.bend = WALL
     bench.force = 0.8
     bench.run(3, **fields)
@@ -879,7 +882,10 @@ def test_force_has_a_peak_and_what_lasts():
 
 def test_hot_motor_has_the_force_that_it_holds_for_ever():
     """i2t: 18 N of a motor that holds 12 N heat it up within its time; with less it cools again."""
-    bench = touching(limits=Limits(heat_force=12.0, heat_time=2.0, continuous_force=18.0))
+    motor = PATH.drum.motor
+    torque = motor.continuous_torque * 12.0 / PATH.drum.continuous_force
+    drum = replace(PATH.drum, motor=replace(motor, continuous_torque=torque, heating_time=2.0))
+    bench = touching(limits=Limits(continuous_force=18.0), drum=drum)
     bench.force = 18.0
     actions = [bench.run(1) for _ in range(3000)]
     hot = next(k for k, action in enumerate(actions) if action.is_hot)

@@ -36,8 +36,6 @@ class Limits:
     continuous_force: float = 10.0  # N, at the fingertip
     peak_force: float = 20.0  # N
     force_time: float = 1.0  # s, over which a force is continuous; assumed
-    heat_force: float = 10.0  # N, at the fingertip, that the motor holds for ever; assumed
-    heat_time: float = 20.0  # s, in which the motor warms up; assumed
     follow_speed: float = 1e-3  # m/s: slower, a part that is touched is at rest; assumed
 
     def __post_init__(self) -> None:

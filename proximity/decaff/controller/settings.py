@@ -54,7 +54,7 @@ class ControllerSettings:
             "braking": braking,
             "unbraked_speed": braking * (1.0 / self.rate + SERVO_LAG),
             "speed_decay": 2.0 * math.pi * SPEED_CUTOFF,
-            "heat_force": min(self.limits.heat_force, self.drum.continuous_force),
+            "heat_force": self.drum.continuous_force,
             "heat_time": self.drum.motor.heating_time,
             "cable_stiffness": self.cable.stiffness,
             "cable_decay": 2.0 * math.pi * self.cable.smoothing,

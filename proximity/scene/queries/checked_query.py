@@ -4,6 +4,7 @@ A query takes a model, one or two arrays of rows, how far to look, and a number 
 table of its answers. Few plain rows are answered by compiled code alone, see `native.query`.
 """
 
+import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -72,14 +73,18 @@ class CheckedQuery:
 
 
 def _warn_of_millimetres(model: Model, distances: np.ndarray) -> None:
-    """Warn where all points are as far away as points in millimetres; called by `CheckedQuery.ask`."""
+    """Warn a user all of whose points are as far away as points in millimetres; called by `CheckedQuery.ask`.
+
+    The package itself is not warned: its commands and replays say in their own words what is far away.
+    """
+    caller = sys._getframe(3)  # of the method that asks
+    if caller.f_globals.get("__name__", "").startswith("proximity."):
+        return
     nearest = float(distances.min(initial=np.inf))
     size = size_of(model)
     if MILLIMETRES_FROM * size < nearest < MILLIMETRES_TO * size:
-        # The fourth frame up is the caller of the method that asks.
-        warnings.warn(
-            in_millimetres("the nearest point", nearest, size, "points"), UnitsWarning, stacklevel=4
-        )
+        words = in_millimetres("the nearest point", nearest, size, "points")
+        warnings.warn(words, UnitsWarning, stacklevel=4)
 
 
 def size_of(model: Model) -> float:

@@ -243,7 +243,7 @@ def _own_ray_folder() -> str:
 def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
     """Ray, begun where it is not running in this process, and then ended again."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # nothing is sent to its makers
-    folder = None if address else _own_ray_folder()
+    folder = "" if address else _own_ray_folder()
     with needed("a study needs", "study", ServiceError):
         import ray
     logging.getLogger("ray").setLevel(logging.ERROR)
