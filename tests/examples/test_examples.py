@@ -1,11 +1,15 @@
 """The examples, run as a user would run them, and compared with what docs/examples.md shows of them."""
 
+import contextlib
+import ctypes
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
 import uuid
+from types import SimpleNamespace
 
 import nbclient
 import nbformat
@@ -25,6 +29,7 @@ from proximity.service.config import read_scene_file
 from proximity.service.config.scene_builder import PartFiles, finger_count, make_tracker
 from proximity.service.inputs.openxr_runtime import FINGERS
 from proximity.tracker.replay import turn_about_axes
+from proximity.transport import Reading
 
 EXAMPLES = ROOT / "examples"
 FILES = sorted(path for path in EXAMPLES.rglob("*") if path.suffix in (".py", ".toml", ".c", ".ipynb"))
@@ -315,6 +320,96 @@ class Recorded:
 
     def close(self):
         pass
+
+
+# --------------------------------------------------------------------------- curl limits of an OpenXR runtime
+
+
+@pytest.fixture
+def runtime(monkeypatch):
+    """Calls of a runtime in pyopenxr's own structures: itself, what came, and events to answer with."""
+    xr = pytest.importorskip("xr", reason="calls of OpenXR need pyopenxr")
+    came, events = [], []
+
+    def apply(tracker, locations):
+        given = locations.contents
+        assert given.type == xr.StructureType.FORCE_FEEDBACK_CURL_APPLY_LOCATIONS_MNDX
+        assert [each.location.value for each in given.locations] == [0, 1, 2, 3, 4]  # thumb to little finger
+        hand = ctypes.cast(tracker, ctypes.c_void_p).value
+        came.append((hand, [round(each.value, 3) for each in given.locations]))
+        return 0
+
+    def tracker_of(session, info):
+        tracker = ctypes.cast(ctypes.c_void_p(int(info.hand)), xr.HandTrackerEXT)
+        tracker.instance = None
+        return tracker
+
+    def poll_event(_instance):
+        changed = xr.EventDataSessionStateChanged(state=events.pop(0)) if events else None
+        if changed is None or changed.state == xr.SessionState.UNKNOWN:
+            raise xr.EventUnavailable()
+        buffer = xr.EventDataBuffer()
+        ctypes.memmove(ctypes.byref(buffer), ctypes.byref(changed), ctypes.sizeof(changed))
+        return buffer
+
+    function = xr.PFN_xrApplyForceFeedbackCurlMNDX(apply)
+    answers = {
+        "create_instance": lambda info: came.append([*info.enabled_extension_names]) or xr.Instance(),
+        "get_system": lambda instance: 1,
+        "create_session": lambda instance, info: xr.Session(),
+        "create_hand_tracker_ext": tracker_of,
+        "poll_event": poll_event,
+        "begin_session": lambda session, info: came.append("begin"),
+        "end_session": lambda session: came.append("end"),
+        "destroy_instance": lambda instance: came.append("destroyed"),
+    }
+    for name, answer in answers.items():
+        monkeypatch.setattr(xr, name, answer)
+    monkeypatch.setattr(
+        xr.functions, "get_instance_proc_addr", lambda *_: ctypes.cast(function, xr.PFN_xrVoidFunction)
+    )
+    return xr, came, events
+
+
+def reading_of(state=proximity.State.OK, **fields):
+    """A reading of two fingers' contacts; the first touches at bend 0.6, the second nowhere."""
+    contacts = np.zeros(2, proximity.CONTACT)
+    contacts["flags"] = proximity.ContactFlag.TRACKED | proximity.ContactFlag.CONTACT_FOUND
+    contacts["signed_distance"], contacts["contact_bend"] = 0.01, (0.6, np.nan)
+    for name, value in fields.items():
+        contacts[name] = value
+    return Reading(state, False, 0, -1, None, contacts)
+
+
+def test_curl_limits_reach_the_runtime_and_are_taken_back(runtime, monkeypatch, capsys):
+    """0 curls freely and 1 is extended: a touch at bend 0.6 is 0.4; late, stale and the end are 0."""
+    xr, came, events = runtime
+    states = xr.SessionState
+    events += [states.READY, *5 * [states.UNKNOWN], states.STOPPING, states.EXITING]
+    readings = [
+        reading_of(),
+        reading_of(signed_distance=-1e-3, contact_bend=0.65),  # the finger gives way: its limit does not
+        reading_of(proximity.State.LATE),
+        reading_of(flags=proximity.ContactFlag.TRACKED),  # a touch that is not confirmed
+        reading_of(contact_bend=-0.1),
+        reading_of(proximity.State.STALE),
+        reading_of(),
+    ]
+    frames = SimpleNamespace(read=lambda: readings.pop(0))
+    monkeypatch.setattr(proximity, "open_subscriber", lambda address: contextlib.nullcontext(frames))
+
+    runpy.run_path(str(EXAMPLES / "curl_limits.py"))["main"]("iox2://decaff")
+
+    extensions, begin, *calls, end_of_use = came
+    assert (begin, end_of_use) == ("begin", "destroyed")
+    assert b"XR_MNDX_force_feedback_curl" in extensions
+    calls.remove("end")
+    assert [hand for hand, _ in calls] == [1, 2] * 8
+    assert all(values == [0.0] * 5 for _, values in calls[1::2])
+    assert [values[:2] for _, values in calls[::2]] == [
+        [0.4, 0.0], [0.4, 0.35], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 0.0], [0.4, 0.0], [0.0, 0.0],
+    ]  # fmt: skip
+    assert capsys.readouterr().out.startswith("0.40 0.00 0.00")
 
 
 # --------------------------------------------------------------------------------------- notebook and study

@@ -1,17 +1,20 @@
 """One description of the drum on a hand: simulation, firmware and motors say the same of it."""
 
+import ctypes
 import json
-import re
 from dataclasses import replace
+from functools import partial
 
 import glove_files
 import numpy as np
 import pytest
+from compiling_c import c_compiler, run
+from controller_in_c import SOURCES, STRICT
 from paper_drums import LEVER, paper_drum
 
-from proximity.decaff.chip.sources import controller_sources
+from proximity.decaff.chip.sources import controller_sources, write_controller
 from proximity.decaff.drum.drum_model import GEARS, Gear, Motor, gear_named, with_random_phases
-from proximity.decaff.drum.servo import servo_for
+from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.calibration import read_calibration, write_calibration
 from proximity.decaff.glove.design import glove_of, table_of
 from proximity.decaff.glove.drum_geometry import EccentricDrum
@@ -66,16 +69,47 @@ def test_force_error_follows_from_the_total_gearing(ratio, errors):
 def test_torque_of_a_newton_is_one_number_for_firmware_motors_and_simulation(gear):
     glove = with_gear(Glove(), gear)
     path, turns = FingerPath(glove), glove.gear.ratio
-    text = controller_sources([glove])["decaff_controller.h"]
-    radius, ratio = (float(re.search(rf"DECAFF_DRUM_{name} (\S+)", text)[1]) for name in ("RADIUS", "RATIO"))
     angle = path.drum_angle(path.position(CONTACT_BEND))
 
     expected = float(glove.replica_torque(CONTACT_BEND, 1.0)) / turns  # the drum is an arm about the replica
-    assert radius / ratio == pytest.approx(expected, rel=1e-12)
     assert float(glove.motor_torque(CONTACT_BEND, 1.0)) == pytest.approx(expected, rel=1e-12)
     assert DRUMS[gear].motor_torque(1.0) == path.drum.motor_torque(1.0) == pytest.approx(expected, rel=1e-12)
     scale = MotorScale(path, MotorSettings("motor", ratio=turns))
     assert -scale.torque(1.0, angle) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("gear", GEARS)
+def test_firmware_presses_with_its_newton_over_the_whole_bend(gear, tmp_path):
+    """The lever of the path there, not one for all, at flat hand, half bend and fist; the motor's limits."""
+    glove = with_gear(Glove(), gear)
+    path, drum, turns = FingerPath(glove), DRUMS[gear], glove.gear.ratio
+    torque, speed = firmware_of(glove, tmp_path)
+    scale = MotorScale(path, MotorSettings("motor", ratio=turns))
+    for bend in (0.0, CONTACT_BEND, 1.0):
+        angle = path.drum_angle(path.position(bend))
+        lever = path.lever(angle) / turns
+
+        assert lever == pytest.approx(float(glove.lever(bend)) / turns, rel=1e-3)
+        assert torque(angle, 1.0) == -torque(angle, -1.0) == pytest.approx(lever, rel=1e-12)
+        assert torque(angle, 1.0) == pytest.approx(scale.torque(-1.0, angle), rel=1e-12)
+        assert speed(angle, 0.1) == pytest.approx(0.1 / lever, rel=1e-12)
+        assert torque(angle, np.inf) == -torque(angle, -np.inf) == drum.motor_torque(np.inf)
+        assert (speed(angle, np.inf), torque(angle, np.nan)) == (drum.motor_speed(np.inf), 0.0)
+    assert torque(np.nan, 1.0) == 0.0
+
+
+def firmware_of(glove, folder):
+    """Motor torque and speed of a glove by its controller in C, compiled as a library of its own."""
+    write_controller([glove], folder)
+    sources = (folder / name for name in SOURCES)
+    library = folder / "firmware.so"
+    run(c_compiler(), *STRICT, "-shared", "-fPIC", f"-I{folder}", *sources, "-lm", "-o", library)
+    firmware = ctypes.CDLL(str(library))
+    paths = ctypes.addressof(ctypes.c_byte.in_dll(firmware, "decaff_paths"))
+    functions = firmware.decaff_motor_torque, firmware.decaff_motor_speed
+    for function in functions:
+        function.restype, function.argtypes = ctypes.c_double, [ctypes.c_void_p, *2 * [ctypes.c_double]]
+    return [partial(function, paths) for function in functions]
 
 
 @pytest.mark.parametrize("bend", [0.05, 0.5, 0.95])
@@ -142,7 +176,8 @@ def test_drum_that_was_measured_is_the_one_that_is_simulated(tmp_path):
     assert glove.tip_drum().mass * glove.tip_drum().lever ** 2 == pytest.approx(3e-4)
     assert glove.tip_drum().friction * glove.tip_drum().lever == pytest.approx(0.02)
     assert Setup(glove=glove.glove).drum.mass == FingerPath(glove).drum.mass
-    assert f"{FingerPath(glove).drum.lever!r}" in controller_sources([glove])["decaff_controller.h"]
+    stiffness = servo_for(FingerPath(glove).drum, SERVO_RATE).stiffness
+    assert f".servo_stiffness = {stiffness!r}" in controller_sources([glove])["decaff_glove.c"]
 
 
 def test_design_is_no_calibration(tmp_path):

@@ -20,6 +20,12 @@ static decaff_real greater(decaff_real a, decaff_real b)
     return (b > a) ? b : a;
 }
 
+/* A number within a limit; of no number nothing. */
+static decaff_real within(decaff_real number, decaff_real most)
+{
+    return isnan(number) ? 0.0 : greater(-most, lesser(most, number));
+}
+
 static decaff_real magnitude(decaff_real number)
 {
     return (number < 0.0) ? -number : number;
@@ -138,6 +144,18 @@ static decaff_real angle_of_position(const decaff_path *path, decaff_real positi
 decaff_real decaff_drum_position(const decaff_path *path, decaff_real angle)
 {
     return between(angle, path->angles, path->positions, path->count);
+}
+
+/* Metres of fingertip to a radian of the motor, by the slope of the path at a drum angle; also the N m of a newton. */
+static decaff_real motor_lever(const decaff_path *path, decaff_real angle)
+{
+    decaff_real least = path->angles[0] + DECAFF_LEVER_STEP;
+    decaff_real most = path->angles[path->count - 1u] - DECAFF_LEVER_STEP;
+    decaff_real middle = lesser(greater(angle, least), most);
+    decaff_real along = decaff_drum_position(path, middle + DECAFF_LEVER_STEP)
+                        - decaff_drum_position(path, middle - DECAFF_LEVER_STEP);
+
+    return along / (2.0 * DECAFF_LEVER_STEP * path->settings->drum_ratio);
 }
 
 static decaff_real retracted(const decaff_path *path)
@@ -1020,6 +1038,7 @@ static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap)
 static void write_action(const decaff_controller *finger, decaff_action *action, enum decaff_drive_mode mode,
                          decaff_real speed, decaff_real cap)
 {
+    const decaff_settings *set = finger->path->settings;
     bool is_force = mode == DECAFF_DRIVE_MODE_FORCE;
     bool is_surface = finger->frames.reading.is_known
                       && (finger->frames.reading.surface == (uint8_t)DECAFF_SURFACE_DEFORMABLE);
@@ -1032,9 +1051,9 @@ static void write_action(const decaff_controller *finger, decaff_action *action,
     action->speed_cap = speed;
     action->force_cap = cap;
     action->start_force = is_force ? finger->steady.twice : (decaff_real)NAN;
-    action->torque = decaff_motor_torque(finger->path, lesser(action->force, cap));
-    action->torque_cap = decaff_motor_torque(finger->path, cap);
-    action->motor_speed_cap = decaff_motor_speed(finger->path, speed);
+    action->torque = within(lesser(action->force, cap) * finger->motor_lever, set->motor_torque);
+    action->torque_cap = within(cap * finger->motor_lever, set->motor_torque);
+    action->motor_speed_cap = within(speed / finger->motor_lever, set->motor_speed);
     action->force_slew = (is_force && is_surface) ? (decaff_real)INFINITY : 0.0;
     action->heat = finger->heat;
     action->is_hot = finger->is_hot;
@@ -1285,6 +1304,7 @@ void decaff_controller_step(decaff_controller *finger, const decaff_observation 
     follow_finger(finger, seen, elapsed);
     finger->trust = take_frames(&finger->frames, seen, finger->path);
     cap = budget_cap(finger, seen->force, elapsed);
+    finger->motor_lever = motor_lever(finger->path, seen->drum_angle);
     drum = decaff_drum_position(finger->path, seen->drum_angle);
     if (finger->is_stopped) {
         finger->state = DECAFF_DRUM_STATE_RETRACTED;
@@ -1302,29 +1322,17 @@ void decaff_controller_step(decaff_controller *finger, const decaff_observation 
 
 /* --- the motor --- */
 
-decaff_real decaff_motor_torque(const decaff_path *path, decaff_real force)
+decaff_real decaff_motor_torque(const decaff_path *path, decaff_real angle, decaff_real force)
 {
-    const decaff_settings *set = path->settings;
-    decaff_real most = set->drum_force_limit;
-
-    return lesser(greater(force, -most), most) / set->drum_turn;
+    return within(force * motor_lever(path, angle), path->settings->motor_torque);
 }
 
-decaff_real decaff_motor_speed(const decaff_path *path, decaff_real speed)
+decaff_real decaff_motor_speed(const decaff_path *path, decaff_real angle, decaff_real speed)
 {
-    const decaff_settings *set = path->settings;
-    decaff_real most = set->drum_speed_limit;
-
-    return lesser(greater(speed, -most), most) * set->drum_turn;
+    return within(speed / motor_lever(path, angle), path->settings->motor_speed);
 }
 
 /* --- the servo --- */
-
-/* A force within a limit; of no number nothing. */
-static decaff_real within(decaff_real number, decaff_real most)
-{
-    return isnan(number) ? 0.0 : greater(-most, lesser(most, number));
-}
 
 void decaff_servo_begin(decaff_servo *servo, const decaff_path *path, decaff_real position)
 {
@@ -1460,7 +1468,7 @@ static void set_home(decaff_start *start, decaff_real encoder)
 decaff_real decaff_start_step(decaff_start *start, decaff_real encoder, bool is_at_index)
 {
     const decaff_settings *set = start->path->settings;
-    decaff_real most = DECAFF_START_SHARE * decaff_motor_torque(start->path, set->drum_force_limit), torque = 0.0;
+    decaff_real most = DECAFF_START_SHARE * set->motor_torque, torque = 0.0;
 
     if (start->state >= DECAFF_START_DONE) {
         return 0.0;

@@ -41,7 +41,7 @@
  *       seen.has_fault = motor_has_fault() || start.state != DECAFF_START_DONE;
  *       decaff_controller_step(&finger, &seen, &action);
  *       force = decaff_servo_step(&servo, &action, decaff_drum_position(finger.path, seen.drum_angle), seen.force);
- *       torque = decaff_motor_torque(finger.path, force);
+ *       torque = decaff_motor_torque(finger.path, seen.drum_angle, force);
  *   }
  *   set_motor_power(action.mode != DECAFF_DRIVE_MODE_OFF); // off: without power, whatever the torque
  *   set_motor_torque(torque);
@@ -75,6 +75,7 @@ extern "C" {
 #define DECAFF_LEAST_INCIDENCE 0.3            /* of a part that is followed: flatter, it slides; assumed */
 #define DECAFF_FOLLOW_NS INT64_C(50000000)    /* so long a drum still goes where a part that stopped is */
 #define DECAFF_SLOPE_BEND 1e-3                /* of the path, by which its slope is taken */
+#define DECAFF_LEVER_STEP 2e-4                /* rad, over which the drum's lever is taken */
 #define DECAFF_MOST_FORCE 1000.0              /* N: no sensor of a finger measures more; assumed */
 #define DECAFF_COOL_HEAT 0.81                 /* of a motor, from which on it has its force again */
 #define DECAFF_LARGEST_POSITION_ERROR 5e-3    /* m: less certain a contact does not come nearer; assumed */
@@ -181,8 +182,9 @@ typedef struct decaff_settings {
     decaff_real servo_deadband;      /* m */
     decaff_real servo_smoothing_share; /* of the low-pass of what the motor does */
     decaff_real drum_force_limit;    /* N at the fingertip */
-    decaff_real drum_speed_limit;    /* m/s at the fingertip */
-    decaff_real drum_turn;           /* rad of the motor to a metre of fingertip; N there of a N m */
+    decaff_real drum_ratio;          /* turns of the motor to one of the drum */
+    decaff_real motor_torque;        /* N m at its shaft, at most */
+    decaff_real motor_speed;         /* rad/s at its shaft, at most */
 } decaff_settings;
 
 /* The bound of passivity of surfaces is that of one sample of delay: what the servo computes acts then. */
@@ -352,6 +354,7 @@ typedef struct decaff_controller {
     decaff_real force;       /* N, of the last sample; inf: none was served */
     decaff_real finger;      /* m */
     decaff_real speed;       /* m/s, of the finger */
+    decaff_real motor_lever; /* m of fingertip to a radian of the motor, where the drum stands */
     bool serves_force;
     decaff_real weak_for;    /* s */
     decaff_steady steady;
@@ -422,17 +425,20 @@ typedef struct decaff_servo {
 void decaff_servo_begin(decaff_servo *servo, const decaff_path *path, decaff_real position);
 
 /*
- * The motor's force from now on, N at the rim, positive away from the finger: what the last sample demanded.
+ * The motor's force from now on, N at the fingertip, positive away from the finger: what the last sample demanded.
  * `position`: where the drum is by its encoder, m; `force`: between finger and drum, N, used in force mode only.
  */
 decaff_real decaff_servo_step(decaff_servo *servo, const decaff_action *action, decaff_real position,
                               decaff_real force);
 
-/* The motor's torque for a force at the rim, N m at its shaft, of the same sign; no more than it may. */
-decaff_real decaff_motor_torque(const decaff_path *path, decaff_real force);
+/*
+ * The motor's torque for a force at the fingertip while the drum stands at an angle, rad: N m at its shaft, of the
+ * same sign, no more than it may; 0 where angle or force is no number.
+ */
+decaff_real decaff_motor_torque(const decaff_path *path, decaff_real angle, decaff_real force);
 
-/* The motor's speed for one of the rim, rad/s at its shaft; no more than it has. */
-decaff_real decaff_motor_speed(const decaff_path *path, decaff_real speed);
+/* The motor's speed for one of the fingertip, m/s, likewise: rad/s at its shaft, no more than it has. */
+decaff_real decaff_motor_speed(const decaff_path *path, decaff_real angle, decaff_real speed);
 
 /* --- the start: which way the motor turns, and where the drum is --- */
 

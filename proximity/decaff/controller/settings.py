@@ -66,6 +66,7 @@ class ControllerSettings:
             "servo_integral": servo.stiffness / servo.integral_time,
             "servo_smoothing_share": low_pass(servo.smoothing, servo.period),
             "drum_force_limit": drum.force_limit,
-            "drum_speed_limit": drum.speed_limit,
-            "drum_turn": 1.0 / drum.motor_torque(1.0),
+            "drum_ratio": drum.gear.ratio,
+            "motor_torque": drum.motor_torque(math.inf),
+            "motor_speed": drum.motor_speed(math.inf),
         }

@@ -262,9 +262,9 @@ static unsigned long live(unsigned long *used)
         SAFE(isfinite(read) || force == 0.0);
         SAFE(isfinite(force) && fabs(force) <= set->drum_force_limit && fabs(force) <= cap);
         SAFE(action.mode != DECAFF_DRIVE_MODE_OFF || force == 0.0);
-        SAFE(isfinite(decaff_motor_torque(path, force)));
+        SAFE(isfinite(decaff_motor_torque(path, seen.drum_angle, force)));
         SAFE(fabs(decaff_start_step(&start, seen.drum_angle, below(9000) == 0))
-             <= 0.1 * decaff_motor_torque(path, set->drum_force_limit));
+             <= 0.1 * set->motor_torque);
         cap = action.force_cap;
         drum += fmax(-0.0005, fmin(action.position - drum, 0.0005));
         states[action.state]++;
