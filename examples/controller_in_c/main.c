@@ -13,9 +13,6 @@
  * from the encoder. Here the service reports the bend, and the drum is where it was sent to.
  *
  * Signs: angles grow away from the finger, from the flat hand to the fist; a positive torque turns to greater angles.
- * There is no motor here: power() says when it would be cut, which a fault does, and so does the watchdog, where no
- * sample comes in time. In your firmware that is the chip's own, of 10 ms, and decaff_start_step() comes first: it
- * tests the sign of torque and angle with a small torque, and finds the stop.
  */
 #define _XOPEN_SOURCE 700
 #include <arpa/inet.h>
@@ -24,38 +21,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/socket.h>
-#include <sys/time.h>
-#include <time.h>
 
+#include "board.h"
 #include "decaff_controller.h"
 
 #define PERIOD_NS 333333 /* `proximity controller` writes a controller for 3 kHz */
 
 static const char *const STATES[] = {
     "RETRACTED", "APPROACH", "CONTACT_POSITION", "CONTACT_FORCE", "HOLD", "FREEZE", "FAULT"};
-
-static int64_t clock_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
-}
-
-/* Your motor driver's enable; off also when the program ends. */
-static void power(bool is_on)
-{
-    static bool was_on = true;
-    if (was_on && !is_on)
-        printf("power off\n");
-    was_on = is_on;
-}
-
-/* Your chip's watchdog: unless it is started anew in time, it cuts the power. A PC that does other work needs a second. */
-static void restart_watchdog(void)
-{
-    struct itimerval limit = {.it_value.tv_sec = 1};
-    setitimer(ITIMER_REAL, &limit, NULL); /* SIGALRM ends the program */
-}
 
 int main(int count, char **words)
 {

@@ -66,7 +66,8 @@ def test_hand_that_holds_against_the_part_meets_the_force_limit_and_no_jump_when
     fastest = np.abs(given.finger[15:] - given.finger[:-15]).max() * RATE / 15.0
     assert speed_of(given).max() < max(LIMITS.near_speed(DRUMS[USUAL_GEAR].mass), fastest) + 0.05
     assert given.force.max() <= limits.peak_force
-    assert given.force[-1] == pytest.approx(limits.continuous_force, abs=0.25)  # still below the hand's 2.9 N
+    friction = DRUMS[USUAL_GEAR].friction  # N, of the gear: so much the force at rest may be off either way
+    assert given.force[-1] == pytest.approx(limits.continuous_force, abs=friction)  # below the hand's 2.9 N
 
 
 def test_part_that_is_faster_than_drum_and_finger_may_meet_is_caught_up_with():

@@ -32,7 +32,7 @@ from proximity.tracker.replay import turn_about_axes
 from proximity.transport import Reading
 
 EXAMPLES = ROOT / "examples"
-FILES = sorted(path for path in EXAMPLES.rglob("*") if path.suffix in (".py", ".toml", ".c", ".ipynb"))
+FILES = sorted(path for path in EXAMPLES.rglob("*") if path.suffix in (".py", ".toml", ".c", ".h", ".ipynb"))
 ENVIRONMENT = {
     **os.environ,
     "MPLBACKEND": "Agg",
@@ -227,7 +227,7 @@ def test_controller_in_c_has_the_drum_where_the_finger_touches(tmp_path):
     frames, poses = free_port(), free_port()
     copied(
         tmp_path,
-        *(f"controller_in_c/{name}" for name in ("scene.toml", "hand.py", "main.c")),
+        *(f"controller_in_c/{name}" for name in ("scene.toml", "hand.py", "main.c", "board.h")),
         replacing=[("127.0.0.1:9100", f"127.0.0.1:{frames}"), ("127.0.0.1:9101", f"127.0.0.1:{poses}")],
     )
     run(sys.executable, "-m", "proximity", "controller", "--out", tmp_path / "controller")
