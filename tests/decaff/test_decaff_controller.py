@@ -891,7 +891,7 @@ def test_hot_motor_has_the_force_that_it_holds_for_ever():
     hot = next(k for k, action in enumerate(actions) if action.is_hot)
 
     assert 1e-3 * hot == pytest.approx(-2.0 * math.log(1.0 - (12.0 / 18.0) ** 2), abs=0.05)
-    assert actions[hot - 1].force_cap > actions[hot].force_cap == 12.0
+    assert actions[hot - 1].force_cap > actions[hot].force_cap == pytest.approx(12.0)
     assert actions[hot].heat == pytest.approx(1.0, abs=1e-2)
     bench.controller.reset()
     assert bench.run(1).is_hot  # a reset cools nothing

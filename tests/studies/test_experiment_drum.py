@@ -143,9 +143,9 @@ def test_surface_that_the_drum_cannot_display_is_refused():
 
     DrumDisplay(1000.0).check(design)
     with pytest.raises(
-        DecaffError, match=r"task stiffness, condition decaff: 400 N/m with 1 N s/m are asked"
+        DecaffError, match=r"task stiffness, condition decaff: 200 N/m with 1 N s/m are asked"
     ):
-        DrumDisplay(200.0).check(design)
+        DrumDisplay(100.0).check(design)
 
 
 def test_fault_of_the_controller_ends_the_interval():
