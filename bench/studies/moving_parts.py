@@ -20,7 +20,7 @@ def main(folder: Path) -> None:
         figure, (places, forces) = plt.subplots(2, 1, sharex=True, figsize=(7.0, 5.0))
         for what, style in (("part", "k-"), ("drum", "C0-"), ("finger", "C1--")):
             places.plot(rows.time, 1e3 * (rows[what] - WALL), style, label=what)
-        places.set(ylabel="on the finger's path (mm)", title=f"a part that {name}, 3 ms late, gear4")
+        places.set(ylabel="on the finger's path (mm)", title=f"a part that {name}, 3 ms late, gear51")
         places.legend()
         forces.plot(rows.time, rows.force, "C3-")
         forces.set(xlabel="s", ylabel="force on the finger (N)", ylim=(0.0, None))

@@ -118,5 +118,5 @@ def test_scene_of_many_bodies_is_the_least_of_its_parts():
 
     room = judging.allowance(each.min(axis=0), upper)
     assert (np.abs(hit.signed_distance - each.min(axis=0)) <= room).all()
-    assert (np.abs(scene.distance(points) - np.abs(each.min(axis=0))) <= room).all()
+    assert (np.abs(scene.distance(points) - np.abs(each).min(axis=0)) <= room).all()
     assert np.array_equal(scene.contains(points), (each < 0.0).any(axis=0))
