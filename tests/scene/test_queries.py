@@ -160,7 +160,7 @@ def test_results_do_not_change_with_later_questions():
 
 def test_results_show_themselves():
     assert repr(SOLID.closest((2.0, 0.25, 0.5 + 0.1 + 0.2))) == (
-        "ClosestPoints(signed_distance=1.0, distance=1.0, point=[1.0, 0.25, 0.8], gradient=[1.0, 0.0, 0.0], "
+        "ClosestPoints(signed_distance=1.0, point=[1.0, 0.25, 0.8], gradient=[1.0, 0.0, 0.0], "
         "part=0, face_id=11, barycentric=[0.2, 0.25, 0.55], feature=FACE, is_signed=True)"
     )
     assert repr(SOLID.cast((2.0, 0.25, 0.5), (-1, 0, 0))).startswith("RayHits(distance=1.0, point=[1.0, 0.25")

@@ -330,6 +330,7 @@ def test_tiny_and_huge_parts_are_together_in_one_scene(sizes):
     assert (np.abs(signed - expected) <= 1e-12 * np.abs(expected)).all()
 
 
+@pytest.mark.filterwarnings("ignore::proximity.UnitsWarning")
 @pytest.mark.parametrize("far", [1e3, 1e20, 1e90])
 def test_points_far_away_are_as_exact(far):
     scene = Scene([Solid(*shapes.cube(), name="cube"), Solid(*shapes.cube(1e-9, (3, 0, 0)), name="grain")])

@@ -51,7 +51,8 @@ def test_bend_that_is_told_without_a_path_is_published_with_its_rate(answers, ev
 def test_bend_that_a_function_tells_reaches_the_published_contact(answers):
     def tell(now_ns):
         poses = FingerPoses(3)
-        poses.positions[:], poses.pose_ns[:] = [0.0, 0.0, 0.05], now_ns
+        poses.positions[:] = [[0.02 * finger, 0.0, 0.05] for finger in range(3)]  # at one place: a lost hand
+        poses.pose_ns[:] = now_ns
         poses.bends = np.full(3, 0.1 + RATE * 1e-9 * now_ns)
         return poses
 
