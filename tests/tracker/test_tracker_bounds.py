@@ -20,6 +20,7 @@ from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.tracker.tracker import Tracker
 
+pytestmark = pytest.mark.filterwarnings("ignore::proximity.UnitsWarning")  # far off and tiny on purpose
 FINGER_TICKS = 100_000
 SIZES = (500, 1500, 2500, 2500)  # of trials: short ones meet more scenes, long ones drift farther
 SEARCHED = 60  # trials, for one in which a lie matters

@@ -3,6 +3,7 @@
 `run_trial` does one and tells what it found; whatever it finds comes again with the same number.
 """
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +12,13 @@ from trial_judging import judge
 from trial_log import Log
 from trial_motions import START_NS, motion_of, paths_of
 
+from proximity.errors import UnitsWarning
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.kernels.tracking.track import SETTING_ADAPTIVE_TOLERANCE
 from proximity.message import CONTACT
 from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
+
+warnings.simplefilter("ignore", UnitsWarning)  # fingers are far off, and parts tiny, on purpose
 
 BUDGETS = (1, 2, 3, 5, 8, 16, 40, 100, 400, 2000, None, None)
 WORKING_RANGES = (0.0, 1e-3, 0.02, 0.12, 0.12, 1.0, 10.0)
