@@ -138,15 +138,13 @@ class Tracker:
         settings[track.SETTING_HORIZON] = positive("horizon", horizon, "seconds")
         settings[track.SETTING_MAX_SPEED] = positive("max_speed", max_speed, "metres a second")
         settings[track.SETTING_MAX_ACCELERATION] = positive("max_acceleration", max_acceleration, "m/s²")
-        settings[track.SETTING_BUDGET] = (
-            DEFAULT_BUDGET if budget is None else min(whole("budget", budget), MOST)
-        )
+        wanted = DEFAULT_BUDGET if budget is None else whole("budget", budget)
+        settings[track.SETTING_BUDGET] = min(wanted, MOST)
         settings[track.SETTING_AHEAD_NS] = MAX_FUTURE_NS
         settings[track.SETTING_OTHER_CLOCK_NS] = OTHER_CLOCK_NS
         self._settings = settings
         self._pose_notes = PoseNotes()
-        self._shape = (count, 3)
-        self._arrays = arrays_for(count, settings)
+        self._shape, self._arrays = (count, 3), arrays_for(count, settings)
         self._pose_ns = self._arrays["pose_ns"]
         self._velocities = self._arrays["velocities"]
         self._arrays["tracks"][:, track.TRACK_RADIUS] = radii(radius, count)

@@ -37,6 +37,7 @@ PUBLIC = {
     "Errors": (
         "ProximityError", "MeshError", "MeshFormatError", "NotWatertightError", "QueryError", "PoseError",
         "SceneError", "ServiceError", "PublishError", "RecordingError", "DecaffError", "MotorError",
+        "UnitsWarning",
     ),
 }  # fmt: skip
 """All public names, in the order in which a reader meets them."""
