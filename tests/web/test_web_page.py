@@ -99,10 +99,10 @@ def test_keys_bend_the_hand_and_the_wheel_is_depth(page):
     page.page.keyboard.up("2")
     page.until(f"{bend}[1] < 0.2")
 
-    before = page.ask("page.inputs.mouse.joints.get('wrist').position.toArray()")
+    before = page.until("page.inputs.mouse.joints?.get('wrist').position.toArray()")  # none yet if late
     page.page.mouse.wheel(0, -300)
     page.until(
-        "(before) => page.inputs.mouse.joints.get('wrist').position.toArray()"
+        "(before) => page.inputs.mouse.joints?.get('wrist').position.toArray()"
         ".some((x, k) => Math.abs(x - before[k]) > 1e-4)",
         before,
     )
