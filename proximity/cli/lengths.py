@@ -26,7 +26,7 @@ def in_unit(length: float, metres: float) -> float:
 def distances_in_units(distances: np.ndarray, metres: float, *points: np.ndarray) -> np.ndarray:
     """Return *distances* in the unit, rounded where the coordinates that they are differences of end.
 
-    *distances*: (N,) m. **points*: (N, 3) m; between which they are. Of the largest coordinate of a row
+    *distances*: (N,) m. *points*: (N, 3) m; between which they are. Of the largest coordinate of a row
     `DIGITS` digits count: from -11 to -10 the distance is 1, where the difference alone would give
     0.999999999999999. nan is passed over.
     """

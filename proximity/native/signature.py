@@ -71,7 +71,7 @@ class Signature:
 def bundle(kind: Any, **fields: str) -> Any:
     """Declare a named tuple of arrays; returns its class.
 
-    ***fields*: of each of its fields the type of the array, as in a signature.
+    *fields*: the type of the array of each field, as in a signature.
     """
     if tuple(fields) != kind._fields:
         raise ValueError(f"{kind.__name__} has the fields {kind._fields}, declared are {tuple(fields)}")

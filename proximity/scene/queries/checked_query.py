@@ -44,7 +44,7 @@ class CheckedQuery:
     def ask(self, model: Model, *arguments: Any) -> Any:
         """Return the table of answers, in the shape of the question.
 
-        **arguments*: arrays of rows, how far to look, and a number of workers, as the caller gave them.
+        *arguments*: arrays of rows, how far to look, and a number of workers, as the caller gave them.
         """
         *given, max_distance, workers = arguments
         rows = [as_points(each, name) for each, name in zip(given, self.names, strict=True)]
