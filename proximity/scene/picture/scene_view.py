@@ -135,8 +135,7 @@ def draw_scene(
         plotter.add_light(
             pyvista.Light(position=camera.screen_from_scene.T @ direction, intensity=brightness)
         )
-    for part, tint in zip(parts, tints, strict=True):
-        _add_part(plotter, part, tint, camera)
+    _add_parts(plotter, parts, tints, camera)
     if field is not None:
         _add_sheet(plotter, field, camera, colors)
     if connections is not None and len(connections.points):
@@ -156,15 +155,23 @@ def _aim(plotter: Any, camera: Camera) -> None:
     plotter.reset_camera_clipping_range()
 
 
-def _add_part(plotter: Any, part: "Part", tint: str, camera: Camera) -> None:
-    """Draw the faces of a part, with its sharp edges and its outline."""
-    mesh = part.solid.mesh
-    surface = load_pyvista().PolyData.from_regular_faces(
-        camera.heights(part.pose.point(mesh.vertices)), mesh.faces
+def _add_parts(plotter: Any, parts: "Sequence[Part]", tints: Sequence[str], camera: Camera) -> None:
+    """Draw the faces of parts, with sharp edges and outlines."""
+    pyvista = load_pyvista()
+    meshes = [part.solid.mesh for part in parts]
+    vertices = [
+        camera.heights(part.pose.point(mesh.vertices)) for part, mesh in zip(parts, meshes, strict=True)
+    ]
+    first = np.cumsum([0, *(len(rows) for rows in vertices)])
+    surface = pyvista.PolyData.from_regular_faces(
+        np.concatenate(vertices),
+        np.concatenate([mesh.faces + row for mesh, row in zip(meshes, first, strict=False)]),
     )
+    colors = np.array([pyvista.Color(tint).int_rgb for tint in tints], np.uint8)
+    surface.cell_data["colors"] = np.repeat(colors, [mesh.face_count for mesh in meshes], axis=0)
     plotter.add_mesh(
-        surface, color=tint, smooth_shading=True, split_sharp_edges=True, feature_angle=SHARP_EDGE,
-        silhouette={"color": INK, "line_width": 2.0}, **SURFACE_LOOK,
+        surface, scalars="colors", rgb=True, smooth_shading=True, split_sharp_edges=True,
+        feature_angle=SHARP_EDGE, silhouette={"color": INK, "line_width": 2.0}, **SURFACE_LOOK,
     )  # fmt: skip
     edges = surface.extract_feature_edges(SHARP_EDGE, non_manifold_edges=False)
     if edges.n_cells:
