@@ -8,7 +8,7 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-from proximity.message.received_description import Description
+from proximity.message.description import Description
 from proximity.transport.address import parse
 from proximity.transport.contact_age import forget, widen
 from proximity.transport.link import TRANSPORTS, Inlet, Outlet

@@ -12,7 +12,7 @@ import numpy as np
 from proximity.checks import as_number, not_negative
 from proximity.errors import QueryError
 from proximity.message import CONTACT, DESCRIPTION, FRAME, Flaw, Kind, State
-from proximity.message.received_description import Description, DescriptionMessages
+from proximity.message.description import Description, DescriptionMessages
 from proximity.transport.contact_age import Widening, forget
 from proximity.transport.link import Inlet
 from proximity.transport.message_check import Counts, Examiner

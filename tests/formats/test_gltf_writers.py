@@ -15,7 +15,8 @@ import shapes
 import proximity
 from proximity import formats
 from proximity.errors import MeshFormatError
-from proximity.formats.gltf import draco
+from proximity.formats import worker
+from proximity.formats.gltf.primitives import DRACO
 
 VERTICES, FACES = shapes.cube()
 DOCUMENT, BLOB = mesh_files.gltf_document([[(VERTICES, FACES)]], [{"mesh": 0, "name": "cube"}])
@@ -420,13 +421,13 @@ def test_morph_target_of_other_length_is_refused(tmp_path):
 
 
 def packed_document(stream, position_id=0):
-    header = changed(extensionsUsed=[draco.EXTENSION], extensionsRequired=[draco.EXTENSION])
+    header = changed(extensionsUsed=[DRACO], extensionsRequired=[DRACO])
     for accessor in header["accessors"]:
         del accessor["bufferView"]
     (view,), blob = with_arrays(header, np.frombuffer(stream, np.uint8), blob=b"")
     header["bufferViews"] = header["bufferViews"][view:]
     header["meshes"][0]["primitives"][0]["extensions"] = {
-        draco.EXTENSION: {"bufferView": 0, "attributes": {"POSITION": position_id}}
+        DRACO: {"bufferView": 0, "attributes": {"POSITION": position_id}}
     }
     return header, blob
 
@@ -451,8 +452,8 @@ def test_geometry_packed_by_draco_is_read(tmp_path, options):
 
 def test_positions_beside_packed_ones_are_taken(tmp_path):
     """The extension is then an offer, not needed."""
-    header = changed(extensionsUsed=[draco.EXTENSION])
-    header["meshes"][0]["primitives"][0]["extensions"] = {draco.EXTENSION: {"bufferView": 99}}
+    header = changed(extensionsUsed=[DRACO])
+    header["meshes"][0]["primitives"][0]["extensions"] = {DRACO: {"bufferView": 99}}
     assert np.array_equal(corners(read(tmp_path, header).geometries[0]), VERTICES[FACES])
 
 
@@ -474,10 +475,10 @@ def test_draco_attribute_that_holds_no_positions_is_refused(tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_crash_of_the_draco_decoder_is_a_sentence(tmp_path, monkeypatch):
     pytest.importorskip("DracoPy")
-    monkeypatch.setattr(draco, "_WORKER", tmp_path / "worker.py")
-    draco._WORKER.write_text("import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
+    (tmp_path / "worker.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    monkeypatch.setattr(worker, "__file__", str(tmp_path / "worker.py"))
     assert refusal(tmp_path, *packed_document(b"DRACO")) == (
-        "its geometry stored by KHR_draco_mesh_compression cannot be unpacked (the decoder crashed, signal 9)"
+        "its geometry stored by KHR_draco_mesh_compression cannot be unpacked (the decoder crashed, signal 11)"
     )
 
 

@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 
 from proximity import formats
 from proximity.errors import MeshError, MeshFormatError, ProximityError
-from proximity.formats import file_reader, text_rows
-from proximity.formats.step import conversion
+from proximity.formats import file_reader, libraries, text_rows
 
 VERTICES, FACES = shapes.cube()
 OUTSIDE = np.array([*FACES[:-1], [1, 7, 8]])
@@ -703,7 +702,7 @@ def test_crash_of_the_step_library_is_an_error_like_others(tmp_path, monkeypatch
     def crash(*arguments, **options):
         return subprocess.CompletedProcess(arguments, returncode)
 
-    monkeypatch.setattr(conversion.subprocess, "run", crash)
+    monkeypatch.setattr(libraries.subprocess, "run", crash)
     assert refusal(write(tmp_path, "part.step", STEP)) == message
 
 
@@ -714,7 +713,7 @@ def test_full_disk_on_the_way_to_the_step_library_is_said(tmp_path, monkeypatch,
         raise OSError(errno.ENOSPC, "No space left on device")
 
     path = write(tmp_path, "part.step", STEP)
-    monkeypatch.setattr(f"proximity.formats.step.conversion.{where}", fail)
+    monkeypatch.setattr(f"proximity.formats.libraries.{where}", fail)
 
     with pytest.raises(MeshError) as caught:
         formats.read_geometries(path)

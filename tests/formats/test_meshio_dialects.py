@@ -201,7 +201,7 @@ def test_what_trimesh_would_take_for_something_else_stays_refused(tmp_path, name
 
 def test_trimesh_that_takes_too_long_or_cannot_be_started_leaves_the_refusal(tmp_path, monkeypatch):
     data = NO_NORMALS
-    monkeypatch.setattr(dialects, "_LONGEST_SECONDS", 0.001)
+    monkeypatch.setattr(dialects, "_MOST_SECONDS", 0.001)
     assert refusal(tmp_path, "part.stl", data).startswith("facet 0 is incomplete")
     monkeypatch.undo()
     monkeypatch.setattr(sys, "executable", "no-python")

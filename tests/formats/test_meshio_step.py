@@ -16,7 +16,7 @@ from project import MESHES
 
 from proximity import formats
 from proximity.errors import MeshFormatError
-from proximity.formats.step import conversion, part_names
+from proximity.formats.step import conversion, product_structure
 
 BOX = step_text.box_step((1, 2, 3), name="lid")
 ASSEMBLY = (MESHES / "assembly.step").read_text("ascii")
@@ -86,7 +86,7 @@ def test_product_gives_its_name_where_its_use_has_a_number():
         b'{"nodes": [{"name": "NAUO7", "children": [1]}, {"name": "=>[0:1:1:5]", "mesh": 0}],'
         b' "meshes": [{"name": "SOLID"}]}'
     )
-    named = part_names.with_names_of_products(header, text)
+    named = product_structure.with_names_of_products(header, text)
     assert b'{"name": "pin", "mesh": 0}' in named
 
 
@@ -260,7 +260,7 @@ def workers_in(folder):
     found = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
-            if "convert" in (process / "cmdline").read_text().split("\0") and str(folder) in os.readlink(
+            if "work" in (process / "cmdline").read_text().split("\0") and str(folder) in os.readlink(
                 process / "fd" / "1"
             ):
                 found.append(process.name)

@@ -21,7 +21,7 @@ from proximity.cli.options import (
 )
 from proximity.cli.points import Points, finite_number, read_points
 from proximity.errors import ProximityError
-from proximity.system.garbage_collector import collector_paused
+from proximity.system.memory import collector_paused
 
 if TYPE_CHECKING:
     from proximity.cli.questions import Fields, Questions
