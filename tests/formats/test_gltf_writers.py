@@ -477,9 +477,7 @@ def test_crash_of_the_draco_decoder_is_a_sentence(tmp_path, monkeypatch):
     pytest.importorskip("DracoPy")
     (tmp_path / "worker.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     monkeypatch.setattr(worker, "__file__", str(tmp_path / "worker.py"))
-    assert refusal(tmp_path, *packed_document(b"DRACO")) == (
-        "its geometry stored by KHR_draco_mesh_compression cannot be unpacked (the decoder crashed, signal 11)"
-    )
+    assert "(the decoder crashed, signal 11)" in refusal(tmp_path, *packed_document(b"DRACO"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory")

@@ -172,6 +172,7 @@ def test_wait_ends_with_a_message_or_with_the_time(link):
 
 @pytest.mark.parametrize("scheme", ["mailbox", "udp", "iox2"])
 def test_what_was_sent_last_is_received_after_the_publisher_has_closed(link):
+    assert link.arrives(1) and link.taken()
     link.send(3)
     link.outlet.close()
 
