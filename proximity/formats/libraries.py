@@ -35,7 +35,7 @@ class Outcome:
         return self.returncode == worker.NOT_INSTALLED
 
 
-def run_library(task: str, data: bytes, *, seconds: float, byte_count: int, **settings: Any) -> Outcome:
+def run_library(task: str, data: bytes, *, seconds: int, byte_count: int, **settings: Any) -> Outcome:
     """Have one of `worker.TASKS` read *data*; raise OSError if the system has no room for it."""
     with tempfile.TemporaryDirectory(prefix="proximity-") as folder:
         source, target, log = (Path(folder, name) for name in ("input", "output", "log"))

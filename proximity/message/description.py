@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from proximity.message.changes import NAME_BYTES
-from proximity.message.envelope import PREFIX_FIELDS, Flaw, Kind, parts_of
+from proximity.message.envelope import PREFIX_FIELDS, Defect, Kind, parts_of
 from proximity.message.fields import Field, dtype_of, reserved
 
 MOST_LABELS = 64
@@ -75,11 +75,11 @@ class DescriptionMessages:
 
     def __init__(self) -> None:
         self.newest = None
-        self._of: tuple[int, ...] = ()  # session, epoch, numbers of parts and fingers of the one collected
+        self._key: tuple[int, ...] = ()  # session, epoch, numbers of parts and fingers of the one collected
         self._labels: dict[int, tuple[str, bool, float]] = {}
 
-    def take(self, data: np.ndarray) -> Flaw | None:
-        """Take one message in, and say what is wrong inside of it; None: nothing.
+    def add(self, data: np.ndarray) -> Defect | None:
+        """Add one message, and return what is wrong inside of it; None: nothing.
 
         *data*: a message of kind `DESCRIPTION` that is whole and new.
         """
@@ -87,16 +87,16 @@ class DescriptionMessages:
         of = tuple(int(header[name]) for name in ("session", "epoch", "part_count", "finger_count"))
         first, total = int(header["first"]), of[2] + of[3]
         if total > MOST_NAMES or first + len(records) > total:
-            return Flaw.CONTENT
-        if of != self._of or first == 0:
-            self._of, self._labels = of, {}
+            return Defect.CONTENT
+        if of != self._key or first == 0:
+            self._key, self._labels = of, {}
         self._labels.update(enumerate(map(_label, records.tolist()), first))
         if len(self._labels) == total:
             self._complete()
         return None
 
     def _complete(self) -> None:
-        session, epoch, part_count, finger_count = self._of
+        session, epoch, part_count, finger_count = self._key
         labels = [self._labels[number] for number in range(part_count + finger_count)]
         parts, fingers = labels[:part_count], labels[part_count:]
         self.newest = Description(

@@ -9,7 +9,7 @@ import pytest
 from ports import free_port
 
 from proximity.errors import PublishError
-from proximity.message import Flaw
+from proximity.message import Defect
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber, udp
 from proximity.transport.link import NOTHING
 
@@ -103,11 +103,7 @@ BOTH, SENDER, READER = (open_publisher, open_subscriber), (open_publisher,), (op
         (SENDER, "127.0.0.1:9100?from=127.0.0.1", r"no option 'from' \(expected bind, key\)$"),
         (READER, "127.0.0.1:9100?bind=127.0.0.1", r"no option 'bind' \(expected from, key\)$"),
         (READER, "0.0.0.0:9100", r"0.0.0.0 can be reached by others \(expected \?from=HOST"),
-        (
-            SENDER,
-            "192.0.2.7:9100",
-            r"192.0.2.7 is not on this machine.* \(expected \?bind=ADDRESS",
-        ),
+        (SENDER, "192.0.2.7:9100", r"192.0.2.7 is not on this machine.* \(expected \?bind=ADDRESS"),
         (SENDER, "192.0.2.7:9100?bind=127.0.0.1", r"cannot send there from 127.0.0.1 \("),
         (SENDER, "127.0.0.1:9100?bind=192.0.2.7", r"cannot use 192.0.2.7, port 0 \("),
         (SENDER, "127.0.0.1:9100?bind=::1", r"'::1' is of IPv6 and has no brackets"),
@@ -223,7 +219,7 @@ def test_empty_datagram_is_a_message_of_no_bytes(opened, port):
     while not subscriber.counts.flawed and time.monotonic() < deadline:
         subscriber.wait(0.01)
 
-    assert subscriber.counts.flawed == {Flaw.SHORT: 1}
+    assert subscriber.counts.flawed == {Defect.SHORT: 1}
 
 
 # --- what else goes wrong ---

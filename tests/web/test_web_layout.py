@@ -120,17 +120,17 @@ fs.writeFileSync(process.argv[3], new Uint8Array(encode("moves", { send_ns: 5n }
 
 
 def test_python_takes_what_node_wrote(tmp_path):
-    from proximity.message import flaw_of, parts_of
+    from proximity.message import parts_of, validate
 
     node(tmp_path, WRITE, tmp_path / "poses", tmp_path / "moves")
 
     data = np.frombuffer((tmp_path / "poses").read_bytes(), np.uint8)
-    assert flaw_of(data, PATH_POSES) is None
+    assert validate(data, PATH_POSES) is None
     header, records = parts_of(data, PATH_POSES)
     assert (header["send_ns"], records["finger"][0], records["pose_ns"][0]) == (5, 3, 1234567890123456789)
     np.testing.assert_array_equal(records["corners"][0].reshape(-1), np.arange(195) / 7)
     assert np.isnan(records["velocity"]).all()
 
     data = np.frombuffer((tmp_path / "moves").read_bytes(), np.uint8)
-    assert flaw_of(data, MOVES) is None
+    assert validate(data, MOVES) is None
     assert parts_of(data, MOVES)[1]["name"][0].decode() == "Rad ü"

@@ -29,9 +29,7 @@ class Primitive:
     position: int  # accessor
     targets: list[Any]  # of displacements, JSON
     face_ids: np.ndarray | None  # CAD face of each triangle
-    packed: (
-        tuple[int, int] | None
-    )  # buffer view, and the identifier of positions in it, where Draco packed it
+    packed: tuple[int, int] | None  # by Draco: buffer view, and the identifier of positions in it
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # (V, 3), stored numbers
     corners: np.ndarray | None = None  # rows of points; None: all of them, in turn
 

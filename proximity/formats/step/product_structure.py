@@ -53,9 +53,7 @@ _NO_NAME = re.compile(
 class _Records:
     """Records of the file about products, by their numbers."""
 
-    uses: dict[str, tuple[str, str]] = field(
-        default_factory=dict
-    )  # use -> assembly, part: product definitions
+    uses: dict[str, tuple[str, str]] = field(default_factory=dict)  # use -> definitions: assembly, part
     placements: list[tuple[str, str]] = field(default_factory=list)  # relation of shapes, what it places
     shapes: list[tuple[str, str]] = field(default_factory=list)  # what has it, representation
     owners: dict[str, str] = field(default_factory=dict)  # product definition shape -> its use or product

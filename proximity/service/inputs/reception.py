@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from proximity.message import Kind, parts_of
-from proximity.transport import Examiner, open_inlet
+from proximity.transport import MessageReader, open_inlet
 from proximity.transport.publisher_clock import ForeignClock
 
 LOGGER = logging.getLogger("proximity.service")
@@ -39,7 +39,7 @@ class Reception:
     ) -> None:
         self.address = address
         self._inlet = open_inlet(address)
-        self._examiner = Examiner(
+        self._reader = MessageReader(
             self._inlet, kinds, clock, most_at_once=MOST_AT_ONCE, most_flawed=MOST_FLAWED
         )
         self._foreign = ForeignClock() if is_timed and not self._inlet.shares_clock else None
@@ -52,7 +52,7 @@ class Reception:
     def notes(self) -> list[str]:
         """Sentences on messages that were lost, refused or left out."""
         # Copies: the loop may be counting meanwhile.
-        counts = replace(self._examiner.counts, flawed=self._examiner.counts.flawed.copy())
+        counts = replace(self._reader.counts, flawed=self._reader.counts.flawed.copy())
         notes = [f"{self.address}: {count} {what}" for what, count in list(self._left_out.items())]
         if counts.lost or counts.unused:
             notes.append(f"{self.address}: {counts}")
@@ -66,17 +66,17 @@ class Reception:
         The records are overwritten by the next message.
         """
         try:
-            for kind, data, now_ns in self._examiner.messages():
+            for kind, data, now_ns in self._reader.messages():
                 header, records = parts_of(data, kind)
                 if self._foreign is None:
                     yield kind, records, 0
                     continue
-                is_new_run = self._examiner.is_new_run
+                is_new_run = self._reader.is_new_run
                 self._foreign.arrived(int(header["send_ns"]), now_ns, is_new_run=is_new_run, kind=kind.magic)
                 # Until a clock is seen to run, what it shows may be a copy of something old.
                 if self._foreign.is_certain:
                     yield from self._on_our_clock(kind, records, now_ns - self._foreign.theirs(now_ns))
-            if self._examiner.counts.unverified and not self._has_warned_of_key:
+            if self._reader.counts.unverified and not self._has_warned_of_key:
                 self._has_warned_of_key = True
                 LOGGER.warning(
                     "%s: a message is not verified by the key (expected that of its sender)", self.address

@@ -91,7 +91,7 @@ def _write_summary(file: Path, frame_count: int, seconds: float, counts: "Counts
 
 def _reasons(counts: "Counts") -> dict[str, int]:
     """How many messages were refused, and why."""
-    reasons = {flaw.value: count for flaw, count in counts.flawed.items()}
+    reasons = {defect.value: count for defect, count in counts.flawed.items()}
     others = {"from another sender": counts.refused, "not verified by the key": counts.unverified}
     return reasons | {reason: count for reason, count in others.items() if count}
 
