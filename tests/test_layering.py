@@ -89,7 +89,6 @@ motors
 controller
 glove
 drum
-arguments
 """,
     "proximity.lab": """
 certificate

@@ -41,7 +41,7 @@ LIGHTS = (  # towards the light: right, up, to the viewer; how bright
 )
 SURFACE_LOOK = {"ambient": 0.20, "diffuse": 0.95, "specular": 0.12, "specular_power": 24.0}
 SHINE_THROUGH = 0.30  # of queries behind or inside a part
-IN_FRONT_OF_ALL = -66000.0  # offset in depth, in units that VTK calls so
+NEAREST_OFFSET = -66000.0  # offset in depth, in units that VTK calls so
 SHEET_OPACITY = 0.5
 MAX_TUBES = 400  # connections; more would be a tangle, and only the points are drawn
 POINT_RADIUS, END_RADIUS, TUBE_RADIUS = 0.0125, 0.0055, 0.0026  # of the image's height
@@ -212,7 +212,7 @@ def _add_queries(plotter: Any, connections: Connections, camera: Camera, colors:
         plotter.add_mesh(shape, smooth_shading=True, **color, **SURFACE_LOOK)
         shining = plotter.add_mesh(shape, smooth_shading=True, opacity=SHINE_THROUGH, **color, **SURFACE_LOOK)
         shining.mapper.SetResolveCoincidentTopologyToPolygonOffset()
-        shining.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(0.0, IN_FRONT_OF_ALL)
+        shining.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(0.0, NEAREST_OFFSET)
 
 
 def _balls(centers: np.ndarray, radius: float, detail: int) -> Any:
