@@ -87,7 +87,6 @@ motors
 controller
 glove
 drum
-arguments
 """,
     "proximity.lab": """
 certificate

@@ -8,7 +8,7 @@ import numpy as np
 
 from proximity import native
 from proximity.checks import positive, whole
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.kernels import layout
 from proximity.kernels.layout import NO_PART, NO_SLOT
 from proximity.kernels.tracking import track
@@ -81,7 +81,7 @@ class Tracker:
 
     Raises
     ------
-    QueryError
+    ArgumentError
         If an argument cannot be used; the message names it and what was expected.
 
     Notes
@@ -109,7 +109,7 @@ class Tracker:
         max_acceleration: float = MAX_ACCELERATION,
     ) -> None:
         if not isinstance(scene, Scene):
-            raise QueryError(f"a tracker looks at a Scene, not at a {type(scene).__name__}")
+            raise ArgumentError(f"a tracker looks at a Scene, not at a {type(scene).__name__}")
         count = whole("fingers", fingers)
         self._scene = scene
         self._period = positive("period", period, "seconds")
@@ -154,7 +154,7 @@ class Tracker:
         return list(self._pose_notes.sentences)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        raise QueryError(
+        raise ArgumentError(
             "a tracker cannot be copied, because its state depends on its ticks: make a new one of its scene"
         )
 
@@ -200,7 +200,7 @@ class Tracker:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If shapes or types do not fit, bends are given without paths, or instants are obviously seconds.
             No value that a sensor may deliver raises an error.
 
@@ -217,7 +217,7 @@ class Tracker:
             if bends is not None:
                 bends = self._copied("bends", as_shape(bends, "bends", self._pose_ns.shape))
         elif bends is not None or path_bends is not None:
-            raise QueryError("path_bends are given without paths")
+            raise ArgumentError("path_bends are given without paths")
         rows = as_shape(positions, "positions", self._shape)
         # As instants nearly always are.
         if (
@@ -281,7 +281,7 @@ class Tracker:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If positions or instants are not as many as fingers.
         TypeError
             If an array has another type, or is not contiguous.
@@ -303,7 +303,7 @@ class Tracker:
         answer = tick(model.packed, self._packed, positions, pose_ns, now_ns, is_moved)
         if answer != DONE:
             if answer == NOT_DONE:
-                raise QueryError(
+                raise ArgumentError(
                     f"{len(positions)} positions and {len(pose_ns)} instants, expected {len(self.contacts)}"
                 )
             self._pose_notes.add(answer, self.contacts, model)

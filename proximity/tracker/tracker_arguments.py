@@ -1,6 +1,6 @@
 """What a tracker is given: checks, arrays of a tick, and notes on poses that were probably meant otherwise.
 
-Each check raises a `QueryError` that says what was expected.
+Each check raises a `ArgumentError` that says what was expected.
 """
 
 import logging
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import FLOAT64, as_float64, not_negative, positive, shown, whole
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.tracking import track
@@ -63,9 +63,9 @@ def as_shape(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
         flags = values.flags
         if flags.c_contiguous and flags.aligned:
             return values
-    array = as_float64(values, f"values of {name}", error=QueryError, expected=f"numbers of shape {shape}")
+    array = as_float64(values, f"values of {name}", expected=f"numbers of shape {shape}")
     if array.shape != shape:
-        raise QueryError(f"{name} have shape {array.shape}, expected {shape}")
+        raise ArgumentError(f"{name} have shape {array.shape}, expected {shape}")
     return array
 
 
@@ -76,7 +76,7 @@ def as_nanoseconds(now_ns: Any) -> int:
     except TypeError:
         now = MOST_NS + 1
     if not -MOST_NS <= now <= MOST_NS:
-        raise QueryError(
+        raise ArgumentError(
             f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62, as of time.monotonic_ns()"
         )
     return now
@@ -90,7 +90,7 @@ def as_instants(t_pose_ns: Any, count: int) -> np.ndarray:
             raise ValueError("no instants")
         return np.broadcast_to(array, (count,))
     except ValueError as unfit:
-        raise QueryError(
+        raise ArgumentError(
             f"t_pose_ns is {shown(t_pose_ns)}, expected whole nanoseconds, at most 2**62: one number, or "
             f"one for each of {count} fingers"
         ) from unfit
@@ -102,31 +102,31 @@ def refuse_seconds(pose_ns: np.ndarray, now_ns: int, last_now_ns: int) -> None:
     is_apart = abs(now_ns - first_ns) > OTHER_CLOCK_NS
     is_too_soon = 0 < now_ns - last_now_ns < SHORTEST_NS and 0 < now_ns < LARGEST_SECONDS
     if 0 < now_ns < (EARLY_NS if is_apart else SHORTEST_NS) or is_too_soon:
-        raise QueryError(f"now_ns is {now_ns}, {NOT_NANOSECONDS}")
+        raise ArgumentError(f"now_ns is {now_ns}, {NOT_NANOSECONDS}")
     # Of one finger alone it may be a fault of its sensor.
     if is_apart and 0 < first_ns < EARLY_NS and pose_ns.max() < EARLY_NS:
-        raise QueryError(f"t_pose_ns is {first_ns}, {NOT_NANOSECONDS}")
+        raise ArgumentError(f"t_pose_ns is {first_ns}, {NOT_NANOSECONDS}")
 
 
 def as_radii(radius: Any, count: int) -> np.ndarray:
     """Return the radius of each finger, m, (count,)."""
-    array = as_float64(radius, "radii", error=QueryError, expected="one radius in metres, or one a finger")
+    array = as_float64(radius, "radii", expected="one radius in metres, or one a finger")
     if array.shape not in ((), (count,)) or not (np.isfinite(array) & (array >= 0.0)).all():
-        raise QueryError(
+        raise ArgumentError(
             f"radius is {shown(radius)}, expected metres of 0 or more: one, or one for each of {count} "
             "fingers"
         )
     if (array > LARGEST_RADIUS).any():
-        raise QueryError(f"radius is {length_error(float(array.max()), LARGEST_RADIUS)}")
+        raise ArgumentError(f"radius is {length_error(float(array.max()), LARGEST_RADIUS)}")
     return np.broadcast_to(array, (count,))
 
 
 def as_paths(paths: Any, count: int) -> np.ndarray:
     """Return the corners of paths, m, (count, K, 3)."""
     expected = f"({count}, K, 3) with K of 2 or more"
-    corners = as_float64(paths, "values of paths", error=QueryError, expected=f"numbers of shape {expected}")
+    corners = as_float64(paths, "values of paths", expected=f"numbers of shape {expected}")
     if corners.ndim != 3 or corners.shape[::2] != (count, 3) or corners.shape[1] < 2:
-        raise QueryError(f"paths have shape {corners.shape}, expected {expected}")
+        raise ArgumentError(f"paths have shape {corners.shape}, expected {expected}")
     return corners
 
 
@@ -136,7 +136,7 @@ def as_path_bends(path_bends: Any, count: int) -> np.ndarray:
         return np.linspace(0.0, 1.0, count)
     given = as_shape(path_bends, "path_bends", (count,))
     if not (np.isfinite(given).all() and (np.diff(given) > 0.0).all()):
-        raise QueryError("path_bends do not increase, or are not finite, expected the bend at each corner")
+        raise ArgumentError("path_bends do not increase, or are not finite, expected the bend at each corner")
     return given
 
 
@@ -152,7 +152,7 @@ def new_settings(
     """Return the settings of ticks, as `kernels.tracking.track` numbers them."""
     reach = not_negative("working_range", working_range, "metres")
     if reach > LARGEST_WORKING_RANGE:
-        raise QueryError(f"working_range is {length_error(reach, LARGEST_WORKING_RANGE)}")
+        raise ArgumentError(f"working_range is {length_error(reach, LARGEST_WORKING_RANGE)}")
     settings = np.zeros(track.SETTING_COUNT)
     settings[track.SETTING_WORKING_RANGE] = reach
     settings[track.SETTING_LATENCY] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy import inf  # looked up in NumPy, it would cost calls of five points 2 %
 
-from proximity.errors import NotWatertightError, ProximityError, QueryError
+from proximity.errors import ArgumentError, NotWatertightError, ProximityError
 from proximity.kernels.ray.hit_rows import DISTANCE_WIDTH, RAY_ANSWER_WIDTH
 from proximity.kernels.ray.ray_order import ray_order
 from proximity.kernels.scene.point_queries import (
@@ -42,7 +42,7 @@ def _query(name: str, entry: object, width: int, dtype: type = np.float64) -> Ca
 
 
 def _zero_direction(row: int) -> ProximityError:
-    return QueryError(f"direction {row} is zero, expected a vector with a length")
+    return ArgumentError(f"direction {row} is zero, expected a vector with a length")
 
 
 def _order_of_rays(model: Model, count: int) -> tuple[OrderOf | None, int]:
@@ -101,7 +101,7 @@ class Queries:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If *points* are not numbers of shape (..., 3), *max_distance* is negative or nan or does not
             broadcast, or *workers* is not a number of threads.
 
@@ -138,7 +138,7 @@ class Queries:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
         """
         return _signed_distance(self.snapshot(), points, inf, workers)
@@ -159,7 +159,7 @@ class Queries:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
         """
         return _distance(self.snapshot(), points, inf, workers)
@@ -181,7 +181,7 @@ class Queries:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
         NotWatertightError
             If no part has an inside.
@@ -217,7 +217,7 @@ class Queries:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
             *workers* is not a number of threads.
 
@@ -262,7 +262,7 @@ class Queries:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
             *workers* is not a number of threads.
         """
@@ -295,7 +295,7 @@ class Queries:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If shapes or types do not fit, *max_distance* is negative or nan, or *workers* is not a number
             of threads.
 

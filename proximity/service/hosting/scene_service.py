@@ -11,7 +11,6 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from proximity.checks import not_negative, whole
-from proximity.errors import ServiceError
 from proximity.service import Report, Request
 from proximity.service.config import SceneFile, override, read_scene_file
 from proximity.service.hosting.announcements import guarded, warnings_of_loop_to
@@ -94,7 +93,7 @@ def serve(
     `start_service` uses a process of its own.
     """
     if tick_count is not None:
-        whole("tick_count", tick_count, 0, error=ServiceError)
+        whole("tick_count", tick_count, 0)
     seconds = None if seconds is None else checked_seconds("seconds", seconds)
     settings = override(read_scene_file(path), overrides)
     made = make_service(settings)
@@ -109,7 +108,7 @@ def serve(
 
 def checked_seconds(name: str, value: Any) -> float:
     """Return a span of time, s, that threads can wait for: inf is as long as they can, some centuries."""
-    seconds = not_negative(name, value, "seconds", may_be_infinite=True, error=ServiceError)
+    seconds = not_negative(name, value, "seconds", may_be_infinite=True)
     return min(seconds, threading.TIMEOUT_MAX)
 
 

@@ -6,7 +6,7 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from proximity.errors import DecaffError, RecordingError
+from proximity.errors import ArgumentError, DecaffError, RecordingError
 from proximity.pose import Pose
 from proximity.recording import FrameLog, Recording
 from proximity.scene.scene import Scene
@@ -128,7 +128,7 @@ def read_gloves(settings: SceneFile, count: int) -> GloveChoices | None:
 
     try:
         worn = as_many([read_glove(path, glove.max_age_days) for path in glove.calibration], count)
-    except DecaffError as unfit:
+    except (ArgumentError, DecaffError) as unfit:
         raise settings.error(("glove", "calibration"), f"glove.calibration: {unfit}") from unfit
     tables = [each.counts_table(COUNTS_TABLE) for each in worn]
     return GloveChoices(

@@ -223,5 +223,5 @@ class OpenXrInput:
 def _load_pyopenxr() -> Any:
     if sys.platform != "linux":
         raise ServiceError("input.openxr works on Linux only, where OpenXR uses the monotonic clock")
-    with needed("input.openxr needs", "openxr", ServiceError):
+    with needed("input.openxr needs", "openxr"):
         return import_module("xr")
