@@ -116,12 +116,13 @@ search · service_inputs
 deadlines · fingerprint · period · subject · tick_times · vr_application · wording
 """,
     "proximity.cli": """
-commands
-calibration · experiment
-drum_loop · drum_motors · questions · scene_press
-progress · views
-console
-lengths · options · points · program · wording
+lab
+device
+parts · service
+options
+progress
+program · tables
+lengths · output
 """,
 }
 # Part of the whole package but in no layer: what its users import, and what starts the command line.

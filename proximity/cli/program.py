@@ -5,9 +5,10 @@ else is raised is our bug and keeps its traceback.
 """
 
 import errno
+import inspect
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any, NoReturn
@@ -15,6 +16,7 @@ from typing import Any, NoReturn
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from proximity.cli.output import report
 from proximity.errors import ProximityError
 
 EXIT_NOTHING = 1  # no frame came
@@ -27,6 +29,14 @@ _NO_SUCH_OPTION: Any = vars(sys.modules[typer.BadParameter.__module__])["NoSuchO
 
 DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """What the system says where nothing can be written: the disk is full, or broken."""
+
+
+def help_and_examples(command: Callable[..., Any]) -> tuple[str, str]:
+    """Return the help of a command, a line a paragraph, and its examples; both stand in its docstring."""
+    text, _, examples = (inspect.getdoc(command) or "").partition("\n\nExamples:\n")
+    paragraphs = (" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
+    # what is in brackets is no mark of Rich's
+    return "\n\n".join(paragraphs).replace("[", "\\["), f"\nExamples:\n{examples}\n"
 
 
 class Command(TyperCommand):
@@ -137,7 +147,7 @@ def _shielded(arg: str) -> str:
 
 def _complain(sentence: str, reason: BaseException | None = None) -> NoReturn:
     """Say why what is asked cannot be done, in one line on stderr, and end."""
-    typer.echo(f"proximity: {' '.join(sentence.split())}", err=True)
+    report(sentence)
     raise typer.Exit(EXIT_UNUSABLE) from reason
 
 

@@ -17,9 +17,8 @@ from rich.console import Console
 import proximity
 from proximity import cli
 from proximity.cli import progress
-from proximity.cli.commands.parts import query
 from proximity.cli.lengths import in_units
-from proximity.cli.views import query_answers
+from proximity.cli.parts import answer_output, query
 from proximity.errors import MeshFormatError
 from proximity.pose import Pose
 
@@ -217,15 +216,20 @@ def test_ray_that_misses_is_told(run):
     assert block(result.out) == {"distance": "inf (nothing in that direction)"}
 
 
-def test_what_is_too_far_off_is_told_in_words():
-    far, nothing = [1e200, 0.0, 0.0], float("nan")
-    point = {"query": far, "signed_distance": nothing, "face": None}
-    ray = {"origin": far, "direction": [-1.0, 0.0, 0.0], "distance": nothing, "face": None}
+@pytest.mark.parametrize("options", [(), ("--ray", -1, 0, 0)])
+def test_what_is_too_far_off_is_told_in_words(run, monkeypatch, options):
+    scene = FakeScene()
+    nothing = np.full(1, np.nan)
+    hits = SimpleNamespace(
+        **vars(scene.closest(np.array([[0.0, 0.0, np.nan]])))
+        | {"distance": nothing, "normal": np.full((1, 3), np.nan)}
+    )
+    scene.closest = scene.cast = lambda *_, **__: hits
+    load_with(monkeypatch, lambda path, units, **options: scene)
 
-    for mode, answer in (("closest", point), ("ray", ray)):
-        assert query_answers.block(mode, answer, "mm", "") == [
-            ("distance", "nan (too far away to be computed)")
-        ]
+    lines = block(run("query", "ball.stl", 1e200, 0, 0, *options).out)
+
+    assert lines == {"distance": "nan (too far away to be computed)"}
 
 
 def test_segment_is_told(run):
@@ -282,7 +286,7 @@ def test_many_points_make_an_aligned_table(run):
     ("options", "first", "second"),
     [
         (("--ray", 0, 0, -1), "0 10 0 0 10 0 0 1 103 ball", "1 inf nan nan nan nan nan nan - -"),
-        (("--segment",), "0 10 0 0 10 0 0 20 107 ball", None),
+        (("--segment",), "0 10 0 0 20 0 0 10 107 ball", None),
     ],
 )
 def test_rays_and_segments_make_a_table(run, options, first, second):
@@ -465,8 +469,9 @@ def terminal(monkeypatch, width=200):
     def console(**options):
         return Console(file=screen, force_terminal=True, width=width, color_system=None)
 
-    monkeypatch.setattr(progress, "Console", console)
-    monkeypatch.setattr("proximity.cli.console.Console", console)
+    monkeypatch.setattr(progress, "_is_terminal", lambda: True)
+    monkeypatch.setattr(answer_output.sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr("proximity.cli.tables.Console", console)
     return screen
 
 
@@ -574,7 +579,7 @@ def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
 
     result = run("query", "ball.stl", *[0, 0, 1] * 101)
 
-    assert len(screen.getvalue().splitlines()) == 1 + query_answers.TERMINAL_ROWS
+    assert len(screen.getvalue().splitlines()) == 1 + answer_output.TERMINAL_ROWS
     assert result.err == "proximity: these are 100 of 101; --csv, --json or a pipe shows all\n"
 
 

@@ -14,7 +14,7 @@ from fake_scene import FakeScene
 
 import proximity
 from proximity import cli
-from proximity.cli.commands.parts import query
+from proximity.cli.parts import query
 
 
 @pytest.fixture
@@ -92,12 +92,12 @@ def test_stream_without_an_end_is_answered_as_it_comes(ball, run, monkeypatch):
     class Enough(Exception):
         pass
 
-    def write(stream, units, chunks):
+    def write(question, chunks):
         for _, chunk in zip(range(3), chunks, strict=False):
             assert chunk["signed_distance"] == [1.0] * 10
         raise Enough
 
-    monkeypatch.setattr("proximity.cli.views.query_answers.write_csv", write)
+    monkeypatch.setattr("proximity.cli.parts.answer_output._write_csv", write)
     monkeypatch.setattr(sys, "argv", ["proximity", "query", "ball.stl", "--points", "-", "--csv"])
     monkeypatch.setattr(sys, "stdin", Endless())
 

@@ -17,8 +17,9 @@ from ports import free_port
 from rich.console import Console
 from sealed_frames import SESSION, frame, sealed
 
-from proximity.cli.views import distance_bar, screen, service_watch, watch_view
-from proximity.cli.views.frame_json import frame_document
+from proximity.cli import tables
+from proximity.cli.service import finger_view, follower, watch_view
+from proximity.cli.service.follower import frame_document
 from proximity.message import CONTACT, FRAME, ContactFlag, Flaw, Mode, State
 from proximity.recording.frame_bytes import frame_type
 from proximity.transport import Counts, Reading, forget, open_outlet, open_publisher, open_subscriber
@@ -262,10 +263,10 @@ def test_line_of_what_is_stale_tells_no_finger():
 
 @pytest.mark.parametrize("width", [14, 60])
 def test_bar_is_as_wide_as_its_ruler_and_grows_with_the_distance(width):
-    free = [distance_bar.bar(mm, mm, np.nan, width, "green").plain for mm in (0.5, 30.0, 60.0, 119.0, 500.0)]
+    free = [finger_view.bar(mm, mm, np.nan, width, "green").plain for mm in (0.5, 30.0, 60.0, 119.0, 500.0)]
 
-    assert all(len(text) == width for text in [*free, distance_bar.ruler(width)])
-    assert distance_bar.ruler(width).split()[-1] == "120"
+    assert all(len(text) == width for text in [*free, finger_view.ruler(width)])
+    assert finger_view.ruler(width).split()[-1] == "120"
     full = [text.count("█") for text in free]
     assert full[1:3] == [width // 4, width // 2]
     assert full[0] == 0 and free[0].strip()
@@ -279,14 +280,14 @@ def test_rate_is_of_the_last_second(monkeypatch):
     queued_transport.register(monkeypatch)
     now = [100.0]
     with open_subscriber(ADDRESS) as subscriber, open_publisher(ADDRESS) as publisher:
-        follower = service_watch.Follower(subscriber, gather=0.0, clock=lambda: now[0])
+        following = follower.Follower(subscriber, gather=0.0, clock=lambda: now[0])
         rates, silences = [], []
         for turn in range(120):
             now[0] += 0.05
             if turn < 80:
                 for _ in range(20 if turn < 40 else 10):
                     publisher.publish(frame(now_ns=time.monotonic_ns()))
-            _, seen = follower.look(0.0)
+            _, seen = following.look(0.0)
             rates.append(seen.rate_hz)
             silences.append(seen.silent_s)
 
@@ -323,7 +324,7 @@ def service():
 
 
 def test_pipe_gets_plain_lines(run, service, monkeypatch):
-    monkeypatch.setattr(screen, "LINE_EVERY_S", 0.1)
+    monkeypatch.setattr(tables, "LINE_EVERY_S", 0.1)
 
     result = run(ADDRESS, "--limit", 1)
 
@@ -377,7 +378,7 @@ def test_terminal_gets_a_table_until_told_to_stop(run, service, monkeypatch, num
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setenv("LINES", "30")
-    shown = service_watch.picture
+    shown = follower.picture
     count = []
 
     def picture(*arguments, **options):
@@ -386,7 +387,7 @@ def test_terminal_gets_a_table_until_told_to_stop(run, service, monkeypatch, num
             os.kill(os.getpid(), number)
         return shown(*arguments, **options)
 
-    monkeypatch.setattr(service_watch, "picture", picture)
+    monkeypatch.setattr(follower, "picture", picture)
     result = run(ADDRESS)
 
     assert (result.code, result.err) == (0, "")

@@ -7,7 +7,7 @@ import pytest
 from experiments import SMALL, write_design
 from test_web_guided import Client
 
-from proximity.cli.experiment.participant_page import PageRespondent
+from proximity.cli.lab.participant_page import PageRespondent
 from proximity.studies.experiment.conduct import Monitor, StoppedError
 from proximity.studies.experiment.dataset import Dataset
 from proximity.studies.experiment.design_file import read_design
