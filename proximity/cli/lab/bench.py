@@ -111,9 +111,9 @@ def bench(
 
         time_applications([str(scene)], recording, seconds, units, as_json=as_json)
         return
-    from proximity import certificate
     from proximity.cli import progress
     from proximity.cli.lab import bench_report
+    from proximity.lab import certificate
 
     period = None if gate is None else certificate.parse_period(gate)
     page = REPORT if out is None and not as_json else out
@@ -151,8 +151,8 @@ def bench(
 
 def _write(page: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bool:
     """Write the report; whether all of it, and not the numbers alone, because a library is missing."""
-    from proximity import certificate
     from proximity.cli import progress
+    from proximity.lab import certificate
 
     try:
         with progress.spinner(f"writing {page}"):

@@ -11,13 +11,13 @@ from typing import Any
 import typer
 from rich.table import Table
 
-from proximity.certificate import wording
-from proximity.certificate.vr_application import HEADINGS, PATHS, VrCase, VrRow, measure
-from proximity.certificate.wording import microseconds, percent
 from proximity.cli import progress
 from proximity.cli.options import sample
 from proximity.cli.output import block, print_block, printable
 from proximity.cli.tables import print_fitting, results_console, table, table_of
+from proximity.lab.certificate import wording
+from proximity.lab.certificate.vr_application import HEADINGS, PATHS, VrCase, VrRow, measure
+from proximity.lab.certificate.wording import microseconds, percent
 from proximity.recording import read_recording
 
 HASH_DIGITS = 16

@@ -47,7 +47,7 @@ def figures(
     from proximity.cli import progress
     from proximity.cli.output import write_document
     from proximity.decaff.glove.glove_set import read_any_glove
-    from proximity.studies.figures import catalogue
+    from proximity.lab.figures import catalogue
 
     worn = None if glove is None else designed(read_any_glove(glove))
     began, file_count = time.monotonic(), 0

@@ -10,15 +10,15 @@ from proximity.cli.output import MISSING, print_block, report, write_document
 from proximity.cli.tables import results_console, table
 from proximity.decaff.glove.finger import Finger
 from proximity.formats import metres_per_unit
+from proximity.lab import part_press
+from proximity.lab.engine.engine_setup import Distances, EngineSetup
+from proximity.lab.figures import captions, press_plots
+from proximity.lab.simulation import simulated_press
+from proximity.lab.simulation.devices import COUPLED_DEVICE
+from proximity.lab.simulation.metrics import drum_offset
+from proximity.lab.simulation.sweeps import Stretch
 from proximity.recording import read_recording
 from proximity.service.config import PartFiles, read_scene_file
-from proximity.studies import part_press
-from proximity.studies.engine.engine_setup import Distances, EngineSetup
-from proximity.studies.figures import captions, press_plots
-from proximity.studies.simulation import simulated_press
-from proximity.studies.simulation.devices import COUPLED_DEVICE
-from proximity.studies.simulation.metrics import drum_offset
-from proximity.studies.simulation.sweeps import Stretch
 from proximity.tracker.replay import fitted_pose
 
 NOTED = ("part", "approach", "reported by", "drum", "cable")  # below the figure

@@ -17,7 +17,7 @@ from proximity.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from proximity.studies.simulation.simulated_press import Setup
+    from proximity.lab.simulation.simulated_press import Setup
 
 USED_BY = {  # options that only some walls have
     "--latency-ms": ("coupled", "decaff"),
@@ -148,7 +148,7 @@ class WallOptions:
 
     def setup(self, *, is_on_part: bool) -> "Setup":
         """Return the setup of the simulation."""
-        from proximity.studies.simulation import simulated_press
+        from proximity.lab.simulation import simulated_press
 
         if self.latency_ms is not None:
             check_range(self.latency_ms, "--latency-ms", "ms", 0.0, 1e3 * simulated_press.LONGEST_LATENCY)

@@ -14,14 +14,14 @@ from proximity.cli.output import report
 from proximity.cli.tables import Console
 from proximity.decaff.glove.glove_set import read_any_glove
 from proximity.decaff.motors.motor_set import home_all
-from proximity.studies.experiment.conduct import Monitor, RefusedError, StoppedError
-from proximity.studies.experiment.dataset import Dataset
-from proximity.studies.experiment.design import CHOICES, Kind, Question
-from proximity.studies.experiment.display import Presentation
-from proximity.studies.experiment.drum_display import DrumDisplay
-from proximity.studies.experiment.plan import Text
-from proximity.studies.experiment.session import Trial
-from proximity.studies.experiment.sitting import sit
+from proximity.lab.experiment.conduct import Monitor, RefusedError, StoppedError
+from proximity.lab.experiment.dataset import Dataset
+from proximity.lab.experiment.design import CHOICES, Kind, Question
+from proximity.lab.experiment.display import Presentation
+from proximity.lab.experiment.drum_display import DrumDisplay
+from proximity.lab.experiment.plan import Text
+from proximity.lab.experiment.session import Trial
+from proximity.lab.experiment.sitting import sit
 from proximity.transport import open_subscriber
 from proximity.web.guided import GuidedPages
 from proximity.web.server.browser import open_in_browser

@@ -10,7 +10,6 @@ import numpy as np
 from rich.table import Table
 
 import proximity
-from proximity.bodies import open_edges
 from proximity.cli.lengths import in_unit, in_units
 from proximity.cli.output import (
     FEW_DIGITS,
@@ -24,6 +23,7 @@ from proximity.cli.output import (
     printable,
 )
 from proximity.cli.tables import print_fitting, results_console, table_of
+from proximity.mesh.vertex_weld import open_edges
 
 NAMES_SHOWN = 3  # parts named with a remark; the others are counted
 PARTS_SHOWN = 20

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.arrays import as_float64
+from proximity.checks import as_float64
 from proximity.decaff.arguments import finite, not_negative, positive
 from proximity.decaff.glove.design import glove_of, table_of
 from proximity.decaff.glove.glove import Glove
