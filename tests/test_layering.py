@@ -74,14 +74,13 @@ moves_input · openxr_input · sensor · stream
 gloves · openxr_runtime · part_prediction · reception · sources
 """,
     "proximity.web": """
-guided · viewing
+guided · running_page
 page_process
 bridge
-page_client · scene_page · slices
-feeding · geometry · keeping · served_scene · sources
+page_client · slices
+geometry · page_content · page_inbox · page_service · sources
 server
-display_mesh · layout
-slice_fields
+display_mesh
 """,
     "proximity.decaff": """
 calibrating · chip · simulated_drums

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, NoReturn
 
 import typer
@@ -51,6 +52,10 @@ class Command(TyperCommand):
             self.epilog = examples
         formatter.write(examples or "")
 
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return arguments and options."""
+        return _Unchanged.of_all(super().get_params(ctx))
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse *args* so that negative numbers are values, wherever they stand."""
         try:
@@ -86,8 +91,46 @@ class Command(TyperCommand):
             return super().make_context(*args, **options)
 
 
+class _Unchanged:
+    """Passes on text, paths and defaults; all else is converted by Typer.
+
+    Typer imports Pydantic for that, which is a third of the time of a query. Versions without it are let be.
+    """
+
+    def __init__(self, param: Any) -> None:
+        self._converter, self._kind = param.get_runtime_param, param.type_descriptor
+
+    @classmethod
+    def of_all(cls, params: list[Any]) -> list[Any]:
+        """Have their values converted by these, and return them."""
+        for param in params:
+            if not isinstance(getattr(param, "get_runtime_param", None), cls | type(None)):
+                param.get_runtime_param = cls(param)
+        return params
+
+    def __call__(self) -> "_Unchanged":
+        return self
+
+    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a value as Typer's converters do."""
+        kind, is_many = self._kind.annotation, param.multiple or param.nargs == -1
+        if value is None:
+            return () if is_many else None
+        if kind is str or (kind is type(value) and not self._kind.is_ranged):
+            return value
+        if kind is Path and isinstance(value, str):
+            return Path(value)
+        if kind in (list[str], tuple[str, str, str]):
+            return list(value) if is_many else tuple(value)
+        return self._converter().coerce(value, param=param, ctx=ctx)
+
+
 class Group(TyperGroup):
     """The program: Ctrl-C, or output that fails, before a command runs is no traceback either."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the options before a command."""
+        return _Unchanged.of_all(super().get_params(ctx))
 
     def make_context(self, *args: Any, **options: Any) -> Any:
         """Read the arguments, and print help or version where that is asked for."""

@@ -15,8 +15,8 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from proximity.scene.scene import Scene
-from proximity.web.feeding import Feed, HeldUpError
 from proximity.web.page_client import PageClient
+from proximity.web.page_inbox import HeldUpError, PageInbox
 from proximity.web.server.access import HELD_UP, TOO_MUCH, UNFIT, Access, UnfitError
 from proximity.web.server.page_files import PageFiles
 from proximity.web.server.page_server import PageServer, document
@@ -37,7 +37,7 @@ class Shown:
     scene: Scene | None
     glb: bytes  # empty: no geometry
     frames: LiveFrames | LoggedFrames
-    feed: Feed
+    feed: PageInbox
     others: OtherPrograms = field(default_factory=OtherPrograms)
     about: dict[str, Any] = field(default_factory=dict)  # what pages get at the beginning
     recording: dict[str, Any] | None = None  # a hand that can be replayed
@@ -142,7 +142,7 @@ class Bridge:
         if isinstance(data, bytes):
             if not client.feeds:
                 return  # under way when another page took over
-            done = self._shown.feed.take(data, client.clock)
+            done = self._shown.feed.receive(data, client.clock)
             if done is not None:
                 self._tell_all(done)
             return

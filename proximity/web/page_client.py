@@ -5,7 +5,7 @@ import json
 import time
 from typing import Any
 
-from proximity.web.feeding import PageClock
+from proximity.web.page_inbox import PageClock
 from proximity.web.server.access import Allowance
 
 MOST_IN_FLIGHT = 2

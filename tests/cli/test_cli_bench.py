@@ -9,9 +9,9 @@ import pytest
 from certificates import case, certificate, loop
 
 from proximity import DecaffError
-from proximity.lab import certificate as package
 from proximity.cli import tables
 from proximity.cli.lab import bench_report
+from proximity.lab import certificate as package
 from proximity.lab.certificate import certification
 from proximity.lab.certificate.search import worst_positions
 from proximity.lab.figures import style

@@ -107,8 +107,8 @@ def view(
     together with the parts that it was recorded with. Hands come from a headset with WebXR, the mouse,
     or a recording.
 
-    The command starts a service in a process of its own, and a bridge between it and the page. Ctrl-C
-    stops both. Only this machine can connect, and only with the token in the printed address.
+    The command serves the page and the distances, in one process. Ctrl-C stops it. Only this machine can
+    connect, and only with the token in the printed address.
 
     Examples:
       proximity view part.step

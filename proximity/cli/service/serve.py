@@ -186,7 +186,7 @@ class _PageBeside:
 
     def __init__(self, scene: Path, given: dict[str, Any], port: int) -> None:
         from proximity.service.config import read_scene_file
-        from proximity.web.served_scene import own_addresses
+        from proximity.web.running_page import own_addresses
 
         self._scene, self._port, self._address = str(scene), str(port), own_addresses().frames
         given["publish"] = [*(given["publish"] or read_scene_file(scene).service.publish), self._address]

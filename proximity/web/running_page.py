@@ -1,11 +1,14 @@
-"""A page started from Python: in a process of its own, with the service in another."""
+"""A page started from Python, in a process of its own."""
 
 import os
+import socket
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from proximity.errors import ServiceError
 from proximity.scene.scene import Scene
@@ -15,6 +18,27 @@ from proximity.web.server.browser import open_in_browser
 
 BEGIN_TIMEOUT = 600.0
 """s. Large parts may have to be read, and once kernels compiled."""
+
+
+class Addresses(NamedTuple):
+    """Where a service publishes, and where it listens."""
+
+    frames: str
+    poses: str
+    moves: str
+    changes: str
+
+
+def own_addresses() -> Addresses:
+    """Return addresses that nobody else has: shared memory, or datagrams where there is none."""
+    if find_spec("iceoryx2") is not None:
+        name = f"iox2://proximity-page-{os.getpid()}-{os.urandom(4).hex()}"
+        return Addresses(name, f"{name}/poses", f"{name}/moves", f"{name}/changes")
+    with ExitStack() as opened:
+        sockets = [opened.enter_context(socket.socket(type=socket.SOCK_DGRAM)) for _ in Addresses._fields]
+        for each in sockets:
+            each.bind(("127.0.0.1", 0))  # a port that is free
+        return Addresses(*(f"udp://127.0.0.1:{each.getsockname()[1]}" for each in sockets))
 
 
 class RunningPage(RunningService):
@@ -56,7 +80,7 @@ class RunningPage(RunningService):
         return str(self.beginning["url"])
 
     def stop(self, timeout: float = STOP_TIMEOUT) -> dict[str, Any]:
-        """Stop the page, its bridge and its service. Stopping again does nothing.
+        """Stop the page and its service. Stopping again does nothing.
 
         Parameters
         ----------

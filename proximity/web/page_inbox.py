@@ -48,17 +48,27 @@ class PageClock:
         return ahead if self._clock.is_certain else None
 
 
-class Feed:
+class PageInbox:
     """The way from pages to the service, at the addresses that are not None; closed at the end.
 
     *scene* is changed as the service changes its own, and is that of a reset as it is at the beginning.
+    *changes_scene*: it is the service's own, and moves and changes need no address.
     """
 
     def __init__(
-        self, poses: str | None, moves: str | None, changes: str | None, scene: Scene | None, count: int
+        self,
+        poses: str | None,
+        moves: str | None,
+        changes: str | None,
+        scene: Scene | None,
+        count: int,
+        *,
+        changes_scene: bool = False,
     ) -> None:
-        self.may_pose, self.may_move = poses is not None, moves is not None and scene is not None
-        self.may_hide = changes is not None and scene is not None
+        self.may_pose = poses is not None
+        self.may_move, self.may_hide = (
+            scene is not None and (changes_scene or each is not None) for each in (moves, changes)
+        )
         self.count = count
         self._scene = scene
         self._poses, self._moves, self._changes = (
@@ -68,7 +78,7 @@ class Feed:
         self._gone = Message(POSES, count)
         self._gone.records["finger"] = np.arange(count)
 
-    def take(self, data: bytes, clock: PageClock, now_ns: int | None = None) -> bytes | None:
+    def receive(self, data: bytes, clock: PageClock, now_ns: int | None = None) -> bytes | None:
         """Check a message of a page and publish it; what other pages are to hear of it: moves or changes."""
         now_ns = time.monotonic_ns() if now_ns is None else now_ns
         array = np.frombuffer(data, np.uint8)
