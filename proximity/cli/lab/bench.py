@@ -157,7 +157,7 @@ def _write(page: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bo
     try:
         with progress.spinner(f"writing {page}"):
             written = certificate.write_report(page, reported, scene)
-    except proximity.DecaffError as missing:
+    except proximity.MissingLibraryError as missing:
         report(f"wrote {page.with_suffix('.json')} alone: {missing}")
         return False
     report(f"wrote {' and '.join(map(str, written))}")

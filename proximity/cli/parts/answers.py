@@ -14,7 +14,7 @@ import proximity
 from proximity.cli.lengths import distances_in_units, in_units
 from proximity.cli.output import number, report
 from proximity.cli.parts.points import Points
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.scene.loader import notes_on_sizes
 from proximity.scene.queries.results import NO_FACE, Feature
 
@@ -70,7 +70,7 @@ class Question:
                 for name, values in found.items()
             }
         if is_pair and self._asked % 2 == 1:
-            raise QueryError(f"points are taken in pairs (start, end), but there are {self._asked}")
+            raise ArgumentError(f"points are taken in pairs (start, end), but there are {self._asked}")
 
     def _closest(self, rows: np.ndarray, points: np.ndarray) -> dict[str, Any]:
         hits = self.scene.closest(points, workers=self._workers)

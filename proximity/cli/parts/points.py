@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 
 STANDARD_INPUT = "-"
 BEGINS_A_NUMBER = tuple("+-.0123456789")
@@ -76,7 +76,7 @@ def read_points(
     """
     name = "standard input" if path == STANDARD_INPUT else path
     if path == STANDARD_INPUT and sys.stdin is None:
-        raise QueryError("standard input is closed, expected lines of three numbers")
+        raise ArgumentError("standard input is closed, expected lines of three numbers")
     try:
         if path == STANDARD_INPUT:
             if hasattr(sys.stdin, "reconfigure"):
@@ -86,7 +86,7 @@ def read_points(
             with Path(path).open(encoding="utf-8", errors="surrogateescape") as stream:
                 yield from parse_points(_lines(stream), name, units, limit, note)
     except OSError as failure:
-        raise QueryError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
+        raise ArgumentError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
 
 
 def parse_points(
@@ -120,7 +120,7 @@ def parse_points(
             if len(points) >= limit:
                 yield points
                 points, has_yielded = Points(names=None if points.names is None else []), True
-    except (QueryError, OSError):
+    except (ArgumentError, OSError):
         if len(points):
             yield points
         raise
@@ -136,9 +136,11 @@ def _lines(stream: TextIO) -> Iterator[str]:
 
 def _fields(line: str, where: str) -> list[str]:
     if len(line) >= LONGEST_LINE:
-        raise QueryError(f"{where}: has {LONGEST_LINE} characters or more, expected three numbers")
+        raise ArgumentError(f"{where}: has {LONGEST_LINE} characters or more, expected three numbers")
     if not line.isascii() and any("\udc80" <= letter <= "\udcff" for letter in line):
-        raise QueryError(f"{where}: not text in UTF-8, expected a text file with three numbers on each line")
+        raise ArgumentError(
+            f"{where}: not text in UTF-8, expected a text file with three numbers on each line"
+        )
     if "#" in line and (before := BEFORE_COMMENT.match(line)):
         line = before.group()
     text = line.removeprefix("\ufeff").strip()  # spreadsheets begin their UTF-8 with a mark
@@ -148,7 +150,7 @@ def _fields(line: str, where: str) -> list[str]:
     try:
         return [word.strip() for word in next(csv.reader([text], delimiter=separator))]
     except csv.Error as unfit:
-        raise QueryError(f"{where}: {unfit}, expected three numbers") from unfit
+        raise ArgumentError(f"{where}: {unfit}, expected three numbers") from unfit
 
 
 def _append(points: Points, columns: Columns, fields: list[str], line: str, where: str) -> None:
@@ -165,7 +167,7 @@ def _append(points: Points, columns: Columns, fields: list[str], line: str, wher
         with_comma = [word for word in words if DECIMAL_COMMA.fullmatch(word)]
         are_numbers = all(word in with_comma or _is_number(word) for word in words)
         is_comma = len(words) >= 3 and with_comma and (are_numbers or ";" in line)
-        raise QueryError(f"{where}: {_why_no_number(with_comma[0]) if is_comma else unfit}") from unfit
+        raise ArgumentError(f"{where}: {_why_no_number(with_comma[0]) if is_comma else unfit}") from unfit
     if columns.name is not None and points.names is not None:
         points.names.append(fields[columns.name])
 
@@ -181,7 +183,7 @@ def _header(fields: list[str], where: str, units: str) -> Columns | None:
         if all(spelt.count(axis) == 1 for axis in "xyz"):
             axes = spelt.index("x"), spelt.index("y"), spelt.index("z")
     if axes is None:
-        raise QueryError(
+        raise ArgumentError(
             f"{where}: {_shown(' '.join(fields))} is neither a point nor a header, "
             "expected three numbers or columns named x, y and z"
         )
@@ -201,7 +203,7 @@ def _check_unit(name: str, units: str, where: str) -> None:
     known = [unit for word in behind if (unit := WORDS_FOR_UNITS.get(word.rstrip("s"), word)) in UNITS]
     if known and units not in known:
         spelt = "inches" if known[-1] == "in" else known[-1]
-        raise QueryError(
+        raise ArgumentError(
             f"{where}: column {_shown(name)} is in {spelt}, expected {units}; add --units {known[-1]}"
         )
 
