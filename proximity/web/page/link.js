@@ -77,7 +77,7 @@ export class Link extends EventTarget {
       this.rate.add(now, Number(header.sequence));
       this.measure(now, Number(header.pose_ns) / 1e6);
     }
-    this.socket.send("ok");
+    this.send("ok");
     this.emit("frame", header);
   }
 
@@ -103,7 +103,11 @@ export class Link extends EventTarget {
   }
 
   say(what) {
-    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(what));
+    this.send(JSON.stringify(what));
+  }
+
+  send(data) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(data);
   }
 
   /** Send poses of fingers, taken at *atMs* of this page. */
@@ -117,7 +121,7 @@ export class Link extends EventTarget {
       return record;
     });
     const header = { send_ns: nanoseconds(performance.now()) };
-    this.socket.send(encode(hasPath ? "path_poses" : "poses", header, records));
+    this.send(encode(hasPath ? "path_poses" : "poses", header, records));
     this.sent.push(atMs);
     if (this.sent.length > 50) this.sent.shift();
   }
@@ -128,13 +132,13 @@ export class Link extends EventTarget {
     const pose_ns = nanoseconds(performance.now());
     const still = [0, 0, 0];
     const records = moves.map((move) => ({ ...move, pose_ns, velocity: still, angular_velocity: still }));
-    this.socket.send(encode("moves", { send_ns: pose_ns }, records));
+    this.send(encode("moves", { send_ns: pose_ns }, records));
   }
 
   /** Ask for a part to be hidden or shown: name, and an action of PartAction. */
   sendChanges(changes) {
     if (!this.isOpen) return;
-    this.socket.send(encode("changes", { send_ns: nanoseconds(performance.now()) }, changes));
+    this.send(encode("changes", { send_ns: nanoseconds(performance.now()) }, changes));
   }
 
   emit(name, detail) {

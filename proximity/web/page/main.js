@@ -62,7 +62,7 @@ class Page {
   }
 
   makeInputs() {
-    const before = this.inputs ? this.input : null;
+    const before = this.inputs ? this.wanted : null;
     for (const each of Object.values(this.inputs ?? {})) if (!(each instanceof Headset)) each.stop();
     const send = (found, atMs = performance.now()) => this.send(found, atMs);
     const headset = this.inputs?.headset ?? new Headset(this.stage, this.parts, send);
@@ -105,7 +105,8 @@ class Page {
       }
     }
     for (const [name, input] of Object.entries(this.inputs)) if (name !== key) await input.stop();
-    this.input = this.wanted = key;
+    this.input = key;
+    if (why === undefined) this.wanted = key; // what is chosen for a reason is not what is wanted
     try {
       await this.inputs[key]?.start();
     } catch (failure) {
