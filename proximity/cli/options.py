@@ -57,8 +57,7 @@ STEP_TOLERANCE = Annotated[
     ),
 ]
 UNPACKED_LIMIT = Annotated[
-    float,
-    typer.Option("--unpacked-limit", metavar="GB", help="Largest unpacked size of a 3MF file."),
+    float, typer.Option("--unpacked-limit", metavar="GB", help="Largest unpacked size of a 3MF file.")
 ]
 
 ADDRESS = Annotated[

@@ -129,12 +129,7 @@ def _worn(
 
 
 def _check(
-    rate: float,
-    max_age: float | None,
-    glove: list[Path] | None,
-    *,
-    is_armed: bool,
-    motors: list[str] | None,
+    rate: float, max_age: float | None, glove: list[Path] | None, *, is_armed: bool, motors: list[str] | None
 ) -> None:
     check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
     if max_age is not None and not glove:

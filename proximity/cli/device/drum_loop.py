@@ -41,11 +41,7 @@ DRUM_COLUMNS = (
     "faults",
 )
 OTHER_LINES = 5  # of a terminal, beside the fingers
-STYLES = {
-    DrumState.RETRACTED: "green",
-    DrumState.APPROACH: "yellow",
-    DrumState.FAULT: "black on red",
-}
+STYLES = {DrumState.RETRACTED: "green", DrumState.APPROACH: "yellow", DrumState.FAULT: "black on red"}
 TOUCHING_STYLE = "bold red"
 
 

@@ -81,8 +81,5 @@ def opened_port(address: str, glove: Glove) -> Iterator[MotorPort]:
 def watch_motor(address: str, glove: Glove) -> None:
     """Show what a motor answers until Ctrl-C; it stays off."""
     report(NOT_ON_HARDWARE)
-    with (
-        stopped_by_signals() as stop,
-        opened_motors([address], [FingerPath(glove)], report) as motors,
-    ):
+    with stopped_by_signals() as stop, opened_motors([address], [FingerPath(glove)], report) as motors:
         watch_motors(motors, stop, None)

@@ -9,15 +9,7 @@ from typing import Annotated
 import typer
 
 from proximity.cli import output
-from proximity.cli.device.drum import (
-    ARM,
-    LEAST_RATE_HZ,
-    MAX_AGE,
-    MOST_RATE_HZ,
-    MOTOR,
-    RATE,
-    SWITCH_S,
-)
+from proximity.cli.device.drum import ARM, LEAST_RATE_HZ, MAX_AGE, MOST_RATE_HZ, MOTOR, RATE, SWITCH_S
 from proximity.cli.options import GLOVES, check_range
 from proximity.cli.program import EXIT_INTERRUPTED, Command, Group
 
@@ -178,8 +170,7 @@ def simulate(
 def report(
     data: DATA,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Where to; else derivatives/report in DATA."),
+        Path | None, typer.Option("--out", metavar="DIR", help="Where to; else derivatives/report in DATA.")
     ] = None,
 ) -> None:
     """Analyse the data: a page, plots, tables as CSV, and a methods paragraph."""
@@ -240,8 +231,7 @@ def power(
 
 @_command("check")
 def check(
-    design: DESIGN,
-    repetitions: Annotated[int, typer.Option("--repetitions", metavar="N", min=1)] = 100,
+    design: DESIGN, repetitions: Annotated[int, typer.Option("--repetitions", metavar="N", min=1)] = 100
 ) -> None:
     """Try the analysis on simulated observers: false positives, and thresholds found again."""
     from proximity.cli import progress

@@ -6,15 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from proximity.cli.options import (
-    CABLE,
-    GLOVE,
-    UNITS,
-    cable_stiffness,
-    check_gear,
-    check_range,
-    designed,
-)
+from proximity.cli.options import CABLE, GLOVE, UNITS, cable_stiffness, check_gear, check_range, designed
 
 if TYPE_CHECKING:
     from proximity.lab.simulation.simulated_press import Setup

@@ -168,10 +168,7 @@ def _checks(report: Values) -> Iterator[tuple[str, str]]:
         yield "predictions", filled(PREDICTIONS, predictions | {"share": share})
     times["velocity_percent"] = 100.0 * times["velocity_share"]
     if times["checked_count"]:
-        yield (
-            "contact times",
-            filled(CONTACT_TIMES, times),
-        )
+        yield ("contact times", filled(CONTACT_TIMES, times))
 
 
 def _times(times: TickTimes) -> Values:

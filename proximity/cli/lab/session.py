@@ -47,10 +47,7 @@ def run_session(
     *opens_browser*: whether the page is opened in a browser of this machine.
     """
     gloves, monitor = [read_any_glove(path, drums.max_age) for path in drums.gloves], Monitor()
-    with (
-        armable_motors(drums.motors, gloves) as motors,
-        open_subscriber(drums.address) as subscriber,
-    ):
+    with armable_motors(drums.motors, gloves) as motors, open_subscriber(drums.address) as subscriber:
         display = DrumDisplay(drums.rate, drums.finger, gloves, motors)
         display.check(dataset.design)
         display.warm_up()

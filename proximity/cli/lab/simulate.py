@@ -18,12 +18,7 @@ AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document, 
 
 
 @with_option_groups
-def simulate(
-    surface: WallOptions,
-    pressed: PartOptions,
-    out: OUT = None,
-    as_json: AS_JSON = False,
-) -> None:
+def simulate(surface: WallOptions, pressed: PartOptions, out: OUT = None, as_json: AS_JSON = False) -> None:
     """Simulate a hand that presses on a wall, and compare the force with that of a real wall.
 
     The hand approaches at --speed, presses with 0.8 N and leaves. A coupled wall is a spring and a

@@ -30,15 +30,13 @@ OUT = Annotated[
     typer.Option("--out", metavar="PATH", help="Folder of results; with report the page, else in DIR."),
 ]
 ADDRESS = Annotated[
-    str | None,
-    typer.Option("--address", metavar="HOST:PORT", help="Ray cluster; this machine if not given."),
+    str | None, typer.Option("--address", metavar="HOST:PORT", help="Ray cluster; this machine if not given.")
 ]
 CORES = Annotated[
     int | None, typer.Option("--cores", metavar="N", min=1, help="Cores of this machine; all if not given.")
 ]
 RESUME = Annotated[
-    bool,
-    typer.Option("--resume/--from-scratch", help="Keep the rows that are there, or remove them first."),
+    bool, typer.Option("--resume/--from-scratch", help="Keep the rows that are there, or remove them first.")
 ]
 RETRY_FAILED = Annotated[
     bool, typer.Option("--retry-failed", help="Do conditions again whose row says that they failed.")

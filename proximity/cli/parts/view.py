@@ -23,8 +23,7 @@ REPLAY = Annotated[
 ]
 FIT = Annotated[bool, typer.Option("--fit", help="Move the recorded hand to where it touches the parts.")]
 BROWSER = Annotated[
-    bool,
-    typer.Option("--browser/--no-browser", help="Whether to open a browser.", show_default=False),
+    bool, typer.Option("--browser/--no-browser", help="Whether to open a browser.", show_default=False)
 ]
 RERUN = Annotated[
     Path | None,

@@ -63,11 +63,7 @@ def finger_cells(contact: Any, bar_width: int, part_names: Sequence[str] = ()) -
 
     *part_names*: of the parts that the contact's numbers count; a part without one is shown by its number.
     """
-    cells = {
-        "finger": Text(str(contact["finger"]), "bold"),
-        "mode": _mode(contact),
-        "flags": _flags(contact),
-    }
+    cells = {"finger": Text(str(contact["finger"]), "bold"), "mode": _mode(contact), "flags": _flags(contact)}
     if not is_tracked(contact):
         unknown = dict.fromkeys(("part", "distance mm", "touch in", "closing"), Text(UNKNOWN, "red"))
         return {**cells, **unknown, "bar": Text("nothing is known"[:bar_width], "red")}

@@ -33,8 +33,7 @@ LOG = Annotated[
 AS_JSON = Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")]
 FRAMES = Annotated[Path, typer.Argument(metavar="FILE", help="Log of frames.")]
 CSV = Annotated[
-    Path | None,
-    typer.Option("--csv", metavar="OUT", help="Write CSV to this file; - is standard output."),
+    Path | None, typer.Option("--csv", metavar="OUT", help="Write CSV to this file; - is standard output.")
 ]
 PARQUET = Annotated[
     Path | None,
