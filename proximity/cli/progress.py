@@ -107,7 +107,7 @@ class Status:
             from proximity.cli.tables import Console
 
             self._spinner = Console(stderr=True).status("")
-        self._is_said = False
+        self._has_reported = False
         self._due = 0.0
 
     def show(self, text: str) -> None:
@@ -120,11 +120,11 @@ class Status:
         self._spinner.update(escape(text))
         self._spinner.start()
 
-    def say_once(self, text: str) -> None:
+    def report_once(self, text: str) -> None:
         """Say *text*, the first time only, to a terminal or not."""
-        if not self._is_said:
+        if not self._has_reported:
             report(text)
-        self._is_said = True
+        self._has_reported = True
 
     def __enter__(self) -> "Status":
         return self

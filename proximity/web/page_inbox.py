@@ -116,7 +116,7 @@ class PageInbox:
         """Return messages of what has been moved, hidden and shown, for a page that has just come."""
         return [bytes(message.seal(0, 0)) for message in (self._where(), self._hidden()) if message]
 
-    def repeat(self) -> None:
+    def resend(self) -> None:
         """Tell the service what has been moved, hidden and shown: it began anew, as its file has it."""
         for publisher, message in ((self._moves, self._where()), (self._changes, self._hidden())):
             if message is not None:

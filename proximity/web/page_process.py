@@ -106,16 +106,16 @@ async def _until_stopped(
     bridge: "Bridge", made: "PageSetup", stop: threading.Event, begun: Callable[[], None]
 ) -> None:
     """Hand frames on, while the page's own service runs, if it has one."""
-    handing = asyncio.create_task(bridge.hand_on())
+    publishing = asyncio.create_task(bridge.publish_frames())
     service = made.service
     with nullcontext() if service is None else service:
         begun()
         while not stop.is_set() and (service is None or service.failure is None):
             await asyncio.sleep(LOOK_S)
-            if handing.done():
-                handing.result()
+            if publishing.done():
+                publishing.result()
         made.shown.feed.release()
-    handing.cancel()
+    publishing.cancel()
     if service is not None and service.failure is not None:
         raise service.failure
 

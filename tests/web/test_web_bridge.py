@@ -71,11 +71,11 @@ class Running:
         self.bridge.server.access = Access.of(
             (TOKEN,), ("127.0.0.1", "localhost"), self.port, is_secure=False
         )
-        handing = asyncio.create_task(self.bridge.hand_on())
+        publishing = asyncio.create_task(self.bridge.publish_frames())
         self.begun.set()
         while not self.stop.is_set():
             await asyncio.sleep(0.01)
-        handing.cancel()
+        publishing.cancel()
         server.close()
 
     def close(self):

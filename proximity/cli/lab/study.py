@@ -118,7 +118,7 @@ def _run(study: "Study", results: Path, options: dict[str, Any]) -> None:
         )
         report(f"stopped{kept}; the same command goes on")
         raise typer.Exit(EXIT_INTERRUPTED) from None
-    _say_end(ended, results)
+    _report_end(ended, results)
 
 
 def _jobs() -> "dict[str, Job]":
@@ -174,7 +174,7 @@ def _digits(value: Any) -> str:
     return f"{value:.9g}" if isinstance(value, float) else shown(value)
 
 
-def _say_end(ended: "Progress", results: Path) -> None:
+def _report_end(ended: "Progress", results: Path) -> None:
     earlier = f" ({ended.earlier} of them earlier)" if ended.earlier else ""
     took = f" in {ended.seconds:.1f} s, {ended.rate:.3g} a second" if ended.done else ""
     failed = f"; {ended.failed} failed, see their rows" if ended.failed else ""
@@ -195,18 +195,18 @@ def _progress(name: str) -> "Iterator[Callable[[Progress], None]]":
     console = Console(stderr=True)
     due = time.monotonic() + SAY_EVERY_S
 
-    def said(ended: "Progress") -> str:
+    def progress_words(ended: "Progress") -> str:
         left = "" if ended.seconds_left == float("inf") else f", {_duration(ended.seconds_left)} left"
         return f"{ended.rate:.3g}/s{left}{f', {ended.failed} failed' if ended.failed else ''}"
 
-    def say(ended: "Progress") -> None:
+    def report_now_and_then(ended: "Progress") -> None:
         nonlocal due
         if time.monotonic() >= due:
             due = time.monotonic() + SAY_EVERY_S
-            report(f"{ended.earlier + ended.done} of {ended.total}, {said(ended)}")
+            report(f"{ended.earlier + ended.done} of {ended.total}, {progress_words(ended)}")
 
     if not console.is_terminal:
-        yield say
+        yield report_now_and_then
         return
     columns = (
         rich_progress.TextColumn(escape(name)),
@@ -217,7 +217,7 @@ def _progress(name: str) -> "Iterator[Callable[[Progress], None]]":
     with rich_progress.Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting Ray", total=None)
         yield lambda ended: bar.update(
-            task, description=said(ended), total=ended.total, completed=ended.earlier + ended.done
+            task, description=progress_words(ended), total=ended.total, completed=ended.earlier + ended.done
         )
 
 

@@ -117,7 +117,7 @@ def _record(
             if log.frame_count:
                 status.show(_words(_summary(log, elapsed, subscriber.counts)))
             elif elapsed > ANNOUNCE_AFTER_S:
-                status.say_once(f"no frame has come from {subscriber.address} yet")
+                status.report_once(f"no frame has come from {subscriber.address} yet")
         for data in subscriber.frames():  # what came while the last was being written
             log.append(data)
 
