@@ -48,17 +48,6 @@ UNITS = Annotated[
     ),
 ]
 
-STEP_TOLERANCE = Annotated[
-    float,
-    typer.Option(
-        "--step-tolerance",
-        metavar="MM",
-        help="Largest deviation of triangles from the curved faces of a STEP file.",
-    ),
-]
-UNPACKED_LIMIT = Annotated[
-    float, typer.Option("--unpacked-limit", metavar="GB", help="Largest unpacked size of a 3MF file.")
-]
 
 ADDRESS = Annotated[
     str,
@@ -110,8 +99,15 @@ class Reading:
     """How a file of parts is read."""
 
     units: UNITS = "mm"
-    step_tolerance: STEP_TOLERANCE = 0.01
-    unpacked_limit: UNPACKED_LIMIT = 2.0
+    step_tolerance: Annotated[
+        float,
+        typer.Option(
+            metavar="MM", help="Largest deviation of triangles from the curved faces of a STEP file."
+        ),
+    ] = 0.01
+    unpacked_limit: Annotated[
+        float, typer.Option(metavar="GB", help="Largest unpacked size of a 3MF file.")
+    ] = 2.0
 
     def check(self) -> None:
         """Refuse numbers out of range."""

@@ -23,99 +23,82 @@ if TYPE_CHECKING:
 OLD_READINGS_H = 12.0  # after that the glove was probably taken off
 MM = 1e-3
 
-FILE = Annotated[Path, typer.Argument(metavar="FILE", help="Calibration to write, for example glove.json.")]
-SIMULATE = Annotated[bool, typer.Option("--simulate", help="Measure a simulated glove, for practice.")]
-SEED = Annotated[
-    int, typer.Option("--seed", metavar="N", help="Number of the simulated glove: each is another one.")
-]
-COUNTS = Annotated[
-    str | None,
-    typer.Option(
-        "--counts",
-        metavar="ADDRESS",
-        help="Address of glove_poses messages with the counts. Default: you type them.",
-    ),
-]
-FINGER = Annotated[
-    int, typer.Option("--finger", metavar="N", help="Number of the finger in these messages, from 0.")
-]
-MOTOR = Annotated[
-    str | None, typer.Option("--motor", metavar="URL", help="Motor of the drum. Its encoder gives the angle.")
-]
-ARM = Annotated[
-    bool, typer.Option("--arm", help="Let the motor search its stop and swing the drum. Requires --motor.")
-]
-NAME = Annotated[
-    str, typer.Option("--name", metavar="TEXT", help="Name of hand and finger, written into FILE.")
-]
-PHALANGES = Annotated[
-    tuple[float, float, float] | None,
-    typer.Option(
-        "--phalanges",
-        metavar="MM MM MM",
-        help="Lengths of the phalanges, from the knuckle to the tip; 45 26 20 if not given.",
-    ),
-]
-DRUM = Annotated[
-    str | None,
-    typer.Option("--drum", metavar="GEAR", help="Gear of the drum: gear14, gear51 or gear111 (total)."),
-]
-SKIP = Annotated[
-    list[str] | None,
-    typer.Option("--skip", metavar="TASK", help="Leave out 'free drum' or 'held drum'. Can be given twice."),
-]
-AGAIN = Annotated[
-    str | None,
-    typer.Option(
-        "--again", metavar="TASK", help="Delete the readings of this task, or of all, and measure it again."
-    ),
-]
-YES = Annotated[bool, typer.Option("--yes", help="With --simulate: do not wait for Enter.")]
-PAGE = Annotated[bool, typer.Option("--page", help="Show the steps on a page in the browser.")]
-BROWSER = Annotated[
-    bool,
-    typer.Option(
-        "--browser/--no-browser", help="With --page: whether to open the browser.", show_default=False
-    ),
-]
-PORT = Annotated[int, typer.Option("--port", metavar="N", help="Port of the page; 0 chooses a free one.")]
-AS_JSON = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
-
 
 @dataclass(frozen=True)
 class Measured:
     """What is measured, and with what."""
 
-    simulate: SIMULATE = False
-    seed: SEED = 0
-    counts: COUNTS = None
-    finger: FINGER = 0
-    phalanges: PHALANGES = None
-    drum: DRUM = None
+    simulate: Annotated[bool, typer.Option("--simulate", help="Measure a simulated glove, for practice.")] = (
+        False
+    )
+    seed: Annotated[
+        int, typer.Option(metavar="N", help="Number of the simulated glove: each is another one.")
+    ] = 0
+    counts: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Address of glove_poses messages with the counts. Default: you type them."
+        ),
+    ] = None
+    finger: Annotated[
+        int, typer.Option(metavar="N", help="Number of the finger in these messages, from 0.")
+    ] = 0
+    phalanges: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="MM MM MM",
+            help="Lengths of the phalanges, from the knuckle to the tip; 45 26 20 if not given.",
+        ),
+    ] = None
+    drum: Annotated[
+        str | None, typer.Option(metavar="GEAR", help="Gear of the drum: gear14, gear51 or gear111 (total).")
+    ] = None
     glove: GLOVE = None
-    motor: MOTOR = None
-    arm: ARM = False
+    motor: Annotated[
+        str | None, typer.Option(metavar="URL", help="Motor of the drum. Its encoder gives the angle.")
+    ] = None
+    arm: Annotated[
+        bool,
+        typer.Option("--arm", help="Let the motor search its stop and swing the drum. Requires --motor."),
+    ] = False
 
 
 @dataclass(frozen=True)
 class Asking:
     """How the person is asked."""
 
-    yes: YES = False
-    page: PAGE = False
-    browser: BROWSER = True
-    port: PORT = 0
+    yes: Annotated[bool, typer.Option("--yes", help="With --simulate: do not wait for Enter.")] = False
+    page: Annotated[bool, typer.Option("--page", help="Show the steps on a page in the browser.")] = False
+    browser: Annotated[
+        bool,
+        typer.Option(
+            "--browser/--no-browser", help="With --page: whether to open the browser.", show_default=False
+        ),
+    ] = True
+    port: Annotated[int, typer.Option(metavar="N", help="Port of the page; 0 chooses a free one.")] = 0
 
 
 @with_option_groups
 def calibrate(
-    path: FILE,
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Calibration to write, for example glove.json.")
+    ],
     measured: Measured,
     asking: Asking,
-    name: NAME = "",
-    skip: SKIP = None,
-    again: AGAIN = None,
-    as_json: AS_JSON = False,
+    name: Annotated[
+        str, typer.Option(metavar="TEXT", help="Name of hand and finger, written into FILE.")
+    ] = "",
+    skip: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TASK", help="Leave out 'free drum' or 'held drum'. Can be given twice."),
+    ] = None,
+    again: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TASK", help="Delete the readings of this task, or of all, and measure it again."
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
 ) -> None:
     """Calibrate the glove of one finger, step by step, and write FILE.
 

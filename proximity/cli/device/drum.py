@@ -41,8 +41,6 @@ MOTOR = Annotated[
 ARM = Annotated[
     bool, typer.Option("--arm", help="Let the motors move: home them, then follow. Requires --motor.")
 ]
-LOG = Annotated[Path | None, typer.Option("--log", metavar="FILE", help="Write every sample to a CSV file.")]
-AS_JSON = Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")]
 
 
 def drum(
@@ -54,8 +52,10 @@ def drum(
     cable: CABLE = None,
     motor: MOTOR = None,
     arm: ARM = False,
-    log: LOG = None,
-    as_json: AS_JSON = False,
+    log: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write every sample to a CSV file.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")] = False,
 ) -> None:
     """Run the drums of the service that publishes at ADDRESS, until Ctrl-C or --limit.
 

@@ -17,69 +17,52 @@ HAND = "hand.csv"
 REPORT = Path("latency.html")
 
 
-SCENE = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml), or a file of parts.")]
-RECORDING = Annotated[
-    Path | None,
-    typer.Option(
-        "--recording",
-        metavar="CSV",
-        help="Recording of a hand, fitted to the parts. Default: that of SCENE, else a sample.",
-    ),
-]
-GATE = Annotated[
-    str | None,
-    typer.Option("--gate", metavar="PERIOD", help="Period that the scene must fit: 1ms, 200us, 1kHz ..."),
-]
-OUT = Annotated[
-    Path | None,
-    typer.Option(
-        "--out",
-        metavar="FILE",
-        help=f"File of the report: .html (with .json), or .json alone. Default: {REPORT}, none with --json.",
-    ),
-]
-FINGERS = Annotated[
-    int | None,
-    typer.Option(
-        "--fingers",
-        metavar="N",
-        help="Number of fingers at the worst positions. Default: that of SCENE, else 5.",
-    ),
-]
-TICKS = Annotated[int, typer.Option("--ticks", metavar="N", help="Number of ticks for each motion.")]
-SECONDS = Annotated[float, typer.Option("--seconds", metavar="S", help="Duration of the service's loop.")]
-SEED = Annotated[
-    int, typer.Option("--seed", metavar="N", help="Seed of the search and of the random motion.")
-]
-REAL_TIME = Annotated[
-    bool | None,
-    typer.Option(
-        "--realtime/--no-realtime",
-        help="Ask the system for real-time priority and a core for the loop. Default: as in SCENE, else no.",
-        show_default=False,
-    ),
-]
-VR = Annotated[
-    bool,
-    typer.Option(
-        "--vr", help="Measure whole VR applications instead, from the pose of a hand to its distances."
-    ),
-]
-AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")]
-
-
 def bench(
-    scene: SCENE,
-    recording: RECORDING = None,
-    gate: GATE = None,
-    out: OUT = None,
-    fingers: FINGERS = None,
-    ticks: TICKS = 20_000,
-    seconds: SECONDS = 3.0,
-    seed: SEED = 0,
-    real_time: REAL_TIME = None,
-    vr: VR = False,
-    as_json: AS_JSON = False,
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml), or a file of parts.")],
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            help="Recording of a hand, fitted to the parts. Default: that of SCENE, else a sample.",
+        ),
+    ] = None,
+    gate: Annotated[
+        str | None,
+        typer.Option(metavar="PERIOD", help="Period that the scene must fit: 1ms, 200us, 1kHz ..."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help=f"File of the report: .html (with .json), or .json alone. Default: {REPORT}, "
+            "none with --json.",
+        ),
+    ] = None,
+    fingers: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Number of fingers at the worst positions. Default: that of SCENE, else 5."
+        ),
+    ] = None,
+    ticks: Annotated[int, typer.Option(metavar="N", help="Number of ticks for each motion.")] = 20_000,
+    seconds: Annotated[float, typer.Option(metavar="S", help="Duration of the service's loop.")] = 3.0,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the search and of the random motion.")] = 0,
+    real_time: Annotated[
+        bool | None,
+        typer.Option(
+            "--realtime/--no-realtime",
+            help="Ask the system for real-time priority and a core for the loop. "
+            "Default: as in SCENE, else no.",
+            show_default=False,
+        ),
+    ] = None,
+    vr: Annotated[
+        bool,
+        typer.Option(
+            "--vr", help="Measure whole VR applications instead, from the pose of a hand to its distances."
+        ),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")] = False,
     units: UNITS = "mm",
 ) -> None:
     """Search SCENE for the positions where a tick takes longest, measure ticks there, and compare

@@ -32,7 +32,7 @@ EXAMPLES = {
 }
 SHIPPED = "decaff_against_coupled.toml"
 
-experiment = typer.Typer(cls=Group, help=HELP, no_args_is_help=True)
+experiment = typer.Typer(name="experiment", cls=Group, help=HELP, no_args_is_help=True, add_completion=False)
 
 DESIGN = Annotated[Path, typer.Argument(metavar="DESIGN", help="Design of the experiment (.toml).")]
 DATA = Annotated[Path, typer.Argument(metavar="DATA", help="Folder of the data.")]

@@ -27,88 +27,47 @@ WALLS = ("real", "coupled", "decaff")
 STRETCHES = ("left", "torque", "sensor")
 
 
-WALL = Annotated[str, typer.Option("--wall", metavar="WALL", help="Kind of wall: real, coupled or decaff.")]
-SPEED = Annotated[float, typer.Option("--speed", metavar="M/S", help="Speed of the approach.")]
-LATENCY_MS = Annotated[
-    float | None,
-    typer.Option("--latency-ms", metavar="MS", help="Latency of forces or distances; 1 if not given."),
-]
-RATE_HZ = Annotated[
-    float | None,
-    typer.Option("--rate-hz", metavar="HZ", help="Rate of forces or distances; 1000 if not given."),
-]
-DRUM = Annotated[
-    str | None,
-    typer.Option("--drum", metavar="GEAR", help="Gear of the drum: gear14, gear51 or gear111 (total)."),
-]
-POLICY = Annotated[
-    str | None,
-    typer.Option(
-        "--policy",
-        metavar="POLICY",
-        help="naive, latched, feed-forward or time-stamped (default; with --scene: the controller).",
-    ),
-]
-STIFFNESS = Annotated[
-    float | None,
-    typer.Option(
-        "--stiffness", metavar="N/M", help="Stiffness of a coupled wall (requires --damping), or of the part."
-    ),
-]
-DAMPING = Annotated[
-    float | None,
-    typer.Option("--damping", metavar="NS/M", help="Damping of the surface. Requires --stiffness."),
-]
-STRETCH = Annotated[
-    str | None,
-    typer.Option(
-        "--stretch",
-        metavar="HOW",
-        help="How the drum makes up for the stretch of the --cable: left (not at all, the default), torque "
-        "(by the motor's) or sensor (by a force sensor).",
-    ),
-]
-SCENE = Annotated[
-    Path | None,
-    typer.Option("--scene", metavar="FILE", help="Press on a part: a mesh, STEP or scene file (.toml)."),
-]
-PART = Annotated[
-    str | None,
-    typer.Option("--part", metavar="NAME", help="Part of the scene to press on. Other parts are ignored."),
-]
-AT = Annotated[
-    tuple[float, float, float] | None,
-    typer.Option(
-        "--at",
-        metavar="X Y Z",
-        help="Press on the surface point nearest to this position. Default: from above the middle. With "
-        "--recording: position of its origin; fitted if not given.",
-    ),
-]
-RECORDING = Annotated[
-    Path | None,
-    typer.Option("--recording", metavar="CSV", help="CSV file of fingertips over time, as for replay."),
-]
-SENSOR = Annotated[
-    bool, typer.Option("--sensor", help="Teleoperation: a sensor at the far end measures the part.")
-]
-
-
 @dataclass(frozen=True, slots=True)
 class WallOptions:
     """Options of the wall and of what drives the drum; None where the option was not given."""
 
-    wall: WALL = "decaff"
-    speed: SPEED = 0.1
-    latency_ms: LATENCY_MS = None
-    rate_hz: RATE_HZ = None
-    drum: DRUM = None
+    wall: Annotated[str, typer.Option(metavar="WALL", help="Kind of wall: real, coupled or decaff.")] = (
+        "decaff"
+    )
+    speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the approach.")] = 0.1
+    latency_ms: Annotated[
+        float | None, typer.Option(metavar="MS", help="Latency of forces or distances; 1 if not given.")
+    ] = None
+    rate_hz: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Rate of forces or distances; 1000 if not given.")
+    ] = None
+    drum: Annotated[
+        str | None, typer.Option(metavar="GEAR", help="Gear of the drum: gear14, gear51 or gear111 (total).")
+    ] = None
     glove: GLOVE = None
-    policy: POLICY = None
-    stiffness: STIFFNESS = None
-    damping: DAMPING = None
+    policy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="POLICY",
+            help="naive, latched, feed-forward or time-stamped (default; with --scene: the controller).",
+        ),
+    ] = None
+    stiffness: Annotated[
+        float | None,
+        typer.Option(metavar="N/M", help="Stiffness of a coupled wall (requires --damping), or of the part."),
+    ] = None
+    damping: Annotated[
+        float | None, typer.Option(metavar="NS/M", help="Damping of the surface. Requires --stiffness.")
+    ] = None
     cable: CABLE = None
-    stretch: STRETCH = None
+    stretch: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOW",
+            help="How the drum makes up for the stretch of the --cable: left (not at all, the default), "
+            "torque (by the motor's) or sensor (by a force sensor).",
+        ),
+    ] = None
 
     def check(self) -> None:
         """Refuse options that a wall of this kind does not have."""
@@ -176,11 +135,27 @@ class WallOptions:
 class PartOptions:
     """Options of a press on a part of a scene."""
 
-    scene: SCENE = None
-    part: PART = None
-    at: AT = None
-    recording: RECORDING = None
-    sensor: SENSOR = False
+    scene: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Press on a part: a mesh, STEP or scene file (.toml).")
+    ] = None
+    part: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Part of the scene to press on. Other parts are ignored."),
+    ] = None
+    at: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z",
+            help="Press on the surface point nearest to this position. Default: from above the middle. With "
+            "--recording: position of its origin; fitted if not given.",
+        ),
+    ] = None
+    recording: Annotated[
+        Path | None, typer.Option(metavar="CSV", help="CSV file of fingertips over time, as for replay.")
+    ] = None
+    sensor: Annotated[
+        bool, typer.Option("--sensor", help="Teleoperation: a sensor at the far end measures the part.")
+    ] = False
     units: UNITS = "mm"
 
     def check(self) -> None:

@@ -23,59 +23,25 @@ FARTHEST_M = 1e6
 """How far away a recording may be put, and how large a fingertip may be."""
 
 
-RECORDING = Annotated[Path, typer.Argument(metavar="RECORDING", help="CSV file of fingertips over time.")]
-PLACE = Annotated[
-    tuple[float, float, float] | None,
-    typer.Option("--place", metavar="X Y Z", help="Position of the recording's origin. Fitted if not given."),
-]
-TURN = Annotated[
-    tuple[float, float, float],
-    typer.Option(
-        "--turn",
-        metavar="RX RY RZ",
-        help="Rotation of the recording in degrees about the scene's x, then y, then z.",
-        show_default=False,
-    ),
-]
-SCALE = Annotated[
-    float, typer.Option("--scale", metavar="S", help="Factor by which the recording is enlarged.")
-]
-RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks per second.")]
-RADIUS = Annotated[
-    float | None, typer.Option("--radius", metavar="R", help="Radius of the fingertips; 7 mm if not given.")
-]
-LATENCY = Annotated[
-    float, typer.Option("--latency", metavar="MS", help="Age of a pose at its tick, in milliseconds.")
-]
-BUDGET = Annotated[
-    int | None,
-    typer.Option(
-        "--budget", metavar="N", help="Largest number of tree nodes and leaves visited per finger and tick."
-    ),
-]
-WORKING_RANGE = Annotated[
-    float | None,
-    typer.Option(
-        "--range", metavar="D", help="Distance beyond which only bounds are reported; 120 mm if not given."
-    ),
-]
-LIMIT = Annotated[
-    float | None, typer.Option("--limit", metavar="SECONDS", help="Replay only this much of the recording.")
-]
-OUT = Annotated[
-    Path | None,
-    typer.Option("--out", metavar="FILE", help="Write all contacts to this file: .npz, .npy or .csv."),
-]
-AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
-
-
 @dataclass(frozen=True, slots=True)
 class Placement:
     """Options that say where the recording is put."""
 
-    place: PLACE = None
-    turn: TURN = (0.0, 0.0, 0.0)
-    scale: SCALE = 1.0
+    place: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="Position of the recording's origin. Fitted if not given."),
+    ] = None
+    turn: Annotated[
+        tuple[float, float, float],
+        typer.Option(
+            metavar="RX RY RZ",
+            help="Rotation of the recording in degrees about the scene's x, then y, then z.",
+            show_default=False,
+        ),
+    ] = (0.0, 0.0, 0.0)
+    scale: Annotated[float, typer.Option(metavar="S", help="Factor by which the recording is enlarged.")] = (
+        1.0
+    )
 
     def check(self) -> None:
         """Refuse a scale out of range."""
@@ -109,11 +75,27 @@ class Placement:
 class TrackerOptions:
     """Options that say how the tracker is made."""
 
-    rate: RATE = 1000.0
-    radius: RADIUS = None
-    latency: LATENCY = 1.0
-    budget: BUDGET = None
-    working_range: WORKING_RANGE = None
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Ticks per second.")] = 1000.0
+    radius: Annotated[
+        float | None, typer.Option(metavar="R", help="Radius of the fingertips; 7 mm if not given.")
+    ] = None
+    latency: Annotated[
+        float, typer.Option(metavar="MS", help="Age of a pose at its tick, in milliseconds.")
+    ] = 1.0
+    budget: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Largest number of tree nodes and leaves visited per finger and tick."
+        ),
+    ] = None
+    working_range: Annotated[
+        float | None,
+        typer.Option(
+            "--range",
+            metavar="D",
+            help="Distance beyond which only bounds are reported; 120 mm if not given.",
+        ),
+    ] = None
 
     def check(self) -> None:
         """Refuse numbers out of range."""
@@ -138,12 +120,16 @@ class TrackerOptions:
 @with_option_groups
 def replay(
     file: FILE,
-    recording: RECORDING,
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="CSV file of fingertips over time.")],
     placement: Placement,
     tracker: TrackerOptions,
-    limit: LIMIT = None,
-    out: OUT = None,
-    as_json: AS_JSON = False,
+    limit: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Replay only this much of the recording.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write all contacts to this file: .npz, .npy or .csv.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
     units: UNITS = "mm",
 ) -> None:
     """Run a recorded hand past the parts of FILE, tick by tick, and check every bound.

@@ -10,15 +10,18 @@ from proximity.cli.options import with_option_groups
 from proximity.cli.output import report
 
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
-OUT = Annotated[
-    Path | None,
-    typer.Option("--out", metavar="FILE", help="Write a drawing (.png, .svg, .pdf) or numbers (.csv)."),
-]
-AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")]
 
 
 @with_option_groups
-def simulate(surface: WallOptions, pressed: PartOptions, out: OUT = None, as_json: AS_JSON = False) -> None:
+def simulate(
+    surface: WallOptions,
+    pressed: PartOptions,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a drawing (.png, .svg, .pdf) or numbers (.csv)."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")] = False,
+) -> None:
     """Simulate a hand that presses on a wall, and compare the force with that of a real wall.
 
     The hand approaches at --speed, presses with 0.8 N and leaves. A coupled wall is a spring and a

@@ -21,41 +21,34 @@ PAGE = "study.html"
 EXIT_FAILED = 1
 SAY_EVERY_S = 30.0  # where no terminal shows a bar
 
-STUDY = Annotated[
-    Path, typer.Argument(metavar="STUDY", help="A study file (.toml); or the word report, with DIR.")
-]
-FOLDER = Annotated[Path | None, typer.Argument(metavar="DIR", help="With report: the folder of results.")]
-OUT = Annotated[
-    Path | None,
-    typer.Option("--out", metavar="PATH", help="Folder of results; with report the page, else in DIR."),
-]
-ADDRESS = Annotated[
-    str | None, typer.Option("--address", metavar="HOST:PORT", help="Ray cluster; this machine if not given.")
-]
-CORES = Annotated[
-    int | None, typer.Option("--cores", metavar="N", min=1, help="Cores of this machine; all if not given.")
-]
-RESUME = Annotated[
-    bool, typer.Option("--resume/--from-scratch", help="Keep the rows that are there, or remove them first.")
-]
-RETRY_FAILED = Annotated[
-    bool, typer.Option("--retry-failed", help="Do conditions again whose row says that they failed.")
-]
-ONLY = Annotated[
-    str | None,
-    typer.Option("--only", metavar="KEY", help="Repeat one condition here, beside what its row says."),
-]
-
 
 def study(
-    study: STUDY,
-    folder: FOLDER = None,
-    out: OUT = None,
-    address: ADDRESS = None,
-    cores: CORES = None,
-    resume: RESUME = True,
-    retry_failed: RETRY_FAILED = False,
-    only: ONLY = None,
+    study: Annotated[
+        Path, typer.Argument(metavar="STUDY", help="A study file (.toml); or the word report, with DIR.")
+    ],
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="DIR", help="With report: the folder of results.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="PATH", help="Folder of results; with report the page, else in DIR."),
+    ] = None,
+    address: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="Ray cluster; this machine if not given.")
+    ] = None,
+    cores: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Cores of this machine; all if not given.")
+    ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume/--from-scratch", help="Keep the rows that are there, or remove them first."),
+    ] = True,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Do conditions again whose row says that they failed.")
+    ] = False,
+    only: Annotated[
+        str | None, typer.Option(metavar="KEY", help="Repeat one condition here, beside what its row says.")
+    ] = None,
 ) -> None:
     """Run the study in STUDY, a TOML file: a job for every combination of factors, on all cores.
 

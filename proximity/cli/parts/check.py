@@ -9,22 +9,20 @@ from proximity.cli.output import write_document
 
 EXIT_NO_INSIDE = 1
 
-AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
-LIST_ALL = Annotated[bool, typer.Option("--all", help="List all parts, not only the first 20.")]
-STRICT = Annotated[bool, typer.Option("--strict", help="Exit with code 1 if a part has no inside.")]
-TIME_LIMIT = Annotated[
-    float, typer.Option("--time-limit", metavar="S", min=0.1, help="Longest time for a file of a folder.")
-]
-
 
 @with_option_groups
 def check(
     file: FILE,
+    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
+    list_all: Annotated[bool, typer.Option("--all", help="List all parts, not only the first 20.")] = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with code 1 if a part has no inside.")
+    ] = False,
+    time_limit: Annotated[
+        float, typer.Option(metavar="S", min=0.1, help="Longest time for a file of a folder.")
+    ] = 60.0,
+    *,
     reading: Reading,
-    as_json: AS_JSON = False,
-    list_all: LIST_ALL = False,
-    strict: STRICT = False,
-    time_limit: TIME_LIMIT = 60.0,
 ) -> None:
     """Report the contents of FILE, part by part.
 

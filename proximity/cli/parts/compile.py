@@ -9,11 +9,13 @@ import typer
 from proximity.cli.options import FILE, Reading, with_option_groups
 from proximity.cli.output import counted, printable
 
-OUT = Annotated[Path, typer.Argument(metavar="OUT", help="File to write; its name ends in .prox.")]
-
 
 @with_option_groups
-def compile(file: FILE, out: OUT, reading: Reading) -> None:
+def compile(
+    file: FILE,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="File to write; its name ends in .prox.")],
+    reading: Reading,
+) -> None:
     """Prepare FILE for fast loading, and write it to OUT.
 
     OUT can be given wherever a FILE is expected. It opens in milliseconds and gives exactly the same

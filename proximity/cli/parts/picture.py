@@ -11,37 +11,29 @@ from proximity.cli.options import FILE, Reading, with_option_groups
 from proximity.cli.output import report
 from proximity.cli.parts.points import finite_number, read_points
 
-POINTS = Annotated[
-    str | None,
-    typer.Option("--points", metavar="FILE", help="Draw the points of a file; - is standard input."),
-]
-SLICE = Annotated[
-    str | None,
-    typer.Option(
-        "--slice", metavar="AXIS=POSITION", help="Show the signed distance in a plane, for example z=3."
-    ),
-]
-VIEW = Annotated[
-    str,
-    typer.Option(
-        "--view", metavar="VIEW", help="View: iso, front, back, left, right, top or bottom. z is up."
-    ),
-]
-SIZE = Annotated[str, typer.Option("--size", metavar="WxH", help="Width and height in pixels.")]
-OUT = Annotated[
-    Path, typer.Option("-o", "--out", metavar="FILE", help="PNG file to write. An existing file is replaced.")
-]
-
 
 @with_option_groups
 def picture(
     file: FILE,
-    out: OUT,
+    out: Annotated[
+        Path,
+        typer.Option("-o", "--out", metavar="FILE", help="PNG file to write. An existing file is replaced."),
+    ],
+    points: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Draw the points of a file; - is standard input.")
+    ] = None,
+    cut: Annotated[
+        str | None,
+        typer.Option(
+            "--slice", metavar="AXIS=POSITION", help="Show the signed distance in a plane, for example z=3."
+        ),
+    ] = None,
+    view: Annotated[
+        str, typer.Option(metavar="VIEW", help="View: iso, front, back, left, right, top or bottom. z is up.")
+    ] = "iso",
+    size: Annotated[str, typer.Option(metavar="WxH", help="Width and height in pixels.")] = "1400x800",
+    *,
     reading: Reading,
-    points: POINTS = None,
-    cut: SLICE = None,
-    view: VIEW = "iso",
-    size: SIZE = "1400x800",
 ) -> None:
     """Draw the parts of FILE as a PNG file, without a screen.
 

@@ -15,39 +15,33 @@ from proximity.system.garbage_collector import collector_paused
 
 POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
 
-COORDINATES = Annotated[
-    list[str] | None,
-    typer.Argument(metavar="X Y Z", help="Coordinates of one or more points. Negative numbers are allowed."),
-]
-POINTS = Annotated[
-    str | None,
-    typer.Option("--points", metavar="FILE", help="Read the points from a file; - is standard input."),
-]
-RAY = Annotated[
-    tuple[str, str, str] | None,
-    typer.Option("--ray", metavar="DX DY DZ", help="Cast a ray from each point in this direction."),
-]
-SEGMENT = Annotated[
-    bool, typer.Option("--segment", help="Take the points in pairs: start and end of a segment.")
-]
-AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document.")]
-AS_CSV = Annotated[bool, typer.Option("--csv", help="Write CSV with a header.")]
-WORKERS = Annotated[
-    int, typer.Option("--workers", metavar="N", help="Number of threads for many queries; -1 uses all cores.")
-]
-
 
 @with_option_groups
 def query(
     file: FILE,
+    coordinates: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="X Y Z", help="Coordinates of one or more points. Negative numbers are allowed."
+        ),
+    ] = None,
+    points: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Read the points from a file; - is standard input.")
+    ] = None,
+    ray: Annotated[
+        tuple[str, str, str] | None,
+        typer.Option(metavar="DX DY DZ", help="Cast a ray from each point in this direction."),
+    ] = None,
+    segment: Annotated[
+        bool, typer.Option("--segment", help="Take the points in pairs: start and end of a segment.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Write CSV with a header.")] = False,
+    workers: Annotated[
+        int, typer.Option(metavar="N", help="Number of threads for many queries; -1 uses all cores.")
+    ] = 1,
+    *,
     reading: Reading,
-    coordinates: COORDINATES = None,
-    points: POINTS = None,
-    ray: RAY = None,
-    segment: SEGMENT = False,
-    as_json: AS_JSON = False,
-    as_csv: AS_CSV = False,
-    workers: WORKERS = 1,
 ) -> None:
     """Measure from points, rays or segments to the nearest part of FILE.
 

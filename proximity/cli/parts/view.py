@@ -15,88 +15,70 @@ from proximity.system.stop_signals import stop_at_input, stopped_by_signals
 if TYPE_CHECKING:
     from proximity.web.page_process import PageSettings
 
-FILES = Annotated[
-    list[Path], typer.Argument(metavar="FILES", help="Parts, a scene file (.toml), a log (.frames).")
-]
-REPLAY = Annotated[
-    Path | None, typer.Option("--replay", metavar="HAND", help="Start with this recorded hand (CSV).")
-]
-FIT = Annotated[bool, typer.Option("--fit", help="Move the recorded hand to where it touches the parts.")]
-BROWSER = Annotated[
-    bool, typer.Option("--browser/--no-browser", help="Whether to open a browser.", show_default=False)
-]
-RERUN = Annotated[
-    Path | None,
-    typer.Option(
-        "--rerun",
-        metavar="OUT",
-        help="Write a log and its parts for the viewer Rerun (.rrd) instead of showing a page.",
-    ),
-]
-RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks of the service per second.")]
-RADIUS = Annotated[
-    float | None, typer.Option("--radius", metavar="MM", help="Radius of the fingertips; 7 mm if not given.")
-]
-PORT = Annotated[int, typer.Option("--port", metavar="N", help="Port to listen on; 0: any free port.")]
-BIND = Annotated[
-    str,
-    typer.Option(
-        "--bind",
-        metavar="ADDRESS",
-        help="Address to listen on. Other than 127.0.0.1, it requires --cert and --key.",
-    ),
-]
-NAMES = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--name",
-        metavar="NAME",
-        help="Host name by which other machines reach this one. Can be given several times.",
-    ),
-]
-CERT = Annotated[Path | None, typer.Option("--cert", metavar="FILE", help="Certificate for TLS, PEM.")]
-KEY = Annotated[
-    Path | None, typer.Option("--key", metavar="FILE", help="Private key of the certificate, PEM.")
-]
-BESIDE = Annotated[str | None, typer.Option("--beside", metavar="ADDRESS", hidden=True)]
-FRAMED = Annotated[bool, typer.Option("--framed", hidden=True)]
-AS_JSON = Annotated[bool, typer.Option("--json", hidden=True)]
-UNTIL_STDIN = Annotated[bool, typer.Option("--until-stdin", hidden=True)]
-
 
 @dataclass(frozen=True)
 class Listening:
     """Where pages can be had."""
 
-    port: PORT = 0
-    bind: BIND = "127.0.0.1"
-    name: NAMES = None
-    cert: CERT = None
-    key: KEY = None
+    port: Annotated[int, typer.Option(metavar="N", help="Port to listen on; 0: any free port.")] = 0
+    bind: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address to listen on. Other than 127.0.0.1, it requires --cert and --key.",
+        ),
+    ] = "127.0.0.1"
+    name: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Host name by which other machines reach this one. Can be given several times.",
+        ),
+    ] = None
+    cert: Annotated[Path | None, typer.Option(metavar="FILE", help="Certificate for TLS, PEM.")] = None
+    key: Annotated[Path | None, typer.Option(metavar="FILE", help="Private key of the certificate, PEM.")] = (
+        None
+    )
 
 
 @dataclass(frozen=True)
 class Program:
     """What a program that starts this one asks for."""
 
-    beside: BESIDE = None
-    framed: FRAMED = False
-    json: AS_JSON = False
-    until_stdin: UNTIL_STDIN = False
+    beside: Annotated[str | None, typer.Option(metavar="ADDRESS", hidden=True)] = None
+    framed: Annotated[bool, typer.Option("--framed", hidden=True)] = False
+    json: Annotated[bool, typer.Option("--json", hidden=True)] = False
+    until_stdin: Annotated[bool, typer.Option("--until-stdin", hidden=True)] = False
 
 
 @with_option_groups
 def view(
-    files: FILES,
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILES", help="Parts, a scene file (.toml), a log (.frames).")
+    ],
     listening: Listening,
     program: Program,
     units: UNITS = "mm",
-    replay: REPLAY = None,
-    fit: FIT = False,
-    browser: BROWSER = True,
-    rate: RATE = 1000.0,
-    radius: RADIUS = None,
-    rerun: RERUN = None,
+    replay: Annotated[
+        Path | None, typer.Option(metavar="HAND", help="Start with this recorded hand (CSV).")
+    ] = None,
+    fit: Annotated[
+        bool, typer.Option("--fit", help="Move the recorded hand to where it touches the parts.")
+    ] = False,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Whether to open a browser.", show_default=False)
+    ] = True,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Ticks of the service per second.")] = 1000.0,
+    radius: Annotated[
+        float | None, typer.Option(metavar="MM", help="Radius of the fingertips; 7 mm if not given.")
+    ] = None,
+    rerun: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT",
+            help="Write a log and its parts for the viewer Rerun (.rrd) instead of showing a page.",
+        ),
+    ] = None,
     limit: LIMIT = None,
 ) -> None:
     """Show FILES in the browser: the parts, hands, and the distance of every fingertip.

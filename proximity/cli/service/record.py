@@ -27,21 +27,15 @@ GATHER_S = 0.002  # that frames are let come: to wake for each would cost more; 
 ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame before that is said
 STDOUT = Path("-")
 
-LOG = Annotated[
-    Path, typer.Argument(metavar="FILE", help="Log of frames. Created if missing, otherwise continued.")
-]
-AS_JSON = Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")]
-FRAMES = Annotated[Path, typer.Argument(metavar="FILE", help="Log of frames.")]
-CSV = Annotated[
-    Path | None, typer.Option("--csv", metavar="OUT", help="Write CSV to this file; - is standard output.")
-]
-PARQUET = Annotated[
-    Path | None,
-    typer.Option("--parquet", metavar="OUT", help="Write Parquet to this file. Requires pyarrow."),
-]
 
-
-def record(address: ADDRESS, file: LOG, limit: LIMIT = None, as_json: AS_JSON = False) -> None:
+def record(
+    address: ADDRESS,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Log of frames. Created if missing, otherwise continued.")
+    ],
+    limit: LIMIT = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
+) -> None:
     """Write every frame published at ADDRESS to FILE, until Ctrl-C, SIGTERM or --limit.
 
     FILE is only appended to: an existing log is continued, and a crash loses at most the frame that was
@@ -122,7 +116,15 @@ def _record(
             log.append(data)
 
 
-def export(file: FRAMES, csv: CSV = None, parquet: PARQUET = None) -> None:
+def export(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Log of frames.")],
+    csv: Annotated[
+        Path | None, typer.Option(metavar="OUT", help="Write CSV to this file; - is standard output.")
+    ] = None,
+    parquet: Annotated[
+        Path | None, typer.Option(metavar="OUT", help="Write Parquet to this file. Requires pyarrow.")
+    ] = None,
+) -> None:
     """Write the frames in FILE, a log of record or serve, as a table with one line for each finger
     and frame.
 

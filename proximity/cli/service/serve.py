@@ -30,60 +30,50 @@ LINES = (
 )
 UNUSED_POSES = {"future": "from the future", "backwards": "backwards in time", "too_old": "too old"}
 
-SCENE = Annotated[
-    Path, typer.Argument(metavar="SCENE", help="Scene file (TOML): parts, fingers, input, addresses.")
-]
-RATE = Annotated[
-    float | None, typer.Option("--rate", metavar="HZ", help="Ticks per second; overrides SCENE.")
-]
-PUBLISH = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--publish",
-        metavar="ADDRESS",
-        help="Address to publish to; overrides SCENE. Can be given several times.",
-    ),
-]
-LOG = Annotated[
-    Path | None, typer.Option("--log", metavar="FILE", help="Append all frames to this log; overrides SCENE.")
-]
-REAL_TIME = Annotated[
-    bool | None,
-    typer.Option(
-        "--realtime/--no-realtime",
-        help="Ask the system for real-time priority, locked memory and a core of its own; overrides SCENE.",
-        show_default=False,
-    ),
-]
-TICKS = Annotated[int | None, typer.Option("--ticks", metavar="N", help="Stop after this many ticks.")]
-WEB = Annotated[
-    bool, typer.Option("--web", help="Start the page of proximity view as well, and print its address.")
-]
-PORT = Annotated[
-    int | None,
-    typer.Option("--port", metavar="N", help="Port of the page of --web; any free port if not given."),
-]
-AS_JSON = Annotated[
-    bool, typer.Option("--json", help="Write one JSON document at the start and one at the end: the report.")
-]
-UNTIL_STDIN = Annotated[
-    bool,
-    typer.Option("--until-stdin", help="Stop when a line arrives on standard input, or when it is closed."),
-]
-
 
 def serve(
-    scene: SCENE,
-    rate: RATE = None,
-    publish: PUBLISH = None,
-    log: LOG = None,
-    real_time: REAL_TIME = None,
+    scene: Annotated[
+        Path, typer.Argument(metavar="SCENE", help="Scene file (TOML): parts, fingers, input, addresses.")
+    ],
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Ticks per second; overrides SCENE.")
+    ] = None,
+    publish: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ADDRESS", help="Address to publish to; overrides SCENE. Can be given several times."
+        ),
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Append all frames to this log; overrides SCENE.")
+    ] = None,
+    real_time: Annotated[
+        bool | None,
+        typer.Option(
+            "--realtime/--no-realtime",
+            help="Ask the system for real-time priority, locked memory and a core of its own; "
+            "overrides SCENE.",
+            show_default=False,
+        ),
+    ] = None,
     limit: LIMIT = None,
-    ticks: TICKS = None,
-    web: WEB = False,
-    port: PORT = None,
-    as_json: AS_JSON = False,
-    until_stdin: UNTIL_STDIN = False,
+    ticks: Annotated[int | None, typer.Option(metavar="N", help="Stop after this many ticks.")] = None,
+    web: Annotated[
+        bool, typer.Option("--web", help="Start the page of proximity view as well, and print its address.")
+    ] = False,
+    port: Annotated[
+        int | None, typer.Option(metavar="N", help="Port of the page of --web; any free port if not given.")
+    ] = None,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Write one JSON document at the start and one at the end: the report."),
+    ] = False,
+    until_stdin: Annotated[
+        bool,
+        typer.Option(
+            "--until-stdin", help="Stop when a line arrives on standard input, or when it is closed."
+        ),
+    ] = False,
 ) -> None:
     """Serve the fingers and parts that SCENE describes: poses in, contacts out, every period.
 

@@ -20,24 +20,14 @@ class Language(StrEnum):
 
 
 FOLDER = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write the files to.")]
-LANGUAGE = Annotated[
-    Language, typer.Argument(metavar="csharp|javascript|cpp", help="Language of your program.")
-]
-DRUM = Annotated[
-    str | None,
-    typer.Option("--drum", metavar="GEAR", help="Another gear: gear14, gear51 or gear111 (total)."),
-]
-RATE = Annotated[float, typer.Option("--rate", metavar="HZ", help="Rate of controller and servo.")]
-HEADER = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="Write to this file instead of printing.")
-]
-RECEIVER = Annotated[
-    bool, typer.Option("--receiver", help="Print the C example that receives frames over UDP instead.")
-]
-KEY = Annotated[Path, typer.Option("--out", metavar="FILE", help="File to create; must not exist.")]
 
 
-def client(language: LANGUAGE, out: FOLDER) -> None:
+def client(
+    language: Annotated[
+        Language, typer.Argument(metavar="csharp|javascript|cpp", help="Language of your program.")
+    ],
+    out: FOLDER,
+) -> None:
     """Write a client into a folder: sources in C++, JavaScript or C# that read frames and send
     poses.
 
@@ -57,7 +47,13 @@ def client(language: LANGUAGE, out: FOLDER) -> None:
 
 
 def controller(
-    out: FOLDER, glove: GLOVES = None, drum: DRUM = None, rate: RATE = 3000.0, cable: CABLE = None
+    out: FOLDER,
+    glove: GLOVES = None,
+    drum: Annotated[
+        str | None, typer.Option(metavar="GEAR", help="Another gear: gear14, gear51 or gear111 (total).")
+    ] = None,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Rate of controller and servo.")] = 3000.0,
+    cable: CABLE = None,
 ) -> None:
     """Write the controller of a contact drum as C99 sources for a microcontroller.
 
@@ -89,7 +85,14 @@ def controller(
         typer.echo(f"{path}: written")
 
 
-def header(out: HEADER = None, receiver: RECEIVER = False) -> None:
+def header(
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write to this file instead of printing.")
+    ] = None,
+    receiver: Annotated[
+        bool, typer.Option("--receiver", help="Print the C example that receives frames over UDP instead.")
+    ] = False,
+) -> None:
     """Print decaff_message.h, the layout of all messages for C99, C11 and C++.
 
     It contains a structure for each message, with a comment for each field, and functions that check
@@ -115,7 +118,7 @@ def header(out: HEADER = None, receiver: RECEIVER = False) -> None:
         stream.write(text.encode("ascii"))
 
 
-def key(out: KEY) -> None:
+def key(out: Annotated[Path, typer.Option(metavar="FILE", help="File to create; must not exist.")]) -> None:
     """Make a key for udp://HOST:PORT?key=FILE. Without a key, messages of any program are accepted.
 
     Both ends name the same file. The sender appends a tag to each message; the receiver discards and

@@ -13,10 +13,14 @@ from proximity.system.stop_signals import stopped_by_signals
 
 TURN_S = 0.02  # within that a wish to stop is noticed, and a silence shown
 
-AS_JSON = Annotated[bool, typer.Option("--json", help="Write every frame as one line of JSON, in SI units.")]
 
-
-def watch(address: ADDRESS, limit: LIMIT = None, as_json: AS_JSON = False) -> None:
+def watch(
+    address: ADDRESS,
+    limit: LIMIT = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Write every frame as one line of JSON, in SI units.")
+    ] = False,
+) -> None:
     """Show the fingers of the service that publishes at ADDRESS, until Ctrl-C or --limit.
 
     For each finger: the nearest part, the distance or its bounds, the time until touch, the approach
