@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mesh_reading import read, refusal, write
 
 from proximity import formats
-from proximity.errors import MeshError, MeshFormatError
+from proximity.errors import ArgumentError, MeshError, MeshFormatError
 from proximity.formats import dialects
 
 VERTICES, FACES = shapes.box([1.0, 2.0, 3.0], [3.0, 5.0, 7.0])
@@ -359,7 +359,7 @@ def test_unit_or_tolerance_that_does_not_exist_is_refused():
     with pytest.raises(MeshError, match="there is no unit 5"):
         formats.read_geometries("part.stl", units=5)
     for tolerance in (0.0, "fine"):
-        with pytest.raises(MeshError, match=r"step_tolerance is .*, expected a positive number of metres"):
+        with pytest.raises(ArgumentError, match=r"step_tolerance is .*, expected a positive number of m"):
             formats.read_geometries("part.step", step_tolerance=tolerance)
 
 

@@ -16,7 +16,7 @@ from wire import Clock, Wire, frame, sealed
 
 from proximity.errors import PublishError
 from proximity.message import FRAME, POSES, Defect, Message
-from proximity.service.inputs.stream import StreamInput
+from proximity.service.inputs.message_input import MessageInput
 from proximity.transport import MessageReader, open_inlet, open_outlet, open_publisher, open_subscriber, udp
 from proximity.transport.address import parse
 from proximity.transport.link import NOTHING
@@ -272,20 +272,20 @@ def test_session_before_the_newest_is_never_believed_again(silence):
 
 def test_forged_poses_do_not_reach_a_service(key, port, caplog):
     address = f"udp://127.0.0.1:{port}?key={key}"
-    poses, message = StreamInput(address, 2), Message(POSES, 2)
+    poses, message = MessageInput(address, 2), Message(POSES, 2)
     message.records["finger"] = 0, 1
     now = time.monotonic_ns()
     message.header["send_ns"] = message.records["pose_ns"] = now
     message.records["position"], message.records["velocity"], message.records["bend"] = 0.5, 0.0, np.nan
     throw(port, *(sealed(message, number, 2**63) for number in range(50)))
     try:
-        until(lambda: poses.poll(now) is None and any("50 not verified" in note for note in poses.notes))
+        until(lambda: not list(poses.poll(now)) and any("50 not verified" in note for note in poses.notes))
         assert poses.notes == [f"{address}: 0 received, 0 lost, 50 not verified by the key"]
         expected = f"{address}: a message is not verified by the key (expected that of its sender)"
         assert caplog.messages == [expected]
         message.records["position"] = 0.1
         with open_publisher(address) as publisher:
             publisher.publish(message)
-        assert (until(lambda: poses.poll(now)).positions == 0.1).all()
+        assert (until(lambda: next(poses.poll(now), None)).positions == 0.1).all()
     finally:
         poses.close()

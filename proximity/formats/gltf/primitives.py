@@ -181,7 +181,7 @@ def triangles(primitive: Primitive) -> np.ndarray:
 
 def check_draco_installed() -> None:
     """Raise if DracoPy is not there, with what to install."""
-    with needed(f"geometry stored by {DRACO} needs", "gltf", MeshFormatError):
+    with needed(f"geometry stored by {DRACO} needs", "gltf"):
         import DracoPy  # noqa: F401
 
 
