@@ -39,7 +39,7 @@ scene
 point · ray · segment
 tree
 sign
-mesh
+mesh · traverse
 geometry
 stack_arrays
 compiled_stack · contact_columns · layout · model_arrays

@@ -42,7 +42,7 @@ is_kept = True
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Return the function as numba compiles it when it is called."""
     dispatcher = numba.njit(nogil=True, error_model="numpy", **options)(function)
-    if is_kept:
+    if is_kept and function.__closure__ is None:  # of a closure each process would keep another
         before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
         try:
             dispatcher._cache = _SharedCache(function)

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
 from proximity.kernels.tracking.finger_distance import CROWD
 from proximity.kernels.tracking.motion import MOTION_INTS, MOTION_REALS
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
+from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 
 
 def arrays_for(count: int, settings: np.ndarray) -> dict[str, np.ndarray]:

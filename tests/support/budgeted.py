@@ -24,12 +24,10 @@ from proximity.kernels.layout import (
     PART_ROOT,
     STACKS_SIZE,
 )
-from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE, known_sq, nearest_with_budget
-from proximity.kernels.point.walk import NOTHING_SEEN
-from proximity.kernels.scene.nearest_part import (
-    nearest_in_scene,
-)
+from proximity.kernels.point.budgeted_walk import known_sq, nearest_with_budget
+from proximity.kernels.point.walk import NOTHING_SEEN, nearest_in_scene
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.mesh.bvh import LocalFrame
 from proximity.mesh.part_arrays import common_frame, part_arrays
 from proximity.pose import Pose
@@ -83,10 +81,8 @@ def walk(model, point, budget, best_sq=np.inf, slot=NO_SLOT, *, tolerance=0.0, e
         arrays,
         *start_of(model),
         tuple(map(float, point)),
-        best_sq,
-        slot,
-        tolerance,
-        exact_within,
+        (best_sq, slot),
+        (tolerance, exact_within),
         budget,
         WORKSPACE,
     )
@@ -104,7 +100,7 @@ def without_budget(model, point, best_sq=np.inf, slot=NO_SLOT):
     part = int(part_of_slot(model.words, model.parts, slot)) if slot >= 0 else NO_PART
     stacks = np.empty(STACKS_SIZE, np.float32)
     found_sq, _, found = nearest_in_scene(
-        *arrays, *map(float, point), best_sq, part, slot, NOTHING_SEEN, stacks
+        arrays, tuple(map(float, point)), best_sq, part, slot, NOTHING_SEEN, stacks
     )
     return float(found_sq), int(found)
 

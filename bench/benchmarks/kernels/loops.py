@@ -16,7 +16,7 @@ from proximity.kernels.ray.walk import SLAB_MARGIN, aim_and_view, first_in_block
 from proximity.kernels.segment.walk import segment_block_distance_sq
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.kernels.stack_arrays import words_here
-from proximity.kernels.tree.traversal import descend
+from proximity.kernels.traverse.depth_first import to_nearest
 from proximity.native import kernel
 from proximity.native.simd import bits, horizontal_min, select, splat, splat32
 
@@ -99,7 +99,7 @@ def node_loop(words, bases, queries, found):
         is_open = bounds <= best32
         waiting = np.int64(-1)
         if bits(is_open):
-            _, waiting = descend(words, bases[i], bounds, is_open, stacks, np.int64(0))
+            _, waiting = to_nearest(words, bases[i], bounds, bounds, is_open, stacks, np.int64(0))
         found[i] = waiting
 
 

@@ -39,8 +39,8 @@ from proximity.kernels.layout import (
     PART_ROOT,
     SCENE_ENTRIES,
 )
-from proximity.kernels.point.budgeted_walk import best_known, factor_of, nearest_with_budget
-from proximity.kernels.tree.traversal import nearer_in_block
+from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, best_known, factor_of, nearest_with_budget
+from proximity.kernels.point.walk import nearer_in_block
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
@@ -333,7 +333,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
                     entry = parts[walk_row, SCENE_ENTRIES] + 2 * (~reference - ENTRY)
                     start, owner = np.int64(load_int(words, entry + 1)), np.int64(load_int(words, entry))
                     best_sq, slot, lower_sq, steps = nearest_with_budget(
-                        model, start, owner, point, best_sq, slot, 0.0, 0.0, budget - work, workspace
+                        model, start, owner, point, (best_sq, slot), NO_TOLERANCE, budget - work, workspace
                     )
                     work += steps
                     if lower_sq < best_sq:

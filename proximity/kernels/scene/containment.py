@@ -103,11 +103,9 @@ def depth_in_part(model, part, p, state, workspace):
         if known_sq <= reach_sq:
             reach_sq, slot, seen = known_sq, known, ~(known // LANES)
     root, stacks = parts[part, PART_ROOT], workspace.stacks
-    found_sq, slot = closest_in_part(reals, words, root, px, py, pz, reach_sq, slot, seen, stacks, 0)
+    found_sq, slot = closest_in_part(reals, words, root, p, reach_sq, slot, seen, stacks)
     if slot == NO_SLOT:
-        found_sq, slot = closest_in_part(
-            reals, words, root, px, py, pz, np.inf, slot, NOTHING_SEEN, stacks, 0
-        )
+        found_sq, slot = closest_in_part(reals, words, root, p, np.inf, slot, NOTHING_SEEN, stacks)
     if slot >= 0:
         recent[last, 0], recent[last, 1] = part, slot
         if state == CELL_CROSSED:

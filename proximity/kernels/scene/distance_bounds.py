@@ -39,7 +39,7 @@ from proximity.kernels.layout import (
     SIGN_NONE,
     SIGN_WINDING,
 )
-from proximity.kernels.point.budgeted_walk import DOWN, known_sq, nearest_with_budget
+from proximity.kernels.point.budgeted_walk import DOWN, NO_TOLERANCE, known_sq, nearest_with_budget
 from proximity.kernels.scene.containment import state_in_part
 from proximity.kernels.scene.part_grid import containing_bits, lowest_part, sought, turns_of
 from proximity.kernels.sign.inside_grid import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE
@@ -53,11 +53,11 @@ SPARE_DEPTH_STEPS = 64
 
 
 @inlined
-def nearest_from_face(model, point, part, slot, limit_sq, tolerance, exact_within, budget, workspace):
+def nearest_from_face(model, point, part, slot, limit_sq, tolerance, budget, workspace):
     """`nearest_with_budget` for the whole scene, starting from a face known, if any; with its part.
 
-    *model*: its four arrays; *point*: (x, y, z). *limit_sq*, *exact_within*: in the scene's scaled
-    frame; nothing farther than the limit is looked at.
+    *model*: its four arrays; *point*: (x, y, z). *limit_sq*, and the length in *tolerance*: in the
+    scene's scaled frame; nothing farther than the limit is looked at.
     """
     reals, words, frames, parts = model
     x, y, z = point
@@ -70,16 +70,7 @@ def nearest_from_face(model, point, part, slot, limit_sq, tolerance, exact_withi
             slot = np.int64(NO_SLOT)
     walk_row = np.int64(0) if is_alone(parts) else len(parts) - 1
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        model,
-        parts[walk_row, PART_ROOT],
-        walk_row,
-        point,
-        best_sq,
-        slot,
-        tolerance,
-        exact_within,
-        budget,
-        workspace,
+        model, parts[walk_row, PART_ROOT], walk_row, point, (best_sq, slot), tolerance, budget, workspace
     )
     if slot >= 0:
         part = part_of_slot(words, parts, slot)
@@ -160,7 +151,14 @@ def _depth_in(model, other, point, budget, workspace, closest):
     else:
         budget = max(budget, FEWEST_DEPTH_STEPS)
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        model, parts[other, PART_ROOT], other, point, np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+        model,
+        parts[other, PART_ROOT],
+        other,
+        point,
+        (np.inf, np.int64(NO_SLOT)),
+        NO_TOLERANCE,
+        budget,
+        workspace,
     )
     is_exact = lower_sq >= best_sq
     is_inside = True
@@ -267,14 +265,12 @@ def bounds_at(model, point, part, slot, is_outside, tolerance, exact_within, bud
 
     *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face to start from, or `NO_SLOT`.
     *is_outside*: True where it is known that no part contains the point. *tolerance*, *exact_within* (m), of
-    a point that is outside: see `near_enough_sq`; others are asked exactly, as far as the budget goes.
+    a point that is outside: see `budgeted_walk`; others are asked exactly, as far as the budget goes.
     Returns what `bounds_of_nearest` does.
     """
     _, _, frames, parts = model
-    nearest = nearest_from_face(
-        model, point, part, slot, np.inf, tolerance if is_outside else 0.0,
-        exact_within * frames[len(parts) - 1, FRAME_SCALE], budget, workspace,
-    )  # fmt: skip
+    accuracy = tolerance if is_outside else 0.0, exact_within * frames[len(parts) - 1, FRAME_SCALE]
+    nearest = nearest_from_face(model, point, part, slot, np.inf, accuracy, budget, workspace)
     return bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, closest)
 
 

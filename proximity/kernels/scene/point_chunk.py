@@ -17,14 +17,13 @@ from proximity.kernels.geometry.frames import LENGTH_ROUNDING, can_be_asked, to_
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import offset_of
 from proximity.kernels.layout import FEATURE_FACE, FRAME_SCALE, LANES, NO_PART, NO_SLOT
-from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block
+from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, nearest_in_scene
 from proximity.kernels.scene.chunk_tables import POINT_CHUNK
 from proximity.kernels.scene.containment import deepest_of_certain, note_candidates
-from proximity.kernels.scene.nearest_part import nearest_in_scene
 from proximity.kernels.sign.side import closest_of_lane, has_normals, is_beyond
 from proximity.native import inlined
 
-FEWEST_IN_LANES = 4
+FEWEST_IN_LANES = 3
 """Points from which on it is sooner to work out eight at a time what is closest."""
 
 
@@ -43,7 +42,7 @@ def row_of(order, i):
 @inlined
 def nearest_from_block(model, point, limit_sq, part, slot, stacks):
     """`nearest_in_scene`, starting from the block of what the point before has found, if anything."""
-    reals, words, frames, parts = model
+    reals, _, frames, parts = model
     x, y, z = point
     best_sq, seen = limit_sq, np.int64(NOTHING_SEEN)
     if slot >= 0:
@@ -54,7 +53,7 @@ def nearest_from_block(model, point, limit_sq, part, slot, stacks):
         best_sq /= ratio * ratio
         if not best_sq <= limit_sq:
             best_sq, part, slot = limit_sq, np.int64(NO_PART), np.int64(NO_SLOT)
-    return nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, part, slot, seen, stacks)
+    return nearest_in_scene(model, point, best_sq, part, slot, seen, stacks)
 
 
 @inlined

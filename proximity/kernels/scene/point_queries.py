@@ -131,9 +131,9 @@ def signed_alone(model, points, distances):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         distances[row, 0] = np.nan
         if can_be_asked(frames, parts, x, y, z):
-            px, py, pz = to_local(frames, parts, 0, x, y, z)
+            p = px, py, pz = to_local(frames, parts, 0, x, y, z)
             _, slot = closest_in_part(
-                reals, words, parts[0, PART_ROOT], px, py, pz, np.inf, NO_SLOT, NOTHING_SEEN, stacks, 0
+                reals, words, parts[0, PART_ROOT], p, np.inf, np.int64(NO_SLOT), NOTHING_SEEN, stacks
             )
             signed = signed_of_slot(reals, words, parts, 0, slot, px, py, pz, closest)
             distances[row, 0] = signed / frames[0, FRAME_SCALE]

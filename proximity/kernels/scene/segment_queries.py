@@ -1,7 +1,6 @@
 """Segment queries against a whole scene: the shortest connection between a segment and the surfaces.
 
-As `nearest_part` does for points: the scene's tree first, parts' trees below it, squared distances compared
-in the scene's scaled frame. A segment without length is a point, and is answered as a point.
+A segment without length is a point, and is answered as a point.
 """
 
 import numpy as np
@@ -15,43 +14,27 @@ from proximity.kernels.geometry.closest_feature import (
 )
 from proximity.kernels.geometry.frames import (
     can_be_asked,
-    is_alone,
-    part_of_slot,
     to_local,
     to_scene,
 )
 from proximity.kernels.geometry.rows import limit_of
 from proximity.kernels.layout import (
-    ENTRY,
     FRAME_SCALE,
-    LANES,
     NO_FACE,
     NO_PART,
     NO_ROW,
     NO_SLOT,
-    NODE_STRIDE,
-    PART_IS_FUSED,
-    PART_ROOT,
     PART_SLOT_FACES,
-    SCENE_ENTRIES,
-    STACK_SIZE,
     STACKS_SIZE,
 )
 from proximity.kernels.model_arrays import ModelArrays
-from proximity.kernels.point.walk import NOTHING_SEEN
-from proximity.kernels.scene.nearest_part import (
-    nearest_in_scene,
-)
+from proximity.kernels.point.walk import NOTHING_SEEN, nearest_in_scene
 from proximity.kernels.scene.point_chunk import reach_sq
-from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import (
     PLAN_HIGH,
-    PLAN_IS_FAR,
     PLAN_LOW,
-    PLAN_PART,
     PLAN_SIZE,
     PROBE_SIZE,
-    make_plan,
 )
 from proximity.kernels.segment.triangle import (
     WITNESS_FRACTION,
@@ -62,14 +45,11 @@ from proximity.kernels.segment.triangle import (
     WITNESS_WEIGHT,
     segment_on_triangle,
 )
-from proximity.kernels.segment.walk import segment_in_block, segment_in_part
+from proximity.kernels.segment.walk import plan_in_part, segment_in_scene
 from proximity.kernels.stack_arrays import real_rows_here, reals_here, word_rows_here, words_here
-from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, next_open
 from proximity.native import HANDFUL, entry, inlined, kernel
 from proximity.native.simd import (
-    bits,
     load_int,
-    splat32,
 )
 
 # columns of the answers: float64
@@ -84,102 +64,6 @@ SEGMENT_ANSWER_PART = 2 * SEGMENT_ANSWER_REALS
 SEGMENT_ANSWER_FACE = SEGMENT_ANSWER_PART + 1
 SEGMENT_ANSWER_WIDTH = SEGMENT_ANSWER_REALS + 1
 """float64 that a row takes in all."""
-
-
-@kernel
-def plan_in_part(frames, parts, part, segment, plan, probe):
-    """Make the plan of a segment (six coordinates, scene's frame) in the local frame of *part*, once."""
-    if plan[PLAN_PART] == part:
-        return
-    sx, sy, sz = to_local(frames, parts, part, segment[0], segment[1], segment[2])
-    ex, ey, ez = to_local(frames, parts, part, segment[3], segment[4], segment[5])
-    make_plan(plan, probe, sx, sy, sz, ex, ey, ez)
-    plan[PLAN_PART] = part
-
-
-@kernel
-def segment_in_scene(
-    reals, words, frames, parts, segment, best_sq, known_slot, plans, probes, witness, stacks
-):
-    """Squared distance (scene's scaled frame), part and slot of the surface nearest to a segment.
-
-    *best_sq* is the limit. *known_slot*, or `NO_SLOT`: a triangle that may be near; it changes the cost, not
-    the answer. Ties go to the lower part, then to the lower slot; of crossings the first along the segment
-    counts. Scratch: *plans* (2, `PLAN_SIZE`), of which the first is left as the plan of some part, *probes*
-    (2, `PROBE_SIZE`), *witness*, *stacks*.
-
-    Parts in the scene's own frame are walked as if they were one tree; the others by a walk of their own.
-    """
-    scene = len(parts) - 1
-    scene_scale = frames[scene, FRAME_SCALE]
-    plan, probe, scene_plan, scene_probe = plans[0], probes[0], plans[1], probes[1]
-    plan[PLAN_PART] = scene_plan[PLAN_PART] = NO_PART
-    best_fraction, best_slot = np.inf, np.int64(NO_SLOT)
-    found_part = np.int64(0)
-    if known_slot >= 0:
-        found_part = part_of_slot(words, parts, known_slot)
-        plan_in_part(frames, parts, found_part, segment, plan, probe)
-        ratio_sq = (frames[found_part, FRAME_SCALE] / scene_scale) ** 2
-        best_sq, best_fraction, best_slot = segment_in_block(
-            reals, known_slot // LANES, plan, best_sq * ratio_sq, best_fraction, best_slot, witness
-        )
-        best_sq /= ratio_sq
-    if is_alone(parts):
-        plan_in_part(frames, parts, found_part, segment, plan, probe)
-        best_sq, _, best_slot = segment_in_part(
-            reals,
-            words,
-            parts[0, PART_ROOT],
-            plan,
-            probe,
-            best_sq,
-            best_fraction,
-            best_slot,
-            witness,
-            stacks,
-            0,
-        )
-        return best_sq, found_part, best_slot
-
-    plan_in_part(frames, parts, scene, segment, scene_plan, scene_probe)
-    is_far = scene_plan[PLAN_IS_FAR] != 0.0
-    entries = parts[scene, SCENE_ENTRIES]
-    best32 = open_bound(scene_plan, best_sq, best_fraction)
-    bottom = 2 * STACK_SIZE
-    at = bottom
-    reference = parts[scene, PART_ROOT]
-    while True:
-        if reference >= 0:
-            base = NODE_STRIDE * reference
-            bounds = node_bounds_sq(words, base, scene_plan, scene_probe, is_far)
-            is_open = bounds <= splat32(best32)
-            if bits(is_open):
-                reference, at = descend(words, base, bounds, is_open, stacks, at)
-                continue
-        elif ~reference < ENTRY:
-            best_sq, best_fraction, best_slot = segment_in_block(
-                reals, ~reference, scene_plan, best_sq, best_fraction, best_slot, witness
-            )
-        else:
-            entry = entries + 2 * (~reference - ENTRY)
-            part, start = load_int(words, entry), load_int(words, entry + 1)
-            if parts[part, PART_IS_FUSED]:
-                reference = start
-                continue
-            plan_in_part(frames, parts, part, segment, plan, probe)
-            ratio_sq = (frames[part, FRAME_SCALE] / scene_scale) ** 2
-            best_sq, best_fraction, best_slot = segment_in_part(
-                reals, words, start, plan, probe, best_sq * ratio_sq, best_fraction, best_slot, witness,
-                stacks, 0,
-            )  # fmt: skip
-            best_sq /= ratio_sq
-        best32 = open_bound(scene_plan, best_sq, best_fraction)
-        at = next_open(stacks, bottom, at, best32)
-        if at == NOTHING_WAITS:
-            if best_slot >= 0:
-                found_part = part_of_slot(words, parts, best_slot)
-            return best_sq, found_part, best_slot
-        reference = load_int(stacks, at + STACK_SIZE)
 
 
 @inlined
@@ -281,13 +165,13 @@ def segment_batch(model, starts, ends, order, limits, answers):
         plan, probe = plans[0], probes[0]
         if has_length:
             found_sq, part, slot = segment_in_scene(
-                reals, words, frames, parts, segment, limit_sq, known_slot, plans, probes, witness, stacks
+                model, segment, limit_sq, known_slot, plans, probes, witness, stacks
             )
         else:
+            start = segment[0], segment[1], segment[2]
             _, part, slot = nearest_in_scene(
-                reals, words, frames, parts, segment[0], segment[1], segment[2], limit_sq,
-                np.int64(NO_PART), np.int64(NO_SLOT), NOTHING_SEEN, stacks,
-            )  # fmt: skip
+                model, start, limit_sq, np.int64(NO_PART), np.int64(NO_SLOT), NOTHING_SEEN, stacks
+            )
         if slot < 0:
             _write_nothing(answers[row], choices[row], np.inf)
             continue

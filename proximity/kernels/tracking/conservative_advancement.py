@@ -181,8 +181,8 @@ def advance_conservatively(
         # What is farther than this at present is not reached before the end.
         limit = ((speed + drift_at_end) * (end - current) + sphere.radius + drift_at_end * elapsed) * scale
         best_sq, part, slot, lower_sq, steps = nearest_from_face(
-            model, (x, y, z), part, slot, limit * limit * (1.0 + 1e-12), tolerance,
-            (sphere.radius + EXACT_WITHIN) * scale, budget - work, scratch.workspace,
+            model, (x, y, z), part, slot, limit * limit * (1.0 + 1e-12),
+            (tolerance, (sphere.radius + EXACT_WITHIN) * scale), budget - work, scratch.workspace,
         )  # fmt: skip
         work += steps
         clear = sqrt(lower_sq) / scale * DOWN
@@ -224,6 +224,6 @@ def touches(model, point, radius, part, slot, budget, workspace):
     # Any face within the radius will do: with a tolerance of the whole distance the first found is enough.
     limit = radius * model.frames[len(model.frames) - 1, FRAME_SCALE]
     _, _, slot, _, work = nearest_from_face(
-        model, point, part, slot, limit * limit, 1.0, 0.0, budget, workspace
+        model, point, part, slot, limit * limit, (1.0, 0.0), budget, workspace
     )
     return slot >= 0, work

@@ -39,8 +39,9 @@ from proximity.kernels.layout import (
     PART_NODE_COUNT,
     PART_ROOT,
 )
-from proximity.kernels.point.budgeted_walk import MOST_SWEPT_STEPS, MOST_WAITING, nearest_with_budget
+from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, nearest_with_budget
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.kernels.traverse.best_first import MOST_SWEPT_STEPS, MOST_WAITING
 from proximity.kernels.tree.normal_slab import MOMENT_AREA_NORMAL, MOMENT_SLAB_LARGEST, MOMENT_SLAB_LEAST
 from proximity.pose import Pose
 from proximity.scene.model.assembly import assemble
@@ -244,7 +245,7 @@ def test_room_suffices_where_all_is_open(best_sq):
         2 * MOST_SWEPT_STEPS,
     ]:
         found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), best_sq, NO_SLOT, 0.0, 0.0, budget, workspace
+            arrays, 0, 0, (0.0, 0.0, 0.0), (best_sq, NO_SLOT), NO_TOLERANCE, budget, workspace
         )
 
         assert found == (best_sq, NO_SLOT, 0.0, budget)
@@ -264,7 +265,7 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
     total = depth + 7 * depth + 1
     for budget in [1, depth - 1, depth, 4 * depth, 4 * total, MOST_SWEPT_STEPS, UNLIMITED]:
         found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
         )
 
         assert found == (np.inf, NO_SLOT, 0.0 if budget < total else np.inf, min(budget, total))
@@ -283,7 +284,7 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
     for budget in range(4 * MOST_SWEPT_STEPS // 3, 4 * MOST_SWEPT_STEPS // 3 + 60, 7):
         workspace, whole = guarded_room()
         found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
         )
 
         assert found == (np.inf, NO_SLOT, 0.0, budget)
@@ -300,7 +301,7 @@ def test_opening_a_node_does_not_lower_the_bound():
     workspace, _ = guarded_room()
     for budget, expected in [(1, 0.0), (2, 0.25), (3, 0.25), (7, 0.25)]:
         found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
         )
 
         assert found == (np.inf, NO_SLOT, pytest.approx(expected, rel=1e-6), budget)

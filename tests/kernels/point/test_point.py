@@ -19,9 +19,12 @@ from proximity.kernels.layout import (
     PART_ROOT,
     STACKS_SIZE,
 )
-from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part, slot_distance_sq
-from proximity.kernels.scene.nearest_part import (
+from proximity.kernels.point.walk import (
+    NOTHING_SEEN,
+    best_of_block,
+    closest_in_part,
     nearest_in_scene,
+    slot_distance_sq,
 )
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.scene.scene import Scene
@@ -59,17 +62,16 @@ def test_walk_from_a_block_that_was_seen_ends_as_one_from_nothing(name):
             model.reals,
             model.words,
             root,
-            *local,
+            local,
             np.inf,
             np.int64(NO_SLOT),
             np.int64(NOTHING_SEEN),
             stacks,
-            0,
         )
         for block in rng.integers(0, count, 4) + model.parts[0, PART_FIRST_BLOCK]:
             slot = LANES * block
             best_sq, best = best_of_block(model.reals, slot, *local)
-            warm = closest_in_part(model.reals, model.words, root, *local, best_sq, best, ~block, stacks, 0)
+            warm = closest_in_part(model.reals, model.words, root, local, best_sq, best, ~block, stacks)
             assert warm == cold
 
 
@@ -97,14 +99,14 @@ def test_scene_is_walked_from_any_block_to_the_same_end(count):
     for point in rng.uniform(-6.0, 6.0, (40, 3)):
         place = tuple(map(float, point))
         nothing = (np.inf, np.int64(NO_PART), np.int64(NO_SLOT), np.int64(NOTHING_SEEN))
-        cold = nearest_in_scene(*arrays, *place, *nothing, stacks)
+        cold = nearest_in_scene(arrays, place, *nothing, stacks)
         part = int(rng.integers(count))
         block = model.parts[part, PART_FIRST_BLOCK] + int(rng.integers(model.parts[part, PART_BLOCK_COUNT]))
         best_sq, slot = best_of_block(
             model.reals, LANES * block, *to_local(model.frames, model.parts, part, *place)
         )
         ratio = model.frames[part, FRAME_SCALE] / scale
-        warm = nearest_in_scene(*arrays, *place, best_sq / ratio**2, part, slot, ~block, stacks)
+        warm = nearest_in_scene(arrays, place, best_sq / ratio**2, part, slot, ~block, stacks)
         assert warm == cold
 
 

@@ -9,8 +9,8 @@ import oracle
 from proximity.kernels import contact_columns
 from proximity.kernels.geometry.closest_feature import CLOSEST_LENGTH, CLOSEST_SIZE
 from proximity.kernels.layout import NO_SLOT, PART_SLOT_FACES
-from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
 from proximity.kernels.scene import distance_bounds
+from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 
