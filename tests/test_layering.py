@@ -42,7 +42,8 @@ sign
 mesh · traverse
 geometry
 stack_arrays
-compiled_stack · contact_columns · layout · model_arrays
+compiled_stack · contact_record · model_arrays
+layout
 """,
     "proximity.scene": """
 picture · trimesh_scene

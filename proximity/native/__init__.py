@@ -12,7 +12,7 @@ from proximity.native.declaration import (
     query,
 )
 from proximity.native.mode import IS_AHEAD, IS_JIT, MODE
-from proximity.native.signature import bundle
+from proximity.native.signature import bundle, record
 
 __all__ = [
     "ENTRIES",
@@ -28,4 +28,5 @@ __all__ = [
     "maker",
     "packed",
     "query",
+    "record",
 ]

@@ -18,6 +18,7 @@ from proximity.native.signature import (
     Bundle,
     Scalar,
     Signature,
+    dtype_of,
     signature,
 )
 
@@ -27,6 +28,8 @@ HANDFUL = 16
 """Rows up to which an entry point may keep the interpreter locked: to release it takes 0.1 µs."""
 _KINDS = {"int": 0, "float": 1, "bool": 2}
 _ARRAY, _BUNDLE = 3, 4
+_RECORD_SIZE = 256
+"""Factor of the size in the number of a type of records, which NumPy gives all the same number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +191,7 @@ def _is_of(value: Array | Scalar | Bundle, given: Any) -> bool:
         )
     return (
         type(given) is np.ndarray
-        and given.dtype == value.dtype
+        and given.dtype == dtype_of(value.dtype)
         and given.flags.c_contiguous
         and given.flags.aligned
         and given.ndim == len(value.lengths)
@@ -202,4 +205,6 @@ def codes(value: Array | Scalar | Bundle) -> tuple[int, ...]:
         return _KINDS[value.kind], 0, 0
     if isinstance(value, Bundle):
         return _BUNDLE, list(BUNDLES).index(value.name), 0
-    return _ARRAY, np.dtype(value.dtype).num, 0, *value.lengths
+    dtype = dtype_of(value.dtype)
+    number = dtype.num + (_RECORD_SIZE * dtype.itemsize if dtype.names else 0)
+    return _ARRAY, number, 0, *value.lengths

@@ -3,11 +3,10 @@
 import numpy as np
 
 from proximity.kernels.tracking.motion import (
-    ESTIMATE_VELOCITY,
+    ESTIMATE,
+    ESTIMATES,
     MAX_ACCELERATION,
     MAX_SPEED,
-    MOTION_INTS,
-    MOTION_REALS,
     PREDICTED,
     observe,
 )
@@ -22,13 +21,11 @@ class Bends:
     """Follows the bends of fingers from pose to pose."""
 
     def __init__(self, count: int) -> None:
-        self._motions = np.zeros((count, MOTION_REALS))
-        self._marks = np.zeros((count, MOTION_INTS), np.int64)
+        self._motions = np.zeros((count, ESTIMATES), ESTIMATE)
 
     def forget(self) -> None:
         """Start anew."""
-        self._motions[:] = 0.0
-        self._marks[:] = 0
+        self._motions[:] = 0
 
     def write(self, contacts: np.ndarray, bends: np.ndarray, pose_ns: np.ndarray) -> None:
         """Write bend and bend rate at the pose's instant, of fingers that are tracked and are on no path.
@@ -40,9 +37,9 @@ class Bends:
         for i in np.flatnonzero(is_tracked & np.isfinite(bends)).tolist():
             bend = bends.item(i)
             status = observe(
-                self._motions, self._marks, i, pose_ns.item(i), METRES_A_BEND * bend, 0.0, 0.0, MAX_SPEED,
+                self._motions, i, pose_ns.item(i), METRES_A_BEND * bend, 0.0, 0.0, MAX_SPEED,
                 MAX_ACCELERATION,
             )  # fmt: skip
             contacts["bend"][i] = bend
             if status & PREDICTED:
-                contacts["bend_rate"][i] = self._motions.item(i, ESTIMATE_VELOCITY) / METRES_A_BEND
+                contacts["bend_rate"][i] = self._motions["velocity"].item(i, 0, 0) / METRES_A_BEND

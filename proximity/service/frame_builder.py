@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from proximity.kernels.contact_record import CONTACT_RECORD
 from proximity.message import FRAME, PREFIX, Message, Source, State
 from proximity.message.envelope import PREFIX_FIELDS
 from proximity.message.fields import struct_of
@@ -37,8 +38,7 @@ class FrameBuilder:
         self.message.records["finger"] = np.arange(count)
         self._header_buffer = memoryview(self.message.data)  # type: ignore[arg-type]
         self._bytes = self.message.records.view(np.uint8)
-        self._wide = self._bytes.view(np.int64).reshape(count, -1)
-        self._numbers = self._bytes.view(np.int32).reshape(count, -1)
+        self._records = self.message.records.view(np.ndarray).view(CONTACT_RECORD)
         self._contacts = self.message.records  # what the view below is of
         self._contact_bytes = self._bytes
 
@@ -60,7 +60,7 @@ class FrameBuilder:
         *skipped_ns*: by which these times are ahead of those that subscribers read. *is_late*: whether of
         what the contacts were made of something is too old already.
         """
-        oldest_ns, tracked, uncertain = finger_kernels.overview(self._wide, self._numbers)
+        oldest_ns, tracked, uncertain = finger_kernels.overview(self._records)
         self.tracked = tracked
         pose_ns = oldest_ns if tracked else start_ns
         valid_until_ns = pose_ns + self._valid_for_ns

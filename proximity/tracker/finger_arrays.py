@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from proximity.kernels.contact_record import unknown_contact
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
-from proximity.kernels.tracking import track
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
 from proximity.kernels.tracking.finger_distance import CROWD
-from proximity.kernels.tracking.motion import MOTION_INTS, MOTION_REALS
+from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
+from proximity.kernels.tracking.track import TRACK
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 
 
@@ -21,12 +22,11 @@ def arrays_for(count: int, settings: np.ndarray) -> dict[str, np.ndarray]:
         "path_bends": np.array([0.0, 1.0]),
         "bends": np.full(count, np.nan),
         "path_lengths": np.zeros(2),
-        "motions": np.zeros((count, MOTION_REALS)),
-        "motion_marks": np.zeros((count, MOTION_INTS), np.int64),
-        "tracks": np.zeros((count, track.TRACK_REALS)),
-        "marks": np.zeros((count, track.TRACK_INTS), np.int64),
+        "motions": np.zeros((count, ESTIMATES), ESTIMATE),
+        "tracks": np.zeros(count, TRACK),
         "balls": np.zeros((count, BALLS_SIZE)),
         "frontiers": np.zeros((count if count <= CROWD else 0, FRONTIER_SIZE), np.float32),
+        "unknown": unknown_contact(),
         "before": np.zeros((0, POSE_COLUMNS)),
         "movers": movers_workspace(0),
         "workspace": np.zeros(WORKSPACE_SIZE, np.float32),

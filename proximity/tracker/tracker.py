@@ -10,6 +10,7 @@ from proximity import native
 from proximity.checks import as_float64, not_negative, positive, whole
 from proximity.errors import QueryError
 from proximity.kernels import layout
+from proximity.kernels.contact_record import CONTACT_RECORD
 from proximity.kernels.layout import NO_PART, NO_SLOT
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
@@ -127,26 +128,26 @@ class Tracker:
         self._scene = scene
         self._period = positive("period", period, "seconds")
         self.contacts = np.zeros(count, CONTACT).view(Contacts)
-        settings = np.zeros(track.SETTING_COUNT)
+        settings = np.zeros(1, track.SETTINGS)
         reach = not_negative("working_range", working_range, "metres")
         if reach > LARGEST_WORKING_RANGE:
             raise QueryError(f"working_range is {too_long(reach, LARGEST_WORKING_RANGE)}")
-        settings[track.SETTING_WORKING_RANGE] = reach
-        settings[track.SETTING_LATENCY] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
-        settings[track.SETTING_TOLERANCE] = not_negative("tolerance", tolerance, "shares")
-        settings[track.SETTING_HORIZON] = positive("horizon", horizon, "seconds")
-        settings[track.SETTING_MAX_SPEED] = positive("max_speed", max_speed, "metres a second")
-        settings[track.SETTING_MAX_ACCELERATION] = positive("max_acceleration", max_acceleration, "m/s²")
+        settings["working_range"] = reach
+        settings["latency"] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
+        settings["tolerance"] = not_negative("tolerance", tolerance, "shares")
+        settings["horizon"] = positive("horizon", horizon, "seconds")
+        settings["max_speed"] = positive("max_speed", max_speed, "metres a second")
+        settings["max_acceleration"] = positive("max_acceleration", max_acceleration, "m/s²")
         wanted = DEFAULT_BUDGET if budget is None else whole("budget", budget)
-        settings[track.SETTING_BUDGET] = min(wanted, MOST)
-        settings[track.SETTING_AHEAD_NS] = MAX_FUTURE_NS
-        settings[track.SETTING_OTHER_CLOCK_NS] = OTHER_CLOCK_NS
+        settings["budget"] = min(wanted, MOST)
+        settings["ahead_ns"] = MAX_FUTURE_NS
+        settings["other_clock_ns"] = OTHER_CLOCK_NS
         self._settings = settings
         self._pose_notes = PoseNotes()
         self._shape, self._arrays = (count, 3), arrays_for(count, settings)
         self._pose_ns = self._arrays["pose_ns"]
         self._velocities = self._arrays["velocities"]
-        self._arrays["tracks"][:, track.TRACK_RADIUS] = radii(radius, count)
+        self._arrays["tracks"]["radius"] = radii(radius, count)
         # Not the model itself: what trackers hold on to, a scene could not write its next one to.
         self._last_model: Callable[[], Model | None] = lambda: None
         self._last_now_ns = -MOST_NS  # of the last tick
@@ -171,7 +172,7 @@ class Tracker:
     @property
     def latency(self) -> float:
         """From a tick until the instant that predictions are for, s, as given to the tracker."""
-        return float(self._settings[track.SETTING_LATENCY])
+        return self._settings["latency"].item()
 
     @property
     def notes(self) -> list[str]:
@@ -294,19 +295,18 @@ class Tracker:
 
     def reset(self) -> None:
         """Forget all fingers: the next tick is treated as the first."""
-        self._arrays["motions"][:] = 0.0
-        self._arrays["motion_marks"][:] = 0
-        self._arrays["marks"][:, track.TRACK_REPORTED_PART] = NO_PART
+        self._arrays["motions"][:] = 0
+        self._arrays["tracks"]["reported_part"] = NO_PART
         self._last_now_ns = -MOST_NS
-        self._settings[track.SETTING_FIRST_FINGER] = self._settings[track.SETTING_ADAPTIVE_TOLERANCE] = 0
+        self._settings["first_finger"] = self._settings["adaptive_tolerance"] = 0
         self._forget()
 
     def _forget(self) -> None:
         """Forget what was known of surfaces."""
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
-        marks = self._arrays["marks"]
-        marks[:, track.TRACK_SLOT], marks[:, track.TRACK_PART] = NO_SLOT, NO_PART
-        marks[:, track.TRACK_IS_OUTSIDE] = marks[:, track.TRACK_FRONTIER_COUNT] = 0
+        tracks = self._arrays["tracks"]
+        tracks["slot"], tracks["part"] = NO_SLOT, NO_PART
+        tracks["is_outside"] = tracks["frontier_count"] = 0
 
     def _take_over(self, model: Model) -> None:
         """Look at *model* from now on; parts that changed in more than their pose are looked at anew.
@@ -319,7 +319,7 @@ class Tracker:
             count = len(model.parts) - 1
             signs, grids = model.parts[:count, layout.PART_SIGN], model.parts[:count, layout.PART_GRID]
             is_open = (signs == layout.SIGN_WINDING) & (grids == layout.NO_GRID)
-            self._settings[track.SETTING_HAS_HOLES] = is_open.any()
+            self._settings["has_holes"] = is_open.any()
             first, end = layout.FRAME_ROTATION, layout.FRAME_ROTATION + POSE_COLUMNS
             self._arrays["before"] = model.frames[:count, first:end].copy()
             self._arrays["movers"] = movers_workspace(count)
@@ -330,32 +330,26 @@ class Tracker:
         """Write what the parts of the last answers are numbered now; one that is gone is another than all."""
         if names != self._names:
             rows = {name: row for row, name in enumerate(names)}
-            reported = self._arrays["marks"][:, track.TRACK_REPORTED_PART]
+            reported = self._arrays["tracks"]["reported_part"]
             found = [rows.get(self._names[row], GONE) if row >= 0 else row for row in reported.tolist()]
             reported[:], self._names = found, names
 
     def _pack(self) -> None:
         """Have ticks find the arrays that there are now."""
-        records = self.contacts.view(np.ndarray)
-        shape = len(records), -1
-        views: dict[str, np.ndarray] = {
-            "records": records.view(np.float64).reshape(shape),
-            "wide": records.view(np.int64).reshape(shape),
-            "numbers": records.view(np.int32).reshape(shape),
-        }
-        self._packed: Any = native.packed(track.TrackerArrays(**(self._arrays | views)))
+        records = self.contacts.view(np.ndarray).view(CONTACT_RECORD)
+        self._packed: Any = native.packed(track.TrackerArrays(**self._arrays, records=records))
 
     def _take_velocities(self, velocities: Any) -> None:
         self._has_velocities = True  # until it is known that there are none
         if velocities is not None:
             self._velocities[...] = shaped(velocities, "velocities", self._shape)
-        self._settings[track.SETTING_HAS_VELOCITIES] = velocities is not None
+        self._settings["has_velocities"] = velocities is not None
         self._has_velocities = velocities is not None
 
     def _take_paths(self, paths: Any, path_bends: Any, bends: Any) -> None:
         self._has_paths = True  # until it is known that there are none
         if paths is None:
-            self._settings[track.SETTING_HAS_PATHS] = self._has_paths = False
+            self._settings["has_paths"] = self._has_paths = False
             if bends is not None or path_bends is not None:
                 raise QueryError("path_bends are given without paths")
             return
@@ -385,7 +379,7 @@ class Tracker:
                 )
             arrays["path_bends"][:] = given
         arrays["bends"][:] = np.nan if bends is None else shaped(bends, "bends", (len(self.contacts),))
-        self._settings[track.SETTING_HAS_PATHS] = True
+        self._settings["has_paths"] = True
 
     def __repr__(self) -> str:
         return f"Tracker({self.scene!r}, {len(self.contacts)} fingers)"

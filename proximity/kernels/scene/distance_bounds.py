@@ -10,7 +10,7 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.contact_columns import BOUNDED, EXACT, INSIDE, SIGNED
+from proximity.kernels.contact_record import BOUNDED, EXACT, INSIDE, SIGNED
 from proximity.kernels.geometry.closest_feature import (
     CLOSEST_ARM,
     CLOSEST_LENGTH,

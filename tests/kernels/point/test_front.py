@@ -19,7 +19,6 @@ from proximity.kernels.point.coherent_search import (
     LONG_WALK,
     nearest_from_last_answer,
 )
-from proximity.kernels.tracking.track import TRACK_FRONTIER_COUNT
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
@@ -215,7 +214,7 @@ def ticked(scene, tracker, places, between=lambda step: None):
         is_there = np.isfinite(place).all(axis=1)
         assert np.abs(found["signed_distance"] - true)[is_there].max() <= 1e-12
         assert (found["lower"] == found["upper"])[is_there].all()
-        kept += int((tracker._arrays["marks"][:, TRACK_FRONTIER_COUNT] > 0).sum())
+        kept += int((tracker._arrays["tracks"]["frontier_count"] > 0).sum())
     return kept
 
 

@@ -15,11 +15,12 @@
 
 enum { MOST_AXES = 4, MOST_VALUES = 24, MOST_WORDS = 96 };
 enum { INT, FLOAT, BOOL, ARRAY, BUNDLE };
+enum { RECORD_SIZE = 256 }; /* factor of the size in the number of a type of records */
 enum { ANSWERED = -1 }; /* what a query returns that has answered all rows */
 
 typedef struct {
     int kind;
-    int number; /* of an array the number of its dtype, of a bundle that of its kind */
+    int number; /* of an array that of its dtype, see type_number; of a bundle that of its kind */
     int axes;
     int64_t lengths[MOST_AXES]; /* -1: any */
 } Value;
@@ -57,7 +58,7 @@ static int refuse(const char *name, Py_ssize_t k, const Value *value, PyObject *
 {
     static const char *kinds[] = {"int", "float", "bool", "array", "bundle of arrays"};
     if (value->kind == ARRAY && PyArray_Check(given)) {
-        PyObject *wanted = (PyObject *)PyArray_DescrFromType(value->number);
+        PyObject *wanted = (PyObject *)PyArray_DescrFromType(value->number % RECORD_SIZE);
         PyErr_Format(PyExc_TypeError,
                      "%s: argument %zd is an array with %d axes and dtype %S, expected %d axes, dtype %S, C "
                      "order and the lengths that its signature says",
@@ -71,6 +72,12 @@ static int refuse(const char *name, Py_ssize_t k, const Value *value, PyObject *
     return 0;
 }
 
+static inline int type_number(PyArrayObject *array)
+{
+    int number = PyArray_TYPE(array);
+    return number == NPY_VOID ? number + RECORD_SIZE * (int)PyArray_ITEMSIZE(array) : number;
+}
+
 /* The words of an array; 0 where it is not as declared. */
 static inline int array_words(const Value *value, PyObject *given, int64_t *words)
 {
@@ -78,7 +85,7 @@ static inline int array_words(const Value *value, PyObject *given, int64_t *word
         return 0;
     }
     PyArrayObject *array = (PyArrayObject *)given;
-    if (PyArray_TYPE(array) != value->number || PyArray_NDIM(array) != value->axes ||
+    if (type_number(array) != value->number || PyArray_NDIM(array) != value->axes ||
         !PyArray_CHKFLAGS(array, NPY_ARRAY_C_CONTIGUOUS | NPY_ARRAY_ALIGNED) || !PyArray_ISNOTSWAPPED(array)) {
         return 0;
     }
