@@ -43,6 +43,20 @@ def _array_on_stack(context, builder, item_type, *lengths):
     return array_in_memory(context, builder, types.Array(item_type, len(lengths), "C"), position, constants)
 
 
+@intrinsic
+def reals_of(typingctx, records):
+    """Records of float64 as numbers, one row a record."""
+    size = records.dtype.size // 8
+
+    def codegen(context, builder, sig, args):
+        array = context.make_array(sig.args[0])(context, builder, args[0])
+        intp = context.get_value_type(types.intp)
+        lengths = [builder.extract_value(array.shape, 0), ir.Constant(intp, size)]
+        return array_in_memory(context, builder, sig.return_type, array.data, lengths)
+
+    return types.Array(types.float64, 2, "C")(records), codegen
+
+
 def arrays_here(dtype):
     item_type = from_dtype(np.dtype(dtype))
 

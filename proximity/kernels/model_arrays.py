@@ -12,8 +12,8 @@ class ModelArrays(NamedTuple):
 
     reals: np.ndarray  # (R,) float64
     words: np.ndarray  # (W,) float32
-    frames: np.ndarray  # (P + 1, C) float64
-    parts: np.ndarray  # (P + 1, D) int64
+    frames: np.ndarray  # (P + 1,) FRAME
+    parts: np.ndarray  # (P + 1,) PART
 
 
-bundle(ModelArrays, reals="float64[:]", words="float32[:]", frames="float64[:, :]", parts="int64[:, :]")
+bundle(ModelArrays, reals="float64[:]", words="float32[:]", frames="Frame[:]", parts="Part[:]")

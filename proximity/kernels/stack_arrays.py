@@ -9,11 +9,14 @@ import numpy as np
 from proximity.native import IS_JIT
 
 if IS_JIT:
-    from proximity.kernels.compiled_stack import arrays_here, bundle_here
+    from proximity.kernels.compiled_stack import arrays_here, bundle_here, reals_of
 else:  # plain Python, to step through; in code that was compiled ahead of time nobody calls them from here
 
     def arrays_here(dtype):
         return lambda count: np.empty(count, dtype), lambda count, columns: np.empty((count, columns), dtype)
+
+    def reals_of(records):
+        return records.view(np.float64).reshape(len(records), -1)
 
     def bundle_here(bundle, *columns):
         return lambda: bundle(*(np.empty(lengths, dtype) for dtype, *lengths in columns))

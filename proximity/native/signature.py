@@ -84,9 +84,19 @@ def bundle(kind: Any, **fields: str) -> Any:
     return kind
 
 
-def record(name: str, **fields: str) -> np.dtype[Any]:
-    """Declare a structured type by its fields, in their order; kernels read ``row.field``, as NumPy does."""
-    layout = np.dtype(list(fields.items()), align=True)
+def record(name: str, aliases: dict[str, str] | None = None, **fields: str) -> np.dtype[Any]:
+    """Declare a structured type by its fields, in their order; kernels read ``row.field``, as NumPy does.
+
+    *aliases*: second names of fields, for rows in which they mean something else.
+    """
+    layout: Any = np.dtype(list(fields.items()), align=True)
+    if aliases:
+        placed = dict(layout.fields) | {alias: layout.fields[field] for alias, field in aliases.items()}
+        formats, offsets = zip(*((dtype, offset) for dtype, offset, *_ in placed.values()), strict=True)
+        layout = np.dtype(
+            {"names": list(placed), "formats": formats, "offsets": offsets, "itemsize": layout.itemsize},
+            align=True,
+        )
     RECORDS[name] = np.dtype((np.record, layout))
     return RECORDS[name]
 

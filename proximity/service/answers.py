@@ -4,7 +4,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from proximity.kernels.layout import PART_IS_HIDDEN
 from proximity.message import Source
 from proximity.service.bends import Bends
 from proximity.service.description import PartLabels
@@ -96,7 +95,7 @@ class TrackerAnswers:
     def labels(self) -> PartLabels:
         """Return names of the scene's parts, and which are hidden."""
         model = self.tracker.scene.snapshot()
-        return model.names, model.parts[: len(model.names), PART_IS_HIDDEN] != 0
+        return model.names, model.parts["is_hidden"][: len(model.names)] != 0
 
     def new_samples(self) -> FingerPoses:
         """Make room for poses."""

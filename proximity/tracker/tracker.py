@@ -317,11 +317,10 @@ class Tracker:
             self._forget()
             self._find_again(model.names)
             count = len(model.parts) - 1
-            signs, grids = model.parts[:count, layout.PART_SIGN], model.parts[:count, layout.PART_GRID]
+            signs, grids = model.parts["sign"][:count], model.parts["grid"][:count]
             is_open = (signs == layout.SIGN_WINDING) & (grids == layout.NO_GRID)
             self._settings["has_holes"] = is_open.any()
-            first, end = layout.FRAME_ROTATION, layout.FRAME_ROTATION + POSE_COLUMNS
-            self._arrays["before"] = model.frames[:count, first:end].copy()
+            self._arrays["before"] = layout.columns_of(model.frames)[:count, :POSE_COLUMNS].copy()
             self._arrays["movers"] = movers_workspace(count)
             self._pack()
             self._epoch = model.epoch

@@ -10,18 +10,13 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    FRAME_COLUMNS,
-    FRAME_SCALE,
+    FRAME,
     LANES,
     NO_PART,
     NO_SLOT,
     NODE_CHILDREN,
     NODE_STRIDE,
-    PART_BLOCK_COUNT,
-    PART_COLUMNS,
-    PART_MOMENTS,
-    PART_NODE_COUNT,
-    PART_ROOT,
+    PART,
     STACKS_SIZE,
 )
 from proximity.kernels.point.budgeted_walk import known_sq, nearest_with_budget
@@ -62,7 +57,7 @@ def start_of(model):
     """The reference to walk all of a model from, and the row in whose frame it is."""
     scene = len(model.parts) - 1
     part = 0 if scene == 1 else scene
-    return int(model.parts[part, PART_ROOT]), part
+    return int(model.parts["root"][part]), part
 
 
 def guarded_room():
@@ -113,7 +108,7 @@ def known(model, point, slot):
 
 def block_count(model):
     """Leaves of all parts."""
-    return int(model.parts[:-1, PART_BLOCK_COUNT].sum())
+    return int(model.parts["block_count"][:-1].sum())
 
 
 # --- scenes -----------------------------------------------------------------------------------------------
@@ -192,9 +187,9 @@ def by_hand(node_count, children):
     nodes[:, :24], nodes[:, 24:48] = -1.0, 1.0
     nodes.view(np.int32)[:, NODE_CHILDREN : NODE_CHILDREN + LANES] = children
     moments = np.zeros(node_count * MOMENT_STRIDE, np.float32)
-    parts, frames = np.zeros((2, PART_COLUMNS), np.int64), np.zeros((2, FRAME_COLUMNS))
-    parts[:, PART_MOMENTS], parts[0, PART_NODE_COUNT], frames[:, FRAME_SCALE] = nodes.size, node_count, 1.0
-    frames[:, [0, 4, 8]] = 1.0
+    parts, frames = np.zeros(2, PART), np.zeros(2, FRAME)
+    parts["moments"], parts["node_count"][0], frames["scale"] = nodes.size, node_count, 1.0
+    frames["rotation"] = np.eye(3).reshape(-1)
     return np.full(BLOCK_STRIDE, np.nan), np.concatenate([nodes.ravel(), moments]), frames, parts
 
 

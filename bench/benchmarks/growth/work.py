@@ -13,10 +13,8 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    FRAME_SCALE,
     LANES,
     NO_SLOT,
-    PART_ROOT,
     STACKS_SIZE,
 )
 from proximity.kernels.ray.ray_lanes import scaled_direction
@@ -75,8 +73,8 @@ def _count_rays(reals, words, frames, parts, origins, directions, work, lengths)
         dx, dy, dz = scaled_direction(directions[i, 0], directions[i, 1], directions[i, 2])
         length = (dx * dx + dy * dy + dz * dz) ** 0.5
         dx, dy, dz = direction_to_local(frames, parts, 0, dx, dy, dz)
-        best = _ray_steps(reals, words, parts[0, PART_ROOT], x, y, z, dx, dy, dz, stacks, work[i : i + 1])
-        lengths[i] = best * length / frames[0, FRAME_SCALE]
+        best = _ray_steps(reals, words, parts[0].root, x, y, z, dx, dy, dz, stacks, work[i : i + 1])
+        lengths[i] = best * length / frames[0].scale
 
 
 @inlined

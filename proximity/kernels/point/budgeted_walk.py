@@ -9,7 +9,7 @@ import numpy as np
 
 from proximity.kernels.geometry.box import LARGEST_BOUND, LARGEST_REST, SHRINK_FAR, point_boxes_distance_sq
 from proximity.kernels.geometry.frames import to_local
-from proximity.kernels.layout import FRAME_SCALE, NODE_STRIDE, PART_MOMENTS, PART_NODE_COUNT, PART_ROOT
+from proximity.kernels.layout import NODE_STRIDE
 from proximity.kernels.point.walk import best_of_block, nearer_in_block, slot_distance_sq
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.traverse.best_first import best_first
@@ -92,7 +92,7 @@ def _target_sq(best, tolerance):
 @inlined
 def factor_of(frames, part):
     """Factor from squared local lengths of *part* to the scene's scale: a power of two."""
-    ratio = frames[len(frames) - 1, FRAME_SCALE] / frames[part, FRAME_SCALE]
+    ratio = frames[len(frames) - 1].scale / frames[part].scale
     return ratio * ratio
 
 
@@ -129,9 +129,9 @@ def _bounds_with_slabs(words, parts, reference, query, above):
     bounds = maximum(splat32(above), _bounds(words, NODE_STRIDE * reference, query))
     # Nodes of the trees over parts come after those of the parts, and have no slabs.
     scene = len(parts) - 1
-    if reference < parts[scene - 1, PART_ROOT] + parts[scene - 1, PART_NODE_COUNT]:
+    if reference < parts[scene - 1].root + parts[scene - 1].node_count:
         px, py, pz, factor, _ = query
-        at = parts[scene, PART_MOMENTS] + MOMENT_STRIDE * reference
+        at = parts[scene].moments + MOMENT_STRIDE * reference
         bounds = maximum(slabs_distance_sq(words, at, splat(px), splat(py), splat(pz), factor), bounds)
     return bounds
 

@@ -22,7 +22,7 @@ from proximity.kernels.geometry.triangle import (
     point_block_distance_sq,
     point_triangle_distance_sq,
 )
-from proximity.kernels.layout import BLOCK_STRIDE, FRAME_SCALE, LANES, NO_SLOT, PART_ROOT
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT
 from proximity.kernels.traverse.depth_first import depth_first, over_parts
 from proximity.native import inlined
 from proximity.native.simd import bits, horizontal_min, select, splat, splat32, trailing_zeros
@@ -106,7 +106,7 @@ def _nearer_in_part(model, part, start, query, best, stacks):
     reals, words, frames, parts = model
     (_, _, offset), seen, (x, y, z) = query
     _, best_sq, best_slot = best
-    ratio_sq = (frames[part, FRAME_SCALE] / frames[len(parts) - 1, FRAME_SCALE]) ** 2
+    ratio_sq = (frames[part].scale / frames[len(parts) - 1].scale) ** 2
     p = to_local(frames, parts, part, x, y, z)
     found_sq, slot = closest_in_part(reals, words, start, p, best_sq * ratio_sq, best_slot, seen, stacks)
     if slot == best_slot:
@@ -128,9 +128,7 @@ def nearest_in_scene(model, point, best_sq, best_part, best_slot, seen, stacks):
     x, y, z = point
     if is_alone(parts):
         p = to_local(frames, parts, 0, x, y, z)
-        best_sq, best_slot = closest_in_part(
-            reals, words, parts[0, PART_ROOT], p, best_sq, best_slot, seen, stacks
-        )
+        best_sq, best_slot = closest_in_part(reals, words, parts[0].root, p, best_sq, best_slot, seen, stacks)
         return best_sq, np.int64(0) if best_slot >= 0 else best_part, best_slot
     px, py, pz = to_local(frames, parts, len(parts) - 1, x, y, z)
     lanes = lanes_of_point(px, py, pz)

@@ -9,7 +9,7 @@ import numpy as np
 
 from proximity.kernels.geometry.morton_order import sort_by_digit
 from proximity.kernels.geometry.rows import columns, columns_from
-from proximity.kernels.layout import FRAME_BOX_LOWER, FRAME_BOX_UPPER, LANES
+from proximity.kernels.layout import LANES
 from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.stack_arrays import longs_here, reals_here
 from proximity.native import entry, inlined, maker
@@ -32,10 +32,7 @@ def ray_order(model, origins, directions):
     """
     frames = model.frames
     scene = len(frames) - 1
-    lower, upper = (
-        frames[scene, FRAME_BOX_LOWER : FRAME_BOX_LOWER + 3],
-        frames[scene, FRAME_BOX_UPPER : FRAME_BOX_UPPER + 3],
-    )
+    lower, upper = frames[scene].box_lower, frames[scene].box_upper
     sides = np.empty(3)
     for axis in range(3):
         sides[axis] = upper[axis] - lower[axis]

@@ -19,7 +19,7 @@ import numpy as np
 from proximity.kernels.geometry.box import FAR
 from proximity.kernels.geometry.frames import direction_to_local, to_local
 from proximity.kernels.geometry.triangle import difference_of_products
-from proximity.kernels.layout import BLOCK_STRIDE, FRAME_SCALE, LANES, NO_SLOT
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT
 from proximity.kernels.traverse.depth_first import depth_first, in_order, over_parts
 from proximity.native import inlined
 from proximity.native.simd import (
@@ -318,7 +318,7 @@ def _first_in_part(model, part, start, query, best, stacks):
     reals, words, frames, parts = model
     _, _, entry, ((x, y, z), (dx, dy, dz)) = query
     _, parameter, best_slot, _ = best
-    ratio = frames[part, FRAME_SCALE] / frames[len(parts) - 1, FRAME_SCALE]
+    ratio = frames[part].scale / frames[len(parts) - 1].scale
     origin = to_local(frames, parts, part, x, y, z)
     direction = direction_to_local(frames, parts, part, dx, dy, dz)
     _, found, slot, weights = _ray_in_part(

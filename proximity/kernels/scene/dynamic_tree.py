@@ -15,11 +15,6 @@ from proximity.kernels.layout import (
     LANES,
     NODE_PARTS,
     NODE_STRIDE,
-    PART_ROOT,
-    SCENE_DYNAMIC_COUNT,
-    SCENE_ENTRY_COUNT,
-    SCENE_STATIC_ROOT,
-    SCENE_SUPER_NODE,
 )
 from proximity.kernels.scene.placement import box_in_scene, copy_rows, update_scene_box
 from proximity.kernels.stack_arrays import words_here
@@ -120,9 +115,9 @@ def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry
 
 
 @entry(
-    "float32[:], float64[:, :], int64[:, :], int64[:], int, float32[:, :]",
+    "float32[:], Frame[:], Part[:], int64[:], int, float32[:, :]",
     DynamicParts,
-    "int, int, int, float64[:, :], int64[:, :] -> float",
+    "int, int, int, Frame[:], Part[:] -> float",
 )
 def bring_up_to_date(
     words, frames, parts, versions, published, boxes, dynamic, steps, region, since, to_frames, to_parts
@@ -147,15 +142,15 @@ def bring_up_to_date(
         write_dynamic(
             words,
             region,
-            parts[scene, SCENE_STATIC_ROOT],
+            parts[scene].static_root,
             boxes,
             rows,
             order,
-            parts[scene, SCENE_ENTRY_COUNT],
+            parts[scene].entry_count,
         )
     # Nothing stands between a question and a static tree that is alone.
-    is_static = scene > 1 and len(rows) == 0 and parts[scene, SCENE_STATIC_ROOT] >= 0
-    parts[scene, PART_ROOT] = parts[scene, SCENE_STATIC_ROOT] if is_static else region
-    parts[scene, SCENE_SUPER_NODE], parts[scene, SCENE_DYNAMIC_COUNT] = region, len(rows)
+    is_static = scene > 1 and len(rows) == 0 and parts[scene].static_root >= 0
+    parts[scene].root = parts[scene].static_root if is_static else region
+    parts[scene].super_node, parts[scene].dynamic_count = region, len(rows)
     copy_rows(frames, parts, versions, since, to_frames, to_parts)
     return reach

@@ -16,7 +16,7 @@ from proximity.kernels.geometry.closest_lanes import (
 from proximity.kernels.geometry.frames import LENGTH_ROUNDING, can_be_asked, to_local
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import offset_of
-from proximity.kernels.layout import FEATURE_FACE, FRAME_SCALE, LANES, NO_PART, NO_SLOT
+from proximity.kernels.layout import FEATURE_FACE, LANES, NO_PART, NO_SLOT
 from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, nearest_in_scene
 from proximity.kernels.scene.chunk_tables import POINT_CHUNK
 from proximity.kernels.scene.containment import deepest_of_certain, note_candidates
@@ -48,7 +48,7 @@ def nearest_from_block(model, point, limit_sq, part, slot, stacks):
     if slot >= 0:
         seen = ~(slot // LANES)
         px, py, pz = to_local(frames, parts, part, x, y, z)
-        ratio = frames[part, FRAME_SCALE] / frames[len(parts) - 1, FRAME_SCALE]
+        ratio = frames[part].scale / frames[len(parts) - 1].scale
         best_sq, slot = best_of_block(reals, slot, px, py, pz)
         best_sq /= ratio * ratio
         if not best_sq <= limit_sq:
@@ -70,7 +70,7 @@ def begin_chunk(model, chunk, order, first, limits, reaches, candidates, found, 
         rows[k], certain[k] = row_of(order, first + k), 0
         fetch_row(points, order, first + k + POINT_CHUNK)
     if len(limits):
-        scale = frames[len(parts) - 1, FRAME_SCALE]
+        scale = frames[len(parts) - 1].scale
         for k in range(count):
             reaches[k] = reach_sq(limit_of(limits, rows[k]) * scale)
     if len(parts) <= 2:
@@ -137,7 +137,7 @@ def signs_of_chunk(model, chunk, candidates, found, features, workspace):
                 signed = -abs(signed)
             elif not signed < 0.0:
                 depths[k] = -1.0
-            distances[k] = signed / frames[part, FRAME_SCALE]
+            distances[k] = signed / frames[part].scale
 
 
 @inlined

@@ -31,14 +31,11 @@ from proximity.kernels.geometry.frames import (
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.layout import (
     FEATURE_NONE,
-    FRAME_SCALE,
     IN_MILLIMETRES,
     NO_FACE,
     NO_PART,
     NO_ROW,
     NO_SLOT,
-    PART_ROOT,
-    PART_SIGN,
     SIGN_NONE,
     STACKS_SIZE,
 )
@@ -94,7 +91,7 @@ def distance_batch(model, points, order, limits, distances):
     """Fill unsigned distances (N, 1), m. *limits* are not looked at."""
     stacks = words_here(STACKS_SIZE)
     _, _, frames, parts = model
-    scale = frames[len(parts) - 1, FRAME_SCALE]
+    scale = frames[len(parts) - 1].scale
     limit_sq = reach_sq(np.inf)
     part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
     for i in range(len(order) if len(order) else len(points)):
@@ -133,10 +130,10 @@ def signed_alone(model, points, distances):
         if can_be_asked(frames, parts, x, y, z):
             p = px, py, pz = to_local(frames, parts, 0, x, y, z)
             _, slot = closest_in_part(
-                reals, words, parts[0, PART_ROOT], p, np.inf, np.int64(NO_SLOT), NOTHING_SEEN, stacks
+                reals, words, parts[0].root, p, np.inf, np.int64(NO_SLOT), NOTHING_SEEN, stacks
             )
             signed = signed_of_slot(reals, words, parts, 0, slot, px, py, pz, closest)
-            distances[row, 0] = signed / frames[0, FRAME_SCALE]
+            distances[row, 0] = signed / frames[0].scale
 
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", handful=HANDFUL)
@@ -170,7 +167,7 @@ def signed_batch(model, points, order, limits, distances):
                     row, slot = rows[k], found.deeper[k, 1]
                     px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
                     depth = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.closest)
-                    found.distances[k] = -abs(depth) / frames[part, FRAME_SCALE]
+                    found.distances[k] = -abs(depth) / frames[part].scale
         for k in range(chunk.point_count):
             distances[rows[k], 0] = found.distances[k]
     return _units_code(frames, order, distances)
@@ -232,7 +229,7 @@ def _write_nothing(answers, choices, row, distance):
 def _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row):
     """Write the answer of a closest feature, in the scene's frame."""
     length = closest[CLOSEST_LENGTH]
-    distance = length / frames[part, FRAME_SCALE]
+    distance = length / frames[part].scale
     if not distance <= limit:
         _write_nothing(answers, choices, row, np.inf)
         return
@@ -253,14 +250,14 @@ def _write_answer(frames, parts, part, face, feature, inside, closest, limit, an
     choices[row, POINT_ANSWER_PART] = part
     choices[row, POINT_ANSWER_FACE] = face
     choices[row, POINT_ANSWER_FEATURE] = feature
-    choices[row, POINT_ANSWER_IS_SIGNED] = parts[part, PART_SIGN] != SIGN_NONE
+    choices[row, POINT_ANSWER_IS_SIGNED] = parts[part].sign != SIGN_NONE
 
 
 @inlined
 def _has_inside(parts):
     """Whether some part has one."""
     part, count = 0, len(parts) - 1
-    while part < count and parts[part, PART_SIGN] == SIGN_NONE:
+    while part < count and parts[part].sign == SIGN_NONE:
         part += 1
     return part < count
 

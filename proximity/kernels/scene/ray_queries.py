@@ -13,12 +13,9 @@ from proximity.kernels.geometry.frames import (
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import (
-    FRAME_SCALE,
     LANES,
     NO_ROW,
     NO_SLOT,
-    PART_ROOT,
-    SCENE_ALL_FUSED,
     STACKS_SIZE,
 )
 from proximity.kernels.model_arrays import ModelArrays
@@ -96,7 +93,7 @@ def _hits_of_parts(model, count, origins, rows, aims, views, slots, stacks):
 
     *rows*: of *origins*. Ties go to the lower part, then to the lower slot.
     """
-    scale = model.frames[len(model.frames) - 1, FRAME_SCALE]
+    scale = model.frames[len(model.frames) - 1].scale
     for k in range(count):
         row = rows[k]
         ray = (origins[row, 0], origins[row, 1], origins[row, 2]), direction_of(views, k)
@@ -131,9 +128,9 @@ def cast_batch(model, origins, directions, order, limits, answers):
     is_single, fills_all_columns = is_alone(parts), answers.shape[1] != DISTANCE_WIDTH
     walk_row = np.int64(0) if is_single else len(parts) - 1
     scale, root, is_one_tree = (
-        frames[walk_row, FRAME_SCALE],
-        parts[walk_row, PART_ROOT],
-        is_single or parts[walk_row, SCENE_ALL_FUSED],
+        frames[walk_row].scale,
+        parts[walk_row].root,
+        is_single or parts[walk_row].all_fused,
     )
     owners, hit_offsets, hits = longs_here(RAY_CHUNK), longs_here(HIT_OFFSETS_SIZE), reals_here(HITS_SIZE)
     zero_row = np.int64(NO_ROW)

@@ -19,12 +19,10 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.geometry.rows import limit_of
 from proximity.kernels.layout import (
-    FRAME_SCALE,
     NO_FACE,
     NO_PART,
     NO_ROW,
     NO_SLOT,
-    PART_SLOT_FACES,
     STACKS_SIZE,
 )
 from proximity.kernels.model_arrays import ModelArrays
@@ -108,7 +106,7 @@ def _fill_point_witness(reals, frames, parts, part, slot, segment, plan, witness
 @kernel
 def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witness, limit, answer, choice):
     """Take a witness from the part's local frame to the scene's."""
-    distance = witness[WITNESS_GAP] / frames[part, FRAME_SCALE]
+    distance = witness[WITNESS_GAP] / frames[part].scale
     if not distance <= limit:
         _write_nothing(answer, choice, np.inf)
         return
@@ -124,7 +122,7 @@ def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witnes
     for k in range(3):
         answer[SEGMENT_ANSWER_BARYCENTRIC + k] = witness[WITNESS_WEIGHT + k]
     choice[SEGMENT_ANSWER_PART] = part
-    choice[SEGMENT_ANSWER_FACE] = load_int(words, parts[part, PART_SLOT_FACES] + slot)
+    choice[SEGMENT_ANSWER_FACE] = load_int(words, parts[part].slot_faces + slot)
 
 
 @entry(
@@ -146,7 +144,7 @@ def segment_batch(model, starts, ends, order, limits, answers):
     witness = reals_here(WITNESS_SIZE)
     plans[:], probes[:], witness[:] = 0.0, 0.0, 0.0
     segment = reals_here(6)
-    scale = frames[len(parts) - 1, FRAME_SCALE]
+    scale = frames[len(parts) - 1].scale
     known_slot = np.int64(NO_SLOT)
     for i in range(len(order) if len(order) else len(starts)):
         row = order[i] if len(order) else i

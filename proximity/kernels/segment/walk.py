@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.kernels.geometry.closest_feature import read_corners
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
-from proximity.kernels.layout import BLOCK_STRIDE, FRAME_SCALE, LANES, NO_PART, NO_SLOT, PART_ROOT
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, NO_SLOT
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import (
     PLAN_END,
@@ -145,7 +145,7 @@ def _nearer_in_part(model, part, start, query, best, stacks):
     scene_plan, _, _, witness, (segment, plan, probe) = query
     _, best_sq, fraction, slot = best
     plan_in_part(frames, parts, part, segment, plan, probe)
-    ratio_sq = (frames[part, FRAME_SCALE] / frames[len(parts) - 1, FRAME_SCALE]) ** 2
+    ratio_sq = (frames[part].scale / frames[len(parts) - 1].scale) ** 2
     best_sq, fraction, slot = segment_in_part(
         reals, words, start, plan, probe, best_sq * ratio_sq, fraction, slot, witness, stacks
     )
@@ -174,7 +174,7 @@ def segment_in_scene(model, segment, best_sq, known_slot, plans, probes, witness
     if known_slot >= 0:
         found_part = part_of_slot(words, parts, known_slot)
         plan_in_part(frames, parts, found_part, segment, plan, probe)
-        ratio_sq = (frames[found_part, FRAME_SCALE] / frames[scene, FRAME_SCALE]) ** 2
+        ratio_sq = (frames[found_part].scale / frames[scene].scale) ** 2
         best_sq, fraction, slot = segment_in_block(
             reals, known_slot // LANES, plan, best_sq * ratio_sq, fraction, slot, witness
         )
@@ -182,7 +182,7 @@ def segment_in_scene(model, segment, best_sq, known_slot, plans, probes, witness
     if is_alone(parts):
         plan_in_part(frames, parts, found_part, segment, plan, probe)
         best_sq, _, slot = segment_in_part(
-            reals, words, parts[0, PART_ROOT], plan, probe, best_sq, fraction, slot, witness, stacks
+            reals, words, parts[0].root, plan, probe, best_sq, fraction, slot, witness, stacks
         )
         return best_sq, found_part, slot
     plan_in_part(frames, parts, scene, segment, scene_plan, scene_probe)

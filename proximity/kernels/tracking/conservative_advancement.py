@@ -24,7 +24,7 @@ from proximity.kernels.geometry.frames import (
     rounding_at,
 )
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import FRAME_SCALE, LANES
+from proximity.kernels.layout import LANES
 from proximity.kernels.point.budgeted_walk import DOWN
 from proximity.kernels.scene.distance_bounds import fill_closest, nearest_from_face
 from proximity.kernels.tracking.part_drift import drift_until
@@ -160,7 +160,7 @@ def advance_conservatively(
     drift_at_end, _ = drift_until(drift, speed, end - start)
     if not speed + drift_at_end > 0.0:
         return Advance(end, expected, part, slot, work)
-    scale = model.frames[len(model.frames) - 1, FRAME_SCALE]
+    scale = model.frames[len(model.frames) - 1].scale
     drift_now, faster = drift_until(drift, speed, 0.0)
     free = _free_until(start, clearance, speed + drift_now, start + faster)
     for _ in range(MOST_STEPS):
@@ -222,7 +222,7 @@ def touches(model, point, radius, part, slot, budget, workspace):
     *part*, *slot*: a face to start from, which is best the one that is expected to be touched.
     """
     # Any face within the radius will do: with a tolerance of the whole distance the first found is enough.
-    limit = radius * model.frames[len(model.frames) - 1, FRAME_SCALE]
+    limit = radius * model.frames[len(model.frames) - 1].scale
     _, _, slot, _, work = nearest_from_face(
         model, point, part, slot, limit * limit, (1.0, 0.0), budget, workspace
     )

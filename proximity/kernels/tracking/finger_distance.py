@@ -31,12 +31,6 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import (
-    FRAME_DAMPING,
-    FRAME_STIFFNESS,
-    FRAME_SURFACE,
-    PART_IS_FUSED,
-    PART_SIGN,
-    PART_SLOT_FACES,
     SIGN_NONE,
 )
 from proximity.kernels.point.coherent_search import FRONTIER_BEGINS, LONG_WALK, nearest_from_last_answer
@@ -94,7 +88,7 @@ def find_distance(model, arrays, i, finger, is_moved, scratch):
         is_near_enough = left <= 0 or upper - clearance <= tolerance * (clearance - radius)
     if is_far or is_near_enough:
         bits, lower, distance = SKIPPED, min(clearance, upper), upper
-        if slot >= 0 and model.parts[part, PART_SIGN] != SIGN_NONE:
+        if slot >= 0 and model.parts[part].sign != SIGN_NONE:
             bits |= SIGNED
     else:
         has_surface = False
@@ -117,8 +111,8 @@ def find_distance(model, arrays, i, finger, is_moved, scratch):
     record.work = work
     if slot >= 0:
         record.part = part
-        record.face = load_int(model.words, model.parts[part, PART_SLOT_FACES] + slot)
-        record.surface = np.int64(model.frames[part, FRAME_SURFACE])
+        record.face = load_int(model.words, model.parts[part].slot_faces + slot)
+        record.surface = np.int64(model.frames[part].surface)
         if not has_surface:
             _find_surface(model, settings, finger, part, slot, bits, scratch)
         _write_surface(model.frames, part, finger, scratch.vectors)
@@ -191,7 +185,7 @@ def _search(model, arrays, i, finger, is_outside, is_moved, tolerance, budget, s
     best_sq, is_found, steps = 0.0, False, np.int64(0)
     # A part with a frame of its own is walked as a whole, and gains nothing.
     may_keep = len(arrays.frontiers) > 0 and slot >= 0 and not is_moved
-    may_keep = may_keep and (parts[part, PART_IS_FUSED] == 1 or is_alone(parts))
+    may_keep = may_keep and (parts[part].is_fused == 1 or is_alone(parts))
     kept = track.frontier_count
     if may_keep and (kept > 0 or kept == FRONTIER_BEGINS):
         best_sq, part, slot, is_found, track.frontier_count, steps = nearest_from_last_answer(
@@ -240,7 +234,7 @@ def _find_surface(model, settings, finger, part, slot, bits, scratch):
     if closest[CLOSEST_LENGTH] <= 1e-150:
         px, py, pz = to_local(frames, parts, part, x, y, z)
         feature, which = closest_on_triangle(px, py, pz, closest)
-        face = load_int(model.words, parts[part, PART_SLOT_FACES] + slot)
+        face = load_int(model.words, parts[part].slot_faces + slot)
         pseudo_normal(model.reals, model.words, parts, part, face, feature, which, closest)
         turn_to_scene(frames, parts, part, closest, CLOSEST_NORMAL, vectors, 0)
     elif bits & INSIDE:
@@ -265,5 +259,5 @@ def _write_surface(frames, part, finger, vectors):
         record.part_velocity[axis] = vectors[6 + axis]
         closing -= vectors[axis] * (record.velocity[axis] - vectors[6 + axis])
     record.approach_speed = closing
-    record.stiffness = frames[part, FRAME_STIFFNESS]
-    record.damping = frames[part, FRAME_DAMPING]
+    record.stiffness = frames[part].stiffness
+    record.damping = frames[part].damping

@@ -20,8 +20,6 @@ from proximity.kernels.layout import (
     LANES,
     NODE_CHILDREN,
     NODE_STRIDE,
-    PART_IS_FUSED,
-    SCENE_ENTRIES,
     STACK_SIZE,
 )
 from proximity.native import inlined, kernel
@@ -69,9 +67,9 @@ def _push(workspace, at, bounds, references, part, which):
 @inlined
 def _step_into(words, parts, reference, part):
     """The subtree that an entry of the tree over parts stands for, and the row in whose frame it is."""
-    entry = parts[len(parts) - 1, SCENE_ENTRIES] + 2 * (~reference - ENTRY)
+    entry = parts[len(parts) - 1].entries + 2 * (~reference - ENTRY)
     owner = np.int64(load_int(words, entry))
-    return np.int64(load_int(words, entry + 1)), part if parts[owner, PART_IS_FUSED] else owner
+    return np.int64(load_int(words, entry + 1)), part if parts[owner].is_fused else owner
 
 
 @inlined

@@ -21,9 +21,6 @@ from proximity.kernels.layout import (
     ENTRY,
     NODE_CHILDREN,
     NODE_STRIDE,
-    PART_IS_FUSED,
-    PART_ROOT,
-    SCENE_ENTRIES,
     STACK_SIZE,
 )
 from proximity.native import inlined
@@ -127,7 +124,7 @@ def over_parts(open_children, leaf, into_part, descend=to_nearest):
     def walk(model, query, best, stacks):
         reals, words, _, parts = model
         scene, bottom = len(parts) - 1, 2 * STACK_SIZE
-        reference, at = parts[scene, PART_ROOT], bottom
+        reference, at = parts[scene].root, bottom
         while True:
             if reference >= 0:
                 base = NODE_STRIDE * reference
@@ -138,9 +135,9 @@ def over_parts(open_children, leaf, into_part, descend=to_nearest):
             elif ~reference < ENTRY:
                 best = leaf(reals, reference, query, best)
             else:
-                entry = parts[scene, SCENE_ENTRIES] + 2 * (~reference - ENTRY)
+                entry = parts[scene].entries + 2 * (~reference - ENTRY)
                 part, start = load_int(words, entry), load_int(words, entry + 1)
-                if parts[part, PART_IS_FUSED]:
+                if parts[part].is_fused:
                     reference = start
                     continue
                 best = into_part(model, part, start, query, best, stacks)

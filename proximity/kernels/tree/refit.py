@@ -19,20 +19,10 @@ from proximity.kernels.geometry.box import BOX_MARGIN
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    FRAME_CENTRE,
-    FRAME_SCALE,
     LANES,
     NO_ROW,
     NODE_CHILDREN,
     NODE_STRIDE,
-    PART_CORNER_COUNT,
-    PART_CORNER_NORMALS,
-    PART_CORNERS,
-    PART_FACES,
-    PART_MOMENTS,
-    PART_NODE_COUNT,
-    PART_ROOT,
-    PART_SLOT_FACES,
 )
 from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE, OPENING
@@ -110,13 +100,13 @@ def refit_part(model, part, vertices, leaders):
     Returns area and three times the enclosed volume, local.
     """
     reals, words, frames, parts = model
-    root, node_count = parts[part, PART_ROOT], parts[part, PART_NODE_COUNT]
+    root, node_count = parts[part].root, parts[part].node_count
     slot_faces, faces, moments = (
-        parts[part, PART_SLOT_FACES],
-        parts[part, PART_FACES],
-        parts[part, PART_MOMENTS],
+        parts[part].slot_faces,
+        parts[part].faces,
+        parts[part].moments,
     )
-    corner_count = parts[part, PART_CORNER_COUNT]
+    corner_count = parts[part].corner_count
     corner_rows = np.empty((corner_count + 1) * CORNER_STRIDE)
     _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows)
     # What is below each node, waiting for its parent; then for the leaves of the node at hand, and for none.
@@ -146,7 +136,7 @@ def refit_part(model, part, vertices, leaders):
                     reals, BLOCK_STRIDE * ~child, corner_rows, ids, BLOCK_CORNERS * k, results, below[k]
                 )
         _refit_node(words, base, moments + MOMENT_STRIDE * node, results, below, at)
-    _write_normals(reals, parts[part, PART_CORNER_NORMALS], corner_count, corner_rows)
+    _write_normals(reals, parts[part].corner_normals, corner_count, corner_rows)
     fill_slabs(words, reals, root, node_count, words, moments)
     return results[0], results[7] + results[11] + results[15]
 
@@ -154,9 +144,9 @@ def refit_part(model, part, vertices, leaders):
 @kernel
 def _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows):
     """Write local corners: for the model, and as *corner_rows*, where their normals begin as zero."""
-    x, y, z = frames[part, FRAME_CENTRE], frames[part, FRAME_CENTRE + 1], frames[part, FRAME_CENTRE + 2]
-    scale = frames[part, FRAME_SCALE]
-    corner, corner_at = parts[part, PART_CORNERS], 0
+    x, y, z = frames[part].centre[0], frames[part].centre[1], frames[part].centre[2]
+    scale = frames[part].scale
+    corner, corner_at = parts[part].corners, 0
     # Corners are numbered in the order of the first vertices at their positions.
     for row in range(len(vertices)):
         if leaders[row] == row:

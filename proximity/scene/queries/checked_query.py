@@ -17,7 +17,7 @@ from proximity.checks import as_points
 from proximity.errors import ProximityError, UnitsWarning
 from proximity.kernels.geometry.frames import MILLIMETRES_FROM, MILLIMETRES_TO
 from proximity.kernels.geometry.morton_order import SORT_FROM
-from proximity.kernels.layout import FRAME_BOX_LOWER_XYZ, FRAME_BOX_UPPER_XYZ, IN_MILLIMETRES, NO_ROW
+from proximity.kernels.layout import IN_MILLIMETRES, NO_ROW
 from proximity.scene.model.assembly import Model
 from proximity.scene.queries.batches import OrderOf, first_slice, morton_order_of, run_batch
 from proximity.scene.queries.query_arguments import broadcast_limits, broadcast_rows
@@ -90,7 +90,7 @@ def _warn_of_millimetres(model: Model, distances: np.ndarray) -> None:
 def size_of(model: Model) -> float:
     """Diagonal of the box of all parts, m."""
     box = model.frames[-1]
-    return float(np.linalg.norm(box[FRAME_BOX_UPPER_XYZ] - box[FRAME_BOX_LOWER_XYZ]))
+    return float(np.linalg.norm(box["box_upper"] - box["box_lower"]))
 
 
 def in_millimetres(what: str, distance: float, size: float, names: str) -> str:

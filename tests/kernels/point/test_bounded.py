@@ -29,15 +29,11 @@ from budgeted import (
 import oracle
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    FRAME_SCALE,
     LANES,
     MAX_DEPTH,
     NO_SLOT,
     NODE_CHILDREN,
     NODE_STRIDE,
-    PART_MOMENTS,
-    PART_NODE_COUNT,
-    PART_ROOT,
 )
 from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, nearest_with_budget
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
@@ -71,7 +67,7 @@ def test_bounds_hold_whatever_the_budget(name):
         points[4::12, :2] = 0.0
     # Of the small part where that is the question: the oracle is right beside the large one.
     size = float(name) if name in MINUTE_BESIDE_LARGE else abs(mesh[0]).max()
-    scale = model.frames[-1, FRAME_SCALE]
+    scale = model.frames["scale"][-1]
     used = np.flatnonzero(~np.isnan(model.reals[: BLOCK_STRIDE * block_count(model)].reshape(-1, 9, 8)[:, 0]))
     for point, distance in zip(points, oracle.closest(*mesh, points).distance, strict=True):
         exact = without_budget(model, point)
@@ -101,7 +97,7 @@ def test_with_ease_bounds_hold_and_no_more_than_its_share_is_missed(name, tolera
     rng = np.random.default_rng(8)
     model, mesh = scene_named(name)
     points = points_at(mesh, rng, 40)
-    size, scale = abs(mesh[0]).max(), model.frames[-1, FRAME_SCALE]
+    size, scale = abs(mesh[0]).max(), model.frames["scale"][-1]
     steps, exact_steps = 0, 0
     for point, distance in zip(points, oracle.closest(*mesh, points).distance, strict=True):
         for exact_within in (0.0, 0.5 * distance, 2.0 * distance):
@@ -166,7 +162,7 @@ def test_each_node_and_each_leaf_is_one_step():
 
     # So far away nothing can be left out, and every step is needed.
     ball = model_of(shapes.sphere(1.0, 3))
-    whole = int(ball.parts[0, PART_NODE_COUNT]) + block_count(ball)
+    whole = int(ball.parts["node_count"][0]) + block_count(ball)
     for budget in (whole - 1, whole, whole + 1, 4 * whole, UNLIMITED):
         found = walk(ball, (1e20, 2e20, 1e20), budget)
         assert found.work == min(whole, budget)
@@ -217,8 +213,8 @@ def test_unused_lanes_of_a_minute_part_stay_closed():
     sheet = shapes.grid(5, 7)
     model = model_of(large, (size * sheet[0], sheet[1]))
     frame = model.frames[1]
-    for corner in large[0] * model.frames[0, FRAME_SCALE]:  # as if it were of the sheet's frame
-        point = corner / frame[FRAME_SCALE] + frame[12:15]
+    for corner in large[0] * model.frames["scale"][0]:  # as if it were of the sheet's frame
+        point = corner / frame["scale"] + frame["centre"]
         exact = without_budget(model, point)
         for budget in range(1, 60):
             found = walk(model, point, budget)
@@ -274,7 +270,7 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
 
 def test_room_suffices_for_sweeps_after_the_deepest_descent():
     depth, below = 2 * MAX_DEPTH + 1, eightfold(5)
-    count = int(below[3][0, PART_NODE_COUNT])
+    count = int(below[3]["node_count"][0])
     eight = (
         below[1][: count * NODE_STRIDE].view(np.int32).reshape(-1, NODE_STRIDE)[:, NODE_CHILDREN:][:, :LANES]
     )
@@ -294,7 +290,7 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
 def test_opening_a_node_does_not_lower_the_bound():
     """What is known of a node holds for its children, also where their boxes say less."""
     arrays = by_hand(3, [[1] * LANES, [2] * LANES, [~0] * LANES])
-    words, at = arrays[1], int(arrays[3][0, PART_MOMENTS]) + MOMENT_STRIDE
+    words, at = arrays[1], int(arrays[3]["moments"][0]) + MOMENT_STRIDE
     words[:48].reshape(6, LANES)[:3, 1:], words[:48].reshape(6, LANES)[3:, 1:] = np.inf, -np.inf
     words[at + MOMENT_AREA_NORMAL : at + MOMENT_AREA_NORMAL + LANES] = 2.0
     words[at + MOMENT_SLAB_LEAST : at + MOMENT_SLAB_LEAST + 2 * LANES] = 1.0  # in the plane 2 x = 1
@@ -313,7 +309,7 @@ def test_opening_a_node_does_not_lower_the_bound():
 def test_copies_of_one_triangle_give_the_lowest_slot_or_bounds():
     vertices = np.array([[0.1, 0, 0], [0, 0.3, 0], [0, 0, 0.7]])
     model = model_of((vertices, np.tile([0, 1, 2], (10_000, 1))))
-    whole = int(model.parts[0, PART_NODE_COUNT]) + block_count(model)
+    whole = int(model.parts["node_count"][0]) + block_count(model)
     for point in ([0.0, 0.0, 0.0], [0.05, 0.15, 0.0], [1.0, 1.0, 1.0], [1e6, 0, 0]):
         exact = without_budget(model, point)
         assert exact[1] == 0
@@ -354,9 +350,7 @@ def gap_of(model, point, budget):
 def without_slabs(model):
     """The same model with slabs that say nothing."""
     words, part = model.words.copy(), model.parts[0]
-    moments = words[part[PART_MOMENTS] + MOMENT_STRIDE * part[PART_ROOT] :][
-        : MOMENT_STRIDE * part[PART_NODE_COUNT]
-    ]
+    moments = words[part["moments"] + MOMENT_STRIDE * part["root"] :][: MOMENT_STRIDE * part["node_count"]]
     moments.reshape(-1, MOMENT_STRIDE)[:, MOMENT_SLAB_LEAST : MOMENT_SLAB_LEAST + LANES] = -np.inf
     moments.reshape(-1, MOMENT_STRIDE)[:, MOMENT_SLAB_LARGEST : MOMENT_SLAB_LARGEST + LANES] = np.inf
     return replace(model, words=words)
@@ -403,7 +397,7 @@ def test_first_bounds_are_below_exact_distances(reach):
     rng = np.random.default_rng(7)
     ends = np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, -1.0]])
     model = model_of((ends, np.repeat([[0, 0, 0], [1, 1, 1]], 9, axis=0)))
-    assert model.frames[0, FRAME_SCALE] == 1.0
+    assert model.frames["scale"][0] == 1.0
     for point in rng.uniform(-1, 1, (1500, 3)) * reach:
         exact = min(
             sum((Fraction(x) - Fraction(y)) ** 2 for x, y in zip(point, end, strict=True)) for end in ends

@@ -9,7 +9,7 @@ from scene_parts import part_of
 from proximity.kernels.geometry.frames import (
     part_of_slot,
 )
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, PART_ROOT
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.point import coherent_search as frontiers
 from proximity.kernels.point.coherent_search import (
     FRONTIER_BEGINS,
@@ -141,14 +141,14 @@ def test_the_front_holds_every_face():
         searcher.at((0.02 + 1e-4 * turn, 0.0, 1.5))
     held = set()
     opened = {int(searcher.row[frontiers.FRONTIER_NODES + k]) for k in range(searcher.count)}
-    assert int(model.parts[0, PART_ROOT]) in opened
+    assert int(model.parts["root"][0]) in opened
     for node in opened:
         words = model.words[NODE_STRIDE * node :][:NODE_STRIDE]
         for lane in np.flatnonzero(words[:LANES] <= words[24 : 24 + LANES]):
             child = int(words.view(np.int32)[NODE_CHILDREN + lane])
             if child not in opened:
                 held |= set(map(tuple, faces_below(model, child)))
-    assert held == set(map(tuple, faces_below(model, int(model.parts[0, PART_ROOT]))))
+    assert held == set(map(tuple, faces_below(model, int(model.parts["root"][0]))))
 
 
 @pytest.mark.internals

@@ -19,7 +19,7 @@ from proximity.kernels.geometry.frames import (
     direction_to_local,
     to_local,
 )
-from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE, PART_IS_FUSED
+from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE
 from proximity.kernels.ray import hit_rows, ray_lanes, walk
 from proximity.kernels.scene import ray_queries
 from proximity.mesh.part_arrays import common_frame, part_arrays
@@ -54,7 +54,7 @@ def scene_of(meshes, poses=None, *, is_fused=False):
         vertices = np.concatenate([vertices for vertices, _ in meshes])
         frame = common_frame(vertices.min(axis=0), vertices.max(axis=0))
     model = assemble([pieces_of(mesh, frame) for mesh in meshes], poses or [Pose()] * len(meshes))
-    assert not is_fused or (model.parts[:-1, PART_IS_FUSED] == 1).all()
+    assert not is_fused or (model.parts["is_fused"][:-1] == 1).all()
     return model
 
 

@@ -8,7 +8,7 @@ from scene_parts import part_of, some_parts
 import oracle
 from proximity.kernels import contact_record
 from proximity.kernels.geometry.closest_feature import CLOSEST_LENGTH, CLOSEST_SIZE
-from proximity.kernels.layout import NO_SLOT, PART_SLOT_FACES
+from proximity.kernels.layout import NO_SLOT
 from proximity.kernels.scene import distance_bounds
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.pose import Pose
@@ -45,7 +45,7 @@ class Asked:
         )
 
     def face(self, part, slot):
-        return self.model.words.view(np.int32)[self.model.parts[part, PART_SLOT_FACES] + slot]
+        return self.model.words.view(np.int32)[self.model.parts["slot_faces"][part] + slot]
 
     def triangle(self, part, slot):
         """Corners in the scene's frame."""
@@ -206,7 +206,7 @@ def test_no_face_is_farther_than_the_farthest_corner(asked):
 
 
 def test_within_a_limit_only_nearer_faces_are_found(asked):
-    scale = asked.model.frames[-1, 15]
+    scale = asked.model.frames["scale"][-1]
     for point in points(50):
         distance = float(unsigned(asked.scene, point))
         for limit, is_found in ((0.99 * distance, False), (1.01 * distance, True)):

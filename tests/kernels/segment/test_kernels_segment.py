@@ -16,7 +16,7 @@ from nodes import node_of
 from project import IMPORT_PATHS, ROOT
 
 import oracle
-from proximity.kernels.layout import LANES, NO_FACE, NO_PART, NO_SLOT, PART_FIRST_BLOCK, PART_IS_FUSED
+from proximity.kernels.layout import LANES, NO_FACE, NO_PART, NO_SLOT
 from proximity.kernels.scene import segment_queries
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import (
@@ -73,7 +73,7 @@ def model_of(*meshes, poses=None, is_fused=False):
         vertices = np.concatenate([vertices for vertices, _ in meshes])
         frame = common_frame(vertices.min(axis=0), vertices.max(axis=0))
     model = assemble([pieces_of(mesh, frame) for mesh in meshes], poses or [Pose()] * len(meshes))
-    assert not is_fused or (model.parts[:-1, PART_IS_FUSED] == 1).all()
+    assert not is_fused or (model.parts["is_fused"][:-1] == 1).all()
     return model
 
 
@@ -538,7 +538,7 @@ def test_lowest_slot_wins_among_equals():
     model = model_of((vertices, np.repeat(faces, 30, axis=0)))
     plan = np.zeros(PLAN_SIZE)
     found = Found(model, [(0.2, 0.2, 1.0), (0.2, 0.2, -1.0)], [(0.3, 0.3, 2.0), (0.2, 0.2, 1.0)])
-    first = int(model.words.view(np.int32)[model.parts[0, 4] + LANES * model.parts[0, PART_FIRST_BLOCK]])
+    first = int(model.words.view(np.int32)[model.parts[0, 4] + LANES * model.parts["first_block"][0]])
 
     assert (found.face == first).all() and found.distance.tolist() == [1.0, 0.0]
     make_plan(plan, np.zeros(PROBE_SIZE, np.float32), 0.0, 0.0, 1.5, 0.1, 0.0, 1.0)

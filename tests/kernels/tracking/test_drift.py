@@ -5,7 +5,7 @@ import pytest
 import shapes
 from scene_parts import part_of
 
-from proximity.kernels.layout import FRAME_ROTATION
+from proximity.kernels.layout import columns_of
 from proximity.kernels.tracking.part_drift import (
     MOVER_COLUMNS,
     MOVER_LOWER,
@@ -247,7 +247,7 @@ def test_nothing_moves_nothing_counts():
 
 def before(scene):
     model = scene.snapshot()
-    return model.frames[: len(model.parts) - 1, FRAME_ROTATION : FRAME_ROTATION + POSE_COLUMNS].copy()
+    return columns_of(model.frames)[:-1, :POSE_COLUMNS].copy()
 
 
 def test_displacement_of_parts_is_how_far_the_farthest_corner_went_and_is_taken_once():
