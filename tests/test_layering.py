@@ -42,7 +42,7 @@ sign
 mesh · traverse
 geometry
 stack_arrays
-compiled_stack · contact_record · model_arrays
+compiled_stack · contact_record
 layout
 """,
     "proximity.scene": """
@@ -139,7 +139,7 @@ NUMBA_MAY_BE_IMPORTED_BY = {
     "proximity.tracker.warm_up",
 }
 # What numba compiles, and code of LLVM that it is given: imported only where numba compiles kernels.
-DECLARATIONS = {"bundle", "entry", "inlined", "kernel", "maker"}
+DECLARATIONS = {"bundle", "entry", "inlined", "kernel", "allocating_kernel"}
 
 
 def module_of(path):

@@ -57,7 +57,7 @@ def reals_of(typingctx, records):
     return types.Array(types.float64, 2, "C")(records), codegen
 
 
-def arrays_here(dtype):
+def stack_arrays_of(dtype):
     item_type = from_dtype(np.dtype(dtype))
 
     @intrinsic
@@ -84,7 +84,7 @@ def arrays_here(dtype):
     return here, rows_here
 
 
-def bundle_here(bundle, *columns):
+def stack_bundle(bundle, *columns):
     item_types = [from_dtype(np.dtype(dtype)) for dtype, *_ in columns]
     array_types = [
         types.Array(item_type, len(lengths), "C")

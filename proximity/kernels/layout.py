@@ -26,9 +26,11 @@ An unused lane is NaN: every comparison with it fails. A triangle's position in 
 model, so that of two slots the lower is of the lower part.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
-from proximity.native import record
+from proximity.native import bundle, record
 from proximity.native.simd import LANES
 
 ALL_LANES = 2**LANES - 1
@@ -144,3 +146,15 @@ FEATURE_NONE = -1
 FEATURE_FACE = 0
 FEATURE_EDGE = 1
 FEATURE_VERTEX = 2
+
+
+class ModelArrays(NamedTuple):
+    """A solid, or a scene of hundreds: what most kernels are handed first."""
+
+    reals: np.ndarray  # (R,) float64
+    words: np.ndarray  # (W,) float32
+    frames: np.ndarray  # (P + 1,) FRAME
+    parts: np.ndarray  # (P + 1,) PART
+
+
+bundle(ModelArrays, reals="float64[:]", words="float32[:]", frames="Frame[:]", parts="Part[:]")

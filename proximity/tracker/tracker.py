@@ -55,7 +55,7 @@ HORIZON = 0.25
 
 NOT_NANOSECONDS = "expected nanoseconds, as time.monotonic_ns() gives them: it looks like seconds"
 
-_tick = native.lenient("tick")
+_tick = native.try_entry("tick")
 
 
 class Tracker:

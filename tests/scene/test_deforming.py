@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import oracle
 from proximity.errors import MeshError, SceneError
-from proximity.kernels.mesh.normals import add_corner_normals
+from proximity.kernels.mesh.faces import add_corner_normals
 from proximity.mesh.bvh import build_bvh
 from proximity.pose import Pose
 from proximity.scene.scene import Part, Scene

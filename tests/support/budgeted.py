@@ -4,10 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 import shapes
+from models import model_of
 
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-)
+from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     FRAME,
@@ -23,10 +22,8 @@ from proximity.kernels.point.budgeted_walk import known_sq, nearest_with_budget
 from proximity.kernels.point.walk import NOTHING_SEEN, nearest_in_scene
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
-from proximity.mesh.bvh import LocalFrame
-from proximity.mesh.part_arrays import common_frame, part_arrays
+from proximity.mesh.part_arrays import common_frame
 from proximity.pose import Pose
-from proximity.scene.model.assembly import assemble
 
 GUARD = 64
 UNTOUCHED = np.float32(-12345.0)
@@ -40,17 +37,6 @@ class Answer(NamedTuple):
     slot: int
     lower_sq: float
     work: int
-
-
-def piece_of(mesh, frame: LocalFrame | None = None):
-    """The arrays of one part, its faces as they are: nothing is welded, dropped or turned."""
-    faces = np.ascontiguousarray(mesh[1], dtype=np.int32)
-    return part_arrays(np.asarray(mesh[0], dtype=np.float64), faces, np.full_like(faces, -1), frame)
-
-
-def model_of(*meshes, poses=None, frame=None):
-    """The model of meshes at poses, as they lie where none are given."""
-    return assemble([piece_of(mesh, frame) for mesh in meshes], poses or [Pose()] * len(meshes))
 
 
 def start_of(model):

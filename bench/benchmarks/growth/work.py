@@ -27,7 +27,7 @@ from proximity.kernels.ray.walk import (
     is_from_afar,
     open_boxes,
 )
-from proximity.kernels.stack_arrays import words_here
+from proximity.kernels.stack_arrays import stack_f32
 from proximity.kernels.traverse.depth_first import depth_first, in_order
 from proximity.native import inlined, kernel
 from proximity.native.simd import splat32
@@ -67,7 +67,7 @@ def work_of_rays(scene: Scene, origins: np.ndarray, directions: np.ndarray) -> t
 @kernel
 def _count_rays(reals, words, frames, parts, origins, directions, work, lengths):
     """Fill what `_ray_steps` counts; lengths are inf where nothing is hit."""
-    stacks = words_here(STACKS_SIZE)
+    stacks = stack_f32(STACKS_SIZE)
     for i in range(len(origins)):
         x, y, z = to_local(frames, parts, 0, origins[i, 0], origins[i, 1], origins[i, 2])
         dx, dy, dz = scaled_direction(directions[i, 0], directions[i, 1], directions[i, 2])

@@ -162,7 +162,7 @@ def test_winding(timed, operands, contender, who):
         vertices, faces = cases.load_mesh(MESH)
         tree = igl.FastWindingNumberBVH()
         tree.init(vertices, faces, 2)
-        centre, scale = model.frames[0, 12:15], model.frames[0, 15]
+        centre, scale = model.frames["centre"][0], model.frames["scale"][0]
         run = partial(tree.winding_number, np.ascontiguousarray(queries[:, :3] / scale + centre), 2.0)
         error = np.abs(run() - found).max()
         assert error <= WINDING_ERROR, f"winding numbers are up to {error:.3f} apart"

@@ -8,11 +8,7 @@ point back even on a needle.
 from math import sqrt
 
 from proximity.kernels.geometry.triangle import TINY, cross, dot, offset_of
-from proximity.kernels.layout import (
-    FEATURE_EDGE,
-    FEATURE_FACE,
-    FEATURE_VERTEX,
-)
+from proximity.kernels.layout import FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX
 from proximity.native import inlined
 from proximity.native.simd import fma, like, load_int, minimum, select, square_root
 

@@ -2,17 +2,9 @@
 
 import numpy as np
 
-from proximity.kernels.layout import (
-    FOLDED_AT,
-    LANES,
-)
+from proximity.kernels.layout import FOLDED_AT, LANES
 from proximity.native import inlined
-from proximity.native.simd import (
-    like,
-    load_int,
-    maximum,
-    minimum,
-)
+from proximity.native.simd import like, load_int, maximum, minimum
 
 LENGTH_ROUNDING = 1e-13
 """More than rounding can put distances and displacements off, relative and in sizes of the scene."""

@@ -24,19 +24,9 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.geometry.box import nearest_in_boxes
-from proximity.kernels.geometry.frames import (
-    is_alone,
-    part_of_slot,
-    to_local,
-)
+from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import (
-    BLOCK_STRIDE,
-    ENTRY,
-    LANES,
-    NODE_CHILDREN,
-    NODE_STRIDE,
-)
+from proximity.kernels.layout import BLOCK_STRIDE, ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, best_known, factor_of, nearest_with_budget
 from proximity.kernels.point.walk import nearer_in_block
 from proximity.native import inlined, kernel

@@ -17,11 +17,7 @@ import numpy as np
 
 from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
-from proximity.kernels.geometry.triangle import (
-    offset_of,
-    point_block_distance_sq,
-    point_triangle_distance_sq,
-)
+from proximity.kernels.geometry.triangle import offset_of, point_block_distance_sq, point_triangle_distance_sq
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT
 from proximity.kernels.traverse.depth_first import depth_first, over_parts
 from proximity.native import inlined

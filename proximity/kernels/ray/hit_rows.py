@@ -2,18 +2,9 @@
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-)
+from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.geometry.triangle import cross, dot, offset_of
-from proximity.kernels.layout import (
-    FRAME,
-    FRAME_COLUMNS,
-    LANES,
-    NO_FACE,
-    NO_PART,
-    field_at,
-)
+from proximity.kernels.layout import FRAME, FRAME_COLUMNS, LANES, NO_FACE, NO_PART, field_at
 from proximity.kernels.ray.ray_lanes import RAY_CHUNK, VIEW_DIRECTION, VIEW_WEIGHTS, load_three, store_three
 from proximity.kernels.stack_arrays import reals_of
 from proximity.native import inlined

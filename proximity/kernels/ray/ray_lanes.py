@@ -7,11 +7,7 @@ from math import frexp, ldexp
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import (
-    FARTHEST_LOCAL,
-    direction_to_local,
-    to_local,
-)
+from proximity.kernels.geometry.frames import FARTHEST_LOCAL, direction_to_local, to_local
 from proximity.kernels.geometry.rows import columns
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES

@@ -35,18 +35,10 @@ from proximity.kernels.ray.walk import (
     open_boxes,
 )
 from proximity.kernels.sign.folded_faces import faces_wrong, marked_slots
-from proximity.kernels.stack_arrays import words_here
+from proximity.kernels.stack_arrays import stack_f32
 from proximity.kernels.traverse.depth_first import depth_first
 from proximity.native import entry, inlined, kernel
-from proximity.native.simd import (
-    absolute,
-    bits,
-    load,
-    splat,
-    splat32,
-    square_root,
-    trailing_zeros,
-)
+from proximity.native.simd import absolute, bits, load, splat, splat32, square_root, trailing_zeros
 
 CONTACT_DEPTH = 1e-10
 """Distance that the ends of an edge must have from a face, to both sides, in sizes of the part, for the edge
@@ -204,7 +196,7 @@ def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, mom
         for corner in range(len(corners)):
             low, high = min(low, corners[corner, axis]), max(high, corners[corner, axis])
         depth = max(depth, CONTACT_DEPTH * (high - low))
-    stacks, candidates, tree = words_here(STACKS_SIZE), np.empty(len(faces), np.uint8), (reals, words, root)
+    stacks, candidates, tree = stack_f32(STACKS_SIZE), np.empty(len(faces), np.uint8), (reals, words, root)
     note_candidates(corners, faces, neighbors, slot_faces, reals, words, root, depth, candidates)
     is_any, blocks_left = _mark_meeting(
         corners, faces, neighbors, slot_faces, tree, candidates, depth, MOST_BLOCKS * len(faces), False,

@@ -87,10 +87,7 @@ def _cube_parameters(o, d):
     step = select(is_still, like(1.0, d), d)
     reach = select(step < zero, like(-APPROACH_REACH, step), like(APPROACH_REACH, step))
     enter = select(is_within, -endless, endless)
-    return (
-        select(is_still, enter, (-reach - o) / step),
-        select(is_still, -enter, (reach - o) / step),
-    )
+    return (select(is_still, enter, (-reach - o) / step), select(is_still, -enter, (reach - o) / step))
 
 
 @inlined

@@ -11,16 +11,8 @@ parts whose surface passes through their cell.
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import (
-    to_local,
-)
-from proximity.kernels.layout import (
-    LANES,
-    NO_GRID,
-    NO_PART,
-    NO_SLOT,
-    SIGN_NONE,
-)
+from proximity.kernels.geometry.frames import to_local
+from proximity.kernels.layout import LANES, NO_GRID, NO_PART, NO_SLOT, SIGN_NONE
 from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part
 from proximity.kernels.scene.chunk_tables import RECENT_PARTS
 from proximity.kernels.scene.part_grid import (

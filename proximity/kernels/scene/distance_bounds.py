@@ -20,18 +20,8 @@ from proximity.kernels.geometry.closest_feature import (
     over_face,
     read_corners,
 )
-from proximity.kernels.geometry.frames import (
-    is_alone,
-    part_of_slot,
-    to_local,
-)
-from proximity.kernels.layout import (
-    NO_GRID,
-    NO_PART,
-    NO_SLOT,
-    SIGN_NONE,
-    SIGN_WINDING,
-)
+from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
+from proximity.kernels.layout import NO_GRID, NO_PART, NO_SLOT, SIGN_NONE, SIGN_WINDING
 from proximity.kernels.point.budgeted_walk import DOWN, NO_TOLERANCE, known_sq, nearest_with_budget
 from proximity.kernels.scene.containment import state_in_part
 from proximity.kernels.scene.part_grid import containing_bits, lowest_part, sought, turns_of
@@ -77,10 +67,7 @@ def beyond_all(frames, x, y, z):
     total = 0.0
     for axis in range(3):
         value = x if axis == 0 else (y if axis == 1 else z)
-        gap = max(
-            abs(value - frames[scene].box_lower[axis]),
-            abs(frames[scene].box_upper[axis] - value),
-        )
+        gap = max(abs(value - frames[scene].box_lower[axis]), abs(frames[scene].box_upper[axis] - value))
         total += gap * gap
     return sqrt(total) * (1.0 + 1e-12)
 
@@ -144,14 +131,7 @@ def _depth_in(model, other, point, budget, workspace, closest):
     else:
         budget = max(budget, FEWEST_DEPTH_STEPS)
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        model,
-        parts[other].root,
-        other,
-        point,
-        (np.inf, np.int64(NO_SLOT)),
-        NO_TOLERANCE,
-        budget,
-        workspace,
+        model, parts[other].root, other, point, (np.inf, np.int64(NO_SLOT)), NO_TOLERANCE, budget, workspace
     )
     is_exact = lower_sq >= best_sq
     is_inside = True

@@ -10,15 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.layout import (
-    ENTRY,
-    LANES,
-    NODE_PARTS,
-    NODE_STRIDE,
-)
+from proximity.kernels.layout import ENTRY, LANES, NODE_PARTS, NODE_STRIDE
 from proximity.kernels.scene.placement import box_in_scene, copy_rows, update_scene_box
-from proximity.kernels.stack_arrays import words_here
-from proximity.kernels.tree.wide_node import clear_node, node_box, write_lane
+from proximity.kernels.stack_arrays import stack_f32
+from proximity.kernels.tree.collapse import clear_node, node_box, write_lane
 from proximity.native import bundle, entry, inlined, kernel
 
 CURVE_CELLS = 2**20
@@ -94,7 +89,7 @@ def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry
 
     *static_root*: a node, or -1. *dynamic* (L,): parts. *order* (L,): their positions along the curve.
     """
-    box = words_here(6)
+    box = stack_f32(6)
     used, below, count = region + 1, -1, len(dynamic)
     while count > LANES - 1:
         node_count = (count + LANES - 1) // LANES
@@ -139,15 +134,7 @@ def bring_up_to_date(
             if versions[part] > published:
                 box_in_scene(frames, parts, part, boxes[part])
         _mend_order(boxes, rows, order, keys, steps)
-        write_dynamic(
-            words,
-            region,
-            parts[scene].static_root,
-            boxes,
-            rows,
-            order,
-            parts[scene].entry_count,
-        )
+        write_dynamic(words, region, parts[scene].static_root, boxes, rows, order, parts[scene].entry_count)
     # Nothing stands between a question and a static tree that is alone.
     is_static = scene > 1 and len(rows) == 0 and parts[scene].static_root >= 0
     parts[scene].root = parts[scene].static_root if is_static else region

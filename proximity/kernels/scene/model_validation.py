@@ -12,9 +12,7 @@ Each function returns the kind of the first fault that it finds, or `SOUND`, and
 import numpy as np
 
 from proximity.kernels.geometry.box import FAR
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-)
+from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.layout import (
     ALL_LANES,
     BLOCK_STRIDE,

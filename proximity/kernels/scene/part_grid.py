@@ -11,16 +11,8 @@ Callers take a point's parts in *turns*, up to `LANES` at a time: first the list
 import numpy as np
 
 from proximity.kernels.geometry.box import point_boxes_distance_sq
-from proximity.kernels.geometry.frames import (
-    LENGTH_ROUNDING,
-    to_local,
-)
-from proximity.kernels.layout import (
-    LANES,
-    NO_GRID,
-    NODE_PARTS,
-    NODE_STRIDE,
-)
+from proximity.kernels.geometry.frames import LENGTH_ROUNDING, to_local
+from proximity.kernels.layout import LANES, NO_GRID, NODE_PARTS, NODE_STRIDE
 from proximity.kernels.sign.inside_grid import CELL_SLACK, CELLS_PER_WORD
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import bits, load_int, splat32, trailing_zeros
@@ -134,10 +126,7 @@ def lowest_part(words, parts, at, containing):
     return np.int64(load_int(words, at + trailing_zeros(containing))) if len(parts) > 2 else np.int64(0)
 
 
-@entry(
-    "Frame[:], Part[:], int, uint32[:], float64[:], float, int, int, int -> int32[:]",
-    makes_arrays=True,
-)
+@entry("Frame[:], Part[:], int, uint32[:], float64[:], float, int, int, int -> int32[:]", makes_arrays=True)
 def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
     """Return the cells (int32, rising) of a grid over the scene in which a part may contain a point.
 

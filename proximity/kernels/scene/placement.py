@@ -7,7 +7,7 @@ import numpy as np
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.layout import FRAME, field_at
 from proximity.kernels.stack_arrays import reals_of
-from proximity.kernels.tree.wide_node import clear_box
+from proximity.kernels.tree.collapse import clear_box
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import lane, load, maximum, minimum
 
@@ -116,8 +116,7 @@ def update_box(frames, parts, row):
 
 
 @entry(
-    "Frame[:], Part[:], int64[:], int, int64[:], float64[:, 4, 4], float64[:, 3], "
-    "float64[:, 3], float -> int",
+    "Frame[:], Part[:], int64[:], int, int64[:], float64[:, 4, 4], float64[:, 3], float64[:, 3], float -> int"
 )
 def move_parts(frames, parts, versions, version, rows, matrices, velocities, angular_velocities, rounding):
     """Write poses and velocities of *rows* and mark them with *version*; how many have become dynamic.

@@ -85,7 +85,7 @@ def begin_chunk(model, chunk, order, first, limits, reaches, candidates, found, 
 
 @inlined
 def nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace):
-    """Fill what is nearest to each point, but to those that are inside for certain.
+    """Find the nearest face of each point; skip points already known to be inside.
 
     See `deepest_of_chunk`. Where there is no answer the nearest part is `NO_PART`, and the distance nan or
     inf. What the last chunk ended with, behind the nearest, is where the first walk may start from.

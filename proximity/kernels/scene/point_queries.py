@@ -38,18 +38,18 @@ from proximity.kernels.layout import (
     NO_SLOT,
     SIGN_NONE,
     STACKS_SIZE,
+    ModelArrays,
 )
-from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part
 from proximity.kernels.scene.chunk_tables import (
     POINT_CHUNK,
     Chunk,
-    begin,
-    candidates_here,
-    features_here,
-    forget,
-    found_here,
-    workspace_here,
+    new_candidates,
+    new_features,
+    new_found,
+    new_workspace,
+    reset_found,
+    reset_recent,
 )
 from proximity.kernels.scene.containment import deepest_of_chunk, is_contained
 from proximity.kernels.scene.point_chunk import (
@@ -62,8 +62,8 @@ from proximity.kernels.scene.point_chunk import (
     signs_of_chunk,
 )
 from proximity.kernels.sign.side import closest_of_lane, signed_of_slot
-from proximity.kernels.stack_arrays import longs_here, reals_here, words_here
-from proximity.native import HANDFUL, entry, inlined, kernel
+from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64
+from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
 
 SHORTEST_ARM = 1e-150
 """Local units; the square of less would vanish."""
@@ -86,10 +86,10 @@ NO_INSIDE = 0
 """Returned by `contains_batch` where no part has an inside."""
 
 
-@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", handful=HANDFUL)
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
 def distance_batch(model, points, order, limits, distances):
     """Fill unsigned distances (N, 1), m. *limits* are not looked at."""
-    stacks = words_here(STACKS_SIZE)
+    stacks = stack_f32(STACKS_SIZE)
     _, _, frames, parts = model
     scale = frames[len(parts) - 1].scale
     limit_sq = reach_sq(np.inf)
@@ -123,7 +123,7 @@ def _units_code(frames, order, answers):
 def signed_alone(model, points, distances):
     """Fill signed distances (N, 1), m, to one part, of points as they come: without tables that many need."""
     reals, words, frames, parts = model
-    stacks, closest = words_here(STACKS_SIZE), reals_here(CLOSEST_SIZE)
+    stacks, closest = stack_f32(STACKS_SIZE), stack_f64(CLOSEST_SIZE)
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         distances[row, 0] = np.nan
@@ -136,23 +136,18 @@ def signed_alone(model, points, distances):
             distances[row, 0] = signed / frames[0].scale
 
 
-@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", handful=HANDFUL)
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
 def signed_batch(model, points, order, limits, distances):
     """Fill signed distances (N, 1), m. *limits* are not looked at."""
     reals, words, frames, parts = model
     if is_alone(parts) and not len(order):
         signed_alone(model, points, distances)
         return _units_code(frames, order, distances)
-    rows, reaches, no_limits = longs_here(POINT_CHUNK), reals_here(POINT_CHUNK), reals_here(0)
-    candidates, found, features, workspace = (
-        candidates_here(),
-        found_here(),
-        features_here(),
-        workspace_here(),
-    )
+    rows, reaches, no_limits = stack_i64(POINT_CHUNK), stack_f64(POINT_CHUNK), stack_f64(0)
+    candidates, found, features, workspace = (new_candidates(), new_found(), new_features(), new_workspace())
     for k in range(POINT_CHUNK):
         reaches[k] = np.inf
-    begin(found, workspace)
+    reset_found(found, workspace)
     total = len(order) if len(order) else len(points)
     for first in range(0, total, POINT_CHUNK):
         chunk = Chunk(points, rows, min(POINT_CHUNK, total - first))
@@ -173,19 +168,14 @@ def signed_batch(model, points, order, limits, distances):
     return _units_code(frames, order, distances)
 
 
-@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 12] -> int", handful=HANDFUL)
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 12] -> int", rows_with_gil=ROWS_WITH_GIL)
 def closest_batch(model, points, order, limits, answers):
     """Fill answers (N, `POINT_ANSWER_WIDTH`); see the columns above. *limits*, m: (1,) or (N,)."""
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
-    rows, reaches = longs_here(POINT_CHUNK), reals_here(POINT_CHUNK)
-    candidates, found, features, workspace = (
-        candidates_here(),
-        found_here(),
-        features_here(),
-        workspace_here(),
-    )
-    begin(found, workspace)
+    rows, reaches = stack_i64(POINT_CHUNK), stack_f64(POINT_CHUNK)
+    candidates, found, features, workspace = (new_candidates(), new_found(), new_features(), new_workspace())
+    reset_found(found, workspace)
     closest, local, table = workspace.closest, features.local_points, features.table
     total = len(order) if len(order) else len(points)
     for first in range(0, total, POINT_CHUNK):
@@ -262,7 +252,7 @@ def _has_inside(parts):
     return part < count
 
 
-@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], bool[:, 1] -> int", handful=HANDFUL)
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], bool[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
 def contains_batch(model, points, order, limits, inside):
     """Fill whether each point is inside some part (N, 1). Points that are not finite are not.
 
@@ -270,8 +260,8 @@ def contains_batch(model, points, order, limits, inside):
     """
     if not _has_inside(model.parts):
         return NO_INSIDE
-    workspace = workspace_here()
-    forget(workspace)
+    workspace = new_workspace()
+    reset_recent(workspace)
     for i in range(len(order) if len(order) else len(points)):
         row = row_of(order, i)
         fetch_row(points, order, i + POINT_CHUNK)

@@ -7,18 +7,10 @@ the least of them into metres.
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import (
-    is_alone,
-)
+from proximity.kernels.geometry.frames import is_alone
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import (
-    LANES,
-    NO_ROW,
-    NO_SLOT,
-    STACKS_SIZE,
-)
-from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.layout import LANES, NO_ROW, NO_SLOT, STACKS_SIZE, ModelArrays
 from proximity.kernels.ray.hit_rows import (
     DISTANCE_WIDTH,
     HIT_OFFSETS_SIZE,
@@ -45,14 +37,9 @@ from proximity.kernels.ray.ray_lanes import (
     view_of,
 )
 from proximity.kernels.ray.walk import first_hit, first_hit_in_scene
-from proximity.kernels.stack_arrays import longs_here, reals_here, words_here
-from proximity.native import HANDFUL, entry, inlined, kernel
-from proximity.native.simd import (
-    load,
-    splat,
-    square_root,
-    store,
-)
+from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64
+from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
+from proximity.native.simd import load, splat, square_root, store
 
 FAR_MARGIN = 2.0**-46
 """Further margin of the boxes of parts, times the origin's distance from the scene: a ray from afar
@@ -111,7 +98,7 @@ def _is_still(directions, row):
 @entry(
     ModelArrays,
     "float64[:, 3], float64[:, 3], int64[:], float64[:], float64[:, :] -> int",
-    handful=HANDFUL,
+    rows_with_gil=ROWS_WITH_GIL,
 )
 def cast_batch(model, origins, directions, order, limits, answers):
     """Fill answers (N, `ANSWER_WIDTH`) for rays (N, 3) each; see the columns above.
@@ -123,8 +110,8 @@ def cast_batch(model, origins, directions, order, limits, answers):
     """
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
-    stacks, aims, views = words_here(STACKS_SIZE), words_here(AIM_SIZE), reals_here(VIEW_SIZE)
-    rows, offsets, slots = longs_here(RAY_CHUNK), longs_here(RAY_CHUNK), longs_here(RAY_CHUNK)
+    stacks, aims, views = stack_f32(STACKS_SIZE), stack_f32(AIM_SIZE), stack_f64(VIEW_SIZE)
+    rows, offsets, slots = stack_i64(RAY_CHUNK), stack_i64(RAY_CHUNK), stack_i64(RAY_CHUNK)
     is_single, fills_all_columns = is_alone(parts), answers.shape[1] != DISTANCE_WIDTH
     walk_row = np.int64(0) if is_single else len(parts) - 1
     scale, root, is_one_tree = (
@@ -132,7 +119,7 @@ def cast_batch(model, origins, directions, order, limits, answers):
         parts[walk_row].root,
         is_single or parts[walk_row].all_fused,
     )
-    owners, hit_offsets, hits = longs_here(RAY_CHUNK), longs_here(HIT_OFFSETS_SIZE), reals_here(HITS_SIZE)
+    owners, hit_offsets, hits = stack_i64(RAY_CHUNK), stack_i64(HIT_OFFSETS_SIZE), stack_f64(HITS_SIZE)
     zero_row = np.int64(NO_ROW)
     total = len(order) if len(order) else len(origins)
     for begin in range(0, total, RAY_CHUNK):

@@ -12,28 +12,12 @@ from proximity.kernels.geometry.closest_feature import (
     closest_on_triangle,
     read_corners,
 )
-from proximity.kernels.geometry.frames import (
-    can_be_asked,
-    to_local,
-    to_scene,
-)
+from proximity.kernels.geometry.frames import can_be_asked, to_local, to_scene
 from proximity.kernels.geometry.rows import limit_of
-from proximity.kernels.layout import (
-    NO_FACE,
-    NO_PART,
-    NO_ROW,
-    NO_SLOT,
-    STACKS_SIZE,
-)
-from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.layout import NO_FACE, NO_PART, NO_ROW, NO_SLOT, STACKS_SIZE, ModelArrays
 from proximity.kernels.point.walk import NOTHING_SEEN, nearest_in_scene
 from proximity.kernels.scene.point_chunk import reach_sq
-from proximity.kernels.segment.plan import (
-    PLAN_HIGH,
-    PLAN_LOW,
-    PLAN_SIZE,
-    PROBE_SIZE,
-)
+from proximity.kernels.segment.plan import PLAN_HIGH, PLAN_LOW, PLAN_SIZE, PROBE_SIZE
 from proximity.kernels.segment.triangle import (
     WITNESS_FRACTION,
     WITNESS_GAP,
@@ -44,11 +28,9 @@ from proximity.kernels.segment.triangle import (
     segment_on_triangle,
 )
 from proximity.kernels.segment.walk import plan_in_part, segment_in_scene
-from proximity.kernels.stack_arrays import real_rows_here, reals_here, word_rows_here, words_here
-from proximity.native import HANDFUL, entry, inlined, kernel
-from proximity.native.simd import (
-    load_int,
-)
+from proximity.kernels.stack_arrays import stack_f32, stack_f32_rows, stack_f64, stack_f64_rows
+from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
+from proximity.native.simd import load_int
 
 # columns of the answers: float64
 SEGMENT_ANSWER_DISTANCE = 0
@@ -128,7 +110,7 @@ def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witnes
 @entry(
     ModelArrays,
     "float64[:, 3], float64[:, 3], int64[:], float64[:], float64[:, :] -> int",
-    handful=HANDFUL,
+    rows_with_gil=ROWS_WITH_GIL,
 )
 def segment_batch(model, starts, ends, order, limits, answers):
     """Fill answers (N, `SEGMENT_ANSWER_WIDTH`) for segments (N, 3) to (N, 3); see the columns above.
@@ -139,11 +121,11 @@ def segment_batch(model, starts, ends, order, limits, answers):
     """
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
-    stacks = words_here(STACKS_SIZE)
-    plans, probes = real_rows_here(2, PLAN_SIZE), word_rows_here(2, PROBE_SIZE)
-    witness = reals_here(WITNESS_SIZE)
+    stacks = stack_f32(STACKS_SIZE)
+    plans, probes = stack_f64_rows(2, PLAN_SIZE), stack_f32_rows(2, PROBE_SIZE)
+    witness = stack_f64(WITNESS_SIZE)
     plans[:], probes[:], witness[:] = 0.0, 0.0, 0.0
-    segment = reals_here(6)
+    segment = stack_f64(6)
     scale = frames[len(parts) - 1].scale
     known_slot = np.int64(NO_SLOT)
     for i in range(len(order) if len(order) else len(starts)):

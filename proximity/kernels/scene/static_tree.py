@@ -10,18 +10,11 @@ Source: Benthin, Woop, Wald, Áfra 2017, "Improved two-level BVHs using partial 
 import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-)
+from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.geometry.rows import copy_numbers, copy_row
-from proximity.kernels.layout import (
-    ENTRY,
-    LANES,
-    NODE_CHILDREN,
-    NODE_STRIDE,
-)
+from proximity.kernels.layout import ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.tree.binned_sah import BOX_STRIDE
-from proximity.kernels.tree.wide_node import clear_box, node_box, write_lane
+from proximity.kernels.tree.collapse import clear_box, node_box, write_lane
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 

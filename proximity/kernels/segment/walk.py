@@ -32,15 +32,7 @@ from proximity.kernels.segment.triangle import (
 )
 from proximity.kernels.traverse.depth_first import depth_first, over_parts
 from proximity.native import inlined, kernel
-from proximity.native.simd import (
-    bits,
-    horizontal_min,
-    load,
-    select,
-    splat,
-    splat32,
-    trailing_zeros,
-)
+from proximity.native.simd import bits, horizontal_min, load, select, splat, splat32, trailing_zeros
 
 
 @inlined

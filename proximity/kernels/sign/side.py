@@ -14,11 +14,7 @@ from proximity.kernels.geometry.closest_feature import (
 )
 from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS, LANES_FEATURE, LANES_WHICH
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import (
-    NO_GRID,
-    SIGN_NONE,
-    SIGN_PSEUDONORMAL,
-)
+from proximity.kernels.layout import NO_GRID, SIGN_NONE, SIGN_PSEUDONORMAL
 from proximity.kernels.sign.folded_faces import is_folded
 from proximity.kernels.sign.winding_along_ray import winding_along_ray
 from proximity.kernels.sign.winding_number import winding_number

@@ -11,12 +11,8 @@ Source: the half-open rule for edges of Haines 1994, "Point in polygon strategie
 
 import numpy as np
 
-from proximity.kernels.layout import (
-    BLOCK_STRIDE,
-    NODE_STRIDE,
-    STACK_SIZE,
-)
-from proximity.kernels.stack_arrays import words_here
+from proximity.kernels.layout import BLOCK_STRIDE, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.stack_arrays import stack_f32
 from proximity.kernels.traverse.depth_first import through_all
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
@@ -97,7 +93,7 @@ def _turns_ahead(reals, words, root, axis, sign, px, py, pz):
     across_u = px if u_axis == 0 else (py if u_axis == 1 else pz)
     across_v = px if v_axis == 0 else (py if v_axis == 1 else pz)
     ray = axis, u_axis, v_axis, sign, splat(own), splat(across_u), splat(across_v)
-    return _walk_ahead(reals, words, root, ray, (np.int64(0), np.int64(0)), words_here(STACK_SIZE))
+    return _walk_ahead(reals, words, root, ray, (np.int64(0), np.int64(0)), stack_f32(STACK_SIZE))
 
 
 @inlined

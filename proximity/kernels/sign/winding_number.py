@@ -24,7 +24,7 @@ import numpy as np
 
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
-from proximity.kernels.stack_arrays import reals_here, words_here
+from proximity.kernels.stack_arrays import stack_f32, stack_f64
 from proximity.kernels.traverse.depth_first import through_all
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import (
@@ -177,7 +177,7 @@ def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
 @kernel
 def _sum_of_angles(cosine, sine, turns):
     """The sum of all lanes' angles: lane by lane with the one that is four, two and one further."""
-    workspace = reals_here(48)
+    workspace = stack_f64(48)
     for step in (4, 2, 1):
         for at in (0, 8):
             store(workspace, at, cosine)
@@ -217,11 +217,7 @@ def _open_children(words, node, query, total):
     (x, y, z), moments = query
     cosine, sine, turns, fluxes = total
     base, at = NODE_STRIDE * node, moments + MOMENT_STRIDE * node
-    dx, dy, dz = (
-        widen(load(words, at)) - x,
-        widen(load(words, at + 8)) - y,
-        widen(load(words, at + 16)) - z,
-    )
+    dx, dy, dz = (widen(load(words, at)) - x, widen(load(words, at + 8)) - y, widen(load(words, at + 16)) - z)
     distance_sq = dot(dx, dy, dz, dx, dy, dz)
     is_used = load(words, base) <= load(words, base + 24)
     is_far = is_used & (distance_sq > widen(load(words, at + 48)))
@@ -246,7 +242,7 @@ def winding_number(reals, words, root, moments, px, py, pz):
     """Winding number of the part around *p* (local frame): about 1 inside a closed part, about 0 outside."""
     query = (splat(px), splat(py), splat(pz)), moments
     total = splat(1.0), splat(0.0), splat(0.0), splat(0.0)
-    cosine, sine, turns, fluxes = _walk_near(reals, words, root, query, total, words_here(STACK_SIZE))
+    cosine, sine, turns, fluxes = _walk_near(reals, words, root, query, total, stack_f32(STACK_SIZE))
     winding = 2.0 * _sum_of_angles(cosine, sine, turns)
     for i in range(LANES):
         winding += lane(fluxes, i)

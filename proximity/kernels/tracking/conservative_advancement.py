@@ -19,15 +19,12 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.geometry.closest_feature import CLOSEST_ARM, CLOSEST_LENGTH
-from proximity.kernels.geometry.frames import (
-    direction_to_scene,
-    rounding_at,
-)
+from proximity.kernels.geometry.frames import direction_to_scene, rounding_at
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES
 from proximity.kernels.point.budgeted_walk import DOWN
 from proximity.kernels.scene.distance_bounds import fill_closest, nearest_from_face
-from proximity.kernels.tracking.part_drift import drift_until
+from proximity.kernels.tracking.part_drift import part_travel
 from proximity.native import inlined, kernel
 from proximity.native.simd import horizontal_min, load, minimum, select, splat, square_root
 
@@ -157,11 +154,11 @@ def advance_conservatively(
     end, speed, vectors = path.parameters[len(path.parameters) - 1], sphere.speed, scratch.vectors
     work = np.int64(0)
     expected = np.inf
-    drift_at_end, _ = drift_until(drift, speed, end - start)
+    drift_at_end, _ = part_travel(drift, speed, end - start)
     if not speed + drift_at_end > 0.0:
         return Advance(end, expected, part, slot, work)
     scale = model.frames[len(model.frames) - 1].scale
-    drift_now, faster = drift_until(drift, speed, 0.0)
+    drift_now, faster = part_travel(drift, speed, 0.0)
     free = _free_until(start, clearance, speed + drift_now, start + faster)
     for _ in range(MOST_STEPS):
         if not free < end:
@@ -172,7 +169,7 @@ def advance_conservatively(
         point_on_path(path, current, vectors)
         x, y, z = vectors[0], vectors[1], vectors[2]
         elapsed = current - start
-        drift_now, faster = drift_until(drift, speed, elapsed)
+        drift_now, faster = part_travel(drift, speed, elapsed)
         rate = speed + drift_now
         known = _clearance_in_balls(sphere, x, y, z) - drift_now * elapsed
         if known > NEAR * speed * elapsed and known > TOUCH:

@@ -8,12 +8,7 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.contact_record import (
-    IN_RANGE,
-    INSIDE,
-    SIGNED,
-    SKIPPED,
-)
+from proximity.kernels.contact_record import IN_RANGE, INSIDE, SIGNED, SKIPPED
 from proximity.kernels.geometry.closest_feature import (
     CLOSEST_LENGTH,
     CLOSEST_NORMAL,
@@ -30,9 +25,7 @@ from proximity.kernels.geometry.frames import (
     turn_to_scene,
 )
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import (
-    SIGN_NONE,
-)
+from proximity.kernels.layout import SIGN_NONE
 from proximity.kernels.point.coherent_search import FRONTIER_BEGINS, LONG_WALK, nearest_from_last_answer
 from proximity.kernels.scene.distance_bounds import (
     beyond_all,
@@ -43,9 +36,7 @@ from proximity.kernels.scene.distance_bounds import (
 )
 from proximity.kernels.tracking.conservative_advancement import outward_of
 from proximity.kernels.tracking.part_drift import velocity_of_part
-from proximity.kernels.tracking.track import (
-    vector,
-)
+from proximity.kernels.tracking.track import vector
 from proximity.native import inlined
 from proximity.native.simd import load_int
 

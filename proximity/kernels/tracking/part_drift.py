@@ -11,12 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import (
-    ALL_LANES,
-    FRAME,
-    LANES,
-    field_at,
-)
+from proximity.kernels.layout import ALL_LANES, FRAME, LANES, field_at
 from proximity.kernels.stack_arrays import reals_of
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
@@ -173,7 +168,7 @@ def gather_near(movers, velocity, point, off, speed, unit, extent):
 
 
 @inlined
-def drift_until(drift, speed, elapsed):
+def part_travel(drift, speed, elapsed):
     """The drift a unit until *elapsed* units have passed, and the unit from which a faster part may be there.
 
     *speed*: m a unit, of the point, as `gather_near` had it.
@@ -204,11 +199,11 @@ def _near_at(columns, size, first):
 
 
 @inlined
-def free_for(drift, speed, clearance):
-    """Units in which nothing *clearance* m away is reached, whatever moves; see `drift_until`."""
+def contact_free_time(drift, speed, clearance):
+    """Units in which nothing *clearance* m away is reached, whatever moves; see `part_travel`."""
     free = 0.0
     for _ in range(MOST_COMINGS):
-        fastest, faster = drift_until(drift, speed, free)
+        fastest, faster = part_travel(drift, speed, free)
         rate = speed + fastest
         left = clearance / rate * ROUNDED_DOWN if rate > 0.0 else (np.inf if clearance > 0.0 else 0.0)
         if left <= faster:

@@ -8,15 +8,8 @@ from math import isfinite, sqrt
 
 import numpy as np
 
-from proximity.kernels.contact_record import (
-    CONTACT_FOUND,
-    INSIDE,
-    ON_PATH,
-    PREDICTED,
-)
-from proximity.kernels.geometry.frames import (
-    rounding_at,
-)
+from proximity.kernels.contact_record import CONTACT_FOUND, INSIDE, ON_PATH, PREDICTED
+from proximity.kernels.geometry.frames import rounding_at
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.point.budgeted_walk import DOWN
 from proximity.kernels.scene.distance_bounds import bounds_at
@@ -29,9 +22,7 @@ from proximity.kernels.tracking.conservative_advancement import (
 )
 from proximity.kernels.tracking.part_drift import Drift, gather_near, velocity_of_part
 from proximity.kernels.tracking.prediction import STILL, count_steps, steps_left
-from proximity.kernels.tracking.track import (
-    vector,
-)
+from proximity.kernels.tracking.track import vector
 from proximity.native import inlined, kernel
 
 PROBES = 3

@@ -11,22 +11,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.contact_record import (
-    IN_RANGE,
-    INSIDE,
-    PREDICTED,
-)
-from proximity.kernels.geometry.frames import (
-    rounding_at,
-)
+from proximity.kernels.contact_record import IN_RANGE, INSIDE, PREDICTED
+from proximity.kernels.geometry.frames import rounding_at
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.scene.distance_bounds import bounds_at, is_in_box_with_holes, may_pass_hole
 from proximity.kernels.tracking.conservative_advancement import Sphere, advance_conservatively
 from proximity.kernels.tracking.motion import predict
-from proximity.kernels.tracking.part_drift import ROUNDED_UP, Drift, drift_until, free_for, gather_near
-from proximity.kernels.tracking.track import (
-    vector,
+from proximity.kernels.tracking.part_drift import (
+    ROUNDED_UP,
+    Drift,
+    contact_free_time,
+    gather_near,
+    part_travel,
 )
+from proximity.kernels.tracking.track import vector
 from proximity.native import inlined
 
 STILL = 1e-6
@@ -79,11 +77,7 @@ def relative_motion(frames, settings, movers, finger, flags):
     ux, uy, uz = part_velocity
     own_speed = sqrt(dot(ux, uy, uz, ux, uy, uz)) * ROUNDED_UP
     least = own_speed if movers.any_stands else 0.0
-    vx, vy, vz = (
-        record.velocity[0] - ux,
-        record.velocity[1] - uy,
-        record.velocity[2] - uz,
-    )
+    vx, vy, vz = (record.velocity[0] - ux, record.velocity[1] - uy, record.velocity[2] - uz)
     speed = sqrt(dot(vx, vy, vz, vx, vy, vz)) * ROUNDED_UP
     if not flags & PREDICTED:
         speed = settings.max_speed + own_speed
@@ -172,8 +166,8 @@ def predict_time_to_contact(model, settings, finger, motion, path, flags, scratc
     # Nobody waits for what is beyond the working range.
     if speed * horizon > settings.working_range:
         horizon = max(settings.working_range / speed, 0.1 * horizon)
-    fastest, _ = drift_until(drift, speed, horizon)
-    free = free_for(drift, speed, clearance)
+    fastest, _ = part_travel(drift, speed, horizon)
+    free = contact_free_time(drift, speed, clearance)
     if free >= horizon or speed + fastest < STILL:
         record.time_to_contact, record.time_to_contact_lower = np.inf, min(free, horizon)
         return

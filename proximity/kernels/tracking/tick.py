@@ -21,9 +21,8 @@ from proximity.kernels.contact_record import (
 )
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
 from proximity.kernels.geometry.frames import can_be_asked, looks_like_millimetres
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART
-from proximity.kernels.model_arrays import ModelArrays
-from proximity.kernels.stack_arrays import real_rows_here, reals_here
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, ModelArrays
+from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows
 from proximity.kernels.tracking.conservative_advancement import Path
 from proximity.kernels.tracking.finger_distance import find_distance
 from proximity.kernels.tracking.motion import (
@@ -37,11 +36,7 @@ from proximity.kernels.tracking.motion import (
 )
 from proximity.kernels.tracking.part_drift import Movers, displacement_of_parts, gather_movers
 from proximity.kernels.tracking.path_contact import predict_contact_on_path
-from proximity.kernels.tracking.prediction import (
-    predict_distance,
-    predict_time_to_contact,
-    relative_motion,
-)
+from proximity.kernels.tracking.prediction import predict_distance, predict_time_to_contact, relative_motion
 from proximity.kernels.tracking.track import (
     EACH_ITS_OWN,
     MOST_DISPLACEMENT,
@@ -52,7 +47,7 @@ from proximity.kernels.tracking.track import (
     forget_surfaces,
     vector,
 )
-from proximity.native import HANDFUL, entry, inlined
+from proximity.native import ROWS_WITH_GIL, entry, inlined
 from proximity.native.simd import prefetch
 
 # --- bits of the answer of a tick: it is done, and what its caller should know ---
@@ -77,7 +72,7 @@ when there are: so all are as well known as can be, for how far they are. Turns 
 within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), with half again as many steps."""
 
 
-@entry(ModelArrays, TrackerArrays, "float64[:, 3], int, int, bool -> int", handful=HANDFUL)
+@entry(ModelArrays, TrackerArrays, "float64[:, 3], int, int, bool -> int", rows_with_gil=ROWS_WITH_GIL)
 def tick(model, arrays, positions, all_pose_ns, now_ns, is_moved):
     """Fill the records of a tracker; `NOT_DONE`, or `DONE` and what should be known about the poses.
 
@@ -90,8 +85,8 @@ def tick(model, arrays, positions, all_pose_ns, now_ns, is_moved):
         return NOT_DONE
     if all_pose_ns != EACH_ITS_OWN and not -MOST_NS <= all_pose_ns <= MOST_NS:
         return NOT_DONE
-    scratch = Scratch(arrays.workspace, reals_here(CLOSEST_SIZE), reals_here(9))
-    straight = Path(real_rows_here(2, 3), reals_here(2))
+    scratch = Scratch(arrays.workspace, stack_f64(CLOSEST_SIZE), stack_f64(9))
+    straight = Path(stack_f64_rows(2, 3), stack_f64(2))
     settings.steps_left = steps_for_all(settings.budget, count)
     settings.prediction_steps_left = PREDICTION_BUDGETS * settings.budget
     if is_moved:

@@ -14,14 +14,7 @@ Tried and dropped (2026-11): see the figures beside `SWEEP_SHARE`.
 
 import numpy as np
 
-from proximity.kernels.layout import (
-    BLOCK_STRIDE,
-    ENTRY,
-    LANES,
-    NODE_CHILDREN,
-    NODE_STRIDE,
-    STACK_SIZE,
-)
+from proximity.kernels.layout import BLOCK_STRIDE, ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,

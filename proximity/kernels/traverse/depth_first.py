@@ -17,12 +17,7 @@ tree, and behind it for the scene's.
 
 import numpy as np
 
-from proximity.kernels.layout import (
-    ENTRY,
-    NODE_CHILDREN,
-    NODE_STRIDE,
-    STACK_SIZE,
-)
+from proximity.kernels.layout import ENTRY, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
 from proximity.native import inlined
 from proximity.native.simd import (
     bits,

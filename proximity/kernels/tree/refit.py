@@ -17,14 +17,7 @@ import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN
 from proximity.kernels.geometry.triangle import cross, dot
-from proximity.kernels.layout import (
-    BLOCK_STRIDE,
-    LANES,
-    NO_ROW,
-    NODE_CHILDREN,
-    NODE_STRIDE,
-)
-from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_ROW, NODE_CHILDREN, NODE_STRIDE, ModelArrays
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE, OPENING
 from proximity.kernels.tree.normal_slab import fill_slabs
 from proximity.native import entry, inlined, kernel
@@ -101,11 +94,7 @@ def refit_part(model, part, vertices, leaders):
     """
     reals, words, frames, parts = model
     root, node_count = parts[part].root, parts[part].node_count
-    slot_faces, faces, moments = (
-        parts[part].slot_faces,
-        parts[part].faces,
-        parts[part].moments,
-    )
+    slot_faces, faces, moments = (parts[part].slot_faces, parts[part].faces, parts[part].moments)
     corner_count = parts[part].corner_count
     corner_rows = np.empty((corner_count + 1) * CORNER_STRIDE)
     _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows)

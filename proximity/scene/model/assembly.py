@@ -17,8 +17,8 @@ from proximity.kernels.layout import (
     LANES,
     NO_GRID,
     NODE_STRIDE,
+    ModelArrays,
 )
-from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.scene.placement import update_box
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.mesh.bvh import Bvh, LocalFrame

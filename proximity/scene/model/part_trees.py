@@ -15,7 +15,7 @@ from proximity.kernels.layout import LANES, NODE_STRIDE
 from proximity.kernels.scene.dynamic_tree import DynamicParts, bring_up_to_date
 from proximity.kernels.scene.static_tree import gather_entries, name_leaves, thin_out
 from proximity.kernels.tree.builder import ENTRIES_SHIFT, build_tree
-from proximity.kernels.tree.wide_node import clear_node
+from proximity.kernels.tree.collapse import clear_node
 from proximity.mesh.bvh import LocalFrame
 from proximity.mesh.part_arrays import MOVING_MARGIN, common_frame
 from proximity.native import packed

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from proximity.kernels.contact_record import SURFACE_DEFORMABLE, SURFACE_RIGID
-from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.layout import ModelArrays
 from proximity.kernels.scene.dynamic_tree import SORT_STEPS, DynamicParts, bring_up_to_date
 from proximity.kernels.scene.placement import first_unfit, move_parts, update_box
 from proximity.mesh.bvh import LARGEST_COORDINATE, LocalFrame

@@ -18,23 +18,15 @@ from budgeted import (
     eightfold,
     guarded_room,
     known,
-    model_of,
-    piece_of,
     points_at,
     scene_named,
     walk,
     without_budget,
 )
+from models import model_of, piece_of
 
 import oracle
-from proximity.kernels.layout import (
-    BLOCK_STRIDE,
-    LANES,
-    MAX_DEPTH,
-    NO_SLOT,
-    NODE_CHILDREN,
-    NODE_STRIDE,
-)
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, MAX_DEPTH, NO_SLOT, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, nearest_with_budget
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.traverse.best_first import MOST_SWEPT_STEPS, MOST_WAITING

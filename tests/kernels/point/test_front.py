@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 import shapes
-from budgeted import SCENES, WORKSPACE, model_of, points_at, scene_named, without_budget
+from budgeted import SCENES, WORKSPACE, points_at, scene_named, without_budget
+from models import model_of
 from scene_parts import part_of
 
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-)
+from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.point import coherent_search as frontiers
 from proximity.kernels.point.coherent_search import (

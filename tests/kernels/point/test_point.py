@@ -5,16 +5,8 @@ import pytest
 import shapes
 from scene_parts import some_parts
 
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-    to_local,
-)
-from proximity.kernels.layout import (
-    LANES,
-    NO_PART,
-    NO_SLOT,
-    STACKS_SIZE,
-)
+from proximity.kernels.geometry.frames import part_of_slot, to_local
+from proximity.kernels.layout import LANES, NO_PART, NO_SLOT, STACKS_SIZE
 from proximity.kernels.point.walk import (
     NOTHING_SEEN,
     best_of_block,
@@ -55,14 +47,7 @@ def test_walk_from_a_block_that_was_seen_ends_as_one_from_nothing(name):
     for point in some_points(rng, 30):
         local = to_local(model.frames, model.parts, 0, *map(float, point))
         cold = closest_in_part(
-            model.reals,
-            model.words,
-            root,
-            local,
-            np.inf,
-            np.int64(NO_SLOT),
-            np.int64(NOTHING_SEEN),
-            stacks,
+            model.reals, model.words, root, local, np.inf, np.int64(NO_SLOT), np.int64(NOTHING_SEEN), stacks
         )
         for block in rng.integers(0, count, 4) + model.parts["first_block"][0]:
             slot = LANES * block

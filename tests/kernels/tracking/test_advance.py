@@ -6,8 +6,7 @@ import shapes
 from ticking import block, line, plate, sheet, solid
 
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
-from proximity.kernels.layout import NO_SLOT
-from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.layout import NO_SLOT, ModelArrays
 from proximity.kernels.scene.distance_bounds import fill_closest
 from proximity.kernels.tracking import conservative_advancement as advancing
 from proximity.kernels.tracking.conservative_advancement import (
