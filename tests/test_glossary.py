@@ -172,7 +172,7 @@ def test_words_of_names_are_seen():
 
 
 def test_columns_of_a_table_are_seen():
-    node = ast.parse("model.parts[marks[i, TRACK_PART], PART_ROOT + 1]", mode="eval").body
+    node = ast.parse("tree.links[plan[PLAN_PART], LINK_PARENT + 1]", mode="eval").body
 
-    assert table_of(node.value) == "parts"
-    assert columns_in(node.slice) == {"PART_ROOT"}
+    assert table_of(node.value) == "links"
+    assert columns_in(node.slice) == {"LINK_PARENT"}

@@ -61,7 +61,7 @@ def stack_arrays_of(dtype):
     item_type = from_dtype(np.dtype(dtype))
 
     @intrinsic
-    def here(typingctx, count):
+    def stack_array(typingctx, count):
         if not isinstance(count, types.IntegerLiteral):
             return None
 
@@ -71,7 +71,7 @@ def stack_arrays_of(dtype):
         return types.Array(item_type, 1, "C")(count), codegen
 
     @intrinsic
-    def rows_here(typingctx, count, columns):
+    def stack_rows(typingctx, count, columns):
         if not isinstance(count, types.IntegerLiteral) or not isinstance(columns, types.IntegerLiteral):
             return None
 
@@ -81,7 +81,7 @@ def stack_arrays_of(dtype):
 
         return types.Array(item_type, 2, "C")(count, columns), codegen
 
-    return here, rows_here
+    return stack_array, stack_rows
 
 
 def stack_bundle(bundle, *columns):
@@ -92,7 +92,7 @@ def stack_bundle(bundle, *columns):
     ]
 
     @intrinsic
-    def here(typingctx):
+    def stack_array(typingctx):
         def codegen(context, builder, sig, args):
             arrays = [
                 _array_on_stack(context, builder, item_type, *lengths)
@@ -102,4 +102,4 @@ def stack_bundle(bundle, *columns):
 
         return types.NamedTuple(array_types, bundle)(), codegen
 
-    return here
+    return stack_array

@@ -38,7 +38,6 @@ from proximity.kernels.tracking.part_drift import Movers, displacement_of_parts,
 from proximity.kernels.tracking.path_contact import predict_contact_on_path
 from proximity.kernels.tracking.prediction import predict_distance, predict_time_to_contact, relative_motion
 from proximity.kernels.tracking.track import (
-    EACH_ITS_OWN,
     MOST_DISPLACEMENT,
     MOST_NS,
     Finger,
@@ -72,18 +71,15 @@ when there are: so all are as well known as can be, for how far they are. Turns 
 within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), with half again as many steps."""
 
 
-@entry(ModelArrays, TrackerArrays, "float64[:, 3], int, int, bool -> int", rows_with_gil=ROWS_WITH_GIL)
-def tick(model, arrays, positions, all_pose_ns, now_ns, is_moved):
+@entry(ModelArrays, TrackerArrays, "float64[:, 3], int64[:], int, bool -> int", rows_with_gil=ROWS_WITH_GIL)
+def tick(model, arrays, positions, pose_ns, now_ns, is_moved):
     """Fill the records of a tracker; `NOT_DONE`, or `DONE` and what should be known about the poses.
 
-    It is not done, and nothing is changed, where *positions* are not as many as fingers, or instants are
-    beyond `MOST_NS`. *all_pose_ns*: instant of the positions, or `EACH_ITS_OWN`. *is_moved*: whether parts
-    may stand elsewhere than at the tick before.
+    It is not done, and nothing is changed, where *positions* or their instants, which are within `MOST_NS`,
+    are not as many as fingers. *is_moved*: whether parts may stand elsewhere than at the tick before.
     """
     settings, count = arrays.settings[0], len(arrays.tracks)
-    if len(positions) != count or not -MOST_NS <= now_ns <= MOST_NS:
-        return NOT_DONE
-    if all_pose_ns != EACH_ITS_OWN and not -MOST_NS <= all_pose_ns <= MOST_NS:
+    if len(positions) != count or len(pose_ns) != count:
         return NOT_DONE
     scratch = Scratch(arrays.workspace, stack_f64(CLOSEST_SIZE), stack_f64(9))
     straight = Path(stack_f64_rows(2, 3), stack_f64(2))
@@ -91,7 +87,7 @@ def tick(model, arrays, positions, all_pose_ns, now_ns, is_moved):
     settings.prediction_steps_left = PREDICTION_BUDGETS * settings.budget
     if is_moved:
         _follow_parts(model, arrays)
-    answer = DONE | _observe_all(model, arrays, positions, all_pose_ns, now_ns)
+    answer = DONE | _observe_all(model, arrays, positions, pose_ns, now_ns)
     late = min(
         _find_all_distances(model, arrays, is_moved, scratch), _predict_all(model, arrays, straight, scratch)
     )
@@ -129,7 +125,7 @@ def _follow_parts(model, arrays):
 
 
 @inlined
-def _observe_all(model, arrays, positions, all_pose_ns, now_ns):
+def _observe_all(model, arrays, positions, pose_ns, now_ns):
     """Clear all records, and write where each finger is, how fast it moves, and whether it is tracked.
 
     Returns `HAS_DEFECT`, shifted by each defect that instants have. A pose of another clock is not used, and
@@ -142,10 +138,10 @@ def _observe_all(model, arrays, positions, all_pose_ns, now_ns):
         finger = Finger(arrays.tracks[i], arrays.motions[i, 0], arrays.balls[i], arrays.records[i])
         # First of all: somebody may give positions that the last tick has written.
         x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+        taken_ns = pose_ns[i]
         arrays.records[i] = arrays.unknown[0]
         record = finger.record
         record.finger = i
-        taken_ns = arrays.pose_ns[i] if all_pose_ns == EACH_ITS_OWN else np.int64(all_pose_ns)
         record.pose_ns, record.age_ns = taken_ns, now_ns - max(taken_ns, 1 - MOST_NS)
         record.predicted_ns = max(acts_ns, taken_ns)
         record.position[0], record.position[1], record.position[2] = x, y, z

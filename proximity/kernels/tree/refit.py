@@ -4,7 +4,7 @@ One pass over the nodes, from the last to the first, does all of it: the eight t
 once, and give their block, their box, their share of the corner normals and their moments while they are in
 registers. A child's number is above its parent's, so that what is below a node is ready when its turn comes.
 
-Boxes are rounded and widened as in `builder`; normals are those of `mesh.normals`, moments those of
+Boxes are rounded and widened as in `builder`; normals are those of `mesh.faces`, moments those of
 `winding_number`, but for the order in which numbers are added.
 
 Tried and dropped (2026-11): fetching and adding number by number instead of row by row, 18 ms instead of 12
