@@ -65,7 +65,9 @@ CONTACT_RECORD = record(
     source="u1",
     force_is_valid="u1",
 )
-"""The record of one finger's answer; `message.CONTACT` says what is in it, a test compares both."""
+"""The record of one finger's answer; `message.CONTACT` says what is in it, a test compares both.
+
+Kernels write ``record["flags"]``: interpreted, ``record.flags`` would be those of the NumPy object."""
 
 
 def unknown_contact():

@@ -114,7 +114,7 @@ def overview(contacts):
     """
     oldest, tracked, uncertain = LATEST, 0, 0
     for i in range(len(contacts)):
-        flags = np.int64(contacts[i].flags)
+        flags = np.int64(contacts[i]["flags"])
         if flags & TRACKED:
             tracked += 1
             oldest = min(oldest, contacts[i].pose_ns)

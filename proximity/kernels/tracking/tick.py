@@ -164,7 +164,7 @@ def _observe_all(model, arrays, positions, pose_ns, now_ns):
             flags &= ~(TRACKED | PREDICTED)
             record.mode = MODE_HOLD
             finger.track.reported_part = NO_PART
-        finger.record.flags = flags
+        finger.record["flags"] = flags
     return found
 
 
@@ -173,7 +173,7 @@ def _all_in_millimetres(frames, arrays):
     """Whether fingers are tracked, and all of them are as far from all parts as points in millimetres."""
     has_any = False
     for i in range(len(arrays.tracks)):
-        if arrays.records[i].flags & TRACKED:
+        if arrays.records[i]["flags"] & TRACKED:
             has_any = looks_like_millimetres(frames, arrays.records[i].lower)
             if not has_any:
                 return False
@@ -205,7 +205,7 @@ def _find_all_distances(model, arrays, is_moved, scratch):
         if settings.steps_left <= 0.0:
             late = min(late, turn)
         finger = Finger(arrays.tracks[i], arrays.motions[i, 0], arrays.balls[i], arrays.records[i])
-        flags = np.int64(finger.record.flags)
+        flags = np.int64(finger.record["flags"])
         if not flags & TRACKED:
             continue
         flags |= find_distance(model, arrays, i, finger, is_moved, scratch)
@@ -213,7 +213,7 @@ def _find_all_distances(model, arrays, is_moved, scratch):
         if track.reported_part != part and track.reported_part != NO_PART:
             flags |= PART_CHANGED
         track.reported_part = part
-        finger.record.flags = flags
+        finger.record["flags"] = flags
     return late
 
 
@@ -241,7 +241,7 @@ def _predict_all(model, arrays, straight, scratch):
         if settings.prediction_steps_left <= 0.0:
             late = min(late, turn)
         finger = Finger(arrays.tracks[i], arrays.motions[i, 0], arrays.balls[i], arrays.records[i])
-        flags = np.int64(finger.record.flags)
+        flags = np.int64(finger.record["flags"])
         if not flags & TRACKED:
             continue
         ahead = 1e-9 * (float(arrays.records[i].age_ns) + float(latency_ns))
@@ -253,7 +253,7 @@ def _predict_all(model, arrays, straight, scratch):
             flags = predict_contact_on_path(
                 model, settings, finger, path, arrays.path_bends, arrays.bends[i], movers, scratch, flags
             )
-        finger.record.flags = flags
+        finger.record["flags"] = flags
         _advise(finger.record)
     return late
 
