@@ -72,14 +72,13 @@ changes_input · message_input · moves_input
 gloves · inbox · openxr_input · part_prediction · sources
 """,
     "proximity.web": """
-guided · viewing
+guided · running_page
 page_process
 bridge
-page_client · scene_page · slices
-feeding · geometry · keeping · served_scene · sources
+page_client · slices
+geometry · page_content · page_inbox · page_service · sources
 server
-display_mesh · layout
-slice_fields
+display_mesh
 """,
     "proximity.decaff": """
 calibrating · chip · simulated_drums
@@ -115,12 +114,13 @@ search · service_inputs
 deadlines · fingerprint · period · subject · tick_times · vr_application · wording
 """,
     "proximity.cli": """
-commands
-calibration · experiment
-drum_loop · drum_motors · questions · scene_press
-progress · views
-console
-lengths · options · points · program · wording
+lab
+device
+parts · service
+options
+progress
+program · tables
+lengths · output
 """,
 }
 # Part of the whole package but in no layer: what its users import, and what starts the command line.
