@@ -16,6 +16,7 @@ from proximity.errors import DecaffError
 
 REFERENCE_SHARE = 0.5  # of the force limit, that the reference's acceleration may ask for; assumed
 PLANNED_SPEED_SHARE = 0.7  # of the motor's speed, that the servo plans with; assumed
+MOST_LATENCY = 0.020  # s, of a motor: later, its servo is softer than a fingertip; assumed
 PHASE_SEED = 29  # of walls that lie at random within an encoder count
 PAD_STIFFNESS = 200.0  # N/m, of a fingertip; the paper's
 
@@ -35,6 +36,7 @@ class Motor:
     duty_bits: int = 0  # of the pulse width, either way; 0: continuous
     electrical_time: float = 0.10e-3  # s, inductance over resistance; 0: the current follows at once
     current_bandwidth: float = 1000.0  # Hz, of the current's loop; assumed
+    latency: float = 0.0  # s, from a torque that is commanded to one that acts; `MOST_LATENCY` at most
 
     def __post_init__(self) -> None:
         positive("inertia", self.inertia, "kilogram square metres")
@@ -47,6 +49,8 @@ class Motor:
         whole("duty_bits", self.duty_bits, 0)
         not_negative("electrical_time", self.electrical_time, "seconds")
         positive("current_bandwidth", self.current_bandwidth, "hertz")
+        if not_negative("latency", self.latency, "seconds") > MOST_LATENCY:
+            raise DecaffError(f"latency is {self.latency:g} seconds, expected {MOST_LATENCY:g} at most")
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,6 +217,10 @@ class Drum:
         array[kernels.DRUM_CURRENT_RATE] = 2.0 * math.pi * self.motor.current_bandwidth
         array[kernels.DRUM_LOSS] = self.loss
         return array
+
+    def drive(self, step: float) -> np.ndarray:
+        """Return the memory of a drive for the kernels, with room for what its latency keeps under way."""
+        return np.zeros(kernels.DRIVE_SIZE + round(self.motor.latency / step))
 
 
 def with_random_phases(drum: Drum, count: int) -> list[Drum]:
