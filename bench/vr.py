@@ -25,7 +25,7 @@ from benchmarks.support import threads
 from benchmarks.support.machine import describe_machine
 from benchmarks.support.output import open_console, print_machine, table_of, write_json
 from benchmarks.support.project import BENCH, PROJECT, environment
-from proximity.certificate.vr_application import HEADINGS, PATHS, RADIUS, Serving, VrCase, VrRow, measure
+from proximity.lab.certificate.vr_application import HEADINGS, PATHS, RADIUS, Serving, VrCase, VrRow, measure
 from proximity.recording import read_recording
 from proximity.web.served_scene import Addresses
 

@@ -18,10 +18,10 @@ needs: pip install matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 
-from proximity.studies.simulation.devices import Decaff
-from proximity.studies.simulation.hand import Hand
-from proximity.studies.simulation.sweeps import best_coupled_wall, coupled_row, drum_row, with_latency
-from proximity.studies.simulation.target_policies import Target
+from proximity.lab.simulation.devices import Decaff
+from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.sweeps import best_coupled_wall, coupled_row, drum_row, with_latency
+from proximity.lab.simulation.target_policies import Target
 
 LATENCIES = 1e-3 * np.array([0.3, 1.0, 3.0, 10.0, 30.0])  # s
 SPEED = 0.1  # m/s, of the finger when it touches

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.arrays import as_float64, as_points, shown_number
+from proximity.checks import as_float64, as_points, shown_number
 from proximity.errors import PoseError
 
 ORTHONORMAL_TOLERANCE = 1e-9

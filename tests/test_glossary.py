@@ -42,14 +42,12 @@ INSTEAD_IN_ENGINE = {
 }
 ENGINE = {
     "errors.py",
-    "arrays.py",
+    "checks.py",
     "pose.py",
     "system",
-    "simd",
+    "native",
     "kernels",
     "mesh",
-    "bodies",
-    "model",
     "scene",
     "tracker",
 }

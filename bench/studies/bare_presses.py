@@ -10,9 +10,9 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from proximity.studies.sweep.press_job import PRESS
-from proximity.studies.sweep.study_file import Study, read_study
-from proximity.studies.sweep.study_run import run_study
+from proximity.lab.sweep.press_job import PRESS
+from proximity.lab.sweep.study_file import Study, read_study
+from proximity.lab.sweep.study_run import run_study
 
 
 def study() -> Study:

@@ -9,8 +9,8 @@ import typer
 import proximity
 
 if TYPE_CHECKING:
-    from proximity.studies.part_press import PartSimulation
-    from proximity.studies.simulation.simulated_press import Setup
+    from proximity.lab.part_press import PartSimulation
+    from proximity.lab.simulation.simulated_press import Setup
 
 NOTED = ("part", "approach", "reported by", "drum", "cable")  # below the figure
 ROWS = (  # label, field, factor from SI units, digits, whether a recorded hand has it
@@ -49,11 +49,11 @@ def run(
     from proximity.cli import progress
     from proximity.cli.views.json_output import write_document
     from proximity.formats import metres_per_unit
-    from proximity.studies import part_press
-    from proximity.studies.engine.engine_setup import Distances, EngineSetup
-    from proximity.studies.figures import captions, press_plots
-    from proximity.studies.simulation import simulated_press
-    from proximity.studies.simulation.sweeps import Stretch
+    from proximity.lab import part_press
+    from proximity.lab.engine.engine_setup import Distances, EngineSetup
+    from proximity.lab.figures import captions, press_plots
+    from proximity.lab.simulation import simulated_press
+    from proximity.lab.simulation.sweeps import Stretch
 
     reported = EngineSetup(
         Distances.SENSOR if is_sensor else Distances.ENGINE,
@@ -116,8 +116,8 @@ def _recorded(path: Path, scene: "proximity.Scene", at: list[float] | None) -> A
 def _print(press: "PartSimulation") -> None:
     from proximity.cli.console import print_block, results_console, table
     from proximity.cli.wording import MISSING
-    from proximity.studies import part_press
-    from proximity.studies.simulation.metrics import drum_offset
+    from proximity.lab import part_press
+    from proximity.lab.simulation.metrics import drum_offset
 
     console = results_console()
     print_block(console, part_press.describe(press))

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from proximity.checks import numbers as checks
+from proximity import checks
 from proximity.errors import DecaffError
 
 positive = partial(checks.positive, error=DecaffError)

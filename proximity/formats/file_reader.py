@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proximity.checks.numbers import positive
+from proximity.checks import positive
 from proximity.errors import MeshError, MeshFormatError, PoseError, ProximityError
 from proximity.formats import dialects, format_detection, node_placement, obj, off, stl, text_rows
 from proximity.formats.contents import FileContents, Geometry, RawFile, RawMesh, Source

@@ -4,7 +4,7 @@ A *model* is four arrays, whether it holds one solid or a scene of hundreds:
 
 - ``reals`` (float64): first all leaf blocks, then corners and corner normals of every part;
 - ``words`` (float32, its bits often int32): first all tree nodes and what else the trees over parts are made
-  of (`proximity.model.part_trees`), then faces of slots, moments, faces, neighbours and sign grids;
+  of (`proximity.scene.model.part_trees`), then faces of slots, moments, faces, neighbours and sign grids;
 - ``frames`` (float64, a row a part, and one for the scene): where the part is, how it is scaled;
 - ``parts`` (int64, likewise): where in the first two its arrays start, and what kind of part it is.
 
@@ -31,7 +31,7 @@ A column that means something else in the row of the scene, the last one, has a 
 A test compares the names with the tables that are indexed.
 """
 
-from proximity.simd import LANES
+from proximity.native.simd import LANES
 
 ALL_LANES = 2**LANES - 1
 """Bits of all lanes."""

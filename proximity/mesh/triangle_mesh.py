@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.arrays import as_float64
-from proximity.checks.numbers import is_whole
+from proximity.checks import as_float64, is_whole
 from proximity.errors import MeshError
 
 MAX_FACE_COUNT = 2**31 - 1

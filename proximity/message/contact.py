@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.arrays import shown_number
+from proximity.checks import shown_number
 from proximity.kernels import contact_columns
 from proximity.message.fields import VECTOR, Field, dtype_of
 

@@ -7,7 +7,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).resolve().parent.parent
 TOOLS = PACKAGE.parent / "tools" / "kernel_build"
 """Where a checkout has the tool that compiles kernels; an installed package has none."""
-_PATTERNS = ("native/*.py", "simd/*.py", "kernels/**/*.py", "*/**/*_kernels.py")
+_PATTERNS = ("native/*.py", "native/simd/*.py", "kernels/**/*.py", "*/**/*_kernels.py")
 
 
 def kernel_sources() -> list[Path]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from proximity.checks.numbers import positive
+from proximity.checks import positive
 from proximity.errors import RecordingError
 from proximity.pose import Pose
 

@@ -7,15 +7,15 @@ parts is left to the caller.
 
 import numpy as np
 
-from proximity.checks.arrays import as_float64
+from proximity.checks import as_float64
 from proximity.errors import MeshError
 from proximity.kernels import layout
 from proximity.kernels.layout import NO_ROW
 from proximity.kernels.sign.inside_grid import CELL_CROSSED
 from proximity.kernels.tree.refit import refit_part, survey_vertices
-from proximity.model.assembly import Model
-from proximity.model.bvh import LARGEST_COORDINATE, SMALLEST_SIZE, LocalFrame, local_frame
-from proximity.model.part_arrays import SMALLEST_SHARE
+from proximity.mesh.bvh import LARGEST_COORDINATE, SMALLEST_SIZE, LocalFrame, local_frame
+from proximity.mesh.part_arrays import SMALLEST_SHARE
+from proximity.scene.model.assembly import Model
 from proximity.scene.solid import Solid
 
 FARTHEST = LARGEST_COORDINATE / 4.0

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from proximity.bodies import Repairs, split_bodies
-from proximity.checks.arrays import refuse_trimesh
+from proximity.checks import refuse_trimesh
 from proximity.errors import SceneError
-from proximity.model.part_arrays import common_frame
+from proximity.mesh.body_records import Repairs
+from proximity.mesh.body_split import split_bodies
+from proximity.mesh.part_arrays import common_frame
 from proximity.pose import Pose
 from proximity.scene.part_motion import checked_matrix, checked_surface, checked_velocity
 from proximity.scene.solid import Solid

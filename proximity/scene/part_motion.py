@@ -4,11 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.arrays import as_float64, is_ready
-from proximity.checks.numbers import not_negative, positive
+from proximity.checks import as_float64, is_ready, not_negative, positive
 from proximity.errors import PoseError, SceneError
-from proximity.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
 from proximity.pose import Pose, quaternion_hint
+from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
 
 NO_VELOCITIES = np.zeros((0, 3))
 """Stands for zero velocities of all parts that are moved."""

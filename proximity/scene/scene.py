@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.arrays import refuse_trimesh
+from proximity.checks import refuse_trimesh
 from proximity.errors import MeshError, SceneError
 from proximity.kernels import layout
-from proximity.model.assembly import Model
-from proximity.model.scene_state import SceneState
 from proximity.scene.load_report import LoadReport
+from proximity.scene.model.assembly import Model
+from proximity.scene.model.scene_state import SceneState
 from proximity.scene.part import NO_VELOCITY, Part, checked_part, parts_of_mesh
 from proximity.scene.part_motion import checked_move, checked_moves, checked_surface
 from proximity.scene.queries.all_queries import Queries

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import MeshError, SceneError
-from proximity.model.assembly import Model, assemble
-from proximity.model.bvh import LocalFrame
-from proximity.model.part_arrays import PartArrays
-from proximity.model.scene_state import SceneState, write_motion, write_surface
+from proximity.mesh.bvh import LocalFrame
+from proximity.mesh.part_arrays import PartArrays
 from proximity.scene.deformation import deform_part
+from proximity.scene.model.assembly import Model, assemble
+from proximity.scene.model.scene_state import SceneState, write_motion, write_surface
 from proximity.scene.part import Part, checked_part
 from proximity.system.free_memory import return_free_memory
 

@@ -19,16 +19,16 @@ from proximity.kernels.mesh.faces import double_areas
 from proximity.kernels.scene.point_queries import POINT_ANSWER_WIDTH, closest_batch
 from proximity.kernels.sign.inside_grid import uncertain_points
 from proximity.kernels.sign.winding_number import winding_numbers
-from proximity.mesh.topology import Topology
-from proximity.model.assembly import Model, assemble
-from proximity.model.part_arrays import (
+from proximity.mesh.part_arrays import (
     NO_FOLDED,
     PartArrays,
     beside_thin_faces,
     with_passing_faces,
     with_sign,
 )
+from proximity.mesh.topology import Topology
 from proximity.pose import Pose
+from proximity.scene.model.assembly import Model, assemble
 
 POINT_SAMPLE_COUNT = 64
 """Points on the surface from which both sides are looked at."""

@@ -5,17 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.arrays import refuse_trimesh
+from proximity.checks import refuse_trimesh
 from proximity.errors import MeshError
 from proximity.kernels import layout
 from proximity.kernels.mesh.faces import signed_volume
 from proximity.kernels.tree.refit import UNUSED
+from proximity.mesh.bvh import Bvh, LocalFrame
 from proximity.mesh.diagnosis import Diagnosis, diagnose
+from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import Topology, build_topology, corners_of
 from proximity.mesh.triangle_mesh import TriangleMesh
-from proximity.model.assembly import Model
-from proximity.model.bvh import Bvh, LocalFrame
-from proximity.model.part_arrays import part_arrays
+from proximity.scene.model.assembly import Model
 from proximity.scene.queries.all_queries import Queries
 from proximity.scene.sign import SignMethod, choose_sign
 from proximity.scene.solid_arrays import SolidArrays

@@ -4,11 +4,11 @@ import numpy as np
 
 from proximity.kernels import layout
 from proximity.kernels.layout import NO_GRID
+from proximity.mesh.bvh import LocalFrame
+from proximity.mesh.part_arrays import PartArrays, part_arrays, with_folded_faces, with_sign
 from proximity.mesh.triangle_mesh import TriangleMesh
-from proximity.model.assembly import Model, assemble
-from proximity.model.bvh import LocalFrame
-from proximity.model.part_arrays import PartArrays, part_arrays, with_folded_faces, with_sign
 from proximity.pose import Pose
+from proximity.scene.model.assembly import Model, assemble
 
 
 class SolidArrays:

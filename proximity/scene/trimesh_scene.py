@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.arrays import trimesh_kind
+from proximity.checks import trimesh_kind
 from proximity.errors import MeshError, PoseError
 from proximity.formats import UNITS, Geometry, metres_per_unit
 from proximity.formats.node_placement import Placement, place

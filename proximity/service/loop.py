@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from proximity.checks.numbers import as_number
+from proximity.checks import as_number
 from proximity.errors import ServiceError
 from proximity.service.answers import Answering
 from proximity.service.clock import Clock, MonotonicClock

@@ -9,7 +9,7 @@ from proximity.kernels.tracking.motion import FUTURE, TOO_OLD
 from proximity.kernels.tracking.tick import ALL_IN_MILLIMETRES, DONE, HAS_DEFECT
 from proximity.message import ContactFlag
 from proximity.message.instant_advice import FROM_FUTURE, OTHER_CLOCK_NS, on_future, on_too_old
-from proximity.model.assembly import Model
+from proximity.scene.model.assembly import Model
 from proximity.scene.queries.checked_query import in_millimetres, size_of
 
 LOGGER = logging.getLogger("proximity.tracker")

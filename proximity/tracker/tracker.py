@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from proximity import native
-from proximity.checks.arrays import as_float64
-from proximity.checks.numbers import not_negative, positive, whole
+from proximity.checks import as_float64, not_negative, positive, whole
 from proximity.errors import QueryError
 from proximity.kernels import layout
 from proximity.kernels.layout import NO_PART, NO_SLOT
@@ -21,7 +20,7 @@ from proximity.message import CONTACT
 from proximity.message.contact import Contacts
 from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.instant_advice import OTHER_CLOCK_NS
-from proximity.model.assembly import Model
+from proximity.scene.model.assembly import Model
 from proximity.scene.scene import Scene
 from proximity.tracker.finger_arrays import arrays_for
 from proximity.tracker.pose_notes import PoseNotes

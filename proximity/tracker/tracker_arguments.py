@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.arrays import FLOAT64, as_float64, shown
+from proximity.checks import FLOAT64, as_float64, shown
 from proximity.errors import QueryError
 from proximity.kernels.tracking.track import MOST_NS
 

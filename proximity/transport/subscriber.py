@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.numbers import as_number, not_negative
+from proximity.checks import as_number, not_negative
 from proximity.errors import QueryError
 from proximity.message import CONTACT, DESCRIPTION, FRAME, Flaw, Kind, State
 from proximity.message.received_description import Description, DescriptionMessages

@@ -9,12 +9,12 @@ import pytest
 from certificates import case, certificate, loop
 
 from proximity import DecaffError
-from proximity import certificate as package
-from proximity.certificate import certification
-from proximity.certificate.search import worst_positions
 from proximity.cli import console
 from proximity.cli.commands.studies import vr_applications
-from proximity.studies.figures import style
+from proximity.lab import certificate as package
+from proximity.lab.certificate import certification
+from proximity.lab.certificate.search import worst_positions
+from proximity.lab.figures import style
 
 BRACKET, HAND, DEMO = (str(make.FOLDER / name) for name in ("bracket.stl", "hand.csv", "demo.toml"))
 

@@ -14,8 +14,8 @@ from sealed_frames import frame
 from proximity import cli
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
+from proximity.lab.experiment.trial_log import read_log
 from proximity.message import Mode
-from proximity.studies.experiment.trial_log import read_log
 from proximity.transport import open_publisher
 
 
@@ -109,7 +109,7 @@ def test_edited_log_is_one_sentence(experiment, tmp_path):
 
 
 def test_power_is_a_table_and_check_says_both(experiment, tmp_path, monkeypatch):
-    from proximity.studies.experiment.analysis import simulation
+    from proximity.lab.experiment.analysis import simulation
 
     monkeypatch.setattr(
         simulation, "power", lambda *given, watch: [simulation.Power("t", "b against a", 8, 0.5)]

@@ -11,12 +11,12 @@ from project import MESHES
 from proximity.cli.views.json_output import plain
 from proximity.decaff.drum.drum_model import with_random_phases
 from proximity.decaff.glove.glove import DRUMS, Glove
+from proximity.lab.engine.engine_setup import EngineSetup
+from proximity.lab.figures.catalogue import PLATES
+from proximity.lab.part_press import document as part_document
+from proximity.lab.part_press import simulate_on_part
+from proximity.lab.simulation.simulated_press import Setup, Wall, document, simulate
 from proximity.scene.loader import load
-from proximity.studies.engine.engine_setup import EngineSetup
-from proximity.studies.figures.catalogue import PLATES
-from proximity.studies.part_press import document as part_document
-from proximity.studies.part_press import simulate_on_part
-from proximity.studies.simulation.simulated_press import Setup, Wall, document, simulate
 
 
 @pytest.fixture

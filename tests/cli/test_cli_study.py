@@ -2,8 +2,8 @@
 
 import pytest
 
-from proximity.studies.sweep import study_run
-from proximity.studies.sweep.study_run import Progress
+from proximity.lab.sweep import study_run
+from proximity.lab.sweep.study_run import Progress
 
 COMMAND = ("study",)
 PRESSES = """

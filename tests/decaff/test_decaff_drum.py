@@ -13,10 +13,10 @@ from proximity.decaff.drum import drum_kernels, servo
 from proximity.decaff.drum.drum_model import Gear, Motor
 from proximity.decaff.drum.servo import servo_for, settling_time
 from proximity.errors import DecaffError
-from proximity.studies.simulation import arrival
-from proximity.studies.simulation.devices import Decaff, Sensing
-from proximity.studies.simulation.hand import Hand
-from proximity.studies.stability import servo_response
+from proximity.lab.simulation import arrival
+from proximity.lab.simulation.devices import Decaff, Sensing
+from proximity.lab.simulation.hand import Hand
+from proximity.lab.stability import servo_response
 
 FRICTIONLESS = replace(paper_drums.MOTOR, friction=0.0)
 

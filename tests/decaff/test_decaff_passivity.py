@@ -11,7 +11,7 @@ from proximity.decaff.controller import passivity
 from proximity.decaff.drum import sampled_mass, unit_circle
 from proximity.decaff.drum.sampled_mass import SampledMass
 from proximity.errors import DecaffError
-from proximity.studies.stability import sampled_energy, sampled_laws
+from proximity.lab.stability import sampled_energy, sampled_laws
 
 # ----------------------------------------------------------------------------------------------- passivity
 

@@ -11,11 +11,11 @@ import shapes
 from budgeted import UNLIMITED, model_of, walk
 from project import IMPORT_PATHS
 
-from proximity.model import part_arrays
 from proximity.native import IS_AHEAD
 from proximity.native.mode import INTERPRETED, MODE
 from proximity.pose import Pose
 from proximity.scene import sign
+from proximity.scene.model import part_arrays
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
 from proximity.tracker.tracker import Tracker

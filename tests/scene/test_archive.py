@@ -18,7 +18,7 @@ from project import MESHES
 
 import proximity
 from proximity import MeshFormatError, Part, Pose, Scene, SceneError, Solid
-from proximity.model.part_trees import PartTreesPlan
+from proximity.scene.model.part_trees import PartTreesPlan
 from proximity.scene.queries import results
 from proximity.scene.queries.all_queries import Queries
 from proximity.scene.saved import archive, compiled_scene

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from project import SUPPORT
 
-from proximity.checks.arrays import COPIED_AT_ONCE, as_points
+from proximity.checks import COPIED_AT_ONCE, as_points
 from proximity.scene.queries import batches
 from proximity.scene.queries.batches import run_batch
 

@@ -14,7 +14,7 @@ from project import IMPORT_PATHS, TRIALS
 import proximity
 from proximity import MeshFormatError
 from proximity.kernels import layout
-from proximity.model.part_trees import PartTreesPlan
+from proximity.scene.model.part_trees import PartTreesPlan
 from proximity.scene.saved import archive, compiled_scene
 
 

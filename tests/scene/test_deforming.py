@@ -13,7 +13,7 @@ import oracle
 from proximity.errors import MeshError, SceneError
 from proximity.kernels.layout import FRAME_CENTRE
 from proximity.kernels.mesh.normals import add_corner_normals
-from proximity.model.bvh import build_bvh
+from proximity.mesh.bvh import build_bvh
 from proximity.pose import Pose
 from proximity.scene.scene import Part, Scene
 from proximity.scene.sign import SignMethod

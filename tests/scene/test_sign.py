@@ -8,10 +8,10 @@ import pytest
 import shapes
 
 import oracle
+from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.message import ContactFlag
-from proximity.model.part_arrays import part_arrays
 from proximity.scene.scene import Scene
 from proximity.scene.sign import SignMethod, choose_sign
 from proximity.scene.solid import Solid

@@ -30,10 +30,10 @@ from proximity.kernels.scene.nearest_part import (
     nearest_in_scene,
 )
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
-from proximity.model.assembly import assemble
-from proximity.model.bvh import LocalFrame
-from proximity.model.part_arrays import common_frame, part_arrays
+from proximity.mesh.bvh import LocalFrame
+from proximity.mesh.part_arrays import common_frame, part_arrays
 from proximity.pose import Pose
+from proximity.scene.model.assembly import assemble
 
 GUARD = 64
 UNTOUCHED = np.float32(-12345.0)

@@ -4,11 +4,11 @@ import numpy as np
 import shapes
 
 from proximity import Scene, Solid
-from proximity.certificate.certification import Certificate
-from proximity.certificate.measurement import Case
-from proximity.certificate.search.work import GOALS
-from proximity.certificate.search.worst_positions import Found, WorstPosition
-from proximity.certificate.subject import Subject
+from proximity.lab.certificate.certification import Certificate
+from proximity.lab.certificate.measurement import Case
+from proximity.lab.certificate.search.work import GOALS
+from proximity.lab.certificate.search.worst_positions import Found, WorstPosition
+from proximity.lab.certificate.subject import Subject
 from proximity.service import Report
 
 TICKS = 2000

@@ -2,7 +2,7 @@
 
 from proximity.decaff.drum.drum_model import Drum, Gear, Motor
 from proximity.decaff.glove.glove import Glove
-from proximity.studies.simulation.devices import Decaff, Link
+from proximity.lab.simulation.devices import Decaff, Link
 
 LEVER = Glove().tip_drum().lever
 MOTOR = Motor("20 W class", inertia=1.5e-6, torque=0.28, friction=4.5e-4, electrical_time=0.0)

@@ -5,9 +5,9 @@ import time
 from pathlib import Path
 
 from proximity.errors import ServiceError
+from proximity.lab.sweep.jobs import Factor, Job, Kind, Measure
+from proximity.lab.sweep.study_file import read_study
 from proximity.service.config.table_fields import Range
-from proximity.studies.sweep.jobs import Factor, Job, Kind, Measure
-from proximity.studies.sweep.study_file import read_study
 
 FACTORS = {
     "number": Factor(Kind.WHOLE, accepted=Range("", 0, 10**6)),

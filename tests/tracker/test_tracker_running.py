@@ -11,8 +11,8 @@ from ticking import MS, RADIUS, block, line, plate, solid
 
 import proximity
 from proximity.message import ContactFlag
-from proximity.model.part_trees import REGION_COPIES
 from proximity.pose import Pose
+from proximity.scene.model.part_trees import REGION_COPIES
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
 

@@ -8,11 +8,11 @@ from experiments import SMALL, write_design
 from test_web_guided import Client
 
 from proximity.cli.experiment.participant_page import PageRespondent
-from proximity.studies.experiment.conduct import Monitor, StoppedError
-from proximity.studies.experiment.dataset import Dataset
-from proximity.studies.experiment.design_file import read_design
-from proximity.studies.experiment.observers import Observer
-from proximity.studies.experiment.sitting import sit
+from proximity.lab.experiment.conduct import Monitor, StoppedError
+from proximity.lab.experiment.dataset import Dataset
+from proximity.lab.experiment.design_file import read_design
+from proximity.lab.experiment.observers import Observer
+from proximity.lab.experiment.sitting import sit
 from proximity.web.guided import GuidedPages
 
 RATING = SMALL.replace(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from proximity.studies.figures.catalogue import write_figure
+from proximity.lab.figures.catalogue import write_figure
 
 PICTURES = Path(__file__).resolve().parents[2] / "docs" / "pictures"
 FIGURES = ("5", "stability", "error-latency", "error-engine", "cable", "drum-motion", "arrival")

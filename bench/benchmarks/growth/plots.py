@@ -13,7 +13,7 @@ from PIL import Image
 
 from benchmarks.growth.fit import Fit
 from benchmarks.growth.samples import GrowthRow
-from proximity.studies.figures.style import LOOK
+from proximity.lab.figures.style import LOOK
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")  # Okabe and Ito
 MARKS = ("o", "s", "^", "D", "v", "P")

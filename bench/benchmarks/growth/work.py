@@ -34,7 +34,7 @@ from proximity.kernels.ray.walk import (
 from proximity.kernels.stack_arrays import words_here
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend_in_order, next_open
 from proximity.native import kernel
-from proximity.simd import bits, load_int, splat32
+from proximity.native.simd import bits, load_int, splat32
 
 UNLIMITED = 10**9
 WHOLE_SCENE = 10.0  # m, as far as a tracker looks

@@ -23,12 +23,12 @@ from proximity.kernels.layout import (
     PART_ROOT,
 )
 from proximity.kernels.segment.plan import PLAN_SIZE, PROBE_SIZE, make_plan
+from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
-from proximity.model.assembly import assemble
-from proximity.model.part_arrays import part_arrays
 from proximity.native import IS_AHEAD
 from proximity.pose import Pose
+from proximity.scene.model.assembly import assemble
 
 pytestmark = pytest.mark.skipif(
     IS_AHEAD, reason="a single kernel is left out: it has numba compile it (PROXIMITY_ISA=jit)"

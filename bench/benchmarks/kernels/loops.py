@@ -18,7 +18,7 @@ from proximity.kernels.sign.winding_number import winding_number
 from proximity.kernels.stack_arrays import words_here
 from proximity.kernels.tree.traversal import descend
 from proximity.native import kernel
-from proximity.simd import bits, horizontal_min, select, splat, splat32
+from proximity.native.simd import bits, horizontal_min, select, splat, splat32
 
 plain = numba.njit(cache=True, nogil=True, error_model="numpy")
 

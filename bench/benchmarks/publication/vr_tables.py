@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from benchmarks.growth.plots import COLOURS, save
 from benchmarks.publication.wording import short_name, table
-from proximity.certificate.vr_application import HEADINGS, PATHS, TICK_S, VrRow
-from proximity.studies.figures.style import LOOK
+from proximity.lab.certificate.vr_application import HEADINGS, PATHS, TICK_S, VrRow
+from proximity.lab.figures.style import LOOK
 
 Document = dict[str, Any]
 

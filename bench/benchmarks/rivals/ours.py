@@ -70,7 +70,7 @@ class ProximityTree(Proximity):
     memory_bytes = None
 
     def builder(self, vertices, faces):
-        bvh = importlib.import_module("proximity.model.bvh")
+        bvh = importlib.import_module("proximity.mesh.bvh")
         corners = bvh.local_frame(vertices.min(axis=0), vertices.max(axis=0)).of(vertices)
         rows = np.ascontiguousarray(faces, dtype=np.int32)
         return lambda: bvh.build_bvh(corners, rows)

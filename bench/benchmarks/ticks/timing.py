@@ -1,4 +1,4 @@
-"""Rows of the table of ticks; calls are timed by ``proximity.certificate.tick_times``."""
+"""Rows of the table of ticks; calls are timed by ``proximity.lab.certificate.tick_times``."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.support.verdicts import Verdict
 from benchmarks.ticks.scenes import face_count
-from proximity.certificate.tick_times import (
+from proximity.lab.certificate.tick_times import (
     Figures,
     TickLog,
     clock_cost,

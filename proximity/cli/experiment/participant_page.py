@@ -2,13 +2,13 @@
 
 from typing import Any
 
-from proximity.studies.experiment.conduct import EMERGENCY, Monitor, StoppedError
-from proximity.studies.experiment.design import CHOICES, Kind, Question
-from proximity.studies.experiment.display import Presentation
-from proximity.studies.experiment.drum_display import DrumDisplay
-from proximity.studies.experiment.plan import Text
-from proximity.studies.experiment.session import Trial
-from proximity.studies.simulation.simulated_press import Wall
+from proximity.lab.experiment.conduct import EMERGENCY, Monitor, StoppedError
+from proximity.lab.experiment.design import CHOICES, Kind, Question
+from proximity.lab.experiment.display import Presentation
+from proximity.lab.experiment.drum_display import DrumDisplay
+from proximity.lab.experiment.plan import Text
+from proximity.lab.experiment.session import Trial
+from proximity.lab.simulation.simulated_press import Wall
 from proximity.web import guided
 from proximity.web.guided import Answer, Button, Field, GuidedPages, PageLeftError, Step
 

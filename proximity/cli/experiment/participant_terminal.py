@@ -6,11 +6,11 @@ from typing import Any
 import typer
 
 from proximity.cli.console import Console
-from proximity.studies.experiment.conduct import StoppedError
-from proximity.studies.experiment.design import CHOICES, Kind, Question
-from proximity.studies.experiment.display import Presentation
-from proximity.studies.experiment.plan import Text
-from proximity.studies.experiment.session import Trial
+from proximity.lab.experiment.conduct import StoppedError
+from proximity.lab.experiment.design import CHOICES, Kind, Question
+from proximity.lab.experiment.display import Presentation
+from proximity.lab.experiment.plan import Text
+from proximity.lab.experiment.session import Trial
 
 
 class TerminalRespondent:

@@ -11,10 +11,10 @@ from proximity.cli.experiment.participant_page import PageRespondent, stop_every
 from proximity.cli.experiment.participant_terminal import TerminalRespondent
 from proximity.decaff.glove.glove_set import read_any_glove
 from proximity.decaff.motors.motor_set import home_all
-from proximity.studies.experiment.conduct import Monitor, RefusedError, StoppedError
-from proximity.studies.experiment.dataset import Dataset
-from proximity.studies.experiment.drum_display import DrumDisplay
-from proximity.studies.experiment.sitting import sit
+from proximity.lab.experiment.conduct import Monitor, RefusedError, StoppedError
+from proximity.lab.experiment.dataset import Dataset
+from proximity.lab.experiment.drum_display import DrumDisplay
+from proximity.lab.experiment.sitting import sit
 from proximity.transport import open_subscriber
 from proximity.web.guided import GuidedPages
 from proximity.web.server.browser import open_in_browser

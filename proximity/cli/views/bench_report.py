@@ -5,10 +5,10 @@ from typing import Any
 
 from rich.table import Table
 
-from proximity.certificate import wording
-from proximity.certificate.wording import microseconds, percent
 from proximity.cli.console import Lines, print_block, results_console, table
 from proximity.cli.wording import printable
+from proximity.lab.certificate import wording
+from proximity.lab.certificate.wording import microseconds, percent
 
 HASH_DIGITS = 16
 

@@ -12,10 +12,10 @@ from rich.table import Table
 from rich.text import Text
 
 import proximity
-from proximity.bodies import open_edges
 from proximity.cli.console import print_block, print_fitting, table_of
 from proximity.cli.lengths import in_unit, in_units
 from proximity.cli.wording import FEW_DIGITS, MISSING, counted, length, number, printable
+from proximity.mesh.vertex_weld import open_edges
 
 NAMES_SHOWN = 3  # parts named with a remark; the others are counted
 PARTS_SHOWN = 20

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.arrays import as_float64
+from proximity.checks import as_float64
 from proximity.decaff.arguments import finite, not_negative, positive
 from proximity.decaff.drum.drum_model import MOST_LATENCY as MOST_DRUM_LATENCY
 from proximity.decaff.glove.design import glove_of, table_of

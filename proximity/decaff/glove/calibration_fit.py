@@ -28,7 +28,7 @@ Each function refuses what cannot have been measured right. From readings to the
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.checks.arrays import as_float64
+from proximity.checks import as_float64
 from proximity.decaff.arguments import finite
 from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE
 from proximity.decaff.glove.glove import Glove

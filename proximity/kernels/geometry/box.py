@@ -8,7 +8,7 @@ nothing is skipped that could be nearer.
 import numpy as np
 
 from proximity.native import inlined
-from proximity.simd import fma, load, maximum, minimum, narrow, select, splat, splat32, widen
+from proximity.native.simd import fma, load, maximum, minimum, narrow, select, splat, splat32, widen
 
 FAR = 2.0
 """Within this (part sizes from the middle) a coordinate rounded to float32 is off by 2^-24 at most."""

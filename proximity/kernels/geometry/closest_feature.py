@@ -18,7 +18,7 @@ from proximity.kernels.layout import (
     PART_NEIGHBORS,
 )
 from proximity.native import inlined
-from proximity.simd import fma, like, load_int, minimum, select, square_root
+from proximity.native.simd import fma, like, load_int, minimum, select, square_root
 
 CLOSEST_SIZE = 24
 CLOSEST_LENGTH = 0  # distance

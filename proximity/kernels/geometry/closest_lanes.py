@@ -16,7 +16,7 @@ from proximity.kernels.geometry.closest_feature import (
 from proximity.kernels.geometry.triangle import TINY, cross, dot
 from proximity.kernels.layout import ALL_LANES, FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX, LANES
 from proximity.native import inlined, kernel
-from proximity.simd import absolute, bits, load, load_each, select, splat, square_root, store
+from proximity.native.simd import absolute, bits, load, load_each, select, splat, square_root, store
 
 LANES_FEATURE = CLOSEST_TRIANGLE
 """Columns behind those of `closest_feature` up to the triangle: the feature, and which edge or corner."""

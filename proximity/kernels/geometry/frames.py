@@ -16,7 +16,7 @@ from proximity.kernels.layout import (
     PART_IS_TURNED,
 )
 from proximity.native import inlined
-from proximity.simd import (
+from proximity.native.simd import (
     like,
     load_int,
     maximum,

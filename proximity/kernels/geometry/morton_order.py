@@ -6,7 +6,7 @@ from proximity.kernels.geometry.rows import columns_from
 from proximity.kernels.layout import LANES
 from proximity.kernels.stack_arrays import longs_here, reals_here
 from proximity.native import entry, inlined, kernel
-from proximity.simd import absolute, horizontal_min, maximum, minimum, select, splat, store
+from proximity.native.simd import absolute, horizontal_min, maximum, minimum, select, splat, store
 
 SORT_FROM = 48
 """Points from which on a batch is walked along a space-filling curve: each point then starts from its

@@ -2,7 +2,7 @@
 
 from proximity.kernels.layout import LANES
 from proximity.native import inlined
-from proximity.simd import load_each, prefetch
+from proximity.native.simd import load_each, prefetch
 
 
 @inlined

@@ -13,7 +13,7 @@ difference of products (see Jeannerod, Louvet, Muller 2013) for the cross produc
 
 from proximity.kernels.layout import BLOCK_STRIDE, LANES
 from proximity.native import inlined
-from proximity.simd import fma, like, load, maximum, minimum, select
+from proximity.native.simd import fma, like, load, maximum, minimum, select
 
 TINY = 1e-60
 """Below it a squared length, or a squared double area, counts as none: in the local frame that is an edge of

@@ -39,7 +39,7 @@ from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.tree.normal_slab import SMALLEST_BOUND, slabs_distance_sq
 from proximity.kernels.tree.traversal import nearer_in_block
 from proximity.native import inlined, kernel
-from proximity.simd import (
+from proximity.native.simd import (
     bits,
     compress,
     count_bits,

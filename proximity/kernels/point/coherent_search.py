@@ -42,7 +42,7 @@ from proximity.kernels.layout import (
 from proximity.kernels.point.budgeted_walk import best_known, factor_of, nearest_with_budget
 from proximity.kernels.tree.traversal import nearer_in_block
 from proximity.native import inlined, kernel
-from proximity.simd import (
+from proximity.native.simd import (
     bits,
     fma,
     horizontal_min,

@@ -17,7 +17,7 @@ from proximity.kernels.geometry.triangle import offset_of, point_triangle_distan
 from proximity.kernels.layout import LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, nearer_in_block, next_open
 from proximity.native import inlined
-from proximity.simd import (
+from proximity.native.simd import (
     bits,
     load_int,
     splat,

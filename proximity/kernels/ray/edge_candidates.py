@@ -13,7 +13,7 @@ from proximity.kernels.ray.edge_contact import EDGE_CREASED, edge_ray, has_corne
 from proximity.kernels.ray.walk import hits_in_block, look_along
 from proximity.kernels.stack_arrays import longs_here, words_here
 from proximity.native import inlined, kernel
-from proximity.simd import bits, load, load_int, maximum, minimum, splat, splat32, trailing_zeros
+from proximity.native.simd import bits, load, load_int, maximum, minimum, splat, splat32, trailing_zeros
 
 MOST_NEAR = 32
 """Blocks that are listed for one: where there are more, as next to long faces, it is sooner said of all edges

@@ -20,7 +20,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.ray.ray_lanes import RAY_CHUNK, VIEW_DIRECTION, VIEW_WEIGHTS, load_three, store_three
 from proximity.native import inlined
-from proximity.simd import load_each, load_int, maximum, select, splat, square_root
+from proximity.native.simd import load_each, load_int, maximum, select, splat, square_root
 
 # columns of the answers: float64
 RAY_ANSWER_DISTANCE = 0

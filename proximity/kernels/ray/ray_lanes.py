@@ -17,7 +17,7 @@ from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import FRAME_SCALE, LANES
 from proximity.kernels.ray.walk import SLAB_MARGIN, aim_and_view, approach, bound_of_parameter, is_from_afar
 from proximity.native import inlined
-from proximity.simd import (
+from proximity.native.simd import (
     absolute,
     bits,
     load,

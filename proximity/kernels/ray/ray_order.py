@@ -13,7 +13,7 @@ from proximity.kernels.layout import FRAME_BOX_LOWER, FRAME_BOX_UPPER, LANES
 from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.stack_arrays import longs_here, reals_here
 from proximity.native import entry, inlined, maker
-from proximity.simd import maximum, minimum, select, splat, store
+from proximity.native.simd import maximum, minimum, select, splat, store
 
 MOST_HALVINGS = 9
 """Most halvings of the box, each across its longest side: 512 cells."""

@@ -38,7 +38,7 @@ from proximity.kernels.sign.folded_faces import faces_wrong, marked_slots
 from proximity.kernels.stack_arrays import words_here
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, next_open
 from proximity.native import entry, inlined, kernel
-from proximity.simd import (
+from proximity.native.simd import (
     absolute,
     bits,
     load,

@@ -21,7 +21,7 @@ from proximity.kernels.geometry.triangle import difference_of_products
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend_in_order, next_open
 from proximity.native import inlined
-from proximity.simd import (
+from proximity.native.simd import (
     absolute,
     bits,
     fma,

@@ -52,7 +52,7 @@ from proximity.kernels.sign.inside_grid import (
 )
 from proximity.kernels.sign.side import is_inside_by_winding, signed_of_slot
 from proximity.native import inlined, kernel
-from proximity.simd import load_int, splat32, trailing_zeros
+from proximity.native.simd import load_int, splat32, trailing_zeros
 
 
 @inlined

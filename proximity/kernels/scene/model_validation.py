@@ -56,7 +56,7 @@ from proximity.kernels.scene.static_tree import last_up_to
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.native import entry, inlined, kernel
-from proximity.simd import absolute, bits, load, load_int, splat, splat32
+from proximity.native.simd import absolute, bits, load, load_int, splat, splat32
 
 DEEPEST = MAX_DEPTH // 2
 """Levels of a part's tree, and of the static tree above it: one below the other they are within a stack."""

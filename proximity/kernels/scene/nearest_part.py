@@ -22,7 +22,7 @@ from proximity.kernels.layout import (
 from proximity.kernels.point.walk import closest_in_part
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, nearer_in_block, next_open
 from proximity.native import inlined
-from proximity.simd import (
+from proximity.native.simd import (
     bits,
     load_int,
     splat32,

@@ -40,7 +40,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.sign.inside_grid import CELL_SLACK, CELLS_PER_WORD
 from proximity.native import entry, inlined, kernel
-from proximity.simd import bits, load_int, splat32, trailing_zeros
+from proximity.native.simd import bits, load_int, splat32, trailing_zeros
 
 
 @inlined

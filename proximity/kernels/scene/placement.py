@@ -26,7 +26,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.tree.wide_node import clear_box
 from proximity.native import entry, inlined, kernel
-from proximity.simd import lane, load, maximum, minimum, store
+from proximity.native.simd import lane, load, maximum, minimum, store
 
 
 @inlined

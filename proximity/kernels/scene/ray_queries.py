@@ -60,7 +60,7 @@ from proximity.kernels.ray.walk import bound_of_parameter, first_hit, first_in_b
 from proximity.kernels.stack_arrays import longs_here, reals_here, words_here
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend_in_order, next_open
 from proximity.native import HANDFUL, entry, inlined, kernel
-from proximity.simd import (
+from proximity.native.simd import (
     bits,
     load,
     load_int,

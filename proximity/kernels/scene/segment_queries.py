@@ -66,7 +66,7 @@ from proximity.kernels.segment.walk import segment_in_block, segment_in_part
 from proximity.kernels.stack_arrays import real_rows_here, reals_here, word_rows_here, words_here
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, next_open
 from proximity.native import HANDFUL, entry, inlined, kernel
-from proximity.simd import (
+from proximity.native.simd import (
     bits,
     load_int,
     splat32,

@@ -31,7 +31,7 @@ from proximity.kernels.layout import (
 from proximity.kernels.tree.binned_sah import BOX_STRIDE
 from proximity.kernels.tree.wide_node import clear_box, node_box, write_lane
 from proximity.native import entry, inlined, kernel
-from proximity.simd import load_int
+from proximity.native.simd import load_int
 
 
 @kernel

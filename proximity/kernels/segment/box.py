@@ -37,7 +37,7 @@ from proximity.kernels.segment.plan import (
     TOUCHING,
 )
 from proximity.native import inlined, kernel
-from proximity.simd import absolute, fma, load, maximum, minimum, narrow, select, splat, widen
+from proximity.native.simd import absolute, fma, load, maximum, minimum, narrow, select, splat, widen
 
 SEGMENT_SHRINK_FAR = 1.0 - 2.0**-44
 """Factor on squared float64 bounds, for the rounding of them and of the distances they are compared with."""

@@ -13,7 +13,7 @@ from proximity.kernels.geometry.box import FAR, round_down, round_up
 from proximity.kernels.geometry.triangle import TINY, dot
 from proximity.kernels.layout import LANES
 from proximity.native import inlined, kernel
-from proximity.simd import fma, splat, splat32, store
+from proximity.native.simd import fma, splat, splat32, store
 
 # --- what bounds need, eight lanes each: in a plan from PLAN_PROBE on, or in a probe ---
 PROBE_LOWER = 0  # box of the segment, three each

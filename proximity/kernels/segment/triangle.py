@@ -23,7 +23,7 @@ from proximity.kernels.geometry.closest_feature import (
 from proximity.kernels.geometry.triangle import TINY, cross, difference_of_products, dot
 from proximity.kernels.segment.plan import PLAN_END, PLAN_SLOPE_X, PLAN_SLOPE_Y, PLAN_START, ordered_axes
 from proximity.native import inlined, kernel
-from proximity.simd import absolute, fma, like, maximum, minimum, select
+from proximity.native.simd import absolute, fma, like, maximum, minimum, select
 
 # Behind the columns of `witness`: the answer for a segment.
 WITNESS_GAP = 24  # distance

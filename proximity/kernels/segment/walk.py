@@ -29,7 +29,7 @@ from proximity.kernels.segment.triangle import (
 )
 from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, next_open
 from proximity.native import inlined, kernel
-from proximity.simd import (
+from proximity.native.simd import (
     bits,
     horizontal_min,
     load,

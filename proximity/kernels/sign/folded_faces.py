@@ -13,7 +13,7 @@ from proximity.kernels.layout import FOLDED_AT, LANES
 from proximity.kernels.mesh.faces import face_normal
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import entry, inlined, kernel, maker
-from proximity.simd import load_int
+from proximity.native.simd import load_int
 
 SHARPEST_COSINE = -0.9
 """Cosine between the normals of two faces across an edge below which both are looked at: an edge of 26

@@ -10,7 +10,7 @@ import numpy as np
 from proximity.kernels.geometry.rows import copy_row
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import entry, inlined, kernel
-from proximity.simd import load_int
+from proximity.native.simd import load_int
 
 CELL_OUTSIDE = 0
 CELL_INSIDE = 1

@@ -29,7 +29,7 @@ from proximity.kernels.sign.folded_faces import is_folded
 from proximity.kernels.sign.winding_along_ray import winding_along_ray
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import inlined
-from proximity.simd import load_int
+from proximity.native.simd import load_int
 
 LEAST_SIDE_SINE = 1e-6
 """Sine of the angle between the direction to the closest point and the plane across the pseudo-normal below

@@ -19,7 +19,7 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.stack_arrays import words_here
 from proximity.native import inlined, kernel
-from proximity.simd import (
+from proximity.native.simd import (
     bits,
     compress,
     count_bits,

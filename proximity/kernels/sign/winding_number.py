@@ -26,7 +26,7 @@ from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.stack_arrays import reals_here, words_here
 from proximity.native import entry, kernel
-from proximity.simd import (
+from proximity.native.simd import (
     absolute,
     bits,
     compress,

@@ -29,7 +29,7 @@ from proximity.kernels.point.budgeted_walk import DOWN
 from proximity.kernels.scene.distance_bounds import fill_closest, nearest_from_face
 from proximity.kernels.tracking.part_drift import drift_until
 from proximity.native import inlined, kernel
-from proximity.simd import horizontal_min, load, minimum, select, splat, square_root
+from proximity.native.simd import horizontal_min, load, minimum, select, splat, square_root
 
 MOST_STEPS = 24
 TOUCH = 1e-5

@@ -88,7 +88,7 @@ from proximity.kernels.tracking.track import (
     vector_at,
 )
 from proximity.native import inlined
-from proximity.simd import load_int
+from proximity.native.simd import load_int
 
 CROWD = 10
 """Fingers of two hands: more than that are a crowd."""

@@ -25,7 +25,7 @@ from proximity.kernels.layout import (
     PART_IS_HIDDEN,
 )
 from proximity.native import inlined, kernel
-from proximity.simd import (
+from proximity.native.simd import (
     bits,
     horizontal_min,
     lane,

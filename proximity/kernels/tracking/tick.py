@@ -99,7 +99,7 @@ from proximity.kernels.tracking.track import (
     forget_surfaces,
 )
 from proximity.native import HANDFUL, entry, inlined
-from proximity.simd import prefetch
+from proximity.native.simd import prefetch
 
 # --- bits of the answer of a tick: it is done, and what its caller should know ---
 NOT_DONE = 0

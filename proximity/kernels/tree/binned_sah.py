@@ -14,7 +14,7 @@ import numpy as np
 
 from proximity.kernels.geometry.rows import copy_numbers, copy_row
 from proximity.native import inlined, kernel, maker
-from proximity.simd import halves_swapped, lane, load, minimum, splat32, store
+from proximity.native.simd import halves_swapped, lane, load, minimum, splat32, store
 
 BOX_STRIDE = 8
 """Numbers of a packed box."""

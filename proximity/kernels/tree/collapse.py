@@ -23,7 +23,7 @@ from proximity.kernels.tree.binned_sah import (
 )
 from proximity.kernels.tree.wide_node import clear_node, write_lane
 from proximity.native import inlined, kernel, maker
-from proximity.simd import load, minimum
+from proximity.native.simd import load, minimum
 
 EVEN_DEPTH = MAX_DEPTH // 2 - 10
 """From this level on leaves are shared out by count, whatever the binary tree: any ends ten levels later. So

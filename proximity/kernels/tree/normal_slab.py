@@ -16,7 +16,7 @@ from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.native import entry, inlined, kernel
-from proximity.simd import (
+from proximity.native.simd import (
     horizontal_min,
     load,
     load_int,

@@ -38,7 +38,7 @@ from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE, OPENING
 from proximity.kernels.tree.normal_slab import fill_slabs
 from proximity.native import entry, inlined, kernel
-from proximity.simd import (
+from proximity.native.simd import (
     absolute,
     add_rows,
     fma,

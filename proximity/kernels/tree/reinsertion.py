@@ -12,7 +12,7 @@ import numpy as np
 
 from proximity.kernels.tree.binned_sah import BOX_STRIDE, LINK_LEFT, LINK_RIGHT, NO_CHILD, half_area
 from proximity.native import inlined, kernel, maker
-from proximity.simd import load, minimum, store
+from proximity.native.simd import load, minimum, store
 
 LARGEST_SEARCH = 1024
 """Positions that wait to be looked at; beyond them the search makes do with what it has found."""

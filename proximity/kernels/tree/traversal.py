@@ -10,7 +10,7 @@ import numpy as np
 from proximity.kernels.geometry.triangle import point_block_distance_sq
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_CHILDREN, STACK_SIZE
 from proximity.native import inlined
-from proximity.simd import (
+from proximity.native.simd import (
     bits,
     compress,
     count_bits,

@@ -4,7 +4,7 @@ import numpy as np
 
 from proximity.kernels.layout import LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.native import entry, inlined, kernel
-from proximity.simd import horizontal_min, load, splat32, store
+from proximity.native.simd import horizontal_min, load, splat32, store
 
 
 @inlined

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks.numbers import is_whole
+from proximity.checks import is_whole
 from proximity.errors import QueryError
 from proximity.kernels.geometry.morton_order import SORT_FROM, morton_order
-from proximity.model.assembly import Model
+from proximity.scene.model.assembly import Model
 
 CHUNKS_PER_WORKER = 4
 SMALLEST_CHUNK = 1024

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from proximity import native
-from proximity.checks.arrays import as_points
+from proximity.checks import as_points
 from proximity.errors import ProximityError, UnitsWarning
 from proximity.kernels.geometry.frames import MILLIMETRES_FROM, MILLIMETRES_TO
 from proximity.kernels.geometry.morton_order import SORT_FROM
 from proximity.kernels.layout import FRAME_BOX_LOWER_XYZ, FRAME_BOX_UPPER_XYZ, IN_MILLIMETRES, NO_ROW
-from proximity.model.assembly import Model
+from proximity.scene.model.assembly import Model
 from proximity.scene.queries.batches import OrderOf, first_slice, morton_order_of, run_batch
 from proximity.scene.queries.query_arguments import broadcast_limits, broadcast_rows
 

@@ -11,7 +11,7 @@ from proximity.kernels.ray.hit_rows import DISTANCE_WIDTH, RAY_ANSWER_WIDTH
 from proximity.kernels.ray.ray_order import ray_order
 from proximity.kernels.scene.ray_queries import cast_batch
 from proximity.kernels.scene.segment_queries import SEGMENT_ANSWER_WIDTH, segment_batch
-from proximity.model.assembly import Model
+from proximity.scene.model.assembly import Model
 from proximity.scene.queries.batches import LARGEST_SLICE, HasSnapshot, OrderOf
 from proximity.scene.queries.checked_query import CheckedQuery
 from proximity.scene.queries.results import RayHits, Reals, SegmentHits

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy import inf
 
-from proximity.checks.arrays import as_float64, copied, shown
+from proximity.checks import as_float64, copied, shown
 from proximity.errors import QueryError
 
 _NO_LIMIT = np.array([inf])

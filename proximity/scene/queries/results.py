@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from proximity.checks.arrays import shown_number
+from proximity.checks import shown_number
 from proximity.kernels.layout import (
     FEATURE_EDGE,
     FEATURE_FACE,

@@ -15,10 +15,10 @@ from proximity.errors import MeshFormatError, SceneError
 from proximity.kernels import layout
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.mesh.triangle_mesh import TriangleMesh
-from proximity.model.assembly import Model, finished
-from proximity.model.part_trees import REGION_COPIES, STATIC_COPIES
-from proximity.model.scene_state import first_unfit_move, write_motion, write_surface
 from proximity.pose import Pose
+from proximity.scene.model.assembly import Model, finished
+from proximity.scene.model.part_trees import REGION_COPIES, STATIC_COPIES
+from proximity.scene.model.scene_state import first_unfit_move, write_motion, write_surface
 from proximity.scene.part_motion import NO_VELOCITIES
 from proximity.scene.saved.archive import read_archive, write_archive
 from proximity.scene.saved.description import (

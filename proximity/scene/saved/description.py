@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from proximity.bodies import Repairs
 from proximity.errors import MeshFormatError, SceneError
-from proximity.model.scene_state import first_unfit_move
+from proximity.mesh.body_records import Repairs
+from proximity.scene.model.scene_state import first_unfit_move
 from proximity.scene.part_motion import checked_surface
 from proximity.scene.sign import SignMethod
 

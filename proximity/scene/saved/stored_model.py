@@ -17,8 +17,8 @@ from proximity.kernels.scene import model_validation
 from proximity.kernels.scene.placement import update_box
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
-from proximity.model.bvh import LARGEST_COORDINATE
-from proximity.model.part_trees import (
+from proximity.mesh.bvh import LARGEST_COORDINATE
+from proximity.scene.model.part_trees import (
     NO_NODE,
     REGION_COPIES,
     STATIC_COPIES,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from proximity.checks.numbers import as_number, is_whole
+from proximity.checks import as_number, is_whole
 from proximity.service.config.toml_document import Document, Path, spelled
 
 REQUIRED: Any = object()

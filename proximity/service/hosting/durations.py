@@ -3,7 +3,7 @@
 import threading
 from typing import Any
 
-from proximity.checks.numbers import not_negative
+from proximity.checks import not_negative
 from proximity.errors import ServiceError
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from proximity.checks.numbers import whole
+from proximity.checks import whole
 from proximity.errors import ServiceError
 from proximity.service import Report, Request
 from proximity.service.config import SceneFile, override, read_scene_file

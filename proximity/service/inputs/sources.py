@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from proximity.checks.arrays import as_float64
+from proximity.checks import as_float64
 from proximity.errors import ProximityError, QueryError, ServiceError
 from proximity.kernels.tracking.motion import MAX_GAP_NS
 from proximity.recording import Recording

@@ -21,7 +21,7 @@ from proximity.kernels.geometry.box import (
     round_up,
 )
 from proximity.kernels.layout import LANES
-from proximity.simd import bits, lane, splat32
+from proximity.native.simd import bits, lane, splat32
 
 pytestmark = pytest.mark.internals
 

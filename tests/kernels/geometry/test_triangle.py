@@ -24,7 +24,7 @@ from proximity.kernels.geometry.triangle import (
     point_triangle_distance_sq,
 )
 from proximity.kernels.layout import BLOCK_STRIDE, FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX, LANES
-from proximity.simd import splat, store
+from proximity.native.simd import splat, store
 
 pytestmark = pytest.mark.internals
 

@@ -42,8 +42,8 @@ from proximity.kernels.layout import (
 from proximity.kernels.point.budgeted_walk import MOST_SWEPT_STEPS, MOST_WAITING, nearest_with_budget
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.tree.normal_slab import MOMENT_AREA_NORMAL, MOMENT_SLAB_LARGEST, MOMENT_SLAB_LEAST
-from proximity.model.assembly import assemble
 from proximity.pose import Pose
+from proximity.scene.model.assembly import assemble
 
 pytestmark = pytest.mark.internals
 

@@ -22,11 +22,11 @@ from proximity.kernels.geometry.frames import (
 from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE, PART_IS_FUSED
 from proximity.kernels.ray import hit_rows, ray_lanes, walk
 from proximity.kernels.scene import ray_queries
-from proximity.model.assembly import assemble
-from proximity.model.part_arrays import common_frame, part_arrays
+from proximity.mesh.part_arrays import common_frame, part_arrays
 from proximity.native.mode import INTERPRETED, MODE
+from proximity.native.simd import bits, lane, splat32
 from proximity.pose import Pose
-from proximity.simd import bits, lane, splat32
+from proximity.scene.model.assembly import assemble
 
 TEN_KILOMETRES = np.array([10_000.0, -7_000.0, 3_000.0])
 ALL_ROWS = np.empty(0, np.int64)

@@ -12,8 +12,8 @@ from proximity.kernels.geometry.frames import (
 from proximity.kernels.scene.containment import state_in_part
 from proximity.kernels.scene.part_grid import dynamic_turn_count, list_of
 from proximity.kernels.sign.inside_grid import CELL_OUTSIDE
-from proximity.model import part_grid
 from proximity.pose import Pose
+from proximity.scene.model import part_grid
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
 

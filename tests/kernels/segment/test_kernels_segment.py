@@ -33,11 +33,11 @@ from proximity.kernels.segment.plan import (
 )
 from proximity.kernels.segment.triangle import WITNESS_SIZE
 from proximity.kernels.segment.walk import segment_in_block
-from proximity.model.assembly import assemble
-from proximity.model.part_arrays import common_frame, part_arrays
+from proximity.mesh.part_arrays import common_frame, part_arrays
 from proximity.native.mode import INTERPRETED, MODE
+from proximity.native.simd import bits, lane, splat32
 from proximity.pose import Pose
-from proximity.simd import bits, lane, splat32
+from proximity.scene.model.assembly import assemble
 
 ALL_ROWS = np.empty(0, np.int64)
 ROUNDING = 2.0**-52

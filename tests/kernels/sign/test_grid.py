@@ -16,11 +16,11 @@ from proximity.kernels.sign.inside_grid import (
     cell_state,
     uncertain_points,
 )
+from proximity.mesh.part_arrays import LARGEST_GRID, part_arrays, with_sign
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
-from proximity.model.assembly import assemble
-from proximity.model.part_arrays import LARGEST_GRID, part_arrays, with_sign
 from proximity.pose import Pose
+from proximity.scene.model.assembly import assemble
 
 pytestmark = pytest.mark.internals
 

@@ -7,11 +7,11 @@ import shapes
 import oracle
 from proximity.kernels.layout import PART_MOMENTS, PART_ROOT
 from proximity.kernels.sign.winding_number import turned, winding_number
+from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
-from proximity.model.assembly import assemble
-from proximity.model.part_arrays import part_arrays
 from proximity.pose import Pose
+from proximity.scene.model.assembly import assemble
 
 pytestmark = pytest.mark.internals
 

@@ -19,7 +19,7 @@ from proximity.kernels.tree.normal_slab import (
     fill_slabs,
     slabs_distance_sq,
 )
-from proximity.simd import lane, splat
+from proximity.native.simd import lane, splat
 
 compiled = numba.njit(error_model="numpy")
 

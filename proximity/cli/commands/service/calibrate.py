@@ -265,7 +265,7 @@ def _written(session: "Session", path: Path, name: str) -> tuple[str, Path | Non
     from proximity.decaff.calibrating.results import as_document
     from proximity.decaff.glove.calibration import write_calibration
     from proximity.errors import DecaffError
-    from proximity.studies.figures import calibration_plots
+    from proximity.lab.figures import calibration_plots
 
     if missing := session.missing():
         raise UnfinishedError(f"{', '.join(missing)}: not measured, but a calibration needs it")

@@ -115,10 +115,10 @@ def command(
         time_applications([str(scene)], recording, seconds, units, as_json=as_json)
         return
     # NumPy, Rich and the library: only now, so that --help answers at once.
-    from proximity import certificate
     from proximity.cli import progress
     from proximity.cli.commands.service.demo import sample
     from proximity.cli.views import bench_report
+    from proximity.lab import certificate
 
     period = None if gate is None else certificate.parse_period(gate)
     report = REPORT if out is None and not as_json else out
@@ -164,8 +164,8 @@ def _say_notes(recording: Any) -> None:
 
 def _write(report: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bool:
     """Write the report; whether all of it, and not the numbers alone, because a library is missing."""
-    from proximity import certificate
     from proximity.cli import progress
+    from proximity.lab import certificate
 
     try:
         with progress.spinner(f"writing {report}"):

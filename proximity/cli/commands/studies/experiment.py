@@ -57,7 +57,7 @@ def new(path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write
     """Write the design that is shipped: DECAFF against coupled walls of 1, 3 and 10 ms."""
     from importlib.resources import files
 
-    text = (files("proximity.studies.experiment") / SHIPPED).read_text(encoding="utf-8")
+    text = (files("proximity.lab.experiment") / SHIPPED).read_text(encoding="utf-8")
     try:
         with path.open("x", encoding="utf-8") as stream:
             stream.write(text)
@@ -79,9 +79,9 @@ def plan(
     step: number of the trial. run: pass of its task through the conditions.
     odd: interval, 1 or 2, that differs from the other. level: of the stimulus.
     """
-    from proximity.studies.experiment import plan as planning
-    from proximity.studies.experiment.design_file import read_design
-    from proximity.studies.experiment.unstable_walls import unstable_walls
+    from proximity.lab.experiment import plan as planning
+    from proximity.lab.experiment.design_file import read_design
+    from proximity.lab.experiment.unstable_walls import unstable_walls
 
     read = read_design(design)
     if not 0 <= slot < read.participants:
@@ -132,8 +132,8 @@ def run(
 ) -> None:
     """Do a session with a person, on the drum of a service's finger, simulated or with a motor."""
     from proximity.cli.experiment.session_run import Drums, run_session
-    from proximity.studies.experiment.dataset import Dataset, check_pseudonym
-    from proximity.studies.experiment.design_file import read_design
+    from proximity.lab.experiment.dataset import Dataset, check_pseudonym
+    from proximity.lab.experiment.design_file import read_design
 
     check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
     if bool(motor) != arm:
@@ -159,10 +159,10 @@ def simulate(
 ) -> None:
     """Run the whole experiment with simulated observers, through the log, as people would."""
     from proximity.cli import progress
-    from proximity.studies.experiment.dataset import Dataset
-    from proximity.studies.experiment.design_file import read_design
-    from proximity.studies.experiment.observers import Observer
-    from proximity.studies.experiment.sitting import sit
+    from proximity.lab.experiment.dataset import Dataset
+    from proximity.lab.experiment.design_file import read_design
+    from proximity.lab.experiment.observers import Observer
+    from proximity.lab.experiment.sitting import sit
 
     read = read_design(design)
     dataset, started = Dataset(data, read), time.monotonic()
@@ -185,9 +185,9 @@ def report(
 ) -> None:
     """Analyse the data: a page, plots, tables as CSV, and a methods paragraph."""
     from proximity.cli import progress
-    from proximity.studies.experiment.analysis.findings import find
-    from proximity.studies.experiment.analysis.report import write_report
-    from proximity.studies.experiment.dataset import DERIVED, Dataset
+    from proximity.lab.experiment.analysis.findings import find
+    from proximity.lab.experiment.analysis.report import write_report
+    from proximity.lab.experiment.dataset import DERIVED, Dataset
 
     dataset = Dataset(data)
     entries = dataset.trials()
@@ -224,8 +224,8 @@ def power(
     """Simulate how often an effect is found with so many participants; without --effect the expected one."""
     from proximity.cli import progress
     from proximity.cli.console import results_console, table
-    from proximity.studies.experiment.analysis import simulation
-    from proximity.studies.experiment.design_file import read_design
+    from proximity.lab.experiment.analysis import simulation
+    from proximity.lab.experiment.design_file import read_design
 
     read = read_design(design)
     read = read if effect is None else simulation.with_effect(read, effect)
@@ -246,8 +246,8 @@ def check(
 ) -> None:
     """Try the analysis on simulated observers: false positives, and thresholds found again."""
     from proximity.cli import progress
-    from proximity.studies.experiment.analysis import simulation
-    from proximity.studies.experiment.design_file import read_design
+    from proximity.lab.experiment.analysis import simulation
+    from proximity.lab.experiment.design_file import read_design
 
     read = read_design(design)
     with progress.spinner("simulating experiments") as show:
@@ -264,7 +264,7 @@ def check(
 @_command("forget")
 def forget(data: DATA, participant: PARTICIPANT) -> None:
     """Delete all data of a participant, and the reports made with them."""
-    from proximity.studies.experiment.dataset import Dataset
+    from proximity.lab.experiment.dataset import Dataset
 
     Dataset(data).forget(participant)
     typer.echo(f"{data}: all data of {participant} are deleted, and reports with them")

@@ -53,7 +53,7 @@ def command(
     from proximity.cli import progress
     from proximity.cli.views.json_output import write_document
     from proximity.decaff.glove.glove_set import read_any_glove
-    from proximity.studies.figures import catalogue
+    from proximity.lab.figures import catalogue
 
     worn = None if glove is None else designed(read_any_glove(glove))
     began, file_count = time.monotonic(), 0

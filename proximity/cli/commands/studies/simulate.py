@@ -18,7 +18,7 @@ from proximity.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from proximity.studies.simulation.simulated_press import Setup, Simulation
+    from proximity.lab.simulation.simulated_press import Setup, Simulation
 
 HELP = "\n\n".join(
     (
@@ -197,7 +197,7 @@ class WallOptions:
 
     def setup(self, *, is_on_part: bool) -> "Setup":
         """Return the setup of the simulation."""
-        from proximity.studies.simulation import simulated_press
+        from proximity.lab.simulation import simulated_press
 
         if self.latency_ms is not None:
             check_range(self.latency_ms, "--latency-ms", "ms", 0.0, 1e3 * simulated_press.LONGEST_LATENCY)
@@ -263,8 +263,8 @@ def command(
     _check_out(out)
     # NumPy, Rich and the models: only now, so that --help and mistakes above answer at once.
     from proximity.cli import progress, scene_press
-    from proximity.studies.figures import press_plots
-    from proximity.studies.simulation import simulated_press
+    from proximity.lab.figures import press_plots
+    from proximity.lab.simulation import simulated_press
 
     setup = surface.setup(is_on_part=pressed.scene is not None)
     if pressed.scene is not None:
@@ -321,8 +321,8 @@ def _check_out(out: Path | None) -> None:
 def _print(press: "Simulation") -> None:
     from proximity.cli.console import print_block, results_console, table
     from proximity.cli.wording import MISSING
-    from proximity.studies.simulation import simulated_press
-    from proximity.studies.simulation.devices import COUPLED_DEVICE
+    from proximity.lab.simulation import simulated_press
+    from proximity.lab.simulation.devices import COUPLED_DEVICE
 
     console = results_console()
     print_block(

@@ -11,9 +11,9 @@ import typer
 from proximity.cli.program import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
-    from proximity.studies.sweep.jobs import Job
-    from proximity.studies.sweep.study_file import Study
-    from proximity.studies.sweep.study_run import Progress
+    from proximity.lab.sweep.jobs import Job
+    from proximity.lab.sweep.study_file import Study
+    from proximity.lab.sweep.study_run import Progress
 
 HELP = "\n\n".join(
     (
@@ -86,7 +86,7 @@ def command(
         raise typer.BadParameter(f"expected {expected}", param_hint="DIR")
     # NumPy, the library and Ray: only now, so that --help answers at once.
     from proximity.cli import progress
-    from proximity.studies.sweep.study_file import read_study
+    from proximity.lab.sweep.study_file import read_study
 
     if folder is not None:
         _report(folder, out)
@@ -104,7 +104,7 @@ def command(
 
 def _run(study: "Study", results: Path, options: dict[str, Any]) -> None:
     """Run a study; Ctrl-C says what is kept."""
-    from proximity.studies.sweep.study_run import run_study
+    from proximity.lab.sweep.study_run import run_study
 
     newest: Progress | None = None
     try:
@@ -128,10 +128,10 @@ def _run(study: "Study", results: Path, options: dict[str, Any]) -> None:
 
 
 def _jobs() -> "dict[str, Job]":
-    from proximity.certificate.certificate_job import CERTIFICATE
-    from proximity.studies.sweep.field_job import FIELD
-    from proximity.studies.sweep.part_jobs import CHECK, REPLAY
-    from proximity.studies.sweep.press_job import PRESS
+    from proximity.lab.certificate.certificate_job import CERTIFICATE
+    from proximity.lab.sweep.field_job import FIELD
+    from proximity.lab.sweep.part_jobs import CHECK, REPLAY
+    from proximity.lab.sweep.press_job import PRESS
 
     return {job.name: job for job in (CERTIFICATE, REPLAY, PRESS, FIELD, CHECK)}
 
@@ -139,8 +139,8 @@ def _jobs() -> "dict[str, Job]":
 def _report(folder: Path, out: Path | None) -> None:
     from proximity.cli import progress
     from proximity.errors import ServiceError
-    from proximity.studies.sweep.page.study_page import study_page
-    from proximity.studies.sweep.study_file import read_study
+    from proximity.lab.sweep.page.study_page import study_page
+    from proximity.lab.sweep.study_file import read_study
     from proximity.system.whole_file import whole_file
 
     source = folder / "study.toml"
@@ -157,8 +157,8 @@ def _report(folder: Path, out: Path | None) -> None:
 def _repeat(study: "Study", out: Path, key: str) -> None:
     from proximity.cli.console import print_block, results_console, table
     from proximity.cli.wording import MISSING
-    from proximity.studies.sweep.page.study_page import shown
-    from proximity.studies.sweep.repetition import repeat
+    from proximity.lab.sweep.page.study_page import shown
+    from proximity.lab.sweep.repetition import repeat
 
     found = repeat(study, out, key)
     console = results_console()
@@ -175,7 +175,7 @@ def _repeat(study: "Study", out: Path, key: str) -> None:
 
 
 def _digits(value: Any) -> str:
-    from proximity.studies.sweep.page.study_page import shown
+    from proximity.lab.sweep.page.study_page import shown
 
     return f"{value:.9g}" if isinstance(value, float) else shown(value)
 

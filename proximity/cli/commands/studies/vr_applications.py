@@ -11,7 +11,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from proximity.certificate.vr_application import VrRow
+    from proximity.lab.certificate.vr_application import VrRow
 
 POSE_RATES_HZ = (90.0, 120.0)
 FINGER_COUNTS = (5, 10)
@@ -24,9 +24,9 @@ def time_applications(
 
     *as_json*: a document instead of a table; times in s.
     """
-    from proximity.certificate.vr_application import PATHS, VrCase, measure
     from proximity.cli import progress
     from proximity.cli.commands.service.demo import sample
+    from proximity.lab.certificate.vr_application import PATHS, VrCase, measure
     from proximity.recording import read_recording
 
     progress.prepare_kernels()
@@ -45,8 +45,8 @@ def time_applications(
 
 
 def _print(rows: "list[VrRow]") -> None:
-    from proximity.certificate.vr_application import HEADINGS
     from proximity.cli.console import print_fitting, results_console, table
+    from proximity.lab.certificate.vr_application import HEADINGS
 
     def across() -> "Table":
         made = table(HEADINGS[:1], HEADINGS[1:])

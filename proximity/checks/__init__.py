@@ -1,1 +1,0 @@
-"""What callers give, checked: numbers and arrays; every error says what was expected."""

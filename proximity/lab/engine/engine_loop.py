@@ -1,0 +1,179 @@
+"""Simulation of a press on a CAD part with the real engine in the loop, from hand to drum.
+
+The finger of the closed loop moves on its path before a part. At the service's rate its pose goes to a
+tracker, the answer becomes a frame, its bytes arrive after the service's latency, are examined, and the
+drum's controller acts at its own rate on what it then knows. Against it stands the wall that is truly there:
+by exact geometry, with the same hand. All in simulated time, the same on every run.
+
+Forces are along the finger's path, as its one degree of freedom has them.
+"""
+
+import math
+
+from proximity.decaff.controller.cable_stretch import CableRule
+from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller_states import FrameMark
+from proximity.decaff.drum.drum_command import DrumCommand
+from proximity.decaff.drum.servo import SERVO_RATE, servo_for
+from proximity.lab.engine.delayed_link import DelayedLink
+from proximity.lab.engine.engine_press import EnginePress
+from proximity.lab.engine.engine_readers import ControllerReader, PolicyReader, Reader
+from proximity.lab.engine.engine_setup import Distances, EngineSetup
+from proximity.lab.engine.finger_placement import PlacedFinger
+from proximity.lab.engine.recorded_press import RecordedPress
+from proximity.lab.engine.simulated_service import (
+    ExactAnswers,
+    Feed,
+    MeasuredFinger,
+    SimulatedService,
+    TrackedFinger,
+)
+from proximity.lab.paper.trajectories import Intent
+from proximity.lab.simulation.closed_loop import LEAD, DecaffLoop, real_wall, soft_wall
+from proximity.lab.simulation.controller_in_loop import START_NS
+from proximity.lab.simulation.devices import Decaff, Sensing
+from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.response import Response
+from proximity.lab.simulation.sweeps import Stretch, with_transmission
+from proximity.lab.simulation.target_policies import DistanceSample, Holding, TargetPolicy
+from proximity.service.answers import TrackerAnswers
+from proximity.system.time_units import NS_PER_S
+from proximity.tracker.tracker import Tracker
+from proximity.transport import Counts, Subscriber
+
+
+def press_on_part(
+    finger: PlacedFinger, press: Intent, setup: EngineSetup | None = None, hand: Hand | None = None
+) -> EnginePress:
+    """Return a press on a part."""
+    setup, hand = setup or EngineSetup(), hand or Hand()
+    loop = DecaffLoop(hand, press, _glove(finger, setup))
+    part = finger.scene.parts[finger.part]
+    if part.stiffness is None:
+        real = real_wall(hand, press, like=loop.response)
+    else:
+        along = finger.incidence**2  # of the surface's law, along the finger's path
+        real = soft_wall(hand, press, along * part.stiffness, along * part.damping, like=loop.response)
+    engine = Engine(finger, setup, loop, real)
+    while not loop.is_over:
+        loop.tick(engine.command(loop.distance_sample()))
+    reader = engine.reader
+    return EnginePress(
+        finger, setup, loop.response, real, reader.states, reader.switched_at, engine.counts,
+        engine.reported_contact, engine.reported_error, reader.advances,
+    )  # fmt: skip
+
+
+class Engine:
+    """Service, message and controller of one finger, stepped by the closed loop."""
+
+    reported_contact: float
+    reported_error: float
+    reader: Reader
+
+    def __init__(self, finger: PlacedFinger, setup: EngineSetup, loop: DecaffLoop, real: Response) -> None:
+        self._finger, self._setup, self._loop, self._real = finger, setup, loop, real
+        self._wall, self._intent = finger.contact_position, loop.response.press
+        self._now_ns = 0
+        link = DelayedLink(setup.latency, lambda: self._now_ns, [_in_ns(span) for span in setup.silent])
+        self._period = 1.0 / setup.rate
+        self._service = SimulatedService(_feed(finger, setup, self._period), link, self._period)
+        self._frames = Subscriber(link, "simulation", clock=lambda: self._now_ns)
+        self._begin = loop.now + setup.phase * self._period
+        self._ticks = 0
+        self.reported_contact = self.reported_error = math.nan
+        self._has_touched = False
+        holding = _glove(finger, setup).holding
+        if setup.reading is None:
+            cable = CableRule(1.0 / holding.compliance, holding.smoothing) if holding.compliance else None
+            self.reader = ControllerReader(
+                FingerController(finger.path, SERVO_RATE, setup.drum, cable=cable),
+                finger.path,
+                self._wall,
+                has_force_sensor=setup.stretch != Stretch.TORQUE,
+            )
+        else:
+            self.reader = PolicyReader(TargetPolicy(setup.reading, holding), finger.path, self._wall)
+
+    @property
+    def counts(self) -> Counts:
+        """Frames that were received, lost and refused."""
+        return self._frames.counts
+
+    def command(self, distance_sample: DistanceSample) -> DrumCommand:
+        """Make the frames that are due, take what has arrived, and have the drum informed."""
+        while self._begin + self._ticks * self._period <= distance_sample.now + 1e-9:
+            self._tick(self._begin + self._ticks * self._period)
+            self._ticks += 1
+        self._now_ns = _instant_ns(distance_sample.now)
+        reading = self._frames.read()
+        contact = reading.contacts[0] if len(reading.contacts) else None
+        self._has_touched = self._has_touched or distance_sample.force > 0.0 or distance_sample.link >= 0.0
+        if reading.is_valid and contact is not None and not self._has_touched:
+            self._note(float(contact["contact_bend"]), float(contact["contact_bend_error"]))
+        frame = FrameMark.of(reading.header)
+        return self.reader.command(distance_sample, self._now_ns, reading.state, contact, frame)
+
+    def _tick(self, time: float) -> None:
+        position, speed = self._loop.link_at(time)
+        path, bend = self._finger.path, math.nan
+        is_seen = not isinstance(self._intent, RecordedPress) or self._intent.sees(time)
+        if is_seen and not any(first <= time <= last for first, last in self._setup.blind):
+            bend = path.bend(self._wall + position)
+        self._now_ns = _instant_ns(time)
+        self._service.tick(self._now_ns, bend=bend, **self._measured(time, bend, speed))
+
+    def _measured(self, time: float, bend: float, speed: float) -> dict[str, float]:
+        """Measurements of a sensor: rate of the finger's bend, 1/s, and the force on it, N."""
+        if self._setup.distances != Distances.SENSOR or not math.isfinite(bend):
+            return {"bend_rate": math.nan, "force": math.nan}
+        force = self._setup.far_force
+        if force is None:
+            force = float(self._real.force[self._loop.row(time)])
+        return {"bend_rate": speed / float(self._finger.glove.finger.speed(bend)), "force": force}
+
+    def _note(self, bend: float, error: float) -> None:
+        """Keep what was reported of the contact last."""
+        if math.isfinite(bend):
+            position = self._finger.path.position(bend)
+            self.reported_contact = position - self._wall
+            self.reported_error = (
+                self._finger.path.position(bend + error) - position if error < math.inf else math.inf
+            )
+
+
+def _feed(finger: PlacedFinger, setup: EngineSetup, period: float) -> Feed:
+    if setup.distances == Distances.SENSOR:
+        return MeasuredFinger(finger, setup.expected_latency)
+    tracker = Tracker(
+        finger.scene,
+        fingers=1,
+        radius=finger.glove.finger.pad_radius,
+        period=period,
+        latency=setup.expected_latency,
+        tolerance=setup.tolerance,
+        budget=setup.budget,
+    )
+    if setup.distances == Distances.IDEAL:
+        return TrackedFinger(finger, ExactAnswers(tracker, finger.contact_bend))
+    return TrackedFinger(finger, TrackerAnswers(tracker), setup.corners)
+
+
+def _glove(finger: PlacedFinger, setup: EngineSetup) -> Decaff:
+    """Drum, servo and cable; the drum waits where the controller's own is retracted."""
+    reach = min(setup.start_distance, finger.contact_position - LEAD)
+    glove = Decaff(
+        drum=setup.drum,
+        servo=servo_for(setup.drum, SERVO_RATE),
+        sensing=Sensing(reach=reach),
+        holding=Holding(retracted=finger.retraction),
+    )
+    return glove if setup.cable is None else with_transmission(glove, setup.cable, setup.stretch)
+
+
+def _instant_ns(time: float) -> int:
+    return START_NS + round(NS_PER_S * time)
+
+
+def _in_ns(span: tuple[float, float]) -> tuple[int, int]:
+    return _instant_ns(span[0]), _instant_ns(span[1])

@@ -1,0 +1,117 @@
+"""The distance service inside a simulation, by the simulation's clock.
+
+All but the loop that keeps appointments is the service's own. What it is fed with is a finger of the closed
+loop: poses for a tracker, or what the sensor of a far end would measure there.
+"""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from proximity.lab.engine.finger_placement import PlacedFinger
+from proximity.message import PATH_CORNERS, Surface
+from proximity.service.answers import Answering, TrackerAnswers
+from proximity.service.frame_builder import FrameBuilder
+from proximity.service.inputs.sensor import Measurements
+from proximity.service.inputs.teleoperation import SensorAnswers
+from proximity.service.sample_filter import SampleFilter
+from proximity.service.samples import FingerPoses, Samples
+from proximity.system.time_units import NS_PER_S
+from proximity.tracker.tracker import Tracker
+from proximity.transport import Outlet, Publisher
+
+VALID_FOR, STALE_AFTER = 0.020, 0.100  # s, as of a service that is given nothing else
+
+
+class Feed(Protocol):
+    """Source of a service's samples, and of the answers to them."""
+
+    answering: Answering
+
+    def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Samples:
+        """Return what is known of the finger at an instant; a bend of nan: nothing is."""
+
+
+class TrackedFinger:
+    """Poses of a finger and its path, for a tracker."""
+
+    def __init__(self, finger: PlacedFinger, answering: TrackerAnswers, corners: int = PATH_CORNERS) -> None:
+        self.answering: Answering = answering
+        self._finger = finger
+        self._poses = FingerPoses(1)
+        self._poses.paths, self._poses.bends = finger.corners(corners)[None], np.zeros(1)
+
+    def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> FingerPoses:
+        """Return the pose."""
+        poses = self._poses
+        poses.positions[0] = self._finger.point(bend)
+        poses.pose_ns[0] = now_ns
+        assert poses.bends is not None
+        poses.bends[0] = bend
+        return poses
+
+
+class ExactAnswers(TrackerAnswers):
+    """A tracker's contacts, with the position of contact as it truly is, known from the beginning."""
+
+    def __init__(self, tracker: Tracker, contact_bend: float) -> None:
+        super().__init__(tracker)
+        self._contact_bend = contact_bend
+
+    def answer(self, samples: FingerPoses, now_ns: int) -> np.ndarray:
+        """Tick, and tell the truth."""
+        contacts = super().answer(samples, now_ns)
+        contacts["contact_bend"], contacts["contact_bend_error"] = self._contact_bend, 0.0
+        return contacts
+
+
+class MeasuredFinger:
+    """Measurements of a sensor at a far end where a finger moves as this one does: teleoperation."""
+
+    def __init__(self, finger: PlacedFinger, latency: float) -> None:
+        self.answering: Answering = SensorAnswers(1, latency=latency)
+        self._finger = finger
+        self._measured = Measurements(1)
+
+    def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Measurements:
+        """Return the measurement."""
+        measured, finger = self._measured, self._finger
+        measured.pose_ns[0] = now_ns
+        measured.distances[0, 0] = np.nan
+        if not np.isfinite(bend):
+            return measured
+        point, record = finger.point(bend), measured.records[0]
+        hit = finger.scene.closest(point)
+        measured.distances[0, 0] = float(hit.signed_distance) - finger.glove.finger.pad_radius
+        record["measured_ns"], record["signed_distance"] = now_ns, measured.distances[0, 0]
+        record["position"], record["normal"] = point, hit.gradient
+        record["velocity"] = record["approach_speed"] = np.nan
+        record["bend"], record["bend_rate"] = bend, bend_rate
+        record["surface"], record["force"], record["force_is_valid"] = Surface.RIGID, force, True
+        return measured
+
+
+class SimulatedService:
+    """Ticks when it is asked to, and publishes."""
+
+    def __init__(self, feed: Feed, outlet: Outlet, period: float) -> None:
+        answering = feed.answering
+        self._feed, self._answering = feed, answering
+        self._sample_filter = SampleFilter(answering.new_samples(), round(NS_PER_S * STALE_AFTER))
+        self._frame_builder = FrameBuilder(
+            answering.count, answering.source, round(NS_PER_S * period), round(NS_PER_S * VALID_FOR)
+        )
+        self._publisher = Publisher(outlet, "simulation")
+        self._has_begun = False
+
+    def tick(self, now_ns: int, **known: Any) -> None:
+        """Make a frame of what is known now."""
+        sample_filter, frame_builder = self._sample_filter, self._frame_builder
+        if not self._has_begun:
+            sample_filter.start(now_ns)
+            self._has_begun = True
+        sample_filter.admit(self._feed.samples(now_ns, **known), now_ns)
+        sample_filter.expire(now_ns)
+        frame_builder.fill(self._answering.answer(sample_filter.kept, now_ns))
+        frame_builder.finish(now_ns, now_ns, 0, self._answering.epoch, 0)
+        self._publisher.publish(frame_builder.message)

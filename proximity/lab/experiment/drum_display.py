@@ -1,0 +1,188 @@
+"""Display of surfaces by the drum of a service's finger, simulated or moved by a motor.
+
+A thread steps the drums at a rate, as `proximity drum` does; `DrumDisplay.present` sets what the drum of one
+finger displays and waits. Between intervals, after an emergency stop, and beyond a limit the drum retracts.
+"""
+
+import math
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.settings import ControllerSettings
+from proximity.decaff.controller.surface_law import SurfaceLaw
+from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+from proximity.decaff.glove.default_bend import with_bend
+from proximity.decaff.glove.glove import Glove
+from proximity.decaff.motors.motor_drum import MotorDrum
+from proximity.decaff.simulated_drums.service_drums import SOFTER, DrumBench, FingerBench
+from proximity.errors import DecaffError
+from proximity.lab.experiment.coupled_controller import CoupledController
+from proximity.lab.experiment.design import Design
+from proximity.lab.experiment.display import FRAME, Interval, Presentation, interval_of, stopped_by_force
+from proximity.lab.simulation.simulated_press import Wall
+from proximity.message import Surface
+from proximity.message.contact import ContactFlag
+from proximity.system.time_units import NS_PER_MS, S_PER_NS
+from proximity.transport import Reading
+
+RELEASED_S = 0.4  # after which a touch is over
+TOUCHED_N = 0.1
+SIMULATED_WATCHDOG_NS = 200 * NS_PER_MS  # a simulated drum that a busy machine steps late hurts nobody
+SILENCE_S = 2.0  # beyond the longest interval, in which the drums must have ended it
+
+
+class DrumDisplay(DrumBench):
+    """The drums of a service, of which one displays surfaces."""
+
+    name = "drum"
+
+    def __init__(
+        self,
+        rate: float,
+        finger: int = 0,
+        gloves: Sequence[Glove | CalibratedGlove] | None = None,
+        motors: Sequence[MotorDrum] = (),
+    ) -> None:
+        super().__init__(rate, gloves, motors=motors)
+        self.name = "drum with a motor" if finger < len(motors) else "simulated drum"
+        self._shown_by = finger
+        self._interval: Interval | None = None
+        self._limits_of_interval = (0.0, 0.0)
+        self._is_over, self._why, self._is_new = threading.Event(), "", False
+        self._frames: list[tuple[float, float, float, float]] = []
+        self._began_ns = self._touched_ns = self._faults = 0
+        self._failure = self._stopped = ""  # why nothing moves any more
+        self._readings: deque[tuple[int, Reading]] = deque()  # by the instant of their sample
+
+    def check(self, design: Design) -> None:
+        """Refuse a design whose soft surfaces this drum would display softer than they are."""
+        law = SurfaceLaw(ControllerSettings(self._rate))
+        for task in design.tasks:
+            for condition in design.conditions:
+                if task.stiffness is None or condition.wall is not Wall.DECAFF:
+                    continue
+                level = max(*task.levels, task.catch_level)
+                asked = interval_of(task, condition, level)
+                stiffness = asked.stiffness or 0.0
+                k, b = law.displayed(stiffness, asked.damping)
+                if k < (1.0 - SOFTER) * stiffness or b < asked.damping:
+                    raise DecaffError(
+                        f"task {task.name}, condition {condition.name}: {stiffness:g} N/m with "
+                        f"{asked.damping:g} N s/m are asked for, but at {self._rate:g} Hz this drum displays "
+                        f"{k:.0f} N/m with {b:g} N s/m: expected a softer surface, or a higher --rate"
+                    )
+
+    def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
+        """Display an interval, until the finger has touched and left, or a limit is passed."""
+        self._frames, self._why = [], ""
+        self._limits_of_interval = (limit_force, limit_seconds)
+        self._is_over.clear()
+        self._is_new, self._interval = True, interval
+        if self._stopped:  # even if that was a moment ago
+            self._end(self._stopped)
+        is_over = self._is_over.wait(limit_seconds + SILENCE_S)
+        self._interval = None
+        if not is_over or self._failure:
+            why = self._failure or "no frames come from the service"
+            raise DecaffError(f"the drum of finger {self._shown_by} does not move: {why}")
+        return Presentation(np.array(self._frames, FRAME), self._why)
+
+    def stop(self, why: str) -> None:
+        """Retract, and display nothing any more: the emergency stop. Any thread may call it."""
+        self._stopped = why
+        self._end(why)
+
+    def _end(self, why: str) -> None:
+        """End the interval and retract."""
+        self._why, self._interval = why, None
+        for finger in self.fingers:
+            finger.controller.stop()
+        self._is_over.set()
+
+    def switch_off(self, why: str) -> None:
+        """Leave all motors without power, and end the interval."""
+        super().switch_off(why)
+        self._failure = why
+        self._is_over.set()
+
+    def step(self, reading: Reading, sample_ns: int) -> None:
+        """Run a sample of every finger; only the one that displays is believed to be there."""
+        interval = None if self._stopped else self._interval
+        if interval is not None and self.fingers and self._is_new:
+            self._begin(interval, sample_ns)
+        super().step(self._displayed(reading, sample_ns, interval), sample_ns)
+        if interval is not None and self.fingers and not self._is_new:
+            self._record(self.fingers[self._shown_by], reading, sample_ns)
+
+    def _begin(self, interval: Interval, sample_ns: int) -> None:
+        """Give the drum the controller of an interval."""
+        finger = self.fingers[self._shown_by]
+        self._is_new, self._began_ns, self._touched_ns, self._faults = False, sample_ns, 0, finger.faults
+        force = self._limits_of_interval[0]
+        watchdog_ns = Limits().watchdog_ns if finger.has_motor else SIMULATED_WATCHDOG_NS
+        limits = Limits(continuous_force=force, peak_force=force, watchdog_ns=watchdog_ns)
+        if interval.wall is Wall.COUPLED:
+            gain = interval.gain if interval.stiffness is None else interval.stiffness
+            finger.controller = CoupledController(
+                finger.path, self._rate, limits,
+                stiffness=gain, damping=interval.damping, latency=interval.latency,
+            )  # fmt: skip
+        else:
+            finger.controller = FingerController(finger.path, self._rate, limits=limits, cable=self._cable)
+
+    def _displayed(self, reading: Reading, sample_ns: int, interval: Interval | None) -> Reading:
+        """The reading that the drums are given: late, with the surface of the interval, or nothing."""
+        contacts = reading.contacts.copy()
+        header = None if reading.header is None else reading.header.copy()
+        self._readings.append((sample_ns, replace(reading, contacts=contacts, header=header)))
+        latency_ns = 0
+        if interval is not None and interval.wall is Wall.DECAFF:
+            latency_ns = round(interval.latency / S_PER_NS)
+        while len(self._readings) > 1 and self._readings[1][0] <= sample_ns - latency_ns:
+            self._readings.popleft()
+        late = self._readings[0][1]
+        contacts = late.contacts.copy()
+        is_shown = np.arange(len(contacts)) == self._shown_by
+        if interval is None or interval.wall is Wall.REAL:
+            is_shown[:] = False  # a real surface is there, or nothing
+        contacts["flags"][~is_shown] &= ~np.uint32(ContactFlag.TRACKED)
+        if interval is not None:
+            stiffness = interval.stiffness
+            if stiffness is None and interval.wall is Wall.COUPLED:
+                stiffness = interval.gain
+            contacts["surface"] = Surface.RIGID if stiffness is None else Surface.DEFORMABLE
+            contacts["stiffness"] = math.inf if stiffness is None else stiffness
+            contacts["damping"] = interval.damping
+        return replace(late, now_ns=reading.now_ns, contacts=contacts)
+
+    def _record(self, finger: FingerBench, reading: Reading, sample_ns: int) -> None:
+        """Write a frame, and end the interval where that is due."""
+        seconds, force = S_PER_NS * (sample_ns - self._began_ns), finger.plant.force
+        position, wall = math.nan, math.nan
+        if self._shown_by < len(reading.contacts):
+            contact = reading.contacts[self._shown_by]
+            if not math.isfinite(contact["bend"]):
+                contact = with_bend(contact, finger.path)
+            if math.isfinite(contact["contact_bend"]):
+                surface = finger.path.position(float(contact["contact_bend"]))
+                position = finger.path.position(float(contact["bend"])) - surface
+                wall = finger.plant.position - surface
+        self._frames.append((seconds, position, wall, force))
+        if force >= TOUCHED_N:
+            self._touched_ns = sample_ns
+        limit_force, limit_seconds = self._limits_of_interval
+        if not force <= limit_force and math.isfinite(force):
+            self._end(stopped_by_force(force, limit_force))
+        elif finger.faults > self._faults:
+            self._end("the drum's controller had a fault")
+        elif seconds >= limit_seconds or (
+            self._touched_ns and S_PER_NS * (sample_ns - self._touched_ns) >= RELEASED_S
+        ):
+            self._interval = None
+            self._is_over.set()

@@ -1,0 +1,147 @@
+"""Catalogue of all figures by name: FIG 5a to 5h of the paper, and those of this project.
+
+A figure is a table of numbers and what draws it; both are written beside each other.
+"""
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import DecaffError
+from proximity.lab.figures import (
+    arrival_plots,
+    cable_plots,
+    engine_plots,
+    error_plots,
+    figure_5_plots,
+    stability_plots,
+    style,
+)
+from proximity.lab.figures.tables import Table
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """A figure: where its numbers are from, and how they are drawn."""
+
+    title: str
+    stem: str  # of its files
+    numbers: Callable[..., Table]
+    draw: "Callable[..., None]"
+    size: tuple[float, float]  # inches
+    has_drum: bool = False  # both take the glove
+
+
+def _figure_5(name: str) -> Plate:
+    return Plate(
+        f"FIG {name}: {figure_5_plots.CAPTIONS[name]}",
+        f"figure-{name}",
+        partial(figure_5_plots.numbers, name),
+        figure_5_plots.drawer(name),
+        figure_5_plots.SIZE,
+    )
+
+
+PLATES = {
+    **{name: _figure_5(name) for name in figure_5_plots.CAPTIONS},
+    "5": Plate(
+        "FIG 5a to 5h on a page",
+        "figure-5",
+        figure_5_plots.all_numbers,
+        figure_5_plots.draw_all,
+        figure_5_plots.PAGE_SIZE,
+    ),
+    "stability": Plate(
+        "stability region of the sampled wall",
+        "stability",
+        stability_plots.numbers,
+        stability_plots.draw,
+        stability_plots.SIZE,
+    ),
+    "error-speed": Plate(
+        "force error against speed",
+        "error-speed",
+        error_plots.numbers_against_speed,
+        error_plots.draw_against_speed,
+        error_plots.SIZE,
+        has_drum=True,
+    ),
+    "error-latency": Plate(
+        "force error against latency",
+        "error-latency",
+        error_plots.numbers_against_latency,
+        error_plots.draw_against_latency,
+        error_plots.SIZE,
+        has_drum=True,
+    ),
+    "error-engine": Plate(
+        "force error with the engine in the loop, on the sample bracket",
+        "error-engine",
+        engine_plots.numbers,
+        engine_plots.draw,
+        engine_plots.SIZE,
+        has_drum=True,
+    ),
+    "cable": Plate(
+        "what the cable costs, over its stiffness",
+        "cable",
+        cable_plots.numbers,
+        cable_plots.draw,
+        cable_plots.SIZE,
+        has_drum=True,
+    ),
+    "drum-motion": Plate(
+        "how drums go to their place",
+        "drum-motion",
+        arrival_plots.motion_numbers,
+        arrival_plots.draw_motion,
+        arrival_plots.MOTION_SIZE,
+        has_drum=True,
+    ),
+    "arrival": Plate(
+        "look-ahead that a drum needs to arrive in time",
+        "arrival",
+        arrival_plots.numbers,
+        arrival_plots.draw,
+        arrival_plots.SIZE,
+        has_drum=True,
+    ),
+}
+"""Every figure by its name."""
+
+
+def chosen_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of figures that are asked for, each once: all where none is named."""
+    chosen = tuple(dict.fromkeys(names))
+    for name in chosen:
+        if name not in PLATES:
+            raise DecaffError(f"no figure {name!r}, expected some of {', '.join(PLATES)}")
+    return chosen or tuple(PLATES)
+
+
+def write_figure(
+    name: str, folder: str | os.PathLike[str], form: str = "png", glove: Glove | None = None
+) -> tuple[Path, Path]:
+    """Write a figure of a glove and its numbers, each at once and wholly; return both paths."""
+    (name,) = chosen_names([name])
+    plate, folder = PLATES[name], Path(folder)
+    style.check_format(form)
+    style.load_figure()
+    _make(folder)
+    worn = {"glove": glove or Glove()} if plate.has_drum else {}
+    table = plate.numbers(**worn)
+    drawn = style.render(partial(plate.draw, **worn), table, plate.size, form)
+    image, numbers = folder / f"{plate.stem}.{form}", folder / f"{plate.stem}.csv"
+    style.write_bytes(image, drawn)
+    style.write_table(numbers, table)
+    return image, numbers
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as failure:
+        raise DecaffError(f"{folder}: no folder can be made ({failure.strerror or failure})") from failure

@@ -1,0 +1,112 @@
+"""FIG 5a to 5h of the paper as arrays: one press on a real wall and on simulated ones.
+
+Every function takes instants in seconds and gives forces in newtons. The paper's own curves are not known,
+only what it says of them; the press is assumed (docs/science/drum.md).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.errors import DecaffError
+from proximity.lab.paper.reacting_operator import critical_gain, react
+from proximity.lab.paper.spring_damper import FINGER, SpringDamper, in_series
+from proximity.lab.paper.trajectories import Press
+from proximity.lab.paper.walls import Convention, RealWall, TraditionalWall
+
+PRESS = Press()
+DELAY = 0.040  # s, the paper's 25 Hz
+END = 0.520  # s, of the curves
+PENETRATION = PRESS.speed * DELAY  # m; more than a finger that slows down goes in that time
+PENETRATED = PRESS.deeper(PENETRATION)  # of the paper: "the xs+f data"
+SOFT = in_series(FINGER, SpringDamper(stiffness=200.0, damping=np.inf))  # 5g: 100 N/m
+LIGHTLY_DAMPED = in_series(FINGER, SpringDamper(stiffness=np.inf, damping=1.2))  # 5h: 1 N·s/m
+GAIN_SHARE = 1.5  # of the gain at which 5f becomes unstable; assumed: the paper gives none
+
+REAL_WALL = RealWall(FINGER)
+SIMULATED = {
+    "5b": TraditionalWall(FINGER, PENETRATION),
+    "5c": TraditionalWall(FINGER, PENETRATION, DELAY),
+    "5d": TraditionalWall(FINGER, delay=DELAY),
+    "5g": TraditionalWall(SOFT, PENETRATION, DELAY),
+    "5h": TraditionalWall(LIGHTLY_DAMPED, PENETRATION, DELAY),
+}
+
+
+def sample_times(step: float = 1e-5) -> np.ndarray:
+    """Return evenly spaced instants from 0 to `END`, (T,), s."""
+    return np.arange(round(END / step) + 1) * step
+
+
+def real_wall(times: np.ndarray, press: Press = PRESS, convention: str = Convention.NEWTON) -> np.ndarray:
+    """Return FIG 5a: the real wall."""
+    return REAL_WALL.force(times, press, convention)
+
+
+def simulated_wall(
+    figure: str, times: np.ndarray, press: Press = PRESS, convention: str = Convention.NEWTON
+) -> np.ndarray:
+    """Return FIG 5b (penetrated), 5c (and late), 5d (late only), 5g (soft) or 5h (lightly damped)."""
+    wall = SIMULATED.get(figure)
+    if wall is None:
+        raise DecaffError(
+            f"no simulated wall is shown in figure {figure!r}, expected one of {', '.join(SIMULATED)}"
+        )
+    return wall.force(times, press, convention)
+
+
+def operator_reacts(times: np.ndarray, *, gain: float | None = None, step: float = DELAY) -> np.ndarray:
+    """Return FIG 5f: the operator draws back, from where 5b is, by the force of a step ago; held between."""
+    gain = GAIN_SHARE * critical_gain(FINGER, step) if gain is None else gain
+    reaction = react(PENETRATED, FINGER, gain, step, end=float(np.max(times, initial=0.0)) + step)
+    felt = np.searchsorted(reaction.times, np.asarray(times), side="right") - 1
+    return np.where(felt >= 0, reaction.force[np.maximum(felt, 0)], 0.0)
+
+
+FIGURES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "5a": real_wall,
+    "5b": lambda times: simulated_wall("5b", times),
+    "5c": lambda times: simulated_wall("5c", times),
+    "5d": lambda times: simulated_wall("5d", times),
+    "5e": lambda times: simulated_wall("5b", times),  # the force experienced, drawn over 5a
+    "5f": operator_reacts,
+    "5g": lambda times: simulated_wall("5g", times),
+    "5h": lambda times: simulated_wall("5h", times),
+}
+"""Every curve of the figure by its name, as functions of instants; all else as in the paper or assumed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A simulated wall's force in numbers, beside the real wall's."""
+
+    peak: float  # N
+    peak_time: float  # s after the touch
+    steady: float  # N, when the finger begins to leave
+    end_time: float  # s, the last instant with a force
+    force_at_loss: float  # N, when the finger leaves the real wall
+    impulse_after_loss: float  # N·s, from then on
+    rms_error: float  # N, from the touch to `ERROR_WINDOW` after the loss
+
+
+ERROR_WINDOW = 0.080  # s
+
+
+def compare(times: np.ndarray, force: np.ndarray, real: np.ndarray, press: Press = PRESS) -> Comparison:
+    """Return what the paper's figure shows of a wall, in numbers."""
+    step = times[1] - times[0]
+    half = 0.5 * step  # an instant counts as the one it is nearest to
+    is_after = times > press.loss_time - half
+    is_judged = (times > press.touch_time - half) & (times < press.loss_time + ERROR_WINDOW + half)
+    felt = np.flatnonzero(force > 0.0)
+    peak = int(np.argmax(force))
+    return Comparison(
+        peak=float(force[peak]),
+        peak_time=float(times[peak] - press.touch_time),
+        steady=float(np.interp(press.release_time, times, force)),
+        end_time=float(times[felt[-1]]) if len(felt) else float("nan"),
+        force_at_loss=float(np.interp(press.loss_time, times, force)),
+        impulse_after_loss=float(np.trapezoid(force[is_after], dx=step)),
+        rms_error=float(np.sqrt(np.mean((force - real)[is_judged] ** 2))),
+    )

@@ -1,0 +1,146 @@
+"""One press on a CAD part: with the engine in the loop, with the ideal distance, and on the real surface."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.settings import ControllerSettings
+from proximity.decaff.controller.surface_law import SurfaceLaw
+from proximity.decaff.drum.servo import SERVO_RATE
+from proximity.lab.engine.engine_loop import press_on_part
+from proximity.lab.engine.engine_press import EnginePress
+from proximity.lab.engine.engine_setup import Distances, EngineSetup
+from proximity.lab.engine.finger_placement import place_finger
+from proximity.lab.engine.recorded_press import RecordedPress, recorded_hand
+from proximity.lab.figures import press_plots
+from proximity.lab.figures.tables import Table
+from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.metrics import drum_offset
+from proximity.lab.simulation.simulated_press import Felt, cable_words, felt
+from proximity.recording import Recording
+from proximity.scene.part import Part
+from proximity.scene.scene import Scene
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartSimulation:
+    """A press on a part, with the engine and with the ideal distance in the same loop."""
+
+    engine: EnginePress
+    ideal: EnginePress
+    speed: float | None  # m/s, of the approach; None: as it was recorded
+
+    @property
+    def felt(self) -> tuple[Felt, Felt, Felt]:
+        """Responses: with the engine, with the ideal distance, on the real wall."""
+        return felt(self.engine.response), felt(self.ideal.response), felt(self.engine.real)
+
+
+def simulate_on_part(
+    scene: Scene,
+    setup: EngineSetup,
+    *,
+    at: Sequence[float] | None = None,
+    speed: float = 0.1,
+    recording: Recording | None = None,
+) -> PartSimulation:
+    """Return a press on a part."""
+    hand = Hand()
+    if recording is not None:
+        finger, recorded = recorded_hand(scene, recording)
+        runs = [press_on_part(finger, recorded, each, hand) for each in (setup, setup.ideal)]
+        return PartSimulation(runs[0], runs[1], None)
+    finger, press = place_finger(scene, at), hand.press(speed)
+    runs = [press_on_part(finger, press, each, hand) for each in (setup, setup.ideal)]
+    return PartSimulation(runs[0], runs[1], speed)
+
+
+def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
+    """Return in words what was pressed on, by whom, and what informed the drum."""
+    press = simulation.engine
+    finger, setup, part = press.finger, press.setup, press.finger.scene.parts[press.finger.part]
+    surface = "rigid" if part.stiffness is None else f"{part.stiffness:g} N/m, {part.damping:g} N·s/m"
+    shown = _displayed(part, setup)
+    point = finger.point(finger.contact_bend) - finger.glove.finger.pad_radius * finger.normal
+    touched = ", ".join(f"{round(1e3 * coordinate, 2) + 0.0:.2f}" for coordinate in point.tolist())
+    reported = "a sensor at the far end" if setup.distances == Distances.SENSOR else "the tracker"
+    who = (
+        "controller" if setup.reading is None else f"{setup.reading.name.lower().replace('_', '-')} distances"
+    )
+    intent = press.response.press
+    comes = (
+        f"{intent.finger} of the recording"
+        if isinstance(intent, RecordedPress)
+        else f"{simulation.speed:g} m/s"
+    )
+    lines = [
+        ("part", f"{part.name}, {surface}, touched at ({touched}) mm, incidence {finger.incidence:.3f}"),
+        ("approach", comes),
+        ("reported by", f"{reported} at {setup.rate:g} Hz, {1e3 * setup.expected_latency:g} ms late"),
+        ("drum", f"{who}, servo at {SERVO_RATE:g} Hz"),
+        *([("displayed", shown)] if shown else []),
+        *([("cable", cable_words(setup.cable.stiffness, setup.stretch))] if setup.cable else []),
+        ("frames", str(press.counts)),
+        ("states", ", ".join(f"{state} {count / SERVO_RATE:.3f} s" for state, count in press.states.items())),
+    ]
+    fresh = 1e-9 * Limits().fresh_ns
+    if setup.reading is None and setup.expected_latency > fresh:
+        lines.append(
+            (
+                "no force",
+                f"no frame is younger than {1e3 * fresh:g} ms when it arrives: the controller does "
+                "not let the "
+                "drum come nearer on such old frames",
+            )
+        )
+    if math.isfinite(press.switched_at):
+        lines.append(("force", f"served from {1e3 * press.switched_at:.1f} ms after the touch on"))
+    return lines
+
+
+def _displayed(part: Part, setup: EngineSetup) -> str | None:
+    """What the controller displays of a part that is too stiff for it, in words; None of others."""
+    if setup.reading is not None or part.stiffness is None:
+        return None
+    stiffness, _ = SurfaceLaw(ControllerSettings(SERVO_RATE)).displayed(part.stiffness, part.damping or 0.0)
+    if stiffness >= part.stiffness:
+        return None
+    return f"{stiffness:.4g} N/m, the stiffest that is passive at {SERVO_RATE:g} Hz"
+
+
+def document(simulation: PartSimulation) -> dict[str, Any]:
+    """Return all that is reported of a press, as plain values in SI units."""
+    press = simulation.engine
+    finger, setup = press.finger, press.setup
+    names = ("engine", "ideal", "real")
+    return {
+        "part": finger.scene.parts[finger.part].name,
+        "place": {
+            "fingertip": finger.point(finger.contact_bend).tolist(),
+            "normal": finger.normal.tolist(),
+            "incidence": finger.incidence,
+            "contact_bend": finger.contact_bend,
+        },
+        "speed": simulation.speed,
+        "distances": str(setup.distances),
+        "rate": setup.rate,
+        "latency": setup.expected_latency,
+        "cable": None if setup.cable is None else setup.cable.stiffness,
+        "stretch": None if setup.cable is None else str(setup.stretch),
+        "reported_contact": press.reported_contact,
+        "reported_error": press.reported_error,
+        "drum_offset": drum_offset(press.response),
+        "switched_at": press.switched_at,
+        "states": {state: count / SERVO_RATE for state, count in press.states.items()},
+        "frames": {"received": press.counts.received, "lost": press.counts.lost},
+        "force_error": {"engine": asdict(press.error), "ideal": asdict(simulation.ideal.error)},
+        "felt": {name: asdict(each) for name, each in zip(names, simulation.felt, strict=True)},
+    }
+
+
+def numbers(simulation: PartSimulation) -> Table:
+    """Return the press every 0.1 ms, with the ideal distance and on the real wall beside it."""
+    engine, ideal = simulation.engine, simulation.ideal.response
+    return press_plots.curves(engine.response, engine.real, has_drum=True, ideal=ideal)

@@ -1,0 +1,92 @@
+"""Difference of a force from that of a real wall: as a whole, at its onset, at rest, and in work.
+
+A real wall's force begins with a step, c v. When that step is shifted by 0.1 ms, the error as a whole changes
+by 1.5 points at 0.25 m/s and by 5 points at 1 m/s; our own first analysis, of forces every 0.1 ms, has
+that spread.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.lab.simulation.closed_loop import real_wall
+from proximity.lab.simulation.response import Response
+
+ONSET_FORCE = 0.1  # N, from which on a finger feels a wall; assumed
+REST_TIME = 0.090  # s of the hold, that count as rest
+REST_END = 0.010  # s before the release, where they end
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """A press compared with the same press on a real wall."""
+
+    error: float  # rms of the difference of the forces over the rms of the real one, from contact on
+    onset: float  # s, by how much the force begins later
+    penetration: float  # m, how far what the pad presses on went past the wall, before the release
+    steady_error: float  # N, mean force at rest less the real one
+    ripple: float  # N, standard deviation of the force at rest
+    swing: float  # N, of the force at rest, from least to largest
+    peak: float  # N, largest force
+    peak_error: float  # N, that less the largest of the real one
+    work_error: float  # J, of the finger until the release, less the real one; negative: the wall feeds it
+
+
+def deviation(response: Response, reference: Response | None = None) -> Deviation:
+    """Return how a press differs from the same press on a real wall."""
+    real = reference or real_wall(response.hand, response.press, like=response)
+    before_release = response.times < response.press.release_time
+    is_rest = rest(response)
+    return Deviation(
+        force_error(response, real),
+        onset(response) - onset(real),
+        float(response.thimble[before_release].max()),
+        float(response.force[is_rest].mean() - real.force[is_rest].mean()),
+        float(response.force[is_rest].std()),
+        float(np.ptp(response.force[is_rest])),
+        float(response.force.max()),
+        float(response.force.max() - real.force.max()),
+        work(response) - work(real),
+    )
+
+
+def force_error(response: Response, reference: Response) -> float:
+    """Return the rms of the difference of two forces over the rms of the second, from contact on."""
+    force, real = response.force[response.zero :], reference.force[reference.zero :]
+    # Not by the norm of linalg, whose threads wait for each other.
+    return math.sqrt(float(np.square(force - real).sum() / np.square(real).sum()))
+
+
+def onset(response: Response, threshold: float = ONSET_FORCE) -> float:
+    """Return when the force is first felt after the contact, s; inf if it never is."""
+    is_felt = response.force[response.zero :] >= threshold
+    return float(np.argmax(is_felt)) * response.step if is_felt.any() else math.inf
+
+
+def rest(response: Response) -> np.ndarray:
+    """Return which instants count as rest, (N,) bool: the end of the hold."""
+    end = response.press.release_time - REST_END
+    return (response.times >= end - REST_TIME) & (response.times < end)
+
+
+def work(response: Response) -> float:
+    """Return the work that the finger does on pad and wall until the release, J."""
+    last = response.zero + round(response.press.release_time / response.step)
+    part = slice(response.zero, last + 1)
+    return float(np.trapezoid(response.force[part] * response.finger_speed[part], dx=response.step))
+
+
+def drum_offset(response: Response, wall_speed: float = 0.0) -> float:
+    """Return how far past the wall the drum is when the link meets it, m; nan if they never meet."""
+    met = np.flatnonzero(response.contact > 0.0)
+    if not len(met):
+        return math.nan
+    row = int(met[0])
+    return float(response.drum[row] - wall_speed * response.times[row])
+
+
+def drum_lag(response: Response) -> float:
+    """Return where the drum is when the link meets it or reaches the wall, m past the wall: 0 is in time."""
+    arrived = np.flatnonzero((response.contact > 0.0) | (response.link >= 0.0))
+    return float(response.drum[arrived[0]]) if len(arrived) else math.nan

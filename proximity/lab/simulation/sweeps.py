@@ -1,0 +1,165 @@
+"""Sweeps of presses: walls against speed, latency, rate and drum (docs/science/drum.md).
+
+A coupled wall is given the best stiffness and damping of a grid for its rate and latency: the most favourable
+tuning there is, one for all speeds.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from proximity.decaff.drum.drum_model import Drum
+from proximity.decaff.drum.servo import servo_for
+from proximity.decaff.glove.default_bend import CONTACT_BEND
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import DecaffError
+from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall
+from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Decaff, Link
+from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.metrics import Deviation, deviation, force_error
+from proximity.lab.simulation.response import Response
+from proximity.lab.simulation.target_policies import Controller, Holding, Target
+from proximity.lab.simulation.tip_cable import TipCable
+
+SPEEDS = (0.1, 0.25, 0.5, 1.0)  # m/s
+# N/m: six to a decade, from softer than the hand to stiffer than any sampled wall here can be.
+STIFFNESSES = tuple(50.0 * 10.0 ** (k / 6.0) for k in range(16))
+# Damping over stiffness, in units of latency and period together; assumed.
+DAMPING_RATIOS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.5, 3.0)
+TUNING_STEP = 2e-5  # s, of the simulation
+HOPELESS = 3.0  # an error from which on a stiffer wall is not tried
+SENSOR_SMOOTHING = 10.0  # Hz, of the force that is measured, not taken from the motor's torque
+CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, between which one is looked for
+HALVINGS = 14  # of that, in its logarithm: to a thousandth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Row:
+    """One wall at several speeds."""
+
+    wall: CoupledWall | Decaff
+    speeds: tuple[float, ...]  # m/s
+    deviations: tuple[Deviation, ...]  # one a speed
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Force errors, one a speed."""
+        return np.array([one.error for one in self.deviations])
+
+
+def best_coupled_wall(
+    hand: Hand,
+    rate: float,
+    latency: float,
+    *,
+    device: Link = COUPLED_DEVICE,
+    speeds: Sequence[float] = SPEEDS,
+) -> CoupledWall:
+    """Return the wall of the grid whose force errors, averaged over the speeds, are least."""
+    presses = [hand.press(speed) for speed in speeds]
+    references: list[Response] = []
+    best, best_error = CoupledWall(0.0, 0.0, rate, latency), np.inf
+    for ratio in DAMPING_RATIOS:
+        for stiffness in STIFFNESSES:
+            damping = ratio * stiffness * (latency + 1.0 / rate)
+            wall = CoupledWall(stiffness, damping, rate, latency)
+            responses = [
+                coupled_wall(hand, press, wall, device=device, step=TUNING_STEP) for press in presses
+            ]
+            references = references or [real_wall(hand, one.press, like=one) for one in responses]
+            errors = [force_error(one, real) for one, real in zip(responses, references, strict=True)]
+            if np.mean(errors) < best_error:
+                best, best_error = wall, float(np.mean(errors))
+            if errors[0] > HOPELESS:
+                break
+    return best
+
+
+def coupled_row(
+    hand: Hand, wall: CoupledWall, *, device: Link = COUPLED_DEVICE, speeds: Sequence[float] = SPEEDS
+) -> Row:
+    """Return how far a coupled wall is from a real one at several speeds."""
+    deviations = (deviation(coupled_wall(hand, hand.press(speed), wall, device=device)) for speed in speeds)
+    return Row(wall, tuple(speeds), tuple(deviations))
+
+
+def drum_row(
+    hand: Hand,
+    glove: Decaff,
+    target: Target | Controller = Target.TIME_STAMPED,
+    *,
+    speeds: Sequence[float] = SPEEDS,
+) -> Row:
+    """Return how far a drum is from a real wall at several speeds."""
+    deviations = (deviation(decaff(hand, hand.press(speed), glove, target)) for speed in speeds)
+    return Row(glove, tuple(speeds), tuple(deviations))
+
+
+def with_latency(glove: Decaff, latency: float, rate: float | None = None) -> Decaff:
+    """Return the same glove, reported later."""
+    sensing = replace(glove.sensing, latency=latency, rate=rate or glove.sensing.rate)
+    return replace(glove, sensing=sensing)
+
+
+def with_drum(glove: Decaff, drum: Drum, rate: float) -> Decaff:
+    """Return the same glove with another drum, and the servo that suits it."""
+    return replace(glove, drum=drum, servo=servo_for(drum, rate))
+
+
+class Stretch(StrEnum):
+    """Ways to make up for the stretch of the cable while the finger is on the drum."""
+
+    LEFT = "left"
+    """None: the finger sinks in."""
+    TORQUE = "torque"
+    """By the motor's torque, smoothed: slowly, since the torque moves the drum as well."""
+    SENSOR = "sensor"
+    """By a force sensor between link and drum."""
+
+    @property
+    def words(self) -> str:
+        """What becomes of the stretch, in words."""
+        return {
+            "left": "its stretch left",
+            "torque": "its stretch made up for by the motor's torque",
+            "sensor": "its stretch made up for by a force sensor",
+        }[self]
+
+
+def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch.LEFT) -> Decaff:
+    """Return the same glove with a cable, and the counts of its potentiometer."""
+    resolution = float(Glove().resolution(CONTACT_BEND))
+    has_sensor = stretch == Stretch.SENSOR
+    return replace(
+        glove,
+        sensing=replace(glove.sensing, resolution=resolution),
+        holding=replace(
+            glove.holding,
+            compliance=0.0 if stretch == Stretch.LEFT else 1.0 / cable.stiffness,
+            smoothing=SENSOR_SMOOTHING if has_sensor else Holding().smoothing,
+            has_force_sensor=has_sensor,
+        ),
+        cable=cable,
+    )
+
+
+def needed_cable(hand: Hand, glove: Decaff, speed: float, error: float, stretch: Stretch) -> float:
+    """Return the stiffness of the cable at the fingertip with which a force error is reached, N/m."""
+    usual, press = TipCable.of(Glove()), hand.press(speed)
+
+    def is_enough(stiffness: float) -> bool:
+        cable = replace(usual, stiffness=stiffness)
+        return deviation(decaff(hand, press, with_transmission(glove, cable, stretch))).error <= error
+
+    soft, stiff = CABLE_STIFFNESSES
+    if not is_enough(stiff):
+        raise DecaffError(
+            f"no cable up to {stiff:g} N/m keeps the force error at {speed:g} m/s to {error:.3g}"
+        )
+    for _ in range(HALVINGS):
+        middle = math.sqrt(soft * stiff)
+        soft, stiff = (soft, middle) if is_enough(middle) else (middle, stiff)
+    return stiff

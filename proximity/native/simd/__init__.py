@@ -1,0 +1,114 @@
+"""Eight-lane vectors for numba: a kernel reads like its formula and runs as vector instructions.
+
+Three types: ``f32x8``, ``f64x8`` and ``mask8``. They live in registers only: a kernel loads them from
+one-dimensional arrays, works on them with ``+ - * /``, comparisons, ``& | ~`` and the functions below,
+and takes lanes or bits out of them. LLVM maps them to AVX-512, AVX2, SSE or NEON. Most functions take
+plain floats as well, so that one formula serves eight triangles or one.
+
+Every operation rounds once, as written: nothing is contracted or reordered; a fused multiply-add is
+asked for by name (`fma`). NaN makes every comparison false.
+
+Under ``NUMBA_DISABLE_JIT=1`` the same names work on NumPy arrays of eight, so that a kernel can be stepped
+through. There `fma` multiplies and adds exactly, too.
+"""
+
+from proximity.native import IS_JIT
+from proximity.native.simd.lanes import LANES
+
+if IS_JIT:
+    from proximity.native.simd.compiled import (
+        absolute,
+        add_rows,
+        bits,
+        compress,
+        count_bits,
+        fma,
+        halves_swapped,
+        horizontal_min,
+        lane,
+        lane_minima,
+        lane_sums,
+        like,
+        load,
+        load_each,
+        load_int,
+        load_rows,
+        lowest_lane,
+        maximum,
+        minimum,
+        narrow,
+        nearest_lane,
+        prefetch,
+        select,
+        splat,
+        splat32,
+        square_root,
+        store,
+        trailing_zeros,
+        widen,
+    )
+else:  # on NumPy arrays of eight
+    from proximity.native.simd.interpreted import (
+        absolute,
+        add_rows,
+        bits,
+        compress,
+        count_bits,
+        fma,
+        halves_swapped,
+        horizontal_min,
+        lane,
+        lane_minima,
+        lane_sums,
+        like,
+        load,
+        load_each,
+        load_int,
+        load_rows,
+        lowest_lane,
+        maximum,
+        minimum,
+        narrow,
+        nearest_lane,
+        prefetch,
+        select,
+        splat,
+        splat32,
+        square_root,
+        store,
+        trailing_zeros,
+        widen,
+    )
+
+__all__ = [
+    "LANES",
+    "absolute",
+    "add_rows",
+    "bits",
+    "compress",
+    "count_bits",
+    "fma",
+    "halves_swapped",
+    "horizontal_min",
+    "lane",
+    "lane_minima",
+    "lane_sums",
+    "like",
+    "load",
+    "load_each",
+    "load_int",
+    "load_rows",
+    "lowest_lane",
+    "maximum",
+    "minimum",
+    "narrow",
+    "nearest_lane",
+    "prefetch",
+    "select",
+    "splat",
+    "splat32",
+    "square_root",
+    "store",
+    "trailing_zeros",
+    "widen",
+]

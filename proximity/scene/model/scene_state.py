@@ -1,0 +1,326 @@
+"""The models of one scene as its parts move: readers keep theirs while the next is written.
+
+A `SceneState` keeps what is true now. When a model is asked for, the rows, boxes and dynamic nodes that have
+changed since are written to a copy that no living model uses, and that copy becomes the model. The static
+tree is copied, and thinned out, when a part moves for the first time or is hidden; it is made anew only when
+a part that stands still is shown, or one leaves the scene's frame.
+"""
+
+import weakref
+from typing import Any
+
+import numpy as np
+
+from proximity.kernels import layout
+from proximity.kernels.contact_columns import SURFACE_DEFORMABLE, SURFACE_RIGID
+from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.scene.dynamic_tree import SORT_STEPS, DynamicParts, bring_up_to_date
+from proximity.kernels.scene.placement import first_unfit, move_parts, update_box
+from proximity.mesh.bvh import LARGEST_COORDINATE, LocalFrame
+from proximity.native import packed
+from proximity.pose import ORTHONORMAL_TOLERANCE, ROUNDING, Pose
+from proximity.scene.model.assembly import NEVER, Model, finished
+from proximity.scene.model.part_trees import (
+    REGION_COPIES,
+    SMALLEST_REACH,
+    STATIC_COPIES,
+    PartTreesPlan,
+    choose_frame,
+    dynamic_rows,
+    static_tree,
+    thin_static,
+    write_static,
+)
+
+FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
+"""m; farther off, sums of coordinates could leave what can be computed with."""
+FASTEST_MOVE = 1e9
+"""m/s, three times light, or rad/s: squares of more, over some time, could leave it too."""
+EXACT_ENOUGH = 2.0 * ROUNDING
+"""Error of a rotation up to which it is taken as it is: that of a `Pose` always, in whatever order summed."""
+UPDATES_BEFORE_SHRINKING = 1000
+"""A part that went far away and came back leaves a frame that is too large; a new one costs a new tree, which
+is not to be paid at every tick of a part that goes to and fro."""
+
+
+def write_motion(frame: np.ndarray, velocity: np.ndarray, angular_velocity: np.ndarray) -> None:
+    """Write into a part's row of frames how it moves.
+
+    *frame*: (FRAME_COLUMNS,); *velocity*, *angular_velocity*: (3,).
+    """
+    frame[_VELOCITY], frame[_ANGULAR_VELOCITY] = velocity, angular_velocity
+
+
+def write_surface(frame: np.ndarray, stiffness: float | None, damping: float) -> None:
+    """Write into a part's row of frames how it answers a touch.
+
+    *frame*: (FRAME_COLUMNS,).
+    """
+    frame[layout.FRAME_SURFACE] = SURFACE_RIGID if stiffness is None else SURFACE_DEFORMABLE
+    frame[layout.FRAME_STIFFNESS], frame[layout.FRAME_DAMPING] = stiffness or 0.0, damping
+
+
+# What is to be done about the static tree.
+_RIGHT = 0
+_THINNER = 1
+_NEW = 2
+_VELOCITY = slice(layout.FRAME_VELOCITY, layout.FRAME_VELOCITY + 3)
+_ANGULAR_VELOCITY = slice(layout.FRAME_ANGULAR_VELOCITY, layout.FRAME_ANGULAR_VELOCITY + 3)
+
+
+class _Copy:
+    """Moving state at some version: rows of a model's tables, and a region of its words."""
+
+    __slots__ = ("frames", "owner", "packed", "parts", "region", "static", "version")
+
+    def __init__(self, model: Model, frames: np.ndarray, parts: np.ndarray, region: int) -> None:
+        self.frames, self.parts, self.region = frames, parts, region
+        self.packed = packed(ModelArrays(model.reals, model.words, frames, parts))
+        self.version = NEVER
+        self.static = 0
+        self.owner: weakref.ref[Model] | None = None
+
+    @property
+    def is_free(self) -> bool:
+        """Whether no living model uses it."""
+        return self.owner is None or self.owner() is None
+
+
+class SceneState:
+    """The present poses of a scene's parts, and the models made of them.
+
+    Not for several threads at once: the scene has a lock. A model, once made, may be asked by any of them.
+    """
+
+    current: Model | None  # None while something has changed that no model shows yet
+    latest: Model  # the current one, or what that was before something changed
+    changes: int  # how often something has changed
+    versions: np.ndarray  # (P + 1,) int64, what *changes* was when the row changed last
+    _sort_steps: int  # at most, until the order along the curve is made anew
+    _is_whole: bool  # False while something is being changed, and for good if that was interrupted
+
+    def __init__(self, model: Model) -> None:
+        self.current = self.latest = model
+        self.epoch = model.epoch
+        self.frames, self.parts = model.frames.copy(), model.parts.copy()
+        self.changes = 0
+        count = len(self.parts) - 1
+        self.versions = np.zeros(count + 1, np.int64)
+        self._plan = PartTreesPlan.of(self.parts)
+        self._boxes, self._boxes_version = np.empty((count, 6), np.float32), NEVER
+        self._list_dynamic()
+        # A model out of a file may be any copy; one that is made is the first.
+        number, self._static = self._plan.copies_of(self.parts)
+        self._copies = [self._new_copy(k) for k in range(number)]
+        own = _Copy(model, model.frames, model.parts, self._plan.region(number))
+        own.owner, own.version, own.static = weakref.ref(model), 0, self._static
+        self._copies.append(own)
+        self._tree = _RIGHT
+        self._updates = 0
+        self._is_whole = True
+
+    # --- what changes ------------------------------------------------------------------------------------
+
+    def move(
+        self, rows: np.ndarray, matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray
+    ) -> None:
+        """Put parts elsewhere; a part whose pose stays gets its velocities only.
+
+        *matrices*: (K, 4, 4); *velocities*, *angular_velocities*: (K, 3).
+        """
+        self._begin()
+        freed = move_parts(
+            self.frames, self.parts, self.versions, self.changes, rows, matrices, velocities,
+            angular_velocities, EXACT_ENOUGH,
+        )  # fmt: skip
+        if freed:
+            self._need(_THINNER)
+        self._is_whole = True
+
+    def set_surface(self, row: int, stiffness: float | None, damping: float) -> None:
+        """Say how a part answers a touch."""
+        self._begin(row)
+        write_surface(self.frames[row], stiffness, damping)
+        self._is_whole = True
+
+    def set_hidden(self, row: int, is_hidden: bool) -> bool:
+        """Hide or show a part; whether that is a change."""
+        if self.parts[row, layout.PART_IS_HIDDEN] == is_hidden:
+            return False
+        self._begin(row)
+        self.epoch += 1
+        self.parts[row, layout.PART_IS_HIDDEN] = is_hidden
+        if not self.parts[row, layout.PART_IS_DYNAMIC]:
+            self._need(_THINNER if is_hidden else _NEW)
+        self._is_whole = True
+        return True
+
+    def writable_model(self) -> Model:
+        """Return a model of the present state itself, to change a part's shape in."""
+        latest = self.latest
+        return finished(latest.reals, latest.words, self.frames, self.parts, self.epoch, latest.names)
+
+    def reshape(self, row: int) -> None:
+        """Take notice that the shape of a part has changed; from now on it stands by itself."""
+        self._begin(row)
+        self.epoch += 1
+        update_box(self.frames, self.parts, row)
+        if not self.parts[row, layout.PART_IS_DYNAMIC]:
+            self.parts[row, layout.PART_IS_DYNAMIC], self.parts[row, layout.PART_IS_FUSED] = 1, 0
+            self._need(_THINNER)
+        self._is_whole = True
+
+    @property
+    def dynamic_rows(self) -> list[int]:
+        """Rows of the parts that have moved by themselves."""
+        return [int(row) for row in dynamic_rows(self.parts)]
+
+    def values(self, row: int) -> dict[str, Any]:
+        """Return what is true of a part now, by names of fields."""
+        frame = self.frames[row]
+        velocity, angular_velocity = frame[_VELOCITY].copy(), frame[_ANGULAR_VELOCITY].copy()
+        velocity.flags.writeable = angular_velocity.flags.writeable = False
+        is_rigid = frame[layout.FRAME_SURFACE] == SURFACE_RIGID
+        return {
+            "pose": Pose.known(
+                frame[layout.FRAME_ROTATION : layout.FRAME_ROTATION + 9].reshape(3, 3),
+                frame[layout.FRAME_TRANSLATION_XYZ],
+            ),
+            "velocity": velocity,
+            "angular_velocity": angular_velocity,
+            "is_hidden": bool(self.parts[row, layout.PART_IS_HIDDEN]),
+            "stiffness": None if is_rigid else float(frame[layout.FRAME_STIFFNESS]),
+            "damping": float(frame[layout.FRAME_DAMPING]),
+        }
+
+    def _need(self, tree: int) -> None:
+        if self._plan.part_count > 1:
+            self._tree = max(self._tree, tree)
+
+    def _begin(self, row: int | None = None) -> None:
+        """Begin to change something, of that row; until `_is_whole` is set again, what follows may not fit.
+
+        A signal may come between any two steps, and its handler may raise: Ctrl-C does.
+        """
+        if not self._is_whole:
+            self._start_over()
+        self._is_whole = False
+        self.current = None
+        self.changes += 1
+        if row is not None:
+            self.versions[row] = self.changes
+
+    def _start_over(self) -> None:
+        """Have all that follows from the rows made anew, after somebody was interrupted at work."""
+        self.current = None
+        self.changes += 1
+        self.versions[:] = self.changes
+        self.epoch += 1
+        for row in range(len(self.parts) - 1):
+            update_box(self.frames, self.parts, row)
+        self._boxes_version = NEVER
+        for copy in self._copies:
+            copy.version = NEVER
+        self._list_dynamic()
+        self._need(_NEW)
+
+    # --- models ------------------------------------------------------------------------------------------
+
+    def update(self) -> Model | None:
+        """Return a model of what is true now; None where no copy is left, or no space, to write it to."""
+        if not self._is_whole:
+            self._start_over()
+        self._is_whole = False
+        model = self._updated()
+        self._is_whole = True
+        return model
+
+    def _updated(self) -> Model | None:
+        copy = self._free_copy()
+        if copy is None or (self._tree != _RIGHT and not self._mend_tree()):
+            return None
+        reach = self._write(copy)
+        if reach > 1.0:
+            # Some part has left the scene's frame.
+            self._need(_NEW)
+            if not self._mend_tree():
+                return None
+            reach = self._write(copy)
+        self._updates += 1
+        if reach < SMALLEST_REACH and self._updates > UPDATES_BEFORE_SHRINKING:
+            self._need(_NEW)
+        latest = self.latest
+        model = Model(
+            latest.reals, latest.words, copy.frames, copy.parts, copy.packed, self.epoch, latest.names
+        )
+        copy.owner = weakref.ref(model)
+        self.latest = self.current = model
+        return model
+
+    def _free_copy(self) -> _Copy | None:
+        for copy in self._copies:
+            if copy.is_free:
+                return copy
+        if len(self._copies) == REGION_COPIES:
+            return None
+        self._copies.append(self._new_copy(len(self._copies)))
+        return self._copies[-1]
+
+    def _new_copy(self, number: int) -> _Copy:
+        region = self._plan.region(number)
+        return _Copy(self.latest, np.empty_like(self.frames), np.empty_like(self.parts), region)
+
+    def _write(self, copy: _Copy) -> float:
+        reach = bring_up_to_date(
+            self.latest.words, self.frames, self.parts, self.versions, self._boxes_version, self._boxes,
+            self._dynamic, self._sort_steps, copy.region, copy.version, copy.frames, copy.parts,
+        )  # fmt: skip
+        if reach <= 1.0:
+            copy.version, copy.static = self.changes, self._static
+            self._boxes_version = self.changes
+            self._sort_steps = SORT_STEPS * self._dynamic_count
+        return float(reach)
+
+    def _mend_tree(self) -> bool:
+        """Make the static tree what it should be, beside those in use; False where there is no space."""
+        in_use = {copy.static for copy in self._copies if not copy.is_free}
+        unused = [static for static in range(STATIC_COPIES) if static not in in_use]
+        if not unused:
+            return False
+        if self._tree == _THINNER:
+            thin_static(self.latest.words, self.parts, unused[0])
+        elif not self._make_tree(unused[0]):
+            return False
+        self._static, self._tree = unused[0], _RIGHT
+        self._list_dynamic()
+        return True
+
+    def _make_tree(self, static: int) -> bool:
+        choose_frame(self.frames, self.parts, LocalFrame.read(self.frames[-1]))
+        words, first = self.latest.words, self._plan.static_node(static)
+        nodes, entries = static_tree(words, self.frames, self.parts, first)
+        if not write_static(words, self.parts, static, nodes, entries):
+            return False
+        self._boxes_version = NEVER
+        for copy in self._copies:
+            copy.version = NEVER
+        self._updates = 0
+        return True
+
+    def _list_dynamic(self) -> None:
+        rows = dynamic_rows(self.parts)
+        self._dynamic_count = len(rows)
+        self._dynamic = packed(DynamicParts(rows, np.arange(len(rows)), np.empty(len(rows), np.int64)))
+        self._sort_steps = len(rows) ** 2
+
+
+def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray) -> int:
+    """Return the first row of a move that is no rigid transform, or goes too far or too fast; -1 if none.
+
+    *matrices*: (K, 4, 4); *velocities*, *angular_velocities*: (K, 3).
+    """
+    return int(
+        first_unfit(
+            matrices, velocities, angular_velocities, ORTHONORMAL_TOLERANCE, FARTHEST_MOVE, FASTEST_MOVE
+        )
+    )

@@ -1,0 +1,66 @@
+"""What docs/science/paper.md says of the paper's claims is what the models say today."""
+
+from functools import partial
+
+import pytest
+from pages import PAGES
+
+from proximity.decaff.drum.servo import SIMULATION_STEP, steps_a_sample
+from proximity.lab import claims
+from proximity.lab.simulation import closed_loop
+
+
+@pytest.fixture(scope="module")
+def found():
+    return claims.claims()
+
+
+def test_page_has_every_claim_with_its_figures(found):
+    """Run ``python -m proximity.lab.claims`` for what belongs there."""
+    assert claims.markdown(found) in PAGES["science/paper.md"]
+
+
+@pytest.mark.parametrize(
+    ("words", "figures"),
+    [
+        ("stiffest wall", ("4045.1", "59.46", "0.9937")),  # reference value
+        ("largest damping", ("116.0",)),  # reference value
+        ("Love and Book", ("17.44", "100.00")),  # reference value
+        ("too high by k_f x_s", ("0.8 N",)),  # reference value
+        ("square of x_s", ("11 mm", "6.000", "6.583")),  # reference value
+        ("keeps a force", ("40.00 ms",)),  # reference value
+        ("speed times delay", ("4.00", "3.25")),  # reference value
+        ("prolongs the force", ("77.2",)),  # reference value
+        ("operator who draws back", ("0.0192", "1.905")),  # reference value
+        ("soft wall", ("0.5,",)),  # reference value
+        ("lightly damped", ("27.4", "20.6")),  # reference value
+        ("exactly the force", ("15.2%", "51:1")),  # 15.3 in the reference, of a device 2 % heavier
+        ("with cable", ("1212 N/m",)),  # reference value
+    ],
+)
+def test_claim_has_the_figures_of_the_paper_worked_through(found, words, figures):
+    (claim,) = [one for one in found if words in one.paper]
+    for figure in figures:
+        assert figure in claim.here
+
+
+def test_every_claim_says_whether_it_holds(found):
+    assert len(found) == 17
+    assert {one.holds for one in found} <= {claims.YES, claims.PARTLY, claims.NO}
+    assert all(one.holds == claims.YES or len(one.here) > 40 for one in found)
+
+
+def test_digits_of_simulated_claims_are_those_that_a_finer_step_gives(found, monkeypatch):
+    """With steps of half the length every figure is printed as it was."""
+    simulated = ("exactly the force", "with cable", "greatly reduces", "too high by k_f x_s", "transparent")
+    before = [one.here for one in found if any(words in one.paper for words in simulated)]
+
+    def twice_the_steps(rate, step=SIMULATION_STEP):
+        return steps_a_sample(rate, 0.5 * step)
+
+    monkeypatch.setattr(closed_loop, "steps_a_sample", twice_the_steps)
+    fine_drum = partial(closed_loop.ideal_drum, step=0.5 * SIMULATION_STEP)
+    monkeypatch.setattr(claims, "ideal_drum", fine_drum)
+    after = [one.here for one in claims.claims() if any(words in one.paper for words in simulated)]
+
+    assert len(before) == 5 and after == before
