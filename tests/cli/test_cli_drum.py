@@ -16,9 +16,9 @@ from sealed_frames import frame
 from simulated_motors import ODriveMotor
 
 from proximity import cli
-from proximity.cli import drum_loop
-from proximity.cli.views import screen
-from proximity.cli.views.drum_log import DrumLog
+from proximity.cli import tables
+from proximity.cli.device import drum_loop
+from proximity.cli.device.drum_loop import DrumLog
 from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller_states import DrumState
 from proximity.decaff.drum.drum_command import DriveMode
@@ -26,7 +26,7 @@ from proximity.decaff.drum.drum_model import Motor
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.glove.glove_set import read_glove
 from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.message import CONTACT, ContactFlag, Mode, State, Surface
 from proximity.transport import Counts, Reading, open_publisher
 
@@ -172,7 +172,7 @@ def test_untracked_finger_stays_where_it_was():
 
 
 def test_pipe_gets_plain_lines(run, service, monkeypatch):
-    monkeypatch.setattr(screen, "LINE_EVERY_S", 0.2)
+    monkeypatch.setattr(tables, "LINE_EVERY_S", 0.2)
     result = run(ADDRESS, "--limit", 0.8, "--rate", 200)
 
     lines = result.out.splitlines()
@@ -350,7 +350,7 @@ def test_doubts_are_said_on_stderr(run):
 
 @pytest.mark.parametrize(
     ("failure", "ending"),
-    [(ZeroDivisionError("of a drum"), ZeroDivisionError), (DecaffError("of a drum"), SystemExit)],
+    [(ZeroDivisionError("of a drum"), ZeroDivisionError), (ArgumentError("of a drum"), SystemExit)],
 )
 def test_drums_that_fail_end_the_command_with_their_motors_off(service, monkeypatch, failure, ending):
     """The table went on showing the last state, and the exit code was 0."""

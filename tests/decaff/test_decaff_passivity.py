@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from proximity.decaff.controller import passivity
 from proximity.decaff.drum import sampled_mass, unit_circle
 from proximity.decaff.drum.sampled_mass import SampledMass
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.stability import sampled_energy, sampled_laws
 
 # ----------------------------------------------------------------------------------------------- passivity
@@ -104,13 +104,13 @@ def test_largest_passive_stiffness_needs_just_the_damping(own, damping, delay_sa
 
 
 def test_walls_that_are_none_are_refused():
-    with pytest.raises(DecaffError, match="damping is nan, expected a number of newton seconds a metre"):
+    with pytest.raises(ArgumentError, match="damping is nan, expected a number of newton seconds a metre"):
         passivity.required_damping(1.0, math.nan, 0.001)
     with pytest.raises(
-        DecaffError, match=r"stiffness is -1\.0, expected a number of newtons a metre of 0 or more"
+        ArgumentError, match=r"stiffness is -1\.0, expected a number of newtons a metre of 0 or more"
     ):
         passivity.required_damping(-1.0, 1.0, 0.001)
-    with pytest.raises(DecaffError, match="damping is -inf, expected a number of newton seconds a metre"):
+    with pytest.raises(ArgumentError, match="damping is -inf, expected a number of newton seconds a metre"):
         passivity.sufficient_damping(1.0, -math.inf, 0.001)
 
 
@@ -160,9 +160,9 @@ def test_predictors_error_is_of_second_order():
 
 
 def test_bounces_that_are_none_are_refused():
-    with pytest.raises(DecaffError, match=r"phase_step is 0\.0, expected a positive number of radians"):
+    with pytest.raises(ArgumentError, match=r"phase_step is 0\.0, expected a positive number of radians"):
         sampled_energy.bounce_energy_ratios(0.0)
-    with pytest.raises(DecaffError, match="entry_count is 0, expected a whole number of 1 or more"):
+    with pytest.raises(ArgumentError, match="entry_count is 0, expected a whole number of 1 or more"):
         sampled_energy.bounce_energy_ratios(0.1, entry_count=0)
 
 
@@ -179,5 +179,5 @@ def test_braking_pulse_stops_the_mass_in_one_period():
     assert pulse == pytest.approx([28.0, 0.0, 100.0])
     assert 0.2 - pulse[0] / mass * period == pytest.approx(0.0, abs=1e-15)
     assert sampled_laws.braking_pulse(mass, 1e3, period) == pytest.approx(140_000.0)
-    with pytest.raises(DecaffError, match="force_limit is -1, expected a number of newtons of 0 or more"):
+    with pytest.raises(ArgumentError, match="force_limit is -1, expected a number of newtons of 0 or more"):
         sampled_laws.braking_pulse(mass, 0.2, period, -1)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from certificates import TICKS, ball_subject, case, certificate, found, loop
 
-from proximity import DecaffError, ServiceError
+from proximity import ArgumentError, ServiceError
+from proximity.errors import MissingLibraryError
 from proximity.lab.certificate import measurement, wording
 from proximity.lab.certificate.certification import MachineVerdict, check_request, judge, load_of_times
 from proximity.lab.certificate.deadlines import PERIODS, Period
@@ -236,15 +237,17 @@ def test_page_and_numbers_are_written_beside_each_other(told, tmp_path):
 
 def test_numbers_are_written_even_without_matplotlib_or_jinja(told, tmp_path, monkeypatch):
     def missing():
-        raise DecaffError('figures need matplotlib, which is not installed: pip install "cad-proximity[sim]"')
+        raise ArgumentError(
+            'figures need matplotlib, which is not installed: pip install "cad-proximity[sim]"'
+        )
 
     monkeypatch.setattr(style, "load_figure", missing)
-    with pytest.raises(DecaffError, match=r'pip install "cad-proximity\[sim\]"$'):
+    with pytest.raises(ArgumentError, match=r'pip install "cad-proximity\[sim\]"$'):
         files.write_report(tmp_path / "cell.html", told, ball_subject().scene)
 
     assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]
     monkeypatch.setitem(sys.modules, "jinja2", None)
-    with pytest.raises(DecaffError, match=r"^pages need jinja2, which is not installed: pip install"):
+    with pytest.raises(MissingLibraryError, match=r"^pages need jinja2, which is not installed: pip install"):
         files.write_report(tmp_path / "cell.html", told, ball_subject().scene)
     assert files.write_report(tmp_path / "alone.json", told, ball_subject().scene)[0].name == "alone.json"
 

@@ -8,7 +8,7 @@ from scipy.signal import cont2discrete
 
 from proximity.decaff.drum import sampled_mass, unit_circle
 from proximity.decaff.drum.sampled_mass import SampledMass
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.paper.spring_damper import FINGER, SpringDamper
 from proximity.lab.stability import delayed_loops
 
@@ -91,9 +91,9 @@ def test_massless_finger_has_a_limit_too():
     found = delayed_loops.delayed_spring_limit(SpringDamper(200.0, 6.0), 0.040)
 
     assert 200.0 < found.stiffness < 1000.0
-    with pytest.raises(DecaffError, match=r"damping is 0\.0, expected a positive number of newton seconds"):
+    with pytest.raises(ArgumentError, match=r"damping is 0\.0, expected a positive number of newton seconds"):
         delayed_loops.delayed_spring_limit(SpringDamper(200.0, 0.0, 0.01), 0.040)
-    with pytest.raises(DecaffError, match=r"delay is 0\.0, expected a positive number of seconds"):
+    with pytest.raises(ArgumentError, match=r"delay is 0\.0, expected a positive number of seconds"):
         delayed_loops.delayed_spring_limit(FINGER, 0.0)
 
 
@@ -107,7 +107,7 @@ def test_handle_of_kazeroonis_kind_needs_about_3_ms():
     assert light.slowest_period == math.inf
     stiff = delayed_loops.PositionedHandle(arm=SpringDamper(1e5, 1.0, 0.01))
     assert stiff.slowest_period == 0.0
-    with pytest.raises(DecaffError, match=r"bandwidth_hz is 0\.0, expected a positive number of hertz"):
+    with pytest.raises(ArgumentError, match=r"bandwidth_hz is 0\.0, expected a positive number of hertz"):
         delayed_loops.PositionedHandle(bandwidth_hz=0.0)
 
 

@@ -9,7 +9,7 @@ from paper_drums import PAPER_GLOVE
 
 from proximity.decaff.controller.steady_force import Handover, SteadyForce, SteadyRule
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.simulation.closed_loop import DecaffLoop
 from proximity.lab.simulation.devices import Sensing
 from proximity.lab.simulation.force_after_contact import ForceAfterContact, Slave, bump
@@ -205,7 +205,7 @@ def test_finger_must_be_slow_for_a_window():
     ],
 )
 def test_what_cannot_be_is_named(make, message):
-    with pytest.raises(DecaffError) as caught:
+    with pytest.raises(ArgumentError) as caught:
         make()
 
     assert message in str(caught.value)

@@ -5,7 +5,7 @@ import pytest
 from printed import printed
 from scipy.integrate import solve_ivp
 
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.multibody import contact_kernels as kernels
 from proximity.lab.multibody.chain_press import MAX_STEPS, Plane, Shown, press
 from proximity.lab.multibody.finger_chain import INDEX_FINGER, PlanarFinger
@@ -340,7 +340,7 @@ def test_one_link_agrees_with_one_mass():
     ],
 )
 def test_what_cannot_be_reckoned_is_refused(make, message):
-    with pytest.raises(DecaffError) as refused:
+    with pytest.raises(ArgumentError) as refused:
         make()
 
     assert str(refused.value) == message

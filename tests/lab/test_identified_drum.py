@@ -26,7 +26,7 @@ from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.decaff.glove.glove_set import read_any_glove
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
 from proximity.decaff.simulated_drums.simulated_drum_kernels import serve_against
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError, DecaffError
 from proximity.lab.simulation.closed_loop import decaff
 from proximity.lab.simulation.devices import Decaff
 from proximity.lab.simulation.hand import Hand
@@ -156,7 +156,7 @@ def test_surface_before_a_late_drum_is_displayed_as_stiff_as_is_passive(damping,
 
 
 def test_latency_that_no_servo_bears_is_refused(tmp_path):
-    with pytest.raises(DecaffError, match=r"^latency is 0\.021 seconds, expected 0\.02 at most$"):
+    with pytest.raises(ArgumentError, match=r"^latency is 0\.021 seconds, expected 0\.02 at most$"):
         Motor(latency=0.021)
     with pytest.raises(DecaffError, match=r"drum_latency is 0\.021 seconds, expected 0\.02 at most"):
         glove_files.write(tmp_path / "glove.json", drum_latency=0.021)

@@ -10,7 +10,7 @@ from project import MESHES
 import proximity
 from proximity.decaff.drum.drum_model import PHASE_SEED, USUAL_GEAR, with_random_phases
 from proximity.decaff.glove.glove import DRUMS, Glove
-from proximity.errors import DecaffError, ServiceError
+from proximity.errors import ArgumentError, MissingLibraryError, ServiceError
 from proximity.lab.certificate.certificate_job import CERTIFICATE
 from proximity.lab.simulation.closed_loop import decaff
 from proximity.lab.simulation.devices import Decaff
@@ -76,7 +76,9 @@ def test_press_on_a_coupled_wall_is_tuned_unless_it_says_otherwise(do):
 
 def test_press_with_one_gain_and_the_other_tuned_is_refused(do):
     """A grid of lists with "tuned" among the numbers has such conditions: their rows say so."""
-    with pytest.raises(DecaffError, match="stiffness and damping belong together: expected both as numbers"):
+    with pytest.raises(
+        ArgumentError, match="stiffness and damping belong together: expected both as numbers"
+    ):
         do(PRESS, wall="coupled", stiffness=500.0)
 
 
@@ -202,7 +204,7 @@ def test_format_that_cannot_be_written_is_refused(do, monkeypatch):
     with pytest.raises(ServiceError, match=r'sampling "surface" makes points, which format "vti" cannot'):
         do(FIELD, scene="box.stl", sampling="surface", format="vti")
     monkeypatch.setitem(sys.modules, "zarr", None)
-    with pytest.raises(ServiceError, match="this format needs zarr, which is not installed: pip inst"):
+    with pytest.raises(MissingLibraryError, match="this format needs zarr, which is not installed: pip inst"):
         do(FIELD, scene="box.stl", resolution=4, format="zarr")
 
 

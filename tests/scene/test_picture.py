@@ -10,7 +10,7 @@ from PIL import Image
 from project import MESHES
 
 import proximity
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError, MissingLibraryError
 from proximity.scene.picture import Picture, page, write_picture
 from proximity.scene.picture.distance_field import DistanceColors, FieldSlice
 from proximity.scene.picture.scene_view import TO_VIEWER, Camera, Connections, draw_scene, rotation_of
@@ -82,7 +82,7 @@ def test_parts_have_colours_of_their_own_and_hidden_ones_are_left_out():
     assert page.draw(Picture(scene, "assembly", size=SIZE)) != whole
     for name in names:
         scene.hide(name)
-    with pytest.raises(QueryError, match="all parts of the scene are hidden"):
+    with pytest.raises(ArgumentError, match="all parts of the scene are hidden"):
         page.draw(Picture(scene, "assembly", size=SIZE))
 
 
@@ -133,14 +133,16 @@ def test_many_parts_and_long_names_are_cut_short(box):
     ],
 )
 def test_what_cannot_be_drawn_is_refused(box, options, sentence):
-    with pytest.raises(QueryError, match=sentence):
+    with pytest.raises(ArgumentError, match=sentence):
         page.draw(Picture(box, "box", **options))
 
 
 def test_missing_pyvista_is_reported_with_what_to_install(box, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pyvista", None)
 
-    with pytest.raises(QueryError, match=r'pictures need PyVista.*pip install "cad-proximity\[picture\]"'):
+    with pytest.raises(
+        MissingLibraryError, match=r'pictures need PyVista.*pip install "cad-proximity\[picture\]"'
+    ):
         page.draw(Picture(box, "box", size=SIZE))
 
 

@@ -221,7 +221,7 @@ def interrupt(monkeypatch, owner, name):
         yield
 
 
-@pytest.mark.parametrize("name", ["_forget", "_pack"])
+@pytest.mark.parametrize("name", ["_forget_surfaces", "_pack"])
 def test_parts_are_counted_though_taking_them_over_was_interrupted(monkeypatch, name):
     scene = Scene([block("near", (0.0, 0.0, -0.06))])
     tracker, tip = Tracker(scene, fingers=1), np.array([[0.0, 0.0, 2.0]])
@@ -240,7 +240,7 @@ def test_velocities_of_a_refused_tick_do_not_stay():
     scene, tips = Scene([plate()]), np.array([(0.0, 0.0, 0.05)])
     tracker = Tracker(scene, fingers=1)
     tracker.tick(tips, 0, 0, velocities=[(0.0, 0.0, -1.0)])
-    with pytest.raises(proximity.QueryError):
+    with pytest.raises(proximity.ArgumentError):
         tracker.tick(tips, MS, MS, velocities="fast")
     found = tracker.tick(tips, 2 * MS, 2 * MS)[0]
 

@@ -10,8 +10,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.decaff.arguments import not_negative, positive
-from proximity.errors import DecaffError
+from proximity.checks import not_negative, positive
+from proximity.errors import ArgumentError
 from proximity.lab.multibody import contact_kernels as kernels
 from proximity.lab.multibody.finger_chain import PlanarFinger, joint_torques
 
@@ -46,7 +46,7 @@ class Plane:
         not_negative("stiffness", self.stiffness, "newtons a metre")
         not_negative("damping", self.damping, "newton seconds a metre")
         if not abs(np.hypot(*self.normal) - 1.0) <= 1e-9:
-            raise DecaffError(f"the normal of a plane is {self.normal!r}, expected length 1")
+            raise ArgumentError(f"the normal of a plane is {self.normal!r}, expected length 1")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +107,7 @@ def press(
     positive("step", step, "seconds")
     steps = positive("duration", duration, "seconds") / step
     if not 0.5 < steps < MAX_STEPS + 0.5:
-        raise DecaffError(f"{duration:g} s in steps of {step:g} s are {steps:g}, expected 1 to {MAX_STEPS}")
+        raise ArgumentError(f"{duration:g} s in steps of {step:g} s are {steps:g}, expected 1 to {MAX_STEPS}")
     count = round(steps)
     n = len(finger.lengths)
     states = np.zeros((count + 1, (2 + kernels.INTEGRALS) * n + 2))
@@ -120,7 +120,7 @@ def press(
     table[kernels.PLANE_OFFSET] = height if plane.offset is None else plane.offset
     kernels.press(chain, table, int(shown), _steps(shown, lag, step), step, states, forces)
     if not np.isfinite(states[-1]).all():
-        raise DecaffError(f"the motion diverges in steps of {step:g} s, expected shorter ones")
+        raise ArgumentError(f"the motion diverges in steps of {step:g} s, expected shorter ones")
     return _reported(finger, states, forces, step)
 
 
@@ -128,7 +128,7 @@ def _start(name: str, values: ArrayLike, n: int) -> np.ndarray:
     """Initial state of the links themselves."""
     array = np.asarray(values, np.float64)
     if array.shape != (n,) or not np.isfinite(array).all():
-        raise DecaffError(f"{name} are {array.tolist()}, expected {n} finite numbers, one per joint")
+        raise ArgumentError(f"{name} are {array.tolist()}, expected {n} finite numbers, one per joint")
     return np.cumsum(array)
 
 
@@ -137,7 +137,7 @@ def _steps(shown: Shown, lag: float, step: float) -> int:
         return 1
     steps = lag / step
     if not (steps > 0.5 and abs(steps - round(steps)) <= WHOLE * max(1.0, steps)):
-        raise DecaffError(f"a lag of {lag:g} s, expected one or more whole steps of {step:g} s")
+        raise ArgumentError(f"a lag of {lag:g} s, expected one or more whole steps of {step:g} s")
     return round(steps)
 
 

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.checks import as_float64
-from proximity.decaff.arguments import not_negative
-from proximity.errors import DecaffError
+from proximity.checks import as_float64, not_negative
+from proximity.errors import ArgumentError
 
 GRAVITY = 9.81
 """m/s²."""
@@ -40,16 +39,18 @@ class PlanarFinger:
     def __post_init__(self) -> None:
         count = np.size(self.lengths)
         if count < 1:
-            raise DecaffError("a finger of 0 links, expected one or more")
+            raise ArgumentError("a finger of 0 links, expected one or more")
         for name in self.__dataclass_fields__:
             if name != "gravity":
                 object.__setattr__(self, name, _numbers(name, getattr(self, name), count))
         for name in ("lengths", "masses", "inertias"):
             if not (getattr(self, name) > 0.0).all():
-                raise DecaffError(f"{name} are {getattr(self, name).tolist()}, expected positive numbers")
+                raise ArgumentError(f"{name} are {getattr(self, name).tolist()}, expected positive numbers")
         for name in ("stiffnesses", "dampings"):
             if not (getattr(self, name) >= 0.0).all():
-                raise DecaffError(f"{name} are {getattr(self, name).tolist()}, expected numbers of 0 or more")
+                raise ArgumentError(
+                    f"{name} are {getattr(self, name).tolist()}, expected numbers of 0 or more"
+                )
         not_negative("gravity", self.gravity, "m/s²")
 
     @classmethod
@@ -143,7 +144,7 @@ class PlanarFinger:
         """Angles or rates of the links themselves."""
         array = np.asarray(values, np.float64)
         if array.shape != self.lengths.shape:
-            raise DecaffError(f"angles or rates have shape {array.shape}, expected {self.lengths.shape}")
+            raise ArgumentError(f"angles or rates have shape {array.shape}, expected {self.lengths.shape}")
         return np.cumsum(array)
 
 
@@ -171,9 +172,9 @@ def _for_each(values: Any, count: int) -> Any:
 
 
 def _numbers(name: str, values: Any, count: int) -> np.ndarray:
-    array = as_float64(values, name, error=DecaffError, expected=f"{count} numbers, one a link").copy()
+    array = as_float64(values, name, expected=f"{count} numbers, one a link").copy()
     if array.shape != (count,) or not np.isfinite(array).all():
-        raise DecaffError(f"{name} are {array.tolist()}, expected {count} finite numbers, one per link")
+        raise ArgumentError(f"{name} are {array.tolist()}, expected {count} finite numbers, one per link")
     array.flags.writeable = False
     return array
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.decaff.arguments import positive
+from proximity.checks import positive
 from proximity.lab.multibody.finger_chain import PlanarFinger
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.decaff.arguments import not_negative
+from proximity.checks import not_negative
 
 
 @dataclass(frozen=True, slots=True)

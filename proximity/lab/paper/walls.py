@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
-from proximity.decaff.arguments import not_negative, positive
-from proximity.errors import DecaffError
+from proximity.checks import not_negative, positive
+from proximity.errors import ArgumentError
 from proximity.lab.paper.spring_damper import FINGER, SpringDamper
 from proximity.lab.paper.trajectories import Motion, Press
 
@@ -142,4 +142,6 @@ def _inertia_sign(convention: str) -> float:
     try:
         return INERTIA_SIGN[Convention(convention)]
     except ValueError:
-        raise DecaffError(f"no convention {convention!r}, expected one of {', '.join(Convention)}") from None
+        raise ArgumentError(
+            f"no convention {convention!r}, expected one of {', '.join(Convention)}"
+        ) from None

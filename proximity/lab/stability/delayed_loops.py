@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from proximity.decaff.arguments import not_negative, positive
+from proximity.checks import not_negative, positive
 from proximity.decaff.drum.sampled_mass import ROOT_TOLERANCE, Gains
 from proximity.lab.paper.spring_damper import SpringDamper
 

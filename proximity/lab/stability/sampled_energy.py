@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from proximity.decaff.arguments import positive, whole
+from proximity.checks import positive, whole
 from proximity.lab.stability.sampled_laws import predicted_force
 
 

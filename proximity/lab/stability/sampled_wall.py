@@ -15,7 +15,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.decaff.arguments import finite, positive, whole
+from proximity.checks import finite, positive, whole
 from proximity.decaff.drum.sampled_mass import (
     Gains,
     SampledMass,

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
-from proximity.decaff.arguments import positive
+from proximity.checks import positive
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import Servo
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 FINEST = 2000  # points from nothing to half the sampling rate, between which edges are looked for
 
@@ -59,5 +59,7 @@ def _first_fall(above: Callable[[float], float], rate: float) -> float:
     signs = np.array([above(float(frequency)) > 0.0 for frequency in frequencies])
     falls = np.flatnonzero(signs[:-1] & ~signs[1:])
     if not len(falls):
-        raise DecaffError("the servo follows every frequency, expected an edge below half its sampling rate")
+        raise ArgumentError(
+            "the servo follows every frequency, expected an edge below half its sampling rate"
+        )
     return float(brentq(above, frequencies[falls[0]], frequencies[falls[0] + 1], xtol=1e-9 * rate))

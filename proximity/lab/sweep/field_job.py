@@ -104,12 +104,12 @@ def _near_surface(scene: Scene, count: int, spread: float, seed: int) -> dict[st
 
 
 def _write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    with whole_file(path, ServiceError) as stream:
+    with whole_file(path) as stream:
         np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
 
 
 def _write_vti(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    with needed("this format needs", "picture", ServiceError):
+    with needed("this format needs", "picture"):
         pyvista = import_module("pyvista")
     distance = arrays["distance"]
     image = pyvista.ImageData(dimensions=distance.shape, origin=arrays["origin"], spacing=arrays["spacing"])
@@ -120,7 +120,7 @@ def _write_vti(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def _write_zarr(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    with needed("this format needs", "study", ServiceError):
+    with needed("this format needs", "study"):
         zarr = import_module("zarr")
     unfinished = path.with_name(f".{path.name}.unfinished")
     for folder in (unfinished, path):  # of a run that was killed, or of a condition that is done again

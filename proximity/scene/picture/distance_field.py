@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.system.extras import needed
 
 if TYPE_CHECKING:
@@ -38,12 +38,12 @@ class FieldSlice:
     ) -> "FieldSlice":
         """Return the slice of a scene, a margin around its parts included."""
         if axis not in SHOWN_AXES:
-            raise QueryError(f"a slice across {axis!r}, expected one of x, y, z")
+            raise ArgumentError(f"a slice across {axis!r}, expected one of x, y, z")
         lower, upper = scene.bounds
         across = AXES.index(axis)
         extent = float((upper - lower).max())
         if not lower[across] - extent <= position <= upper[across] + extent:
-            raise QueryError(
+            raise ArgumentError(
                 f"the slice at {axis} = {position / metres:g} {unit} passes far from the parts: expected "
                 f"{lower[across] / metres:g} to {upper[across] / metres:g} {unit}"
             )
@@ -62,7 +62,7 @@ class FieldSlice:
 
 def load_matplotlib() -> Any:
     """Return matplotlib with what a page takes."""
-    with needed("pictures need", "picture", QueryError):
+    with needed("pictures need", "picture"):
         import matplotlib
         import matplotlib.figure
         import matplotlib.lines

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.scene.picture.distance_field import SHOWN_AXES, DistanceColors, FieldSlice, load_matplotlib
 from proximity.scene.picture.labels import draw_axes, draw_distances, draw_scale
 from proximity.scene.picture.scene_view import INK, MAX_TUBES, Camera, Connections, draw_scene, load_pyvista
@@ -61,7 +61,7 @@ def draw(picture: Picture) -> bytes:
     """Return a picture as the bytes of a PNG file."""
     width, height = picture.size
     if not all(SMALLEST <= side <= LARGEST for side in picture.size):
-        raise QueryError(f"a picture of {width}x{height} pixels, expected {SMALLEST} to {LARGEST} a side")
+        raise ArgumentError(f"a picture of {width}x{height} pixels, expected {SMALLEST} to {LARGEST} a side")
     load_renderer()
     matplotlib = load_matplotlib()
     look = {
@@ -149,7 +149,7 @@ def _draw_view(
     """Draw the parts on the left of the page, and what is asked of them; returns the camera."""
     parts = [part for part in picture.scene.parts if not part.is_hidden]
     if not parts:
-        raise QueryError("all parts of the scene are hidden: nothing can be drawn")
+        raise ArgumentError("all parts of the scene are hidden: nothing can be drawn")
     tints = [PART_COLORS[number % len(PART_COLORS)] for number in range(len(parts))]
     seen = [part.pose.point(part.solid.mesh.vertices) for part in parts]
     if field is not None:

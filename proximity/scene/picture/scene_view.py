@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.scene.picture.distance_field import DistanceColors, FieldSlice
 from proximity.system.extras import needed
 
@@ -41,7 +41,7 @@ LIGHTS = (  # towards the light: right, up, to the viewer; how bright
 )
 SURFACE_LOOK = {"ambient": 0.20, "diffuse": 0.95, "specular": 0.12, "specular_power": 24.0}
 SHINE_THROUGH = 0.30  # of queries behind or inside a part
-IN_FRONT_OF_ALL = -66000.0  # offset in depth, in units that VTK calls so
+NEAREST_OFFSET = -66000.0  # offset in depth, in units that VTK calls so
 SHEET_OPACITY = 0.5
 MAX_TUBES = 400  # connections; more would be a tangle, and only the points are drawn
 POINT_RADIUS, END_RADIUS, TUBE_RADIUS = 0.0125, 0.0055, 0.0026  # of the image's height
@@ -90,7 +90,7 @@ class Connections:
 def rotation_of(view: str) -> np.ndarray:
     """Return the rotation with the rows right, up and to the viewer."""
     if view not in TO_VIEWER:
-        raise QueryError(f"no view {view!r}, expected one of {', '.join(TO_VIEWER)}")
+        raise ArgumentError(f"no view {view!r}, expected one of {', '.join(TO_VIEWER)}")
     back = np.array(TO_VIEWER[view]) / np.linalg.norm(TO_VIEWER[view])
     # Seen from above or below, y points up in the image.
     up = np.array([0.0, 0.0, 1.0]) if abs(back[2]) < 1.0 else np.array([0.0, np.sign(back[2]), 0.0])
@@ -104,7 +104,7 @@ def load_pyvista() -> Any:
         # VTK would try an X server first. Its check of OSMesa says yes where there is none, and the program
         # ends with a segmentation fault (9.7, 2026-11-25): only EGL is tried.
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    with needed("pictures need", "picture", QueryError):
+    with needed("pictures need", "picture"):
         import pyvista
         from vtkmodules.vtkCommonCore import vtkLogger
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
@@ -126,7 +126,7 @@ def draw_scene(
         off_screen=True, window_size=(SAMPLES * width, SAMPLES * height), lighting="none"
     )
     if not plotter.render_window.SupportsOpenGL():
-        raise QueryError(
+        raise ArgumentError(
             "pictures need OpenGL, and VTK found none: install libEGL and Mesa's drivers (Debian and Ubuntu: "
             "apt install libegl1 libgl1-mesa-dri)"
         )
@@ -212,7 +212,7 @@ def _add_queries(plotter: Any, connections: Connections, camera: Camera, colors:
         plotter.add_mesh(shape, smooth_shading=True, **color, **SURFACE_LOOK)
         shining = plotter.add_mesh(shape, smooth_shading=True, opacity=SHINE_THROUGH, **color, **SURFACE_LOOK)
         shining.mapper.SetResolveCoincidentTopologyToPolygonOffset()
-        shining.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(0.0, IN_FRONT_OF_ALL)
+        shining.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(0.0, NEAREST_OFFSET)
 
 
 def _balls(centers: np.ndarray, radius: float, detail: int) -> Any:

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import is_whole
-from proximity.errors import QueryError
-from proximity.kernels.geometry.morton_order import SORT_FROM, morton_order
-from proximity.scene.model.assembly import Model
+from proximity.errors import ArgumentError
+from proximity.kernels.geometry.morton_order import morton_order
 
 CHUNKS_PER_WORKER = 4
 SMALLEST_CHUNK = 1024
@@ -39,16 +38,6 @@ Ask = Callable[..., Any]
 OrderOf = Callable[..., np.ndarray]
 
 
-class HasSnapshot:
-    """A base of what queries are asked of."""
-
-    __slots__ = ()
-
-    def snapshot(self) -> Model:
-        """Return the arrays that are asked, up to date."""
-        raise NotImplementedError
-
-
 def morton_order_of(rows: np.ndarray, *_: np.ndarray) -> np.ndarray:
     """Return the order of the first array's rows along a space-filling curve, (N,) int64.
 
@@ -61,7 +50,7 @@ def morton_order_of(rows: np.ndarray, *_: np.ndarray) -> np.ndarray:
 def worker_count(workers: Any, kind: str = "threads") -> int:
     """Return how many workers of that kind are meant."""
     if not is_whole(workers, -1) or workers == 0:
-        raise QueryError(f"workers is {workers!r}, expected a number of {kind}, or -1 for all cores")
+        raise ArgumentError(f"workers is {workers!r}, expected a number of {kind}, or -1 for all cores")
     return (os.cpu_count() or 1) if workers == -1 else int(workers)
 
 
@@ -86,8 +75,6 @@ def run_batch(
     """
     thread_count = worker_count(workers)
     count = len(arrays[0])
-    if count < SORT_FROM:
-        return [(0, ask(IN_ORDER, *arrays))]
     if thread_count > 1 and count >= 2 * SMALLEST_CHUNK:
         return _run_on_threads(ask, arrays, thread_count, order_of, size)
     if count <= size:

@@ -1,13 +1,13 @@
 """Sources of poses: the interface of an input, and the two that need no transport."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Protocol
 
 import numpy as np
 
 from proximity.checks import as_float64
-from proximity.errors import ProximityError, QueryError, ServiceError
+from proximity.errors import ArgumentError, ProximityError, ServiceError
 from proximity.kernels.tracking.motion import MAX_GAP_NS
 from proximity.recording import Recording
 from proximity.service.samples import FingerPoses, Samples
@@ -28,11 +28,8 @@ class PoseInput(Protocol):
     def notes(self) -> list[str]:
         """Sentences for the report: what was refused or failed, and how often."""
 
-    def poll(self, now_ns: int) -> Samples | None:
-        """Return the newest samples; None where there are no others than at the poll before.
-
-        The loop overwrites those that it refuses.
-        """
+    def poll(self, now_ns: int) -> Iterable[Samples]:
+        """Give the samples that are new since the poll before, oldest first; each is used before the next."""
 
     def close(self) -> None:
         """Give back what is open."""
@@ -68,8 +65,8 @@ class RecordingInput:
         self._start_ns: int | None = None  # instant of the first row
         self._round_ns = int(self._times_ns[-1]) + MAX_GAP_NS
 
-    def poll(self, now_ns: int) -> FingerPoses | None:
-        """Return the poses of the last instant that is past; None where that is the one given before."""
+    def poll(self, now_ns: int) -> Iterator[FingerPoses]:
+        """Give the poses of the last instant that is past, unless they were given before."""
         if self._start_ns is None:
             self._start_ns = now_ns - self._latency_ns
         elapsed = now_ns - self._latency_ns - self._start_ns
@@ -80,12 +77,12 @@ class RecordingInput:
             self._row = -1
         row = self._row_at(elapsed)
         if row == self._row:
-            return None
+            return
         self._row = row
         self.is_over = not self._repeat and row == len(self._times_ns) - 1
         self._poses.positions[...] = self._positions[row]
         self._poses.pose_ns[...] = self._start_ns + self._times_ns.item(row)
-        return self._poses
+        yield self._poses
 
     def close(self) -> None:
         """Do nothing."""
@@ -131,19 +128,21 @@ class CallableInput:
             return []
         return [f"the pose callback raised {self.failures} times, first: {self._first_failure}"]
 
-    def poll(self, now_ns: int) -> FingerPoses | None:
-        """Ask the function."""
+    def poll(self, now_ns: int) -> Iterator[FingerPoses]:
+        """Call the function."""
         try:
             reported = self._function(now_ns)
-            return None if reported is None else self._understood(reported, now_ns)
+            poses = None if reported is None else self._checked(reported, now_ns)
         except Exception as failure:
             self._count(failure)
-            return None
+            return
+        if poses is not None:
+            yield poses
 
     def close(self) -> None:
         """Do nothing."""
 
-    def _understood(self, reported: Any, now_ns: int) -> FingerPoses:
+    def _checked(self, reported: Any, now_ns: int) -> FingerPoses:
         poses = self._poses
         rest: tuple[Any, Any, Any] = None, None, None
         if isinstance(reported, FingerPoses):
@@ -154,7 +153,7 @@ class CallableInput:
         )
         array = _shaped("positions", positions, poses.positions.shape)
         if np.asarray(instants).dtype.kind not in "iu":
-            raise QueryError(f"instants are {instants!r}, expected whole nanoseconds")
+            raise ArgumentError(f"instants are {instants!r}, expected whole nanoseconds")
         poses.pose_ns[...] = instants
         poses.positions[...] = array
         poses.velocities, poses.paths, poses.bends = rest
@@ -171,14 +170,14 @@ class CallableInput:
 def _rest_of(reported: FingerPoses, count: int) -> tuple[Any, Any, Any]:
     """Velocities, paths and bends of so many fingers, as a tracker takes them: copies."""
     if len(reported.positions) != count:
-        raise QueryError(f"poses of {len(reported.positions)} fingers, expected {count} fingers")
+        raise ArgumentError(f"poses of {len(reported.positions)} fingers, expected {count} fingers")
     velocities, paths, bends = reported.velocities, reported.paths, reported.bends
     if velocities is not None:
         velocities = _shaped("velocities", velocities, (count, 3))
     if paths is not None:
         shape = np.shape(paths)
         if len(shape) != 3 or shape[1] < 2:
-            raise QueryError(f"paths have shape {shape}, expected ({count}, K, 3) with K of 2 or more")
+            raise ArgumentError(f"paths have shape {shape}, expected ({count}, K, 3) with K of 2 or more")
         paths = _shaped("paths", paths, (count, shape[1], 3))
     if bends is not None:
         bends = _shaped("bends", bends, (count,))
@@ -188,5 +187,5 @@ def _rest_of(reported: FingerPoses, count: int) -> tuple[Any, Any, Any]:
 def _shaped(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     array = as_float64(values, name, expected=f"numbers of shape {shape}")
     if array.shape != shape:
-        raise QueryError(f"{name} have shape {array.shape}, expected {shape}")
+        raise ArgumentError(f"{name} have shape {array.shape}, expected {shape}")
     return array.copy()
