@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proximity.message import ContactFlag
-from proximity.system.garbage_collector import collector_paused
+from proximity.system.memory import collector_paused
 from proximity.system.time_units import NS_PER_US
 from proximity.tracker.tracker import Tracker
 

@@ -1,4 +1,4 @@
-"""glTF as programs write it: what one reads and displays, another has to read and place."""
+"""glTF: its scene graph, numbers and extensions, as programs write them."""
 
 import base64
 import copy
@@ -11,26 +11,26 @@ import mesh_files
 import numpy as np
 import pytest
 import shapes
+from mesh_reading import corners, volume, world, write
+from mesh_reading import read as read_file
+from mesh_reading import refusal as refusal_of
 
 import proximity
 from proximity import formats
-from proximity.errors import MeshFormatError
-from proximity.formats.gltf import draco
+from proximity.formats import worker
+from proximity.formats.gltf import primitives
+from proximity.formats.gltf.primitives import DRACO
 
 VERTICES, FACES = shapes.cube()
 DOCUMENT, BLOB = mesh_files.gltf_document([[(VERTICES, FACES)]], [{"mesh": 0, "name": "cube"}])
 
 
 def read(tmp_path, header, blob=BLOB):
-    path = tmp_path / "part.glb"
-    path.write_bytes(mesh_files.glb(header, blob))
-    return formats.read_geometries(path)
+    return read_file(tmp_path, "part.glb", mesh_files.glb(header, blob))
 
 
 def refusal(tmp_path, header, blob=BLOB):
-    with pytest.raises(MeshFormatError) as caught:
-        read(tmp_path, header, blob)
-    return str(caught.value).removeprefix(f"{tmp_path / 'part.glb'}: ")
+    return refusal_of(write(tmp_path, "part.glb", mesh_files.glb(header, blob)))
 
 
 def changed(**changes):
@@ -48,10 +48,6 @@ def with_arrays(header, *arrays, blob=BLOB):
     return range(first, len(views)), blob
 
 
-def corners(geometry):
-    return geometry.pose.point(geometry.vertices)[geometry.faces]
-
-
 # Triangles
 
 
@@ -61,10 +57,6 @@ def test_fan_is_read_all_of_it_facing_one_way(tmp_path):
     header["meshes"][0]["primitives"][0]["mode"] = 6
     (geometry,) = read(tmp_path, header, blob).geometries
     assert geometry.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
-    header["accessors"][1]["count"] = 2
-    assert refusal(tmp_path, header, blob) == (
-        "primitive 0 of mesh 0 is a fan of 2 corners, expected at least 3"
-    )
 
 
 # Numbers and bytes
@@ -145,27 +137,11 @@ def test_sparse_positions_without_others_stand_among_zeros(tmp_path):
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        (
-            ("count",),
-            3,
-            "the sparse part of accessor 0 (primitive 0 of mesh 0) has 3 entries, which do not fit",
-        ),
-        (
-            ("count",),
-            10**15,
-            "the sparse part of accessor 0 (primitive 0 of mesh 0) has 1000000000000000 entr",
-        ),
-        (
-            ("indices", "componentType"),
-            5126,
-            "the sparse part of accessor 0 (primitive 0 of mesh 0) has indi",
-        ),
+        (("count",), 3, "the sparse part of accessor 0 (primitive 0 of mesh 0) has 3 entries, which do not"),
+        (("count",), 10**15, "the sparse part of accessor 0 (primitive 0 of mesh 0) has 1000000000000000"),
+        (("indices", "componentType"), 5126, "the sparse part of accessor 0 (primitive 0 of mesh 0) has"),
         (("values",), 7, "the sparse part of accessor 0 (primitive 0 of mesh 0) has no indices or no values"),
-        (
-            ("values", "bufferView"),
-            None,
-            "the buffer view of the sparse part of accessor 0 (primitive 0 of m",
-        ),
+        (("values", "bufferView"), None, "the buffer view of the sparse part of accessor 0 (primitive 0 of"),
     ],
 )
 def test_sparse_positions_that_are_not_there_are_refused(tmp_path, path, value, message):
@@ -233,19 +209,17 @@ def test_smallest_normalised_number_is_minus_one(tmp_path):
     assert read(tmp_path, header, blob).geometries[0].vertices.min() == -1.0
 
 
+SAYS = "says that its min is (0, 0, 0.5)"
+
+
 @pytest.mark.parametrize(
     ("bounds", "note"),
     [
         (
             {"min": [0, 0, 0.5], "max": [9, 1, 1]},
-            "accessor 0 (primitive 0 of mesh 0) says that its min is (0, 0, 0.5), but it is (0, 0, 0) (and 1 "
-            "more): the positions were taken as they are",
+            "says that its min is (0, 0, 0.5), but it is (0, 0, 0) (and 1 more)",
         ),
-        (
-            {"min": [None, None, None]},
-            "accessor 0 (primitive 0 of mesh 0) has a min that is not 3 finite numbers: the positions were "
-            "taken as they are",
-        ),
+        ({"min": [None, None, None]}, "has a min that is not 3 finite numbers"),
     ],
 )
 def test_wrong_bounds_of_positions_are_a_note(tmp_path, bounds, note):
@@ -253,11 +227,159 @@ def test_wrong_bounds_of_positions_are_a_note(tmp_path, bounds, note):
     header = changed()
     header["accessors"][0] |= bounds
     contents = read(tmp_path, header)
-    assert contents.notes == (note,)
+    expected = f"accessor 0 (primitive 0 of mesh 0) {note}: the positions were taken as they are"
+    assert contents.notes == (expected,)
     assert np.array_equal(corners(contents.geometries[0]), VERTICES[FACES])
 
 
 # The scene
+
+SHIFTED = VERTICES + 0.1  # no binary fraction: single precision in the way would show
+
+
+def gltf_nodes_of_a_gripper():
+    quarter = [0.0, 0.0, float(np.sqrt(0.5)), float(np.sqrt(0.5))]
+    return [
+        {"name": "arm", "translation": [10, 0, 0], "rotation": quarter, "children": [1, 2]},
+        {"name": "jaw", "mesh": 0, "translation": [1, 0, 0]},
+        {"name": "jaw", "mesh": 0, "translation": [-1, 0, 0]},
+        {"mesh": 0},
+    ]
+
+
+@pytest.mark.parametrize("name", ["robot.glb", "robot.gltf", "apart.gltf"])
+def test_scene_graph_keeps_names_and_poses_and_is_in_metres(tmp_path, name):
+    header, blob = mesh_files.gltf_document([[(SHIFTED, FACES)]], gltf_nodes_of_a_gripper())
+    if name == "robot.gltf":
+        header["buffers"][0]["uri"] = (
+            "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+        )
+    elif name == "apart.gltf":
+        header["buffers"][0]["uri"] = "the%20buffer.bin"
+        (tmp_path / "the buffer.bin").write_bytes(blob)
+    data = mesh_files.glb(header, blob) if name.endswith("glb") else json.dumps(header).encode()
+    contents = read_file(tmp_path, name, data, units="in")
+    assert (contents.units, contents.units_declared) == ("m", True)
+    first, second, third = contents.geometries
+    assert [first.name, second.name, third.name] == ["jaw", "jaw_2", name.split(".")[0]]
+    assert contents.notes == ("2 of its meshes are called 'jaw'; from the second on they are numbered",)
+    assert np.allclose(
+        first.pose.matrix, [[0, -1, 0, 10], [1, 0, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-15
+    )
+    assert np.allclose(second.pose.translation, [10, -1, 0], atol=1e-15) and third.pose.is_identity
+    assert np.array_equal(first.vertices, np.float32(SHIFTED).astype(np.float64))
+
+
+def test_instances_of_one_mesh_share_their_arrays(tmp_path):
+    document = mesh_files.gltf_document([[(SHIFTED, FACES)]], gltf_nodes_of_a_gripper())
+    first, second, third = read_file(tmp_path, "robot.glb", mesh_files.glb(*document)).geometries
+    assert first.vertices is second.vertices is third.vertices and first.faces is third.faces
+
+
+def test_primitives_of_a_mesh_are_one_body(tmp_path):
+    document = mesh_files.gltf_document([[(SHIFTED, FACES[:6]), (SHIFTED, FACES[6:])]], [{"mesh": 0}])
+    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries
+    assert geometry.source_faces.tolist() == list(range(12))
+    assert volume(geometry) == pytest.approx(1.0, rel=1e-6)
+
+
+def test_quantised_normals_do_no_harm(tmp_path):
+    # Was: refused, as if the positions were.
+    document = mesh_files.gltf_document(
+        [[(SHIFTED, FACES)]], [{"mesh": 0}], extensionsRequired=["KHR_mesh_quantization"]
+    )
+    assert len(read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries[0].faces) == 12
+
+
+def test_what_is_left_out_of_a_scene_is_said(tmp_path):
+    header, blob = mesh_files.gltf_document(
+        [[(SHIFTED, FACES), (SHIFTED, FACES)]],
+        [{"mesh": 0, "skin": 0}, {"mesh": 0}],
+        animations=[{}],
+        skins=[{}],
+    )
+    header["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 0}]
+    header["meshes"][0]["primitives"][1]["mode"] = 1
+    header["scenes"].append({"nodes": []})
+    contents = read_file(tmp_path, "part.glb", mesh_files.glb(header, blob) + b"\0\0")
+    assert len(contents.geometries) == 2 and len(contents.geometries[0].faces) == 12
+    assert contents.notes[:6] == (
+        "2 bytes after its end were ignored",
+        "points and lines were ignored: they enclose nothing",
+        "it holds several scenes, the default one was read",
+        "its animations were not applied",
+        "its morph targets were not applied, the meshes are in their basic shape",
+        "its skins were not applied, the meshes are in their rest position",
+    )
+
+
+@pytest.mark.parametrize(
+    "node",
+    [
+        {"scale": [0.5, 0.5, 0.5], "translation": [1, 2, 3]},
+        {"scale": [1, 2, 3], "rotation": [0.5, 0.5, 0.5, 0.5]},
+        {"scale": [-1, 1, 1]},
+        {"scale": [-2, -2, -2], "translation": [0, 0, 1]},
+        {"matrix": [1, 0, 0, 0, 0.5, 1, 0, 0, 0, 0, 1, 0, 7, 0, 0, 1]},
+    ],
+    ids=["scale", "uneven scale", "mirror", "point mirror", "shear"],
+)
+def test_what_is_not_rigid_goes_into_the_vertices(tmp_path, node):
+    """In the world everything stands where the file says; the pose is rigid, and faces look outward."""
+    document = mesh_files.gltf_document([[(SHIFTED, FACES)]], [{"mesh": 0, **node}])
+    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries
+    matrix = np.eye(4)
+    if "matrix" in node:
+        matrix = np.reshape(node["matrix"], (4, 4)).T
+    else:
+        turn = np.eye(3)[[2, 0, 1]] if "rotation" in node else np.eye(3)
+        matrix[:3, :3] = turn * node["scale"]
+        matrix[:3, 3] = node.get("translation", 0)
+    points = np.float32(SHIFTED).astype(np.float64)
+    assert np.allclose(world(geometry), points @ matrix[:3, :3].T + matrix[:3, 3], rtol=1e-14, atol=1e-14)
+    assert volume(geometry) == pytest.approx(abs(np.linalg.det(matrix[:3, :3])), rel=1e-6)
+
+
+def test_rotation_in_single_precision_is_rigid_and_changes_no_vertex(tmp_path):
+    angle = 0.3
+    turn = np.eye(4)
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    document = mesh_files.gltf_document(
+        [[(SHIFTED, FACES)]], [{"mesh": 0, "matrix": [float(x) for x in np.float32(turn.T).ravel()]}]
+    )
+    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries
+    assert np.array_equal(geometry.vertices, np.float32(SHIFTED).astype(np.float64))
+    assert np.allclose(geometry.pose.rotation, turn[:3, :3], atol=1e-7)
+
+
+def test_primitive_without_indices_takes_vertices_three_by_three(tmp_path):
+    header, blob = mesh_files.gltf_document([[(SHIFTED[FACES.ravel()], FACES), (SHIFTED, [])]], [{"mesh": 0}])
+    del header["meshes"][0]["primitives"][0]["indices"]
+    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(header, blob)).geometries
+    assert np.array_equal(geometry.faces, np.arange(36).reshape(12, 3))
+
+
+def test_triangle_strip_is_read(tmp_path):
+    square = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
+    header, blob = mesh_files.gltf_document([[(square, [0, 1, 2, 3])]], [{"mesh": 0}])
+    header["meshes"][0]["primitives"][0]["mode"] = 5
+    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(header, blob)).geometries
+    assert geometry.source_faces.tolist() == [0, 1]
+    a, b, c = geometry.vertices[geometry.faces].transpose(1, 0, 2)
+    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+
+
+def test_bounds_of_gltf_positions_may_be_rounded(tmp_path):
+    header, blob = mesh_files.gltf_document([[(VERTICES + 0.1, FACES)]], [{"mesh": 0}])
+    header["accessors"][0] |= {"min": [0.1, 0.1, 0.1], "max": [1.1, 1.10000002, 1.0999999]}
+    assert read(tmp_path, header, blob).notes == ()
+
+
+def test_gltf_without_scenes_places_what_is_nobodys_child(tmp_path):
+    header = changed()
+    del header["scenes"]
+    contents = read(tmp_path, header)
+    assert [geometry.name for geometry in contents.geometries] == ["cube"]
 
 
 def test_node_scaled_to_nothing_is_left_out_and_the_others_stay(tmp_path):
@@ -420,13 +542,13 @@ def test_morph_target_of_other_length_is_refused(tmp_path):
 
 
 def packed_document(stream, position_id=0):
-    header = changed(extensionsUsed=[draco.EXTENSION], extensionsRequired=[draco.EXTENSION])
+    header = changed(extensionsUsed=[DRACO], extensionsRequired=[DRACO])
     for accessor in header["accessors"]:
         del accessor["bufferView"]
     (view,), blob = with_arrays(header, np.frombuffer(stream, np.uint8), blob=b"")
     header["bufferViews"] = header["bufferViews"][view:]
     header["meshes"][0]["primitives"][0]["extensions"] = {
-        draco.EXTENSION: {"bufferView": 0, "attributes": {"POSITION": position_id}}
+        DRACO: {"bufferView": 0, "attributes": {"POSITION": position_id}}
     }
     return header, blob
 
@@ -451,8 +573,8 @@ def test_geometry_packed_by_draco_is_read(tmp_path, options):
 
 def test_positions_beside_packed_ones_are_taken(tmp_path):
     """The extension is then an offer, not needed."""
-    header = changed(extensionsUsed=[draco.EXTENSION])
-    header["meshes"][0]["primitives"][0]["extensions"] = {draco.EXTENSION: {"bufferView": 99}}
+    header = changed(extensionsUsed=[DRACO])
+    header["meshes"][0]["primitives"][0]["extensions"] = {DRACO: {"bufferView": 99}}
     assert np.array_equal(corners(read(tmp_path, header).geometries[0]), VERTICES[FACES])
 
 
@@ -471,14 +593,20 @@ def test_draco_attribute_that_holds_no_positions_is_refused(tmp_path):
     )
 
 
+@pytest.mark.parametrize(("name", "value"), [("_DRACO_SECONDS", 0), ("_DRACO_BYTES", 1 << 20)])
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory")
+def test_draco_stream_that_takes_too_much_is_refused(tmp_path, monkeypatch, name, value):
+    stream = draco_stream()
+    monkeypatch.setattr(primitives, name, value)
+    assert "cannot be unpacked (" in refusal(tmp_path, *packed_document(stream))
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_crash_of_the_draco_decoder_is_a_sentence(tmp_path, monkeypatch):
     pytest.importorskip("DracoPy")
-    monkeypatch.setattr(draco, "_WORKER", tmp_path / "worker.py")
-    draco._WORKER.write_text("import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
-    assert refusal(tmp_path, *packed_document(b"DRACO")) == (
-        "its geometry stored by KHR_draco_mesh_compression cannot be unpacked (the decoder crashed, signal 9)"
-    )
+    (tmp_path / "worker.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    monkeypatch.setattr(worker, "__file__", str(tmp_path / "worker.py"))
+    assert "(the decoder crashed, signal 11)" in refusal(tmp_path, *packed_document(b"DRACO"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory")
@@ -493,10 +621,9 @@ def test_draco_without_its_decoder_is_refused_before_buffers_with_what_to_instal
     monkeypatch.setitem(sys.modules, "DracoPy", None)
     header, blob = packed_document(b"")
     header["buffers"] = [{"byteLength": 10, "uri": "not there.bin"}]
-    assert refusal(tmp_path, header, blob) == (
-        "geometry stored by KHR_draco_mesh_compression needs DracoPy, which is not installed: "
-        'pip install "cad-proximity[gltf]"'
-    )
+    words = r"part.glb: geometry stored by KHR_draco_mesh_compression needs DracoPy, which is not installed: "
+    with pytest.raises(proximity.MissingLibraryError, match=words + r'pip install "cad-proximity\[gltf\]"$'):
+        read(tmp_path, header, blob)
 
 
 @pytest.mark.parametrize("name", ["EXT_meshopt_compression", "KHR_meshopt_compression"])

@@ -1,4 +1,4 @@
-"""3MF files as slicers and other programs write them: holes are holes, supports are no parts."""
+"""3MF: every placement is there, holes are holes, supports are no parts, and no small file takes long."""
 
 import zipfile
 
@@ -6,6 +6,7 @@ import mesh_files
 import numpy as np
 import pytest
 import shapes
+from mesh_reading import read, refusal
 
 import proximity
 from proximity import formats
@@ -85,10 +86,112 @@ def notes_of(path):
     return formats.read_geometries(path).notes
 
 
-def refusal(path):
-    with pytest.raises(MeshFormatError) as caught:
-        formats.read_geometries(path)
-    return str(caught.value).removeprefix(f"{path}: ")
+# Placements
+
+SHIFT = "1 0 0 0 1 0 0 0 1 {} {} 0"
+SMALL = box((0, 0, 0), (1, 1, 1))
+COMPONENT_IN_FILE = '<component p:path="/3D/part{}.model" objectid="{}"/>'
+
+
+def components(own_id, *targets):
+    """An object of components, one behind the other along y."""
+    return assembly(*((target, SHIFT.format(0, 10 * k)) for k, target in enumerate(targets))).replace(
+        'id="9"', f'id="{own_id}"', 1
+    )
+
+
+def nested(target, *objects):
+    return model({1: SMALL}, [(target, HERE)], "".join(objects))
+
+
+@pytest.mark.parametrize(
+    ("unit", "name", "metres"),
+    [
+        ("", "mm", 0.001),
+        (' unit="inch"', "in", 0.0254),
+        (' unit="micron"', "um", 1e-6),
+        (' unit="meter"', "m", 1.0),
+    ],
+)
+def test_3mf_declares_its_unit_and_places_its_objects(tmp_path, unit, name, metres):
+    vertices, faces = shapes.cube()[0] + 0.1, shapes.cube()[1]
+    items = [(1, HERE), (1, "0 1 0 -1 0 0 0 0 1 5 6 7"), (2, "2 0 0 0 2 0 0 0 2 0 0 0")]
+    text = mesh_files.threemf_model(dict.fromkeys((1, 2, 3), (vertices, faces)), items, unit)
+    contents = read(tmp_path, "part.3mf", mesh_files.threemf(text), units="km")
+    assert (contents.format, contents.units, contents.units_declared) == ("3MF", name, True)
+    named = {geometry.name: geometry for geometry in contents.geometries}
+    assert sorted(named) == ["part1", "part1_2", "part2"]
+    first, turned, doubled = (named[name] for name in sorted(named))
+    assert np.array_equal(first.vertices, vertices * metres)
+    assert np.allclose(turned.pose.translation, np.array([5, 6, 7]) * metres, rtol=1e-15)
+    assert np.allclose(turned.pose.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
+    assert np.array_equal(doubled.vertices, vertices * (2 * metres))
+    assert "1 of its objects are not part of the build and were ignored" in contents.notes
+
+
+@pytest.mark.parametrize(("component_count", "item_count"), [(3, 12), (40, 40)])
+def test_every_component_of_every_item_is_placed(tmp_path, component_count, item_count):
+    items = [(99, SHIFT.format(1000 * k, 0)) for k in range(item_count)]
+    text = model({1: SMALL}, items, components(99, *[1] * component_count))
+    geometries = formats.read_geometries(write(tmp_path, text)).geometries
+    positions = {tuple(np.round(geometry.pose.translation * 1000)) for geometry in geometries}
+    assert positions == {(1000 * k, 10 * j, 0) for k in range(item_count) for j in range(component_count)}
+    assert len({geometry.name for geometry in geometries}) == component_count * item_count
+    assert len({id(geometry.vertices) for geometry in geometries}) == 1
+
+
+def test_pairs_of_pairs_are_placed_or_refused_with_their_number_and_chains_followed(tmp_path):
+    pairs = [components(k, k - 1, k - 1) for k in range(2, 62)]
+    assert len(proximity.load(write(tmp_path, nested(9, *pairs[:8]))).parts) == 256
+    words = f"it places {2**60} parts, expected at most 20000"
+    assert refusal(write(tmp_path, nested(61, *pairs))) == words
+    chain = (components(k, k - 1) for k in range(2, 8002))
+    assert len(formats.read_geometries(write(tmp_path, nested(8001, *chain))).geometries) == 1
+
+
+def test_archive_that_unpacks_to_too_much_is_refused_with_both_sizes(tmp_path):
+    path = write(tmp_path, model({1: SMALL}) + " " * 1_000_000)
+    size = path.stat().st_size
+    words = rf"models of {size:,} bytes unpack to 1,00\d,\d+ bytes, expected at most 100,000"
+    with pytest.raises(MeshFormatError, match=words):
+        proximity.load(path, unpacked_limit=100_000)
+    assert len(proximity.load(path).parts) == 1
+    assert "expected at most 200 times as many" in refusal(write(tmp_path, " " * 60_000_000))
+
+
+@pytest.mark.parametrize("limit", [0, float("nan"), "2 GB"])
+def test_limit_that_is_no_number_of_bytes_is_refused(tmp_path, limit):
+    with pytest.raises(
+        proximity.ArgumentError, match=r"unpacked_limit is .*, expected a positive number of bytes"
+    ):
+        formats.read_geometries(tmp_path / "part.3mf", unpacked_limit=limit)
+
+
+@pytest.mark.parametrize("ids", [(1, 2), (1, 1)])  # they count per model file
+def test_3mf_of_several_model_files_is_read_with_what_they_do_not_place(tmp_path, ids):
+    extra = {own: "<object id='7'><mesh/></object>" + components(8, own) for own in ids}
+    others = {f"3D/part{k}.model": model({own: SMALL}, [], extra[own]) for k, own in enumerate(ids)}
+    parts = "".join(COMPONENT_IN_FILE.format(k, own) for k, own in enumerate(ids))
+    text = model({}, [(9, HERE)], f'<object id="9"><components>{parts}</components></object>')
+    path = write(tmp_path, text.replace("<model ", '<model xmlns:p="p" ', 1), **others)
+    contents = formats.read_geometries(path)
+    assert [len(geometry.faces) for geometry in contents.geometries] == [12, 12]
+    assert contents.notes[0] == "2 of its objects are not part of the build and were ignored"
+
+
+def test_3mf_behind_a_large_picture_is_recognised(tmp_path):
+    path = tmp_path / "part.3mf"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("Metadata/thumbnail.png", bytes(100_000))
+        archive.writestr("3D/3dmodel.model", model({1: SMALL}))
+    assert len(formats.read_geometries(path).geometries) == 1
+
+
+def test_known_extension_may_have_another_prefix(tmp_path):
+    text = model({1: SMALL}).replace(
+        "<model ", f'<model xmlns:q="{EXTENSION}production/2015/06" requiredextensions="q" '
+    )
+    assert len(formats.read_geometries(write(tmp_path, text)).geometries) == 1
 
 
 # Volumes of slicers
@@ -230,10 +333,7 @@ def test_file_of_volumes_that_are_no_parts_is_refused_with_what_it_has(tmp_path)
     ("settings", "message"),
     [
         (slic3r("ModelPart", last=12), "the volumes of 'part1' have more than its 12 triangles"),
-        (
-            slic3r("ModelPart").replace('"0"', '"9"', 1).replace("11", "13"),
-            "a volume has triangles 9 to 13 of",
-        ),
+        (slic3r("ModelPart").replace('"0"', '"9"', 1).replace("11", "13"), "a volume has triangles 9 to 13"),
         (slic3r("ModelPart").replace("firstid", "first"), f"line 1 of '{SLIC3R}': <volume> has no firstid"),
         (slic3r("ModelPart")[:-9], f"'{SLIC3R}' is not XML (no element found"),
         ("<!DOCTYPE a>" + slic3r("ModelPart"), f"'{SLIC3R}' has a document type"),

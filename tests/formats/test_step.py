@@ -12,11 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import step_text
+from mesh_reading import read as read_file
+from mesh_reading import refusal as refusal_of
+from mesh_reading import volume, world, write
 from project import MESHES
 
 from proximity import formats
 from proximity.errors import MeshFormatError
-from proximity.formats.step import conversion, part_names
+from proximity.formats.step import conversion, product_structure
 
 BOX = step_text.box_step((1, 2, 3), name="lid")
 ASSEMBLY = (MESHES / "assembly.step").read_text("ascii")
@@ -25,17 +28,12 @@ HEAD, TAIL = ASSEMBLY[: ASSEMBLY.index("DATA;\n") + 6], "ENDSEC;\nEND-ISO-10303-
 IN_USES = re.findall(r"(#\d+)=(?:CONTEXT_DEPENDENT_SHAPE|SHAPE_DEFINITION)_REPRESENTATION", ASSEMBLY)
 
 
-def read(tmp_path, text, name="part.step"):
-    path = tmp_path / name
-    path.parent.mkdir(exist_ok=True)
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return formats.read_geometries(path)
+def read(tmp_path, text, name="part.step", **options):
+    return read_file(tmp_path, name, text, **options)
 
 
 def refusal(tmp_path, text):
-    with pytest.raises(MeshFormatError) as caught:
-        read(tmp_path, text)
-    return str(caught.value).partition("part.step: ")[2]
+    return refusal_of(write(tmp_path, "part.step", text))
 
 
 # What programs write around the data
@@ -86,7 +84,7 @@ def test_product_gives_its_name_where_its_use_has_a_number():
         b'{"nodes": [{"name": "NAUO7", "children": [1]}, {"name": "=>[0:1:1:5]", "mesh": 0}],'
         b' "meshes": [{"name": "SOLID"}]}'
     )
-    named = part_names.with_names_of_products(header, text)
+    named = product_structure.with_names_of_products(header, text)
     assert b'{"name": "pin", "mesh": 0}' in named
 
 
@@ -205,6 +203,130 @@ def test_drawing_of_a_part_that_is_there_is_not_looked_for(tmp_path):
     assert len(contents.geometries) == 4
 
 
+# Assemblies
+
+# A wheel of two tyres, used twice; a list of material names a glue that has no shape.
+NESTED = """
+#1=PRODUCT_DEFINITION('car','',#90,#91); #2=PRODUCT_DEFINITION('wheel','',#90,#91);
+#3=PRODUCT_DEFINITION('tyre','',#90,#91); #4=PRODUCT_DEFINITION('glue','',#90,#91);
+#11=PRODUCT_DEFINITION_SHAPE('','',#1); #12=PRODUCT_DEFINITION_SHAPE('','',#2);
+#13=PRODUCT_DEFINITION_SHAPE ('it''s; #1','' , #3 );
+#21=SHAPE_DEFINITION_REPRESENTATION(#11,#31); #22=SHAPE_DEFINITION_REPRESENTATION(#12,#32);
+#23=SHAPE_DEFINITION_REPRESENTATION(#13,#33);
+#31=SHAPE_REPRESENTATION('',(#80),#81); #32=SHAPE_REPRESENTATION('',(#80),#81);
+#33=SHAPE_REPRESENTATION('',(#80),#81); #34=ADVANCED_BREP_SHAPE_REPRESENTATION('',(#80,#35),#81);
+#35=MANIFOLD_SOLID_BREP('',#36); #37=SHAPE_REPRESENTATION_RELATIONSHIP('','',#33,#34);
+#41=NEXT_ASSEMBLY_USAGE_OCCURRENCE('','','',#1,#2,$); #42=NEXT_ASSEMBLY_USAGE_OCCURRENCE('','','',#1,#2,$);
+#43=NEXT_ASSEMBLY_USAGE_OCCURRENCE('','','',#2,#3,$); #44=NEXT_ASSEMBLY_USAGE_OCCURRENCE('','','',#2,#3,$);
+#45=NEXT_ASSEMBLY_USAGE_OCCURRENCE /* ' ; */ ('glue','','',#1,#4,$);
+#51=PRODUCT_DEFINITION_SHAPE('','',#41); #52=PRODUCT_DEFINITION_SHAPE('','',#42);
+#53=PRODUCT_DEFINITION_SHAPE('','',#43); #54=PRODUCT_DEFINITION_SHAPE('','',#44);
+#61=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#71,#51); #62=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#72,#52);
+#63=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#73,#53); #64=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#74,#54);
+#73=SHAPE_REPRESENTATION_RELATIONSHIP('','',#32,#33);
+"""
+
+
+def without(kind, number):
+    """The sample assembly without one of the records of a kind."""
+    record = list(re.finditer(rf"#\d+={kind}\(.*\n", ASSEMBLY))[number]
+    return ASSEMBLY[: record.start()] + ASSEMBLY[record.end() :]
+
+
+USE, SHAPE = "NEXT_ASSEMBLY_USAGE_OCCURRENCE", "SHAPE_DEFINITION_REPRESENTATION"
+PLACE = "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION"
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_part_that_lost_its_place_or_shape_is_not_left_out_or_put_elsewhere(tmp_path, number):
+    use = re.findall(rf"#\d+(?=={USE})", ASSEMBLY)[number]
+    assert refusal(tmp_path, without(PLACE, number)).startswith(f"{USE} {use} has no {PLACE}: a part")
+    words = rf"PRODUCT_DEFINITION #\d+ is part of an assembly, but has no {SHAPE}"
+    assert re.match(words, refusal(tmp_path, without(SHAPE, number)))
+
+
+def test_fewer_parts_than_the_assemblies_hold_are_refused(tmp_path, monkeypatch):
+    path = tmp_path / "part.step"
+    path.write_text(ASSEMBLY)
+    assert len(formats.read_geometries(path).geometries) == product_structure.count_bodies(ASSEMBLY) == 4
+    monkeypatch.setattr(product_structure, "count_bodies", lambda text: 5)
+    with pytest.raises(
+        MeshFormatError, match="its assemblies hold 5 parts, but OpenCASCADE could read 4 only"
+    ):
+        formats.read_geometries(path)
+
+
+def test_uses_are_expanded():
+    assert product_structure.count_bodies(NESTED) == 4
+
+
+def test_files_that_place_shapes_in_other_ways_are_left_alone():
+    text = NESTED.replace(
+        "#61=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#71,#51);", "#61=MAPPED_ITEM('',#1,#2);"
+    )
+    assert product_structure.count_bodies(text) == 0
+
+
+def test_product_that_contains_itself_is_refused():
+    text = NESTED.replace("('','','',#2,#3,$)", "('','','',#2,#1,$)", 1)
+    with pytest.raises(MeshFormatError, match=r"PRODUCT_DEFINITION #[12] is part of itself, expected a tree"):
+        product_structure.count_bodies(text)
+
+
+# Units and CAD faces
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("mm", 0.001), ("m", 1.0), ("in", 0.0254)])
+def test_step_declares_its_unit_and_triangles_know_their_cad_face(tmp_path, unit, metres):
+    data = step_text.box_step((1, 2, 3), unit, name="lid").encode()
+    contents = read(tmp_path, data, units="km")
+    assert (contents.format, contents.units, contents.units_declared) == ("STEP", unit, True)
+    (geometry,) = contents.geometries
+    assert geometry.name == "lid"
+    assert volume(geometry) == pytest.approx(6 * metres**3, rel=1e-6)  # it comes in single precision
+    assert np.bincount(geometry.source_faces).tolist() == [2] * 6
+    assert contents.notes == (
+        "curved faces are approximated within 0.01 mm by flat triangles: distances are exact to the "
+        "triangles",
+    )
+
+
+def test_step_without_units_is_read_in_those_of_the_caller(tmp_path):
+    contents = read(tmp_path, step_text.box_step((1, 2, 3), None), "part.stp", units="cm")
+    assert (contents.units, contents.units_declared) == ("cm", False)
+    assert contents.geometries[0].vertices.max() == pytest.approx(0.03, rel=1e-6)
+
+
+def test_step_assembly_keeps_products_and_places(shared_data):
+    contents = formats.read_geometries(shared_data / "cad" / "box_sides.STEP")
+    names = [geometry.name for geometry in contents.geometries]
+    assert names == [
+        *("box_base", "side_long", "side_long_2", "side_short", "side_short_B"),
+        *("gusset", "gusset_2", "gusset_3", "gusset_4", "box_top"),
+    ]
+    gussets = contents.geometries[5:9]
+    assert all(gusset.vertices is gussets[0].vertices for gusset in gussets)
+    corners = np.concatenate([world(geometry) for geometry in contents.geometries])
+    assert np.allclose(np.ptp(corners, axis=0), [0.18415, 0.1143, 0.09525], atol=1e-6)  # inches in the file
+
+
+def test_step_part_agrees_with_its_stl_twin(shared_data):
+    step = formats.read_geometries(shared_data / "cad" / "featuretype.STEP").geometries[0]
+    stl = formats.read_geometries(shared_data / "cad" / "featuretype.STL", units="in").geometries[0]
+    assert np.allclose(step.vertices.min(axis=0), stl.vertices.min(axis=0), atol=1e-7)
+    assert np.allclose(step.vertices.max(axis=0), stl.vertices.max(axis=0), atol=1e-7)
+    assert volume(step) == pytest.approx(volume(stl), rel=2e-3)  # two tessellations
+
+
+def test_finer_step_tolerance_gives_more_triangles(shared_data):
+    path = shared_data / "cad" / "featuretype.STEP"
+    coarse, fine = (
+        len(formats.read_geometries(path, step_tolerance=tolerance).geometries[0].faces)
+        for tolerance in (1e-3, 1e-5)
+    )
+    assert fine > coarse
+
+
 # Conversions that would not end
 
 
@@ -260,7 +382,7 @@ def workers_in(folder):
     found = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
-            if "convert" in (process / "cmdline").read_text().split("\0") and str(folder) in os.readlink(
+            if "work" in (process / "cmdline").read_text().split("\0") and str(folder) in os.readlink(
                 process / "fd" / "1"
             ):
                 found.append(process.name)

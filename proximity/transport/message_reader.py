@@ -8,7 +8,7 @@ from struct import Struct
 
 import numpy as np
 
-from proximity.message import MAX_RECORDS, PREFIX, Flaw, Kind, flaw_of
+from proximity.message import MAX_RECORDS, PREFIX, Defect, Kind, validate
 from proximity.message.envelope import unpack_prefix
 from proximity.transport.link import NOTHING, Inlet
 
@@ -40,7 +40,7 @@ class Counts:
     sessions: int = 0  # runs of the publisher
     refused: int = 0  # from somebody else than the address names
     unverified: int = 0  # not verified by the address's key
-    flawed: Counter[Flaw] = field(default_factory=Counter)  # not used, by reason
+    flawed: Counter[Defect] = field(default_factory=Counter)  # not used, by reason
 
     @property
     def unused(self) -> int:
@@ -49,7 +49,7 @@ class Counts:
 
     def __str__(self) -> str:
         parts = [f"{self.received} received", f"{self.lost} lost"]
-        parts += [f"{count} {flaw.value}" for flaw, count in self.flawed.items()]
+        parts += [f"{count} {defect.value}" for defect, count in self.flawed.items()]
         if self.refused:
             parts.append(f"{self.refused} from another sender")
         if self.unverified:
@@ -58,7 +58,7 @@ class Counts:
 
 
 class MessageReader:
-    """Takes messages from an inlet and lets through those that can be used.
+    """Reads messages from an inlet and gives those that can be used.
 
     *kinds*: which are expected; each kind has sessions and numbers of its own. *most_flawed*: of these, such
     that cannot be used; then the others wait for the next go. *uncounted*: one of the kinds, whose messages
@@ -103,13 +103,13 @@ class MessageReader:
         self._ended: dict[tuple[int, int], int] = {}  # magic, session: the last number of a run before
 
     def messages(
-        self, content_flaw: Callable[[Kind, np.ndarray, int], Flaw | None] | None = None
+        self, content_defect: Callable[[Kind, np.ndarray, int], Defect | None] | None = None
     ) -> Iterator[tuple[Kind, np.ndarray, int]]:
         """Give what has arrived and can be used, oldest first: kind, bytes, instant of arrival, ns.
 
         The bytes, (size,) uint8, are overwritten by the next message.
 
-        *content_flaw*: says what is wrong inside of a message that is whole and new; None: nothing.
+        *content_defect*: says what is wrong inside of a message that is whole and new; None: nothing.
         """
         inlet, buffer, counts = self._inlet, self._buffer, self.counts
         flawed_count = 0
@@ -121,51 +121,51 @@ class MessageReader:
             now = self._clock()
             data = buffer[:size]
             kind = self._kind_of(data)
-            flaw = self._take_in(kind, data, now, content_flaw) if size <= len(buffer) else Flaw.SIZE
-            if flaw is None:
+            defect = self._check(kind, data, now, content_defect) if size <= len(buffer) else Defect.SIZE
+            if defect is None:
                 yield kind, data, now
                 continue
-            counts.flawed[flaw] += 1
+            counts.flawed[defect] += 1
             flawed_count += 1
             if flawed_count == self._most_flawed:
                 return
 
-    def _take_in(
+    def _check(
         self,
         kind: Kind,
         data: np.ndarray,
         now: int,
-        content_flaw: Callable[[Kind, np.ndarray, int], Flaw | None] | None,
-    ) -> Flaw | None:
+        content_defect: Callable[[Kind, np.ndarray, int], Defect | None] | None,
+    ) -> Defect | None:
         """Count a message that can be used; of one that cannot, say why."""
-        flaw = flaw_of(data, kind)
-        if flaw is not None:
-            return flaw
+        defect = validate(data, kind)
+        if defect is not None:
+            return defect
         session, sequence = _unpack_numbers(data.data, _NUMBERS_AT)
         message = session, sequence, _unpack_instant(data.data, kind.sent_at)[0], now
-        flaw = self._age_flaw(kind, message)
-        if flaw is None and content_flaw is not None:
-            flaw = content_flaw(kind, data, now)
-        if flaw is None:
+        defect = self._age_defect(kind, message)
+        if defect is None and content_defect is not None:
+            defect = content_defect(kind, data, now)
+        if defect is None:
             self._accept(kind, message)
-        return flaw
+        return defect
 
     def _kind_of(self, data: np.ndarray) -> Kind:
         if len(self._kinds) == 1 or len(data) < PREFIX.itemsize:
             return self._default
         return self._kinds.get(unpack_prefix(data.data)[0], self._default)
 
-    def _age_flaw(self, kind: Kind, message: _Seen) -> Flaw | None:
+    def _age_defect(self, kind: Kind, message: _Seen) -> Defect | None:
         """Whether the message was overtaken or is repeated."""
         session, sequence, sent_ns, now_ns = message
         if session < self._newest_session and self._inlet.is_keyed:
-            return Flaw.OLD
+            return Defect.OLD
         last = self._last.get(kind.magic)
         if last is None:
             return None
         last_session, last_sequence, last_sent_ns, last_ns = last
         if session == last_session:
-            return None if 0 < sequence - last_sequence <= MOST_SKIPPED else Flaw.OLD
+            return None if 0 < sequence - last_sequence <= MOST_SKIPPED else Defect.OLD
         was_followed = (kind.magic, session) in self._ended
         if session > last_session and not was_followed:
             return None
@@ -174,7 +174,7 @@ class MessageReader:
             is_alive = is_silent and sequence > self._ended[kind.magic, session]
         else:
             is_alive = sent_ns > last_sent_ns if self._inlet.shares_clock else is_silent
-        return None if is_alive else Flaw.OLD
+        return None if is_alive else Defect.OLD
 
     def _accept(self, kind: Kind, message: _Seen) -> None:
         """Count a message that is used, and those before it that are missing."""

@@ -10,11 +10,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from far_end import until
 from ports import free_port
 from wire import Clock, Wire, frame, sealed
 
 from proximity.errors import PublishError
-from proximity.message import FRAME, POSES, Flaw, Message
+from proximity.message import FRAME, POSES, Defect, Message
 from proximity.service.inputs.message_input import MessageInput
 from proximity.transport import MessageReader, open_inlet, open_outlet, open_publisher, open_subscriber, udp
 from proximity.transport.address import parse
@@ -64,9 +65,7 @@ def throw(port, *datagrams):
 
 
 def read_until(subscriber, condition):
-    deadline = time.monotonic() + PATIENCE
-    while not condition(subscriber.counts) and time.monotonic() < deadline:
-        subscriber.wait(0.01)
+    until(lambda: (subscriber.wait(0.01), condition(subscriber.counts))[1], PATIENCE)
     return subscriber.counts
 
 
@@ -77,24 +76,19 @@ def now_frame(**settings):
 # --- the file ---
 
 
-def test_key_is_random_and_its_owner_alone_may_read_it(tmp_path):
+def test_key_is_random_never_written_over_and_its_owner_alone_may_read_it(tmp_path):
     paths = [tmp_path / "one.key", tmp_path / "two.key"]
     for path in paths:
         write_key(str(path))
+    before = [path.read_bytes() for path in paths]
 
+    assert before[0] != before[1] and [len(data) for data in before] == [65, 65]
     assert [len(secret_of(path)) for path in paths] == [32, 32]
-    assert secret_of(paths[0]) != secret_of(paths[1])
-    assert all(len(path.read_bytes()) == 65 for path in paths)
     if sys.platform != "win32":
         assert [stat.S_IMODE(path.stat().st_mode) for path in paths] == [0o600] * 2
-
-
-def test_key_is_never_written_over(key):
-    before = key.read_bytes()
-
-    with pytest.raises(PublishError, match=r"frames.key: exists already, and a key is never overwritten"):
-        write_key(str(key))
-    assert key.read_bytes() == before
+    with pytest.raises(PublishError, match=r"one.key: exists already, and a key is never overwritten"):
+        write_key(str(paths[0]))
+    assert paths[0].read_bytes() == before[0]
 
 
 def test_disk_that_is_full_leaves_no_half_a_key(tmp_path, monkeypatch):
@@ -107,60 +101,56 @@ def test_disk_that_is_full_leaves_no_half_a_key(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def make(folder, kind):
+    """The path of a file that a key's address names."""
+    path = folder / "x.key"
+    if kind == "pipe":
+        os.mkfifo(path, 0o600)
+    elif isinstance(kind, int):
+        write_key(str(path))
+        path.chmod(kind)
+    elif not kind.startswith(("/", "none")):
+        path.write_text(kind.removeprefix("text:"), encoding="utf-8")
+        path.chmod(0o600)
+    return kind if isinstance(kind, str) and kind.startswith("/") else path
+
+
+NO_KEY = r"x.key' is not a key \(expected 64 hexadecimal digits, as"
+OTHERS = r"x.key' may be used by others: its permissions are {:04o} \(expected 0600: chmod "
+
+
 @knows_permissions
-@pytest.mark.parametrize("mode", [0o640, 0o604])
-def test_key_that_others_may_use_is_refused(key, mode):
-    key.chmod(mode)
-
-    with pytest.raises(
-        PublishError,
-        match=rf"frames.key' may be used by others: its permissions are {mode:04o} \(expected 0600: chmod ",
-    ):
-        open_subscriber(f"udp://127.0.0.1:9100?key={key}")
-
-
-@knows_permissions
-def test_key_that_its_owner_may_only_read_is_taken(key):
-    key.chmod(0o400)
-
-    assert key_of(parse(f"udp://127.0.0.1:9100?key={key}")) is not None
-
-
 @pytest.mark.parametrize(
-    "text",
+    ("kind", "message"),
     [
-        "",
-        "ab" * 31,
-        "xy" * 32,
-        "ab" * 32 + "\nab",
-        "ab" * 5000,
+        (0o640, OTHERS.format(0o640)),
+        (0o604, OTHERS.format(0o604)),
+        ("text:", NO_KEY),
+        ("text:" + "ab" * 31, NO_KEY),
+        ("text:" + "xy" * 32, NO_KEY),
+        ("text:" + "ab" * 32 + "\nab", NO_KEY),
+        ("text:" + "ab" * 5000, NO_KEY),
+        ("none", r"cannot be read \(No such file .*`proximity key --out FILE`"),
+        ("pipe", "is not a regular file"),
+        ("/dev/zero", "is not a regular file"),
+        ("/tmp", "is not a regular file"),
     ],
+    ids=str,
 )
-def test_file_that_is_no_key_is_refused_and_not_printed(tmp_path, text):
-    path = tmp_path / "x.key"
-    path.write_text(text, encoding="utf-8")
-    path.chmod(0o600)
-
-    with pytest.raises(
-        PublishError, match=r"x.key' is not a key \(expected 64 hexadecimal digits, as"
-    ) as refusal:
-        open_publisher(f"udp://127.0.0.1:9100?key={path}")
-    assert "abab" not in str(refusal.value)
-
-
-def test_key_that_is_not_there_is_a_sentence_that_says_how_to_make_one(tmp_path):
-    for named in (tmp_path / "none.key", ""):
-        with pytest.raises(PublishError, match=r"cannot be read \(No such file .*`proximity key --out FILE`"):
-            open_subscriber(f"udp://127.0.0.1:9100?key={named}")
+def test_file_that_is_no_key_is_refused_and_not_printed(tmp_path, kind, message):
+    path = make(tmp_path, kind)
+    for opener in (open_publisher, open_subscriber):
+        with pytest.raises(PublishError, match=message) as refusal:
+            opener(f"udp://127.0.0.1:9100?key={path}")
+        assert "abab" not in str(refusal.value)
 
 
 @knows_permissions
-def test_what_is_no_regular_file_is_no_key(tmp_path):
-    fifo = tmp_path / "fifo"
-    os.mkfifo(fifo, 0o600)
-    for path in (fifo, "/dev/zero", tmp_path):
-        with pytest.raises(PublishError, match="is not a regular file"):
-            open_subscriber(f"udp://127.0.0.1:9100?key={path}")
+def test_key_that_its_owner_may_only_read_is_taken_and_one_without_a_name_not(key):
+    key.chmod(0o400)
+    assert key_of(parse(f"udp://127.0.0.1:9100?key={key}")) is not None
+    with pytest.raises(PublishError, match=r"cannot be read \(No such file"):
+        open_subscriber("udp://127.0.0.1:9100?key=")
 
 
 # --- what is sent ---
@@ -184,8 +174,7 @@ def test_largest_message_leaves_room_for_the_tag(key, port):
     try:
         outlet.send(data)
         assert inlet.wait(PATIENCE)
-        assert inlet.receive(room) == len(data)
-        assert (room == 7).all()
+        assert inlet.receive(room) == len(data) and (room == 7).all()
         with pytest.raises(PublishError, match=r"of 65492 bytes .* \(expected at most 65491 bytes\)"):
             outlet.send(np.zeros(len(data) + 1, np.uint8))
     finally:
@@ -205,41 +194,33 @@ def test_frames_with_the_key_are_believed_and_50_of_50_forged_ones_are_not(link)
     link.publisher.publish(now_frame(distance=0.02))
     reading = link.subscriber.wait(PATIENCE)
 
-    assert (counts.unverified, counts.received, counts.lost) == (50, 2, 0)
+    assert (counts.unverified, counts.received, counts.lost, counts.unused) == (50, 2, 0, 50)
     assert reading.contacts["signed_distance"].tolist() == [0.02] * 5
     assert str(counts) == "2 received, 0 lost, 50 not verified by the key"
-    assert counts.unused == 50
 
 
-def test_tampered_and_cut_frames_and_those_of_another_key_are_counted(link, key):
-    data, secret = sealed(now_frame(), 0, 2**63), secret_of(key)
+def test_tampered_cut_repeated_and_earlier_frames_and_those_of_another_key_are_counted(link, key):
+    message, secret = now_frame(), secret_of(key)
+    data = sealed(message, 0, 2**62)
     good = tagged(data, secret)
     bad = [good[:at] + bytes([good[at] ^ 1]) + good[at + 1 :] for at in range(0, len(good), 97)]
     bad += [good[:-1], good[:-16], good[:16], good[:15], b"", good + b"\0", good[:-16] + bytes(16)]
     bad += [tagged(data, bytes(32)), data + blake2s(data, digest_size=16).digest(), good[1:], data[-16:]]
     throw(link.port, *bad)
     counts = read_until(link.subscriber, lambda counts: counts.unverified == len(bad))
-
     assert (counts.unverified, counts.received, counts.flawed) == (len(bad), 0, {})
-    throw(link.port, good)
-    assert read_until(link.subscriber, lambda counts: counts.received).received == 1
 
-
-def test_repeated_and_earlier_frames_are_counted(link, key):
-    secret, message = secret_of(key), now_frame()
     sent = [tagged(sealed(message, number, 2**62), secret) for number in range(5)]
-    earlier = tagged(sealed(message, 100, 2**62 - 1), secret)
-    throw(link.port, *sent, *sent, earlier)
-    counts = read_until(link.subscriber, lambda counts: counts.flawed[Flaw.OLD] == 6)
-
-    assert (counts.received, counts.flawed, counts.unverified) == (5, {Flaw.OLD: 6}, 0)
+    throw(link.port, *sent, *sent, tagged(sealed(message, 100, 2**62 - 1), secret))
+    counts = read_until(link.subscriber, lambda counts: counts.flawed[Defect.OLD] == 6)
+    assert (counts.received, counts.flawed, counts.unverified) == (5, {Defect.OLD: 6}, len(bad))
 
 
 def test_end_without_the_key_of_the_other_end_gets_nothing_and_counts(key, port):
     plain = f"udp://127.0.0.1:{port}"
     keyed = f"{plain}?key={key}"
     for theirs, ours, count in (
-        (keyed, plain, lambda counts: counts.flawed[Flaw.SIZE]),
+        (keyed, plain, lambda counts: counts.flawed[Defect.SIZE]),
         (plain, keyed, lambda counts: counts.unverified),
     ):
         with open_subscriber(ours) as subscriber, open_publisher(theirs) as publisher:
@@ -249,66 +230,41 @@ def test_end_without_the_key_of_the_other_end_gets_nothing_and_counts(key, port)
             assert (count(counts), counts.received) == (3, 0)
 
 
-def test_strangers_are_counted_as_strangers(key, port):
-    inlet = open_inlet(f"udp://127.0.0.1:{port}?from=127.0.0.1:1&key={key}")
-    try:
-        throw(port, tagged(b"right key, wrong sender", secret_of(key)))
-        assert inlet.wait(PATIENCE)
-        assert inlet.receive(np.zeros(99, np.uint8)) == NOTHING
-        assert (inlet.refused, inlet.unverified) == (1, 0)
-    finally:
-        inlet.close()
-
-
-@pytest.mark.parametrize(("size", "count"), [(100, udp.MOST_STRANGERS)])
-def test_flood_of_forged_datagrams_leaves_the_reader_its_time(key, port, size, count):
-    inlet, room = open_inlet(f"udp://127.0.0.1:{port}?key={key}"), np.zeros(100, np.uint8)
-    try:
-        throw(port, *[bytes(size)] * (count + 1), tagged(b"friend", secret_of(key)))
+def test_strangers_are_counted_as_strangers_and_a_flood_leaves_the_reader_its_time(key, port):
+    room = np.zeros(100, np.uint8)
+    for option, datagrams, refused, unverified in (
+        ("from=127.0.0.1:1&", [b"right key, wrong sender"], 1, 0),
+        ("", [bytes(100)] * (udp.MOST_STRANGERS + 1) + [b"friend"], 0, udp.MOST_STRANGERS),
+    ):
+        inlet = open_inlet(f"udp://127.0.0.1:{port}?{option}key={key}")
+        throw(port, *datagrams[:-1], tagged(datagrams[-1], secret_of(key)))
         assert inlet.wait(PATIENCE)
         assert inlet.receive(room) == NOTHING
-        assert inlet.unverified == count
-        assert inlet.receive(room) == 6
-    finally:
+        assert (inlet.refused, inlet.unverified) == (refused, unverified)
+        assert inlet.receive(room) == (6 if unverified else NOTHING)
         inlet.close()
 
 
 # --- what was recorded and is sent again ---
 
 
-class Keyed:
-    """An reader of what a key has verified."""
-
-    def __init__(self, *kinds):
-        self.wire, self.clock = Wire(shares_clock=False), Clock()
-        self.wire.is_keyed = True
-        self.reader = MessageReader(self.wire, kinds, self.clock)
-
-    def takes(self, data, after=0):
-        self.wire.put(data)
-        self.clock.now += after
-        return len(list(self.reader.messages())) == 1
-
-
 @pytest.mark.parametrize("silence", [0, 10**12])
 def test_session_before_the_newest_is_never_believed_again(silence):
-    keyed, message = Keyed(FRAME), frame()
-    assert keyed.takes(sealed(message, 7, session=100))
-    assert keyed.takes(sealed(message, 0, session=200))
+    """Nor for being of another kind."""
+    wire, clock = Wire(shares_clock=False), Clock()
+    wire.is_keyed = True
+    reader = MessageReader(wire, (FRAME, POSES), clock)
+    taken = []
+    for kind, sequence, session in (
+        (FRAME, 7, 100), (FRAME, 0, 200), (FRAME, 8, 100), (FRAME, 0, 150), (POSES, 0, 100), (FRAME, 1, 200),
+        (POSES, 0, 200), (FRAME, 0, 300),
+    ):  # fmt: skip
+        clock.now += silence if session < 200 else 0
+        wire.put(sealed(frame() if kind is FRAME else Message(POSES, 1), sequence, session))
+        taken.append(len(list(reader.messages())))
 
-    assert not keyed.takes(sealed(message, 8, session=100), silence)
-    assert not keyed.takes(sealed(message, 0, session=150), silence)
-    assert keyed.takes(sealed(message, 1, session=200))
-    assert keyed.takes(sealed(message, 0, session=300))
-    assert keyed.reader.counts.flawed == {Flaw.OLD: 2}
-
-
-def test_earlier_session_is_not_believed_for_being_of_another_kind():
-    keyed = Keyed(FRAME, POSES)
-    assert keyed.takes(sealed(frame(), 0, session=200))
-
-    assert not keyed.takes(sealed(Message(POSES, 1), 0, session=100))
-    assert keyed.takes(sealed(Message(POSES, 1), 0, session=200))
+    assert taken == [1, 1, 0, 0, 0, 1, 1, 1]
+    assert reader.counts.flawed == {Defect.OLD: 3}
 
 
 # --- poses into a service ---
@@ -323,18 +279,13 @@ def test_forged_poses_do_not_reach_a_service(key, port, caplog):
     message.records["position"], message.records["velocity"], message.records["bend"] = 0.5, 0.0, np.nan
     throw(port, *(sealed(message, number, 2**63) for number in range(50)))
     try:
-        deadline = time.monotonic() + PATIENCE
-        while not any("50 not verified" in note for note in poses.notes) and time.monotonic() < deadline:
-            assert not list(poses.poll(now))
+        until(lambda: not list(poses.poll(now)) and any("50 not verified" in note for note in poses.notes))
         assert poses.notes == [f"{address}: 0 received, 0 lost, 50 not verified by the key"]
-        assert caplog.messages == [
-            f"{address}: a message is not verified by the key (expected that of its sender)"
-        ]
+        expected = f"{address}: a message is not verified by the key (expected that of its sender)"
+        assert caplog.messages == [expected]
         message.records["position"] = 0.1
         with open_publisher(address) as publisher:
             publisher.publish(message)
-        while (hands := next(poses.poll(now), None)) is None and time.monotonic() < deadline:
-            time.sleep(0.001)
-        assert (hands.positions == 0.1).all()
+        assert (until(lambda: next(poses.poll(now), None)).positions == 0.1).all()
     finally:
         poses.close()

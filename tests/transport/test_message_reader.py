@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wire import MS, NOW, SESSION, Clock, Wire, frame, sealed
 
-from proximity.message import FRAME, MAX_RECORDS, MOVES, POSES, Flaw, Message
-from proximity.transport.message_check import MOST_AT_ONCE, MOST_FLAWED, MOST_SKIPPED, MessageReader
+from proximity.message import FRAME, MAX_RECORDS, MOVES, POSES, Defect, Message
+from proximity.transport.message_reader import MOST_AT_ONCE, MOST_FLAWED, MOST_SKIPPED, MessageReader
 
 SECOND = 1000 * MS
 
@@ -63,34 +63,34 @@ GOOD = sealed(frame(count=1), 5)
 
 
 @pytest.mark.parametrize(
-    ("data", "flaw"),
+    ("data", "defect"),
     [
-        (b"", Flaw.SHORT),
-        (GOOD[:50], Flaw.SHORT),
-        (b"garbage " * 20, Flaw.MAGIC),
-        (Message(POSES, 3).seal(1, 1).tobytes(), Flaw.MAGIC),
-        (resealed(GOOD[:8] + b"\2\0" + GOOD[10:]), Flaw.VERSION),
-        (GOOD[:-8], Flaw.SIZE),
-        (GOOD + b"\0", Flaw.SIZE),
-        (bytes(FRAME.size(MAX_RECORDS) + 100), Flaw.SIZE),
-        (GOOD[:200] + b"\xff" + GOOD[201:], Flaw.CHECKSUM),
+        (b"", Defect.SHORT),
+        (GOOD[:50], Defect.SHORT),
+        (b"garbage " * 20, Defect.MAGIC),
+        (Message(POSES, 3).seal(1, 1).tobytes(), Defect.MAGIC),
+        (resealed(GOOD[:8] + b"\2\0" + GOOD[10:]), Defect.VERSION),
+        (GOOD[:-8], Defect.SIZE),
+        (GOOD + b"\0", Defect.SIZE),
+        (bytes(FRAME.size(MAX_RECORDS) + 100), Defect.SIZE),
+        (GOOD[:200] + b"\xff" + GOOD[201:], Defect.CHECKSUM),
     ],
 )
-def test_each_flaw_is_counted_and_nothing_goes_through(data, flaw):
+def test_each_flaw_is_counted_and_nothing_goes_through(data, defect):
     bench = Bench()
 
     assert bench.arrive(data) == []
-    assert bench.counts.flawed == {flaw: 1}
+    assert bench.counts.flawed == {defect: 1}
     assert bench.arrive(GOOD) == [(SESSION, 5)]
 
 
 def test_flaws_of_the_content_are_counted_and_leave_the_row_as_it_was():
     bench = Bench()
-    for flaw in (Flaw.CONTENT, Flaw.FUTURE):
+    for defect in (Defect.CONTENT, Defect.FUTURE):
         bench.wire.put(sealed(frame(), 7))
-        assert list(bench.reader.messages(lambda *_, flaw=flaw: flaw)) == []
+        assert list(bench.reader.messages(lambda *_, defect=defect: defect)) == []
 
-    assert bench.counts.flawed == {Flaw.CONTENT: 1, Flaw.FUTURE: 1}
+    assert bench.counts.flawed == {Defect.CONTENT: 1, Defect.FUTURE: 1}
     assert bench.arrive_frame(3)
     assert bench.counts.lost == 0
 
@@ -119,7 +119,7 @@ def test_repeated_and_overtaken_messages_are_old():
     bench = Bench()
 
     assert [bench.arrive_frame(number) for number in (4, 4, 3, 0, 5)] == [True, False, False, False, True]
-    assert bench.counts.flawed == {Flaw.OLD: 3}
+    assert bench.counts.flawed == {Defect.OLD: 3}
     assert bench.counts.lost == 0
 
 
@@ -131,7 +131,7 @@ def test_received_and_lost_are_all_that_was_published_since_the_first(numbers):
 
     counts = bench.counts
     assert counts.received + counts.lost == max(numbers) - numbers[0] + 1
-    assert counts.received + counts.flawed[Flaw.OLD] == len(numbers)
+    assert counts.received + counts.flawed[Defect.OLD] == len(numbers)
 
 
 def test_losses_go_on_being_counted_when_the_publisher_starts_anew():
@@ -181,7 +181,7 @@ def test_messages_of_an_earlier_run_never_come_back(shares_clock, silence):
     bench.clock.now += silence
 
     assert bench.arrive(*old) == []
-    assert bench.counts.flawed == {Flaw.OLD: 5}
+    assert bench.counts.flawed == {Defect.OLD: 5}
 
 
 def test_messages_of_an_earlier_run_that_was_never_seen_are_told_by_when_they_were_sent():
@@ -191,7 +191,7 @@ def test_messages_of_an_earlier_run_that_was_never_seen_are_told_by_when_they_we
     bench.clock.now += 10 * SECOND
 
     assert not bench.arrive_frame(77, session=0, sent=NOW - SECOND)
-    assert bench.counts.flawed == {Flaw.OLD: 1}
+    assert bench.counts.flawed == {Defect.OLD: 1}
 
 
 def test_calendar_put_back_does_not_stop_a_publisher_on_this_machine():
@@ -242,7 +242,7 @@ def test_two_publishers_at_one_address_are_not_believed_in_turn(shares_clock, ot
             seen.append((session, bench.arrive_frame(number, session)))
 
     assert [session for session, is_taken in seen if is_taken] == [other] * 99
-    assert (bench.counts.flawed, bench.counts.sessions) == ({Flaw.OLD: 99}, 2)
+    assert (bench.counts.flawed, bench.counts.sessions) == ({Defect.OLD: 99}, 2)
 
 
 def test_kinds_have_numbers_of_their_own():
@@ -284,4 +284,4 @@ def test_room_is_not_read_beyond_what_arrived():
     bench.arrive(sealed(frame(count=5), 1))
 
     assert bench.arrive(sealed(frame(count=5), 2)[:-1]) == []
-    assert bench.counts.flawed == {Flaw.SIZE: 1}
+    assert bench.counts.flawed == {Defect.SIZE: 1}
