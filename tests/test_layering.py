@@ -97,7 +97,7 @@ experiment · part_press · sweep
 claims · figures
 engine · stability
 simulation
-multibody · paper
+paper
 """,
     "proximity.lab.experiment": """
 analysis · unstable_walls

@@ -11,8 +11,7 @@ from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.glove import Glove
 from proximity.lab.paper import energies, figure_5, reacting_operator
 from proximity.lab.paper.energies import Stop
-from proximity.lab.paper.spring_damper import FINGER
-from proximity.lab.paper.walls import RealWall, steady_excess
+from proximity.lab.paper.walls import FINGER, RealWall, steady_excess
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff, ideal_drum, real_wall
 from proximity.lab.simulation.devices import COUPLED_DEVICE, Decaff, Link, Sensing
 from proximity.lab.simulation.hand import Hand

@@ -4,20 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad
 
 from proximity.errors import DecaffError
 from proximity.lab.paper import energies, figure_5, reacting_operator, walls
 from proximity.lab.paper.energies import Stop
-from proximity.lab.paper.spring_damper import (
-    FINGER,
-    RIGID,
-    SpringDamper,
-    in_series,
-    series_stiffness,
-)
 from proximity.lab.paper.trajectories import Press
-from proximity.lab.paper.walls import Convention, DecaffWall, RealWall, TraditionalWall
+from proximity.lab.paper.walls import FINGER, Convention, RealWall, SpringDamper, TraditionalWall, in_series
 
 MS, MM, MJ = 1e-3, 1e-3, 1e-3
 STEP = 1e-5  # s, of the curves below; the reference's was the same
@@ -110,7 +103,7 @@ def test_conventions_differ_by_the_inertia():
 
 
 def test_unknown_convention_is_named():
-    for wall in (RealWall(), TraditionalWall(), DecaffWall(), DecaffWall(drum_stiffness=1e4)):
+    for wall in (RealWall(), TraditionalWall()):
         with pytest.raises(DecaffError, match="no convention 'old', expected one of newton, pad, printed"):
             wall.force(TIMES, PRESS, "old")
 
@@ -244,26 +237,19 @@ def test_operator_without_steps_is_refused():
         reacting_operator.react(PRESS, FINGER, math.nan, 0.04, end=1.0)
 
 
-# ------------------------------------------------------------------------------------------ walls in series
-
-
 def test_limits_of_a_series_are_right():
-    wall = SpringDamper(200.0, 1.2)
-    pair = in_series(FINGER, wall)
-    slow, fast = 1e-3j, 1e9j
-
-    assert series_stiffness(FINGER, wall, slow).real == pytest.approx(pair.stiffness, rel=1e-9)
-    assert series_stiffness(FINGER, wall, slow).imag / 1e-3 == pytest.approx(1.8, rel=1e-6)
-    assert series_stiffness(FINGER, wall, fast).imag / 1e9 == pytest.approx(pair.damping, rel=1e-9)
-    in_proportion = SpringDamper(1000.0, 30.0)
-    s = 2j * np.pi * np.array([1.0, 30.0])
-    np.testing.assert_allclose(
-        in_series(FINGER, in_proportion).dynamic_stiffness(s), series_stiffness(FINGER, in_proportion, s)
-    )
+    """The stiffness when slow, the damping when fast, and both where they are in proportion."""
+    wall, proportional = SpringDamper(200.0, 1.2), SpringDamper(1000.0, 30.0)
+    for other, s in ((wall, 1e-3j), (wall, 1e9j), (proportional, 20j), (proportional, 200j)):
+        pair = in_series(FINGER, other)
+        one, two = (each.stiffness + s * each.damping for each in (FINGER, other))
+        exact, found = one * two / (one + two), pair.stiffness + s * pair.damping
+        assert found.real == pytest.approx(exact.real, rel=1e-9) or abs(s) > 1e8
+        assert found.imag == pytest.approx(exact.imag, rel=1e-9) or abs(s) < 1.0
 
 
-def test_rigid_wall_in_series_is_none():
-    assert in_series(FINGER, RIGID) == FINGER
+def test_spring_that_is_none_is_refused():
+    assert in_series(FINGER, SpringDamper(math.inf, math.inf)) == FINGER
     assert in_series(FINGER, SpringDamper(0.0, 0.0)) == SpringDamper(0.0, 0.0, FINGER.mass)
     with pytest.raises(
         DecaffError, match=r"stiffness is -1\.0, expected a number of newtons a metre of 0 or more"
@@ -276,36 +262,6 @@ def test_rigid_wall_in_series_is_none():
 def test_wall_that_answers_before_is_refused():
     with pytest.raises(DecaffError, match=r"delay is -0\.04, expected a number of seconds of 0 or more"):
         TraditionalWall(delay=-0.04)
-
-
-# -------------------------------------------------------------------------------------------------- DECAFF
-
-
-def test_drum_in_place_is_the_real_wall():
-    """Equation (16)."""
-    for convention in Convention:
-        np.testing.assert_array_equal(
-            DecaffWall().force(TIMES, PRESS, convention), RealWall().force(TIMES, PRESS, convention)
-        )
-
-
-def test_drum_that_yields_is_a_spring_behind_the_pad():
-    stiffness = 3000.0
-    both = FINGER.stiffness + stiffness
-
-    def rate(time, deflection):
-        return (stiffness * PRESS.at(time).position - both * deflection) / FINGER.damping
-
-    times = np.linspace(0.0501, 0.359, 400)
-    exact = solve_ivp(rate, (0.05, 0.359), [0.0], t_eval=times, rtol=1e-10, atol=1e-14, max_step=1e-3).y[0]
-    motion = PRESS.at(times)
-    expected = FINGER.mass * motion.acceleration + stiffness * (motion.position - exact)
-
-    found = DecaffWall(drum_stiffness=stiffness).force(times, PRESS)
-    np.testing.assert_allclose(found, np.maximum(expected, 0.0), atol=1e-5)
-    assert DecaffWall(drum_stiffness=stiffness).force(0.2, PRESS) == pytest.approx(
-        walls.steady_force(PRESS.depth, FINGER.stiffness, stiffness), rel=1e-9
-    )
 
 
 # ------------------------------------------------------------------------------------------------ energies

@@ -11,7 +11,7 @@ from proximity.lab.figures.tables import Table
 from proximity.lab.paper import figure_5
 from proximity.lab.paper.figure_5 import DELAY, FIGURES, GAIN_SHARE, PENETRATED, PRESS, SIMULATED
 from proximity.lab.paper.reacting_operator import critical_gain, react
-from proximity.lab.paper.spring_damper import FINGER
+from proximity.lab.paper.walls import FINGER
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

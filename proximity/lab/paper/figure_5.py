@@ -11,9 +11,8 @@ import numpy as np
 
 from proximity.errors import DecaffError
 from proximity.lab.paper.reacting_operator import critical_gain, react
-from proximity.lab.paper.spring_damper import FINGER, SpringDamper, in_series
 from proximity.lab.paper.trajectories import Press
-from proximity.lab.paper.walls import Convention, RealWall, TraditionalWall
+from proximity.lab.paper.walls import FINGER, Convention, RealWall, SpringDamper, TraditionalWall, in_series
 
 PRESS = Press()
 DELAY = 0.040  # s, the paper's 25 Hz

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from proximity.decaff.arguments import not_negative, positive
-from proximity.lab.paper.spring_damper import SpringDamper
 from proximity.lab.paper.trajectories import Press
+from proximity.lab.paper.walls import SpringDamper
 
 
 @dataclass(frozen=True, slots=True, eq=False)

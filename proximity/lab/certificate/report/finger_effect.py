@@ -9,9 +9,8 @@ import math
 from dataclasses import dataclass
 
 from proximity.lab.paper.energies import energy_excess
-from proximity.lab.paper.spring_damper import FINGER
 from proximity.lab.paper.trajectories import Press
-from proximity.lab.paper.walls import steady_excess, total_delay
+from proximity.lab.paper.walls import FINGER, steady_excess, total_delay
 
 SPEEDS = (0.1, 0.5, 1.0)
 """m/s, of fingers that meet a wall."""
