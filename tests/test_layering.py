@@ -15,8 +15,7 @@ ROOT = Path(proximity.__file__).parent.parent
 PICTURES = {
     "proximity": """
 cli
-lab
-web
+lab · web
 service
 tracker
 scene
@@ -115,7 +114,7 @@ certificate_job · report
 certification
 measurement
 search · service_inputs
-deadlines · fingerprint · period · subject · tick_times · vr_application · wording
+deadlines · fingerprint · period · subject · tick_times · wording
 """,
     "proximity.cli": """
 commands

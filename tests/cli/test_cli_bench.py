@@ -9,8 +9,6 @@ import pytest
 from certificates import case, certificate, loop
 
 from proximity import DecaffError
-from proximity.cli import console
-from proximity.cli.commands.studies import vr_applications
 from proximity.lab import certificate as package
 from proximity.lab.certificate import certification
 from proximity.lab.certificate.search import worst_positions
@@ -178,31 +176,3 @@ def test_all_of_it_runs_on_a_box(run, monkeypatch):
     for goal in document["search"]:
         assert goal["places"][0]["work"] >= goal["typical_work"] > 0
     assert document["loop"]["ticks"] <= 50
-
-
-@pytest.mark.parametrize("columns", [80, 240])
-def test_table_of_applications_is_cut_off_nowhere(monkeypatch, capsys, columns):
-    """Side by side where there is room, else one below the other."""
-    cells = [
-        "native",
-        "10,620",
-        "90",
-        "10",
-        "0.70",
-        "1.22",
-        "1.50",
-        "6%",
-        "102",
-        "190",
-        "10.2%",
-        "28",
-        "0.35",
-        "",
-    ]
-    monkeypatch.setattr(console, "results_console", lambda: console.Console(width=columns))
-    vr_applications._print([SimpleNamespace(cells=cells)] * 8)
-
-    printed = capsys.readouterr().out
-    assert "…" not in printed
-    assert max(map(len, printed.splitlines())) <= columns
-    assert printed.count("0.70") == printed.count("10.2%") == 8

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import typer
 
 import proximity
-from proximity.cli.commands.studies.vr_applications import time_applications
 from proximity.cli.options import UNITS
 from proximity.cli.program import EXIT_UNUSABLE
 
@@ -26,9 +25,6 @@ HELP = "\n\n".join(
         "deadlines if the loop missed at most 0.1 % of them, for whatever reason: interruptions and late "
         "waking count here. With --gate the exit code is 1 if the scene does not fit PERIOD. The page "
         "requires jinja2 and matplotlib.",
-        "--vr measures two VR applications instead: one that publishes poses and subscribes to frames in "
-        "shared memory, and the one that proximity view runs, without drawing. Poses come at 90 and 120 Hz "
-        "for five and ten fingers, ticks at 1 kHz.",
     )
 )
 
@@ -36,7 +32,6 @@ EXAMPLES = """
 Examples:
   proximity bench meshes/bracket.stl
   proximity bench cell.toml --gate 1ms --out cell-latency.html
-  proximity bench part.step --vr
   proximity bench gearbox.step --recording grab.csv --gate 5kHz --json > latency.json
 """
 
@@ -87,12 +82,6 @@ REAL_TIME = Annotated[
         show_default=False,
     ),
 ]
-VR = Annotated[
-    bool,
-    typer.Option(
-        "--vr", help="Measure whole VR applications instead, from the pose of a hand to its distances."
-    ),
-]
 AS_JSON = Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")]
 
 
@@ -106,14 +95,10 @@ def command(
     seconds: SECONDS = 3.0,
     seed: SEED = 0,
     real_time: REAL_TIME = None,
-    vr: VR = False,
     as_json: AS_JSON = False,
     units: UNITS = "mm",
 ) -> None:
     """Certify a scene, and print what was found."""
-    if vr:
-        time_applications([str(scene)], recording, seconds, units, as_json=as_json)
-        return
     # NumPy, Rich and the library: only now, so that --help answers at once.
     from proximity.cli import progress
     from proximity.cli.commands.service.demo import sample
