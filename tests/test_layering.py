@@ -110,11 +110,13 @@ plan
 coupled_controller · design
 """,
     "proximity.lab.certificate": """
-certificate_job · report
+certificate_job · document · report
 certification
 measurement
-search · service_inputs
-deadlines · fingerprint · period · subject · tick_times · wording
+service_inputs · worst_positions
+starting_positions
+work
+deadlines · subject · tick_times · wording
 """,
     "proximity.cli": """
 commands

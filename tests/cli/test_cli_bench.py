@@ -6,12 +6,11 @@ from types import SimpleNamespace
 
 import make
 import pytest
-from certificates import case, certificate, loop
+from certificates import certificate, loop, timing
 
 from proximity import DecaffError
 from proximity.lab import certificate as package
-from proximity.lab.certificate import certification
-from proximity.lab.certificate.search import worst_positions
+from proximity.lab.certificate import certification, worst_positions
 from proximity.lab.figures import style
 
 BRACKET, HAND, DEMO = (str(make.FOLDER / name) for name in ("bracket.stl", "hand.csv", "demo.toml"))
@@ -71,7 +70,7 @@ def test_machine_that_wakes_late_fails_no_scene(run):
 
 
 def test_without_a_gate_the_exit_code_is_0(run):
-    run.given = {"cases": [case("random", 9000)]}
+    run.given = {"timings": [timing("random", 9000)]}
 
     result = run(BRACKET, "--out", "cell.json")
 

@@ -8,7 +8,7 @@ from certificates import ball_subject, certificate, found
 
 from proximity.decaff.glove.finger import Finger
 from proximity.lab.certificate import measurement, service_inputs, wording
-from proximity.lab.certificate.report.document import document
+from proximity.lab.certificate.document import document
 from proximity.lab.certificate.subject import read_subject
 from proximity.pose import Pose
 from proximity.service.inputs.gloves import points_on
