@@ -1,14 +1,16 @@
 """Public names, and where they are: what type checkers read, and what `proximity` imports from when asked."""
 
+from proximity.errors import ArgumentError as ArgumentError
 from proximity.errors import DecaffError as DecaffError
+from proximity.errors import FileError as FileError
 from proximity.errors import MeshError as MeshError
 from proximity.errors import MeshFormatError as MeshFormatError
+from proximity.errors import MissingLibraryError as MissingLibraryError
 from proximity.errors import MotorError as MotorError
 from proximity.errors import NotWatertightError as NotWatertightError
 from proximity.errors import PoseError as PoseError
 from proximity.errors import ProximityError as ProximityError
 from proximity.errors import PublishError as PublishError
-from proximity.errors import QueryError as QueryError
 from proximity.errors import RecordingError as RecordingError
 from proximity.errors import SceneError as SceneError
 from proximity.errors import ServiceError as ServiceError

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.errors import ProximityError, QueryError
+from proximity.errors import ArgumentError
 
 FLOAT64 = np.dtype(np.float64)
 _ROW = (3,)
@@ -24,9 +24,7 @@ DIGITS_SHOWN = 9
 """Of a number: of a length of a metre nanometres."""
 
 
-def as_float64(
-    values: Any, name: str, *, error: type[ProximityError] = QueryError, expected: str = "numbers"
-) -> np.ndarray:
+def as_float64(values: Any, name: str, *, expected: str = "numbers") -> np.ndarray:
     """Return *values* as a writeable C-ordered float64 array, without a copy where it already is one.
 
     Kernels are compiled for such arrays only: a read-only one would send numba to the compiler again.
@@ -39,11 +37,11 @@ def as_float64(
     try:
         array = np.asanyarray(values)
     except ValueError as ragged:
-        raise error(f"{name} have rows of different lengths, expected {expected}") from ragged
+        raise ArgumentError(f"{name} have rows of different lengths, expected {expected}") from ragged
     if array.dtype.kind not in "biufO":
-        raise error(f"{name} have dtype {array.dtype}, expected {expected}")
+        raise ArgumentError(f"{name} have dtype {array.dtype}, expected {expected}")
     if array.dtype.kind == "O":
-        _check_numbers(array, name, error, expected)
+        _check_numbers(array, name, expected)
     try:
         with np.errstate(over="ignore"):
             if isinstance(array, np.ma.MaskedArray):
@@ -53,7 +51,7 @@ def as_float64(
                 return copied(array)
             return np.require(array, np.float64, ["C", "A", "W"])
     except (OverflowError, TypeError, ValueError) as unfit:
-        raise error(
+        raise ArgumentError(
             f"{name} contain something that is not a number ({unfit}), expected {expected}"
         ) from unfit
 
@@ -79,11 +77,11 @@ def _is_float64(values: Any) -> bool:
     return type(values) is np.ndarray and values.dtype is FLOAT64 and values.flags.carray
 
 
-def _check_numbers(array: np.ndarray, name: str, error: type[ProximityError], expected: str) -> None:
+def _check_numbers(array: np.ndarray, name: str, expected: str) -> None:
     """NumPy would read text as numbers, and None as nan."""
     for value in array.flat:
         if value is None or isinstance(value, (str, bytes)):
-            raise error(f"{name} hold {value!r}, which is not a number, expected {expected}")
+            raise ArgumentError(f"{name} hold {value!r}, which is not a number, expected {expected}")
 
 
 def shown(value: Any) -> str:
@@ -113,10 +111,10 @@ def trimesh_kind(value: Any) -> str | None:
     return None
 
 
-def refuse_trimesh(value: Any, error: type[ProximityError]) -> None:
+def refuse_trimesh(value: Any) -> None:
     """Raise an error that names the conversion, if *value* is an object of trimesh."""
     if kind := trimesh_kind(value):
-        raise error(f"a trimesh.{kind} was given: proximity.from_trimesh makes a scene of it")
+        raise ArgumentError(f"a trimesh.{kind} was given: proximity.from_trimesh makes a scene of it")
 
 
 def as_points(values: Any, name: str = "points") -> np.ndarray:
@@ -132,7 +130,7 @@ def as_points(values: Any, name: str = "points") -> np.ndarray:
     if points.shape == (0,):
         return points.reshape(0, 3)
     if points.ndim == 0 or points.shape[-1] != 3:
-        raise QueryError(f"{name} have shape {points.shape}, expected (..., 3)")
+        raise ArgumentError(f"{name} have shape {points.shape}, expected (..., 3)")
     return points
 
 
@@ -152,7 +150,6 @@ def positive(
     unit: str,
     *,
     may_be_infinite: bool = False,
-    error: type[ProximityError] = QueryError,
 ) -> float:
     """Return *value* as a float above zero.
 
@@ -160,7 +157,7 @@ def positive(
     """
     number = as_number(value)
     if not (number > 0.0 and (may_be_infinite or number < math.inf)):
-        raise error(f"{name} is {shown(value)}, expected a positive number of {unit}")
+        raise ArgumentError(f"{name} is {shown(value)}, expected a positive number of {unit}")
     return number
 
 
@@ -171,22 +168,21 @@ def not_negative(
     *,
     most: float = math.inf,
     may_be_infinite: bool = False,
-    error: type[ProximityError] = QueryError,
 ) -> float:
     """Return *value* as a float of zero or more."""
     number = as_number(value)
     if not (number >= 0.0 and (may_be_infinite or number < math.inf)):
-        raise error(f"{name} is {shown(value)}, expected a number of {unit} of 0 or more")
+        raise ArgumentError(f"{name} is {shown(value)}, expected a number of {unit} of 0 or more")
     if number > most:
-        raise error(f"{name} is {shown(value)}, expected a number of {unit} of {most:g} at most")
+        raise ArgumentError(f"{name} is {shown(value)}, expected a number of {unit} of {most:g} at most")
     return number
 
 
-def finite(name: str, value: Any, unit: str, *, error: type[ProximityError] = QueryError) -> float:
+def finite(name: str, value: Any, unit: str) -> float:
     """Return *value* as a float of either sign."""
     number = as_number(value)
     if not math.isfinite(number):
-        raise error(f"{name} is {shown(value)}, expected a number of {unit}")
+        raise ArgumentError(f"{name} is {shown(value)}, expected a number of {unit}")
     return number
 
 
@@ -201,8 +197,8 @@ def is_whole(value: Any, least: float = -math.inf) -> bool:
         return False
 
 
-def whole(name: str, value: Any, least: int = 1, *, error: type[ProximityError] = QueryError) -> int:
+def whole(name: str, value: Any, least: int = 1) -> int:
     """Return *value* as an int from *least* on."""
     if not is_whole(value, least):
-        raise error(f"{name} is {shown(value)}, expected a whole number of {least} or more")
+        raise ArgumentError(f"{name} is {shown(value)}, expected a whole number of {least} or more")
     return operator.index(value)

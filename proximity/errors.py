@@ -6,8 +6,10 @@
     ├── MeshError          (ValueError)    choose another mesh, or repair it
     │   ├── MeshFormatError                export the file again: it is not what it claims, or is damaged
     │   └── NotWatertightError             ask for unsigned distances, or close the surface
-    ├── QueryError         (ValueError)    change the argument that the message names
-    ├── PoseError          (ValueError)    give a rotation and a translation
+    ├── ArgumentError      (ValueError)    change the argument that the message names
+    │   └── PoseError                      give a rotation and a translation
+    ├── FileError          (OSError)       write to another path, or make room there
+    ├── MissingLibraryError (ImportError)  install what the message names
     ├── SceneError         (ValueError)    name parts that are there; save under another name
     ├── RecordingError     (ValueError)    choose another recording or log
     ├── ServiceError       (ValueError)    correct the line of the scene file that the message names
@@ -37,12 +39,20 @@ class NotWatertightError(MeshError):
     """A sign was asked of a surface that has no inside."""
 
 
-class QueryError(ProximityError, ValueError):
-    """An argument of a query cannot be used."""
+class ArgumentError(ProximityError, ValueError):
+    """An argument cannot be used."""
 
 
-class PoseError(ProximityError, ValueError):
+class PoseError(ArgumentError):
     """Not a rigid transform."""
+
+
+class FileError(ProximityError, OSError):
+    """A file cannot be written."""
+
+
+class MissingLibraryError(ProximityError, ImportError):
+    """An optional library is not installed, or cannot be imported."""
 
 
 class SceneError(ProximityError, ValueError):

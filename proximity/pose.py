@@ -98,9 +98,7 @@ class Pose:
         PoseError
             If it is not a rigid transform.
         """
-        array = as_float64(
-            matrix, "entries of a pose's matrix", error=PoseError, expected="numbers of shape (4, 4)"
-        )
+        array = as_float64(matrix, "entries of a pose's matrix", expected="numbers of shape (4, 4)")
         if array.shape != (4, 4):
             raise PoseError(
                 f"a pose's matrix has shape {array.shape}, expected (4, 4){quaternion_hint(array)}"
@@ -125,7 +123,7 @@ class Pose:
         PoseError
             If it is not a unit quaternion, or the translation is not 3 finite numbers.
         """
-        array = as_float64(xyzw, "entries of a quaternion", error=PoseError, expected="4 numbers x, y, z, w")
+        array = as_float64(xyzw, "entries of a quaternion", expected="4 numbers x, y, z, w")
         if array.shape != (4,):
             raise PoseError(f"a quaternion has shape {array.shape}, expected (4,): x, y, z, w")
         norm = float(np.linalg.norm(array))
@@ -202,7 +200,7 @@ class Pose:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If they are not numbers of shape (..., 3).
         """
         return as_points(points) @ self.rotation.T + self.translation
@@ -217,7 +215,7 @@ class Pose:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If they are not numbers of shape (..., 3).
         """
         return as_points(directions, "directions") @ self.rotation.T
@@ -232,9 +230,7 @@ class Pose:
 
 
 def _checked_rotation(rotation: Any) -> np.ndarray:
-    array = as_float64(
-        rotation, "entries of a pose's rotation", error=PoseError, expected="numbers of shape (3, 3)"
-    )
+    array = as_float64(rotation, "entries of a pose's rotation", expected="numbers of shape (3, 3)")
     if array.shape != (3, 3):
         raise PoseError(f"a pose's rotation has shape {array.shape}, expected (3, 3){quaternion_hint(array)}")
     if not np.isfinite(array).all():
@@ -257,7 +253,7 @@ def _checked_rotation(rotation: Any) -> np.ndarray:
 
 
 def _checked_translation(translation: Any) -> np.ndarray:
-    array = as_float64(translation, "entries of a pose's translation", error=PoseError, expected="3 numbers")
+    array = as_float64(translation, "entries of a pose's translation", expected="3 numbers")
     if array.shape != (3,):
         raise PoseError(f"a pose's translation has shape {array.shape}, expected (3,)")
     if not np.isfinite(array).all():

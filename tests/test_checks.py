@@ -8,7 +8,7 @@ import pytest
 from odd_arrays import unaligned
 
 from proximity.checks import as_float64, as_points
-from proximity.errors import MeshError, QueryError
+from proximity.errors import ArgumentError
 
 ROWS = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
 
@@ -105,7 +105,7 @@ def test_an_empty_list_is_no_points(rows):
     ],
 )
 def test_other_shapes_are_refused(rows, shape):
-    with pytest.raises(QueryError, match=rf"^points have shape {shape}, expected \(\.\.\., 3\)$"):
+    with pytest.raises(ArgumentError, match=rf"^points have shape {shape}, expected \(\.\.\., 3\)$"):
         as_points(rows)
 
 
@@ -127,12 +127,12 @@ def test_other_shapes_are_refused(rows, shape):
     ],
 )
 def test_what_holds_no_numbers_is_refused_with_the_reason(rows, reason):
-    with pytest.raises(QueryError, match=rf"^{reason}.*, expected numbers of shape \(\.\.\., 3\)$"):
+    with pytest.raises(ArgumentError, match=rf"^{reason}.*, expected numbers of shape \(\.\.\., 3\)$"):
         as_points(rows)
 
 
-def test_caller_chooses_names_and_error():
-    with pytest.raises(MeshError, match=r"^vertices have dtype <U1, expected numbers of shape \(V, 3\)$"):
-        as_float64(["a"], "vertices", error=MeshError, expected="numbers of shape (V, 3)")
-    with pytest.raises(QueryError, match=r"^x have dtype <U1, expected numbers$"):
+def test_caller_chooses_names():
+    with pytest.raises(ArgumentError, match=r"^vertices have dtype <U1, expected numbers of shape \(V, 3\)$"):
+        as_float64(["a"], "vertices", expected="numbers of shape (V, 3)")
+    with pytest.raises(ArgumentError, match=r"^x have dtype <U1, expected numbers$"):
         as_float64(["a"], "x")

@@ -11,8 +11,10 @@ TREE = {
     "MeshError": errors.ProximityError,
     "MeshFormatError": errors.MeshError,
     "NotWatertightError": errors.MeshError,
-    "QueryError": errors.ProximityError,
-    "PoseError": errors.ProximityError,
+    "ArgumentError": errors.ProximityError,
+    "PoseError": errors.ArgumentError,
+    "FileError": errors.ProximityError,
+    "MissingLibraryError": errors.ProximityError,
     "SceneError": errors.ProximityError,
     "RecordingError": errors.ProximityError,
     "PublishError": errors.ProximityError,
@@ -21,7 +23,14 @@ TREE = {
     "MotorError": errors.ProximityError,
     "UnitsWarning": UserWarning,
 }
-NOT_VALUES = {"ProximityError", "PublishError", "MotorError", "UnitsWarning"}
+NOT_VALUES = {
+    "FileError",
+    "MissingLibraryError",
+    "MotorError",
+    "ProximityError",
+    "PublishError",
+    "UnitsWarning",
+}
 
 
 def test_tree_is_the_one_that_is_drawn():

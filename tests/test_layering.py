@@ -88,7 +88,6 @@ motors
 controller
 glove
 drum
-arguments
 """,
     "proximity.lab": """
 certificate

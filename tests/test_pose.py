@@ -7,7 +7,7 @@ import pytest
 import shapes
 from scipy.spatial.transform import Rotation
 
-from proximity.errors import PoseError, QueryError
+from proximity.errors import ArgumentError, PoseError
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -126,7 +126,7 @@ def test_arrays_are_read_only_copies(field):
     ],
 )
 def test_rotation_that_is_none_is_refused(rotation, message):
-    with pytest.raises(PoseError, match=re.escape(message)):
+    with pytest.raises(ArgumentError, match=re.escape(message)):
         Pose(rotation)
 
 
@@ -140,7 +140,7 @@ def test_rotation_that_is_none_is_refused(rotation, message):
     ],
 )
 def test_translation_that_is_none_is_refused(translation, message):
-    with pytest.raises(PoseError, match=re.escape(message)):
+    with pytest.raises(ArgumentError, match=re.escape(message)):
         Pose(None, translation)
 
 
@@ -156,15 +156,15 @@ def test_translation_that_is_none_is_refused(translation, message):
     ],
 )
 def test_matrix_that_is_no_pose_is_refused(matrix, message):
-    with pytest.raises(PoseError, match=re.escape(message)):
+    with pytest.raises(ArgumentError, match=re.escape(message)):
         Pose.of(matrix)
 
 
 @pytest.mark.parametrize("points", ["x", [1.0, 2.0], None, [1.0, 2.0, 3j]])
 def test_points_that_are_none_are_refused(points):
-    with pytest.raises(QueryError, match=r"^points .* expected"):
+    with pytest.raises(ArgumentError, match=r"^points .* expected"):
         Pose().point(points)
-    with pytest.raises(QueryError, match=r"^directions .* expected"):
+    with pytest.raises(ArgumentError, match=r"^directions .* expected"):
         Pose().direction(points)
 
 
@@ -204,7 +204,7 @@ def test_quaternion_turns_as_scipy_says(seed):
     ],
 )
 def test_quaternion_that_is_none_is_refused(xyzw, message):
-    with pytest.raises(PoseError, match=f"^{re.escape(message)}"):
+    with pytest.raises(ArgumentError, match=f"^{re.escape(message)}"):
         Pose.from_quaternion(xyzw)
 
 

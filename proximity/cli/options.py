@@ -164,11 +164,11 @@ def check_gear(name: str | None) -> str | None:
     """Return the name of a gear of ours; refuse another one."""
     if name is not None:
         from proximity.decaff.drum.drum_model import gear_named
-        from proximity.errors import DecaffError
+        from proximity.errors import ArgumentError
 
         try:
             gear_named(name)
-        except DecaffError as unknown:
+        except ArgumentError as unknown:
             raise typer.BadParameter(str(unknown), param_hint="--drum") from unknown
     return name
 

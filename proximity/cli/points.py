@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TextIO
 
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 
 STANDARD_INPUT = "-"
 BYTE_ORDER_MARK = "\ufeff"  # spreadsheets begin their UTF-8 with it
@@ -70,7 +70,7 @@ def read_points(
     try:
         if path == STANDARD_INPUT:
             if sys.stdin is None:
-                raise QueryError("standard input is closed, expected lines of three numbers")
+                raise ArgumentError("standard input is closed, expected lines of three numbers")
             if hasattr(sys.stdin, "reconfigure"):
                 sys.stdin.reconfigure(encoding="utf-8", errors="surrogateescape")
             yield from parse_points(_lines(sys.stdin), name, units, limit, note)
@@ -78,7 +78,7 @@ def read_points(
             with Path(path).open(encoding="utf-8", errors="surrogateescape") as stream:
                 yield from parse_points(_lines(stream), name, units, limit, note)
     except OSError as failure:
-        raise QueryError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
+        raise ArgumentError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
 
 
 def parse_points(
@@ -100,7 +100,7 @@ def parse_points(
             if len(reader.points) >= limit:
                 yield reader.taken()
                 has_yielded = True
-    except (QueryError, OSError):
+    except (ArgumentError, OSError):
         if len(reader.points):
             yield reader.taken()
         raise
@@ -134,7 +134,7 @@ class _Reader:
         try:
             fields = _fields(line.removeprefix(BYTE_ORDER_MARK) if row == 1 else line)
         except csv.Error as unfit:
-            raise QueryError(f"{where}: {unfit}, expected three numbers") from unfit
+            raise ArgumentError(f"{where}: {unfit}, expected three numbers") from unfit
         if not fields:
             return
         if not fields[-1] and len(fields) != self._field_count:
@@ -148,12 +148,12 @@ class _Reader:
                 if len(fields) > 3 and not self._has_header
                 else ""
             )
-            raise QueryError(f"{where}: {_counted(len(fields))}, expected {self._field_count}{hint}")
+            raise ArgumentError(f"{where}: {_counted(len(fields))}, expected {self._field_count}{hint}")
         try:
             self.points.coordinates.extend([number(fields[column]) for column in self._columns or (0, 1, 2)])
         except ValueError as unfit:
             _refuse_decimal_commas(line, where)
-            raise QueryError(f"{where}: {unfit}") from unfit
+            raise ArgumentError(f"{where}: {unfit}") from unfit
         if self._name_column is not None and self.points.names is not None:
             self.points.names.append(fields[self._name_column])
 
@@ -187,9 +187,11 @@ def _lines(stream: TextIO) -> Iterator[str]:
 
 def _check_text(line: str, where: str) -> None:
     if len(line) >= LONGEST_LINE:
-        raise QueryError(f"{where}: has {LONGEST_LINE} characters or more, expected three numbers")
+        raise ArgumentError(f"{where}: has {LONGEST_LINE} characters or more, expected three numbers")
     if not line.isascii() and any("\udc80" <= letter <= "\udcff" for letter in line):
-        raise QueryError(f"{where}: not text in UTF-8, expected a text file with three numbers on each line")
+        raise ArgumentError(
+            f"{where}: not text in UTF-8, expected a text file with three numbers on each line"
+        )
 
 
 def _fields(line: str) -> list[str]:
@@ -216,7 +218,7 @@ def _columns_of_header(fields: list[str], where: str) -> tuple[int, ...] | None:
             return spelt.index("x"), spelt.index("y"), spelt.index("z")
     if len(fields) == 3 and all(names) and not {"x", "y", "z"} & set(words):
         return 0, 1, 2
-    raise QueryError(
+    raise ArgumentError(
         f"{where}: {_shown(' '.join(fields))} is neither a point nor a header, "
         "expected three numbers or columns named x, y and z"
     )
@@ -234,7 +236,7 @@ def _check_units(names: list[str], units: str, where: str) -> None:
             ]
             if reported and units not in reported:
                 unit = reported[-1]
-                raise QueryError(
+                raise ArgumentError(
                     f"{where}: column {_shown(name)} is in {'inches' if unit == 'in' else unit}, expected "
                     f"{units}; add --units {unit}"
                 )
@@ -276,7 +278,7 @@ def _refuse_decimal_commas(line: str, where: str) -> None:
     with_comma = [word for word in words if DECIMAL_COMMA.fullmatch(word)]
     are_numbers = all(word in with_comma or _is_number(word) for word in words)
     if len(words) >= 3 and with_comma and (are_numbers or ";" in line):
-        raise QueryError(f"{where}: {_why_no_number(with_comma[0])}")
+        raise ArgumentError(f"{where}: {_why_no_number(with_comma[0])}")
 
 
 def _is_number(field: str) -> bool:

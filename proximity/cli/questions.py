@@ -17,7 +17,7 @@ import proximity
 from proximity.cli.lengths import distances_in_units, in_units
 from proximity.cli.points import Points
 from proximity.cli.wording import number
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.scene.queries.results import NO_FACE, Feature
 
 FAR = 1000.0
@@ -79,7 +79,7 @@ class Questions:
                 rows = rows[: len(rows) // 2 * 2]
             yield _names(chunk.names, self.mode, len(rows)) | self.ask(rows)
         if self.mode == "segment" and count % 2 == 1:
-            raise QueryError(f"points are taken in pairs (start, end), but there are {count}")
+            raise ArgumentError(f"points are taken in pairs (start, end), but there are {count}")
 
 
 def asker(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from proximity.checks import positive
-from proximity.errors import MeshError, MeshFormatError, PoseError, ProximityError
+from proximity.errors import MeshError, MeshFormatError, MissingLibraryError, PoseError, ProximityError
 from proximity.formats import dialects, format_detection, node_placement, obj, off, stl, text_rows
 from proximity.formats.contents import FileContents, Geometry, RawFile, RawMesh, Source
 from proximity.formats.gltf import gltf
@@ -47,9 +47,9 @@ def read_geometries(
     one geometry; nothing merged, dropped or repaired. Identical instances share their arrays.
     """
     metres = metres_per_unit(units)
-    tolerance = positive("step_tolerance", step_tolerance, "metres", error=MeshError)
+    tolerance = positive("step_tolerance", step_tolerance, "metres")
     read_step = partial(step.read_step, tolerance=tolerance, undeclared_metres=metres)
-    limit = positive("unpacked_limit", unpacked_limit, "bytes", may_be_infinite=True, error=MeshError)
+    limit = positive("unpacked_limit", unpacked_limit, "bytes", may_be_infinite=True)
     read_3mf = partial(threemf.read_3mf, unpacked_limit=limit)
     readers: dict[str, Callable[[Source], RawFile]] = {**_READERS, "STEP": read_step, "3MF": read_3mf}
     try:
@@ -73,7 +73,7 @@ def read_geometries(
         geometries, naming = _geometries(raw, metres, Path(shown).stem)
     except MemoryError:
         raise MeshFormatError(f"{shown}: there is not enough memory to read it") from None
-    except MeshError as reason:
+    except (MeshError, MissingLibraryError) as reason:
         raise type(reason)(f"{shown}: {reason}") from reason.__cause__
     return FileContents(
         shown, raw.format, raw.units or units, raw.units is not None, geometries, (*raw.notes, *naming)

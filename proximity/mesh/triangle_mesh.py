@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import as_float64, is_whole
-from proximity.errors import MeshError
+from proximity.errors import ArgumentError, MeshError
 
 MAX_FACE_COUNT = 2**31 - 1
 """Faces and vertices are numbered by int32."""
@@ -94,9 +94,9 @@ class TriangleMesh:
 
 
 def _checked_vertices(vertices: Any) -> np.ndarray:
-    array = as_float64(vertices, "vertices", error=MeshError, expected="numbers of shape (V, 3)")
+    array = as_float64(vertices, "vertices", expected="numbers of shape (V, 3)")
     if array.ndim != 2 or array.shape[1] != 3:
-        raise MeshError(f"vertices have shape {array.shape}, expected (V, 3)")
+        raise ArgumentError(f"vertices have shape {array.shape}, expected (V, 3)")
     if len(array) > MAX_FACE_COUNT:
         raise MeshError(f"the mesh has {len(array)} vertices, at most {MAX_FACE_COUNT} can be numbered")
     return array.copy()

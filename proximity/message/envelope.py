@@ -14,7 +14,7 @@ from struct import Struct
 
 import numpy as np
 
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.message.fields import Field, blank_of, dtype_of, struct_of
 
 VERSION = 1
@@ -107,7 +107,7 @@ class Message:
 
     Raises
     ------
-    QueryError
+    ArgumentError
         If *count* is out of range.
     """
 
@@ -118,7 +118,7 @@ class Message:
 
     def __init__(self, kind: Kind, count: int) -> None:
         if not isinstance(count, (int, np.integer)) or not 0 <= count <= MAX_RECORDS:
-            raise QueryError(f"{count!r} records, expected 0 to {MAX_RECORDS}")
+            raise ArgumentError(f"{count!r} records, expected 0 to {MAX_RECORDS}")
         self.kind = kind
         self.data = np.zeros(kind.size(count), np.uint8)
         self.header, self.records = parts_of(self.data, kind)

@@ -11,7 +11,6 @@ from typing import Any, BinaryIO, TextIO
 
 import numpy as np
 
-from proximity.errors import RecordingError
 from proximity.message import FRAME, State
 from proximity.recording.columns import scalar_columns
 from proximity.recording.frame_bytes import frame_type
@@ -90,5 +89,5 @@ def write_frames_parquet(stream: BinaryIO, runs: Iterable[np.ndarray]) -> int:
 
 def load_pyarrow() -> tuple[Any, Any]:
     """Return the modules ``pyarrow`` and ``pyarrow.parquet``."""
-    with needed("Parquet needs", "parquet", RecordingError):
+    with needed("Parquet needs", "parquet"):
         return import_module("pyarrow"), import_module("pyarrow.parquet")

@@ -108,7 +108,7 @@ class Recording:
 
         *scale*: how many times as large the motion becomes; more than zero.
         """
-        scale = positive("scale", scale, "times the size", error=RecordingError)
+        scale = positive("scale", scale, "times the size")
         return replace(self, positions=pose.point(self.positions * scale))
 
     def middle(self) -> tuple[np.ndarray, np.ndarray]:

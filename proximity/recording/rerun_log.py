@@ -34,7 +34,7 @@ def write_rerun(
 
     *frames*: (B,) structured.
     """
-    with needed("a recording for Rerun needs", "rerun", RecordingError):
+    with needed("a recording for Rerun needs", "rerun"):
         rerun = import_module("rerun")
     recording = rerun.RecordingStream("proximity")
     try:

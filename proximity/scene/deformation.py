@@ -8,7 +8,7 @@ parts is left to the caller.
 import numpy as np
 
 from proximity.checks import as_float64
-from proximity.errors import MeshError
+from proximity.errors import ArgumentError, MeshError
 from proximity.kernels import layout
 from proximity.kernels.layout import NO_ROW
 from proximity.kernels.sign.inside_grid import CELL_CROSSED
@@ -37,11 +37,11 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
     assert model.reals.flags.writeable and model.words.flags.writeable, "what is deformed is not shared"
     count = solid.mesh.vertex_count
     shape = f"({count}, 3)"
-    array = as_float64(
-        vertices, f"vertices of part {name!r}", error=MeshError, expected=f"numbers of shape {shape}"
-    )
+    array = as_float64(vertices, f"vertices of part {name!r}", expected=f"numbers of shape {shape}")
     if array.shape != (count, 3):
-        raise MeshError(f"vertices of part {name!r} have shape {array.shape}, expected {shape}, as its mesh")
+        raise ArgumentError(
+            f"vertices of part {name!r} have shape {array.shape}, expected {shape}, as its mesh"
+        )
     kept, box = np.empty((count, 3)), np.empty(6)
     bad = survey_vertices(array, solid.first_vertices, FARTHEST, kept, box)
     if bad != NO_ROW:

@@ -77,7 +77,7 @@ def _as_part(part: Any) -> Part:
         rows = np.arange(part.mesh.face_count, dtype=np.int32)
         rows.flags.writeable = False
         return Part(part.name, part, Pose(), rows)
-    refuse_trimesh(part, SceneError)
+    refuse_trimesh(part)
     raise SceneError(f"a scene is made of Part and Solid, not of {type(part).__name__}")
 
 

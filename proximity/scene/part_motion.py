@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import as_float64, is_ready, not_negative, positive
-from proximity.errors import PoseError, SceneError
+from proximity.errors import ArgumentError, PoseError
 from proximity.pose import Pose, quaternion_hint
 from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
 
@@ -76,14 +76,14 @@ def checked_velocity(name: str, velocity: Any, what: str, unit: str) -> np.ndarr
     *velocity*: (3,) array-like.
     """
     expected = f"3 finite numbers, {unit}"
-    array = as_float64(velocity, f"entries of {what} of part {name!r}", error=SceneError, expected=expected)
+    array = as_float64(velocity, f"entries of {what} of part {name!r}", expected=expected)
     if array.shape != (3,):
-        raise SceneError(f"{what} of part {name!r} has shape {array.shape}, expected {expected}")
+        raise ArgumentError(f"{what} of part {name!r} has shape {array.shape}, expected {expected}")
     if not np.isfinite(array).all():
-        raise SceneError(f"{what} of part {name!r} is {array.tolist()}, expected {expected}")
+        raise ArgumentError(f"{what} of part {name!r} is {array.tolist()}, expected {expected}")
     if np.abs(array).max() > FASTEST_MOVE:
         most = f"at most {FASTEST_MOVE:g} {unit} along each axis"
-        raise SceneError(f"{what} of part {name!r} is {array.tolist()}, expected {most}")
+        raise ArgumentError(f"{what} of part {name!r} is {array.tolist()}, expected {most}")
     return array.copy()
 
 
@@ -92,12 +92,12 @@ def checked_surface(name: str, stiffness: Any, damping: Any) -> tuple[float | No
 
     *damping*: at least 0, and 0 of a rigid part.
     """
-    damping = not_negative(f"damping of part {name!r}", damping, "N s/m", error=SceneError)
+    damping = not_negative(f"damping of part {name!r}", damping, "N s/m")
     if stiffness is not None:
         unit = "N/m, or None for a rigid part"
-        return positive(f"stiffness of part {name!r}", stiffness, unit, error=SceneError), damping
+        return positive(f"stiffness of part {name!r}", stiffness, unit), damping
     if damping:
-        raise SceneError(f"part {name!r} is rigid (no stiffness), but has a damping of {damping:g} N s/m")
+        raise ArgumentError(f"part {name!r} is rigid (no stiffness), but has a damping of {damping:g} N s/m")
     return None, 0.0
 
 
@@ -111,7 +111,7 @@ def _as_matrices(names: list[str], poses: Any) -> np.ndarray:
             )
         return np.array([checked_matrix(*each) for each in zip(names, poses, strict=True)])
     expected = f"numbers of shape ({len(names)}, 4, 4)"
-    matrices = as_float64(poses, "entries of poses", error=PoseError, expected=expected)
+    matrices = as_float64(poses, "entries of poses", expected=expected)
     if not names and not matrices.size:
         return matrices.reshape(0, 4, 4)
     if matrices.shape != (len(names), 4, 4):
@@ -128,9 +128,9 @@ def _as_velocities(names: list[str], velocities: Any, what: str) -> np.ndarray:
     if is_ready(velocities, (len(names), 3)):
         return np.asarray(velocities)
     expected = f"numbers of shape ({len(names)}, 3)"
-    array = as_float64(velocities, f"entries of {what}", error=SceneError, expected=expected)
+    array = as_float64(velocities, f"entries of {what}", expected=expected)
     if array.shape != (len(names), 3):
-        raise SceneError(
+        raise ArgumentError(
             f"{what} have shape {array.shape}, expected ({len(names)}, 3): one for each part named"
         )
     return array

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import refuse_trimesh
-from proximity.errors import MeshError, SceneError
+from proximity.errors import SceneError
 from proximity.kernels import layout
 from proximity.scene.load_report import LoadReport
 from proximity.scene.model.assembly import Model
@@ -49,7 +49,7 @@ class Scene(Queries):
     _parts: SceneParts
 
     def __init__(self, parts: Iterable[Part | Solid], *, report: LoadReport | None = None) -> None:
-        refuse_trimesh(parts, SceneError)
+        refuse_trimesh(parts)
         if not isinstance(parts, Iterable):
             raise SceneError(f"a scene is made of a list of parts, not of one {type(parts).__name__}")
         if report is not None and not isinstance(report, LoadReport):
@@ -77,7 +77,7 @@ class Scene(Queries):
         MeshError
             If the arrays cannot be used.
         """
-        refuse_trimesh(vertices, MeshError)
+        refuse_trimesh(vertices)
         return cls._of_parts(SceneParts.of_new(parts_of_mesh(vertices, faces, name=name)), None)
 
     @classmethod

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.errors import MeshError, SceneError
+from proximity.errors import ArgumentError, MeshError, SceneError
 from proximity.mesh.bvh import LocalFrame
 from proximity.mesh.part_arrays import PartArrays
 from proximity.scene.deformation import deform_part
@@ -161,7 +161,7 @@ class SceneParts:
         state.current, self._interrupted = None, (row, LocalFrame.read(state.frames[row]))
         try:
             solid = deform_part(state.writable_model(), row, part.solid, vertices, part.name)
-        except MeshError:  # nothing has changed
+        except (ArgumentError, MeshError):  # nothing has changed
             self._interrupted = None
             raise
         self._parts[row] = replace(part, solid=solid)

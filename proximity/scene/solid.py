@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import refuse_trimesh
-from proximity.errors import MeshError
 from proximity.kernels import layout
 from proximity.kernels.mesh.faces import signed_volume
 from proximity.kernels.tree.refit import UNUSED
@@ -60,7 +59,7 @@ class Solid(Queries):
     def __init__(
         self, vertices: Any, faces: Any = None, *, name: str = "solid", frame: LocalFrame | None = None
     ) -> None:
-        refuse_trimesh(vertices, MeshError)
+        refuse_trimesh(vertices)
         self._begin(TriangleMesh(vertices, faces), None, name, frame)
 
     def _begin(

@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from proximity.errors import ProximityError
+from proximity.errors import MissingLibraryError
 
 DISTRIBUTION = "cad-proximity"
 """Name on the package index, where ``proximity`` is another project."""
-PACKAGES = {"rerun": "rerun-sdk", "vtkmodules": "VTK", "xr": "pyopenxr"}
+PACKAGES = {"rerun": "rerun-sdk", "pyvista": "PyVista", "xr": "pyopenxr"}
 """Names of packages, by that of the module, where they differ."""
 
 
@@ -17,7 +17,7 @@ def installation(extra: str) -> str:
 
 
 @contextmanager
-def needed(sentence: str, extra: str, error: type[ProximityError]) -> Iterator[None]:
+def needed(sentence: str, extra: str) -> Iterator[None]:
     """Say what needs a library that is imported within, and what to install, if it cannot be imported."""
     try:
         yield
@@ -26,4 +26,4 @@ def needed(sentence: str, extra: str, error: type[ProximityError]) -> Iterator[N
         package = PACKAGES.get(module, module)
         is_there = not isinstance(missing, ModuleNotFoundError)
         how = f"cannot be imported ({missing})" if is_there else "is not installed"
-        raise error(f"{sentence} {package}, which {how}: {installation(extra)}") from missing
+        raise MissingLibraryError(f"{sentence} {package}, which {how}: {installation(extra)}") from missing

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from proximity.errors import ProximityError, RecordingError
+from proximity.errors import FileError
 
 try:
     import fcntl
@@ -27,7 +27,6 @@ _UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.unfinished")
 @contextmanager
 def whole_file(
     path: str | bytes | os.PathLike[str],
-    error: type[ProximityError] = RecordingError,
     *,
     takes_devices: bool = True,
 ) -> Iterator[BinaryIO]:
@@ -43,15 +42,15 @@ def whole_file(
         shown = os.fsdecode(path)
         target = Path(os.path.realpath(shown))
     except TypeError:
-        raise error(f"the path is {path!r}, expected text or a path") from None
+        raise FileError(f"the path is {path!r}, expected text or a path") from None
     except ValueError as reason:  # a null byte
-        raise error(f"{shown}: cannot be written ({reason})") from reason
+        raise FileError(f"{shown}: cannot be written ({reason})") from reason
     if not shown:
-        raise error("the path is empty, expected the name of a file")
+        raise FileError("the path is empty, expected the name of a file")
     try:
         if target.exists() and not target.is_file():
             if not takes_devices:
-                raise error(f"{shown}: cannot be written (it is no regular file)")
+                raise FileError(f"{shown}: cannot be written (it is no regular file)")
             with target.open("wb") as stream:
                 yield stream
             return
@@ -64,8 +63,10 @@ def whole_file(
             os.replace(unfinished, target)
         with contextlib.suppress(OSError):  # not every system can do that for a folder
             _put_on_disk(target.parent)
+    except FileError:
+        raise
     except OSError as reason:
-        raise error(f"{shown}: cannot be written ({reason.strerror or reason})") from reason
+        raise FileError(f"{shown}: cannot be written ({reason.strerror or reason})") from reason
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import numpy as np
 
 from proximity import native
 from proximity.checks import as_float64, not_negative, positive, whole
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.kernels import layout
 from proximity.kernels.layout import NO_PART, NO_SLOT
 from proximity.kernels.tracking import track
@@ -94,7 +94,7 @@ class Tracker:
 
     Raises
     ------
-    QueryError
+    ArgumentError
         If an argument cannot be used; the message names it and what was expected.
 
     Notes
@@ -122,7 +122,7 @@ class Tracker:
         max_acceleration: float = MAX_ACCELERATION,
     ) -> None:
         if not isinstance(scene, Scene):
-            raise QueryError(f"a tracker looks at a Scene, not at a {type(scene).__name__}")
+            raise ArgumentError(f"a tracker looks at a Scene, not at a {type(scene).__name__}")
         count = whole("fingers", fingers)
         self._scene = scene
         self._period = positive("period", period, "seconds")
@@ -130,7 +130,7 @@ class Tracker:
         settings = np.zeros(track.SETTING_COUNT)
         reach = not_negative("working_range", working_range, "metres")
         if reach > LARGEST_WORKING_RANGE:
-            raise QueryError(f"working_range is {too_long(reach, LARGEST_WORKING_RANGE)}")
+            raise ArgumentError(f"working_range is {too_long(reach, LARGEST_WORKING_RANGE)}")
         settings[track.SETTING_WORKING_RANGE] = reach
         settings[track.SETTING_LATENCY] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
         settings[track.SETTING_TOLERANCE] = not_negative("tolerance", tolerance, "shares")
@@ -179,7 +179,7 @@ class Tracker:
         return list(self._pose_notes.sentences)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        raise QueryError(
+        raise ArgumentError(
             "a tracker cannot be copied, because its state depends on its ticks: make a new one of its scene"
         )
 
@@ -225,7 +225,7 @@ class Tracker:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If shapes or types do not fit, bends are given without paths, or instants are obviously seconds.
             No value that a sensor may deliver raises an error.
 
@@ -281,11 +281,11 @@ class Tracker:
         is_apart = abs(now_ns - pose_ns) > OTHER_CLOCK_NS
         is_too_soon = 0 < now_ns - self._last_now_ns < SHORTEST_NS and 0 < now_ns < LARGEST_SECONDS
         if 0 < now_ns < (EARLY_NS if is_apart else SHORTEST_NS) or is_too_soon:
-            raise QueryError(f"now_ns is {now_ns}, {NOT_NANOSECONDS}")
+            raise ArgumentError(f"now_ns is {now_ns}, {NOT_NANOSECONDS}")
         if is_apart and 0 < pose_ns < EARLY_NS:
             if t_pose_ns == EACH_ITS_OWN and self._pose_ns.max() >= EARLY_NS:
                 return  # of one finger alone it may be a fault of its sensor
-            raise QueryError(f"t_pose_ns is {pose_ns}, {NOT_NANOSECONDS}")
+            raise ArgumentError(f"t_pose_ns is {pose_ns}, {NOT_NANOSECONDS}")
 
     @property
     def epoch(self) -> int:
@@ -357,14 +357,12 @@ class Tracker:
         if paths is None:
             self._settings[track.SETTING_HAS_PATHS] = self._has_paths = False
             if bends is not None or path_bends is not None:
-                raise QueryError("path_bends are given without paths")
+                raise ArgumentError("path_bends are given without paths")
             return
         expected = f"({len(self.contacts)}, K, 3) with K of 2 or more"
-        corners = as_float64(
-            paths, "values of paths", error=QueryError, expected=f"numbers of shape {expected}"
-        )
+        corners = as_float64(paths, "values of paths", expected=f"numbers of shape {expected}")
         if corners.ndim != 3 or corners.shape[::2] != self._shape or corners.shape[1] < 2:
-            raise QueryError(f"paths have shape {corners.shape}, expected {expected}")
+            raise ArgumentError(f"paths have shape {corners.shape}, expected {expected}")
         count = corners.shape[1]
         arrays = self._arrays
         if self._path_count != count:
@@ -380,7 +378,7 @@ class Tracker:
         else:
             given = shaped(path_bends, "path_bends", (count,))
             if not (np.isfinite(given).all() and (np.diff(given) > 0.0).all()):
-                raise QueryError(
+                raise ArgumentError(
                     "path_bends do not increase, or are not finite, expected the bend at each corner"
                 )
             arrays["path_bends"][:] = given

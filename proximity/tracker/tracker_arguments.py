@@ -1,4 +1,4 @@
-"""Checks of a tracker's arguments; each function raises a `QueryError` that says what was expected."""
+"""Checks of a tracker's arguments; each function raises a `ArgumentError` that says what was expected."""
 
 import operator
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import FLOAT64, as_float64, shown
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.kernels.tracking.track import MOST_NS
 
 LONGEST_LATENCY = 1.0
@@ -27,9 +27,9 @@ def shaped(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
     # Nothing to do, as at nearly every tick, is seen first.
     if type(values) is np.ndarray and values.dtype is FLOAT64 and values.shape == shape:
         return values
-    array = as_float64(values, f"values of {name}", error=QueryError, expected=f"numbers of shape {shape}")
+    array = as_float64(values, f"values of {name}", expected=f"numbers of shape {shape}")
     if array.shape != shape:
-        raise QueryError(f"{name} have shape {array.shape}, expected {shape}")
+        raise ArgumentError(f"{name} have shape {array.shape}, expected {shape}")
     return array
 
 
@@ -40,7 +40,7 @@ def instant(now_ns: Any) -> int:
     except TypeError:
         now = MOST_NS + 1
     if not -MOST_NS <= now <= MOST_NS:
-        raise QueryError(
+        raise ArgumentError(
             f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62, as of time.monotonic_ns()"
         )
     return now
@@ -54,7 +54,7 @@ def instants(t_pose_ns: Any, count: int) -> np.ndarray:
             raise ValueError("no instants")
         return np.broadcast_to(array, (count,))
     except ValueError as unfit:
-        raise QueryError(
+        raise ArgumentError(
             f"t_pose_ns is {shown(t_pose_ns)}, expected whole nanoseconds, at most 2**62: one number, or "
             f"one for each of {count} fingers"
         ) from unfit
@@ -62,12 +62,12 @@ def instants(t_pose_ns: Any, count: int) -> np.ndarray:
 
 def radii(radius: Any, count: int) -> np.ndarray:
     """Return the radius of each finger, m, (count,)."""
-    array = as_float64(radius, "radii", error=QueryError, expected="one radius in metres, or one a finger")
+    array = as_float64(radius, "radii", expected="one radius in metres, or one a finger")
     if array.shape not in ((), (count,)) or not (np.isfinite(array) & (array >= 0.0)).all():
-        raise QueryError(
+        raise ArgumentError(
             f"radius is {shown(radius)}, expected metres of 0 or more: one, or one for each of {count} "
             "fingers"
         )
     if (array > LARGEST_RADIUS).any():
-        raise QueryError(f"radius is {too_long(float(array.max()), LARGEST_RADIUS)}")
+        raise ArgumentError(f"radius is {too_long(float(array.max()), LARGEST_RADIUS)}")
     return np.broadcast_to(array, (count,))

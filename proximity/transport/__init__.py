@@ -79,7 +79,7 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     ------
     PublishError
         If the address is invalid, in use, or cannot be opened.
-    QueryError
+    ArgumentError
         If a setting is not a number of 0 or more.
     """
     inlet = open_inlet(address)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import as_number, not_negative
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.message import CONTACT, DESCRIPTION, FRAME, Flaw, Kind, State
 from proximity.message.received_description import Description, DescriptionMessages
 from proximity.transport.contact_age import Widening, forget
@@ -85,7 +85,7 @@ class Subscriber:
 
     Raises
     ------
-    QueryError
+    ArgumentError
         If one of the three numbers is not a finite number of 0 or more.
 
     Notes
@@ -183,13 +183,13 @@ class Subscriber:
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If *timeout* is not a number.
         PublishError
             As of `read`.
         """
         if math.isnan(as_number(timeout)):
-            raise QueryError(f"timeout is {timeout!r}, expected a number of seconds")
+            raise ArgumentError(f"timeout is {timeout!r}, expected a number of seconds")
         ends = time.monotonic() + timeout
         while True:
             reading = self.read()

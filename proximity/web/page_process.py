@@ -77,7 +77,7 @@ def run_page(
 
     *begun*: is given ``url`` and more when the page can be opened.
     """
-    with needed("the page needs", "web", ServiceError):
+    with needed("the page needs", "web"):
         from proximity.web.bridge import Bridge
     tls, port = _tls(settings), _free_port(settings)
     with ExitStack() as opened:

@@ -8,7 +8,7 @@ import make
 import pytest
 from certificates import certificate, loop, timing
 
-from proximity import DecaffError
+from proximity import MissingLibraryError
 from proximity.lab import certificate as package
 from proximity.lab.certificate import certification, worst_positions
 from proximity.lab.figures import style
@@ -98,7 +98,9 @@ def test_without_matplotlib_the_numbers_are_written_and_the_gate_holds(
     """Only who asked for the page by name has not got what was asked for."""
 
     def missing():
-        raise DecaffError('figures need matplotlib, which is not installed: pip install "cad-proximity[sim]"')
+        raise MissingLibraryError(
+            'figures need matplotlib, which is not installed: pip install "cad-proximity[sim]"'
+        )
 
     monkeypatch.setattr(style, "load_figure", missing)
 

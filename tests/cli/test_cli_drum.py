@@ -26,7 +26,7 @@ from proximity.decaff.drum.drum_model import Motor
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.glove.glove_set import read_glove
 from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.message import CONTACT, ContactFlag, Mode, State, Surface
 from proximity.transport import Counts, Reading, open_publisher
 
@@ -350,7 +350,7 @@ def test_doubts_are_said_on_stderr(run):
 
 @pytest.mark.parametrize(
     ("failure", "ending"),
-    [(ZeroDivisionError("of a drum"), ZeroDivisionError), (DecaffError("of a drum"), SystemExit)],
+    [(ZeroDivisionError("of a drum"), ZeroDivisionError), (ArgumentError("of a drum"), SystemExit)],
 )
 def test_drums_that_fail_end_the_command_with_their_motors_off(service, monkeypatch, failure, ending):
     """The table went on showing the last state, and the exit code was 0."""

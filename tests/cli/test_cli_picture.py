@@ -11,7 +11,7 @@ from project import MESHES
 import proximity
 from proximity import cli
 
-pytest.importorskip("vtkmodules", reason="pictures need VTK: pip install cad-proximity[picture]")
+pytest.importorskip("pyvista", reason="pictures need PyVista: pip install cad-proximity[picture]")
 
 BOX = MESHES / "box.stl"
 
@@ -79,7 +79,7 @@ def test_what_cannot_be_drawn_is_refused(run, tmp_path, options, sentence):
 
 
 def test_missing_library_is_reported_before_the_file_is_read(run, monkeypatch):
-    monkeypatch.setitem(sys.modules, "vtkmodules.vtkRenderingCore", None)
+    monkeypatch.setitem(sys.modules, "pyvista", None)
 
     result = run("none.stl", "-o", "none.png")
 

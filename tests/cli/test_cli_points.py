@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from proximity.cli.points import parse_points, read_points
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 
 
 def points_of(text, units="mm"):
@@ -102,7 +102,7 @@ def test_points_before_a_bad_line_come_before_the_error():
     chunks = parse_points(["1 2 3\n"] * 4 + ["4 5\n"], "points.csv", limit=3)
 
     assert [len(next(chunks)), len(next(chunks))] == [3, 1]
-    with pytest.raises(QueryError, match=r"^points\.csv, line 5: 2 values, expected 3$"):
+    with pytest.raises(ArgumentError, match=r"^points\.csv, line 5: 2 values, expected 3$"):
         next(chunks)
 
 
@@ -123,7 +123,7 @@ def test_text_without_an_end_of_line_is_refused_and_not_kept(monkeypatch):
 
     monkeypatch.setattr(sys, "stdin", Endless())
 
-    with pytest.raises(QueryError, match=r"^standard input, line 1: has 1000000 characters or more"):
+    with pytest.raises(ArgumentError, match=r"^standard input, line 1: has 1000000 characters or more"):
         list(read_points("-"))
 
 
@@ -214,7 +214,7 @@ def test_numbers_come_back_exactly(rows):
     ],
 )
 def test_line_that_is_no_point_is_named(text, message):
-    with pytest.raises(QueryError) as refusal:
+    with pytest.raises(ArgumentError) as refusal:
         points_of(text)
 
     assert str(refusal.value) == message
@@ -223,7 +223,7 @@ def test_line_that_is_no_point_is_named(text, message):
 def test_standard_input_that_is_closed_is_named(monkeypatch):
     monkeypatch.setattr(sys, "stdin", None)  # as Python has it after <&-
 
-    with pytest.raises(QueryError, match=r"^standard input is closed, expected lines of three numbers$"):
+    with pytest.raises(ArgumentError, match=r"^standard input is closed, expected lines of three numbers$"):
         list(read_points("-"))
 
 
@@ -235,7 +235,7 @@ def test_file_is_read(tmp_path):
 
 
 def test_file_that_is_missing_is_refused(tmp_path):
-    with pytest.raises(QueryError, match=r"absent\.csv: cannot be read \(No such file or directory\)$"):
+    with pytest.raises(ArgumentError, match=r"absent\.csv: cannot be read \(No such file or directory\)$"):
         read(str(tmp_path / "absent.csv"))
 
 
@@ -244,5 +244,5 @@ def test_file_in_another_encoding_is_refused(tmp_path, encoding):
     path = tmp_path / "points.csv"
     path.write_bytes("größe,1,2\n".encode(encoding))
 
-    with pytest.raises(QueryError, match=r"points\.csv, line 1: not text in UTF-8, expected a text file "):
+    with pytest.raises(ArgumentError, match=r"points\.csv, line 1: not text in UTF-8, expected a text file "):
         read(str(path))

@@ -70,7 +70,7 @@ def test_segments_before_one_without_an_end_are_answered(ball, run, monkeypatch)
 def test_error_of_the_scene_before_any_answer_leaves_no_half_document(ball, run, monkeypatch):
     # Was: a document that began and did not end.
     def refuse(self, origins, directions, *, workers=1):
-        raise proximity.QueryError("direction 0 has no length")
+        raise proximity.ArgumentError("direction 0 has no length")
 
     monkeypatch.setattr(FakeScene, "cast", refuse)
 

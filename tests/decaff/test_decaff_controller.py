@@ -22,7 +22,7 @@ from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.drum.servo import move, servo_for
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.message import ContactFlag, Mode, Source, State, Surface
 from proximity.native import in_c
 
@@ -133,7 +133,7 @@ def test_drum_that_turns_back_is_refused():
             return -np.asarray(bend)
 
     with pytest.raises(
-        DecaffError, match="the drum moves backwards at the flat hand, expected a drum that follows"
+        ArgumentError, match="the drum moves backwards at the flat hand, expected a drum that follows"
     ):
         FingerPath(Backward())
 
@@ -265,7 +265,7 @@ def test_stopped_drum_goes_all_the_way_back():
     ],
 )
 def test_cable_that_cannot_be_is_named(numbers, sentence):
-    with pytest.raises(DecaffError) as caught:
+    with pytest.raises(ArgumentError) as caught:
         CableRule(**numbers)
 
     assert str(caught.value) == sentence
@@ -940,15 +940,15 @@ def test_action_tells_the_motor_by_the_parameters_of_the_drum():
 def test_controller_that_was_not_compiled_says_what_to_do(name, instead, reason, monkeypatch):
     monkeypatch.setattr(in_c, name, instead)
     compiled.in_c.cache_clear()
-    with pytest.raises(DecaffError, match=f"{reason}; compile it by `python tools/build_kernels.py`"):
+    with pytest.raises(ArgumentError, match=f"{reason}; compile it by `python tools/build_kernels.py`"):
         FingerController(PATH)
     compiled.in_c.cache_clear()
 
 
 def test_limits_that_are_none_are_refused():
-    with pytest.raises(DecaffError, match=r"near_energy is 0\.0, expected a positive number of joules"):
+    with pytest.raises(ArgumentError, match=r"near_energy is 0\.0, expected a positive number of joules"):
         Limits(near_energy=0.0)
-    with pytest.raises(DecaffError, match="rate is -1, expected a positive number of hertz"):
+    with pytest.raises(ArgumentError, match="rate is -1, expected a positive number of hertz"):
         FingerController(PATH, -1)
 
 

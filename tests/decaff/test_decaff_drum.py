@@ -12,7 +12,7 @@ from paper_drums import PAPER_DRUMS as DRUMS
 from proximity.decaff.drum import drum_kernels, servo
 from proximity.decaff.drum.drum_model import Gear, Motor
 from proximity.decaff.drum.servo import servo_for, settling_time
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.simulation import arrival
 from proximity.lab.simulation.devices import Decaff, Sensing
 from proximity.lab.simulation.hand import Hand
@@ -251,7 +251,7 @@ def test_look_ahead_by_bisection_and_by_formula(name):
     ],
 )
 def test_what_cannot_be_is_named(make, message):
-    with pytest.raises(DecaffError) as caught:
+    with pytest.raises(ArgumentError) as caught:
         make()
 
     assert message in str(caught.value)

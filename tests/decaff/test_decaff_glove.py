@@ -14,7 +14,7 @@ from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.glove.linkage import Linkage
 from proximity.decaff.glove.transmission import Cable, Potentiometer
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
@@ -124,7 +124,7 @@ def test_careless_linkage_of_the_paper_folds_back_and_is_refused():
 
     assert np.flatnonzero(rate > 0.0)[0] / 1000 == printed("0.9")
     with pytest.raises(
-        DecaffError,
+        ArgumentError,
         match=r"^the linkage folds back at bend 0\.90\d: expected an angle that only grows or only shrinks "
         r"from flat hand to fist$",
     ):
@@ -133,7 +133,7 @@ def test_careless_linkage_of_the_paper_folds_back_and_is_refused():
 
 def test_linkage_that_does_not_reach_is_refused():
     with pytest.raises(
-        DecaffError,
+        ArgumentError,
         match=r"^the linkage does not reach the thimble at bend 0\.59\d: it is 87\.0 mm from the base, "
         r"expected 15\.0 to 87\.0 mm$",
     ):
@@ -427,7 +427,7 @@ def test_motor_of_the_arm_carries_what_the_replica_does():
     ],
 )
 def test_what_cannot_be_built_is_refused(make, message):
-    with pytest.raises(DecaffError) as refused:
+    with pytest.raises(ArgumentError) as refused:
         make()
 
     assert str(refused.value) == message

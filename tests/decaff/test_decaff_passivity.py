@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from proximity.decaff.controller import passivity
 from proximity.decaff.drum import sampled_mass, unit_circle
 from proximity.decaff.drum.sampled_mass import SampledMass
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 # ----------------------------------------------------------------------------------------------- passivity
 
@@ -104,13 +104,13 @@ def test_largest_passive_stiffness_needs_just_the_damping(own, damping, delay_sa
 
 
 def test_walls_that_are_none_are_refused():
-    with pytest.raises(DecaffError, match="damping is nan, expected a number of newton seconds a metre"):
+    with pytest.raises(ArgumentError, match="damping is nan, expected a number of newton seconds a metre"):
         passivity.required_damping(1.0, math.nan, 0.001)
     with pytest.raises(
-        DecaffError, match=r"stiffness is -1\.0, expected a number of newtons a metre of 0 or more"
+        ArgumentError, match=r"stiffness is -1\.0, expected a number of newtons a metre of 0 or more"
     ):
         passivity.required_damping(-1.0, 1.0, 0.001)
-    with pytest.raises(DecaffError, match="damping is -inf, expected a number of newton seconds a metre"):
+    with pytest.raises(ArgumentError, match="damping is -inf, expected a number of newton seconds a metre"):
         passivity.sufficient_damping(1.0, -math.inf, 0.001)
 
 

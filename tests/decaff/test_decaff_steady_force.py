@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from proximity.decaff.controller.steady_force import Handover, SteadyForce, SteadyRule
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 RATE = 3000.0
 ANY_SPEED = SteadyRule(slow_speed=math.inf)  # as in the reference's table, whose rule does not ask for it
@@ -67,7 +67,7 @@ def test_finger_must_be_slow_for_a_window():
     ],
 )
 def test_what_cannot_be_is_named(make, message):
-    with pytest.raises(DecaffError) as caught:
+    with pytest.raises(ArgumentError) as caught:
         make()
 
     assert message in str(caught.value)

@@ -12,7 +12,7 @@ import shapes
 import step_text
 
 from proximity import formats
-from proximity.errors import MeshError
+from proximity.errors import ArgumentError, MeshError
 
 VERTICES, FACES = shapes.cube()
 SQUARES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
@@ -467,5 +467,5 @@ def test_unit_that_does_not_exist_is_refused_with_the_list():
 
 @pytest.mark.parametrize("tolerance", [0.0, "fine"])
 def test_tolerance_that_is_no_length_is_refused(tolerance):
-    with pytest.raises(MeshError, match=r"step_tolerance is .*, expected a positive number of metres"):
+    with pytest.raises(ArgumentError, match=r"step_tolerance is .*, expected a positive number of metres"):
         formats.read_geometries("part.step", step_tolerance=tolerance)

@@ -110,6 +110,6 @@ def test_archive_that_unpacks_to_hundreds_of_times_its_size_is_refused(tmp_path)
 @pytest.mark.parametrize("limit", [0, float("nan"), "2 GB"])
 def test_limit_that_is_no_number_of_bytes_is_refused(tmp_path, limit):
     with pytest.raises(
-        proximity.MeshError, match=r"unpacked_limit is .*, expected a positive number of bytes"
+        proximity.ArgumentError, match=r"unpacked_limit is .*, expected a positive number of bytes"
     ):
         formats.read_geometries(tmp_path / "part.3mf", unpacked_limit=limit)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from certificates import TICKS, ball_subject, certificate, found, loop, timing
 
-from proximity import DecaffError, ServiceError
+from proximity import MissingLibraryError, ServiceError
 from proximity.lab.certificate import measurement, report, wording
 from proximity.lab.certificate.certification import check_request, load
 from proximity.lab.certificate.deadlines import PERIODS, periods_of
@@ -238,15 +238,17 @@ def test_page_and_numbers_are_written_beside_each_other(told, tmp_path):
 
 def test_numbers_are_written_even_without_matplotlib_or_jinja(told, tmp_path, monkeypatch):
     def missing():
-        raise DecaffError('figures need matplotlib, which is not installed: pip install "cad-proximity[sim]"')
+        raise MissingLibraryError(
+            'figures need matplotlib, which is not installed: pip install "cad-proximity[sim]"'
+        )
 
     monkeypatch.setattr(style, "load_figure", missing)
-    with pytest.raises(DecaffError, match=r'pip install "cad-proximity\[sim\]"$'):
+    with pytest.raises(MissingLibraryError, match=r'pip install "cad-proximity\[sim\]"$'):
         report.write_report(tmp_path / "cell.html", told, ball_subject().scene)
 
     assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]
     monkeypatch.setitem(sys.modules, "jinja2", None)
-    with pytest.raises(DecaffError, match=r"^pages need jinja2, which is not installed: pip install"):
+    with pytest.raises(MissingLibraryError, match=r"^pages need jinja2, which is not installed: pip install"):
         report.write_report(tmp_path / "cell.html", told, ball_subject().scene)
     assert report.write_report(tmp_path / "alone.json", told, ball_subject().scene)[0].name == "alone.json"
 

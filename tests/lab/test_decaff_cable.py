@@ -13,7 +13,7 @@ from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.simulation import press_kernels
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff
 from proximity.lab.simulation.controller_in_loop import ControllerInLoop
@@ -99,7 +99,7 @@ def test_cable_that_is_needed_keeps_the_error_and_a_softer_one_does_not():
         cable = replace(CABLE, stiffness=share * found)
         assert (pressed(cable, hold=0.2).error <= rival) == is_enough
     with pytest.raises(
-        DecaffError, match=r"no cable up to 1e\+06 N/m keeps the force error at 0.1 m/s to 0.02"
+        ArgumentError, match=r"no cable up to 1e\+06 N/m keeps the force error at 0.1 m/s to 0.02"
     ):
         needed_cable(HAND, GLOVE, 0.1, 0.02, Stretch.SENSOR)  # friction leaves more
 
@@ -164,7 +164,7 @@ def test_current_takes_its_time_and_the_motors_speed_its_voltage():
     ],
 )
 def test_what_cannot_be_is_named(make, message):
-    with pytest.raises(DecaffError) as caught:
+    with pytest.raises(ArgumentError) as caught:
         make()
 
     assert message in str(caught.value)

@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.decaff.drum.servo import servo_for
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Press
 from proximity.lab.simulation import metrics, press_kernels, sweeps
 from proximity.lab.simulation.closed_loop import DecaffLoop, coupled_wall, decaff, ideal_drum, real_wall
@@ -399,17 +399,17 @@ def test_controller_sees_what_is_known_and_no_more():
 
 def test_loop_can_be_taken_sample_by_sample():
     loop, policy = DecaffLoop(HAND, HAND.press(1.0), GLOVE), TargetPolicy(Target.TIME_STAMPED)
-    with pytest.raises(DecaffError, match="target is 'TS', expected a Target or a controller"):
+    with pytest.raises(ArgumentError, match="target is 'TS', expected a Target or a controller"):
         decaff(HAND, HAND.press(1.0), GLOVE, "TS")
     assert loop.now < -0.1
     while not loop.is_over:
         loop.tick(policy.command(loop.distance_sample()))
 
-    with pytest.raises(DecaffError, match="the press is over at"):
+    with pytest.raises(ArgumentError, match="the press is over at"):
         loop.tick(DrumCommand())
-    with pytest.raises(DecaffError, match="the press is over at"):
+    with pytest.raises(ArgumentError, match="the press is over at"):
         loop.distance_sample()
-    with pytest.raises(DecaffError, match=r"expected one that has not begun"):
+    with pytest.raises(ArgumentError, match=r"expected one that has not begun"):
         loop.run(Target.NAIVE)
 
 
@@ -425,7 +425,7 @@ def test_loop_can_be_taken_sample_by_sample():
     ],
 )
 def test_what_cannot_be_is_named(make, message):
-    with pytest.raises(DecaffError) as caught:
+    with pytest.raises(ArgumentError) as caught:
         make()
 
     assert message in str(caught.value)

@@ -10,7 +10,7 @@ from paper_drums import GEAR49
 from project import MESHES
 
 from proximity.decaff.drum.drum_model import with_random_phases
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab import part_press
 from proximity.lab.engine.delayed_link import DelayedLink
 from proximity.lab.engine.engine_loop import press_on_part
@@ -82,11 +82,13 @@ def test_hand_is_turned_until_the_way_is_free():
 def test_place_that_no_finger_reaches_is_refused():
     cavity = Scene([Solid(*shapes.hollow_cube(0.1, 0.04), name="hollow")])
 
-    with pytest.raises(DecaffError, match="no finger gets there without touching the part before"):
+    with pytest.raises(ArgumentError, match="no finger gets there without touching the part before"):
         place_finger(cavity, (0.0, 0.0, 0.015))
-    with pytest.raises(DecaffError, match=r"the position is \[0\.0, nan, 0\.0\], expected three coordinates"):
+    with pytest.raises(
+        ArgumentError, match=r"the position is \[0\.0, nan, 0\.0\], expected three coordinates"
+    ):
         place_finger(cavity, (0.0, math.nan, 0.0))
-    with pytest.raises(DecaffError, match="the finger touches nothing between flat hand and fist"):
+    with pytest.raises(ArgumentError, match="the finger touches nothing between flat hand and fist"):
         placed(cavity, place_finger(box_scene()).glove, Pose(translation=(1.0, 0.0, 0.0)))
 
 
@@ -264,7 +266,7 @@ def test_messages_do_not_overtake_each_other():
     ],
 )
 def test_setup_that_makes_no_sense_is_refused(make, sentence):
-    with pytest.raises(DecaffError, match=sentence):
+    with pytest.raises(ArgumentError, match=sentence):
         make()
 
 
@@ -344,10 +346,10 @@ def test_gaps_of_a_recording_are_lost_poses_and_jumps_are_left_out():
 
 def test_recording_that_touches_nothing_is_refused():
     with pytest.raises(
-        DecaffError, match=r"r\.csv: no finger approaches the parts from outside and touches them"
+        ArgumentError, match=r"r\.csv: no finger approaches the parts from outside and touches them"
     ):
         recorded_press(box_scene(), recording(motion() - 0.02), 0.007, 0.1)
-    with pytest.raises(DecaffError, match=r"r\.csv: 100 s are recorded, expected at most 60 s"):
+    with pytest.raises(ArgumentError, match=r"r\.csv: 100 s are recorded, expected at most 60 s"):
         recorded_press(box_scene(), recording(np.zeros(1001), 10.0), 0.007, 0.1)
 
 

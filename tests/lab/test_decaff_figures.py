@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness, stiffness_limit
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError, MissingLibraryError
 from proximity.lab.engine.engine_loop import press_on_part
 from proximity.lab.engine.engine_setup import EngineSetup
 from proximity.lab.engine.finger_placement import place_finger
@@ -134,7 +134,7 @@ def test_force_errors_of_the_engine_beside_the_figure_are_the_models(monkeypatch
 def test_missing_sample_is_told(monkeypatch, tmp_path):
     monkeypatch.setattr(engine_plots, "__file__", str(tmp_path / "studies" / "figures" / "engine_plots.py"))
     with pytest.raises(
-        DecaffError, match=r"the sample bracket\.stl is neither in .* nor in meshes beside it"
+        ArgumentError, match=r"the sample bracket\.stl is neither in .* nor in meshes beside it"
     ):
         engine_plots.bracket()
 
@@ -212,23 +212,23 @@ def test_same_figure_is_the_same_file_and_leaves_no_trace_in_matplotlib(tmp_path
 
 
 def test_unknown_figure_and_format_are_refused_with_the_list(tmp_path):
-    with pytest.raises(DecaffError, match=r"no figure '6', expected some of 5a, 5b, 5c, .* arrival"):
+    with pytest.raises(ArgumentError, match=r"no figure '6', expected some of 5a, 5b, 5c, .* arrival"):
         catalogue.write_figure("6", tmp_path)
-    with pytest.raises(DecaffError, match="no figures of format 'gif', expected one of png, svg, pdf"):
+    with pytest.raises(ArgumentError, match="no figures of format 'gif', expected one of png, svg, pdf"):
         catalogue.write_figure("5a", tmp_path / "folder", "gif")
     assert not list(tmp_path.iterdir())
 
 
 def test_folder_that_is_a_file_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(DecaffError, match="no folder can be made"):
+    with pytest.raises(ArgumentError, match="no folder can be made"):
         catalogue.write_figure("5a", tmp_path / "file")
 
 
 def test_missing_matplotlib_is_told_with_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(
-        DecaffError, match=r'^figures need matplotlib, which is not installed: pip .*\[sim\]"$'
+        MissingLibraryError, match=r'^figures need matplotlib, which is not installed: pip .*\[sim\]"$'
     ):
         catalogue.write_figure("5a", tmp_path / "folder")
     assert not list(tmp_path.iterdir())
@@ -241,7 +241,7 @@ def test_matplotlib_that_refuses_its_settings_is_told_in_a_sentence(tmp_path, mo
         raise ValueError("Key backend: 'qt4agg' is not a valid value")
 
     monkeypatch.setattr(style, "import_module", unfit)
-    with pytest.raises(DecaffError, match=r"matplotlib, which cannot be used \(Key backend: 'qt4agg' is"):
+    with pytest.raises(ArgumentError, match=r"matplotlib, which cannot be used \(Key backend: 'qt4agg' is"):
         catalogue.write_figure("5a", tmp_path / "folder")
     assert not list(tmp_path.iterdir())
 
@@ -324,5 +324,5 @@ def test_document_of_a_press_has_what_concerns_its_wall():
     ],
 )
 def test_setup_that_makes_no_sense_is_refused(numbers, sentence):
-    with pytest.raises(DecaffError, match=sentence):
+    with pytest.raises(ArgumentError, match=sentence):
         Setup(**numbers)

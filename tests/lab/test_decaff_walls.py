@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.paper import energies, figure_5, reacting_operator, walls
 from proximity.lab.paper.energies import Stop
 from proximity.lab.paper.trajectories import Press
@@ -73,15 +73,15 @@ def test_rise_is_the_quintic_of_its_six_conditions():
 
 def test_press_that_leaves_before_it_stops_is_refused():
     message = "release_time is 0.28 s, but the finger stops at 0.45 s: expected a press that stops before it"
-    with pytest.raises(DecaffError, match=message):
+    with pytest.raises(ArgumentError, match=message):
         PRESS.deeper(0.016)
-    with pytest.raises(DecaffError, match=r"speed is 0\.0, expected a positive number of metres a second"):
+    with pytest.raises(ArgumentError, match=r"speed is 0\.0, expected a positive number of metres a second"):
         Press(speed=0.0)
     with pytest.raises(
-        DecaffError, match=r"penetration is -0\.001, expected a number of metres of 0 or more"
+        ArgumentError, match=r"penetration is -0\.001, expected a number of metres of 0 or more"
     ):
         PRESS.deeper(-0.001)
-    with pytest.raises(DecaffError, match="depth is True, expected a positive number of metres"):
+    with pytest.raises(ArgumentError, match="depth is True, expected a positive number of metres"):
         Press(depth=True)
 
 
@@ -104,7 +104,7 @@ def test_conventions_differ_by_the_inertia():
 
 def test_unknown_convention_is_named():
     for wall in (RealWall(), TraditionalWall()):
-        with pytest.raises(DecaffError, match="no convention 'old', expected one of newton, pad, printed"):
+        with pytest.raises(ArgumentError, match="no convention 'old', expected one of newton, pad, printed"):
             wall.force(TIMES, PRESS, "old")
 
 
@@ -156,7 +156,7 @@ def test_impulse_after_the_loss_is_the_integral():
 
 def test_unknown_figure_is_named():
     with pytest.raises(
-        DecaffError, match="no simulated wall is shown in figure '5x', expected one of 5b, 5c, 5d, 5g, 5h"
+        ArgumentError, match="no simulated wall is shown in figure '5x', expected one of 5b, 5c, 5d, 5g, 5h"
     ):
         figure_5.simulated_wall("5x", TIMES)
 
@@ -231,9 +231,9 @@ def test_figure_5f_holds_the_forces_of_the_recursion():
 
 
 def test_operator_without_steps_is_refused():
-    with pytest.raises(DecaffError, match=r"step is 0\.0, expected a positive number of seconds"):
+    with pytest.raises(ArgumentError, match=r"step is 0\.0, expected a positive number of seconds"):
         reacting_operator.critical_gain(FINGER, 0.0)
-    with pytest.raises(DecaffError, match="gain is nan, expected a number of metres a newton of 0 or more"):
+    with pytest.raises(ArgumentError, match="gain is nan, expected a number of metres a newton of 0 or more"):
         reacting_operator.react(PRESS, FINGER, math.nan, 0.04, end=1.0)
 
 
@@ -252,15 +252,15 @@ def test_spring_that_is_none_is_refused():
     assert in_series(FINGER, SpringDamper(math.inf, math.inf)) == FINGER
     assert in_series(FINGER, SpringDamper(0.0, 0.0)) == SpringDamper(0.0, 0.0, FINGER.mass)
     with pytest.raises(
-        DecaffError, match=r"stiffness is -1\.0, expected a number of newtons a metre of 0 or more"
+        ArgumentError, match=r"stiffness is -1\.0, expected a number of newtons a metre of 0 or more"
     ):
         SpringDamper(-1.0, 0.0)
-    with pytest.raises(DecaffError, match="mass is inf, expected a number of kilograms of 0 or more"):
+    with pytest.raises(ArgumentError, match="mass is inf, expected a number of kilograms of 0 or more"):
         SpringDamper(1.0, 0.0, math.inf)
 
 
 def test_wall_that_answers_before_is_refused():
-    with pytest.raises(DecaffError, match=r"delay is -0\.04, expected a number of seconds of 0 or more"):
+    with pytest.raises(ArgumentError, match=r"delay is -0\.04, expected a number of seconds of 0 or more"):
         TraditionalWall(delay=-0.04)
 
 
@@ -282,10 +282,10 @@ def test_kappa_of_a_stop_told_by_a_function():
         return float(PRESS.at(PRESS.touch_time + s * PRESS.depth / PRESS.speed).velocity) / PRESS.speed
 
     assert energies.kappa(left, 2.0) == pytest.approx(energies.kappa(Stop.QUINTIC), abs=1e-8)
-    with pytest.raises(DecaffError, match="the finger goes 2 depths until it rests, expected 1"):
+    with pytest.raises(ArgumentError, match="the finger goes 2 depths until it rests, expected 1"):
         energies.kappa(lambda s: 1.0, 2.0)
     with pytest.raises(
-        DecaffError, match="no stop 'soft', expected one of exponential, constant deceleration, q"
+        ArgumentError, match="no stop 'soft', expected one of exponential, constant deceleration, q"
     ):
         energies.kappa("soft")
 

@@ -11,7 +11,7 @@ import pytest
 from experiments import SMALL, write_design
 from scipy import integrate, stats
 
-from proximity.errors import DecaffError
+from proximity.errors import MissingLibraryError
 from proximity.lab.experiment.analysis.comparison import (
     bayes_factor_none,
     compare,
@@ -59,7 +59,9 @@ def asked(rng, threshold, count, *, width=0.6, lapse=0.02):
 
 def test_library_that_is_missing_is_named_with_what_installs_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "psignifit", None)
-    with pytest.raises(DecaffError, match=r"experiments need psignifit, .* pip install .*\[experiment\]"):
+    with pytest.raises(
+        MissingLibraryError, match=r"experiments need psignifit, .* pip install .*\[experiment\]"
+    ):
         fit({0.1: (1, 2)}, LEVELS, Shape(0.6, 0.02))
 
 

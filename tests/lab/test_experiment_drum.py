@@ -10,7 +10,7 @@ from test_experiment_design import SHIPPED
 
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.experiment.design_file import read_design
 from proximity.lab.experiment.display import Interval
 from proximity.lab.experiment.drum_display import DrumDisplay
@@ -143,7 +143,7 @@ def test_surface_that_the_drum_cannot_display_is_refused():
 
     DrumDisplay(1000.0).check(design)
     with pytest.raises(
-        DecaffError, match=r"task stiffness, condition decaff: 200 N/m with 1 N s/m are asked"
+        ArgumentError, match=r"task stiffness, condition decaff: 200 N/m with 1 N s/m are asked"
     ):
         DrumDisplay(100.0).check(design)
 
@@ -158,8 +158,8 @@ def test_fault_of_the_controller_ends_the_interval():
 
 def test_without_frames_that_is_said():
     display = DrumDisplay(RATE)
-    with pytest.raises(DecaffError, match="the drum of finger 0 does not move: no frames come"):
+    with pytest.raises(ArgumentError, match="the drum of finger 0 does not move: no frames come"):
         display.present(Interval(Wall.DECAFF, None, 2.0, 0.001, 1500.0, 0.2), 4.0, -1.95)
     display.switch_off("the port is gone")
-    with pytest.raises(DecaffError, match="does not move: the port is gone"):
+    with pytest.raises(ArgumentError, match="does not move: the port is gone"):
         display.present(Interval(Wall.DECAFF, None, 2.0, 0.001, 1500.0, 0.2), 4.0, -1.95)

@@ -23,7 +23,7 @@ from proximity.decaff.glove.glove import CONTACT_BEND, DRUMS, Glove, with_gear
 from proximity.decaff.glove.glove_set import read_any_glove
 from proximity.decaff.motors.motor_address import MotorSettings
 from proximity.decaff.motors.motor_scale import MotorScale
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError, DecaffError
 from proximity.lab.simulation import sweeps
 from proximity.lab.simulation.devices import Decaff
 from proximity.lab.simulation.hand import Hand
@@ -187,7 +187,7 @@ def test_design_is_no_calibration(tmp_path):
 
 @pytest.mark.parametrize(("name", "now"), [("direct", "gear14"), ("gear4", "gear51"), ("gear10", "gear111")])
 def test_former_drum_is_refused_with_the_one_that_comes_nearest(name, now):
-    with pytest.raises(DecaffError, match=f"drum is '{name}', .* expected '{now}'"):
+    with pytest.raises(ArgumentError, match=f"drum is '{name}', .* expected '{now}'"):
         gear_named(name)
 
 

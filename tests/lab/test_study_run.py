@@ -12,7 +12,7 @@ import pytest
 from project import IMPORT_PATHS
 from study_jobs import done, study_of
 
-from proximity.errors import ServiceError
+from proximity.errors import MissingLibraryError, ServiceError
 from proximity.lab.sweep import study_run
 from proximity.lab.sweep.row_files import locked, read_rows, row_paths
 from proximity.lab.sweep.study_run import Progress, run_study
@@ -219,7 +219,7 @@ def test_folder_that_cannot_be_made_or_read_is_refused(tmp_path):
 
 def test_library_that_is_not_installed_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(ServiceError, match=r"a study needs pyarrow, which is not installed: pip inst"):
+    with pytest.raises(MissingLibraryError, match=r"a study needs pyarrow, which is not installed: pip inst"):
         run_study(study_of(tmp_path, "number = 1"), tmp_path / "out")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapes
 
-from proximity.errors import MeshError
+from proximity.errors import ArgumentError, MeshError
 from proximity.mesh.triangle_mesh import TriangleMesh
 
 VERTICES, FACES = shapes.tetrahedron()
@@ -59,7 +59,7 @@ def test_faces_of_any_whole_numbers_are_taken(faces):
     ],
 )
 def test_vertices_that_cannot_be_used_are_refused(vertices, message):
-    with pytest.raises(MeshError, match=re.escape(message)):
+    with pytest.raises(ArgumentError, match=re.escape(message)):
         TriangleMesh(vertices, FACES)
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.message import (
     FRAME,
     GLOVE_POSES,
@@ -105,7 +105,7 @@ def test_sealed_message_has_no_flaw_and_its_parts_are_found(kind, count):
 
 @pytest.mark.parametrize("count", [-1, 1.5])
 def test_message_that_cannot_have_as_many_records_is_refused(count):
-    with pytest.raises(QueryError, match=f"^{count} records, expected 0 to {MAX_RECORDS}$"):
+    with pytest.raises(ArgumentError, match=f"^{count} records, expected 0 to {MAX_RECORDS}$"):
         Message(FRAME, count)
 
 

@@ -8,7 +8,7 @@ import pytest
 import shapes
 
 from proximity import native
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.kernels.geometry.morton_order import morton_order
 from proximity.kernels.mesh.faces import signed_volume, thin_faces
 from proximity.kernels.model_arrays import ModelArrays
@@ -126,7 +126,7 @@ CALLS = {
     "few rows": lambda: SCENE.closest(ROWS),
     "a list": lambda: SCENE.signed_distance([0.0, 0.0, 2.0]),
     "rays": lambda: SCENE.cast(ROWS, -ROWS),
-    "what is refused": lambda: refused(QueryError, SCENE.closest, "up"),
+    "what is refused": lambda: refused(ArgumentError, SCENE.closest, "up"),
     "what does not fit": lambda: refused(TypeError, morton_order, None),
 }
 

@@ -6,7 +6,7 @@ import make_recording
 import numpy as np
 import pytest
 
-from proximity.errors import RecordingError
+from proximity.errors import ArgumentError, FileError, RecordingError
 from proximity.message import CONTACT
 from proximity.pose import Pose
 from proximity.recording import (
@@ -291,7 +291,7 @@ def test_placing_scales_then_turns_then_shifts():
 
 @pytest.mark.parametrize("scale", [0.0, np.nan])
 def test_scale_that_is_none_is_refused(scale):
-    with pytest.raises(RecordingError, match=r"^scale is .*, expected a positive number of times the size$"):
+    with pytest.raises(ArgumentError, match=r"^scale is .*, expected a positive number of times the size$"):
         recording_of([0.0], [[1, 2, 3]]).placed(Pose(), scale)
 
 
@@ -390,7 +390,7 @@ def test_log_is_there_wholly_or_not_at_all(tmp_path, contacts, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setitem(contact_log.SUFFIXES, ".npy", fail)
-    with pytest.raises(RecordingError, match=r"log\.npy: cannot be written \(No space left on device\)"):
+    with pytest.raises(FileError, match=r"log\.npy: cannot be written \(No space left on device\)"):
         write_contacts(path, contacts, TIMES_NS)
 
     assert path.read_text() == "old"

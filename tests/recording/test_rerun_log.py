@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from proximity.errors import RecordingError
+from proximity.errors import MissingLibraryError
 from proximity.message import FRAME, ContactFlag, Message
 from proximity.recording import FrameLog, FrameReader
 from proximity.recording.rerun_log import ShownPart, write_rerun
@@ -47,6 +47,6 @@ def test_its_reader_finds_what_was_written(log, tmp_path):
 def test_without_it_a_sentence_says_what_to_install(log, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
 
-    with pytest.raises(RecordingError, match=r'needs rerun-sdk.*pip install "cad-proximity\[rerun\]"$'):
+    with pytest.raises(MissingLibraryError, match=r'needs rerun-sdk.*pip install "cad-proximity\[rerun\]"$'):
         write_rerun(tmp_path / "run.rrd", FrameReader(log))
     assert not (tmp_path / "run.rrd").exists()

@@ -18,6 +18,7 @@ from project import MESHES
 
 import proximity
 from proximity import MeshFormatError, Part, Pose, Scene, SceneError, Solid
+from proximity.errors import FileError
 from proximity.scene.model.part_trees import PartTreesPlan
 from proximity.scene.queries import results
 from proximity.scene.queries.all_queries import Queries
@@ -632,7 +633,7 @@ def test_what_goes_wrong_while_writing_leaves_everything_as_it_was(
         raise trouble
 
     monkeypatch.setattr(archive.os, step, fails)
-    with pytest.raises((SceneError, KeyboardInterrupt)) as error:
+    with pytest.raises((FileError, KeyboardInterrupt)) as error:
         one_solid().save(path)
 
     if isinstance(trouble, OSError):
@@ -651,10 +652,10 @@ def test_place_where_no_file_can_be_is_told(tmp_path):
         (tmp_path / "file" / "cell.prox", " (Not a directory)"),
         ("a\0b.prox", " (embedded null"),
     ):
-        with pytest.raises(SceneError) as error:
+        with pytest.raises(FileError) as error:
             one_solid().save(path)
         assert str(error.value).startswith(f"{path}: cannot be written{reason}")
-    with pytest.raises(SceneError, match=r"^the path is None, expected text or a path$"):
+    with pytest.raises(FileError, match=r"^the path is None, expected text or a path$"):
         one_solid().save(None)
     assert sorted(os.listdir(tmp_path)) == ["file", "folder.prox"]
 

@@ -9,7 +9,7 @@ import shapes
 from odd_arrays import unaligned
 from scene_parts import some_parts
 
-from proximity.errors import NotWatertightError, QueryError
+from proximity.errors import ArgumentError, NotWatertightError
 from proximity.scene.queries.results import NO_FACE, NO_PART, ClosestPoints, Feature
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -117,13 +117,13 @@ def test_rows_that_do_not_fit_are_refused_however_often_they_are_asked():
     for _ in range(2):
         SCENE.signed_distance(POINTS)
         SCENE.cast(POINTS, POINTS)
-        with pytest.raises(QueryError, match=r"points have shape \(4, 2\), expected"):
+        with pytest.raises(ArgumentError, match=r"points have shape \(4, 2\), expected"):
             SCENE.signed_distance(np.ascontiguousarray(POINTS[:, :2]))
-        with pytest.raises(QueryError, match=r"origins have shape \(4, 2\), expected"):
+        with pytest.raises(ArgumentError, match=r"origins have shape \(4, 2\), expected"):
             SCENE.cast(np.ascontiguousarray(POINTS[:, :2]), np.ascontiguousarray(POINTS[:, :2]))
-        with pytest.raises(QueryError, match=r"origins have shape \(4, 3\) and directions \(3, 3\)"):
+        with pytest.raises(ArgumentError, match=r"origins have shape \(4, 3\) and directions \(3, 3\)"):
             SCENE.cast(POINTS, POINTS[:3].copy())
-        with pytest.raises(QueryError, match="direction 2 is zero"):
+        with pytest.raises(ArgumentError, match="direction 2 is zero"):
             SCENE.cast(POINTS, POINTS * np.array([[1.0], [1.0], [0.0], [1.0]]))
 
 
@@ -249,7 +249,7 @@ def test_rows_that_are_all_not_finite_answer_nan(asked):
     ],
 )
 def test_points_that_are_none_are_refused(asked, query, points, message):
-    with pytest.raises(QueryError, match=f"^{re.escape(message)}$"):
+    with pytest.raises(ArgumentError, match=f"^{re.escape(message)}$"):
         getattr(asked, query)(points)
 
 
@@ -269,7 +269,7 @@ def test_no_points_have_an_empty_answer(asked, points):
 @pytest.mark.parametrize("workers", [0, 1.5, None, "all", False])
 def test_workers_that_are_none_are_refused(asked, query, count, workers):
     expected = f"workers is {workers!r}, expected a number of threads, or -1 for all cores"
-    with pytest.raises(QueryError, match=f"^{re.escape(expected)}$"):
+    with pytest.raises(ArgumentError, match=f"^{re.escape(expected)}$"):
         getattr(asked, query)(np.zeros((count, 3)), workers=workers)
 
 
@@ -297,7 +297,7 @@ def test_limit_that_is_no_length_is_refused(asked, limit, message):
         lambda: asked.closest_to_segments(POINTS, POINTS, max_distance=limit),
     ]
     for ask in asks:
-        with pytest.raises(QueryError, match=f"^{re.escape(message)}$"):
+        with pytest.raises(ArgumentError, match=f"^{re.escape(message)}$"):
             ask()
 
 
@@ -313,7 +313,7 @@ def test_limit_may_be_any_number():
 )
 def test_limits_that_do_not_broadcast_are_refused_with_both_shapes(ask, name):
     expected = f"max_distance has shape (3,) and {name} (4, 3), expected a shape that broadcasts against (4,)"
-    with pytest.raises(QueryError, match=f"^{re.escape(expected)}$"):
+    with pytest.raises(ArgumentError, match=f"^{re.escape(expected)}$"):
         getattr(SCENE, ask)(*[POINTS, POINTS + 1.0][: 1 + (ask != "closest")], max_distance=[1.0, 2.0, 3.0])
 
 
@@ -489,26 +489,26 @@ def test_two_arguments_broadcast(ask):
 )
 def test_shapes_that_do_not_broadcast_are_refused(ask, first, second):
     expected = f"{first} have shape (4, 3) and {second} (2, 3), expected shapes that broadcast together"
-    with pytest.raises(QueryError, match=f"^{re.escape(expected)}$"):
+    with pytest.raises(ArgumentError, match=f"^{re.escape(expected)}$"):
         getattr(SOLID, ask)(POINTS, POINTS[:2])
-    with pytest.raises(QueryError, match=rf"^{first} have shape \(2,\), expected \(\.\.\., 3\)$"):
+    with pytest.raises(ArgumentError, match=rf"^{first} have shape \(2,\), expected \(\.\.\., 3\)$"):
         getattr(SOLID, ask)((1.0, 2.0), POINTS)
-    with pytest.raises(QueryError, match=rf"^{second} have dtype <U1, expected numbers of shape"):
+    with pytest.raises(ArgumentError, match=rf"^{second} have dtype <U1, expected numbers of shape"):
         getattr(SOLID, ask)(POINTS, ["a", "b", "c"])
 
 
 @pytest.mark.parametrize("ask", ["cast", "closest_to_segments"])
 def test_workers_of_rays_and_segments_are_checked(ask):
-    with pytest.raises(QueryError, match=r"^workers is 0, expected a number of threads, or -1 for all"):
+    with pytest.raises(ArgumentError, match=r"^workers is 0, expected a number of threads, or -1 for all"):
         getattr(SOLID, ask)(POINTS, POINTS, workers=0)
 
 
 def test_direction_that_is_zero_is_named():
     directions = np.array([[1.0, 0.0, 0.0], [0.0, -0.0, 0.0], [0.0, 0.0, 0.0]])
 
-    with pytest.raises(QueryError, match=r"^direction 1 is zero, expected a vector with a length$"):
+    with pytest.raises(ArgumentError, match=r"^direction 1 is zero, expected a vector with a length$"):
         SOLID.cast(POINTS[:3], directions)
-    with pytest.raises(QueryError, match=r"^direction 0 is zero, expected a vector with a length$"):
+    with pytest.raises(ArgumentError, match=r"^direction 0 is zero, expected a vector with a length$"):
         SOLID.cast(POINTS, (0, 0, 0))
 
 

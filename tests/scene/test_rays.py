@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ray_scenes import CLOSED, FAR, MESHES, mesh_of, solid_of, some_scene
 
 import oracle
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.scene.queries import line_queries
 from proximity.scene.queries.results import NO_FACE, NO_PART
 from proximity.scene.scene import Scene
@@ -264,9 +264,9 @@ def test_distances_alone_have_the_shape_of_the_rays():
     assert isinstance(solid.cast_distance((0.25, 0.5, 3.0), (0, 0, -1)), np.float64)
     assert solid.cast_distance(np.full((2, 1, 3), 0.5), np.eye(3)).tolist() == [[0.5] * 3] * 2
     assert solid.cast_distance((9.0, 9.0, 9.0), (0, 0, 1)) == np.inf
-    with pytest.raises(QueryError, match=r"^direction 1 is zero, expected a vector with a length$"):
+    with pytest.raises(ArgumentError, match=r"^direction 1 is zero, expected a vector with a length$"):
         solid.cast_distance(np.zeros((2, 3)), [[0, 0, 1], [0, 0, 0]])
-    with pytest.raises(QueryError, match=r"^direction 1 is zero, expected a vector with a length$"):
+    with pytest.raises(ArgumentError, match=r"^direction 1 is zero, expected a vector with a length$"):
         solid.cast_distance(np.zeros((2, 3)), np.array([[0, 0, 1.0], [0, 0, 0]]))
 
 
@@ -398,5 +398,5 @@ def test_sorted_rays_answer_as_they_do_one_by_one(monkeypatch):
             assert together.face_id[row] == alone.face_id
 
     directions[[7, 400]] = 0.0
-    with pytest.raises(QueryError, match="direction 7 is zero"):
+    with pytest.raises(ArgumentError, match="direction 7 is zero"):
         solid.cast(origins, directions)

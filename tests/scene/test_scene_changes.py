@@ -19,7 +19,7 @@ from scene_parts import (
     some_questions,
 )
 
-from proximity.errors import SceneError
+from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import layout
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
@@ -269,7 +269,7 @@ def test_surface_is_rigid_unless_a_stiffness_is_given():
 def test_surface_that_is_none_is_refused(values, message):
     scene = Scene([part_of(shapes.cube(), "a")])
 
-    with pytest.raises(SceneError, match=f"^{re.escape(message)}"):
+    with pytest.raises(ArgumentError, match=f"^{re.escape(message)}"):
         scene.set_surface("a", **values)
-    with pytest.raises(SceneError, match=f"^{re.escape(message)}"):
+    with pytest.raises(ArgumentError, match=f"^{re.escape(message)}"):
         Scene([part_of(shapes.cube(), "a", **values)])

@@ -19,7 +19,7 @@ from scene_parts import (
     some_questions,
 )
 
-from proximity.errors import PoseError, SceneError
+from proximity.errors import ArgumentError, PoseError, SceneError
 from proximity.kernels import layout
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
@@ -374,9 +374,9 @@ def test_moves_of_several_parts_that_do_not_fit_are_refused(given, error, messag
 def test_velocity_that_is_none_is_refused(values, message):
     scene = Scene(some_parts(2))
 
-    with pytest.raises(SceneError, match=f"^{re.escape(message)}$"):
+    with pytest.raises(ArgumentError, match=f"^{re.escape(message)}$"):
         scene.move("part 0", Pose(), **values)
-    with pytest.raises(SceneError, match=f"^{re.escape(message)}$"):
+    with pytest.raises(ArgumentError, match=f"^{re.escape(message)}$"):
         Scene([part_of(shapes.cube(), "part 0", **values)])
 
 

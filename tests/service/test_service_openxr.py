@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from project import MESHES
 
-from proximity.errors import ServiceError
+from proximity.errors import MissingLibraryError, ServiceError
 from proximity.pose import Pose
 from proximity.service import OpenXrInput
 from proximity.service.config import read_scene_file
@@ -124,7 +124,7 @@ def test_missing_pyopenxr_is_reported_with_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "xr", None)
 
     with pytest.raises(
-        ServiceError, match=r'input.openxr needs pyopenxr.*pip install "cad-proximity\[openxr\]"'
+        MissingLibraryError, match=r'input.openxr needs pyopenxr.*pip install "cad-proximity\[openxr\]"'
     ):
         OpenXrHands()
 

@@ -19,7 +19,7 @@ import pytest
 from ports import free_port
 from project import MESHES
 
-from proximity.errors import PublishError, ServiceError
+from proximity.errors import ArgumentError, PublishError, ServiceError
 from proximity.message import (
     ADDITIONS,
     CHANGES,
@@ -431,14 +431,14 @@ def test_signal_that_is_ignored_stays_ignored(scene_path, monkeypatch):
 @pytest.mark.parametrize("seconds", [float("nan"), "1"])
 def test_seconds_are_a_number(scene_path, seconds):
     """With text a thread died with a traceback, and the service went on for ever."""
-    with pytest.raises(ServiceError, match=r"^seconds is .*, expected a number of seconds of 0 or more$"):
+    with pytest.raises(ArgumentError, match=r"^seconds is .*, expected a number of seconds of 0 or more$"):
         serve(scene_path, seconds=seconds)
 
 
 @pytest.mark.parametrize("ticks", [-1, 1.5])
 def test_ticks_are_counted(scene_path, ticks):
     """With a number that is never reached the service went on for ever."""
-    with pytest.raises(ServiceError, match=r"^tick_count is .*, expected a whole number of 0 or more$"):
+    with pytest.raises(ArgumentError, match=r"^tick_count is .*, expected a whole number of 0 or more$"):
         serve(scene_path, tick_count=ticks)
 
 
@@ -676,7 +676,7 @@ def test_listener_that_fails_does_not_stop_the_service(child):
 def test_child_is_waited_for_as_long_as_wished(child):
     service = child(BEGUN + ENDED, timeout=threading.TIMEOUT_MAX)
 
-    with pytest.raises(ServiceError, match=r"^timeout is nan, expected a number of seconds of 0 or more$"):
+    with pytest.raises(ArgumentError, match=r"^timeout is nan, expected a number of seconds of 0 or more$"):
         service.stop(timeout=float("nan"))
     assert service.stop(timeout=float("inf")) == {"ticks": 7}
 

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from proximity import RecordingError, SceneError
+from proximity.errors import FileError
 from proximity.system.whole_file import whole_file
 
 
@@ -76,15 +76,14 @@ def test_what_goes_wrong_in_the_block_leaves_what_was_there(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_error_is_the_one_asked_for_and_says_the_place(tmp_path):
+def test_error_says_the_place(tmp_path):
     path = tmp_path / "nowhere" / "log.csv"
 
-    for error in (RecordingError, SceneError):
-        with (
-            pytest.raises(error, match=r"nowhere/log\.csv: cannot be written \(No such file or directory\)$"),
-            whole_file(path, error),
-        ):
-            pytest.fail("there is no folder")
+    with (
+        pytest.raises(FileError, match=r"nowhere/log\.csv: cannot be written \(No such file or directory\)$"),
+        whole_file(path),
+    ):
+        pytest.fail("there is no folder")
 
 
 @pytest.mark.parametrize(
@@ -96,15 +95,15 @@ def test_error_is_the_one_asked_for_and_says_the_place(tmp_path):
     ],
 )
 def test_path_that_is_none_is_refused(path, message):
-    with pytest.raises(RecordingError, match=message), whole_file(path):
+    with pytest.raises(FileError, match=message), whole_file(path):
         pytest.fail("there is no such path")
 
 
 def test_device_is_written_to_as_it_is_or_refused():
     with whole_file("/dev/null") as stream:
         stream.write(b"contacts")
-    refused = pytest.raises(SceneError, match=r"^/dev/null: cannot be written \(it is no regular file\)$")
-    with refused, whole_file("/dev/null", SceneError, takes_devices=False):
+    refused = pytest.raises(FileError, match=r"^/dev/null: cannot be written \(it is no regular file\)$")
+    with refused, whole_file("/dev/null", takes_devices=False):
         pytest.fail("it was opened")
 
 

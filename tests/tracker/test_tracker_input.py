@@ -9,7 +9,7 @@ import pytest
 from odd_arrays import unaligned
 from ticking import MS, RADIUS, block, flags_of, line, plate
 
-from proximity.errors import PoseError, QueryError
+from proximity.errors import ArgumentError, PoseError
 from proximity.message import ContactFlag
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
@@ -28,7 +28,7 @@ def tracker():
 
 @pytest.mark.parametrize("thing", [None, "part.stl", plate(), [plate()]])
 def test_something_else_than_a_scene_is_refused(thing):
-    with pytest.raises(QueryError, match=f"looks at a Scene, not at a {type(thing).__name__}"):
+    with pytest.raises(ArgumentError, match=f"looks at a Scene, not at a {type(thing).__name__}"):
         Tracker(thing)
 
 
@@ -59,7 +59,7 @@ def test_something_else_than_a_scene_is_refused(thing):
     ],
 )
 def test_setting_that_cannot_be_used_is_named(setting, value, said):
-    with pytest.raises(QueryError, match=said):
+    with pytest.raises(ArgumentError, match=said):
         Tracker(Scene([plate()]), **{"fingers": 3, setting: value})
 
 
@@ -142,7 +142,7 @@ REFUSED = {
 def test_argument_that_does_not_fit_is_refused_with_a_sentence(tracker, said):
     Tracker(tracker.scene, fingers=2).tick(TIPS, 0, 0)  # from now on compiled code looks first
     arguments = {"positions": TIPS, "t_pose_ns": 0, "now_ns": 0} | REFUSED[said]
-    with pytest.raises(QueryError, match=re.escape(said)):
+    with pytest.raises(ArgumentError, match=re.escape(said)):
         tracker.tick(**arguments)
     found = tracker.tick(TIPS, MS, MS)
 
@@ -175,7 +175,7 @@ def test_a_refused_tick_leaves_the_epoch_that_contacts_are_of(tracker):
     before = tracker.epoch
     tracker.scene.hide(tracker.scene.parts[0].name)
 
-    with pytest.raises(QueryError):
+    with pytest.raises(ArgumentError):
         tracker.tick(TIPS[:1], MS, MS)
     assert tracker.epoch == before
     tracker.tick(TIPS, MS, MS)
@@ -216,7 +216,7 @@ HOUR = 3600 * 1000 * MS
 def test_instants_that_are_plainly_seconds_are_refused(tracker, t_pose_ns, now_ns, which, value):
     before = tracker.tick(TIPS, 0, 0).tobytes()
     with pytest.raises(
-        QueryError,
+        ArgumentError,
         match=rf"^{which} is {value}, expected nanoseconds, as time.monotonic_ns\(\) gives them: it looks ",
     ):
         tracker.tick(TIPS - 1e-3, t_pose_ns, now_ns)
@@ -227,17 +227,17 @@ def test_instants_that_are_plainly_seconds_are_refused(tracker, t_pose_ns, now_n
 def test_seconds_are_refused_at_the_latest_when_the_next_begins(tracker, begin):
     for _ in range(3):
         tracker.tick(TIPS, begin, begin)
-    with pytest.raises(QueryError, match=f"now_ns is {begin + 1}, expected nanoseconds"):
+    with pytest.raises(ArgumentError, match=f"now_ns is {begin + 1}, expected nanoseconds"):
         tracker.tick(TIPS, begin + 1, begin + 1)
 
 
 @pytest.mark.parametrize("instant", [7.0, "7"])
 def test_instants_that_are_not_whole_are_refused(tracker, instant):
     with pytest.raises(
-        QueryError, match=r"now_ns is .*, expected whole nanoseconds, .* time.monotonic_ns\(\)"
+        ArgumentError, match=r"now_ns is .*, expected whole nanoseconds, .* time.monotonic_ns\(\)"
     ):
         tracker.tick(TIPS, 0, instant)
-    with pytest.raises(QueryError, match=r"t_pose_ns is .*, expected whole nanoseconds"):
+    with pytest.raises(ArgumentError, match=r"t_pose_ns is .*, expected whole nanoseconds"):
         tracker.tick(TIPS, instant, 0)
 
 
@@ -374,7 +374,7 @@ def test_part_whose_pose_is_not_rigid_is_refused_and_ticks_go_on():
 def test_bends_without_paths_are_refused(given):
     tracker = Tracker(Scene([plate()]), fingers=1)
 
-    with pytest.raises(QueryError, match="path_bends are given without paths"):
+    with pytest.raises(ArgumentError, match="path_bends are given without paths"):
         tracker.tick([[0.0, 0.0, 0.05]], 0, 0, **given)
 
 
@@ -396,6 +396,6 @@ def test_scene_of_a_tracker_stays_and_a_tracker_is_not_copied(tracker):
         tracker.scene = Scene([plate()])
     for copied in (copy.copy, copy.deepcopy, pickle.dumps):
         with pytest.raises(
-            QueryError, match="a tracker cannot be copied, because its state depends on its ticks"
+            ArgumentError, match="a tracker cannot be copied, because its state depends on its ticks"
         ):
             copied(tracker)

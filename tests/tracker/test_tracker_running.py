@@ -240,7 +240,7 @@ def test_velocities_of_a_refused_tick_do_not_stay():
     scene, tips = Scene([plate()]), np.array([(0.0, 0.0, 0.05)])
     tracker = Tracker(scene, fingers=1)
     tracker.tick(tips, 0, 0, velocities=[(0.0, 0.0, -1.0)])
-    with pytest.raises(proximity.QueryError):
+    with pytest.raises(proximity.ArgumentError):
         tracker.tick(tips, MS, MS, velocities="fast")
     found = tracker.tick(tips, 2 * MS, 2 * MS)[0]
 

@@ -76,10 +76,12 @@ def test_unknown_option_is_told_those_that_are_known(text, known, message):
 def test_subscriber_that_cannot_be_made_gives_the_address_back():
     from ports import free_port
 
-    from proximity.errors import QueryError
+    from proximity.errors import ArgumentError
 
     address = f"udp://127.0.0.1:{free_port()}"
-    with pytest.raises(QueryError, match=r"^stale_after is -1, expected a number of seconds of 0 or more$"):
+    with pytest.raises(
+        ArgumentError, match=r"^stale_after is -1, expected a number of seconds of 0 or more$"
+    ):
         open_subscriber(address, stale_after=-1)
 
     open_subscriber(address).close()

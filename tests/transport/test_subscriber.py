@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from wire import MS, NOW, Reader, Wire, frame, is_silent, with_frame
 
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.message import CONTACT, ContactFlag, Flaw, State
 from proximity.transport import Subscriber
 
@@ -274,7 +274,7 @@ def test_waiting_in_vain_ends():
 @pytest.mark.parametrize("timeout", [np.nan, "1"])
 def test_who_waits_says_how_long(timeout):
     """With nan it waited for ever, and kept a core busy."""
-    with pytest.raises(QueryError, match=r"^timeout is .*, expected a number of seconds$"):
+    with pytest.raises(ArgumentError, match=r"^timeout is .*, expected a number of seconds$"):
         with_frame().subscriber.wait(timeout)
 
 
@@ -301,5 +301,5 @@ def test_waiting_for_ever_is_cut_into_hours():
     ("name", "value"), [("stale_after", -1.0), ("max_speed", np.nan), ("max_acceleration", "1")]
 )
 def test_settings_are_numbers_of_zero_or_more(name, value):
-    with pytest.raises(QueryError, match=rf"^{name} is .*, expected a number of .* of 0 or more$"):
+    with pytest.raises(ArgumentError, match=rf"^{name} is .*, expected a number of .* of 0 or more$"):
         Subscriber(Wire(), "wire:", **{name: value})

@@ -12,7 +12,7 @@ from guided_client import PATIENCE, Client
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from proximity.errors import ServiceError
+from proximity.errors import MissingLibraryError, ServiceError
 from proximity.web.guided import Button, Field, GuidedPages, PageLeftError, Step, StoppedError, guided_pages
 
 TAKE = Button("take", "Take", "Enter", "main", takes_fields=True)
@@ -221,7 +221,7 @@ def test_a_port_that_is_taken_and_a_package_that_is_missing_are_said(monkeypatch
     monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
     monkeypatch.delitem(sys.modules, "proximity.web.server.page_server", raising=False)
     with (
-        pytest.raises(ServiceError, match=r"^the page needs websockets.*: pip install .cad-proximity"),
+        pytest.raises(MissingLibraryError, match=r"^the page needs websockets.*: pip install .cad-proximity"),
         GuidedPages("T"),
     ):
         pass

@@ -21,7 +21,7 @@ from project import MESHES
 from websockets.sync.client import connect
 
 import proximity
-from proximity.errors import RecordingError, ServiceError
+from proximity.errors import MissingLibraryError, RecordingError, ServiceError
 from proximity.message import FRAME, Message, State
 from proximity.recording import FrameLog
 from proximity.scene.scene import Scene
@@ -147,7 +147,7 @@ def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
     monkeypatch.delitem(sys.modules, "proximity.web.bridge", raising=False)
 
     with pytest.raises(
-        ServiceError, match=r'^the page needs websockets.*: pip install "cad-proximity\[web\]"$'
+        MissingLibraryError, match=r'^the page needs websockets.*: pip install "cad-proximity\[web\]"$'
     ):
         shown()
 

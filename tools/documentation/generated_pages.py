@@ -35,9 +35,9 @@ PUBLIC = {
         "CHANGES", "ADDITIONS", "DEFORMATIONS",
     ),
     "Errors": (
-        "ProximityError", "MeshError", "MeshFormatError", "NotWatertightError", "QueryError", "PoseError",
-        "SceneError", "ServiceError", "PublishError", "RecordingError", "DecaffError", "MotorError",
-        "UnitsWarning",
+        "ProximityError", "MeshError", "MeshFormatError", "NotWatertightError", "ArgumentError", "PoseError",
+        "FileError", "MissingLibraryError", "SceneError", "ServiceError", "PublishError",
+        "RecordingError", "DecaffError", "MotorError", "UnitsWarning",
     ),
 }  # fmt: skip
 """All public names, in the order in which a reader meets them."""

@@ -195,7 +195,7 @@ def _native(scene_file: Path, part: str, case: VrCase, serving: Serving) -> Iter
 @contextmanager
 def _page(scene_file: Path, part: str) -> Iterator[_Application]:
     """What a page does, without drawing."""
-    with needed("the page needs", "web", ServiceError):
+    with needed("the page needs", "web"):
         connect = import_module("websockets.sync.client").connect
     with ExitStack() as opened:
         page = RunningPage([str(scene_file), "--rate", f"{1.0 / TICK_S:g}"], scene_file.name, _nothing)

@@ -11,7 +11,7 @@ from proximity.decaff.calibrating.results import Estimate, Session
 from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
 from proximity.decaff.calibrating.tasks import FREE, HELD
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError, DecaffError
 
 MOST_FAILURES = 10  # readings of one task in a row that cannot be right
 MOST_DIGITS = 5  # of a number: a simulated encoder has a step that repeats to eight
@@ -109,7 +109,7 @@ def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, wai
                 face.refuse("There is no reading yet.")
         except SkipError:
             session.skip(asked.task)
-        except DecaffError as unfit:
+        except (ArgumentError, DecaffError) as unfit:
             failures += 1
             if failures >= MOST_FAILURES:
                 raise DecaffError(f"{asked.task.key}: {unfit}; {asked.task.advice}") from unfit

@@ -60,7 +60,7 @@ class Readings:
             "format": FORMAT, "version": FILE_VERSION, "source": self.source, "began": self.began.isoformat(),
             "results": results or {}, "readings": self.all,
         }  # fmt: skip
-        with whole_file(self.path, DecaffError) as stream:
+        with whole_file(self.path) as stream:
             stream.write(json.dumps(document, ensure_ascii=False, allow_nan=False).encode())
 
     def of(self, task: Task) -> list[dict[str, Any]]:

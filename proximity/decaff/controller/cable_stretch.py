@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from proximity.decaff.arguments import positive
+from proximity.checks import positive
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.message import CONTACT, VERSION
 from proximity.native.in_c import function_in_c
 
@@ -64,7 +64,7 @@ def in_c(name: str) -> Any:
             raise ImportError("its structures are others than those of the compiled controller")
         return function_in_c(f"controller_{name}", _SIGNATURES[name])
     except ImportError as reason:
-        raise DecaffError(
+        raise ArgumentError(
             f"the drum's controller, which is written in C, cannot run: {reason}; compile it by "
             "`python tools/build_kernels.py` in the checkout, or install the package anew"
         ) from None

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, fields
 
-from proximity.decaff.arguments import positive
+from proximity.checks import positive
 from proximity.system.time_units import NS_PER_MS
 
 TOUCH_GAP = 30e-6  # m, of finger or link and drum: nearer is touching; assumed

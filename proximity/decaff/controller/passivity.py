@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.optimize import brentq
 
-from proximity.decaff.arguments import finite, not_negative, positive, whole
+from proximity.checks import finite, not_negative, positive, whole
 
 
 def required_damping(stiffness: float, damping: float, period: float, delay_samples: int = 0) -> float:

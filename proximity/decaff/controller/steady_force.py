@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass, field
 
-from proximity.decaff.arguments import not_negative, positive
+from proximity.checks import not_negative, positive
 from proximity.decaff.controller.compiled import MOST_STEADY, SETTINGS, STEADY, in_c, memory
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 LEAST_WINDOW = 2  # samples
 
@@ -73,7 +73,7 @@ def steady_numbers(rate: float, rule: SteadyRule) -> dict[str, float]:
     period = 1.0 / positive("rate", rate, "hertz")
     samples = max(LEAST_WINDOW, round(rule.window * rate))
     if samples > MOST_STEADY:
-        raise DecaffError(
+        raise ArgumentError(
             f"a steady force is looked back on for {samples} samples ({rule.window:g} s at {rate:g} Hz), "
             f"expected at most {MOST_STEADY}"
         )

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from proximity.decaff.arguments import finite, not_negative, positive, whole
+from proximity.checks import finite, not_negative, positive, whole
 from proximity.decaff.drum import drum_kernels as kernels
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 REFERENCE_SHARE = 0.5  # of the force limit, that the reference's acceleration may ask for; assumed
 PLANNED_SPEED_SHARE = 0.7  # of the motor's speed, that the servo plans with; assumed
@@ -65,7 +65,7 @@ class Gear:
     def __post_init__(self) -> None:
         positive("ratio", self.ratio, "turns to a turn")
         if not positive("efficiency", self.efficiency, "shares") <= 1.0:
-            raise DecaffError(f"efficiency is {self.efficiency!r}, expected 1 at most")
+            raise ArgumentError(f"efficiency is {self.efficiency!r}, expected 1 at most")
         not_negative("backlash", self.backlash, "radians")
         positive("torque", self.torque, "newton metres", may_be_infinite=True)
         positive("continuous_torque", self.continuous_torque, "newton metres", may_be_infinite=True)
@@ -88,12 +88,12 @@ FORMER_NAMES = {"direct": "gear14", "gear4": "gear51", "gear10": "gear111"}
 def gear_named(name: str) -> Gear:
     """Return one of `GEARS`; a name of former drums is refused with the one that comes nearest."""
     if name in FORMER_NAMES:
-        raise DecaffError(
+        raise ArgumentError(
             f"drum is {name!r}, the gear of a drum that no hand can wear: expected {FORMER_NAMES[name]!r}, "
             f"the total gearing that comes nearest, or another of {', '.join(GEARS)}"
         )
     if name not in GEARS:
-        raise DecaffError(f"drum is {name!r}, expected one of {', '.join(GEARS)}")
+        raise ArgumentError(f"drum is {name!r}, expected one of {', '.join(GEARS)}")
     return GEARS[name]
 
 

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
-from proximity.decaff.arguments import not_negative, positive, whole
+from proximity.checks import not_negative, positive, whole
 from proximity.decaff.drum.unit_circle import crossings, spectral_radius
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 ROOT_TOLERANCE = 1e-15  # rad, of h
 DAMPINGS = 32  # that are tried in each range before the best is refined
@@ -60,7 +60,7 @@ class SampledMass:
     def last_half_angle(self) -> float:
         """The h at which the region of a free mass ends, rad."""
         if not self.is_free:
-            raise DecaffError(
+            raise ArgumentError(
                 f"the mass has {self.damping:g} N·s/m and {self.stiffness:g} N/m of its own, expected none"
             )
         return math.pi / (4.0 * (self.delay_samples + 1))

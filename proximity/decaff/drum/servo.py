@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.decaff.arguments import not_negative, positive
+from proximity.checks import not_negative, positive
 from proximity.decaff.drum import drum_kernels as kernels
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.sampled_mass import SampledMass
 from proximity.decaff.drum.servo_gains import best_damped
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 SERVO_RATE = 3000.0  # Hz, where nothing else is said; assumed
 DEADBAND_COUNTS = 0.5  # of the encoder
@@ -106,7 +106,7 @@ def settling_time(
 ) -> float:
     """Return the settling time of a drum, s: when it stays near its target; inf if it never does."""
     if not math.isfinite(distance) or abs(distance) <= within:
-        raise DecaffError(
+        raise ArgumentError(
             f"distance is {distance!r}, expected metres, farther than {within:g} from the start"
         )
     times, positions = move(drum, servo, distance, longest)

@@ -5,7 +5,7 @@ Far below the largest stiffness there is a damping with which disturbances die o
 
 from scipy.optimize import minimize_scalar
 
-from proximity.decaff.arguments import positive
+from proximity.checks import positive
 from proximity.decaff.drum.sampled_mass import (
     Gains,
     SampledMass,
@@ -14,7 +14,7 @@ from proximity.decaff.drum.sampled_mass import (
     maximum_stiffness,
 )
 from proximity.decaff.drum.unit_circle import spectral_radius
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is damped well
 
@@ -22,7 +22,7 @@ WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is damped 
 def best_damped(device: SampledMass, share: float = WELL_DAMPED_SHARE) -> Gains:
     """Return a stiffness, and the damping with which disturbances die out fastest."""
     if not positive("share", share, "shares") < 1.0:
-        raise DecaffError(f"share is {share!r}, expected one below 1 of the largest stiffness")
+        raise ArgumentError(f"share is {share!r}, expected one below 1 of the largest stiffness")
     stiffness = share * maximum_stiffness(device).stiffness
     found = minimize_scalar(
         lambda damping: float(spectral_radius(characteristic(device, stiffness, damping))),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 NEGLIGIBLE = 1e-15  # of the largest coefficient: a power with less is none
 REAL_ENOUGH = 1e-7  # imaginary part of a real root; a double one splits by the root of the rounding
@@ -50,11 +50,11 @@ def crossings(fixed: ArrayLike, varied: ArrayLike) -> np.ndarray:
 def _checked(coefficients: ArrayLike) -> np.ndarray:
     polynomials = np.asarray(coefficients, np.float64)
     if polynomials.ndim == 0 or polynomials.shape[-1] < 2:
-        raise DecaffError(
+        raise ArgumentError(
             f"coefficients have shape {polynomials.shape}, expected (..., n + 1) with n of 1 or more"
         )
     if not (np.isfinite(polynomials).all() and (polynomials[..., 0] != 0.0).all()):
-        raise DecaffError(
+        raise ArgumentError(
             "coefficients are not finite, or the first is zero, expected that of the highest power"
         )
     return polynomials

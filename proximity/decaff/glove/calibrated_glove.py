@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from proximity.decaff.arguments import positive
+from proximity.checks import positive
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.calibration import Calibration
 from proximity.decaff.glove.finger import Finger

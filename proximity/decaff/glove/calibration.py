@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks import as_float64
-from proximity.decaff.arguments import finite, not_negative, positive
+from proximity.checks import as_float64, finite, not_negative, positive
 from proximity.decaff.glove.design import glove_of, table_of
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError, DecaffError
 from proximity.system.regular_file import open_regular
 from proximity.system.whole_file import whole_file
 
@@ -96,7 +95,7 @@ class Calibration:
 def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> None:
     """Write a calibration to a file, at once and wholly; one that is there is replaced."""
     text = json.dumps(_as_document(calibration), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    with whole_file(path, DecaffError) as stream:
+    with whole_file(path) as stream:
         stream.write(text.encode())
 
 
@@ -117,7 +116,7 @@ def read_glove_file(path: str | os.PathLike[str]) -> Calibration | Glove:
                 {name: part for name, part in document.items() if name not in ("format", "version")}
             )
         return _of_document(document)
-    except DecaffError as unfit:
+    except (ArgumentError, DecaffError) as unfit:
         raise DecaffError(f"{path}: {unfit}") from unfit
 
 
@@ -237,7 +236,7 @@ def _of_document(document: dict[str, Any]) -> Calibration:
 def _column(name: str, values: Any) -> np.ndarray:
     """One column of the table, read-only."""
     expected = f"{TABLE_SIZE} increasing numbers"
-    column = as_float64(values, name, error=DecaffError, expected=expected).copy()
+    column = as_float64(values, name, expected=expected).copy()
     if column.shape != (TABLE_SIZE,):
         raise DecaffError(f"{name} have shape {column.shape}, expected {expected}")
     if not np.isfinite(column).all():

@@ -28,8 +28,7 @@ Each function refuses what cannot have been measured right. From readings to the
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.checks import as_float64
-from proximity.decaff.arguments import finite
+from proximity.checks import as_float64, finite
 from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
@@ -119,4 +118,4 @@ def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float
 
 def _measured(name: str, values: ArrayLike) -> np.ndarray:
     """Measurements as a row of numbers."""
-    return np.ravel(as_float64(values, name, error=DecaffError, expected="a row of numbers"))
+    return np.ravel(as_float64(values, name, expected="a row of numbers"))

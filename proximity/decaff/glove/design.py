@@ -13,7 +13,7 @@ from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.glove.linkage import Linkage
 from proximity.decaff.glove.transmission import Cable, Potentiometer
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 PARTS: dict[str, Any] = {
     "finger": Finger, "linkage": Linkage, "cable": Cable, "potentiometer": Potentiometer,
@@ -25,7 +25,7 @@ ALWAYS = ("name", "crank")  # fields that are written although they are the usua
 def glove_of(table: Any) -> Glove:
     """Return the glove of a table; a gear may be one of `GEARS` by name, a drum with a crank is eccentric."""
     if not isinstance(table, Mapping):
-        raise DecaffError(f"the design is {table!r}, expected {', '.join(PARTS)}, each with its numbers")
+        raise ArgumentError(f"the design is {table!r}, expected {', '.join(PARTS)}, each with its numbers")
     _check_names("the design", table, PARTS)
     return Glove(**{name: _part(name, numbers) for name, numbers in table.items()})
 
@@ -50,7 +50,7 @@ def _part(name: str, numbers: Any) -> Any:
     if name == "gear" and isinstance(numbers, str):
         return gear_named(numbers)
     if not isinstance(numbers, Mapping):
-        raise DecaffError(f"{name} of the design is {numbers!r}, expected its fields")
+        raise ArgumentError(f"{name} of the design is {numbers!r}, expected its fields")
     kind: Any = EccentricDrum if name == "drum" and "crank" in numbers else PARTS[name]
     types = {field.name: field.type for field in fields(kind)}
     _check_names(f"{name} of the design", numbers, types)
@@ -59,7 +59,7 @@ def _part(name: str, numbers: Any) -> Any:
             str if types[field] in (str, "str") else list if "tuple" in str(types[field]) else (int, float)
         )
         if not isinstance(value, expected) or isinstance(value, bool):
-            raise DecaffError(f"{field} of {name} is {value!r}, expected {_words(expected)}")
+            raise ArgumentError(f"{field} of {name} is {value!r}, expected {_words(expected)}")
     values = {field: tuple(value) if isinstance(value, list) else value for field, value in numbers.items()}
     return kind(**values)
 
@@ -71,4 +71,4 @@ def _words(expected: Any) -> str:
 def _check_names(what: str, found: Mapping[str, Any], known: Mapping[str, Any]) -> None:
     for name in found:
         if name not in known:
-            raise DecaffError(f"{what} has {name!r}, expected some of {', '.join(known)}")
+            raise ArgumentError(f"{what} has {name!r}, expected some of {', '.join(known)}")

@@ -12,8 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.decaff.arguments import finite, positive
-from proximity.errors import DecaffError
+from proximity.checks import finite, positive
+from proximity.errors import ArgumentError
 
 
 class DrumGeometry(Protocol):
@@ -46,7 +46,7 @@ class ArmDrum:
     def __post_init__(self) -> None:
         _check_roller(self.roller_radius, self.link_width)
         if not positive("arm", self.arm, "metres") > self.clearance:
-            raise DecaffError(
+            raise ArgumentError(
                 f"the arm is {1e3 * self.arm:g} mm, expected more than the roller's radius and half of the "
                 f"link's width, {1e3 * self.clearance:g} mm"
             )
@@ -99,7 +99,7 @@ class EccentricDrum:
         _check_roller(self.roller_radius, self.link_width)
         positive("crank", self.crank, "metres")
         if len(self.motor) != 2:
-            raise DecaffError(f"motor is {self.motor!r}, expected two numbers of metres")
+            raise ArgumentError(f"motor is {self.motor!r}, expected two numbers of metres")
         for value in self.motor:
             finite("one of motor", value, "metres")
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.decaff.arguments import not_negative, positive
-from proximity.errors import DecaffError
+from proximity.checks import not_negative, positive
+from proximity.errors import ArgumentError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 
@@ -78,7 +78,7 @@ class Finger:
         That is what `Tracker.tick` takes as a path, and what a ``path_poses`` message holds.
         """
         if corner_count < 2:
-            raise DecaffError(f"a path of {corner_count} corners, expected 2 or more")
+            raise ArgumentError(f"a path of {corner_count} corners, expected 2 or more")
         return world_from_hand.point(self.point_hand(np.linspace(0.0, 1.0, corner_count)))
 
     def point_hand(self, bend: ArrayLike) -> np.ndarray:
@@ -130,6 +130,6 @@ class Finger:
 
 def _check_three(name: str, values: tuple[float, float, float], unit: str) -> None:
     if len(values) != 3:
-        raise DecaffError(f"{name} are {values!r}, expected three numbers of {unit}")
+        raise ArgumentError(f"{name} are {values!r}, expected three numbers of {unit}")
     for value in values:
         positive(f"one of {name}", value, unit)

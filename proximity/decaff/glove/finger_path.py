@@ -12,7 +12,7 @@ import numpy as np
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 BENDS = np.linspace(-0.05, 1.05, 2201)
 """A line between two neighbours is off by less than a micrometre."""
@@ -43,7 +43,7 @@ class FingerPath:
         starts = np.flatnonzero(~rises[:flat])
         first = int(starts[-1]) + 1 if len(starts) else 0
         if last <= flat:
-            raise DecaffError(
+            raise ArgumentError(
                 "the drum moves backwards at the flat hand, expected a drum that follows the finger"
             )
         bends = BENDS[first : last + 1]

@@ -16,7 +16,7 @@ from proximity.decaff.glove.drum_geometry import ArmDrum, DrumGeometry
 from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.linkage import CHECKED_BENDS, Linkage
 from proximity.decaff.glove.transmission import Cable, Potentiometer
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 
@@ -43,7 +43,7 @@ class Glove:
     def __post_init__(self) -> None:
         self.linkage.check(self.finger)
         if not np.isfinite(self.drum.drum_angle(self.replica_angle(0.0))):
-            raise DecaffError("the drum cannot touch the replica of the flat hand, expected one that can")
+            raise ArgumentError("the drum cannot touch the replica of the flat hand, expected one that can")
 
     # --- where things are ---
 

@@ -14,7 +14,7 @@ from proximity.decaff.glove.calibration import (
     read_glove_file,
 )
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError, DecaffError
 
 G = TypeVar("G")
 LOGGER = logging.getLogger("proximity.gloves")
@@ -40,7 +40,7 @@ def _worn(path: str | os.PathLike[str], calibration: Calibration, most_days: flo
     try:
         check_age(calibration, most_days=most_days)
         return CalibratedGlove(calibration.design, calibration)
-    except DecaffError as unfit:
+    except (ArgumentError, DecaffError) as unfit:
         raise DecaffError(f"{os.fsdecode(path)}: {unfit}") from unfit
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 
-from proximity.decaff.arguments import finite, positive
+from proximity.checks import finite, positive
 from proximity.decaff.glove.finger import Finger
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 CHECKED_BENDS = np.linspace(0.0, 1.0, 1001)
 
@@ -32,7 +32,7 @@ class Linkage:
         positive("first_bar", self.first_bar, "metres")
         positive("second_bar", self.second_bar, "metres")
         if len(self.base) != 2:
-            raise DecaffError(f"base is {self.base!r}, expected two numbers of metres")
+            raise ArgumentError(f"base is {self.base!r}, expected two numbers of metres")
         for value in (*self.base, self.thimble_along, self.thimble_dorsal):
             finite("one of base and thimble", value, "metres")
 
@@ -93,14 +93,14 @@ class Linkage:
         is_out = ~((least < reach) & (reach < most))
         if is_out.any():
             row = int(np.argmax(is_out))
-            raise DecaffError(
+            raise ArgumentError(
                 f"the linkage does not reach the thimble at bend {CHECKED_BENDS[row]:.3f}: it is "
                 f"{1e3 * reach[row]:.1f} mm from the base, expected {1e3 * least:.1f} to {1e3 * most:.1f} mm"
             )
         rate = self.angle_rate(finger, CHECKED_BENDS)
         is_back = ~(rate * rate[0] > 0.0)
         if is_back.any():
-            raise DecaffError(
+            raise ArgumentError(
                 f"the linkage folds back at bend {CHECKED_BENDS[np.argmax(is_back)]:.3f}: expected an angle "
                 "that only grows or only shrinks from flat hand to fist"
             )

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.decaff.arguments import not_negative, positive, whole
-from proximity.errors import DecaffError
+from proximity.checks import not_negative, positive, whole
+from proximity.errors import ArgumentError
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +54,10 @@ class Potentiometer:
 
     def __post_init__(self) -> None:
         if whole("bits", self.bits, 1) > 32:
-            raise DecaffError(f"bits is {self.bits!r}, expected 1 to 32")
+            raise ArgumentError(f"bits is {self.bits!r}, expected 1 to 32")
         positive("span", self.span, "radians")
         if not not_negative("zero_share", self.zero_share, "spans") < 1.0:
-            raise DecaffError(f"zero_share is {self.zero_share!r}, expected less than 1")
+            raise ArgumentError(f"zero_share is {self.zero_share!r}, expected less than 1")
 
     @property
     def count(self) -> int:

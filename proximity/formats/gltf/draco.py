@@ -18,7 +18,7 @@ _WORKER = Path(__file__).with_name("draco_worker.py")
 
 def check_installed() -> None:
     """Raise if DracoPy is not there, with what to install."""
-    with needed(f"geometry stored by {EXTENSION} needs", "gltf", MeshFormatError):
+    with needed(f"geometry stored by {EXTENSION} needs", "gltf"):
         import DracoPy  # noqa: F401
 
 

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from proximity.decaff.arguments import not_negative
-from proximity.errors import DecaffError
+from proximity.checks import not_negative
+from proximity.errors import ArgumentError
 from proximity.system.time_units import NS_PER_S
 from proximity.transport.link import NOTHING
 
@@ -72,5 +72,5 @@ class DelayedLink:
 def _latencies_ns(latency: Latency) -> list[int]:
     values = list(latency) if isinstance(latency, Sequence) else [latency]
     if not values:
-        raise DecaffError("no latency is given, expected seconds")
+        raise ArgumentError("no latency is given, expected seconds")
     return [math.floor(NS_PER_S * not_negative("latency", value, "seconds") + 0.5) for value in values]

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from proximity.decaff.arguments import not_negative, positive
+from proximity.checks import not_negative, positive
 from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.glove import DRUMS
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.engine.delayed_link import Latency
 from proximity.lab.simulation.sweeps import Stretch
 from proximity.lab.simulation.target_policies import Target
@@ -58,7 +58,7 @@ class EngineSetup:
             not_negative("far_force", self.far_force, "newtons")
         positive("start_distance", self.start_distance, "metres")
         if not 0.0 <= self.phase < 1.0:
-            raise DecaffError(f"phase is {self.phase!r}, expected 0 or more, and below 1 of a period")
+            raise ArgumentError(f"phase is {self.phase!r}, expected 0 or more, and below 1 of a period")
 
     @property
     def ideal(self) -> "EngineSetup":

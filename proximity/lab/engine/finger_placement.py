@@ -13,7 +13,7 @@ import numpy as np
 from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
@@ -89,7 +89,7 @@ def place_finger(
             break
     if best is None:
         reported = ", ".join(f"{1e3 * coordinate:g}" for coordinate in point)
-        raise DecaffError(
+        raise ArgumentError(
             f"({reported}) mm: no finger gets there without touching the part before, expected a position "
             f"with {1e3 * MIN_FREE_PATH:g} mm of free path before it"
         )
@@ -100,7 +100,7 @@ def placed(scene: Scene, glove: Glove, world_from_hand: Pose, touch: float | Non
     """Return a finger of a hand that is held in some way."""
     bend = first_touch(scene, glove.finger, world_from_hand) if touch is None else touch
     if not 0.0 < bend < 1.0:
-        raise DecaffError("the finger touches nothing between flat hand and fist, expected one that does")
+        raise ArgumentError("the finger touches nothing between flat hand and fist, expected one that does")
     hit = scene.closest(world_from_hand.point(glove.finger.point_hand(bend)))
     normal = np.asarray(hit.gradient, np.float64)
     return PlacedFinger(scene, glove, FingerPath(glove), world_from_hand, bend, normal, int(hit.part))
@@ -136,7 +136,7 @@ def _viewpoint(scene: Scene) -> np.ndarray:
 def _target(scene: Scene, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The surface point nearest to *at*, and the way to it, unit."""
     if at.shape != (3,) or not np.isfinite(at).all():
-        raise DecaffError(f"the position is {at.tolist()!r}, expected three coordinates in metres")
+        raise ArgumentError(f"the position is {at.tolist()!r}, expected three coordinates in metres")
     hit = scene.closest(at)
     gradient = np.asarray(hit.gradient, np.float64)
     return np.asarray(hit.point, np.float64), -gradient

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.kernels.tracking.motion import MAX_SPEED
 from proximity.lab.engine.finger_placement import PlacedFinger, place_finger
 from proximity.lab.paper.trajectories import Motion
@@ -76,7 +76,7 @@ class RecordedPress:
 def recorded_press(scene: Scene, recording: Recording, radius: float, start_distance: float) -> RecordedPress:
     """Return the motion of the finger that touches first."""
     if recording.duration_s > LONGEST_RECORDING:
-        raise DecaffError(
+        raise ArgumentError(
             f"{recording.path}: {recording.duration_s:.0f} s are recorded, "
             f"expected at most {LONGEST_RECORDING:g} s"
         )
@@ -130,7 +130,7 @@ def _first_touch(
         if len(came):
             best = min(best, (float(times[came[0]]), column, int(came[0])))
     if best[1] < 0:
-        raise DecaffError(
+        raise ArgumentError(
             f"{path}: no finger approaches the parts from outside and touches them: move the recording to "
             "where one does"
         )

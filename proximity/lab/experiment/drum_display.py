@@ -21,7 +21,7 @@ from proximity.decaff.glove.default_bend import with_bend
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.motors.motor_drum import MotorDrum
 from proximity.decaff.simulated_drums.service_drums import SOFTER, DrumBench, FingerBench
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.experiment.coupled_controller import CoupledController
 from proximity.lab.experiment.design import Design
 from proximity.lab.experiment.display import FRAME, Interval, Presentation, interval_of, stopped_by_force
@@ -72,7 +72,7 @@ class DrumDisplay(DrumBench):
                 stiffness = asked.stiffness or 0.0
                 k, b = law.displayed(stiffness, asked.damping)
                 if k < (1.0 - SOFTER) * stiffness or b < asked.damping:
-                    raise DecaffError(
+                    raise ArgumentError(
                         f"task {task.name}, condition {condition.name}: {stiffness:g} N/m with "
                         f"{asked.damping:g} N s/m are asked for, but at {self._rate:g} Hz this drum displays "
                         f"{k:.0f} N/m with {b:g} N s/m: expected a softer surface, or a higher --rate"
@@ -90,7 +90,7 @@ class DrumDisplay(DrumBench):
         self._interval = None
         if not is_over or self._failure:
             why = self._failure or "no frames come from the service"
-            raise DecaffError(f"the drum of finger {self._shown_by} does not move: {why}")
+            raise ArgumentError(f"the drum of finger {self._shown_by} does not move: {why}")
         return Presentation(np.array(self._frames, FRAME), self._why)
 
     def stop(self, why: str) -> None:

@@ -11,7 +11,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from proximity.errors import DecaffError
 from proximity.lab.experiment.design import Procedure
 from proximity.system.extras import needed
 
@@ -60,7 +59,7 @@ class QuestPlus:
     def __init__(self, levels: Sequence[float]) -> None:
         logs = np.log10(levels)
         self._levels = dict(zip(logs.tolist(), levels, strict=True))
-        with needed("experiments need", "experiment", DecaffError):
+        with needed("experiments need", "experiment"):
             make = import_module("questplus").QuestPlus
         self._quest = make(
             stim_domain={"intensity": logs},

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.figures import (
     arrival_plots,
     cable_plots,
@@ -118,7 +118,7 @@ def chosen_names(names: Iterable[str]) -> tuple[str, ...]:
     chosen = tuple(dict.fromkeys(names))
     for name in chosen:
         if name not in PLATES:
-            raise DecaffError(f"no figure {name!r}, expected some of {', '.join(PLATES)}")
+            raise ArgumentError(f"no figure {name!r}, expected some of {', '.join(PLATES)}")
     return chosen or tuple(PLATES)
 
 
@@ -144,4 +144,4 @@ def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as failure:
-        raise DecaffError(f"{folder}: no folder can be made ({failure.strerror or failure})") from failure
+        raise ArgumentError(f"{folder}: no folder can be made ({failure.strerror or failure})") from failure

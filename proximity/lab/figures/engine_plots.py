@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.engine.engine_loop import press_on_part
 from proximity.lab.engine.engine_setup import EngineSetup
 from proximity.lab.engine.finger_placement import place_finger
@@ -44,7 +44,7 @@ def bracket() -> Scene:
     for folder in (package / "samples", package.parent / "meshes"):
         if (folder / "bracket.stl").is_file():
             return load(folder / "bracket.stl")
-    raise DecaffError(f"the sample bracket.stl is neither in {package} nor in meshes beside it")
+    raise ArgumentError(f"the sample bracket.stl is neither in {package} nor in meshes beside it")
 
 
 def numbers(glove: Glove = OURS) -> Table:

@@ -5,7 +5,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from proximity.errors import DecaffError
 from proximity.system.extras import needed
 
 
@@ -16,7 +15,7 @@ def render_page(
     filters: Iterable[Callable[..., Any]],
 ) -> str:
     """Return a page."""
-    with needed("pages need", "sim", DecaffError):
+    with needed("pages need", "sim"):
         import_module("jinja2")  # before anything is drawn
         markup = import_module("markupsafe").Markup
     style = markup(Path(__file__).with_name("page_style.css").read_text(encoding="utf-8"))
@@ -32,7 +31,7 @@ def filled_in(
     is_html: bool = True,
 ) -> str:
     """Return a template with values filled in; in HTML, with what they have of its signs escaped."""
-    with needed("pages need", "sim", DecaffError):
+    with needed("pages need", "sim"):
         jinja = import_module("jinja2")
     environment = jinja.Environment(
         autoescape=is_html, trim_blocks=True, lstrip_blocks=True, undefined=jinja.StrictUndefined

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.figures.tables import Table
 from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
@@ -81,18 +81,18 @@ LOOK = {
 
 def load_figure() -> "type[Figure]":
     """Return matplotlib's class of figures."""
-    with needed("figures need", "sim", DecaffError):
+    with needed("figures need", "sim"):
         try:
             figure: type[Figure] = import_module("matplotlib.figure").Figure
         except ValueError as unfit:  # of MPLBACKEND, though nothing is shown
-            raise DecaffError(f"figures need matplotlib, which cannot be used ({unfit})") from unfit
+            raise ArgumentError(f"figures need matplotlib, which cannot be used ({unfit})") from unfit
     return figure
 
 
 def check_format(form: str) -> None:
     """Refuse what is no format of figures."""
     if form not in FORMATS:
-        raise DecaffError(f"no figures of format {form!r}, expected one of {', '.join(FORMATS)}")
+        raise ArgumentError(f"no figures of format {form!r}, expected one of {', '.join(FORMATS)}")
 
 
 def line(stroke: Stroke) -> Stroke:

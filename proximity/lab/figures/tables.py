@@ -11,7 +11,7 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 
 
 class Table:
@@ -21,7 +21,7 @@ class Table:
         self.columns = {name: np.asarray(values) for name, values in columns.items()}
         lengths = {name: len(values) for name, values in self.columns.items()}
         if len(set(lengths.values())) > 1:
-            raise DecaffError(f"columns have lengths {lengths}, expected one length")
+            raise ArgumentError(f"columns have lengths {lengths}, expected one length")
 
     @classmethod
     def of_rows(cls, names: Sequence[str], rows: Iterable[Sequence[float | str]]) -> "Table":

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.integrate import quad
 
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Press
 from proximity.lab.paper.walls import SpringDamper, contact_force
 
@@ -44,10 +44,10 @@ def kappa(stop: str | Callable[[float], float], end: float = math.inf) -> float:
         try:
             speed, end = _STOPS[Stop(stop)]
         except ValueError:
-            raise DecaffError(f"no stop {stop!r}, expected one of {', '.join(Stop)}") from None
+            raise ArgumentError(f"no stop {stop!r}, expected one of {', '.join(Stop)}") from None
     depth = quad(speed, 0.0, end)[0]
     if not abs(depth - 1.0) < 1e-6:  # looser than quad, tighter than any mistake
-        raise DecaffError(f"the finger goes {depth:g} depths until it rests, expected 1")
+        raise ArgumentError(f"the finger goes {depth:g} depths until it rests, expected 1")
     return float(quad(lambda s: speed(s) ** 2, 0.0, end, epsabs=1e-13, epsrel=1e-13)[0])
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.paper.reacting_operator import critical_gain, react
 from proximity.lab.paper.trajectories import Press
 from proximity.lab.paper.walls import FINGER, Convention, RealWall, SpringDamper, TraditionalWall, in_series
@@ -49,7 +49,7 @@ def simulated_wall(
     """Return FIG 5b (penetrated), 5c (and late), 5d (late only), 5g (soft) or 5h (lightly damped)."""
     wall = SIMULATED.get(figure)
     if wall is None:
-        raise DecaffError(
+        raise ArgumentError(
             f"no simulated wall is shown in figure {figure!r}, expected one of {', '.join(SIMULATED)}"
         )
     return wall.force(times, press, convention)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.decaff.arguments import not_negative, positive
+from proximity.checks import not_negative, positive
 from proximity.lab.paper.trajectories import Press
 from proximity.lab.paper.walls import SpringDamper
 

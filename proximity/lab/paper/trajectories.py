@@ -12,8 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.decaff.arguments import not_negative, positive
-from proximity.errors import DecaffError
+from proximity.checks import not_negative, positive
+from proximity.errors import ArgumentError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +65,7 @@ class Press:
         not_negative("release_time", self.release_time, "seconds")
         # As the times add up, in binary.
         if self.release_time < self.stop_time * (1.0 - 1e-12):
-            raise DecaffError(
+            raise ArgumentError(
                 f"release_time is {self.release_time:g} s, but the finger stops at {self.stop_time:g} s: "
                 "expected a press that stops before it leaves"
             )
@@ -108,5 +108,5 @@ class Press:
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels of a closed loop read them."""
         if self.touch_time != 0.0:
-            raise DecaffError(f"press touches at {self.touch_time:g} s, expected one that touches at 0")
+            raise ArgumentError(f"press touches at {self.touch_time:g} s, expected one that touches at 0")
         return np.array([self.speed, self.depth, self.release_time])

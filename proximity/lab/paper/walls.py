@@ -11,8 +11,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from proximity.decaff.arguments import not_negative
-from proximity.errors import DecaffError
+from proximity.checks import not_negative
+from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Motion, Press
 
 TOUCHING = 1e-15  # m: nearer to the surface is at it but for rounding of the instant
@@ -115,4 +115,6 @@ def _inertia_sign(convention: str) -> float:
     try:
         return INERTIA_SIGN[Convention(convention)]
     except ValueError:
-        raise DecaffError(f"no convention {convention!r}, expected one of {', '.join(Convention)}") from None
+        raise ArgumentError(
+            f"no convention {convention!r}, expected one of {', '.join(Convention)}"
+        ) from None

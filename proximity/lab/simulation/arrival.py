@@ -6,10 +6,10 @@ By a formula, and by looking: presses are simulated with less and less reach unt
 import math
 from dataclasses import replace
 
-from proximity.decaff.arguments import positive
+from proximity.checks import positive
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import Servo
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.simulation.closed_loop import decaff
 from proximity.lab.simulation.devices import Decaff, Sensing
 from proximity.lab.simulation.hand import Hand
@@ -45,7 +45,7 @@ def needed_look_ahead(hand: Hand, glove: Decaff, speed: float) -> float:
 
     late, early = 0, round(FARTHEST / GRID)
     if not is_in_place(early):
-        raise DecaffError(f"the drum is late at {speed:g} m/s, even when known from {FARTHEST:g} m away")
+        raise ArgumentError(f"the drum is late at {speed:g} m/s, even when known from {FARTHEST:g} m away")
     while early - late > 1:
         middle = (late + early) // 2
         late, early = (late, middle) if is_in_place(middle) else (middle, early)

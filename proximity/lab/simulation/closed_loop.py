@@ -10,11 +10,11 @@ import math
 
 import numpy as np
 
-from proximity.decaff.arguments import not_negative, positive
+from proximity.checks import not_negative, positive
 from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_command import DrumCommand
 from proximity.decaff.drum.servo import SIMULATION_STEP, steps_a_sample
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Intent
 from proximity.lab.simulation import loop_kernels, press_kernels
 from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Decaff, Link
@@ -97,7 +97,7 @@ def decaff(
         loop.run(target)
         return loop.response
     if not callable(getattr(target, "command", None)):
-        raise DecaffError(f"target is {target!r}, expected a Target or a controller with a method command")
+        raise ArgumentError(f"target is {target!r}, expected a Target or a controller with a method command")
     while not loop.is_over:
         loop.tick(target.command(loop.distance_sample()))
     return loop.response
@@ -191,7 +191,7 @@ class DecaffLoop:
     def run(self, target: Target) -> None:
         """Go through the whole press with one of the four readings, in compiled code."""
         if self._first > 0:
-            raise DecaffError(f"the press is at {self.now:g} s, expected one that has not begun")
+            raise ArgumentError(f"the press is at {self.now:g} s, expected one that has not begun")
         response = self.response
         loop_kernels.run_loop(
             int(target),
@@ -215,7 +215,7 @@ class DecaffLoop:
 
     def _must_go_on(self) -> None:
         if self.is_over:
-            raise DecaffError(f"the press is over at {self.now:g} s, expected one that goes on")
+            raise ArgumentError(f"the press is over at {self.now:g} s, expected one that goes on")
 
 
 def _body(hand: Hand, link: Link, cable: TipCable | None = None) -> np.ndarray:

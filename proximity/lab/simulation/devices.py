@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from proximity.decaff.arguments import finite, not_negative, positive, whole
+from proximity.checks import finite, not_negative, positive, whole
 from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import DRUMS, Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.simulation import loop_kernels
 from proximity.lab.simulation.target_policies import Holding
 from proximity.lab.simulation.tip_cable import TipCable
@@ -80,7 +80,7 @@ class Sensing:
         finite("wall_speed", self.wall_speed, "metres a second")
         not_negative("resolution", self.resolution, "metres")
         if not not_negative("phase", self.phase, "periods") < 1.0:
-            raise DecaffError(f"phase is {self.phase!r}, expected one below 1 of a period")
+            raise ArgumentError(f"phase is {self.phase!r}, expected one below 1 of a period")
         whole("seed", self.seed, 0)
 
     def as_array(self) -> np.ndarray:

@@ -8,7 +8,7 @@ Contact is at 0, at time 0; positions are positive into the wall.
 import math
 from dataclasses import dataclass
 
-from proximity.decaff.arguments import not_negative, positive
+from proximity.checks import not_negative, positive
 from proximity.decaff.drum.drum_model import PAD_STIFFNESS
 from proximity.lab.paper.trajectories import Press
 

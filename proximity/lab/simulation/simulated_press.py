@@ -5,10 +5,10 @@ from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
-from proximity.decaff.arguments import not_negative
+from proximity.checks import not_negative
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.glove import Glove, with_gear
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall
 from proximity.lab.simulation.devices import CoupledWall, Decaff
 from proximity.lab.simulation.hand import Hand
@@ -74,9 +74,9 @@ class Setup:
         if self.cable is not None:
             _within("cable", self.cable, CABLES_ALLOWED, "newtons a metre")
         elif self.stretch != Stretch.LEFT:
-            raise DecaffError(f"stretch is {self.stretch!r}, but there is no cable: expected its stiffness")
+            raise ArgumentError(f"stretch is {self.stretch!r}, but there is no cable: expected its stiffness")
         if (self.stiffness is None) != (self.damping is None):
-            raise DecaffError("stiffness and damping belong together: expected both or neither")
+            raise ArgumentError("stiffness and damping belong together: expected both or neither")
         if self.stiffness is not None and self.damping is not None:
             _within("stiffness", self.stiffness, (0.0, STIFFEST), "newtons a metre")
             _within("damping", self.damping, (0.0, MOST_DAMPED), "newton seconds a metre")
@@ -168,12 +168,12 @@ def _coupled(hand: Hand, setup: Setup) -> CoupledWall:
 
 def _within(name: str, value: float, limits: tuple[float, float], unit: str) -> None:
     if not limits[0] <= not_negative(name, value, unit) <= limits[1]:
-        raise DecaffError(f"{name} is {value:g}, expected {limits[0]:g} to {limits[1]:g} {unit}")
+        raise ArgumentError(f"{name} is {value:g}, expected {limits[0]:g} to {limits[1]:g} {unit}")
 
 
 def _one_of(name: str, value: str, known: tuple[str, ...]) -> None:
     if value not in known:
-        raise DecaffError(f"{name} is {value!r}, expected one of {', '.join(known)}")
+        raise ArgumentError(f"{name} is {value!r}, expected one of {', '.join(known)}")
 
 
 def describe(simulation: Simulation) -> str:

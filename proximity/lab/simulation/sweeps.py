@@ -13,7 +13,7 @@ import numpy as np
 
 from proximity.decaff.glove.default_bend import CONTACT_BEND
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall
 from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Decaff, Link
 from proximity.lab.simulation.hand import Hand
@@ -149,7 +149,7 @@ def needed_cable(hand: Hand, glove: Decaff, speed: float, error: float, stretch:
 
     soft, stiff = CABLE_STIFFNESSES
     if not is_enough(stiff):
-        raise DecaffError(
+        raise ArgumentError(
             f"no cable up to {stiff:g} N/m keeps the force error at {speed:g} m/s to {error:.3g}"
         )
     for _ in range(HALVINGS):

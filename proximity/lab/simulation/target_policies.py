@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from proximity.decaff.arguments import not_negative, positive
+from proximity.checks import not_negative, positive
 from proximity.decaff.controller.drum_limits import RELEASE_GAP, TOUCH_GAP
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.lab.simulation import loop_kernels

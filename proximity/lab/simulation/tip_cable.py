@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from proximity.decaff.arguments import not_negative, positive
+from proximity.checks import not_negative, positive
 from proximity.decaff.glove.default_bend import CONTACT_BEND
 from proximity.decaff.glove.glove import Glove
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from proximity.decaff.arguments import positive
+from proximity.checks import positive
 from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Link
 from proximity.lab.simulation.hand import Hand
 

@@ -14,7 +14,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from proximity.decaff.arguments import finite, positive, whole
+from proximity.checks import finite, positive, whole
 from proximity.decaff.drum.sampled_mass import (
     Gains,
     SampledMass,

@@ -104,33 +104,23 @@ def _near_surface(scene: Scene, count: int, spread: float, seed: int) -> dict[st
 
 
 def _write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    with whole_file(path, ServiceError) as stream:
+    with whole_file(path) as stream:
         np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
 
 
 def _write_vti(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    with needed("this format needs", "picture", ServiceError):
-        data_model = import_module("vtkmodules.vtkCommonDataModel")
-        numpy_support = import_module("vtkmodules.util.numpy_support")
-        writing = import_module("vtkmodules.vtkIOXML")
-    image = data_model.vtkImageData()
-    image.SetDimensions(*arrays["distance"].shape)
-    image.SetOrigin(*arrays["origin"])
-    image.SetSpacing(*arrays["spacing"])
-    # VTK counts x fastest.
-    values = numpy_support.numpy_to_vtk(arrays["distance"].ravel(order="F"), deep=True)
-    values.SetName("distance")
-    image.GetPointData().SetScalars(values)
-    writer = writing.vtkXMLImageDataWriter()
-    writer.SetInputData(image)
-    writer.WriteToOutputStringOn()
-    writer.Write()
-    with whole_file(path, ServiceError) as stream:
-        stream.write(writer.GetOutputString().encode())
+    with needed("this format needs", "picture"):
+        pyvista = import_module("pyvista")
+    distance = arrays["distance"]
+    image = pyvista.ImageData(dimensions=distance.shape, origin=arrays["origin"], spacing=arrays["spacing"])
+    image["distance"] = distance.ravel(order="F")  # VTK counts x fastest
+    unfinished = path.with_name(f".{path.stem}.unfinished.vti")
+    image.save(unfinished)
+    unfinished.replace(path)
 
 
 def _write_zarr(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    with needed("this format needs", "study", ServiceError):
+    with needed("this format needs", "study"):
         zarr = import_module("zarr")
     unfinished = path.with_name(f".{path.name}.unfinished")
     for folder in (unfinished, path):  # of a run that was killed, or of a condition that is done again

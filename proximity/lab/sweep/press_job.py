@@ -11,7 +11,7 @@ import numpy as np
 from proximity.decaff.drum.drum_model import GEARS, PHASE_SEED, USUAL_GEAR, Drum, Motor
 from proximity.decaff.drum.servo import DEADBAND_COUNTS, SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import DRUMS, Glove
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError
 from proximity.lab.simulation import tip_cable
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall
 from proximity.lab.simulation.devices import CoupledWall, Decaff
@@ -114,7 +114,7 @@ def _coupled(values: Values) -> CoupledWall:
     if stiffness is None and damping is None:
         return _tuned(values["rate"], values["latency"])
     if stiffness is None or damping is None:
-        raise DecaffError("stiffness and damping belong together: expected both as numbers, or both tuned")
+        raise ArgumentError("stiffness and damping belong together: expected both as numbers, or both tuned")
     return CoupledWall(stiffness, damping, values["rate"], values["latency"])
 
 

@@ -76,7 +76,7 @@ class RowFiles:
         if self._rows:
             self._run.mkdir(parents=True, exist_ok=True)
             table = self._arrow.Table.from_pylist(self._rows, schema=self._schema)
-            with whole_file(self._run / f"{self._count:05d}.parquet", ServiceError) as stream:
+            with whole_file(self._run / f"{self._count:05d}.parquet") as stream:
                 self._parquet.write_table(table, stream, compression="zstd")
             self._count += 1
             self._rows = []
@@ -87,7 +87,7 @@ class RowFiles:
         schema = self._arrow.schema([("key", self._arrow.string())], metadata={SOURCE: source})
         total = 0
         with (
-            whole_file(self._folder / "design.parquet", ServiceError) as stream,
+            whole_file(self._folder / "design.parquet") as stream,
             self._parquet.ParquetWriter(stream, schema) as writer,
         ):
             some: list[str] = []
@@ -155,7 +155,7 @@ def read_rows(folder: Path) -> Recorded:
 
 
 def _load_pyarrow() -> tuple[Any, Any]:
-    with needed("a study needs", "study", ServiceError):
+    with needed("a study needs", "study"):
         return import_module("pyarrow"), import_module("pyarrow.parquet")
 
 

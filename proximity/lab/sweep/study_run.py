@@ -94,7 +94,7 @@ def run_study(
                 shutil.rmtree(out / name, ignore_errors=True)
         files = RowFiles(out, study.job)
         finished = files.finished(with_failed=not with_failed)
-        with whole_file(out / "study.toml", ServiceError) as stream:
+        with whole_file(out / "study.toml") as stream:
             stream.write(Path(study.path).read_bytes())
         earlier = 0
 
@@ -244,7 +244,7 @@ def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
     """Ray, begun where it is not running in this process, and then ended again."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # nothing is sent to its makers
     folder = "" if address else _own_ray_folder()
-    with needed("a study needs", "study", ServiceError):
+    with needed("a study needs", "study"):
         import ray
     logging.getLogger("ray").setLevel(logging.ERROR)
     if ray.is_initialized():

@@ -61,6 +61,6 @@ def write_sources(
         is_kept = name in kept and path.exists()
         written[str(path)] = not is_kept
         if not is_kept:
-            with whole_file(path, ProximityError, takes_devices=False) as stream:
+            with whole_file(path, takes_devices=False) as stream:
                 stream.write(text.encode())
     return written

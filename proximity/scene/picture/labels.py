@@ -4,18 +4,15 @@ from typing import Any
 
 import numpy as np
 
-from proximity.scene.picture.camera import Camera
-from proximity.scene.picture.description import Picture
-from proximity.scene.picture.distance_colors import load_matplotlib
-from proximity.scene.picture.scene_image import Connections
+from proximity.scene.picture.distance_field import load_matplotlib
+from proximity.scene.picture.scene_view import INK, Camera, Connections
 
-INK = "#17202a"
 SCALE_SHARE = 0.22  # of the width: the scale is the longest round length below
 ROUND = (1.0, 2.0, 5.0, 10.0)
 ARROW = 0.055  # of the height
 
 
-def draw_distances(axes: Any, camera: Camera, connections: Connections, picture: Picture) -> None:
+def draw_distances(axes: Any, camera: Camera, connections: Connections, unit: str, metres: float) -> None:
     """Write its signed distance beside each point, on the side away from the part."""
     scale = text_size() / 13
     points, ends = camera.pixels(connections.points)[:, :2], camera.pixels(connections.closest)[:, :2]
@@ -25,19 +22,19 @@ def draw_distances(axes: Any, camera: Camera, connections: Connections, picture:
         away = away / length if length > 2.0 else np.array([0.0, -1.0])
         # Text is wider than high; the gap is in points, and y goes up there.
         gap = np.array([44.0, -20.0]) * away * scale
-        text = f"{distance / picture.metres:.4g} {picture.unit}".replace("-", "\N{MINUS SIGN}")
+        text = f"{distance / metres:.4g} {unit}".replace("-", "\N{MINUS SIGN}")
         axes.annotate(
             text, point, gap, textcoords="offset points", ha="center", va="center", weight="bold",
             path_effects=halo(),
         )  # fmt: skip
 
 
-def draw_scale(axes: Any, camera: Camera, picture: Picture) -> None:
+def draw_scale(axes: Any, camera: Camera, unit: str, metres: float) -> None:
     """Draw a bar of a round length in the lower right corner of the view."""
-    longest = SCALE_SHARE * camera.size[0] * camera.meters_per_pixel / picture.metres
+    longest = SCALE_SHARE * camera.size[0] * camera.meters_per_pixel / metres
     power = 10.0 ** np.floor(np.log10(longest))
     length = power * max(value for value in ROUND if value * power <= longest * (1 + 1e-9))
-    pixels = length * picture.metres / camera.meters_per_pixel
+    pixels = length * metres / camera.meters_per_pixel
     right, down = camera.size[0] * 0.97, camera.size[1] * 0.965
     tick = 0.008 * camera.size[1]
     style = {"color": INK, "linewidth": 1.8, "solid_capstyle": "butt"}
@@ -45,7 +42,7 @@ def draw_scale(axes: Any, camera: Camera, picture: Picture) -> None:
     for end in (right - pixels, right):
         axes.plot([end, end], [down - tick, down + tick], **style)
     axes.text(
-        right - pixels / 2, down - 1.6 * tick, f"{length:g} {picture.unit}", ha="center", va="bottom",
+        right - pixels / 2, down - 1.6 * tick, f"{length:g} {unit}", ha="center", va="bottom",
         path_effects=halo(),
     )  # fmt: skip
 

@@ -2,23 +2,23 @@
 
 import io
 import os
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from proximity.errors import QueryError
-from proximity.scene.picture.camera import Camera
-from proximity.scene.picture.description import Picture
-from proximity.scene.picture.distance_colors import DistanceColors, load_matplotlib
-from proximity.scene.picture.field_slice import SHOWN_AXES, FieldSlice
+from proximity.errors import ArgumentError
+from proximity.scene.picture.distance_field import SHOWN_AXES, DistanceColors, FieldSlice, load_matplotlib
 from proximity.scene.picture.labels import draw_axes, draw_distances, draw_scale
-from proximity.scene.picture.scene_image import MAX_TUBES, Connections, draw_scene, triangles_of
-from proximity.scene.picture.surface_image import load_vtk
+from proximity.scene.picture.scene_view import INK, MAX_TUBES, Camera, Connections, draw_scene, load_pyvista
 from proximity.system.whole_file import whole_file
+
+if TYPE_CHECKING:
+    from proximity.scene.scene import Scene
 
 SMALLEST, LARGEST = 200, 4000  # pixels a side
 DOTS_PER_INCH = 100
-INK, MUTED = "#17202a", "#5d6b7a"
+MUTED = "#5d6b7a"
 PART_COLORS = (
     "#a9bdd1", "#e3b77f", "#98c5a4", "#d79a94", "#b7a6d3", "#8fc6cc", "#d9c97c", "#c3aa94", "#dba7c5",
     "#a8b39a",
@@ -28,6 +28,26 @@ LABELLED_POINTS = 12
 NAME_LENGTH = 28  # characters; longer names are cut
 NO_INSIDE = "no inside is known"
 HEAD, FOOT = 0.075, 0.085  # of the height
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """What to draw.
+
+    ``scene`` is asked for every number. ``title`` stands above. ``points`` (N, 3), m, are joined with the
+    nearest points of the parts. ``cut`` is the axis that a slice lies across, and where, m. ``unit`` is the
+    word for lengths on the page, ``metres`` how many metres it has. ``view`` is one of `TO_VIEWER`,
+    ``size`` the width and height in pixels.
+    """
+
+    scene: "Scene"
+    title: str
+    points: np.ndarray | None = None
+    cut: tuple[str, float] | None = None
+    unit: str = "mm"
+    metres: float = 1e-3
+    view: str = "iso"
+    size: tuple[int, int] = (1400, 800)
 
 
 def write_picture(picture: Picture, path: str | os.PathLike[str]) -> None:
@@ -41,7 +61,7 @@ def draw(picture: Picture) -> bytes:
     """Return a picture as the bytes of a PNG file."""
     width, height = picture.size
     if not all(SMALLEST <= side <= LARGEST for side in picture.size):
-        raise QueryError(f"a picture of {width}x{height} pixels, expected {SMALLEST} to {LARGEST} a side")
+        raise ArgumentError(f"a picture of {width}x{height} pixels, expected {SMALLEST} to {LARGEST} a side")
     load_renderer()
     matplotlib = load_matplotlib()
     look = {
@@ -62,8 +82,8 @@ def draw(picture: Picture) -> bytes:
 
 
 def load_renderer() -> None:
-    """Import VTK and matplotlib: what takes a second is over, and what is missing is reported."""
-    load_vtk()
+    """Import PyVista and matplotlib: what takes a second is over, and what is missing is reported."""
+    load_pyvista()
     load_matplotlib()
 
 
@@ -106,7 +126,7 @@ def _figure(matplotlib: Any, picture: Picture) -> Any:
     if has_bar:
         _draw_bar(figure, figure.add_axes(bar_box), picture, colors)
     _draw_head(figure, picture)
-    draw_scale(figure.axes[0], camera, picture)
+    draw_scale(figure.axes[0], camera, picture.unit, picture.metres)
     draw_axes(figure.axes[0], camera)
     return figure
 
@@ -129,23 +149,21 @@ def _draw_view(
     """Draw the parts on the left of the page, and what is asked of them; returns the camera."""
     parts = [part for part in picture.scene.parts if not part.is_hidden]
     if not parts:
-        raise QueryError("all parts of the scene are hidden: nothing can be drawn")
-    matplotlib = load_matplotlib()
+        raise ArgumentError("all parts of the scene are hidden: nothing can be drawn")
     tints = [PART_COLORS[number % len(PART_COLORS)] for number in range(len(parts))]
-    surface = triangles_of(parts, np.array([matplotlib.colors.to_rgb(tint) for tint in tints]))
-    seen = [surface.vertices]
+    seen = [part.pose.point(part.solid.mesh.vertices) for part in parts]
     if field is not None:
-        seen.append(field.corners)
+        seen.append(field.points[:: len(field.up) - 1, :: len(field.right) - 1].reshape(-1, 3))
     if connections is not None:
         seen.append(connections.points)
     size = round(share * picture.size[0]), round((1 - HEAD - FOOT) * picture.size[1])
     camera = Camera.fitted(picture.view, np.concatenate(seen), size)
     view = figure.add_axes((0.0, FOOT, size[0] / picture.size[0], size[1] / picture.size[1]))
-    image = draw_scene(surface, connections, field, camera, colors)
+    image = draw_scene(parts, tints, connections, field, camera, colors)
     view.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none", aspect="auto")
     view.set_axis_off()
     if connections is not None and len(connections.points) <= LABELLED_POINTS:
-        draw_distances(view, camera, connections, picture)
+        draw_distances(view, camera, connections, picture.unit, picture.metres)
     _draw_legend(figure, [part.name for part in parts], tints, connections)
     return camera
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import is_whole
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 from proximity.kernels.geometry.morton_order import SORT_FROM, morton_order
 from proximity.scene.model.assembly import Model
 
@@ -61,7 +61,7 @@ def morton_order_of(rows: np.ndarray, *_: np.ndarray) -> np.ndarray:
 def worker_count(workers: Any, kind: str = "threads") -> int:
     """Return how many workers of that kind are meant."""
     if not is_whole(workers, -1) or workers == 0:
-        raise QueryError(f"workers is {workers!r}, expected a number of {kind}, or -1 for all cores")
+        raise ArgumentError(f"workers is {workers!r}, expected a number of {kind}, or -1 for all cores")
     return (os.cpu_count() or 1) if workers == -1 else int(workers)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy.typing as npt
 from numpy import inf  # looked up in NumPy, it would cost calls of five rays 2 %
 
-from proximity.errors import ProximityError, QueryError
+from proximity.errors import ArgumentError, ProximityError
 from proximity.kernels.ray.hit_rows import DISTANCE_WIDTH, RAY_ANSWER_WIDTH
 from proximity.kernels.ray.ray_order import ray_order
 from proximity.kernels.scene.ray_queries import cast_batch
@@ -24,7 +24,7 @@ it spares no more than that."""
 
 
 def _zero_direction(row: int) -> ProximityError:
-    return QueryError(f"direction {row} is zero, expected a vector with a length")
+    return ArgumentError(f"direction {row} is zero, expected a vector with a length")
 
 
 def _order_of_rays(model: Model, count: int) -> tuple[OrderOf | None, int]:
@@ -81,7 +81,7 @@ class LineQueries(HasSnapshot):
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
             *workers* is not a number of threads.
 
@@ -126,7 +126,7 @@ class LineQueries(HasSnapshot):
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
             *workers* is not a number of threads.
         """
@@ -159,7 +159,7 @@ class LineQueries(HasSnapshot):
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If shapes or types do not fit, *max_distance* is negative or nan, or *workers* is not a number
             of threads.
 

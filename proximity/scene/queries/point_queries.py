@@ -65,7 +65,7 @@ class PointQueries(HasSnapshot):
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If *points* are not numbers of shape (..., 3), *max_distance* is negative or nan or does not
             broadcast, or *workers* is not a number of threads.
 
@@ -102,7 +102,7 @@ class PointQueries(HasSnapshot):
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
         """
         return _signed_distance(self.snapshot(), points, inf, workers)
@@ -123,7 +123,7 @@ class PointQueries(HasSnapshot):
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
         """
         return _distance(self.snapshot(), points, inf, workers)
@@ -145,7 +145,7 @@ class PointQueries(HasSnapshot):
 
         Raises
         ------
-        QueryError
+        ArgumentError
             If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
         NotWatertightError
             If no part has an inside.

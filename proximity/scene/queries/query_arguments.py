@@ -6,7 +6,7 @@ import numpy as np
 from numpy import inf
 
 from proximity.checks import as_float64, copied, shown
-from proximity.errors import QueryError
+from proximity.errors import ArgumentError
 
 _NO_LIMIT = np.array([inf])
 
@@ -22,7 +22,7 @@ def broadcast_rows(rows: list[np.ndarray], names: tuple[str, ...]) -> list[np.nd
     try:
         shape = np.broadcast_shapes(first.shape, second.shape)
     except ValueError as unfit:
-        raise QueryError(
+        raise ArgumentError(
             f"{names[0]} have shape {first.shape} and {names[1]} {second.shape}, "
             "expected shapes that broadcast together"
         ) from unfit
@@ -40,7 +40,7 @@ def broadcast_limits(
     if max_distance is inf:
         return _NO_LIMIT, rows
     if isinstance(max_distance, (str, bytes)):
-        raise QueryError(f"max_distance is {shown(max_distance)}, expected a length in metres")
+        raise ArgumentError(f"max_distance is {shown(max_distance)}, expected a length in metres")
     if np.ndim(max_distance) == 0:
         return np.array([_checked_limit(max_distance)]), rows
     limits = as_float64(max_distance, "values of max_distance", expected="lengths in metres")
@@ -48,12 +48,12 @@ def broadcast_limits(
     if is_unfit.any():
         row = tuple(np.argwhere(is_unfit)[0].tolist())
         where = ", ".join(map(str, row))
-        raise QueryError(f"max_distance[{where}] is {limits[row]}, expected a length of 0 m or more")
+        raise ArgumentError(f"max_distance[{where}] is {limits[row]}, expected a length of 0 m or more")
     leading = rows[0].shape[:-1]
     try:
         shape = np.broadcast_shapes(leading, limits.shape)
     except ValueError as unfit:
-        raise QueryError(
+        raise ArgumentError(
             f"max_distance has shape {limits.shape} and {name} {rows[0].shape}, "
             f"expected a shape that broadcasts against {leading}"
         ) from unfit
@@ -64,9 +64,9 @@ def _checked_limit(max_distance: Any) -> float:
     try:
         limit = float(max_distance)
     except (OverflowError, TypeError, ValueError) as unfit:
-        raise QueryError(f"max_distance is {max_distance!r}, expected a length in metres") from unfit
+        raise ArgumentError(f"max_distance is {max_distance!r}, expected a length in metres") from unfit
     if not limit >= 0.0:
-        raise QueryError(f"max_distance is {limit}, expected a length of 0 m or more")
+        raise ArgumentError(f"max_distance is {limit}, expected a length of 0 m or more")
     return limit
 
 

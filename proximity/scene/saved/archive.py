@@ -90,7 +90,7 @@ def write_archive(
     are laid out for; whoever reads must say the same.
     """
     head = _head(metadata, arrays, layout)
-    with whole_file(path, SceneError, takes_devices=False) as file:
+    with whole_file(path, takes_devices=False) as file:
         _write_all(file, head, arrays)
 
 

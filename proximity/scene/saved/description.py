@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.errors import MeshFormatError, SceneError
+from proximity.errors import ArgumentError, MeshFormatError
 from proximity.mesh.body_records import Repairs
 from proximity.scene.model.scene_state import first_unfit_move
 from proximity.scene.part_motion import checked_surface
@@ -80,7 +80,7 @@ def surfaces_of(
     dampings = list_of(float, damping, "damping", len(names))
     try:
         pairs = [checked_surface(*each) for each in zip(names, stiffness, dampings, strict=True)]
-    except SceneError as reason:
+    except ArgumentError as reason:
         raise MeshFormatError(str(reason)) from None
     return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from proximity.errors import DecaffError
+from proximity.errors import ArgumentError, DecaffError
 from proximity.service import GloveChoices
 from proximity.service.config import SceneFile
 
@@ -20,7 +20,7 @@ def read_gloves(settings: SceneFile, count: int) -> GloveChoices | None:
 
     try:
         worn = as_many([read_glove(path, glove.max_age_days) for path in glove.calibration], count)
-    except DecaffError as unfit:
+    except (ArgumentError, DecaffError) as unfit:
         raise settings.error(("glove", "calibration"), f"glove.calibration: {unfit}") from unfit
     tables = [each.counts_table(TABLE) for each in worn]
     return GloveChoices(

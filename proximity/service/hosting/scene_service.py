@@ -11,7 +11,6 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from proximity.checks import whole
-from proximity.errors import ServiceError
 from proximity.service import Report, Request
 from proximity.service.config import SceneFile, override, read_scene_file
 from proximity.service.hosting.announcements import guarded, warnings_of_loop_to
@@ -96,7 +95,7 @@ def serve(
     `start_service` uses a process of its own.
     """
     if tick_count is not None:
-        whole("tick_count", tick_count, 0, error=ServiceError)
+        whole("tick_count", tick_count, 0)
     seconds = None if seconds is None else checked_seconds("seconds", seconds)
     settings = override(read_scene_file(path), overrides)
     made = make_service(settings)

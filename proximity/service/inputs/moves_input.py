@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from proximity.errors import PoseError, SceneError
+from proximity.errors import ArgumentError, SceneError
 from proximity.message import MOVES
 from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.instant_advice import on_backwards, on_future, on_too_old
@@ -122,7 +122,7 @@ class MovesInput:
         moves = {name: ReportedMotion(*reported) for name, reported in zip(names, each, strict=True)}
         try:
             scene.move_many(names, matrices, velocities, turning)
-        except (SceneError, PoseError):
+        except (ArgumentError, SceneError):
             moves = dict(self._moved_each(scene, moves, UNFIT))
         self._latest.update(moves)
         self._silent -= moves.keys()
@@ -167,7 +167,7 @@ class MovesInput:
                 scene.move(
                     name, reported.matrix, velocity=reported.velocity, angular_velocity=reported.turning
                 )
-            except (SceneError, PoseError) as unfit:
+            except (ArgumentError, SceneError) as unfit:
                 if unfit_are:
                     self._reception.leave_out(unfit_are, 1, str(unfit))
             else:
@@ -210,7 +210,7 @@ class MovesInput:
             return
         try:
             scene.move_many(carried.names, *poses)
-        except (SceneError, PoseError):
+        except (ArgumentError, SceneError):
             # One goes farther than can be computed with, or was removed just now: the next tick sees that.
             is_edited = scene.epoch != self._epoch
             each = zip(*poses, [0] * len(carried.names), strict=True)

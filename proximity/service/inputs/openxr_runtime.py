@@ -141,5 +141,5 @@ class OpenXrHands:
 def _load_pyopenxr() -> Any:
     if sys.platform != "linux":
         raise ServiceError("input.openxr works on Linux only, where OpenXR uses the monotonic clock")
-    with needed("input.openxr needs", "openxr", ServiceError):
+    with needed("input.openxr needs", "openxr"):
         return import_module("xr")

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from proximity.checks import as_float64
-from proximity.errors import ProximityError, QueryError, ServiceError
+from proximity.errors import ArgumentError, ProximityError, ServiceError
 from proximity.kernels.tracking.motion import MAX_GAP_NS
 from proximity.recording import Recording
 from proximity.service.samples import FingerPoses, Samples
@@ -154,7 +154,7 @@ class CallableInput:
         )
         array = _shaped("positions", positions, poses.positions.shape)
         if np.asarray(instants).dtype.kind not in "iu":
-            raise QueryError(f"instants are {instants!r}, expected whole nanoseconds")
+            raise ArgumentError(f"instants are {instants!r}, expected whole nanoseconds")
         poses.pose_ns[...] = instants
         poses.positions[...] = array
         poses.velocities, poses.paths, poses.bends = rest
@@ -171,14 +171,14 @@ class CallableInput:
 def _rest_of(reported: FingerPoses, count: int) -> tuple[Any, Any, Any]:
     """Velocities, paths and bends of so many fingers, as a tracker takes them: copies."""
     if len(reported.positions) != count:
-        raise QueryError(f"poses of {len(reported.positions)} fingers, expected {count} fingers")
+        raise ArgumentError(f"poses of {len(reported.positions)} fingers, expected {count} fingers")
     velocities, paths, bends = reported.velocities, reported.paths, reported.bends
     if velocities is not None:
         velocities = _shaped("velocities", velocities, (count, 3))
     if paths is not None:
         shape = np.shape(paths)
         if len(shape) != 3 or shape[1] < 2:
-            raise QueryError(f"paths have shape {shape}, expected ({count}, K, 3) with K of 2 or more")
+            raise ArgumentError(f"paths have shape {shape}, expected ({count}, K, 3) with K of 2 or more")
         paths = _shaped("paths", paths, (count, shape[1], 3))
     if bends is not None:
         bends = _shaped("bends", bends, (count,))
@@ -188,5 +188,5 @@ def _rest_of(reported: FingerPoses, count: int) -> tuple[Any, Any, Any]:
 def _shaped(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     array = as_float64(values, name, expected=f"numbers of shape {shape}")
     if array.shape != shape:
-        raise QueryError(f"{name} have shape {array.shape}, expected {shape}")
+        raise ArgumentError(f"{name} have shape {array.shape}, expected {shape}")
     return array.copy()

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from proximity.errors import ServiceError
+from proximity.errors import MissingLibraryError, ServiceError
 from proximity.system.extras import needed
 from proximity.web.guided.steps import Answer, FieldError, Step
 from proximity.web.server.access import LOOPBACK, TOO_MUCH, UNFIT, Access, Allowance, UnfitError, new_token
@@ -172,7 +172,7 @@ class GuidedPages:
     def _run(self) -> None:
         try:
             asyncio.run(self._serve())
-        except ServiceError as missing:
+        except MissingLibraryError as missing:
             self._failure = missing
         except OSError as unfit:
             self._failure = ServiceError(f"no page can be served at port {self._port} ({unfit.strerror})")
@@ -180,7 +180,7 @@ class GuidedPages:
             self._begun.set()
 
     async def _serve(self) -> None:
-        with needed("the page needs", "web", ServiceError):
+        with needed("the page needs", "web"):
             from proximity.web.server.page_server import PageServer
 
         self._server = PageServer(Access(self._tokens, frozenset()), PageFiles(PAGE, {}), self._meet)

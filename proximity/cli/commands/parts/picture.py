@@ -26,7 +26,7 @@ HELP = "\n\n".join(
         "Draw the parts of FILE as a PNG file, without a screen.",
         "--points draws points and the shortest connections from them to the parts. Colours show signed "
         "distances; if there are few points, numbers do as well. --slice adds a map of the signed distance "
-        "in a plane. Requires VTK and matplotlib: "
+        "in a plane. Requires PyVista and matplotlib: "
         f"{installation('picture')}.",
     )
 )

@@ -264,7 +264,7 @@ def _written(session: "Session", path: Path, name: str) -> tuple[str, Path | Non
     from proximity.cli.calibration.guide import UnfinishedError
     from proximity.decaff.calibrating.results import as_document
     from proximity.decaff.glove.calibration import write_calibration
-    from proximity.errors import DecaffError
+    from proximity.errors import FileError, MissingLibraryError
     from proximity.lab.figures import calibration_plots
 
     if missing := session.missing():
@@ -274,7 +274,7 @@ def _written(session: "Session", path: Path, name: str) -> tuple[str, Path | Non
     drawing = path.with_suffix(".png")
     try:
         calibration_plots.write(session, drawing)
-    except DecaffError as unmade:
+    except (FileError, MissingLibraryError) as unmade:
         return f"{path}: written; not drawn: {unmade}", None
     return f"{path}: written; drawn in {drawing}", drawing
 

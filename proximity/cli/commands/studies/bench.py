@@ -155,7 +155,7 @@ def _write(report: Path, reported: dict[str, Any], scene: "proximity.Scene") -> 
     try:
         with progress.spinner(f"writing {report}"):
             written = certificate.write_report(report, reported, scene)
-    except proximity.DecaffError as missing:
+    except proximity.MissingLibraryError as missing:
         typer.echo(f"proximity: wrote {report.with_suffix('.json')} alone: {missing}", err=True)
         return False
     typer.echo(f"proximity: wrote {' and '.join(map(str, written))}", err=True)

@@ -149,7 +149,7 @@ def _report(folder: Path, out: Path | None) -> None:
     page = folder / PAGE if out is None else out
     with progress.spinner(f"writing {page}"):
         content = study_page(read_study(source, _jobs(), with_files=False), folder)
-        with whole_file(page, ServiceError) as stream:
+        with whole_file(page) as stream:
             stream.write(content.encode())
     typer.echo(f"proximity: wrote {page}", err=True)
 

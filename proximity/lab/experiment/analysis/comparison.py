@@ -15,7 +15,6 @@ from itertools import combinations
 import numpy as np
 from scipy import integrate, stats
 
-from proximity.errors import DecaffError
 from proximity.lab.experiment.analysis.scores import Score
 from proximity.system.extras import needed
 
@@ -87,7 +86,7 @@ def compare(task: str, conditions: Sequence[str], scores: Sequence[Score]) -> Co
 
 def mixed_model(table: np.ndarray) -> tuple[float, tuple[int, int], float]:
     """Return F, its degrees of freedom and p of a difference among conditions."""
-    with needed("experiments need", "experiment", DecaffError):
+    with needed("experiments need", "experiment"):
         model = import_module("statsmodels.regression.mixed_linear_model").MixedLM
     participant, condition = np.nonzero(np.isfinite(table))
     count, groups = table.shape[1], len(set(participant.tolist()))

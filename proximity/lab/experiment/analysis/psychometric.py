@@ -15,7 +15,6 @@ from importlib import import_module
 import numpy as np
 from scipy.special import ndtr
 
-from proximity.errors import DecaffError
 from proximity.lab.experiment.methods import SIGMAS_OF_WIDTH
 from proximity.system.extras import needed
 
@@ -84,7 +83,7 @@ def threshold_mean(counts: Counts, levels: Sequence[float], shape: Shape) -> flo
 def fit(counts: Counts, levels: Sequence[float], shape: Shape) -> Psychometric:
     """Return the psychometric function of answers."""
     data = np.array([[np.log10(level), right, count] for level, (right, count) in sorted(counts.items())])
-    with needed("experiments need", "experiment", DecaffError):
+    with needed("experiments need", "experiment"):
         fit = import_module("psignifit").psignifit
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a posterior as wide as the prior: its interval says so

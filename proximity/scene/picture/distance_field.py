@@ -1,0 +1,106 @@
+"""Signed distance on a plane across a scene, and its colours: red inside, white at the surface, blue out."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from proximity.errors import ArgumentError
+from proximity.system.extras import needed
+
+if TYPE_CHECKING:
+    from proximity.scene.scene import Scene
+
+AXES = "xyz"
+SHOWN_AXES = {"x": (1, 2), "y": (0, 2), "z": (0, 1)}
+"""To the right and up in the map of a plane across this axis."""
+MARGIN = 0.18  # of the longer side of the scene's box, around it
+CELLS = 480  # along the longer side of the map
+MAP = "RdBu"
+TICKS = 9
+SHARE_OF_RANGE = 0.12  # the smaller side of zero reaches at least as far as this share of the larger
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldSlice:
+    """Signed distances on a grid of points; rows go up, columns to the right."""
+
+    axis: str  # of AXES, across the plane
+    position: float  # m, where the plane cuts the axis
+    right: np.ndarray  # (W,) m
+    up: np.ndarray  # (H,) m
+    points: np.ndarray  # (H, W, 3) m, scene's frame
+    signed_distance: np.ndarray  # (H, W) m
+
+    @classmethod
+    def of(
+        cls, scene: "Scene", axis: str, position: float, *, unit: str = "m", metres: float = 1.0
+    ) -> "FieldSlice":
+        """Return the slice of a scene, a margin around its parts included."""
+        if axis not in SHOWN_AXES:
+            raise ArgumentError(f"a slice across {axis!r}, expected one of x, y, z")
+        lower, upper = scene.bounds
+        across = AXES.index(axis)
+        extent = float((upper - lower).max())
+        if not lower[across] - extent <= position <= upper[across] + extent:
+            raise ArgumentError(
+                f"the slice at {axis} = {position / metres:g} {unit} passes far from the parts: expected "
+                f"{lower[across] / metres:g} to {upper[across] / metres:g} {unit}"
+            )
+        shown = list(SHOWN_AXES[axis])
+        margin = MARGIN * float((upper - lower)[shown].max())
+        sides = upper[shown] - lower[shown] + 2 * margin
+        counts = np.maximum(2, np.round(CELLS * sides / sides.max()).astype(int)) + 1
+        right, up = (
+            np.linspace(lower[row] - margin, upper[row] + margin, count)
+            for row, count in zip(shown, counts, strict=True)
+        )
+        points = np.empty((len(up), len(right), 3))
+        points[..., shown[0]], points[..., shown[1]], points[..., across] = right, up[:, None], position
+        return cls(axis, position, right, up, points, np.asarray(scene.signed_distance(points, workers=-1)))
+
+
+def load_matplotlib() -> Any:
+    """Return matplotlib with what a page takes."""
+    with needed("pictures need", "picture"):
+        import matplotlib
+        import matplotlib.figure
+        import matplotlib.lines
+        import matplotlib.patches
+        import matplotlib.patheffects
+        import matplotlib.ticker
+    return matplotlib
+
+
+class DistanceColors:
+    """A colour map for the signed distances of one picture.
+
+    *signed_distance*: all that will be shown; what is not finite is left out. *metres*: metres in the unit in
+    which steps are round numbers.
+    """
+
+    def __init__(self, signed_distance: np.ndarray, metres: float) -> None:
+        matplotlib = load_matplotlib()
+        finite = signed_distance[np.isfinite(signed_distance)] / metres
+        low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+        low, high = min(low, 0.0), max(high, 0.0)
+        reach = max(high, -low) or 1.0
+        low, high = min(low, -SHARE_OF_RANGE * reach), max(high, SHARE_OF_RANGE * reach)
+        steps = matplotlib.ticker.MaxNLocator(TICKS, steps=[1, 2, 5, 10])
+        self.levels: np.ndarray = steps.tick_values(
+            low, high
+        )  # in the unit; the range is that of the outer ones
+        self.metres = metres
+        self.step: float = float(self.levels[1] - self.levels[0]) / 2 * metres  # m, between iso lines
+        norm = matplotlib.colors.TwoSlopeNorm(0.0, self.levels[0], self.levels[-1])
+        values = np.linspace(self.levels[0], self.levels[-1], 1024)
+        self.table = matplotlib.colormaps[MAP](norm(values))[:, :3]
+        self.map = matplotlib.colors.ListedColormap(self.table)
+        self.norm = matplotlib.colors.Normalize(self.levels[0], self.levels[-1])
+
+    def __call__(self, signed_distance: np.ndarray) -> np.ndarray:
+        """Return colours, the shape of the distances (m) + (3,); nan is grey."""
+        share = self.norm(np.asarray(signed_distance) / self.metres)
+        rows = np.nan_to_num(np.asarray(share) * len(self.table)).astype(np.intp)
+        colors = self.table[np.clip(rows, 0, len(self.table) - 1)]
+        return np.where(np.isnan(share)[..., None], 0.5, colors)
