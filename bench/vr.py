@@ -29,7 +29,7 @@ from benchmarks.support.machine import describe_machine
 from benchmarks.support.output import open_console, print_machine, table_of, write_json
 from benchmarks.support.project import BENCH, PROJECT, environment
 from proximity.recording import Recording, read_recording
-from proximity.web.served_scene import Addresses
+from proximity.web.running_page import Addresses
 
 SECTIONS = {3_000: (60, 25), 100_000: (360, 139), 1_000_000: (1100, 455)}  # of tori, about so many faces
 BASE, BASE_FACES = VrCase(), 100_000
