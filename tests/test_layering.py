@@ -95,15 +95,14 @@ simulation
 paper
 """,
     "proximity.lab.experiment": """
-analysis · unstable_walls
-sitting
+analysis
+visit
 drum_display · observers
-conduct
 session
 dataset · display
 design_file · methods · trial_log
 plan
-coupled_controller · design
+design
 """,
     "proximity.lab.certificate": """
 certificate_job · document · report

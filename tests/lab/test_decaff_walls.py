@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from proximity.errors import ArgumentError
-from proximity.lab.paper import energies, figure_5, reacting_operator, walls
+from proximity.lab.paper import energies, figure_5, walls
 from proximity.lab.paper.energies import Stop
 from proximity.lab.paper.trajectories import Press
 from proximity.lab.paper.walls import FINGER, Convention, RealWall, SpringDamper, TraditionalWall, in_series
@@ -172,24 +172,22 @@ CRITICAL = {1: 0.019157, 2: 0.061728, 5: 0.238095, 10: 0.555556, 20: 1.111111, 4
 
 @pytest.mark.parametrize("step_ms", CRITICAL)
 def test_critical_gain_is_that_of_the_paper_and_of_the_roots(step_ms):
-    gain = reacting_operator.critical_gain(FINGER, step_ms * MS)
+    gain = figure_5.critical_gain(FINGER, step_ms * MS)
 
     assert gain * 1e3 == pytest.approx(CRITICAL[step_ms], abs=5.1e-7)
-    assert reacting_operator.growth(FINGER, 0.999 * gain, step_ms * MS) < 1.0
-    assert reacting_operator.growth(FINGER, gain, step_ms * MS) == pytest.approx(1.0, abs=1e-12)
-    assert reacting_operator.growth(FINGER, 1.001 * gain, step_ms * MS) > 1.0
+    assert figure_5.growth(FINGER, 0.999 * gain, step_ms * MS) < 1.0
+    assert figure_5.growth(FINGER, gain, step_ms * MS) == pytest.approx(1.0, abs=1e-12)
+    assert figure_5.growth(FINGER, 1.001 * gain, step_ms * MS) > 1.0
 
 
 @pytest.mark.parametrize(("step_ms", "factor"), [(1, 1.248), (40, 1.367)])
 def test_disturbance_grows_as_the_roots_say(step_ms, factor):
     step = step_ms * MS
-    gain = 1.5 * reacting_operator.critical_gain(FINGER, step)
+    gain = 1.5 * figure_5.critical_gain(FINGER, step)
     press = Press(release_time=100.0)
-    reaction = reacting_operator.react(
-        press, FINGER, gain, step, end=PRESS.stop_time + 100 * step, can_pull=True
-    )
+    reaction = figure_5.react(press, FINGER, gain, step, end=PRESS.stop_time + 100 * step, can_pull=True)
 
-    assert reacting_operator.growth(FINGER, gain, step) == pytest.approx(factor, abs=5e-4)
+    assert figure_5.growth(FINGER, gain, step) == pytest.approx(factor, abs=5e-4)
     steady = FINGER.stiffness * press.depth / (1.0 + gain * FINGER.stiffness)
     disturbance = np.abs(reaction.force - steady)[-20:]
     np.testing.assert_allclose(disturbance[1:] / disturbance[:-1], factor, atol=1e-3)
@@ -197,9 +195,9 @@ def test_disturbance_grows_as_the_roots_say(step_ms, factor):
 
 def test_wall_that_cannot_pull_ends_the_growth_in_a_limit_cycle():
     step = 0.010
-    gain = 1.5 * reacting_operator.critical_gain(FINGER, step)
+    gain = 1.5 * figure_5.critical_gain(FINGER, step)
     press = Press(release_time=100.0)
-    force = reacting_operator.react(press, FINGER, gain, step, end=20.0).force
+    force = figure_5.react(press, FINGER, gain, step, end=20.0).force
 
     later, last = force[1000:1500], force[1500:2000]
     assert later.max() == pytest.approx(last.max(), rel=1e-6)
@@ -208,9 +206,9 @@ def test_wall_that_cannot_pull_ends_the_growth_in_a_limit_cycle():
 
 
 def test_stable_operator_comes_to_rest():
-    gain = 0.5 * reacting_operator.critical_gain(FINGER, 0.040)
+    gain = 0.5 * figure_5.critical_gain(FINGER, 0.040)
     press = Press(release_time=100.0)
-    reaction = reacting_operator.react(press, FINGER, gain, 0.040, end=8.0)
+    reaction = figure_5.react(press, FINGER, gain, 0.040, end=8.0)
 
     expected = FINGER.stiffness * press.depth / (1.0 + gain * FINGER.stiffness)
     assert reaction.force[-1] == pytest.approx(expected, rel=1e-9)
@@ -219,9 +217,9 @@ def test_stable_operator_comes_to_rest():
 
 
 def test_figure_5f_holds_the_forces_of_the_recursion():
-    gain = figure_5.GAIN_SHARE * reacting_operator.critical_gain(FINGER, 0.040)
+    gain = figure_5.GAIN_SHARE * figure_5.critical_gain(FINGER, 0.040)
     deep = PRESS.deeper(figure_5.PENETRATION)  # of the paper: "from the xs+f data"
-    reaction = reacting_operator.react(deep, FINGER, gain, 0.040, end=0.520)
+    reaction = figure_5.react(deep, FINGER, gain, 0.040, end=0.520)
 
     np.testing.assert_array_equal(figure_5.operator_reacts(reaction.times + 0.010), reaction.force)
     assert figure_5.operator_reacts(np.array([-0.001, 0.0])).tolist() == [0.0, 0.0]
@@ -232,9 +230,9 @@ def test_figure_5f_holds_the_forces_of_the_recursion():
 
 def test_operator_without_steps_is_refused():
     with pytest.raises(ArgumentError, match=r"step is 0\.0, expected a positive number of seconds"):
-        reacting_operator.critical_gain(FINGER, 0.0)
+        figure_5.critical_gain(FINGER, 0.0)
     with pytest.raises(ArgumentError, match="gain is nan, expected a number of metres a newton of 0 or more"):
-        reacting_operator.react(PRESS, FINGER, math.nan, 0.04, end=1.0)
+        figure_5.react(PRESS, FINGER, math.nan, 0.04, end=1.0)
 
 
 def test_limits_of_a_series_are_right():

@@ -14,9 +14,8 @@ import numpy as np
 from proximity.errors import ServiceError
 from proximity.lab.certificate import wording
 from proximity.lab.certificate.starting_positions import surface_samples
-from proximity.lab.figures import page_figure
-from proximity.lab.figures.html_page import render_page
-from proximity.lab.figures.page_figure import COLOURS, DASHES, INK
+from proximity.lab.figures import pages
+from proximity.lab.figures.pages import COLOURS, DASHES, INK, render_page
 from proximity.scene.scene import Scene
 from proximity.system.whole_file import whole_file
 
@@ -105,7 +104,7 @@ def draw_tails(reported: dict[str, Any]) -> str:
         panel.set(xscale="log", yscale="log", xlabel="time of a tick [µs]", ylabel="share that took longer")
         panel.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
 
-    return page_figure.svg(draw, "tails")
+    return pages.svg(draw, "tails")
 
 
 def _mark_periods(panel: "Axes", periods: list[dict[str, Any]]) -> None:
@@ -139,4 +138,4 @@ def draw_positions(reported: dict[str, Any], surface: np.ndarray) -> str:
             panel.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", aspect="equal")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
 
-    return page_figure.svg(draw, "places")
+    return pages.svg(draw, "places")
