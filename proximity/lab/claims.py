@@ -15,8 +15,7 @@ from proximity.lab.paper.walls import FINGER, RealWall, steady_excess
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff, ideal_drum, real_wall
 from proximity.lab.simulation.devices import COUPLED_DEVICE, Decaff, Link, Sensing
 from proximity.lab.simulation.hand import Hand
-from proximity.lab.simulation.hunting import FELT_SWING
-from proximity.lab.simulation.metrics import deviation, drum_offset
+from proximity.lab.simulation.metrics import FELT_SWING, deviation, drum_offset
 from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.sweeps import (
     SPEEDS,
