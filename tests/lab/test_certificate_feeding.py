@@ -35,14 +35,17 @@ def subject_of(tmp_path, inputs, rest=""):
 @pytest.fixture
 def ticks(monkeypatch):
     """What each tick was told: paths, bends, and where the part stood."""
-    told, tick = [], Tracker.tick
+    told, advance = [], Tracker.advance
 
-    def tick_and_note(tracker, positions, *rest, paths=None, bends=None, **more):
+    def copied(array):
+        return None if array is None else array.copy()
+
+    def advance_and_note(tracker, positions, *rest, paths=None, bends=None, **more):
         position = tracker.scene.parts[0].pose.translation.copy()
-        told.append((positions.copy(), paths, bends, position, tracker.scene))
-        return tick(tracker, positions, *rest, paths=paths, bends=bends, **more)
+        told.append((positions.copy(), copied(paths), copied(bends), position, tracker.scene))
+        return advance(tracker, positions, *rest, paths=paths, bends=bends, **more)
 
-    monkeypatch.setattr(Tracker, "tick", tick_and_note)
+    monkeypatch.setattr(Tracker, "advance", advance_and_note)
     return told
 
 
