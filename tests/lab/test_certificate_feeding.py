@@ -8,7 +8,7 @@ from certificates import ball_subject, certificate, found
 
 from proximity.decaff.glove.finger import Finger
 from proximity.lab.certificate import measurement, service_inputs, wording
-from proximity.lab.certificate.report.document import document
+from proximity.lab.certificate.document import document
 from proximity.lab.certificate.subject import read_subject
 from proximity.pose import Pose
 from proximity.service.inputs.gloves import points_on
@@ -37,10 +37,12 @@ def ticks(monkeypatch):
     """What each tick was told: paths, bends, and where the part stood."""
     told, advance = [], Tracker.advance
 
+    def copied(array):
+        return None if array is None else array.copy()
+
     def advance_and_note(tracker, positions, *rest, paths=None, bends=None, **more):
         position = tracker.scene.parts[0].pose.translation.copy()
-        copies = [None if each is None else each.copy() for each in (paths, bends)]
-        told.append((positions.copy(), *copies, position, tracker.scene))
+        told.append((positions.copy(), copied(paths), copied(bends), position, tracker.scene))
         return advance(tracker, positions, *rest, paths=paths, bends=bends, **more)
 
     monkeypatch.setattr(Tracker, "advance", advance_and_note)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hunting import CURES, cell, rest_of
 from pages import PAGES
 from paper_drums import PAPER_DRUMS
 
@@ -13,8 +14,7 @@ from proximity.decaff.glove.glove import DRUMS
 from proximity.lab.simulation.closed_loop import decaff
 from proximity.lab.simulation.devices import Decaff
 from proximity.lab.simulation.hand import Hand
-from proximity.lab.simulation.hunting import CURES, FELT_SWING, cell, rest_of
-from proximity.lab.simulation.metrics import deviation
+from proximity.lab.simulation.metrics import FELT_SWING, deviation
 
 HAND = Hand()
 COUNT = 24
@@ -56,7 +56,7 @@ def test_deadband_is_the_cure_at_rest_and_a_finer_encoder_makes_the_steps_before
 
 
 def test_page_has_the_comparison_of_the_cures():
-    """Run ``python -m proximity.lab.simulation.hunting`` for what belongs there; gear51 is checked."""
+    """Run ``python bench/hunting.py`` for what belongs there; gear51 is checked."""
     page = PAGES["science/drum.md"].splitlines()
     begin = page.index("| cure | gear14 | gear51 | gear111 |")
     rows = page[begin + 2 : begin + 2 + len(CURES)]

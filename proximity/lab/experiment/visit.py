@@ -1,13 +1,20 @@
-"""Conduct of a session: step after step, each in the log before the next."""
+"""Visits of a participant: a session begins, or goes on where its log ends, step after step.
 
+Each step is in the log before the next.
+"""
+
+import platform
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 
+import proximity
+from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design import Question
 from proximity.lab.experiment.design_file import sha256_of
 from proximity.lab.experiment.display import Apparatus, Presentation
@@ -72,7 +79,42 @@ class Monitor:
         self.changed()
 
 
-def conduct(
+def run_visit(
+    dataset: Dataset,
+    pseudonym: str,
+    apparatus: Apparatus,
+    respondent: Respondent,
+    monitor: Monitor | None = None,
+) -> None:
+    """Do what is left of a participant's session."""
+    session = Session(dataset.design, dataset.admit(pseudonym, apparatus.name))
+    try:
+        with TrialLog(dataset.log_path(pseudonym)) as log:
+            session.replay(log.entries)
+            if session.step is None:
+                return
+            log.append("begin", apparatus=apparatus.name, design_sha256=dataset.design.sha256, **versions())
+            try:
+                keep = partial(dataset.keep_frames, pseudonym)
+                run_session(session, log, apparatus, respondent, keep, monitor)
+                dataset.finish(pseudonym, log)
+            finally:
+                dataset.write_tables(pseudonym)
+    except RefusedError:
+        dataset.forget(pseudonym, keeps_reports=True)
+        raise
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a session was done with."""
+    return {
+        "proximity": proximity.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+
+
+def run_session(
     session: Session,
     log: TrialLog,
     apparatus: Apparatus,

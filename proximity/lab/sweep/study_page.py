@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import ServiceError
-from proximity.lab.figures.html_page import render_page
-from proximity.lab.sweep.page import effect_plots
-from proximity.lab.sweep.page.effects import NOT_USED, Effect, Rows, effect
+from proximity.lab.figures.pages import render_page
+from proximity.lab.sweep import effect_plots
+from proximity.lab.sweep.effects import NOT_USED, Effect, Rows, effect
 from proximity.lab.sweep.row_files import MADE_BY, read_rows
 from proximity.lab.sweep.study_file import PlotChoice, Study
 

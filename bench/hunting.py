@@ -2,8 +2,8 @@
 
 Without a cure the servo's integral drives the drum to and fro between the two counts. Each cure is tried at
 walls at random within a count, after slow and quick touches; the worst counts. Dither and friction
-compensation are tried here only; they do not help, and no servo of ours has them. ``python -m
-proximity.lab.simulation.hunting`` prints the table of the documentation.
+compensation are tried here only; they do not help, and no servo of ours has them. ``python bench/hunting.py``
+prints the table of the documentation.
 """
 
 import math
@@ -23,7 +23,6 @@ from proximity.lab.simulation.metrics import deviation, rest
 from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.target_policies import Target, TargetPolicy
 
-FELT_SWING = 0.005  # N, p-p: about the least that is felt at 250 Hz, 1 µm of a fingertip; assumed
 SPEEDS = (0.1, 1.0)  # m/s, of the touch
 HOLD = 0.5  # s, after which a drum rests
 PHASES = 16  # of the encoder, at random

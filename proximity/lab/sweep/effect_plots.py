@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from proximity.lab.figures import page_figure
-from proximity.lab.figures.page_figure import COLOURS, DASHES, INK
-from proximity.lab.sweep.page.effects import NOT_USED, Effect, Rows
+from proximity.lab.figures import pages
+from proximity.lab.figures.pages import COLOURS, DASHES, INK
+from proximity.lab.sweep.effects import NOT_USED, Effect, Rows
 from proximity.lab.sweep.study_file import PlotChoice
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
             figure.legend(handles.values(), handles, loc="outside right center", fontsize=7)
 
     width = 1.4 + max(WIDEST / len(panels), NARROWEST) * len(panels)
-    return page_figure.svg(draw, "main", (width, PANEL_HEIGHT))
+    return pages.svg(draw, "main", (width, PANEL_HEIGHT))
 
 
 def draw_effects(rows: Rows, effects: list[Effect]) -> str:
@@ -86,7 +86,7 @@ def draw_effects(rows: Rows, effects: list[Effect]) -> str:
         for row in axes:
             row[0].set_ylabel(f"mean of {_axis(rows, effects[0].measure)}")
 
-    return page_figure.svg(draw, "effects", (0.6 + 2.0 * min(len(effects), ACROSS), 2.6 * height))
+    return pages.svg(draw, "effects", (0.6 + 2.0 * min(len(effects), ACROSS), 2.6 * height))
 
 
 def _draw_points(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, label: str) -> None:

@@ -5,12 +5,10 @@ at positions that are equally far from several faces. Those are the centres of b
 a sample and are shrunk until nothing is inside, middles of parts, and centres of balls fitted to parts.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from proximity.lab.certificate.search.work import GROUP
 from proximity.lab.certificate.subject import Subject
+from proximity.lab.certificate.work import GROUP
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 
@@ -28,23 +26,10 @@ MEDIAL_BUDGET = 500
 """For the nearest face of a ball's centre: near enough shrinks it as well."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Starts:
-    """Places, and how each came about."""
-
-    positions: np.ndarray  # (K, 3) m
-    origins: tuple[str, ...]  # (K,) "random", "near the surface", "medial", "centre"
-
-    def extended(self, positions: np.ndarray, origins: list[str]) -> "Starts":
-        """Return these and others.
-
-        *positions*: (K, 3) m.
-        """
-        return Starts(np.concatenate([self.positions, positions]), (*self.origins, *origins))
-
-
-def starts(subject: Subject, counts: tuple[int, int, int], rng: np.random.Generator) -> Starts:
-    """Return where to begin."""
+def starting_positions(
+    subject: Subject, counts: tuple[int, int, int], rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where to begin, (K, 3) m, and how each came about, (K,) text."""
     scene, reach = subject.scene, subject.working_range
     lower, upper = scene.bounds
     random = rng.uniform(lower - reach, upper + reach, (counts[0], 3))
@@ -52,10 +37,7 @@ def starts(subject: Subject, counts: tuple[int, int, int], rng: np.random.Genera
     near = points + rng.normal(0.0, NEAR_DISTANCE, (len(points), 1)) * normals
     medial = medial_positions(subject, *surface_samples(scene, counts[2], rng))
     found = {"random": random, "near the surface": near, "medial": medial, "centre": centres(scene)}
-    return Starts(
-        np.concatenate(list(found.values())),
-        tuple(origin for origin, positions in found.items() for _ in range(len(positions))),
-    )
+    return np.concatenate(list(found.values())), np.repeat(list(found), list(map(len, found.values())))
 
 
 def surface_samples(scene: Scene, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -76,8 +58,6 @@ def medial_positions(subject: Subject, points: np.ndarray, normals: np.ndarray) 
 
     *points*, *normals*: (K, 3).
 
-    Notes
-    -----
     Source: Ma, Bae & Choi 2012, "3D medial axis point approximation using nearest neighbors and the normal
     field"; here the neighbours are the surface itself.
     """
@@ -100,10 +80,7 @@ def medial_positions(subject: Subject, points: np.ndarray, normals: np.ndarray) 
 
 
 def nearest_points(subject: Subject, positions: np.ndarray) -> np.ndarray:
-    """Return points of the surface that are nearest, or nearly so where that is dear to know, (K, 3).
-
-    *positions*: (K, 3) m.
-    """
+    """Return points of the surface that are nearest, or nearly so where that is costly to know, (K, 3)."""
     tracker = subject.tracker(fingers=GROUP, budget=MEDIAL_BUDGET)
     found, tips = np.empty_like(positions), np.full((GROUP, 3), np.nan)
     for first in range(0, len(positions), GROUP):
@@ -115,10 +92,7 @@ def nearest_points(subject: Subject, positions: np.ndarray) -> np.ndarray:
 
 
 def centres(scene: Scene) -> np.ndarray:
-    """Return middles of parts, means of their corners, and centres of balls fitted to them, (K, 3) m.
-
-    *scene*: its first parts, if there are very many, and the middle of all.
-    """
+    """Return middles of parts, means of their corners, and centres of balls fitted to them, (K, 3) m."""
     found = [np.mean(scene.bounds, axis=0)]
     for part in _shown(scene)[:MOST_MIDDLES]:
         corners = part.pose.point(part.solid.mesh.vertices)

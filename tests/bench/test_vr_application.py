@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from project import MESHES
 
-from proximity.lab.certificate import vr_application
-from proximity.lab.certificate.vr_application import HEADINGS, PATHS, VrCase, VrRow, measure
+from benchmarks.service import vr_application
+from benchmarks.service.vr_application import HEADINGS, PATHS, VrCase, VrRow, measure
 from proximity.recording import read_recording
 
 
