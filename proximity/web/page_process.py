@@ -27,7 +27,7 @@ from proximity.service.config import (
 )
 from proximity.system.extras import needed
 from proximity.tracker.replay import fitted_pose
-from proximity.tracker.tracker import DEFAULT_BUDGET
+from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 from proximity.web.geometry import scene_glb
 from proximity.web.page_content import scene_page_files
 from proximity.web.page_inbox import PageInbox

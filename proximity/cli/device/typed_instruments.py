@@ -9,7 +9,7 @@ import numpy as np
 from proximity.decaff.calibrating.instruments import DrumRecord
 from proximity.errors import DecaffError
 from proximity.message import GLOVE_POSES
-from proximity.service.inputs.reception import Reception
+from proximity.service.inputs.inbox import Inbox
 
 LISTENING_S, SILENCE_S, LOOK_S = 0.2, 5.0, 0.005
 FRESH_S = 1.0  # for so long counts are shown as those right now
@@ -27,7 +27,7 @@ class TypedInstruments:
 
     def __init__(self, address: str | None, finger: int) -> None:
         self._finger = finger
-        self._reception = None if address is None else Reception(address, [GLOVE_POSES], is_timed=False)
+        self._reception = None if address is None else Inbox(address, [GLOVE_POSES], is_timed=False)
         self._newest, self._arrived_s = math.nan, 0.0
 
     def counts(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Reception of a service's input messages: each is checked and counted, and never raises in the loop."""
+"""Inbox of a service: each message is checked and counted, and none raises in the loop."""
 
 import logging
 import time
@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from proximity.message import Kind, parts_of
-from proximity.transport import Examiner, open_inlet
+from proximity.transport import MessageReader, open_inlet
 from proximity.transport.publisher_clock import ForeignClock
 
 LOGGER = logging.getLogger("proximity.service")
 MOST_AT_ONCE = 256
 """Messages looked at in one tick: more than shared memory keeps, so that the newest is among them however
-seldom ticks are. Of moves nothing would tell that newer ones wait."""
+seldom ticks are. Moves are not overtaken by newer ones that still wait."""
 MOST_FLAWED = 32
 """Of these, such that cannot be used: a flood of garbage takes 0.1 ms of a tick, not all."""
 
@@ -22,7 +22,7 @@ FARTHEST_NS = 2**62
 """Between two clocks: 146 years. Instants of one that is farther off could not be reported in 64 bits."""
 
 
-class Reception:
+class Inbox:
     """Takes the messages at an address that can be used.
 
     *is_timed*: whether instants in the messages matter: then a clock elsewhere must be known before they are
@@ -39,7 +39,7 @@ class Reception:
     ) -> None:
         self.address = address
         self._inlet = open_inlet(address)
-        self._examiner = Examiner(
+        self._reader = MessageReader(
             self._inlet, kinds, clock, most_at_once=MOST_AT_ONCE, most_flawed=MOST_FLAWED
         )
         self._foreign = ForeignClock() if is_timed and not self._inlet.shares_clock else None
@@ -52,7 +52,7 @@ class Reception:
     def notes(self) -> list[str]:
         """Sentences on messages that were lost, refused or left out."""
         # Copies: the loop may be counting meanwhile.
-        counts = replace(self._examiner.counts, flawed=self._examiner.counts.flawed.copy())
+        counts = replace(self._reader.counts, flawed=self._reader.counts.flawed.copy())
         notes = [f"{self.address}: {count} {what}" for what, count in list(self._left_out.items())]
         if counts.lost or counts.unused:
             notes.append(f"{self.address}: {counts}")
@@ -66,17 +66,17 @@ class Reception:
         The records are overwritten by the next message.
         """
         try:
-            for kind, data, now_ns in self._examiner.messages():
+            for kind, data, now_ns in self._reader.messages():
                 header, records = parts_of(data, kind)
                 if self._foreign is None:
                     yield kind, records, 0
                     continue
-                is_new_run = self._examiner.is_new_run
+                is_new_run = self._reader.is_new_run
                 self._foreign.arrived(int(header["send_ns"]), now_ns, is_new_run=is_new_run, kind=kind.magic)
                 # Until a clock is seen to run, what it shows may be a copy of something old.
                 if self._foreign.is_certain:
                     yield from self._on_our_clock(kind, records, now_ns - self._foreign.theirs(now_ns))
-            if self._examiner.counts.unverified and not self._has_warned_of_key:
+            if self._reader.counts.unverified and not self._has_warned_of_key:
                 self._has_warned_of_key = True
                 LOGGER.warning(
                     "%s: a message is not verified by the key (expected that of its sender)", self.address
@@ -107,15 +107,3 @@ class Reception:
     def close(self) -> None:
         """Give the address back."""
         self._inlet.close()
-
-
-def rows_of(fingers: np.ndarray, count: int) -> tuple[slice | np.ndarray, np.ndarray | None]:
-    """Return the rows that records of these fingers belong to, and which of the records they are.
-
-    *count*: of fingers that there are; whoever is beyond them is left out. Returned: all rows in order, as is
-    usual, are a slice; all records are None.
-    """
-    if len(fingers) == count and (fingers == np.arange(count)).all():
-        return slice(None), None
-    is_known = fingers < count
-    return (fingers, None) if is_known.all() else (fingers[is_known], is_known)

@@ -1,6 +1,6 @@
 """Teleoperation: publish distances measured by a sensor as contacts, without any geometry.
 
-What a sensor does not tell is not made up: places, parts and faces stay unknown. The speed of approach is
+What a sensor does not report stays unknown: positions, parts and faces. The speed of approach is
 estimated from successive distances as `kernels.tracking.motion` does from poses, along one axis.
 """
 
@@ -11,18 +11,18 @@ from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED, MOTIO
 from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
 from proximity.service import finger_kernels
 from proximity.service.description import PartLabels
-from proximity.service.inputs.sensor import Measurements
+from proximity.service.samples import Measurements
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import HORIZON
 from proximity.transport import forget
 
 OBSERVED = int(ContactFlag.TRACKED | ContactFlag.PREDICTED | ContactFlag.JUMPED)
-"""What following the distances tells of them."""
+"""Flags that follow from successive distances."""
 PASSED_ON = ("position", "velocity", "normal", "bend", "bend_rate", "surface", "force", "force_is_valid")
 """Fields of a measurement that a contact has as well."""
 
 
-class SensorAnswers:
+class SensedContacts:
     """Contacts as a sensor measured them.
 
     *latency*: from a tick until the controller acts on its answer: predictions are for then. *max_speed*: by
@@ -31,7 +31,7 @@ class SensorAnswers:
 
     Notes
     -----
-    Where a sensor tells bend and bend rate, the bend at contact is reported as well, on the assumption that
+    Where a sensor reports bend and bend rate, the bend at contact is reported as well, on the assumption that
     both bend and distance go on as they do; how far it is off is not known.
     """
 
@@ -65,34 +65,41 @@ class SensorAnswers:
         self._motion_marks = np.zeros((count, MOTION_INTS), np.int64)
         self._error_sums = np.zeros((count, finger_kernels.ERROR_SUMS_SIZE))
         self._followed = np.zeros((count, finger_kernels.FOLLOWED_SIZE))
-        self._contacts = np.zeros(count, CONTACT)
-        self._bytes = self._contacts.view(np.uint8).reshape(count, -1)
-        forget(self._contacts)
-        self._contacts["finger"] = np.arange(count)
-        self._contacts["source"] = self.source
-        self._unknown = self._bytes.copy()
+        self._write_to(np.zeros(count, CONTACT))
 
     def labels(self) -> PartLabels:
         """Return that there are no parts."""
         return (), np.zeros(0, bool)
 
     def new_samples(self) -> Measurements:
-        """Make room for measurements."""
+        """Return measurements, all unknown."""
         return Measurements(self.count)
 
     def rehearse(self) -> None:
-        """Answer measurements of nothing, and forget that."""
-        self.answer(Measurements(self.count), 0)
+        """Make contacts of nothing; the estimates are reset afterwards."""
+        self.fill(np.zeros(self.count, CONTACT), Measurements(self.count), 0)
         self._motions[:] = 0.0
         self._motion_marks[:] = 0
         self._error_sums[:] = 0.0
 
-    def answer(self, samples: Measurements, now_ns: int) -> np.ndarray:
+    def fill(self, contacts: np.ndarray, samples: Measurements, now_ns: int) -> None:
         """Make the contacts."""
-        with np.errstate(over="ignore", invalid="ignore"):  # whatever a sensor tells
-            return self._answer(samples, now_ns)
+        if contacts is not self._contacts:
+            self._write_to(contacts)
+        with np.errstate(over="ignore", invalid="ignore"):  # whatever a sensor reports
+            self._fill(samples, now_ns)
 
-    def _answer(self, samples: Measurements, now_ns: int) -> np.ndarray:
+    def close(self) -> None:
+        """Do nothing."""
+
+    def _write_to(self, contacts: np.ndarray) -> None:
+        self._contacts, self._bytes = contacts, contacts.view(np.uint8).reshape(self.count, -1)
+        forget(contacts)
+        contacts["finger"], contacts["source"] = np.arange(self.count), self.source
+        contacts["work"] = 0
+        self._unknown = self._bytes.copy()
+
+    def _fill(self, samples: Measurements, now_ns: int) -> None:
         acts_ns = now_ns + self._latency_ns
         reported, contacts = samples.records, self._contacts
         finger_kernels.follow_distances(
@@ -112,10 +119,6 @@ class SensorAnswers:
             self._bytes[is_unknown] = self._unknown[is_unknown]
         contacts["pose_ns"], contacts["age_ns"] = samples.pose_ns, now_ns - samples.pose_ns
         contacts["predicted_ns"] = np.maximum(acts_ns, samples.pose_ns)
-        return contacts
-
-    def close(self) -> None:
-        """Do nothing."""
 
     def _write_distances(self, distance: np.ndarray, error: np.ndarray, status: np.ndarray) -> None:
         """Write distances, now and predicted, their bounds and what is known of them."""

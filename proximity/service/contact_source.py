@@ -1,12 +1,20 @@
-"""Sources of contacts: a tracker, or the measurements of a sensor."""
+"""Contacts of a tick: the interface of their source, and the source that ticks a tracker."""
 
 from typing import Any, Protocol
 
 import numpy as np
 
 from proximity.kernels.layout import PART_IS_HIDDEN
-from proximity.message import Source
-from proximity.service.bends import Bends
+from proximity.kernels.tracking.motion import (
+    ESTIMATE_VELOCITY,
+    MAX_ACCELERATION,
+    MAX_SPEED,
+    MOTION_INTS,
+    MOTION_REALS,
+    PREDICTED,
+    observe,
+)
+from proximity.message import ContactFlag, Source
 from proximity.service.description import PartLabels
 from proximity.service.samples import FingerPoses, Samples
 from proximity.system.time_units import NS_PER_MS
@@ -14,9 +22,12 @@ from proximity.tracker.tracker import Tracker
 
 REHEARSAL = 200  # ticks, at places all over the scene
 PAGE = 4096  # bytes
+METRES_A_BEND = 0.2
+"""That a fingertip goes from flat hand to fist, about: what is known of noise and acceleration of
+fingertips in metres holds of bends by it."""
 
 
-class Answering(Protocol):
+class ContactSource(Protocol):
     """Makes the contacts of a tick."""
 
     count: int
@@ -44,19 +55,19 @@ class Answering(Protocol):
         """Return names of the parts of the last answer, and which are hidden."""
 
     def new_samples(self) -> Samples:
-        """Make room for the samples that it takes."""
+        """Return samples of the class that it needs, all unknown."""
 
     def rehearse(self) -> None:
-        """Do all that takes long the first time, and forget it."""
+        """Do all that takes long the first time; its effects are undone."""
 
-    def answer(self, samples: Any, now_ns: int) -> np.ndarray:
-        """Return (N,) CONTACT for samples of N fingers; the same array each time, overwritten by the next."""
+    def fill(self, contacts: np.ndarray, samples: Any, now_ns: int) -> None:
+        """Write (N,) CONTACT for the newest samples of N fingers; the same arrays each time are fastest."""
 
     def close(self) -> None:
         """Give back what is open."""
 
 
-class TrackerAnswers:
+class TrackedContacts:
     """Contacts with the parts of a scene.
 
     *tracker*: of as many fingers as the input has. Only the service may tick it from now on.
@@ -70,6 +81,7 @@ class TrackerAnswers:
         self.changes = changes
         self.count = len(tracker.contacts)
         self._bends = Bends(self.count)
+        self._filled: np.ndarray | None = None  # the records that ticks write to
 
     @property
     def epoch(self) -> int:
@@ -99,36 +111,41 @@ class TrackerAnswers:
         return model.names, model.parts[: len(model.names), PART_IS_HIDDEN] != 0
 
     def new_samples(self) -> FingerPoses:
-        """Make room for poses."""
+        """Return poses, all unknown."""
         return FingerPoses(self.count)
 
     def rehearse(self) -> None:
-        """Read all of the scene into memory, and tick all over it, which compiles what is not yet."""
+        """Read all of the scene into memory, and tick at random points; the tracker is reset afterwards."""
         tracker, rng = self.tracker, np.random.default_rng(0)
         model = tracker.scene.snapshot()
         for array in (model.reals, model.words):
             array.view(np.uint8)[::PAGE].max(initial=0)
         lower, upper = tracker.scene.bounds
+        instants = np.zeros(self.count, np.int64)
         for tick in range(REHEARSAL):
             tips = rng.uniform(lower, upper, (self.count, 3))
-            contacts = tracker.tick(tips, tick * NS_PER_MS, tick * NS_PER_MS)
-            self._bends.write(contacts, tips[:, 0], contacts["pose_ns"])
+            instants[:] = tick * NS_PER_MS
+            contacts = tracker.advance(tips, instants, tick * NS_PER_MS)
+            self._bends.write(contacts, tips[:, 0], instants)
         tracker.reset()
-        self._bends.forget()
+        self._bends.reset()
 
-    def answer(self, samples: FingerPoses, now_ns: int) -> np.ndarray:
+    def fill(self, contacts: np.ndarray, samples: FingerPoses, now_ns: int) -> None:
         """Change and move the parts that are to change and move, and tick.
 
         Parts that have a velocity stand where they are at the instant of the newest pose. Bounds hold for the
         pose of each finger, with parts where they were reported to be, carried on with the velocities
         reported.
         """
+        tracker, paths, bends = self.tracker, samples.paths, samples.bends
+        if contacts is not self._filled:
+            tracker.write_to(contacts)
+            self._filled = contacts
         if self.changes is not None:
-            self.changes.apply(self.tracker.scene)
+            self.changes.apply(tracker.scene)
         if self.moves is not None:
-            self.moves.apply(self.tracker.scene, now_ns, samples)
-        paths, bends = samples.paths, samples.bends
-        contacts = self.tracker.tick(
+            self.moves.apply(tracker.scene, now_ns, samples)
+        tracker.advance(
             samples.positions,
             samples.pose_ns,
             now_ns,
@@ -140,10 +157,39 @@ class TrackerAnswers:
             self.moves.widen(contacts)
         if bends is not None:
             self._bends.write(contacts, bends, samples.pose_ns)
-        return contacts
 
     def close(self) -> None:
         """Close the inputs of moves and changes."""
         for opened in (self.moves, self.changes):
             if opened is not None:
                 opened.close()
+
+
+class Bends:
+    """Follows the bends of fingers from pose to pose."""
+
+    def __init__(self, count: int) -> None:
+        self._motions = np.zeros((count, MOTION_REALS))
+        self._marks = np.zeros((count, MOTION_INTS), np.int64)
+
+    def reset(self) -> None:
+        """Start anew."""
+        self._motions[:] = 0.0
+        self._marks[:] = 0
+
+    def write(self, contacts: np.ndarray, bends: np.ndarray, pose_ns: np.ndarray) -> None:
+        """Write bend and bend rate at the pose's instant, of fingers that are tracked and are on no path.
+
+        *contacts*: (N,) CONTACT. *bends*: as they came with the poses; nan: not reported. *pose_ns*: (N,),
+        ns.
+        """
+        is_tracked = contacts["flags"] & (ContactFlag.TRACKED | ContactFlag.ON_PATH) == ContactFlag.TRACKED
+        for i in np.flatnonzero(is_tracked & np.isfinite(bends)).tolist():
+            bend = bends.item(i)
+            status = observe(
+                self._motions, self._marks, i, pose_ns.item(i), METRES_A_BEND * bend, 0.0, 0.0, MAX_SPEED,
+                MAX_ACCELERATION,
+            )  # fmt: skip
+            contacts["bend"][i] = bend
+            if status & PREDICTED:
+                contacts["bend_rate"][i] = self._motions.item(i, ESTIMATE_VELOCITY) / METRES_A_BEND
