@@ -11,8 +11,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
-from functools import partial
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -51,6 +49,10 @@ class _Converter(NamedTuple):
     of_typer: Callable[[], Any]
     kind: Any
 
+    def __call__(self) -> "_Converter":
+        """Return itself, in place of Typer's function that makes a converter."""
+        return self
+
     def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
         """Return a value as Typer's converters do."""
         kind, is_many = self.kind.annotation, param.multiple or param.nargs == -1
@@ -73,10 +75,8 @@ class _PlainValues:
         params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
         for param in params:
             of_typer = getattr(param, "get_runtime_param", None)
-            if of_typer is not None and not isinstance(of_typer, partial):
-                param.get_runtime_param = partial(
-                    itemgetter(0), [_Converter(of_typer, param.type_descriptor)]
-                )
+            if of_typer is not None and not isinstance(of_typer, _Converter):
+                param.get_runtime_param = _Converter(of_typer, param.type_descriptor)
         return params
 
     def make_context(self, *args: Any, **options: Any) -> Any:
