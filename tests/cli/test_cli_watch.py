@@ -289,13 +289,6 @@ def test_nothing_that_comes_is_exit_code_1(run):
     assert "STALE: 0 Hz, 0 lost, 0 refused; no frame has come from queue:decaff yet, for 0." in result.out
 
 
-def test_address_that_is_none_is_told(run):
-    result = run("decaff")
-
-    assert result.code == 2
-    assert result.err.startswith("proximity: decaff: expected an address such as iox2://NAME")
-
-
 def test_key_of_another_is_told(run, tmp_path):
     """Nothing is verified: the line says so, not that nothing comes."""
     path, port, is_enough = tmp_path / "frames.key", free_port(), threading.Event()

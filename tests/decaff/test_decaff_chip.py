@@ -25,7 +25,7 @@ from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.decaff.drum.drum_model import USUAL_GEAR
 from proximity.decaff.drum.servo import servo_for
-from proximity.decaff.glove.finger_path import LEAST_BEND, LEVER_STEP, MOST_BEND, FingerPath
+from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.message import ContactFlag, Defect, Mode, Source, Surface
 from proximity.message.c_header import header_text
@@ -345,7 +345,7 @@ def test_numbers_that_python_has_as_well_are_the_same():
     numbers = {
         "UNIT_ERROR": UNIT_ERROR, "MOST_RUNS": message_reader.MOST_RUNS, "LEAST_BEND": LEAST_BEND,
         "RESTART_SILENCE_NS": message_reader.RESTART_SILENCE_NS, "MOST_BEND": MOST_BEND,
-        "STANDING": drum_kernels.STANDING, "LEVER_STEP": LEVER_STEP,
+        "STANDING": drum_kernels.STANDING,
     }  # fmt: skip
     for name, number in numbers.items():
         (written,) = re.findall(rf"#define DECAFF_{name} (\S*)", text)
