@@ -6,14 +6,11 @@ from types import SimpleNamespace
 
 import make
 import pytest
-from certificates import case, certificate, loop
+from certificates import certificate, loop, timing
 
 from proximity import MissingLibraryError
-from proximity.cli import tables
-from proximity.cli.lab import bench_report
 from proximity.lab import certificate as package
-from proximity.lab.certificate import certification
-from proximity.lab.certificate.search import worst_positions
+from proximity.lab.certificate import certification, worst_positions
 from proximity.lab.figures import style
 
 BRACKET, HAND, DEMO = (str(make.FOLDER / name) for name in ("bracket.stl", "hand.csv", "demo.toml"))
@@ -73,7 +70,7 @@ def test_machine_that_wakes_late_fails_no_scene(run):
 
 
 def test_without_a_gate_the_exit_code_is_0(run):
-    run.given = {"cases": [case("random", 9000)]}
+    run.given = {"timings": [timing("random", 9000)]}
 
     result = run(BRACKET, "--out", "cell.json")
 
@@ -160,31 +157,3 @@ def test_all_of_it_runs_on_a_box(run, monkeypatch):
     for goal in document["search"]:
         assert goal["places"][0]["work"] >= goal["typical_work"] > 0
     assert document["loop"]["ticks"] <= 50
-
-
-@pytest.mark.parametrize("columns", [80, 240])
-def test_table_of_applications_is_cut_off_nowhere(monkeypatch, capsys, columns):
-    """Side by side where there is room, else one below the other."""
-    cells = [
-        "native",
-        "10,620",
-        "90",
-        "10",
-        "0.70",
-        "1.22",
-        "1.50",
-        "6%",
-        "102",
-        "190",
-        "10.2%",
-        "28",
-        "0.35",
-        "",
-    ]
-    monkeypatch.setattr(bench_report, "results_console", lambda: tables.Console(width=columns))
-    bench_report.print_applications([SimpleNamespace(cells=cells)] * 8)
-
-    printed = capsys.readouterr().out
-    assert "…" not in printed
-    assert max(map(len, printed.splitlines())) <= columns
-    assert printed.count("0.70") == printed.count("10.2%") == 8
