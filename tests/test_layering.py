@@ -38,10 +38,11 @@ scene
 point · ray · segment
 tree
 sign
-mesh
+mesh · traverse
 geometry
 stack_arrays
-compiled_stack · contact_columns · layout · model_arrays
+compiled_stack · contact_record
+layout
 """,
     "proximity.scene": """
 picture · trimesh_scene
@@ -135,7 +136,7 @@ NUMBA_MAY_BE_IMPORTED_BY = {
     "proximity.tracker.warm_up",
 }
 # What numba compiles, and code of LLVM that it is given: imported only where numba compiles kernels.
-DECLARATIONS = {"bundle", "entry", "inlined", "kernel", "maker"}
+DECLARATIONS = {"bundle", "entry", "inlined", "kernel", "allocating_kernel"}
 
 
 def module_of(path):

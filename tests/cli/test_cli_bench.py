@@ -130,26 +130,6 @@ def test_recording_is_given_or_a_sample(run):
     assert given.recording.positions.shape == (5194, 5, 3)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (("--gate", "soon"), "'soon' is not a period, expected a time or a rate such as 1ms, 200us or 1kHz"),
-        (("--ticks", 10), "10 ticks are too few for p99.9, expected 1000 or more"),
-        (("--seconds", 0), "the loop cannot run for 0 s"),
-        (("--fingers", 0), "0 fingers cannot be tracked, expected 1 or more"),
-        (("--out", "cell.pdf"), "cell.pdf does not end in .html or .json"),
-        (("--recording", "no.csv"), "no.csv"),
-        (("--seed", -2), "-2 is not a seed"),
-    ],
-)
-def test_what_cannot_be_used_is_one_sentence(run, arguments, sentence):
-    result = run(BRACKET, *arguments)
-
-    assert result.code == 2 and result.out == "" and result.asked == []
-    assert len(result.err.splitlines()) == 1
-    assert result.err.startswith("proximity: ") and sentence in result.err
-
-
 def test_missing_scene_and_one_without_parts_are_refused(run, tmp_path):
     sensor = tmp_path / "sensor.toml"
     sensor.write_text('[input]\nsensor = "mailbox:sensor"\n', encoding="utf-8")

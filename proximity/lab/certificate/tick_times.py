@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proximity.message import ContactFlag
-from proximity.system.garbage_collector import collector_paused
+from proximity.system.memory import collector_paused
 from proximity.tracker.tracker import Tracker
 
 LOGGED_FINGERS = 50  # with more, what ticks say is looked at less often

@@ -25,8 +25,8 @@ SHORT_HOLD = 1e-3  # s: what comes after the touch does not matter
 
 def arrival_time(drum: Drum, servo: Servo, distance: float) -> float:
     """Return how long a drum is about to take from rest to rest, s: full speed-up, full braking, settling."""
-    swing = 2.0 * math.sqrt(positive("distance", distance, "metres") / drum.acceleration)
-    return swing + SETTLING_SAMPLES * servo.period
+    swing = 2.0 * math.sqrt(positive("distance", distance, "metres") / servo.acceleration)
+    return swing + SETTLING_SAMPLES * (servo.period + drum.motor.latency / 1.5)
 
 
 def look_ahead(speed: float, sensing: Sensing, arrival: float) -> float:
