@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from proximity.lab.certificate.certification import Certificate
-from proximity.lab.certificate.deadlines import against, curve, missed, percentiles, periods_of, tail
+from proximity.lab.certificate.deadlines import Times, against, curve, missed, percentiles, periods_of, tail
 from proximity.lab.certificate.measurement import MotionTiming
 from proximity.lab.certificate.subject import RADIUS, fingerprint
 from proximity.lab.certificate.worst_positions import SearchResult
@@ -131,7 +131,7 @@ def _counted(times: Histogram, periods: dict[float, str]) -> dict[str, Any]:
 def _feeling(certificate: Certificate, periods: dict[float, str]) -> list[dict[str, Any]]:
     """For each period what a finger meets: p99.9 of the slowest computing, and of waking."""
     loop = certificate.loop
-    times = [loop.compute, *(each.thread_ns for each in certificate.timings if each.counts)]
+    times: list[Times] = [loop.compute, *(each.thread_ns for each in certificate.timings if each.counts)]
     slowest = max(tail(percentiles(each))[1] for each in times)
     busy = 1e-9 * (slowest + tail(percentiles(loop.lateness))[1])
     rows = [(period, source, delay_of(period, busy)) for period, source in periods.items()]

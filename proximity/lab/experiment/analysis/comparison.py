@@ -158,7 +158,9 @@ def _tested(values: np.ndarray) -> tuple[tuple[float, float], tuple[float, float
         return (math.nan, math.nan), (math.nan, math.nan)
     if not values.std() > 0.0:
         return (math.nan, math.nan), (float(values.mean()), float(values.mean()))
-    found = stats.ttest_1samp(values, 0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of values that differ by rounding: t says so
+        found = stats.ttest_1samp(values, 0.0)
     low, high = found.confidence_interval()
     test = (float(found.statistic), float(found.pvalue)) if len(values) >= FEWEST else (math.nan, math.nan)
     return test, (float(low), float(high))
