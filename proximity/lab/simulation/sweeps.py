@@ -13,8 +13,7 @@ import numpy as np
 
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import servo_for
-from proximity.decaff.glove.default_bend import CONTACT_BEND
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import CONTACT_BEND, Glove
 from proximity.errors import ArgumentError
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall
 from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Decaff, Link
