@@ -81,7 +81,7 @@ server
 display_mesh
 """,
     "proximity.decaff": """
-calibrating · chip · simulated_drums
+calibration · simulated_drums
 motors
 controller
 glove

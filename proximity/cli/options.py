@@ -176,8 +176,8 @@ def cable_stiffness(text: str, max_age: float | None = None) -> float:
             raise typer.BadParameter(
                 f"{text!r}: expected a stiffness in N/m, or the file of a calibration", param_hint="--cable"
             ) from None
+        from proximity.decaff.glove.calibrated_glove import read_any_glove
         from proximity.decaff.glove.glove import CONTACT_BEND
-        from proximity.decaff.glove.glove_set import read_any_glove
 
         stiffness = float(designed(read_any_glove(text, max_age)).tip_stiffness(CONTACT_BEND))
     check_range(stiffness, "--cable", "N/m at the fingertip", SOFTEST_CABLE, STIFFEST_CABLE)

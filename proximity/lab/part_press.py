@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from proximity.decaff.controller.controller import SurfaceLaw
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.controller.settings import ControllerSettings
-from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.lab.engine.engine_loop import EnginePress, press_on_part
 from proximity.lab.engine.engine_setup import Distances, EngineSetup

@@ -231,7 +231,7 @@ def _drum_degrees(served: SceneFile, count: int) -> list[list[float]] | None:
     """Where the drum of each finger stands, for bends evenly from 0 to 1; None where there is no glove."""
     if served.glove is None:
         return None
-    from proximity.decaff.glove.glove_set import as_many, read_glove
+    from proximity.decaff.glove.calibrated_glove import as_many, read_glove
 
     age = served.glove.max_age_days
     gloves = as_many([read_glove(path, age) for path in served.glove.calibration], count)

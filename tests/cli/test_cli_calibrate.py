@@ -11,10 +11,10 @@ import pytest
 from simulated_motors import ODriveMotor
 
 from proximity.cli.device.guide import guide, result_rows
-from proximity.decaff.calibrating.readings import Readings
-from proximity.decaff.calibrating.results import Estimate, Session
-from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
-from proximity.decaff.calibrating.tasks import FREE, POSES, Bench
+from proximity.decaff.calibration.readings import Readings
+from proximity.decaff.calibration.results import Estimate, Session
+from proximity.decaff.calibration.simulated_glove import SimulatedGlove
+from proximity.decaff.calibration.tasks import FREE, POSES, Bench
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.calibration import check_age, read_calibration
 from proximity.decaff.glove.finger_path import FingerPath

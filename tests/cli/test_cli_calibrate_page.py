@@ -15,10 +15,10 @@ from project import IMPORT_PATHS
 
 from proximity.cli.device.calibration_page import Page
 from proximity.cli.device.guide import guide
-from proximity.decaff.calibrating.readings import Readings
-from proximity.decaff.calibrating.results import Session
-from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
-from proximity.decaff.calibrating.tasks import Bench
+from proximity.decaff.calibration.readings import Readings
+from proximity.decaff.calibration.results import Session
+from proximity.decaff.calibration.simulated_glove import SimulatedGlove
+from proximity.decaff.calibration.tasks import Bench
 from proximity.decaff.glove.calibration import read_calibration
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import MotorError

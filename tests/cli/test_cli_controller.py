@@ -5,9 +5,8 @@ import sys
 import pytest
 
 from proximity import cli
-from proximity.decaff.chip.sources import controller_sources
-from proximity.decaff.controller.cable_stretch import CableRule
-from proximity.decaff.controller.settings import ControllerSettings
+from proximity.decaff.controller.chip_sources import controller_sources
+from proximity.decaff.controller.settings import CableRule, ControllerSettings
 from proximity.decaff.glove.glove import DRUMS, Glove
 
 

@@ -4,14 +4,13 @@ import json
 import math
 import os
 import textwrap
-from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
 from proximity.decaff.glove import calibration_fit
-from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE, CalibratedGlove
+from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE, CalibratedGlove, read_glove
 from proximity.decaff.glove.calibration import (
     LARGEST_FILE,
     Calibration,
@@ -20,9 +19,7 @@ from proximity.decaff.glove.calibration import (
     write_calibration,
 )
 from proximity.decaff.glove.calibration_fit import backlash, cable_compliance, step_latency, touch_offset
-from proximity.decaff.glove.drum_geometry import EccentricDrum
 from proximity.decaff.glove.glove import Glove
-from proximity.decaff.glove.glove_set import read_glove
 from proximity.decaff.glove.transmission import Cable, Potentiometer
 from proximity.errors import ArgumentError, DecaffError, FileError
 
@@ -127,8 +124,6 @@ def test_bend_is_found_again_from_the_drum_even_when_it_is_retracted():
     bends = np.linspace(-0.1, 1.6, 35)
 
     np.testing.assert_allclose(GLOVE.bend_of_drum(GLOVE.drum_angle(bends)), bends, rtol=0, atol=1e-6)
-    assert float(GLOVE.gap(0.4, GLOVE.drum_angle(0.4))) == pytest.approx(0.0, abs=1e-6)
-    assert float(GLOVE.gap(0.2, GLOVE.drum_angle(1.2))) > 0.150
 
 
 def test_finger_is_the_measured_one():
@@ -142,39 +137,9 @@ def test_finger_is_the_measured_one():
 # --- refused when it does not fit any more ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("drum", [DESIGN.drum, EccentricDrum()], ids=["arm", "eccentric"])
-def test_touches_as_calibrated_are_taken_and_others_refused(drum):
-    glove = CalibratedGlove(replace(DESIGN, drum=drum), calibrated())
-    counts = HAND.counts([0.2, 0.4, 0.6])
-    angles = drum.drum_angle(DESIGN.potentiometer.angle(counts)) + MOUNTED
-    bend = glove.bend_of_counts(counts)
-    per_metre = drum.drum_rate(DESIGN.potentiometer.angle(counts)) / DESIGN.tip_per_radian(bend)
-
-    glove.check_touches(counts, angles)
-    glove.check_touches(counts, angles - 0.29e-3 * per_metre)
-    np.testing.assert_allclose(
-        glove.touch_error(counts, angles + 0.35e-3 * per_metre), 0.35e-3, rtol=0, atol=1e-7
-    )
-    with pytest.raises(
-        DecaffError,
-        match=r"^touch-off disagrees by 0\.35 mm at \d+ counts and a drum angle of -?[\d.]+ rad, expected "
-        r"0\.3 mm at most: calibrate again$",
-    ):
-        glove.check_touches(counts, angles + 0.35e-3 * per_metre * [0, 1, 0])
-    with pytest.raises(DecaffError, match=r"^touch-off disagrees by nan mm"):
-        glove.check_touches(counts, angles * [1, np.nan, 1])
-    with pytest.raises(DecaffError, match=r"^3 counts and 2 drum angles at touches, expected as many$"):
-        glove.check_touches(counts, angles[:2])
-
-
 @pytest.mark.parametrize("counts", [12.0, 65000.0, math.nan])
-def test_reading_that_no_hand_gave_is_refused(counts):
-    with pytest.raises(
-        DecaffError,
-        match=rf"^the potentiometer reads {counts:g}, expected 21\d+ to 44\d+ as when the glove was "
-        r"calibrated on 2026-11-21: calibrate again$",
-    ):
-        GLOVE.check_counts(counts)
+def test_reading_that_no_hand_gave_has_no_bend(counts):
+    assert np.isnan(GLOVE.bend_of_counts(counts))
 
 
 def test_table_for_another_potentiometer_is_refused():
@@ -440,7 +405,7 @@ def test_example_of_the_documentation_makes_a_calibration(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     _, _, example = calibration_fit.__doc__.partition("::\n")
 
-    exec(compile(textwrap.dedent(example), "calibrating", "exec"), {})
+    exec(compile(textwrap.dedent(example), "calibration", "exec"), {})
 
     made = read_calibration("glove.json")
     check_age(made)

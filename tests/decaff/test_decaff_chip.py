@@ -12,15 +12,13 @@ from controller_in_c import ANSWER, DRIVER, SOURCES, STRICT, Events, answer_of, 
 from sealed_frames import frame
 from wire import MS, SESSION, Clock, Wire
 
-from proximity.decaff.chip.sources import controller_sources, write_controller
-from proximity.decaff.controller.cable_stretch import CableRule
+from proximity.decaff.controller.chip_sources import controller_sources, write_controller
 from proximity.decaff.controller.compiled import HEADER, SETTINGS
-from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller import FingerController, SurfaceLaw
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.controller.passivity import largest_passive_stiffness
-from proximity.decaff.controller.settings import ControllerSettings
-from proximity.decaff.controller.surface_law import SurfaceLaw
+from proximity.decaff.controller.settings import CableRule, ControllerSettings
 from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.decaff.drum.drum_model import USUAL_GEAR

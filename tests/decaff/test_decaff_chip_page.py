@@ -7,7 +7,7 @@ from compiling_c import c_compiler, run
 from controller_in_c import STRICT
 from pages import PAGES
 
-from proximity.decaff.chip.sources import write_controller
+from proximity.decaff.controller.chip_sources import write_controller
 from proximity.decaff.glove.glove import Glove
 
 

@@ -10,14 +10,12 @@ from hypothesis import strategies as st
 from sealed_frames import frame
 
 from proximity.decaff.controller import compiled
-from proximity.decaff.controller.cable_stretch import CableRule
-from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller import FingerController, SurfaceLaw
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.controller.passivity import is_passive, required_damping
-from proximity.decaff.controller.settings import SERVO_LAG, ControllerSettings
+from proximity.decaff.controller.settings import SERVO_LAG, CableRule, ControllerSettings
 from proximity.decaff.controller.steady_force import Handover, SteadyRule
-from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.drum.servo import move, servo_for
 from proximity.decaff.glove.finger_path import FingerPath
@@ -34,6 +32,11 @@ LIMITS = Limits()
 TRACKED = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
 WALL = 0.5  # bend of the contact
 ANY_SPEED = Handover(SteadyRule(slow_speed=math.inf))
+# What records say beside where the finger touches.
+SOFT = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
+SLAVE = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
+LOST = {"flags": 0, "mode": Mode.HOLD}
+CLOSING = {"bend_rate": 1.0, "approach_speed": 0.2, "velocity": np.nan, "signed_distance": 0.02}
 
 
 def contact(pose_ns, bend=0.3, position=WALL, **fields):
@@ -339,7 +342,7 @@ def test_rigid_part_of_a_scene_is_never_served_as_a_force():
 
 
 def test_teleoperation_serves_the_force_once_it_is_steady():
-    slave = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1, "surface": Surface.RIGID}
+    slave = SLAVE | {"surface": Surface.RIGID}
     bench = touching(handover=ANY_SPEED, **slave)
     assert bench.action.state is DrumState.CONTACT_POSITION
     action = bench.run(200, **slave)
@@ -358,50 +361,46 @@ def test_teleoperation_serves_the_force_once_it_is_steady():
 
 def test_teleoperation_goes_back_to_position_when_the_force_is_not_measured_any_more():
     """Whether the finger is still there could not be told: the drum would press until it met something."""
-    slave = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
-    bench = touching(handover=ANY_SPEED, **slave)
-    bench.run(200, **slave)
+    bench = touching(handover=ANY_SPEED, **SLAVE)
+    bench.run(200, **SLAVE)
     bench.force = math.nan
 
-    assert bench.run(19, **slave).state is DrumState.CONTACT_FORCE
-    assert {bench.run(2, **slave).state for _ in range(100)} == {DrumState.CONTACT_POSITION}
+    assert bench.run(19, **SLAVE).state is DrumState.CONTACT_FORCE
+    assert {bench.run(2, **SLAVE).state for _ in range(100)} == {DrumState.CONTACT_POSITION}
     bench.force = 0.8
-    assert bench.run(200, **slave).state is DrumState.CONTACT_FORCE
+    assert bench.run(200, **SLAVE).state is DrumState.CONTACT_FORCE
 
 
 def test_teleoperation_goes_back_to_position_when_the_slave_is_off_its_object():
-    slave = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
-    bench = touching(handover=ANY_SPEED, **slave)
-    bench.run(200, **slave)
+    bench = touching(handover=ANY_SPEED, **SLAVE)
+    bench.run(200, **SLAVE)
 
-    assert bench.run(1, **slave, signed_distance=0.6e-3).state is DrumState.CONTACT_POSITION
-    states = {bench.run(1, **slave, signed_distance=0.6e-3).state for _ in range(100)}
+    assert bench.run(1, **SLAVE, signed_distance=0.6e-3).state is DrumState.CONTACT_POSITION
+    states = {bench.run(1, **SLAVE, signed_distance=0.6e-3).state for _ in range(100)}
     assert states == {DrumState.CONTACT_POSITION}  # it went to and fro, a sample each: the force is steady
-    assert bench.run(1, **slave).state is DrumState.CONTACT_FORCE
+    assert bench.run(1, **SLAVE).state is DrumState.CONTACT_FORCE
 
 
 def test_drum_before_a_soft_surface_goes_back_where_it_has_come_too_near():
     """Touched on its path, it served a force of nothing: by what its motor had done it went on, 12 mm far."""
-    soft = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
     for beyond, mode in ((0.2e-3, DriveMode.FORCE), (0.4e-3, DriveMode.POSITION)):
-        bench = touching(**soft)
+        bench = touching(**SOFT)
         bench.drum = PATH.position(WALL) - beyond
         bench.bend = PATH.bend(bench.drum)
-        action = bench.step(contact(bench.now, bench.bend, **soft))
+        action = bench.step(contact(bench.now, bench.bend, **SOFT))
         assert action.mode is mode
         assert action.position == pytest.approx(PATH.position(WALL))
 
 
 def test_deformable_surface_is_served_by_its_law_from_the_touch_on():
-    soft = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
     bench = Bench()
-    bench.run(4, **soft)
+    bench.run(4, **SOFT)
     bench.bend, bench.force = WALL, 0.1
-    assert bench.run(1, **soft).state is DrumState.CONTACT_FORCE
+    assert bench.run(1, **SOFT).state is DrumState.CONTACT_FORCE
     bench.bend = PATH.bend(PATH.position(WALL) + 0.002)
     bench.drum = PATH.position(bench.bend)
     for _ in range(40):
-        bench.step(contact(bench.now, bench.bend, signed_distance=-0.002, lower=-0.002, **soft))
+        bench.step(contact(bench.now, bench.bend, signed_distance=-0.002, lower=-0.002, **SOFT))
 
     assert bench.action.mode is DriveMode.FORCE
     assert bench.action.force == pytest.approx(0.4, rel=1e-3)
@@ -516,7 +515,7 @@ def test_service_that_knows_nothing_retracts_the_drum_whatever_the_age(state):
 
 def test_lost_tracking_retracts_at_once_and_freezes_in_contact():
     for bench, state in ((approaching(), DrumState.RETRACTED), (touching(), DrumState.FREEZE)):
-        assert bench.step(contact(bench.now, flags=0, mode=Mode.HOLD)).state is state
+        assert bench.step(contact(bench.now, **LOST)).state is state
         # and an old frame of a tracked finger does not bring it back
         assert bench.step(None).state is state
 
@@ -648,7 +647,7 @@ def test_finger_that_is_found_inside_again_is_given_way(silence):
     bench = approaching()
     inside = {"signed_distance": -0.004, "lower": -0.004, "position": 0.49}
     if silence == "lost":
-        bench.step(contact(bench.now, flags=0, mode=Mode.HOLD))
+        bench.step(contact(bench.now, **LOST))
     elif silence == "stale":
         bench.age(1, contact(bench.now), State.STALE)
     else:
@@ -689,11 +688,10 @@ def test_drift_brings_a_contact_no_nearer_than_anything_moves():
 
 def test_path_that_is_free_to_the_fist_brings_no_drum_near():
     """The finger closes on a surface that it will pass: where its path is known, nothing is guessed."""
-    closing = {"bend_rate": 1.0, "approach_speed": 0.2, "velocity": np.nan, "signed_distance": 0.02}
-    guessed = Bench().run(5, position=math.nan, **closing)
+    guessed = Bench().run(5, position=math.nan, **CLOSING)
     assert guessed.position == pytest.approx(PATH.position(0.3 + 0.02 / 0.2))
 
-    known = Bench().run(5, position=math.nan, flags=TRACKED | ContactFlag.ON_PATH, **closing)
+    known = Bench().run(5, position=math.nan, flags=TRACKED | ContactFlag.ON_PATH, **CLOSING)
     assert (known.state, known.position) == (DrumState.RETRACTED, PATH.retracted)
 
 
@@ -708,13 +706,12 @@ def test_path_that_was_not_followed_to_a_contact_brings_no_drum_near():
     assert bench.run(5, position=0.35, **ran_out, bend_rate=0.0).state is DrumState.RETRACTED
 
     # While it closes on a surface, the contact is where that leads, and not before what is free.
-    closing = {"bend_rate": 1.0, "approach_speed": 0.2, "velocity": np.nan, "signed_distance": 0.02}
-    action = bench.run(5, position=0.35, **ran_out, **closing)
+    action = bench.run(5, position=0.35, **ran_out, **CLOSING)
     assert action.position == pytest.approx(PATH.position(0.3 + 0.02 / 0.2))
-    assert bench.run(5, position=0.45, **ran_out, **closing).position == pytest.approx(PATH.position(0.45))
+    assert bench.run(5, position=0.45, **ran_out, **CLOSING).position == pytest.approx(PATH.position(0.45))
 
     confirmed = ran_out | {"contact_bend_rate": 0.0}
-    assert bench.run(5, position=0.35, **confirmed, **closing).position == pytest.approx(PATH.position(0.35))
+    assert bench.run(5, position=0.35, **confirmed, **CLOSING).position == pytest.approx(PATH.position(0.35))
 
 
 def test_sequence_that_stalls_is_as_old_as_its_pose():
@@ -732,13 +729,12 @@ def test_sequence_that_stalls_is_as_old_as_its_pose():
 
 def test_lost_tracking_in_contact_ramps_the_force_and_then_retracts():
     bench = touching()
-    lost = {"flags": 0, "mode": Mode.HOLD}
-    caps = [bench.step(contact(bench.now, **lost), State.DEGRADED).force_cap for _ in range(500)]
+    caps = [bench.step(contact(bench.now, **LOST), State.DEGRADED).force_cap for _ in range(500)]
 
     assert caps[249] == caps[0] and caps[-1] < 0.01 * caps[0]
     assert np.all(np.diff(caps) <= 0.0)
     assert bench.action.state is DrumState.FREEZE
-    assert bench.step(contact(bench.now, **lost), State.DEGRADED).state is DrumState.RETRACTED
+    assert bench.step(contact(bench.now, **LOST), State.DEGRADED).state is DrumState.RETRACTED
 
 
 def test_late_drum_comes_slowly_and_weakly():
@@ -815,10 +811,9 @@ def test_clock_of_the_frames_that_jumps_is_no_fault_of_the_servo(jump):
 
 def test_drum_freezes_for_its_time_whatever_the_clock_of_the_frames_does():
     bench = touching()
-    lost = {"flags": 0, "mode": Mode.HOLD}
-    bench.step(contact(bench.now, **lost))
+    bench.step(contact(bench.now, **LOST))
     bench.now, bench.ahead = bench.now + 10_000 * MS, bench.ahead - 10_000 * MS
-    states = [bench.step(contact(bench.now, **lost)).state for _ in range(240)]
+    states = [bench.step(contact(bench.now, **LOST)).state for _ in range(240)]
 
     assert set(states) == {DrumState.FREEZE}
 
@@ -919,10 +914,9 @@ def test_action_tells_the_motor_by_the_parameters_of_the_drum():
     late = bench.run(1)
     assert late.torque_cap == pytest.approx(late.force_cap * lever / 51.0)
 
-    soft = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
-    bench = touching(**soft)
+    bench = touching(**SOFT)
     lever = lever_of(bench)
-    pressed = bench.run(1, **soft)
+    pressed = bench.run(1, **SOFT)
     assert pressed.mode is DriveMode.FORCE
     assert pressed.torque == pytest.approx(pressed.force * lever / 51.0)
 

@@ -8,7 +8,7 @@ import os
 from compiling_c import c_compiler, run
 from controller_in_c import DRIVER, SANITIZERS, SOURCES
 
-from proximity.decaff.chip.sources import write_controller
+from proximity.decaff.controller.chip_sources import write_controller
 from proximity.decaff.glove.glove import Glove
 
 SECONDS = os.environ.get("PROXIMITY_FUZZ_SECONDS", "2")

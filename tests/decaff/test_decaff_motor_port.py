@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from simulated_motors import Cia402Motor, ODriveMotor, SimpleFocMotor
 
-from proximity.decaff.calibrating import motor_port
-from proximity.decaff.calibrating.drum_chirp import (
+from proximity.decaff.calibration import motor_port
+from proximity.decaff.calibration.drum_chirp import (
     drum_stiffness,
     free_chirp,
     held_chirp,
@@ -17,7 +17,7 @@ from proximity.decaff.calibrating.drum_chirp import (
     identify_held,
     inertia,
 )
-from proximity.decaff.calibrating.motor_port import MotorPort
+from proximity.decaff.calibration.motor_port import MotorPort
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.decaff.motors.motor_set import opened_motors

@@ -13,13 +13,11 @@ from simulated_motors import Cia402Motor, ODriveMotor, SimpleFocMotor
 
 from proximity.decaff.controller.controller_states import DrumAction, DrumState
 from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.glove.calibrated_glove import read_glove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.decaff.glove.glove_set import read_glove
-from proximity.decaff.motors.motor_address import MotorSettings, open_motor
-from proximity.decaff.motors.motor_driver import MotorCommand
+from proximity.decaff.motors.motor_driver import MotorCommand, MotorScale, MotorSettings, open_motor
 from proximity.decaff.motors.motor_drum import MotorDrum
-from proximity.decaff.motors.motor_scale import MotorScale
 from proximity.decaff.motors.motor_set import home_all, opened_motors
 from proximity.decaff.motors.simplefoc import SimpleFoc
 from proximity.decaff.simulated_drums.service_drums import DrumBench

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from paper_drums import GEAR49, MOTOR, PAPER_GLOVE
 
-from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.settings import CableRule
 from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath

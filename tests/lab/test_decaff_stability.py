@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from proximity.decaff.drum import sampled_mass, servo_gains, unit_circle
+from proximity.decaff.drum import sampled_mass, servo, unit_circle
 from proximity.decaff.drum.sampled_mass import Gains, SampledMass
 from proximity.errors import ArgumentError
 from proximity.lab.stability import sampled_wall
@@ -310,7 +310,7 @@ def test_slowest_period_of_the_largest_stiffness_is_its_own():
 
 def test_best_damped_servo():
     """Reference, for the drum's servo: a fifth of the largest stiffness."""
-    found = servo_gains.best_damped(PAPER_WALL)
+    found = servo.best_damped(PAPER_WALL)
 
     assert found.stiffness / PAPER_WALL.stiffness_unit == pytest.approx(0.01445, abs=5.1e-6)
     assert found.damping / PAPER_WALL.damping_unit == pytest.approx(0.12576, abs=5.1e-6)
@@ -318,4 +318,4 @@ def test_best_damped_servo():
     settled = math.log(0.02) / math.log(radius(PAPER_WALL, found.stiffness, found.damping))
     assert settled == pytest.approx(15.2, abs=0.051)  # samples
     with pytest.raises(ArgumentError, match=r"share is 1\.0, expected one below 1 of the largest stiffness"):
-        servo_gains.best_damped(PAPER_WALL, 1.0)
+        servo.best_damped(PAPER_WALL, 1.0)

@@ -7,25 +7,24 @@ import glove_files
 import numpy as np
 import pytest
 
-from proximity.decaff.calibrating.drum_chirp import free_chirp, identify_free
-from proximity.decaff.calibrating.instruments import DrumRecord
-from proximity.decaff.calibrating.readings import Readings
-from proximity.decaff.calibrating.results import Session
-from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
-from proximity.decaff.calibrating.tasks import Bench
-from proximity.decaff.chip.sources import controller_sources
+from proximity.decaff.calibration.drum_chirp import free_chirp, identify_free
+from proximity.decaff.calibration.instruments import DrumRecord
+from proximity.decaff.calibration.readings import Readings
+from proximity.decaff.calibration.results import Session
+from proximity.decaff.calibration.simulated_glove import SimulatedGlove
+from proximity.decaff.calibration.tasks import Bench
+from proximity.decaff.controller.chip_sources import controller_sources
+from proximity.decaff.controller.controller import SurfaceLaw
 from proximity.decaff.controller.passivity import required_damping
 from proximity.decaff.controller.settings import ControllerSettings
-from proximity.decaff.controller.surface_law import SurfaceLaw
 from proximity.decaff.drum import drum_kernels
+from proximity.decaff.drum.drum_kernels import serve_against
 from proximity.decaff.drum.drum_model import MOST_LATENCY, Motor
 from proximity.decaff.drum.servo import SERVO_RATE, move, servo_for, settling_time, steps_a_sample
-from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+from proximity.decaff.glove.calibrated_glove import CalibratedGlove, read_any_glove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
-from proximity.decaff.glove.glove_set import read_any_glove
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
-from proximity.decaff.simulated_drums.simulated_drum_kernels import serve_against
 from proximity.errors import ArgumentError, DecaffError
 from proximity.lab.simulation.closed_loop import decaff
 from proximity.lab.simulation.devices import Decaff

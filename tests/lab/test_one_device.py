@@ -13,20 +13,19 @@ from controller_in_c import SOURCES, STRICT
 from paper_drums import LEVER, paper_drum
 from sealed_frames import frame
 
-from proximity.decaff.chip.sources import controller_sources, write_controller
+from proximity.decaff.controller.chip_sources import controller_sources, write_controller
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.drum.drum_model import GEARS, Gear, Motor, gear_named, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
+from proximity.decaff.glove.calibrated_glove import read_any_glove
 from proximity.decaff.glove.calibration import read_calibration, write_calibration
 from proximity.decaff.glove.design import glove_of, table_of
 from proximity.decaff.glove.drum_geometry import EccentricDrum
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import CONTACT_BEND, DRUMS, Glove, with_gear
-from proximity.decaff.glove.glove_set import read_any_glove
-from proximity.decaff.motors.motor_address import MotorSettings
-from proximity.decaff.motors.motor_scale import MotorScale
+from proximity.decaff.motors.motor_driver import MotorScale, MotorSettings
 from proximity.errors import ArgumentError, DecaffError
 from proximity.lab.simulation import sweeps
 from proximity.lab.simulation.devices import Decaff
@@ -231,8 +230,9 @@ def test_drum_that_was_measured_is_the_one_that_is_simulated(tmp_path):
     write_calibration(tmp_path / "glove.json", replace(made, drum_inertia=3e-4, drum_friction=0.02))
     glove = read_any_glove(tmp_path / "glove.json")
 
-    assert glove.tip_drum().mass * glove.tip_drum().lever ** 2 == pytest.approx(3e-4)
-    assert glove.tip_drum().friction * glove.tip_drum().lever == pytest.approx(0.02)
+    drum = glove.glove.tip_drum()
+    assert drum.mass * drum.lever**2 == pytest.approx(3e-4)
+    assert drum.friction * drum.lever == pytest.approx(0.02)
     assert Setup(glove=glove.glove).drum.mass == FingerPath(glove).drum.mass
     stiffness = servo_for(FingerPath(glove).drum, SERVO_RATE).stiffness
     assert f".servo_stiffness = {stiffness!r}" in controller_sources([glove])["decaff_glove.c"]

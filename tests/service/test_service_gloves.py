@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from project import MESHES
 from ticking import solid
 
-from proximity.decaff.glove.glove_set import read_glove
+from proximity.decaff.glove.calibrated_glove import read_glove
 from proximity.errors import DecaffError, ServiceError
 from proximity.message import GLOVE_POSES, POSES, ContactFlag, Message
 from proximity.scene.scene import Scene

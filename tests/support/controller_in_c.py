@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from compiling_c import WARNINGS, c_compiler, run
 
-from proximity.decaff.chip.sources import write_controller
+from proximity.decaff.controller.chip_sources import write_controller
 from proximity.decaff.controller.controller import STATES
 from proximity.decaff.controller.settings import ControllerSettings
 from proximity.decaff.glove.glove import Glove

@@ -15,9 +15,9 @@ from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
 if TYPE_CHECKING:
     from proximity.cli.device.guide import Face
     from proximity.cli.device.typed_instruments import TypedInstruments
-    from proximity.decaff.calibrating.motor_port import MotorPort
-    from proximity.decaff.calibrating.results import Session
-    from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
+    from proximity.decaff.calibration.motor_port import MotorPort
+    from proximity.decaff.calibration.results import Session
+    from proximity.decaff.calibration.simulated_glove import SimulatedGlove
     from proximity.decaff.glove.glove import Glove
 
 OLD_READINGS_H = 12.0  # after that the glove was probably taken off
@@ -127,7 +127,7 @@ def calibrate(
     """
     _check(measured, asking, skip)
     from proximity.cli.device.guide import UnfinishedError, guide, result_rows
-    from proximity.decaff.calibrating.results import contradiction
+    from proximity.decaff.calibration.results import contradiction
 
     if measured.motor is not None and not measured.arm:
         from proximity.cli.device.motors import watch_motor
@@ -170,7 +170,7 @@ def _print(session: "Session", truth: dict[str, float] | None, *, as_json: bool)
     from proximity.cli.device.calibration_terminal import print_results
     from proximity.cli.device.guide import result_rows
     from proximity.cli.output import write_document
-    from proximity.decaff.calibrating.results import as_document
+    from proximity.decaff.calibration.results import as_document
 
     if as_json:
         write_document(as_document(session.estimates()))
@@ -182,8 +182,8 @@ def _print(session: "Session", truth: dict[str, float] | None, *, as_json: bool)
 def _design(measured: Measured) -> "Glove":
     """The glove as designed: that of the file, with the lengths that were given."""
     from proximity.cli.options import designed
+    from proximity.decaff.glove.calibrated_glove import read_any_glove
     from proximity.decaff.glove.glove import Glove, with_gear
-    from proximity.decaff.glove.glove_set import read_any_glove
 
     worn = Glove() if measured.glove is None else designed(read_any_glove(measured.glove))
     if measured.phalanges is not None:
@@ -206,11 +206,11 @@ def _opened(
 ) -> tuple["Session", "TypedInstruments", "SimulatedGlove | None"]:
     """Return the calibration under way, what a person reads, and the simulated glove where there is one."""
     from proximity.cli.device.typed_instruments import TypedInstruments
-    from proximity.decaff.calibrating.instruments import Instruments
-    from proximity.decaff.calibrating.readings import Readings
-    from proximity.decaff.calibrating.results import Session
-    from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
-    from proximity.decaff.calibrating.tasks import Bench
+    from proximity.decaff.calibration.instruments import Instruments
+    from proximity.decaff.calibration.readings import Readings
+    from proximity.decaff.calibration.results import Session
+    from proximity.decaff.calibration.simulated_glove import SimulatedGlove
+    from proximity.decaff.calibration.tasks import Bench
 
     design = _design(measured)
     asked = TypedInstruments(measured.counts, measured.finger)
@@ -239,7 +239,7 @@ def _face(asking: Asking, port: "MotorPort | None") -> "AbstractContextManager[F
 def _written(session: "Session", path: Path, name: str) -> tuple[str, Path | None]:
     """Write the calibration, and draw it; return a sentence, and where the drawing is."""
     from proximity.cli.device.guide import UnfinishedError
-    from proximity.decaff.calibrating.results import as_document
+    from proximity.decaff.calibration.results import as_document
     from proximity.decaff.glove.calibration import write_calibration
     from proximity.errors import FileError, MissingLibraryError
     from proximity.lab.figures import calibration_plots

@@ -13,7 +13,7 @@ from proximity.cli.program import EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
 
 if TYPE_CHECKING:
-    from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.controller.settings import CableRule
     from proximity.decaff.glove.calibrated_glove import CalibratedGlove
     from proximity.decaff.glove.glove import Glove
 
@@ -121,8 +121,8 @@ def _worn(
     paths: list[Path], cable: str | None, max_age: float | None
 ) -> tuple[list["Glove | CalibratedGlove"], "CableRule"]:
     """The gloves, and the cable whose stretch is made up for."""
-    from proximity.decaff.controller.cable_stretch import CableRule
-    from proximity.decaff.glove.glove_set import read_any_glove
+    from proximity.decaff.controller.settings import CableRule
+    from proximity.decaff.glove.calibrated_glove import read_any_glove
 
     rule = CableRule() if cable is None else CableRule(cable_stiffness(cable, max_age))
     return [read_any_glove(path, max_age) for path in paths], rule

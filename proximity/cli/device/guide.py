@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from proximity.decaff.calibrating.readings import Asked
-from proximity.decaff.calibrating.results import Estimate, Session
-from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
-from proximity.decaff.calibrating.tasks import FREE, HELD
+from proximity.decaff.calibration.readings import Asked
+from proximity.decaff.calibration.results import Estimate, Session
+from proximity.decaff.calibration.simulated_glove import SimulatedGlove
+from proximity.decaff.calibration.tasks import FREE, HELD
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError, DecaffError
 

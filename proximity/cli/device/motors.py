@@ -8,8 +8,8 @@ from contextlib import contextmanager
 import typer
 
 from proximity.cli.output import report
-from proximity.decaff.calibrating.motor_port import MotorPort
-from proximity.decaff.controller.cable_stretch import CableRule
+from proximity.decaff.calibration.motor_port import MotorPort
+from proximity.decaff.controller.settings import CableRule
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from proximity.decaff.calibrating.instruments import DrumRecord
+from proximity.decaff.calibration.instruments import DrumRecord
 from proximity.errors import DecaffError
 from proximity.message import GLOVE_POSES
 from proximity.service.inputs.inbox import Inbox

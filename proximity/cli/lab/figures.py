@@ -46,7 +46,7 @@ def figures(
     """
     from proximity.cli import progress
     from proximity.cli.output import write_document
-    from proximity.decaff.glove.glove_set import read_any_glove
+    from proximity.decaff.glove.calibrated_glove import read_any_glove
     from proximity.lab.figures import catalogue
 
     worn = None if glove is None else designed(read_any_glove(glove))

@@ -122,8 +122,8 @@ class WallOptions:
         """The glove of the file, with its cable, and its latency where that was measured."""
         if self.glove is None:
             return {}
+        from proximity.decaff.glove.calibrated_glove import CalibratedGlove, read_any_glove
         from proximity.decaff.glove.glove import CONTACT_BEND
-        from proximity.decaff.glove.glove_set import CalibratedGlove, read_any_glove
 
         worn = read_any_glove(self.glove)
         parts = designed(worn)

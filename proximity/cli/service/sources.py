@@ -71,11 +71,10 @@ def controller(
       proximity controller --out firmware --glove glove.json --cable glove.json
     """
     check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
-    from proximity.decaff.chip.sources import write_controller
-    from proximity.decaff.controller.cable_stretch import CableRule
-    from proximity.decaff.controller.settings import ControllerSettings
+    from proximity.decaff.controller.chip_sources import write_controller
+    from proximity.decaff.controller.settings import CableRule, ControllerSettings
+    from proximity.decaff.glove.calibrated_glove import read_any_glove
     from proximity.decaff.glove.glove import Glove, with_gear
-    from proximity.decaff.glove.glove_set import read_any_glove
 
     gear, gloves = check_gear(drum), [read_any_glove(path) for path in glove or ()] or [Glove()]
     first = designed(gloves[0])

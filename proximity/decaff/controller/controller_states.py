@@ -81,11 +81,6 @@ class Observation:
     sample_ns: int = field(kw_only=True)  # of the sample, on this machine's monotonic clock
     frame: FrameMark | None = field(default=None, kw_only=True)  # that the record is of; None: no frame yet
 
-    @property
-    def pressing_force(self) -> float:
-        """Force between finger and drum, N: as it is measured, else the motor's; nan: neither is known."""
-        return self.motor_force if math.isnan(self.force) else self.force
-
 
 @dataclass(frozen=True, slots=True)
 class DrumAction:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.decaff.controller.cable_stretch import CableRule
+from proximity.checks import positive
 from proximity.decaff.controller.compiled import SETTINGS, memory
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.controller.steady_force import Handover, low_pass, steady_numbers
@@ -21,6 +21,21 @@ OF_SERVO = (
     "stiffness", "damping", "acceleration", "speed", "force_gain", "force_damping", "force_slew", "deadband",
 )  # fmt: skip
 """Numbers of a `Servo` that are passed on as they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class CableRule:
+    """Cable whose stretch is made up for: none, unless its stiffness is given.
+
+    A stiffness that is too small moves the drum too far; one that is too large, not far enough.
+    """
+
+    stiffness: float = math.inf  # N/m at the fingertip; inf: no stretch is made up for
+    smoothing: float = 2.0  # Hz, of two low-passes of the force; 10 Hz with a force sensor, no more without
+
+    def __post_init__(self) -> None:
+        positive("stiffness", self.stiffness, "newtons a metre", may_be_infinite=True)
+        positive("smoothing", self.smoothing, "hertz")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,19 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from proximity.checks import not_negative, positive
 from proximity.decaff.drum import drum_kernels as kernels
 from proximity.decaff.drum.drum_model import Drum
-from proximity.decaff.drum.sampled_mass import SampledMass
-from proximity.decaff.drum.servo_gains import best_damped
+from proximity.decaff.drum.sampled_mass import (
+    Gains,
+    SampledMass,
+    characteristic,
+    damping_window,
+    maximum_stiffness,
+)
+from proximity.decaff.drum.unit_circle import spectral_radius
 from proximity.errors import ArgumentError
 
 SERVO_RATE = 3000.0  # Hz, where nothing else is said; assumed
@@ -22,6 +29,7 @@ DEADBAND_COUNTS = 0.5  # of the encoder
 MOST_LAG = 5e-3  # m, by which a drum with a latency may be behind its reference as that speeds up; assumed
 INTEGRAL_TURN = 4.0  # rad of the servo's own swing, that the integral of such a drum takes; assumed
 FORCE_DAMPING_SHARE = 0.25  # of mass over latency, with which such a drum is damped in force mode; assumed
+WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is damped well
 SIMULATION_STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 
 
@@ -74,6 +82,20 @@ class Servo:
         array[kernels.SERVO_SMOOTHING] = self.smoothing
         array[kernels.SERVO_DEADBAND] = self.deadband
         return array
+
+
+def best_damped(device: SampledMass, share: float = WELL_DAMPED_SHARE) -> Gains:
+    """Return a stiffness, and the damping with which disturbances die out fastest."""
+    if not positive("share", share, "shares") < 1.0:
+        raise ArgumentError(f"share is {share!r}, expected one below 1 of the largest stiffness")
+    stiffness = share * maximum_stiffness(device).stiffness
+    found = minimize_scalar(
+        lambda damping: float(spectral_radius(characteristic(device, stiffness, damping))),
+        bounds=damping_window(device, stiffness),
+        method="bounded",
+        options={"xatol": 1e-9 * device.damping_unit},
+    )
+    return Gains(stiffness, float(found.x))
 
 
 def servo_for(drum: Drum, rate: float) -> Servo:

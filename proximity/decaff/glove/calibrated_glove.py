@@ -5,21 +5,32 @@ table; and the drum is placed by the potentiometer itself, which sits on the rep
 touch.
 """
 
+import logging
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from proximity.checks import positive
-from proximity.decaff.drum.drum_model import Drum
-from proximity.decaff.glove.calibration import Calibration
+from proximity.decaff.glove.calibration import (
+    Calibration,
+    check_age,
+    read_calibration,
+    read_glove_file,
+)
 from proximity.decaff.glove.finger import Finger
-from proximity.decaff.glove.glove import CONTACT_BEND, Glove
-from proximity.errors import DecaffError
+from proximity.decaff.glove.glove import Glove
+from proximity.errors import ArgumentError, DecaffError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 
+G = TypeVar("G")
+LOGGER = logging.getLogger("proximity.gloves")
 TOUCH_TOLERANCE = 0.3e-3
 """m at the fingertip that a touch may be off."""
 RANGE_MARGIN = 0.05
@@ -61,10 +72,6 @@ class CalibratedGlove:
         """The finger as measured."""
         return self.glove.finger
 
-    def tip_drum(self, bend: float = CONTACT_BEND) -> Drum:
-        """Return the drum as the fingertip meets it at a bend: `Glove.tip_drum`."""
-        return self.glove.tip_drum(bend)
-
     def bend_of_counts(
         self, counts: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
@@ -105,41 +112,6 @@ class CalibratedGlove:
         """Return the bend at which the finger meets the drum, (...): the inverse of `drum_angle`."""
         own = np.asarray(drum_angle, np.float64) - self.calibration.touch_offset
         return self._extended_bend(self.glove.potentiometer.counts(self.glove.drum.replica_angle(own)))
-
-    def gap(self, bend: ArrayLike, drum_angle: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes until the replica meets the drum, (...), m; negative past it."""
-        return self.finger.path_length(bend, self.bend_of_drum(drum_angle))
-
-    def check_counts(self, counts: float) -> None:
-        """Refuse to start with a reading that the table does not reach."""
-        if not np.isfinite(self.bend_of_counts(counts)):
-            first, last = self.calibration.counts[[0, -1]]
-            raise DecaffError(
-                f"the potentiometer reads {counts:g}, expected {first:g} to {last:g} as when the glove was "
-                f"calibrated on {self.calibration.made:%Y-%m-%d}: calibrate again"
-            )
-
-    def check_touches(self, counts: ArrayLike, drum_angles: ArrayLike) -> None:
-        """Refuse to run where the drum touches elsewhere than it did when the glove was calibrated."""
-        read, reported = np.ravel(counts), np.ravel(drum_angles)
-        if len(read) != len(reported):
-            raise DecaffError(
-                f"{len(read)} counts and {len(reported)} drum angles at touches, expected as many"
-            )
-        for count, angle, off in zip(read, reported, self.touch_error(read, reported), strict=True):
-            self.check_counts(float(count))
-            if not abs(off) <= TOUCH_TOLERANCE:
-                raise DecaffError(
-                    f"touch-off disagrees by {1e3 * off:.2f} mm at {count:g} counts and a drum angle of "
-                    f"{angle:.4f} rad, expected {1e3 * TOUCH_TOLERANCE:g} mm at most: calibrate again"
-                )
-
-    def touch_error(self, counts: ArrayLike, drum_angles: ArrayLike) -> np.ndarray:
-        """Return how far beyond the expected position the drum touched, (...), m at the fingertip."""
-        read = np.asarray(counts, np.float64)
-        replica = self.glove.potentiometer.angle(read)
-        off = np.asarray(drum_angles, np.float64) - self._drum_angle_of_counts(read)
-        return off / self.glove.drum.drum_rate(replica) * self.glove.tip_per_radian(self.bend_of_counts(read))
 
     def _drum_angle_of_counts(self, counts: np.ndarray) -> np.ndarray:
         replica = self.glove.potentiometer.angle(counts)
@@ -193,3 +165,44 @@ def _check_table(glove: Glove, calibration: Calibration) -> None:
             f"counts go up by {steps[row]:g} from bend {bends[row]:g} to {bends[row + 1]:g}, expected about "
             f"{expected[row]:.0f}, from the design of this glove"
         )
+
+
+# --- read from a file ---
+
+
+def read_glove(path: str | os.PathLike[str], most_days: float | None = None) -> CalibratedGlove:
+    """Return a glove as it was measured, unless that was too long ago.
+
+    A calibration of a simulated glove is warned of, once for each file.
+    """
+    return _worn(path, read_calibration(path), most_days)
+
+
+def read_any_glove(path: str | os.PathLike[str], most_days: float | None = None) -> Glove | CalibratedGlove:
+    """Return a glove as it was measured, as of `read_glove`, or as designed where nobody has measured it."""
+    found = read_glove_file(path)
+    return found if isinstance(found, Glove) else _worn(path, found, most_days)
+
+
+def _worn(path: str | os.PathLike[str], calibration: Calibration, most_days: float | None) -> CalibratedGlove:
+    if calibration.is_simulated:
+        _warn_of_simulated(os.fsdecode(path))
+    try:
+        check_age(calibration, most_days=most_days)
+        return CalibratedGlove(calibration.design, calibration)
+    except (ArgumentError, DecaffError) as unfit:
+        raise DecaffError(f"{os.fsdecode(path)}: {unfit}") from unfit
+
+
+@cache
+def _warn_of_simulated(path: str) -> None:
+    LOGGER.warning("%s: this is the calibration of a simulated glove, not of a hand", path)
+
+
+def as_many(gloves: Sequence[G], count: int) -> list[G]:
+    """Return what there is of so many fingers: one for all, or as they are."""
+    if len(gloves) not in (1, count):
+        raise DecaffError(
+            f"{len(gloves)} calibrations for {count} fingers, expected one for all, or one for each"
+        )
+    return list(gloves) * count if len(gloves) == 1 else list(gloves)

@@ -2,7 +2,8 @@
 
 A calibration is a table of counts over bends, some numbers (guide/motors.md) and the design that they were
 measured of. Its file is JSON with units in the names of its fields, and is either wholly there or not at
-all. How the numbers come of measurements is in `calibrating`, a glove that uses them in `calibrated_glove`.
+all. How the numbers come of measurements is in `decaff.calibration`, a glove that uses them in
+`calibrated_glove`.
 """
 
 import json

@@ -6,9 +6,7 @@ joints bend in proportion (docs/guide/drums.md). Formulas go on outside of 0 to 
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,9 +16,6 @@ from proximity.errors import ArgumentError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 
-MOST_QUERIES = 8
-SEARCH_TOLERANCE = 1e-5
-"""m of path: how near queries are counted to, a tenth of the bias that a drum may have."""
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(16)
 """For lengths along the path: sixteen nodes give all digits over a whole bend."""
 
@@ -98,27 +93,6 @@ class Finger:
         away = ~(closing > 0.0)
         step = np.asarray(distance, np.float64) / np.where(away, np.nan, closing)
         return np.asarray(position + step)
-
-    def search_contact(
-        self,
-        bend: float,
-        query: Callable[[np.ndarray], tuple[float, Any]],
-    ) -> tuple[float, int]:
-        """Search the bend at which the pad touches along the path, asking for the distance again and again.
-
-        Newton's method: each answer tells the next place to ask at. From 20 mm away it takes three or four
-        questions.
-        """
-        position = float(bend)
-        for count in range(1, MOST_QUERIES + 1):
-            distance, normal = query(self.point_hand(position))
-            if abs(distance) <= SEARCH_TOLERANCE:
-                return position, count
-            following = min(float(self.contact_bend(position, distance, normal)), 1.0)
-            if math.isnan(following) or position == following == 1.0:
-                return math.nan, count
-            position = following
-        return math.nan, MOST_QUERIES
 
     def _link_angles(self, bend: ArrayLike) -> np.ndarray:
         """Angles of the phalanges from the x axis, (..., 3), rad."""

@@ -54,9 +54,8 @@ class FingerPath:
         self.retracted = self._positions[-1]
         self.drum_angles = self._angles[0], self._angles[-1]
         self.designed_retracted = self.drum_angles[1]
-        worn = glove
-        if isinstance(glove, CalibratedGlove):
-            worn = glove.glove
+        worn = glove.glove if isinstance(glove, CalibratedGlove) else glove
+        if worn is not glove:
             self.designed_retracted = FingerPath(worn).drum_angles[1]
         self.drum, self.play = worn.tip_drum(), float(worn.tip_play(CONTACT_BEND))
 

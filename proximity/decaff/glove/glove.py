@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from proximity.decaff.drum.drum_model import GEARS, USUAL_GEAR, Drum, Gear, Motor, gear_named
 from proximity.decaff.glove.drum_geometry import ArmDrum, DrumGeometry
 from proximity.decaff.glove.finger import Finger
-from proximity.decaff.glove.linkage import CHECKED_BENDS, Linkage
+from proximity.decaff.glove.linkage import Linkage
 from proximity.decaff.glove.transmission import Cable, Potentiometer
 from proximity.errors import ArgumentError
 from proximity.message import PATH_CORNERS
@@ -81,15 +81,6 @@ class Glove:
         """Return the bend at which the finger meets the drum, (...): the inverse of `drum_angle`."""
         return self.bend(self.drum.replica_angle(drum_angle))
 
-    def drum_reach(self) -> float:
-        """Return the bend up to which the drum can stand in the finger's path; 1: all of it."""
-        can = np.isfinite(self.drum_angle(CHECKED_BENDS))
-        return 1.0 if can.all() else float(CHECKED_BENDS[max(0, int(np.argmin(can)) - 1)])
-
-    def gap(self, bend: ArrayLike, drum_angle: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes until the replica meets the drum, (...), m; negative past it."""
-        return self.finger.path_length(bend, self.bend_of_drum(drum_angle))
-
     def path_world(self, world_from_hand: Pose, corner_count: int = PATH_CORNERS) -> np.ndarray:
         """Return the finger's path for the tracker, evenly in bend, (K, 3), m: `Finger.path_world`."""
         return self.finger.path_world(world_from_hand, corner_count)
@@ -110,11 +101,6 @@ class Glove:
     def replica_torque(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
         """Return the torque on the replica for a force at the fingertip, (...), N m."""
         return np.asarray(tip_force, np.float64) * self.tip_per_radian(bend)
-
-    def tip_force(self, bend: ArrayLike, contact_force: ArrayLike) -> np.ndarray:
-        """Return the force at the fingertip, (...), N, as the drum's roller presses on the replica."""
-        torque = np.asarray(contact_force, np.float64) * self.drum.lever(self.replica_angle(bend))
-        return torque / self.tip_per_radian(bend)
 
     def lever(self, bend: ArrayLike) -> np.ndarray:
         """Return how far the fingertip goes a radian of the drum, (...), m; also a newton's torque there."""

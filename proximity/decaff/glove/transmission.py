@@ -39,10 +39,6 @@ class Cable:
         lost = np.asarray(tension, np.float64) / self.stiffness + np.where(is_closing, self.backlash, 0.0)
         return (self.replica_pulley * np.asarray(replica_turn, np.float64) + lost) / self.hand_pulley
 
-    def follow(self, travel: float, before: float) -> float:
-        """Return where the cable's far end goes, m, as its near end goes to *travel*, with backlash."""
-        return min(max(before, travel - self.backlash), travel)
-
 
 @dataclass(frozen=True, slots=True)
 class Potentiometer:

@@ -14,9 +14,13 @@ from contextlib import suppress
 from proximity.decaff.controller.controller_states import IN_CONTACT, DrumAction, DrumState
 from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.glove.finger_path import FingerPath
-from proximity.decaff.motors.motor_address import MotorSettings
-from proximity.decaff.motors.motor_driver import MotorCommand, MotorDriver, MotorReading
-from proximity.decaff.motors.motor_scale import MotorScale
+from proximity.decaff.motors.motor_driver import (
+    MotorCommand,
+    MotorDriver,
+    MotorReading,
+    MotorScale,
+    MotorSettings,
+)
 from proximity.errors import MotorError
 
 NOT_ON_HARDWARE = (

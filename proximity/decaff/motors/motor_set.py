@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from proximity.decaff.glove.finger_path import FingerPath
-from proximity.decaff.motors.motor_address import open_motor
+from proximity.decaff.motors.motor_driver import open_motor
 from proximity.decaff.motors.motor_drum import MotorDrum
 
 

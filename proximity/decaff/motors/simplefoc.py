@@ -16,8 +16,7 @@ from contextlib import suppress
 from typing import Any
 
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.motors.motor_address import MotorAddress, MotorSettings
-from proximity.decaff.motors.motor_driver import MotorCommand, MotorReading
+from proximity.decaff.motors.motor_driver import MotorAddress, MotorCommand, MotorReading, MotorSettings
 from proximity.errors import MotorError
 
 TURN = 2.0 * math.pi

@@ -1,6 +1,6 @@
 """Drums for all fingers of a service: controllers, simulated plants or motors, and potentiometers.
 
-The finger is where the service has it, or, where that tells no bend, as `straight_way` has it. The
+The finger is where the service has it, or, where that tells no bend, as `with_bend` has it. The
 potentiometer tells that bend, or where the simulated drum stops the link. A finger with a motor needs a bend,
 and a fault of its controller ends everything: somebody must look why.
 """
@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import (
     IN_CONTACT,
@@ -23,16 +22,15 @@ from proximity.decaff.controller.controller_states import (
     Observation,
 )
 from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.settings import CableRule
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.glove.calibrated_glove import CalibratedGlove
-from proximity.decaff.glove.default_bend import with_bend
+from proximity.decaff.glove.calibrated_glove import CalibratedGlove, as_many
 from proximity.decaff.glove.finger_path import FingerPath
-from proximity.decaff.glove.glove import Glove
-from proximity.decaff.glove.glove_set import as_many
+from proximity.decaff.glove.glove import CONTACT_BEND, Glove
 from proximity.decaff.motors.motor_drum import MotorDrum
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
 from proximity.errors import MotorError
-from proximity.message import CONTACT, State, Surface
+from proximity.message import CONTACT, Mode, State, Surface
 from proximity.message.contact import ContactFlag
 from proximity.system.time_units import S_PER_NS
 from proximity.transport import Reading
@@ -41,6 +39,27 @@ CARRIED_NS = 20_000_000  # so long a finger is thought to go on as it did
 POWERS = "force", "speed_cap", "force_cap", "torque", "torque_cap", "motor_speed_cap"
 NO_POWER: dict[str, Any] = dict.fromkeys(POWERS, 0.0)
 SOFTER = 1e-6  # share by which a displayed stiffness must fall short before that is said
+SLOPE_STEP = 1e-3  # m, of a difference
+NEAR = (Mode.POSITION, Mode.FORCE)
+
+
+def with_bend(contact: Any, path: FingerPath) -> Any:
+    """Return a record as if the finger bent straight into what is nearest; itself where nothing is near.
+
+    For simulated drums only: a real drum without a bend stays retracted.
+    """
+    distance, closing = float(contact["signed_distance"]), float(contact["approach_speed"])
+    if not math.isfinite(distance):
+        return contact
+    position = path.position(CONTACT_BEND) - distance
+    reported, bend = contact.copy(), path.bend(position)
+    reported["bend"] = bend
+    reported["bend_rate"] = (path.bend(position + SLOPE_STEP) - bend) / SLOPE_STEP * closing
+    if int(contact["mode"]) in NEAR:
+        reported["contact_bend"], reported["contact_bend_error"] = CONTACT_BEND, 0.0
+    else:
+        reported["bend_rate"] = math.nan  # nothing will be touched: nothing is to be extrapolated
+    return reported
 
 
 @dataclass(slots=True)

@@ -6,10 +6,10 @@ import numpy as np
 
 from proximity.decaff.controller.controller_states import DrumAction, commanded
 from proximity.decaff.drum import drum_kernels
+from proximity.decaff.drum.drum_kernels import serve_against
 from proximity.decaff.drum.drum_model import PAD_STIFFNESS, Drum
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for, steps_a_sample
 from proximity.decaff.glove.finger_path import FingerPath
-from proximity.decaff.simulated_drums.simulated_drum_kernels import serve_against
 
 LONGEST_STEP = 0.1  # s that one action is served for
 

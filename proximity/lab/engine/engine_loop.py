@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import FrameMark
+from proximity.decaff.controller.settings import CableRule
 from proximity.decaff.drum.drum_command import DrumCommand
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.lab.engine.delayed_link import DelayedLink

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from proximity.decaff.calibrating.drum_chirp import HELD_BEND, answer
-from proximity.decaff.calibrating.instruments import DrumRecord
-from proximity.decaff.calibrating.results import Session
-from proximity.decaff.calibrating.swing_kernels import (
+from proximity.decaff.calibration.drum_chirp import HELD_BEND, answer
+from proximity.decaff.calibration.instruments import DrumRecord
+from proximity.decaff.calibration.results import Session
+from proximity.decaff.calibration.tasks import FREE, HELD, POSE_TASKS, POSES, TOUCH, Task
+from proximity.decaff.drum.drum_kernels import (
     SWING_DAMPING,
     SWING_FRICTION,
     SWING_INERTIA,
@@ -18,7 +19,6 @@ from proximity.decaff.calibrating.swing_kernels import (
     SWING_STIFFNESS,
     SWING_VISCOUS,
 )
-from proximity.decaff.calibrating.tasks import FREE, HELD, POSE_TASKS, POSES, TOUCH, Task
 from proximity.lab.figures import style
 
 if TYPE_CHECKING:

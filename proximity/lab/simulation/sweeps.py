@@ -11,8 +11,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from proximity.decaff.glove.default_bend import CONTACT_BEND
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import CONTACT_BEND, Glove
 from proximity.errors import ArgumentError
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall
 from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Decaff, Link

@@ -4,8 +4,7 @@ import math
 from dataclasses import dataclass
 
 from proximity.checks import not_negative, positive
-from proximity.decaff.glove.default_bend import CONTACT_BEND
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import CONTACT_BEND, Glove
 
 FRICTION = 0.1  # of a cable in a lined sheath; assumed
 WRAP = 0.5 * math.pi  # rad, all bends of the sheath together; assumed

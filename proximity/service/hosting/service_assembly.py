@@ -124,7 +124,7 @@ def read_gloves(settings: SceneFile, count: int) -> GloveChoices | None:
     if glove is None:
         return None
     # Only where there is a glove: the models bring half a second of imports.
-    from proximity.decaff.glove.glove_set import as_many, read_glove
+    from proximity.decaff.glove.calibrated_glove import as_many, read_glove
 
     try:
         worn = as_many([read_glove(path, glove.max_age_days) for path in glove.calibration], count)

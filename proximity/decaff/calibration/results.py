@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from proximity.decaff.calibrating.drum_chirp import drum_stiffness
-from proximity.decaff.calibrating.readings import Asked, Readings
-from proximity.decaff.calibrating.tasks import (
+from proximity.decaff.calibration.drum_chirp import drum_stiffness
+from proximity.decaff.calibration.readings import Asked, Readings
+from proximity.decaff.calibration.tasks import (
     BACKLASH,
     FREE,
     HELD,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.decaff.calibrating.drum_chirp import (
+from proximity.decaff.calibration.drum_chirp import (
     HELD_BEND,
     HELD_FORCE,
     Chirp,
@@ -23,7 +23,7 @@ from proximity.decaff.calibrating.drum_chirp import (
     identify_held,
     inertia,
 )
-from proximity.decaff.calibrating.instruments import DrumRecord, Instruments
+from proximity.decaff.calibration.instruments import DrumRecord, Instruments
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove import calibration_fit
 from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE

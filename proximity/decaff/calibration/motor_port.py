@@ -13,7 +13,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from proximity.decaff.calibrating.instruments import DrumRecord
+from proximity.decaff.calibration.instruments import DrumRecord
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.motors.motor_drum import MotorDrum
 from proximity.errors import DecaffError, MotorError

@@ -9,10 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from proximity.decaff.calibrating.drum_chirp import HELD_BEND, answer, drum_stiffness, inertia
-from proximity.decaff.calibrating.instruments import DrumRecord, Instruments
-from proximity.decaff.calibrating.readings import Asked
-from proximity.decaff.calibrating.swing_kernels import (
+from proximity.decaff.calibration.drum_chirp import HELD_BEND, answer, drum_stiffness, inertia
+from proximity.decaff.calibration.instruments import DrumRecord, Instruments
+from proximity.decaff.calibration.readings import Asked
+from proximity.decaff.calibration.tasks import BACKLASH, FREE, HELD, POSES, PULL, TENSION, TOUCH
+from proximity.decaff.drum.drum_kernels import (
     SWING_DAMPING,
     SWING_FRICTION,
     SWING_INERTIA,
@@ -20,7 +21,6 @@ from proximity.decaff.calibrating.swing_kernels import (
     SWING_STIFFNESS,
     SWING_VISCOUS,
 )
-from proximity.decaff.calibrating.tasks import BACKLASH, FREE, HELD, POSES, PULL, TENSION, TOUCH
 from proximity.decaff.glove.calibration_fit import step_latency
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError

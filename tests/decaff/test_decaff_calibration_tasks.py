@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from proximity.decaff.calibrating.drum_chirp import (
+from proximity.decaff.calibration.drum_chirp import (
     answer,
     encoder_step,
     free_chirp,
@@ -15,11 +15,11 @@ from proximity.decaff.calibrating.drum_chirp import (
     identify_held,
     inertia,
 )
-from proximity.decaff.calibrating.instruments import DrumRecord
-from proximity.decaff.calibrating.readings import Readings
-from proximity.decaff.calibrating.results import Session, as_document, contradiction
-from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
-from proximity.decaff.calibrating.tasks import FREE, PULL, TOUCH, Bench
+from proximity.decaff.calibration.instruments import DrumRecord
+from proximity.decaff.calibration.readings import Readings
+from proximity.decaff.calibration.results import Session, as_document, contradiction
+from proximity.decaff.calibration.simulated_glove import SimulatedGlove
+from proximity.decaff.calibration.tasks import FREE, PULL, TOUCH, Bench
 from proximity.decaff.glove.glove import Glove, with_gear
 from proximity.errors import DecaffError
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from proximity.decaff.calibrating.instruments import DrumRecord
-from proximity.decaff.calibrating.swing_kernels import (
+from proximity.decaff.calibration.instruments import DrumRecord
+from proximity.decaff.drum.drum_kernels import (
     SWING_DAMPING,
     SWING_FRICTION,
     SWING_INERTIA,

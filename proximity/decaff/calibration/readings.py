@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.decaff.calibrating.tasks import Bench, Task
+from proximity.decaff.calibration.tasks import Bench, Task
 from proximity.errors import DecaffError
 from proximity.system.regular_file import open_regular
 from proximity.system.whole_file import whole_file

@@ -1,1 +1,0 @@
-"""The drum's controller as C99 sources for a microcontroller."""
