@@ -15,7 +15,7 @@ SECOND = 1000 * MS
 
 
 class Bench:
-    """An reader at a wire."""
+    """A reader at a wire."""
 
     def __init__(self, *, shares_clock=True, kinds=(FRAME,), **settings):
         self.clock, self.wire = Clock(), Wire(shares_clock)
@@ -38,22 +38,13 @@ def resealed(data):
     return data[:4] + struct.pack("<I", zlib.crc32(data[8:])) + data[8:]
 
 
-def test_frames_go_through_in_their_order():
-    bench = Bench()
-
-    assert bench.arrive(*(sealed(frame(), number) for number in range(3))) == [
-        (SESSION, 0),
-        (SESSION, 1),
-        (SESSION, 2),
-    ]
+def test_frames_go_through_in_their_order_with_kind_and_instant():
+    bench, numbers = Bench(kinds=(POSES, FRAME)), range(3)
+    assert bench.arrive(*(sealed(frame(), k) for k in numbers)) == [(SESSION, k) for k in numbers]
     assert (bench.counts.received, bench.counts.lost, bench.counts.sessions) == (3, 0, 1)
     assert not bench.counts.flawed
-
-
-def test_what_goes_through_is_told_with_its_kind_and_instant():
-    bench = Bench(kinds=(POSES, FRAME))
     message = frame(count=2)
-    bench.wire.put(sealed(message))
+    bench.wire.put(sealed(message, 3))
     ((kind, data, now),) = bench.reader.messages()
 
     assert (kind, data.tobytes(), now) == (FRAME, message.data.tobytes(), NOW)
@@ -257,25 +248,18 @@ def test_kinds_have_numbers_of_their_own():
     assert (bench.counts.received, bench.counts.lost) == (4, 1)
 
 
-@pytest.mark.parametrize(("settings", "most"), [({}, MOST_FLAWED), ({"most_flawed": 3}, 3)])
-def test_flood_of_garbage_leaves_the_reader_its_time(settings, most):
-    bench = Bench(**settings)
-    for _ in range(most):
-        bench.wire.put(b"garbage")
-    bench.wire.put(sealed(frame(), 1))
+@pytest.mark.parametrize("is_flawed", [True, False])
+@pytest.mark.parametrize("is_default", [True, False])
+def test_so_many_messages_are_taken_at_once(is_flawed, is_default):
+    """A flood of garbage leaves the reader its time, and so do good ones."""
+    name, default = ("most_flawed", MOST_FLAWED) if is_flawed else ("most_at_once", MOST_AT_ONCE)
+    most = default if is_default else 3
+    bench = Bench(**({} if is_default else {name: most}))
+    flood = [b"garbage" if is_flawed else sealed(frame(count=1), number) for number in range(most)]
 
-    assert bench.arrive() == []
-    assert bench.counts.flawed.total() == most
-    assert bench.arrive() == [(SESSION, 1)]
-
-
-@pytest.mark.parametrize(("settings", "most"), [({}, MOST_AT_ONCE), ({"most_at_once": 3}, 3)])
-def test_good_messages_are_taken_so_many_at_once(settings, most):
-    bench = Bench(**settings)
-    messages = [sealed(frame(count=1), number) for number in range(most + 2)]
-
-    assert len(bench.arrive(*messages)) == most
-    assert len(bench.arrive()) == 2
+    assert len(bench.arrive(*flood, sealed(frame(count=1), most))) == (0 if is_flawed else most)
+    assert bench.counts.flawed.total() == (most if is_flawed else 0)
+    assert bench.arrive() == [(SESSION, most)]
 
 
 def test_room_is_not_read_beyond_what_arrived():

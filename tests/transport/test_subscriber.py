@@ -37,39 +37,28 @@ def test_fresh_frame_is_told_as_it_was_published():
     assert reading.header["period_ns"] == MS and reading.header["sequence"] == 0
 
 
-def test_frame_is_new_once():
-    bench = with_frame()
-
-    assert [bench.read(MS).is_new for _ in range(3)] == [True, False, False]
-    bench.send(frame(bench.clock.now))
-    assert [bench.read(MS).is_new for _ in range(2)] == [True, False]
-
-
-def test_newest_of_several_frames_counts():
+def test_newest_of_several_frames_counts_and_is_new_once():
     bench = Reader()
     for number in range(5):
         bench.send(frame(NOW - (5 - number) * MS, distance=0.01 * number))
     reading = bench.read()
 
-    assert reading.header["sequence"] == 4
+    assert reading.is_new and reading.header["sequence"] == 4
     assert reading.contacts["lower"].tolist() == [0.04] * 5
+    assert [bench.read(MS).is_new for _ in range(2)] == [False, False]
+    bench.send(frame(bench.clock.now))
+    assert [bench.read(MS).is_new for _ in range(2)] == [True, False]
 
 
-def test_frame_goes_from_valid_to_late_to_stale():
-    bench = with_frame(age=0, valid_for=20 * MS)
-    states = {ms: bench.read(after=0 if ms == 0 else MS).state for ms in range(120)}
-
-    assert {ms for ms, state in states.items() if state is State.OK} == set(range(21))
-    assert {ms for ms, state in states.items() if state is State.LATE} == set(range(21, 101))
-    assert {ms for ms, state in states.items() if state is State.STALE} == set(range(101, 120))
-
-
-def test_stale_after_is_taken():
-    bench = Reader(stale_after=0.0)
+@pytest.mark.parametrize(("settings", "stale_from"), [({}, 101), ({"stale_after": 0.0}, 21)])
+def test_frame_goes_from_valid_to_late_to_stale(settings, stale_from):
+    bench = Reader(**settings)
     bench.send(frame(age=0, valid_for=20 * MS))
+    states = [bench.read(after=0 if ms == 0 else MS).state for ms in range(120)]
 
-    assert bench.read(20 * MS).state is State.OK
-    assert bench.read(1).state is State.STALE
+    assert states[:21] == [State.OK] * 21
+    assert states[21:stale_from] == [State.LATE] * (stale_from - 21)
+    assert set(states[stale_from:]) == {State.STALE}
 
 
 def test_late_reading_tells_bounds_for_now_and_nothing_as_exact():
@@ -253,37 +242,21 @@ def test_recorders_get_every_frame_and_the_reading_is_of_the_last():
     assert not bench.read().is_new
 
 
-def test_waiting_returns_with_the_first_new_frame():
+def test_waiting_ends_with_a_new_frame_or_with_the_time():
     bench = with_frame()
-
-    assert bench.subscriber.wait(1000.0).is_new
-    assert bench.wire.waits == []
-
-
-def test_waiting_in_vain_ends():
-    bench = with_frame()
-    bench.read()
+    assert bench.subscriber.wait(1000.0).is_new and bench.wire.waits == []
     began = time.monotonic()
     reading = bench.subscriber.wait(0.02)
 
     assert not reading.is_new and reading.state is State.OK
     assert time.monotonic() - began >= 0.02
     assert all(0.0 < timeout <= 0.02 for timeout in bench.wire.waits)
-
-
-@pytest.mark.parametrize("timeout", [np.nan, "1"])
-def test_who_waits_says_how_long(timeout):
-    """With nan it waited for ever, and kept a core busy."""
-    with pytest.raises(ArgumentError, match=r"^timeout is .*, expected a number of seconds$"):
-        with_frame().subscriber.wait(timeout)
-
-
-@pytest.mark.parametrize("timeout", [0, -1.0])
-def test_who_has_no_time_does_not_wait(timeout):
     bench = Reader()
-
-    assert bench.subscriber.wait(timeout).state is State.STALE
-    assert bench.wire.waits == []
+    for timeout in (0, -1.0):  # who has no time does not wait
+        assert bench.subscriber.wait(timeout).state is State.STALE and bench.wire.waits == []
+    for timeout in (np.nan, "1"):  # with nan it waited for ever, and kept a core busy
+        with pytest.raises(ArgumentError, match=r"^timeout is .*, expected a number of seconds$"):
+            bench.subscriber.wait(timeout)
 
 
 def test_waiting_for_ever_is_cut_into_hours():

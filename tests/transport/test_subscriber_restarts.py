@@ -33,14 +33,10 @@ def test_copies_of_an_earlier_run_never_make_a_reading_better(silence):
 
     assert (reading.state, reading.is_new) == (expected.state, False)
     assert bench.flawed == {Defect.OLD: 100}
-
-
-def test_copy_of_the_only_run_there_ever_was_is_stale_by_its_age():
-    bench = Reader()
-    bench.clock.now = NOW + SECOND
-    bench.send(frame())
-
-    assert bench.read().state is State.STALE
+    lone = Reader()  # a copy of the only run there ever was is stale by its age
+    lone.clock.now += SECOND
+    lone.send(frame())
+    assert lone.read().state is State.STALE
 
 
 AHEAD = 55_555_000_000  # ns, their clock
@@ -95,18 +91,13 @@ def test_link_that_becomes_late_for_good_is_never_told_as_fresh(delay):
         assert reading.age_ns >= delay
 
 
-def test_frame_of_a_publisher_elsewhere_grows_old():
-    bench = foreign_bench()
-
-    assert bench.read(30 * MS).state is State.LATE
-    assert bench.read(100 * MS).state is State.STALE
-
-
-def test_pose_from_the_future_of_its_own_frame_is_dropped():
+def test_frame_of_a_publisher_elsewhere_grows_old_and_one_from_the_future_is_dropped():
     bench = foreign_bench()
     hear(bench, age=-5 * MS - 1)
 
     assert bench.flawed == {Defect.FUTURE: 1}
+    assert bench.read(30 * MS).state is State.LATE
+    assert bench.read(100 * MS).state is State.STALE
 
 
 def test_copies_of_an_old_run_are_not_revived_when_the_present_one_is_silent():

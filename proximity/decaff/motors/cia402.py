@@ -7,7 +7,7 @@ ones.
 
 Source: CiA 402 (IEC 61800-7-201): state machine, objects 0x6040 to 0x60FF, modes cyclic synchronous position
 (8) and torque (10); CiA 301: mapping (0x1400 to 0x1A01), SYNC, consumer heartbeat (0x1016). The states are
-those of `canopen.profiles.p402`; its path to operation waits for the drive and resets faults: it is not taken.
+those of `canopen.profiles.p402`. Its path to operation waits for the drive and resets faults, so ours is used.
 """
 
 import math

@@ -198,11 +198,13 @@ def _unpacked(streams: Sequence[tuple[memoryview, int]]) -> list[tuple[np.ndarra
     byte_count = _DRACO_BYTES + _DRACO_BYTES_PER_BYTE * len(data)
     done = run_library("draco", data, seconds=_DRACO_SECONDS, byte_count=byte_count)
     if done.returncode:
-        reported = f"more than {_DRACO_SECONDS} s or {byte_count >> 30} GB, expected less"
-        if not done.is_over_limit:
-            died = f"the decoder crashed, signal {-done.returncode}"
-            printed = done.printed.strip().splitlines()
-            reported = died if done.returncode < 0 or not printed else printed[-1][:160]
+        printed = done.printed.strip().splitlines()
+        if done.is_over_limit or done.is_missing:  # it is installed: there was no memory to import it
+            reported = f"it takes more than {_DRACO_SECONDS} s or {byte_count >> 30} GB, expected less"
+        elif done.returncode < 0 or not printed:
+            reported = f"the decoder crashed, signal {-done.returncode}"
+        else:
+            reported = printed[-1][:160]
         raise MeshFormatError(f"its geometry stored by {DRACO} cannot be unpacked ({reported})")
     found = io.BytesIO(done.output)
     arrays = [(np.load(found), np.load(found)) for _ in streams]

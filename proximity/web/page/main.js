@@ -68,7 +68,7 @@ class Page {
     const headset = this.inputs?.headset ?? new Headset(this.stage, this.parts, send);
     headset.onEnd = () => this.choose("mouse");
     this.inputs = {
-      mouse: new MouseHand(this.stage, send),
+      mouse: this.inputs?.mouse ?? new MouseHand(this.stage, send),
       replay: new RecordedHand(this.about.recording, send),
       headset,
     };
