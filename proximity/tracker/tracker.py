@@ -43,6 +43,8 @@ HORIZON = 0.25
 
 _Given = tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None, np.ndarray | None]
 """Velocities, paths, bends at their corners, and bends, as a tick reads them."""
+NOTHING_GIVEN: _Given = (None, None, None, None)
+MOST_PACKS = 8  # that are kept
 
 
 class Tracker:
@@ -119,12 +121,14 @@ class Tracker:
             budget, working_range, latency, tolerance, horizon, max_speed, max_acceleration
         )
         self._settings = settings
+        self._has_velocities, self._has_paths = settings["has_velocities"], settings["has_paths"]
         self._pose_notes = PoseNotes()
         self._shape, self._arrays = (count, 3), new_arrays(count, settings)
         self._arrays["tracks"]["radius"] = as_radii(radius, count)
         self._pose_ns = np.zeros(count, np.int64)  # of `tick`
         self._copies: dict[str, np.ndarray] = {}  # of what `tick` is given, by its names
         self._given: _Given | None = None  # what ticks read; None: it is being exchanged
+        self._packs: dict[tuple[int, ...], tuple[_Given, Any]] = {}  # by what they read
         # Not the model itself: what trackers hold on to, a scene could not write its next one to.
         self._last_model: Callable[[], Model | None] = lambda: None
         self._last_now_ns = -MOST_NS  # of the last tick
@@ -132,7 +136,7 @@ class Tracker:
         self._epoch = -1
         self._names: tuple[str, ...] = ()  # of the parts that `REPORTED_PART` counts
         self.reset()
-        self._read_from((None, None, None, None))
+        self._read_from(NOTHING_GIVEN)
 
     @property
     def scene(self) -> Scene:
@@ -253,7 +257,7 @@ class Tracker:
         path_bends: np.ndarray | None = None,
         bends: np.ndarray | None = None,
     ) -> Contacts:
-        """Answer as `tick` does, but without its checks: for loops that keep their arrays.
+        """Answer as `tick` does, but without its checks.
 
         All arrays are contiguous and exactly of the types below. They are read where they are; ticks are
         fastest where they are the same arrays each time.
@@ -279,14 +283,8 @@ class Tracker:
         ArgumentError, TypeError
             If positions or instants are not as many as fingers, or an array has another type or layout.
         """
-        given = self._given
-        if (
-            given is None
-            or velocities is not given[0]
-            or paths is not given[1]
-            or path_bends is not given[2]
-            or bends is not given[3]
-        ):
+        v, p, b, own = self._given or (self,) * 4  # what is nothing that could be given
+        if velocities is not v or paths is not p or path_bends is not b or bends is not own:
             self._read_from((velocities, paths, path_bends, bends))
         # That parts have moved is reported until a tick has taken it in, even if someone interrupts this one.
         model = self._scene.snapshot()
@@ -314,7 +312,8 @@ class Tracker:
             Contiguous.
         """
         self.contacts = contacts.view(Contacts)
-        self._pack()
+        self._packs.clear()
+        self._read_from(self._given or NOTHING_GIVEN)
 
     @property
     def epoch(self) -> int:
@@ -347,7 +346,8 @@ class Tracker:
             self._settings["has_holes"] = is_open.any()
             self._arrays["before"] = layout.columns_of(model.frames)[:count, :POSE_COLUMNS].copy()
             self._arrays["movers"] = movers_workspace(count)
-            self._pack()
+            self._packs.clear()
+            self._read_from(self._given or NOTHING_GIVEN)
             self._epoch = model.epoch
 
     def _renumber_parts(self, names: tuple[str, ...]) -> None:
@@ -372,20 +372,25 @@ class Tracker:
         return copy
 
     def _read_from(self, given: _Given) -> None:
-        """Have ticks read these arrays."""
+        """Have ticks read these arrays; callers may change between a few."""
         self._given = None
         velocities, paths, path_bends, bends = given
-        arrays, settings = self._arrays, self._settings
-        settings["has_velocities"] = velocities is not None
-        settings["has_paths"] = paths is not None
-        if velocities is not None:
-            arrays["velocities"] = velocities
-        if paths is not None:
-            count = paths.shape[1]
-            arrays["paths"], arrays["path_lengths"] = paths, np.zeros(count)
-            arrays["path_bends"] = np.linspace(0.0, 1.0, count) if path_bends is None else path_bends
-            arrays["bends"] = np.full(len(self.contacts), np.nan) if bends is None else bends
-        self._pack()
+        arrays = self._arrays
+        self._has_velocities[0], self._has_paths[0] = velocities is not None, paths is not None
+        key = id(velocities), id(paths), id(path_bends), id(bends)
+        if key not in self._packs:
+            if len(self._packs) == MOST_PACKS:
+                self._packs.clear()
+            if velocities is not None:
+                arrays["velocities"] = velocities
+            if paths is not None:
+                count = paths.shape[1]
+                arrays["paths"], arrays["path_lengths"] = paths, np.zeros(count)
+                arrays["path_bends"] = np.linspace(0.0, 1.0, count) if path_bends is None else path_bends
+                arrays["bends"] = np.full(len(self.contacts), np.nan) if bends is None else bends
+            self._pack()
+            self._packs[key] = given, self._packed
+        self._packed = self._packs[key][1]
         self._given = given
 
     def __repr__(self) -> str:
