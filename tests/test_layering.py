@@ -15,8 +15,7 @@ ROOT = Path(proximity.__file__).parent.parent
 PICTURES = {
     "proximity": """
 cli
-lab
-web
+lab · web
 service
 tracker
 scene
@@ -94,25 +93,26 @@ experiment · part_press · sweep
 claims · figures
 engine · stability
 simulation
-multibody · paper
+paper
 """,
     "proximity.lab.experiment": """
-analysis · unstable_walls
-sitting
+analysis
+visit
 drum_display · observers
-conduct
 session
 dataset · display
 design_file · methods · trial_log
 plan
-coupled_controller · design
+design
 """,
     "proximity.lab.certificate": """
-certificate_job · report
+certificate_job · document · report
 certification
 measurement
-search · service_inputs
-deadlines · fingerprint · period · subject · tick_times · vr_application · wording
+service_inputs · worst_positions
+starting_positions
+work
+deadlines · subject · tick_times · wording
 """,
     "proximity.cli": """
 lab

@@ -266,14 +266,8 @@ class Tracker:
             Instants of the positions, within 2**62.
         now_ns : int, ns
             Instant of the tick, within 2**62.
-        velocities : (fingers, 3) float64, m/s
-            Velocities; nan: to be estimated.
-        paths : (fingers, K, 3) float64, m, scene's frame
-            Corners of paths; a first corner of nan: no path.
-        path_bends : (K,) float64
-            Bend at each corner, increasing. Default: evenly from 0 to 1.
-        bends : (fingers,) float64
-            Bends on the paths. Default: that of the nearest position on the path.
+        velocities, paths, path_bends, bends : float64
+            As of `tick`.
 
         Returns
         -------
@@ -282,10 +276,8 @@ class Tracker:
 
         Raises
         ------
-        ArgumentError
-            If positions or instants are not as many as fingers.
-        TypeError
-            If an array has another type, or is not contiguous.
+        ArgumentError, TypeError
+            If positions or instants are not as many as fingers, or an array has another type or layout.
         """
         given = self._given
         if (

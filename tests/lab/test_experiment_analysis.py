@@ -327,7 +327,7 @@ def test_findings_of_people_are_not_called_simulated(shipped, entries):
 
 def test_report_has_page_plots_tables_and_methods(tmp_path):
     from proximity.lab.experiment.dataset import Dataset
-    from proximity.lab.experiment.sitting import sit
+    from proximity.lab.experiment.visit import run_visit
 
     text = SMALL.replace("participants = 2", "participants = 4").replace(
         "[[questions]]", OTHER_TASKS + "[[questions]]", 1
@@ -335,7 +335,7 @@ def test_report_has_page_plots_tables_and_methods(tmp_path):
     dataset = Dataset(tmp_path / "data", read_design(write_design(tmp_path, text)))
     for name in ("p01", "p02", "p03", "p04"):
         observer = Observer(dataset.design, dataset.admit(name, Observer.name))
-        sit(dataset, name, observer, observer)
+        run_visit(dataset, name, observer, observer)
     files = write_report(find(dataset.design, dataset.trials()), tmp_path / "report")
 
     names = {path.name for path in files}

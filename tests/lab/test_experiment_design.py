@@ -13,7 +13,7 @@ from proximity.errors import ServiceError
 from proximity.lab.experiment.design import Kind
 from proximity.lab.experiment.design_file import read_design
 from proximity.lab.experiment.display import interval_of, intervals_of
-from proximity.lab.experiment.observers import DISTANCE_RATE, Observer
+from proximity.lab.experiment.observers import DISTANCE_RATE, Observer, unstable_walls
 from proximity.lab.experiment.plan import (
     PlannedTrial,
     Stage,
@@ -24,7 +24,6 @@ from proximity.lab.experiment.plan import (
     trials_of,
 )
 from proximity.lab.experiment.session import Trial
-from proximity.lab.experiment.unstable_walls import unstable_walls
 from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.sweeps import best_coupled_wall
 

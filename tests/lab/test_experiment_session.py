@@ -15,15 +15,14 @@ import pytest
 from experiments import SMALL, write_design
 
 from proximity.errors import RecordingError
-from proximity.lab.experiment.conduct import Monitor, RefusedError, StoppedError
 from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design_file import read_design
 from proximity.lab.experiment.display import FRAME, Interval, Presentation, cut_at_limits
 from proximity.lab.experiment.methods import QuestPlus, Staircase
 from proximity.lab.experiment.observers import Observer
 from proximity.lab.experiment.session import Session
-from proximity.lab.experiment.sitting import sit
 from proximity.lab.experiment.trial_log import TrialLog, read_log
+from proximity.lab.experiment.visit import Monitor, RefusedError, StoppedError, run_visit
 from proximity.lab.simulation.simulated_press import Wall
 
 LEVELS = (0.1, 0.2, 0.4, 0.8)
@@ -41,7 +40,7 @@ def dataset(tmp_path, design):
 
 def done_by(dataset, name, **more):
     observer = Observer(dataset.design, dataset.admit(name, Observer.name))
-    sit(dataset, name, observer, observer, **more)
+    run_visit(dataset, name, observer, observer, **more)
 
 
 def without_times(entries):
@@ -255,7 +254,7 @@ def test_first_contact_is_measured_from_the_surface():
     assert np.isnan(Presentation(frames[:2]).onset)
 
 
-def test_emergency_stop_ends_the_sitting_and_the_session_goes_on_later(dataset):
+def test_emergency_stop_ends_the_visit_and_the_session_goes_on_later(dataset):
     monitor = Monitor()
 
     class Stopping(Observer):
@@ -266,7 +265,7 @@ def test_emergency_stop_ends_the_sitting_and_the_session_goes_on_later(dataset):
 
     observer = Stopping(dataset.design, dataset.admit("p01", Observer.name))
     with pytest.raises(StoppedError):
-        sit(dataset, "p01", observer, observer, monitor)
+        run_visit(dataset, "p01", observer, observer, monitor)
     last = dataset.entries("p01")[-1]
     assert last["stopped"] == "emergency stop" and last["answer"] is None
     done_by(dataset, "p01")
@@ -283,7 +282,7 @@ def test_who_does_not_consent_leaves_nothing(dataset):
     report.touch()
     observer = Refusing(dataset.design, dataset.admit("p01", Observer.name))
     with pytest.raises(RefusedError):
-        sit(dataset, "p01", observer, observer)
+        run_visit(dataset, "p01", observer, observer)
     assert "p01" not in (dataset.folder / "participants.tsv").read_text()
     assert not (dataset.folder / "sub-p01").exists() and report.exists()
 

@@ -74,7 +74,7 @@ def plan(
     """
     from proximity.lab.experiment import plan as planning
     from proximity.lab.experiment.design_file import read_design
-    from proximity.lab.experiment.unstable_walls import unstable_walls
+    from proximity.lab.experiment.observers import unstable_walls
 
     read = read_design(design)
     if not 0 <= slot < read.participants:
@@ -153,7 +153,7 @@ def simulate(
     from proximity.lab.experiment.dataset import Dataset
     from proximity.lab.experiment.design_file import read_design
     from proximity.lab.experiment.observers import Observer
-    from proximity.lab.experiment.sitting import sit
+    from proximity.lab.experiment.visit import run_visit
 
     read = read_design(design)
     dataset, started = Dataset(data, read), time.monotonic()
@@ -161,7 +161,7 @@ def simulate(
     for name in names:
         observer = Observer(read, dataset.admit(name, Observer.name))
         with progress.spinner(f"{name} presses and answers"):
-            sit(dataset, name, observer, observer)
+            run_visit(dataset, name, observer, observer)
         output.report(f"{name} is done ({time.monotonic() - started:.0f} s)")
     typer.echo(f"{data}: {len(names)} participants")
 

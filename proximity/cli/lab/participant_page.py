@@ -2,12 +2,12 @@
 
 from typing import Any
 
-from proximity.lab.experiment.conduct import EMERGENCY, Monitor, StoppedError
 from proximity.lab.experiment.design import CHOICES, Kind, Question
 from proximity.lab.experiment.display import Presentation
 from proximity.lab.experiment.drum_display import DrumDisplay
 from proximity.lab.experiment.plan import Text
 from proximity.lab.experiment.session import Trial
+from proximity.lab.experiment.visit import EMERGENCY, Monitor, StoppedError
 from proximity.lab.simulation.simulated_press import Wall
 from proximity.web import guided
 from proximity.web.guided import Answer, Button, Field, GuidedPages, PageLeftError, Step
@@ -101,6 +101,6 @@ def _paragraphs(text: str) -> str:
 
 
 def stop_everything(monitor: Monitor, display: DrumDisplay) -> None:
-    """Retract the drums and end the sitting: what the emergency stop of a page calls."""
+    """Retract the drums and end the visit: what the emergency stop of a page calls."""
     monitor.stop.set()
     display.stop(EMERGENCY)

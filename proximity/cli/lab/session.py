@@ -14,14 +14,13 @@ from proximity.cli.output import report
 from proximity.cli.tables import Console
 from proximity.decaff.glove.glove_set import read_any_glove
 from proximity.decaff.motors.motor_set import home_all
-from proximity.lab.experiment.conduct import Monitor, RefusedError, StoppedError
 from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design import CHOICES, Kind, Question
 from proximity.lab.experiment.display import Presentation
 from proximity.lab.experiment.drum_display import DrumDisplay
 from proximity.lab.experiment.plan import Text
 from proximity.lab.experiment.session import Trial
-from proximity.lab.experiment.sitting import sit
+from proximity.lab.experiment.visit import Monitor, RefusedError, StoppedError, run_visit
 from proximity.transport import open_subscriber
 from proximity.web.guided import GuidedPages
 from proximity.web.server.browser import open_in_browser
@@ -55,7 +54,7 @@ def run_session(
         try:
             with DrumsBeside(display, subscriber, drums.rate):
                 if at_terminal:
-                    sit(dataset, participant, display, TerminalRespondent(), monitor)
+                    run_visit(dataset, participant, display, TerminalRespondent(), monitor)
                 else:
                     _sit_at_page(dataset, participant, display, monitor, opens_browser)
         except RefusedError:
@@ -76,11 +75,11 @@ def _sit_at_page(
         typer.echo(f"experimenter: {pages.watch_url}")
         if opens_browser:
             open_in_browser(pages.url)
-        sit(dataset, participant, display, PageRespondent(pages, monitor, title), monitor)
+        run_visit(dataset, participant, display, PageRespondent(pages, monitor, title), monitor)
 
 
 class TerminalRespondent:
-    """Asks a person at the terminal; Ctrl-C and the end of input stop the sitting."""
+    """Asks a person at the terminal; Ctrl-C and the end of input stop the visit."""
 
     def read(self, text: Text) -> bool:
         """Show a text; whether the participant goes on."""

@@ -7,7 +7,7 @@
     sub-p01/frames/sub-p01_trial-0001.npz     what was felt, an array of `display.FRAME` an interval
     sub-p01/beh/sub-p01_task-NAME_run-1_beh.tsv and .json
 
-The log is what counts; tables are written from it. Times count from the begin of a sitting: no dates.
+The log is what counts; tables are written from it. Times count from the begin of a visit: no dates.
 """
 
 import csv
@@ -43,7 +43,7 @@ COLUMNS = {  # of the table of a run, with what they hold
     "onset": "s from the surface to the force, of each interval, separated by blanks.",
     "depth": "m past the surface, of each interval.",
     "peak_force": "N, of each interval.",
-    "at": "s since the begin of the sitting.",
+    "at": "s since the begin of the visit.",
 }
 PARTICIPANT_COLUMNS = {
     "participant_id": "Pseudonym.",

@@ -17,18 +17,19 @@ from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.lab.experiment.design import SIMULATED, Design, Kind, Question
-from proximity.lab.experiment.display import FRAME, Interval, Presentation, cut_at_limits
+from proximity.lab.experiment.design import SIMULATED, Condition, Design, Kind, Question, Task
+from proximity.lab.experiment.display import FRAME, Interval, Presentation, cut_at_limits, interval_of
 from proximity.lab.experiment.methods import SIGMAS_OF_WIDTH
-from proximity.lab.experiment.plan import Stage, Text
+from proximity.lab.experiment.plan import Stage, Text, is_compared
 from proximity.lab.experiment.session import Trial
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall, soft_wall
-from proximity.lab.simulation.controller_in_loop import ControllerInLoop
 from proximity.lab.simulation.devices import CoupledWall, Decaff
+from proximity.lab.simulation.frame_readers import ControllerInLoop
 from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.simulated_press import Wall
 from proximity.lab.simulation.sweeps import with_latency
+from proximity.lab.stability.coupled_limit import rests_on
 
 DISTANCE_RATE = 1000.0  # Hz, of forces and of distances
 FRAME_PERIOD = 1e-3  # s
@@ -155,3 +156,34 @@ def _response(interval: Interval) -> Response:
 @cache
 def _finger_path() -> FingerPath:
     return FingerPath(Glove())
+
+
+def unstable_walls(design: Design) -> list[str]:
+    """Return a sentence for each task on a coupled wall that shakes under a simulated hand."""
+    return [
+        sentence
+        for task in design.tasks
+        for condition in design.conditions
+        if condition.wall is Wall.COUPLED and is_compared(design, task, condition.name)
+        if (sentence := _said_of(task, condition))
+    ]
+
+
+def _said_of(task: Task, condition: Condition) -> str:
+    """A sentence about the surfaces of a condition in a task that shake; empty: all are stable."""
+    levels = {0.0, *task.levels, *([task.catch_level] if task.catch or task.practice else [])}
+    hand, shaking = Hand(), []
+    for level in sorted(levels):
+        interval = interval_of(task, condition, level)
+        gain = interval.gain if interval.stiffness is None else interval.stiffness
+        wall = CoupledWall(gain, interval.damping, DISTANCE_RATE, interval.latency)
+        if not rests_on(hand, wall):
+            shaking.append(wall)
+    if not shaking:
+        return ""
+    first = shaking[0]
+    return (
+        f"{condition.name} in {task.name} is unstable at {first.stiffness:g} N/m with "
+        f"{first.damping:g} N s/m, {1e3 * first.latency:g} ms late at {first.rate:g} Hz, under a simulated "
+        "hand: it shakes, and limits may end its trials"
+    )

@@ -139,40 +139,37 @@ def bayes_factor_none(t: float, count: int) -> float:
 
 def _mean(condition: str, values: np.ndarray) -> Mean:
     there = values[np.isfinite(values)]
-    mean, half = float(there.mean()), _half_width(there)
-    return Mean(condition, mean, mean - half, mean + half, _t_test(there)[1], len(there))
+    tested, interval = _tested(there)
+    return Mean(condition, float(there.mean()), *interval, tested[1], len(there))
 
 
 def _difference(first: str, second: str, values: np.ndarray) -> Difference:
     there = values[np.isfinite(values)]
-    t, p = _t_test(there)
+    (t, p), interval = _tested(there)
     if math.isnan(t):
         return Difference(first, second, math.nan, math.nan, math.nan, math.nan, math.nan, len(there))
-    mean, half = float(there.mean()), _half_width(there)
-    return Difference(
-        first, second, mean, mean - half, mean + half, p, bayes_factor_none(t, len(there)), len(there)
-    )
+    factor = bayes_factor_none(t, len(there))
+    return Difference(first, second, float(there.mean()), *interval, p, factor, len(there))
 
 
-def _half_width(values: np.ndarray) -> float:
+def _tested(values: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
+    """t and p of values against 0, nan of too few or of equal ones; the 95 % interval of their mean."""
     if len(values) < 2:
-        return math.nan
-    return float(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1))
-
-
-def _t_test(values: np.ndarray) -> tuple[float, float]:
-    """t and p of values against 0; nan of too few, or of values that are all the same."""
-    if len(values) < FEWEST or not values.std() > 0.0:
-        return math.nan, math.nan
-    t = float(values.mean() / stats.sem(values))
-    return t, 2.0 * float(stats.t.sf(abs(t), len(values) - 1))
+        return (math.nan, math.nan), (math.nan, math.nan)
+    if not values.std() > 0.0:
+        return (math.nan, math.nan), (float(values.mean()), float(values.mean()))
+    found = stats.ttest_1samp(values, 0.0)
+    low, high = found.confidence_interval()
+    test = (float(found.statistic), float(found.pvalue)) if len(values) >= FEWEST else (math.nan, math.nan)
+    return test, (float(low), float(high))
 
 
 def _holm(ps: Sequence[float]) -> list[float]:
     """p with Holm's adjustment; those that are nan stay so, and do not count."""
-    order = sorted((i for i, p in enumerate(ps) if not math.isnan(p)), key=lambda i: ps[i])
-    adjusted, least = list(ps), 0.0
-    for rank, i in enumerate(order):
-        least = max(least, min(1.0, (len(order) - rank) * ps[i]))
-        adjusted[i] = least
-    return adjusted
+    adjusted = np.array(ps, np.float64)
+    is_known = np.isfinite(adjusted)
+    if is_known.any():
+        with needed("experiments need", "experiment"):
+            multipletests = import_module("statsmodels.stats.multitest").multipletests
+        adjusted[is_known] = multipletests(adjusted[is_known], method="holm")[1]
+    return adjusted.tolist()

@@ -12,7 +12,7 @@ from proximity.lab.experiment.analysis.findings import Findings
 from proximity.lab.experiment.analysis.plots import draw_plots
 from proximity.lab.experiment.analysis.scores import MEANING, shown
 from proximity.lab.experiment.design import CHOICES, Kind, Procedure
-from proximity.lab.figures.html_page import filled_in
+from proximity.lab.figures.pages import filled_in
 from proximity.lab.figures.style import write_bytes
 
 HERE = Path(__file__).parent
