@@ -10,7 +10,7 @@ import shapes
 from proximity import native
 from proximity.errors import ArgumentError
 from proximity.kernels.geometry.morton_order import morton_order
-from proximity.kernels.layout import ModelArrays
+from proximity.kernels.layout import FRAME, PART, ModelArrays
 from proximity.kernels.mesh.faces import signed_volume, thin_faces
 from proximity.kernels.scene.placement import first_unfit, update_box
 from proximity.kernels.scene.point_queries import signed_batch
@@ -61,7 +61,7 @@ def test_a_wrong_number_of_arguments_is_refused():
 
 
 def test_numbers_of_another_kind_are_refused():
-    frames, parts = np.zeros((2, 48)), np.zeros((2, 24), np.int64)
+    frames, parts = np.zeros(2, FRAME), np.zeros(2, PART)
     with pytest.raises(TypeError, match="update_box: argument 2 is <class 'str'>, expected int"):
         update_box(frames, parts, "0")
     with pytest.raises(TypeError, match="update_box: argument 2 is <class 'float'>, expected int"):
@@ -72,8 +72,14 @@ def test_numbers_of_another_kind_are_refused():
         first_unfit(np.zeros((0, 4, 4)), np.zeros((0, 3)), np.zeros((0, 3)), "1e-9", 1.0, 1.0)
 
 
+def test_records_of_another_size_and_plain_numbers_are_refused():
+    for frames in (np.zeros((2, 48)), np.zeros(2, PART)):
+        with pytest.raises(TypeError, match="update_box: argument 0 is an array"):
+            update_box(frames, np.zeros(2, PART), 0)
+
+
 def test_numpy_scalars_count_as_numbers():
-    frames, parts = np.zeros((2, 48)), np.zeros((2, 24), np.int64)
+    frames, parts = np.zeros(2, FRAME), np.zeros(2, PART)
     update_box(frames, parts, np.int32(0))
     update_box(frames, parts, np.bool_(False))
 
@@ -154,7 +160,7 @@ def test_compiled_code_of_its_own_cannot_be_called_from_python():
         to_local(None, None, 0, 0.0, 0.0, 0.0)
 
 
-def test_lenient_entry_points_answer_that_arguments_do_not_fit():
+def test_try_entries_answer_that_arguments_do_not_fit():
     try_entry = native.try_entry("morton_order")
 
     assert try_entry(np.zeros((1, 3))).tolist() == [0]

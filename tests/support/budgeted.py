@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapes
-from models import model_of
+from models import arrays_of, model_of
 
 from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.layout import (
@@ -57,7 +57,7 @@ WORKSPACE, WHOLE = guarded_room()
 
 def walk(model, point, budget, best_sq=np.inf, slot=NO_SLOT, *, tolerance=0.0, exact_within=0.0):
     """Ask, and check what holds for every walk: it wrote in its room only, and spent some, not too much."""
-    arrays = (model.reals, model.words, model.frames, model.parts)
+    arrays = arrays_of(model)
     found = nearest_with_budget(
         arrays,
         *start_of(model),
@@ -77,7 +77,7 @@ def walk(model, point, budget, best_sq=np.inf, slot=NO_SLOT, *, tolerance=0.0, e
 
 def without_budget(model, point, best_sq=np.inf, slot=NO_SLOT):
     """Squared distance and slot from the walk without a budget."""
-    arrays = (model.reals, model.words, model.frames, model.parts)
+    arrays = arrays_of(model)
     part = int(part_of_slot(model.words, model.parts, slot)) if slot >= 0 else NO_PART
     stacks = np.empty(STACKS_SIZE, np.float32)
     found_sq, _, found = nearest_in_scene(
@@ -89,7 +89,7 @@ def without_budget(model, point, best_sq=np.inf, slot=NO_SLOT):
 def known(model, point, slot):
     """Squared distance to the triangle at *slot*, in the scene's scaled frame: a warm start."""
     part = int(part_of_slot(model.words, model.parts, slot))
-    return float(known_sq(model.reals, model.frames, model.parts, part, slot, *map(float, point)))
+    return float(known_sq(arrays_of(model), part, slot, tuple(map(float, point))))
 
 
 def block_count(model):

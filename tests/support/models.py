@@ -2,10 +2,16 @@
 
 import numpy as np
 
+from proximity.kernels.layout import ModelArrays
 from proximity.mesh.bvh import LocalFrame
 from proximity.mesh.part_arrays import common_frame, part_arrays
 from proximity.pose import Pose
 from proximity.scene.model.assembly import assemble
+
+
+def arrays_of(model):
+    """The arrays of a model, as kernels pass them on."""
+    return ModelArrays(model.reals, model.words, model.frames, model.parts)
 
 
 def piece_of(mesh, frame: LocalFrame | None = None):

@@ -222,11 +222,12 @@ def _add_face_normal(reals, words, corners_at, face_at, closest):
 
 
 @inlined
-def pseudo_normal(reals, words, parts, part, face, feature, which, closest):
+def pseudo_normal(model, part, face, feature, which, closest):
     """Make the face's unit normal in *closest* the pseudo-normal of the feature: the one that tells the side.
 
     Source: Bærentzen & Aanæs 2005, "Signed distance computation using the angle weighted pseudonormal".
     """
+    reals, words, _, parts = model
     if feature == FEATURE_VERTEX:
         corner = load_int(words, parts[part].faces + 3 * face + which)
         at = parts[part].corner_normals + 3 * corner

@@ -97,16 +97,18 @@ def factor_of(frames, part):
 
 
 @inlined
-def known_sq(reals, frames, parts, part, slot, x, y, z):
+def known_sq(model, part, slot, point):
     """Squared distance from a point of the scene's frame to one triangle, in the scene's scaled frame."""
-    px, py, pz = to_local(frames, parts, part, x, y, z)
+    reals, _, frames, parts = model
+    px, py, pz = to_local(frames, parts, part, point[0], point[1], point[2])
     return slot_distance_sq(reals, slot, px, py, pz) * factor_of(frames, part)
 
 
 @inlined
-def best_known(reals, frames, parts, part, slot, x, y, z):
+def best_known(model, part, slot, point):
     """The same to the nearest triangle of the block that *slot* is in; and its slot."""
-    px, py, pz = to_local(frames, parts, part, x, y, z)
+    reals, _, frames, parts = model
+    px, py, pz = to_local(frames, parts, part, point[0], point[1], point[2])
     best_sq, slot = best_of_block(reals, slot, px, py, pz)
     return best_sq * factor_of(frames, part), slot
 

@@ -263,7 +263,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
     walk_row = np.int64(0) if is_alone(parts) else len(parts) - 1
     factor = factor_of(frames, walk_row)
     x, y, z = point
-    best_sq, slot = best_known(reals, frames, parts, part, slot, x, y, z)
+    best_sq, slot = best_known(model, part, slot, point)
     best_sq, seen = best_sq / factor, ~(slot // LANES)
     p = px, py, pz = to_local(frames, parts, walk_row, x, y, z)
     size = abs(px) + abs(py) + abs(pz)

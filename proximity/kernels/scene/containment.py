@@ -39,32 +39,21 @@ from proximity.native.simd import load_int, splat32, trailing_zeros
 
 
 @inlined
-def _state_in_grid(words, frames, parts, part, px, py, pz):
+def _state_in_grid(model, part, p):
     """State of the cell of a part's sign grid that contains *p*, local."""
-    return cell_state(
-        words,
-        parts[part].grid,
-        frames[part].grid_lower[0],
-        frames[part].grid_lower[1],
-        frames[part].grid_lower[2],
-        frames[part].grid_rate,
-        parts[part].grid_x,
-        parts[part].grid_y,
-        parts[part].grid_z,
-        px,
-        py,
-        pz,
-    )
+    frame, row = model.frames[part], model.parts[part]
+    counts = row.grid_x, row.grid_y, row.grid_z
+    return cell_state(model.words, row.grid, frame.grid_lower, frame.grid_rate, counts, p)
 
 
 @inlined
-def state_in_part(reals, words, frames, parts, part, px, py, pz):
+def state_in_part(model, part, p):
     """`CELL_INSIDE`, `CELL_OUTSIDE` or `CELL_CROSSED` (ask the surface) for *p* in the part's local frame."""
-    if parts[part].sign == SIGN_NONE:
+    if model.parts[part].sign == SIGN_NONE:
         return CELL_OUTSIDE
-    if parts[part].grid != NO_GRID:
-        return _state_in_grid(words, frames, parts, part, px, py, pz)
-    is_inside, _ = is_inside_by_winding(reals, words, parts, part, px, py, pz)
+    if model.parts[part].grid != NO_GRID:
+        return _state_in_grid(model, part, p)
+    is_inside, _ = is_inside_by_winding(model, part, p)
     return CELL_INSIDE if is_inside else CELL_OUTSIDE
 
 
@@ -92,7 +81,7 @@ def depth_in_part(model, part, p, state, workspace):
     if slot >= 0:
         recent[last, 0], recent[last, 1] = part, slot
         if state == CELL_CROSSED:
-            signed = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.closest)
+            signed = signed_of_slot(model, part, slot, p, workspace.closest)
             if not signed < 0.0:
                 slot = np.int64(NO_SLOT)
     return found_sq, slot
@@ -101,20 +90,20 @@ def depth_in_part(model, part, p, state, workspace):
 @kernel
 def is_contained(model, point, workspace):
     """Whether some part contains a point of the scene's frame, (x, y, z)."""
-    reals, words, frames, parts = model
+    _, _, frames, parts = model
     x, y, z = point
-    first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
+    search = sought(model, point)
     is_inside = False
-    for turn in range(turns_of(parts, first, last)):
-        containing, at = containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
+    for turn in range(turns_of(parts, search)):
+        containing, at = containing_bits(model, search, turn, point)
         while containing and not is_inside:
-            part = lowest_part(words, parts, at, containing)
+            part = lowest_part(model, at, containing)
             containing &= containing - 1
-            px, py, pz = to_local(frames, parts, part, x, y, z)
-            state = state_in_part(reals, words, frames, parts, part, px, py, pz)
+            p = to_local(frames, parts, part, x, y, z)
+            state = state_in_part(model, part, p)
             is_inside = state == CELL_INSIDE
             if state == CELL_CROSSED:
-                _, slot = depth_in_part(model, part, (px, py, pz), state, workspace)
+                _, slot = depth_in_part(model, part, p, state, workspace)
                 is_inside = slot >= 0
     return is_inside
 
@@ -141,8 +130,8 @@ def note_candidates(model, chunk, candidates):
             containing &= containing - 1
             state = np.int64(CELL_UNKNOWN)
             if parts[part].grid != NO_GRID:
-                px, py, pz = to_local(frames, parts, part, x, y, z)
-                state = np.int64(_state_in_grid(words, frames, parts, part, px, py, pz))
+                p = to_local(frames, parts, part, x, y, z)
+                state = np.int64(_state_in_grid(model, part, p))
             pairs[pair_count, 0], pairs[pair_count, 1], pairs[pair_count, 2] = k, part, state
             # Neither branch could be foreseen.
             pair_count += state != CELL_OUTSIDE
@@ -236,14 +225,14 @@ def _add_pairs(words, at, containing, k, nearest, pairs, pair_count):
 @kernel
 def _deepest_of_pairs(model, chunk, pairs, pair_count, found, workspace):
     """Ask parts that may contain points; see `deepest_of_chunk`. Of *pairs* the states are not known yet."""
-    reals, words, frames, parts = model
+    _, _, frames, parts = model
     points, rows, _ = chunk
     left = 0
     for i in range(pair_count):
         k, part = pairs[i, 0], pairs[i, 1]
         row = rows[k]
-        px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
-        state = state_in_part(reals, words, frames, parts, part, px, py, pz)
+        p = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
+        state = state_in_part(model, part, p)
         pairs[left, 0], pairs[left, 1], pairs[left, 2] = k, part, state
         left += state != CELL_OUTSIDE
     for i in range(left):
@@ -253,16 +242,16 @@ def _deepest_of_pairs(model, chunk, pairs, pair_count, found, workspace):
 @inlined
 def _ask_for_depth(model, chunk, k, part, state, found, workspace):
     """Ask a part how deep it contains point *k*, if it does, and keep that where it is the deepest so far."""
-    reals, words, frames, parts = model
+    _, _, frames, parts = model
     points, rows, _ = chunk
     _, depths, deeper, _ = found
     row = rows[k]
-    px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
+    p = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
     if state == CELL_UNKNOWN:
-        state = np.int64(state_in_part(reals, words, frames, parts, part, px, py, pz))
+        state = np.int64(state_in_part(model, part, p))
         if state == CELL_OUTSIDE:
             return
-    depth_sq, slot = depth_in_part(model, part, (px, py, pz), state, workspace)
+    depth_sq, slot = depth_in_part(model, part, p, state, workspace)
     if slot >= 0:
         ratio = frames[part].scale / frames[len(parts) - 1].scale
         depth_sq /= ratio * ratio

@@ -42,11 +42,10 @@ def nearest_from_face(model, point, part, slot, limit_sq, tolerance, budget, wor
     *model*: its four arrays; *point*: (x, y, z). *limit_sq*, and the length in *tolerance*: in the
     scene's scaled frame; nothing farther than the limit is looked at.
     """
-    reals, words, frames, parts = model
-    x, y, z = point
+    _, words, _, parts = model
     best_sq = limit_sq
     if slot >= 0:
-        slot_sq = known_sq(reals, frames, parts, part, slot, x, y, z)
+        slot_sq = known_sq(model, part, slot, point)
         if slot_sq <= limit_sq:
             best_sq = slot_sq
         else:
@@ -73,13 +72,13 @@ def beyond_all(frames, x, y, z):
 
 
 @inlined
-def fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest):
+def fill_closest(model, part, slot, point, closest):
     """Fill *closest* (local frame of *part*) with the closest point of a triangle found; its distance, m.
 
     What `closest_on_triangle` fills, but for the weights; the point is only as exact as the position of *p*.
     """
-    px, py, pz = to_local(frames, parts, part, x, y, z)
-    read_corners(reals, slot, closest)
+    px, py, pz = to_local(model.frames, model.parts, part, point[0], point[1], point[2])
+    read_corners(model.reals, slot, closest)
     is_over, height = over_face(closest, px, py, pz)
     if is_over:
         closest[CLOSEST_LENGTH] = abs(height)
@@ -92,7 +91,7 @@ def fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest):
         py - closest[CLOSEST_ARM + 1],
         pz - closest[CLOSEST_ARM + 2],
     )
-    return closest[CLOSEST_LENGTH] / frames[part].scale
+    return closest[CLOSEST_LENGTH] / model.frames[part].scale
 
 
 @inlined
@@ -118,10 +117,10 @@ def _depth_in(model, other, point, budget, workspace, closest):
 
     *budget*: 0 to look at no face unless it takes one to tell whether it does.
     """
-    reals, words, frames, parts = model
+    _, _, frames, parts = model
     x, y, z = point
-    px, py, pz = to_local(frames, parts, other, x, y, z)
-    state = state_in_part(reals, words, frames, parts, other, px, py, pz)
+    p = to_local(frames, parts, other, x, y, z)
+    state = state_in_part(model, other, p)
     if state == CELL_OUTSIDE:
         return False, 0.0, 0.0, np.int64(NO_SLOT), np.int64(0)
     if state == CELL_INSIDE:
@@ -137,9 +136,9 @@ def _depth_in(model, other, point, budget, workspace, closest):
     is_inside = True
     if state == CELL_CROSSED:
         if is_exact:
-            is_inside = signed_of_slot(reals, words, parts, other, slot, px, py, pz, closest) < 0.0
+            is_inside = signed_of_slot(model, other, slot, p, closest) < 0.0
         else:
-            is_inside, steps = is_inside_by_winding(reals, words, parts, other, px, py, pz)
+            is_inside, steps = is_inside_by_winding(model, other, p)
             work += steps
     scale = frames[len(parts) - 1].scale
     upper = sqrt(best_sq) / scale
@@ -150,15 +149,15 @@ def _depth_in(model, other, point, budget, workspace, closest):
 
 
 @kernel
-def is_in_box_with_holes(words, frames, parts, x, y, z):
+def is_in_box_with_holes(model, point):
     """Whether a point is in the box of a part with holes: there it may get inside through no surface."""
-    first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
-    for turn in range(turns_of(parts, first, last)):
-        containing, at = containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
+    search = sought(model, point)
+    for turn in range(turns_of(model.parts, search)):
+        containing, at = containing_bits(model, search, turn, point)
         while containing:
-            part = lowest_part(words, parts, at, containing)
+            part = lowest_part(model, at, containing)
             containing &= containing - 1
-            if parts[part].sign == SIGN_WINDING and parts[part].grid == NO_GRID:
+            if model.parts[part].sign == SIGN_WINDING and model.parts[part].grid == NO_GRID:
                 return True
     return False
 
@@ -187,23 +186,23 @@ def _deepest_containing(model, point, part, slot, nearest, work, budget, workspa
     certain, lower and upper bound of its distance, and `clear`. Returns besides the part that the point is
     deepest in, the slot of the face there, and the steps taken so far.
     """
-    reals, words, frames, parts = model
+    _, _, frames, parts = model
     x, y, z = point
     is_exact, lower, upper, clear = nearest
     depth_lower, depth_upper, depth_by_box = -1.0, -1.0, -1.0
     enough = max(budget, work) + SPARE_DEPTH_STEPS
     deep_part, deep_slot = np.int64(NO_PART), np.int64(NO_SLOT)
-    first, last, sx, sy, sz = sought(words, frames, parts, x, y, z)
-    for turn in range(turns_of(parts, first, last)):
-        containing, at = containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz)
+    search = sought(model, point)
+    for turn in range(turns_of(model.parts, search)):
+        containing, at = containing_bits(model, search, turn, point)
         while containing:
-            other = lowest_part(words, parts, at, containing)
+            other = lowest_part(model, at, containing)
             containing &= containing - 1
             if parts[other].sign == SIGN_NONE:
                 continue
             if other == part and is_exact and slot >= 0:
-                px, py, pz = to_local(frames, parts, part, x, y, z)
-                _, _, is_inside = closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest)
+                p = to_local(frames, parts, part, x, y, z)
+                _, _, is_inside = closest_of_slot(model, part, slot, p, closest)
                 least, most, found = lower, upper, slot
             else:
                 left = max(budget - work, FEWEST_DEPTH_STEPS) if work < enough else 0
@@ -248,7 +247,7 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, clos
     Returns distance, lower and upper bound, a distance within which there is no surface, part and slot of the
     face that is meant, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the steps taken.
     """
-    reals, words, frames, parts = model
+    _, _, frames, parts = model
     x, y, z = point
     best_sq, part, slot, lower_sq, work = nearest
     scene = len(parts) - 1
@@ -256,7 +255,7 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, clos
     is_exact = lower_sq >= best_sq
     upper = sqrt(best_sq) / scale
     if slot >= 0:
-        careful = fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest)
+        careful = fill_closest(model, part, slot, point, closest)
         upper = careful if is_exact else max(careful, upper)
     elif not is_exact:
         upper = beyond_all(frames, x, y, z)
@@ -271,7 +270,7 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, clos
         )
         # What other parts were asked has overwritten *closest*.
         if slot >= 0 and depth_lower < 0.0:
-            fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest)
+            fill_closest(model, part, slot, point, closest)
     bits = 0
     if depth_lower >= 0.0:
         part, slot = deep_part, deep_slot
@@ -279,7 +278,7 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, clos
         bits = SIGNED | INSIDE
         distance = lower
         if slot >= 0:
-            fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest)
+            fill_closest(model, part, slot, point, closest)
             distance = -depth_upper
     else:
         distance = upper

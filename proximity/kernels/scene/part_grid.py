@@ -92,25 +92,30 @@ def dynamic_bits(words, parts, turn, sx, sy, sz):
 
 
 @inlined
-def turns_of(parts, first, last):
-    """Turns that all parts take which may contain a point; *first*, *last* as `list_of` tells."""
-    return np.int64(1) if len(parts) == 2 else turns_of_list(first, last) + dynamic_turn_count(parts)
+def turns_of(parts, search):
+    """Turns that all parts take which may contain a point; *search*: as `sought` gives it."""
+    return np.int64(1) if len(parts) == 2 else turns_of_list(search[0], search[1]) + dynamic_turn_count(parts)
 
 
 @inlined
-def sought(words, frames, parts, x, y, z):
-    """Arguments of `containing_bits` for a point: the ends of its list, see `list_of`, and its splats."""
+def sought(model, point):
+    """What `containing_bits` needs of a point: the ends of its list, see `list_of`, and its splats."""
+    _, words, frames, parts = model
+    x, y, z = point
     first, last = list_of(words, frames, parts, x, y, z)
     sx, sy, sz = to_local(frames, parts, len(parts) - 1, x, y, z)
     return first, last, splat32(np.float32(sx)), splat32(np.float32(sy)), splat32(np.float32(sz))
 
 
 @inlined
-def containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz):
+def containing_bits(model, search, turn, point):
     """Which of up to eight parts may contain a point: bits, and where their numbers are; see `lowest_part`.
 
-    *x y z* are of the scene's frame, *sx sy sz* float32x8 splats of its scaled frame.
+    *point*: of the scene's frame; *search*: as `sought` gives it.
     """
+    _, words, frames, parts = model
+    first, last, sx, sy, sz = search
+    x, y, z = point
     if len(parts) == 2:
         return np.int64(parts[0].is_hidden == 0), np.int64(0)
     lists = turns_of_list(first, last)
@@ -121,9 +126,11 @@ def containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz
 
 
 @inlined
-def lowest_part(words, parts, at, containing):
+def lowest_part(model, at, containing):
     """The part of the lowest of the bits *containing*; *at* as `containing_bits` tells."""
-    return np.int64(load_int(words, at + trailing_zeros(containing))) if len(parts) > 2 else np.int64(0)
+    if len(model.parts) == 2:
+        return np.int64(0)
+    return np.int64(load_int(model.words, at + trailing_zeros(containing)))
 
 
 @entry("Frame[:], Part[:], int, uint32[:], float64[:], float, int, int, int -> int32[:]", makes_arrays=True)

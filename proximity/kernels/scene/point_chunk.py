@@ -124,13 +124,11 @@ def signs_of_chunk(model, chunk, candidates, found, features, workspace):
     for k in range(chunk.point_count):
         part, slot = nearest[k, 0], nearest[k, 1]
         if part != NO_PART:
-            px, py, pz = local_points[k], local_points[POINT_CHUNK + k], local_points[2 * POINT_CHUNK + k]
+            p = local_points[k], local_points[POINT_CHUNK + k], local_points[2 * POINT_CHUNK + k]
             signed = table[LANES_HEIGHT * POINT_CHUNK + k] + 0.0  # never -0.0
             is_over = table[LANES_FEATURE * POINT_CHUNK + k] == FEATURE_FACE
-            if not is_over or is_beyond(px, py, pz) or not has_normals(words, parts, part, slot):
-                _, _, inside = closest_of_lane(
-                    reals, words, parts, part, slot, px, py, pz, table, k, workspace.closest
-                )
+            if not is_over or is_beyond(p) or not has_normals(words, parts, part, slot):
+                _, _, inside = closest_of_lane(model, part, slot, p, table, k, workspace.closest)
                 length = workspace.closest[CLOSEST_LENGTH]
                 signed = -length if inside else length
             if candidates.certain[k]:

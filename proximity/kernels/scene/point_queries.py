@@ -128,18 +128,18 @@ def signed_alone(model, points, distances):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         distances[row, 0] = np.nan
         if can_be_asked(frames, parts, x, y, z):
-            p = px, py, pz = to_local(frames, parts, 0, x, y, z)
+            p = to_local(frames, parts, 0, x, y, z)
             _, slot = closest_in_part(
                 reals, words, parts[0].root, p, np.inf, np.int64(NO_SLOT), NOTHING_SEEN, stacks
             )
-            signed = signed_of_slot(reals, words, parts, 0, slot, px, py, pz, closest)
+            signed = signed_of_slot(model, 0, slot, p, closest)
             distances[row, 0] = signed / frames[0].scale
 
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
 def signed_batch(model, points, order, limits, distances):
     """Fill signed distances (N, 1), m. *limits* are not looked at."""
-    reals, words, frames, parts = model
+    _, _, frames, parts = model
     if is_alone(parts) and not len(order):
         signed_alone(model, points, distances)
         return _units_code(frames, order, distances)
@@ -160,8 +160,8 @@ def signed_batch(model, points, order, limits, distances):
                 part = found.deeper[k, 0]
                 if part != NO_PART and part != found.nearest[k, 0]:
                     row, slot = rows[k], found.deeper[k, 1]
-                    px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
-                    depth = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.closest)
+                    p = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
+                    depth = signed_of_slot(model, part, slot, p, workspace.closest)
                     found.distances[k] = -abs(depth) / frames[part].scale
         for k in range(chunk.point_count):
             distances[rows[k], 0] = found.distances[k]
@@ -171,7 +171,7 @@ def signed_batch(model, points, order, limits, distances):
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 12] -> int", rows_with_gil=ROWS_WITH_GIL)
 def closest_batch(model, points, order, limits, answers):
     """Fill answers (N, `POINT_ANSWER_WIDTH`); see the columns above. *limits*, m: (1,) or (N,)."""
-    reals, words, frames, parts = model
+    _, _, frames, parts = model
     choices = answers.view(np.int32)
     rows, reaches = stack_i64(POINT_CHUNK), stack_f64(POINT_CHUNK)
     candidates, found, features, workspace = (new_candidates(), new_found(), new_features(), new_workspace())
@@ -194,10 +194,8 @@ def closest_batch(model, points, order, limits, answers):
             is_deeper = len(parts) > 2 and found.deeper[k, 0] != NO_PART
             if is_deeper:
                 part, slot = found.deeper[k, 0], found.deeper[k, 1]
-            px, py, pz = local[k], local[POINT_CHUNK + k], local[2 * POINT_CHUNK + k]
-            face, feature, inside = closest_of_lane(
-                reals, words, parts, part, slot, px, py, pz, table, k, closest
-            )
+            p = local[k], local[POINT_CHUNK + k], local[2 * POINT_CHUNK + k]
+            face, feature, inside = closest_of_lane(model, part, slot, p, table, k, closest)
             inside = inside or is_deeper
             limit = limit_of(limits, row)
             _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row)

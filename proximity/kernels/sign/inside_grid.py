@@ -25,12 +25,14 @@ SAMPLE_CLEARANCE = 1.0 + 4.0 * CELL_SLACK
 """Distance of samples from a face, in cell widths along its normal: the face crosses no cell there."""
 MOST_POINTS = 1024
 """Most points that `uncertain_points` returns; even."""
+ORIGIN = 0.0, 0.0, 0.0
 
 
 @inlined
-def cell_state(words, at, lower_x, lower_y, lower_z, rate, nx, ny, nz, px, py, pz):
-    """State of the cell that holds *p*; `CELL_OUTSIDE` beyond the grid."""
-    fx, fy, fz = (px - lower_x) * rate, (py - lower_y) * rate, (pz - lower_z) * rate
+def cell_state(words, at, lower, rate, counts, p):
+    """State of the cell that holds *p*; `CELL_OUTSIDE` beyond the grid. *lower*, *counts*: along x, y, z."""
+    nx, ny, nz = counts
+    fx, fy, fz = (p[0] - lower[0]) * rate, (p[1] - lower[1]) * rate, (p[2] - lower[2]) * rate
     if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):
         return CELL_OUTSIDE
     cell = (np.int64(fz) * ny + np.int64(fy)) * nx + np.int64(fx)
@@ -187,7 +189,7 @@ def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
                     for axis in range(3):
                         offset = to_b * (v[b, axis] - v[a, axis]) + to_c * (v[c, axis] - v[a, axis])
                         point[axis] = v[a, axis] + offset + side * step * normal[axis]
-                    state = cell_state(grid, 0, 0.0, 0.0, 0.0, 1.0, nx, ny, nz, point[0], point[1], point[2])
+                    state = cell_state(grid, 0, ORIGIN, 1.0, (nx, ny, nz), point)
                     if state == CELL_CROSSED:
                         continue
                     is_clear_above = is_clear_above or side > 0.0

@@ -28,12 +28,13 @@ winding number decides there."""
 
 
 @inlined
-def is_inside_by_winding(reals, words, parts, part, px, py, pz):
+def is_inside_by_winding(model, part, p):
     """Whether *p*, local, has a winding number above one half, and how many nodes and leaves that took.
 
     Of a part with holes the number is expanded; that takes no budget.
     """
-    root = parts[part].root
+    reals, words, _, parts = model
+    (px, py, pz), root = p, parts[part].root
     if parts[part].sign == SIGN_PSEUDONORMAL or parts[part].grid != NO_GRID:
         turns, steps = winding_along_ray(reals, words, root, px, py, pz)
         return turns > 0, steps
@@ -42,9 +43,9 @@ def is_inside_by_winding(reals, words, parts, part, px, py, pz):
 
 
 @inlined
-def is_beyond(px, py, pz):
+def is_beyond(p):
     """Whether *p* is outside the cube that holds the part: from far away both sides may be equally near."""
-    return max(abs(px), abs(py), abs(pz)) > 1.0
+    return max(abs(p[0]), abs(p[1]), abs(p[2])) > 1.0
 
 
 @inlined
@@ -54,35 +55,35 @@ def has_normals(words, parts, part, slot):
 
 
 @inlined
-def closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest):
+def closest_of_slot(model, part, slot, p, closest):
     """Fill *closest* for a triangle found; return face, feature and whether *p* is inside the part."""
-    read_corners(reals, slot, closest)
-    face = load_int(words, parts[part].slot_faces + slot)
-    feature, which = closest_on_triangle(px, py, pz, closest)
-    pseudo_normal(reals, words, parts, part, face, feature, which, closest)
-    return face, feature, _is_inside(reals, words, parts, part, slot, px, py, pz, closest)
+    read_corners(model.reals, slot, closest)
+    face = load_int(model.words, model.parts[part].slot_faces + slot)
+    feature, which = closest_on_triangle(p[0], p[1], p[2], closest)
+    pseudo_normal(model, part, face, feature, which, closest)
+    return face, feature, _is_inside(model, part, slot, p, closest)
 
 
 @inlined
-def closest_of_lane(reals, words, parts, part, slot, px, py, pz, table, k, closest):
+def closest_of_lane(model, part, slot, p, table, k, closest):
     """As `closest_of_slot`, of what `closest_lanes.closest_of_lanes` has filled in column *k* of *table*."""
     chunk = len(table) // LANES_COLUMNS
     for column in range(CLOSEST_TRIANGLE):
         closest[column] = table[column * chunk + k]
     feature, which = np.int64(table[LANES_FEATURE * chunk + k]), np.int64(table[LANES_WHICH * chunk + k])
-    face = load_int(words, parts[part].slot_faces + slot)
-    pseudo_normal(reals, words, parts, part, face, feature, which, closest)
-    return face, feature, _is_inside(reals, words, parts, part, slot, px, py, pz, closest)
+    face = load_int(model.words, model.parts[part].slot_faces + slot)
+    pseudo_normal(model, part, face, feature, which, closest)
+    return face, feature, _is_inside(model, part, slot, p, closest)
 
 
 @inlined
-def _is_inside(reals, words, parts, part, slot, px, py, pz, closest):
+def _is_inside(model, part, slot, p, closest):
     """The side by a filled closest feature; on the surface: outside."""
-    sign = parts[part].sign
+    sign = model.parts[part].sign
     length = closest[CLOSEST_LENGTH]
-    if sign == SIGN_NONE or length == 0.0 or is_beyond(px, py, pz):
+    if sign == SIGN_NONE or length == 0.0 or is_beyond(p):
         return False
-    if has_normals(words, parts, part, slot):
+    if has_normals(model.words, model.parts, part, slot):
         side = dot(
             closest[CLOSEST_ARM],
             closest[CLOSEST_ARM + 1],
@@ -93,17 +94,17 @@ def _is_inside(reals, words, parts, part, slot, px, py, pz, closest):
         )
         if abs(side) > LEAST_SIDE_SINE * length:
             return side < 0.0
-    is_inside, _ = is_inside_by_winding(reals, words, parts, part, px, py, pz)
+    is_inside, _ = is_inside_by_winding(model, part, p)
     return is_inside
 
 
 @inlined
-def signed_of_slot(reals, words, parts, part, slot, px, py, pz, closest):
+def signed_of_slot(model, part, slot, p, closest):
     """Signed local distance to a triangle found; what `closest_of_slot` would tell, without the rest."""
-    read_corners(reals, slot, closest)
-    if has_normals(words, parts, part, slot):
-        is_over, height = over_face(closest, px, py, pz)
-        if is_over and not is_beyond(px, py, pz):
+    read_corners(model.reals, slot, closest)
+    if has_normals(model.words, model.parts, part, slot):
+        is_over, height = over_face(closest, p[0], p[1], p[2])
+        if is_over and not is_beyond(p):
             return height + 0.0  # never -0.0
-    _, _, inside = closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest)
+    _, _, inside = closest_of_slot(model, part, slot, p, closest)
     return -closest[CLOSEST_LENGTH] if inside else closest[CLOSEST_LENGTH]

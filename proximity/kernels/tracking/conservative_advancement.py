@@ -203,10 +203,8 @@ def advance_conservatively(
 def _gap_and_closing(model, sphere, part, slot, scratch):
     """Gap between the sphere at the scratch point and a face, m, and the rate at which its path closes it."""
     vectors = scratch.vectors
-    gap = fill_closest(
-        model.reals, model.words, model.parts, model.frames, part, slot, vectors[0], vectors[1], vectors[2],
-        scratch.closest,
-    )  # fmt: skip
+    point = vectors[0], vectors[1], vectors[2]
+    gap = fill_closest(model, part, slot, point, scratch.closest)
     outward_of(model, part, scratch.closest, vectors[6:9])
     closing = -dot(vectors[6], vectors[7], vectors[8], vectors[3], vectors[4], vectors[5])
     return max(gap - sphere.radius, 0.0), closing

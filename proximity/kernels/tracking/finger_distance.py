@@ -67,8 +67,7 @@ def find_distance(model, arrays, i, finger, is_moved, scratch):
     clearance = _clearance_left(model.frames, settings, finger)
     is_outside = finger.track.is_outside == 1 and clearance > 0.0
     if is_outside and settings.has_holes != 0.0:
-        x, y, z = vector(finger.record.position)
-        is_outside = not is_in_box_with_holes(model.words, model.frames, model.parts, x, y, z)
+        is_outside = not is_in_box_with_holes(model, vector(finger.record.position))
     left = np.int64(settings.steps_left)
     is_far = is_outside and clearance - radius > settings.working_range
     is_near_enough, has_surface = False, False
@@ -134,9 +133,7 @@ def _upper_bound(model, settings, finger, clearance, scratch):
     if slot >= 0:
         upper, is_kept = _to_kept_surface(settings, finger, scratch.vectors)
         if not is_kept:
-            upper = fill_closest(
-                model.reals, model.words, model.parts, model.frames, part, slot, x, y, z, scratch.closest
-            )
+            upper = fill_closest(model, part, slot, (x, y, z), scratch.closest)
         return upper, is_kept
     return beyond_all(model.frames, x, y, z) if clearance < np.inf else np.inf, False
 
@@ -226,7 +223,7 @@ def _find_surface(model, settings, finger, part, slot, bits, scratch):
         px, py, pz = to_local(frames, parts, part, x, y, z)
         feature, which = closest_on_triangle(px, py, pz, closest)
         face = load_int(model.words, parts[part].slot_faces + slot)
-        pseudo_normal(model.reals, model.words, parts, part, face, feature, which, closest)
+        pseudo_normal(model, part, face, feature, which, closest)
         turn_to_scene(frames, parts, part, closest, CLOSEST_NORMAL, vectors, 0)
     elif bits & INSIDE:
         for axis in range(3):

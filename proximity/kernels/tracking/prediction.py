@@ -129,9 +129,7 @@ def _distance_after(model, settings, finger, displacement, length, uncertainty, 
     lower, upper = record.lower + radius, record.upper + radius
     stays_outside = not flags & INSIDE
     if stays_outside and settings.has_holes != 0.0:
-        stays_outside = not is_in_box_with_holes(
-            model.words, model.frames, model.parts, x + dx, y + dy, z + dz
-        )
+        stays_outside = not is_in_box_with_holes(model, (x + dx, y + dy, z + dz))
     if not (length > 0.0 and slot >= 0):
         # No face is known to ask: a distance changes by no more than the displacement.
         return distance, lower - length, upper + length

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapes
 from budgeted import SCENES, WORKSPACE, points_at, scene_named, without_budget
-from models import model_of
+from models import arrays_of, model_of
 from scene_parts import part_of
 
 from proximity.kernels.geometry.frames import part_of_slot
@@ -30,7 +30,7 @@ class Searcher:
 
     def __init__(self, model):
         self.model = model
-        self.arrays = (model.reals, model.words, model.frames, model.parts)
+        self.arrays = arrays_of(model)
         self.row = np.full(FRONTIER_SIZE + LANES, np.nan, np.float32)
         self.row[:FRONTIER_SIZE] = 0.0
         self.count, self.slot = FRONTIER_BEGINS, None

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapes
+from models import arrays_of
 from scene_parts import some_parts
 
 from proximity.kernels.geometry.frames import part_of_slot, to_local
@@ -73,7 +74,7 @@ def test_best_of_a_block_is_the_lowest_of_its_nearest_triangles(name):
 @pytest.mark.parametrize("count", [1, 2, 9, 40])
 def test_scene_is_walked_from_any_block_to_the_same_end(count):
     model, stacks = Scene(some_parts(count)).snapshot(), np.empty(STACKS_SIZE, np.float32)
-    arrays = (model.reals, model.words, model.frames, model.parts)
+    arrays = arrays_of(model)
     rng = np.random.default_rng(count)
     scale = model.frames["scale"][-1 if count > 1 else 0]
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapes
+from models import arrays_of
 from scene_parts import part_of, some_parts
 
 import oracle
@@ -27,7 +28,7 @@ class Asked:
         self.model = scene.snapshot()
         self.workspace, self.closest = np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(CLOSEST_SIZE)
         m = self.model
-        self.arrays = (m.reals, m.words, m.frames, m.parts)
+        self.arrays = arrays_of(m)
 
     def at(self, point, *, part=-1, slot=NO_SLOT, is_outside=False, tolerance=0.0, core=0.0, budget=PLENTY):
         """Distance, lower, upper, clear, part, slot, bits, work."""
@@ -190,11 +191,10 @@ def test_with_all_parts_hidden_nothing_is_near():
 def test_a_witness_of_a_slot_is_as_far_as_its_triangle(asked):
     for point in points(50):
         _, _, _, _, part, slot, _, _ = asked.at(points(1, seed=int(abs(point[0]) * 1000))[0])
-        reals, words, frames, parts = asked.arrays
         corners = asked.triangle(part, slot)
         expected = oracle.closest(corners, np.array([[0, 1, 2]]), point[None]).distance[0]
         assert distance_bounds.fill_closest(
-            reals, words, parts, frames, part, slot, *point, asked.closest
+            asked.arrays, part, slot, tuple(map(float, point)), asked.closest
         ) == pytest.approx(expected)
 
 
@@ -227,7 +227,7 @@ def test_within_a_limit_only_nearer_faces_are_found(asked):
 
 
 def test_only_in_the_box_of_a_part_with_holes_a_point_may_slip_in(asked):
-    slips = lambda *point: distance_bounds.is_in_box_with_holes(*asked.arrays[1:], *map(float, point))  # noqa: E731
+    slips = lambda *point: distance_bounds.is_in_box_with_holes(asked.arrays, tuple(map(float, point)))  # noqa: E731
 
     assert slips(3.0, 0.0, 0.0) and slips(3.9, 0.9, 0.9)
     assert not slips(4.2, 0.0, 0.0) and not slips(-2.0, 0.0, 0.0) and not slips(0.5, 0.5, 0.0)

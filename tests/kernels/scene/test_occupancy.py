@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapes
+from models import arrays_of
 from scene_parts import some_pose
 
 from proximity.kernels.geometry.frames import to_local
@@ -29,14 +30,14 @@ def listed(model, point):
 
 def holders(model, point):
     """The parts with a point in their boxes that do not say it is outside, asked one by one."""
-    arrays = (model.reals, model.words, model.frames, model.parts)
+    arrays = arrays_of(model)
     found = []
     for part in range(len(model.parts) - 1):
         box = model.frames["box_lower"][part], model.frames["box_upper"][part]
         if (point < box[0]).any() or (point > box[1]).any():
             continue
         local = to_local(model.frames, model.parts, part, *map(float, point))
-        if state_in_part(*arrays, part, *local) != CELL_OUTSIDE:
+        if state_in_part(arrays, part, local) != CELL_OUTSIDE:
             found.append(part)
     return found
 

@@ -29,10 +29,7 @@ pytestmark = pytest.mark.internals
 def states_at(words, lower, rate, counts, points, out):
     """State of the cell of each point."""
     for i in range(len(points)):
-        out[i] = cell_state(
-            words, 0, lower[0], lower[1], lower[2], rate, counts[0], counts[1], counts[2],
-            points[i, 0], points[i, 1], points[i, 2],
-        )  # fmt: skip
+        out[i] = cell_state(words, 0, lower, rate, (counts[0], counts[1], counts[2]), points[i])
 
 
 class Grid:

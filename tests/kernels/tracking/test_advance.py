@@ -134,7 +134,7 @@ def test_outward_is_from_the_surface_to_the_point_and_nothing_on_it():
     for height, expected in ((0.05, (0, 0, 1)), (-0.001, (0, 0, -1)), (0.0, (0, 0, 0))):
         # The slot of the top is found by a way that goes there.
         slot = way.go()[3]
-        fill_closest(model.reals, model.words, model.parts, model.frames, 0, slot, 0.0, 0.0, height, closest)
+        fill_closest(model, 0, slot, (0.0, 0.0, height), closest)
         outward_of(model, 0, closest, out)
         assert out.tolist() == pytest.approx(expected, abs=1e-12)
 
