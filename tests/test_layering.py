@@ -99,15 +99,13 @@ simulation
 multibody · paper
 """,
     "proximity.lab.experiment": """
-analysis · unstable_walls
-sitting
-drum_display · observers
-conduct
+analysis
 session
-dataset · display
-design_file · methods · trial_log
+drum_display · observers
+dataset · methods
+display · design_file · trial_log
 plan
-coupled_controller · design
+design
 """,
     "proximity.lab.certificate": """
 certificate_job · report
@@ -118,7 +116,7 @@ deadlines · fingerprint · period · subject · tick_times · vr_application ·
 """,
     "proximity.cli": """
 commands
-calibration · experiment
+calibration · participant_session
 drum_loop · drum_motors · questions · scene_press
 progress · views
 console

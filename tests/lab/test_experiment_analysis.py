@@ -18,11 +18,10 @@ from proximity.lab.experiment.analysis.comparison import (
     mixed_model,
     within_f,
 )
-from proximity.lab.experiment.analysis.findings import find
+from proximity.lab.experiment.analysis.findings import Score, counts_of, exclude, find, scores_of
 from proximity.lab.experiment.analysis.plots import draw_plots
 from proximity.lab.experiment.analysis.psychometric import Shape, fit, shared_shape, threshold_mean
 from proximity.lab.experiment.analysis.report import write_report
-from proximity.lab.experiment.analysis.scores import Score, counts_of, exclude, scores_of
 from proximity.lab.experiment.analysis.simulation import (
     false_positives,
     power,
@@ -93,7 +92,7 @@ def test_thresholds_of_adaptive_methods_are_not_biased(shipped, method):
     """Adaptive trials do not tell the shape: with a free one, thresholds may be 0.14 too low in log10."""
     from proximity.lab.experiment.design import Procedure
 
-    task = replace(shipped.task("stiffness"), procedure=Procedure(method))
+    task = replace(shipped.task("stiffness"), method=Procedure(method))
     design = replace(shipped, tasks=(task,))
     off = []
     for slot in range(8):
@@ -185,10 +184,9 @@ def test_no_difference_is_found_where_there_is_none(shipped):
 
 def test_false_positives_would_be_seen(shipped):
     """The counterpart: with thresholds twice as high, nearly every experiment finds that."""
-    from proximity.lab.experiment.analysis import simulation
 
     twice = with_effect(shipped, 2.0)
-    scores = simulation.simulated_scores(twice, 12)
+    scores = scores_of(twice, [one for slot in range(12) for one in simulated_trials(twice, slot)])
     assert compare("stiffness", [one.name for one in twice.conditions], scores).p < 0.05
 
 
@@ -213,7 +211,7 @@ def test_what_is_real_is_tested_against_chance_with_holms_adjustment():
         for name, values in columns.items()
         for i, value in enumerate(values)
     ]
-    found = {one.condition: one.p_zero for one in compare("t", list(columns), scores).means}
+    found = {one.condition: one.p for one in compare("t", list(columns), scores).means}
 
     alone = {name: stats.ttest_1samp(columns[name], 0.0).pvalue for name in ("a", "b")}
     assert found["b"] == pytest.approx(2.0 * alone["b"]) and found["b"] < 1e-4
@@ -258,7 +256,10 @@ def test_who_is_stopped_too_often_is_left_out(shipped, entries):
 
 
 def test_condition_whose_trials_were_all_ended_is_named(shipped, entries, tmp_path):
-    of_real = [entry for entry in entries if (entry["task"], entry["condition"]) == ("real", "coupled1ms")]
+    lenient = replace(shipped.exclusions, stopped_trials=1.0)
+    shipped = replace(shipped, tasks=(shipped.task("real"),), exclusions=lenient)
+    entries = [entry for entry in entries if entry["task"] == "real"]
+    of_real = [entry for entry in entries if entry["condition"] == "coupled1ms"]
     limit = {"stopped": "4.3 N are beyond the limit of 4 N", "is_right": None}
     all_of_them = [entry | limit if entry in of_real else entry for entry in entries]
     some = altered(all_of_them, lambda e: e["participant"] not in ("3", "7"), stopped="", is_right=True)
@@ -317,25 +318,26 @@ trials = 1
 
 
 def test_findings_of_people_are_not_called_simulated(shipped, entries):
+    entries = [entry for entry in entries if entry["task"] == "real"]
     people = altered(entries, lambda entry: True, is_simulated=False)
     some = altered(entries, lambda entry: entry["participant"] != "3", is_simulated=False)
 
-    assert find(shipped, people).said_of_simulated == ""
+    assert find(shipped, people).simulated_note == ""
     count = len({entry["participant"] for entry in entries})
-    assert find(shipped, some).said_of_simulated == f"1 of {count} participants are simulated observers."
+    assert find(shipped, some).simulated_note == f"1 of {count} participants are simulated observers."
 
 
 def test_report_has_page_plots_tables_and_methods(tmp_path):
     from proximity.lab.experiment.dataset import Dataset
-    from proximity.lab.experiment.sitting import sit
+    from proximity.lab.experiment.session import run_visit
 
     text = SMALL.replace("participants = 2", "participants = 4").replace(
         "[[questions]]", OTHER_TASKS + "[[questions]]", 1
     )
     dataset = Dataset(tmp_path / "data", read_design(write_design(tmp_path, text)))
     for name in ("p01", "p02", "p03", "p04"):
-        observer = Observer(dataset.design, dataset.admit(name, Observer.name))
-        sit(dataset, name, observer, observer)
+        observer = Observer(dataset.design, dataset.register(name, Observer.name))
+        run_visit(dataset, name, observer, observer)
     files = write_report(find(dataset.design, dataset.trials()), tmp_path / "report")
 
     names = {path.name for path in files}

@@ -10,10 +10,9 @@ import pytest
 from experiments import SMALL, write_design
 
 from proximity.errors import ServiceError
-from proximity.lab.experiment.design import Kind
 from proximity.lab.experiment.design_file import read_design
-from proximity.lab.experiment.display import interval_of, intervals_of
-from proximity.lab.experiment.observers import DISTANCE_RATE, Observer
+from proximity.lab.experiment.display import interval_of, trial_at
+from proximity.lab.experiment.observers import DISTANCE_RATE, Observer, unstable_walls
 from proximity.lab.experiment.plan import (
     PlannedTrial,
     Stage,
@@ -23,8 +22,6 @@ from proximity.lab.experiment.plan import (
     plan,
     trials_of,
 )
-from proximity.lab.experiment.session import Trial
-from proximity.lab.experiment.unstable_walls import unstable_walls
 from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.sweeps import best_coupled_wall
 
@@ -180,11 +177,10 @@ def test_simulated_participant_tells_the_real_wall_by_what_the_hand_feels(name, 
     right = []
     for number in range(60):
         planned = PlannedTrial(number, 1, "real", name, Stage.MAIN, number % 2, 0.0)
-        intervals = intervals_of(design, planned, 0.0)
-        observer, trial = Observer(design, 0), Trial(planned, 0.0, intervals, Kind.REAL, "")
+        observer, trial = Observer(design, 0), trial_at(design, planned, 0.0)
         felt = []
-        for index, interval in enumerate(intervals):
-            observer.begin(trial, index)
+        for index, interval in enumerate(trial.intervals):
+            observer.wait_ready(trial, index)
             felt.append(observer.present(interval, 6.0, 8.0))
         right.append(observer.answer(trial, felt) == planned.odd + 1)
 

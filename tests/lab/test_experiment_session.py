@@ -15,14 +15,12 @@ import pytest
 from experiments import SMALL, write_design
 
 from proximity.errors import RecordingError
-from proximity.lab.experiment.conduct import Monitor, RefusedError, StoppedError
 from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design_file import read_design
-from proximity.lab.experiment.display import FRAME, Interval, Presentation, cut_at_limits
+from proximity.lab.experiment.display import FRAME, Interval, Presentation
 from proximity.lab.experiment.methods import QuestPlus, Staircase
-from proximity.lab.experiment.observers import Observer
-from proximity.lab.experiment.session import Session
-from proximity.lab.experiment.sitting import sit
+from proximity.lab.experiment.observers import Observer, cut_at_limits
+from proximity.lab.experiment.session import Monitor, RefusedError, Session, StoppedError, run_visit
 from proximity.lab.experiment.trial_log import TrialLog, read_log
 from proximity.lab.simulation.simulated_press import Wall
 
@@ -40,8 +38,8 @@ def dataset(tmp_path, design):
 
 
 def done_by(dataset, name, **more):
-    observer = Observer(dataset.design, dataset.admit(name, Observer.name))
-    sit(dataset, name, observer, observer, **more)
+    observer = Observer(dataset.design, dataset.register(name, Observer.name))
+    run_visit(dataset, name, observer, observer, **more)
 
 
 def without_times(entries):
@@ -57,7 +55,7 @@ def test_staircase_falls_after_three_right_answers_and_rises_after_one_wrong():
     staircase, seen = Staircase(LEVELS), []
     for is_right in (True, True, True, True, True, True, False, True, False):
         seen.append(staircase.level())
-        staircase.take(is_right)
+        staircase.update(is_right)
 
     assert seen == [0.8, 0.8, 0.8, 0.4, 0.4, 0.4, 0.2, 0.4, 0.4]
     assert staircase.level() == 0.8
@@ -68,7 +66,7 @@ def test_staircase_settles_where_79_percent_are_right():
     staircase, asked = Staircase(levels), []
     for _ in range(4000):
         asked.append(staircase.level())
-        staircase.take(bool(rng.random() < 0.5 + 0.5 * asked[-1]))  # 79.4 % at 0.588
+        staircase.update(bool(rng.random() < 0.5 + 0.5 * asked[-1]))  # 79.4 % at 0.588
 
     assert np.median(asked[200:]) == pytest.approx(0.588, rel=0.15)
 
@@ -79,7 +77,7 @@ def test_quest_asks_near_the_threshold_and_repeats_itself():
         seen = []
         for _ in range(count):
             seen.append(quest.level())
-            quest.take(bool(rng.random() < (0.98 if seen[-1] > 0.2 else 0.55)))
+            quest.update(bool(rng.random() < (0.98 if seen[-1] > 0.2 else 0.55)))
         return seen
 
     seen = asked(30)
@@ -98,7 +96,7 @@ def test_methods_go_on_from_a_log(tmp_path):
             entries.append({"event": "trial", "level": whole.trial().level, "is_right": is_right})
         else:
             entries.append({"event": "text"})
-        whole.take(is_right=is_right)
+        whole.advance(is_right=is_right)
     resumed = Session(design, 0)
     resumed.replay(entries[:9])
 
@@ -255,7 +253,7 @@ def test_first_contact_is_measured_from_the_surface():
     assert np.isnan(Presentation(frames[:2]).onset)
 
 
-def test_emergency_stop_ends_the_sitting_and_the_session_goes_on_later(dataset):
+def test_emergency_stop_ends_the_visit_and_the_session_goes_on_later(dataset):
     monitor = Monitor()
 
     class Stopping(Observer):
@@ -264,9 +262,9 @@ def test_emergency_stop_ends_the_sitting_and_the_session_goes_on_later(dataset):
                 monitor.stop.set()
             return super().present(interval, limit_force, limit_seconds)
 
-    observer = Stopping(dataset.design, dataset.admit("p01", Observer.name))
+    observer = Stopping(dataset.design, dataset.register("p01", Observer.name))
     with pytest.raises(StoppedError):
-        sit(dataset, "p01", observer, observer, monitor)
+        run_visit(dataset, "p01", observer, observer, monitor)
     last = dataset.entries("p01")[-1]
     assert last["stopped"] == "emergency stop" and last["answer"] is None
     done_by(dataset, "p01")
@@ -281,9 +279,9 @@ def test_who_does_not_consent_leaves_nothing(dataset):
     report = dataset.folder / "derivatives" / "report.html"
     report.parent.mkdir()
     report.touch()
-    observer = Refusing(dataset.design, dataset.admit("p01", Observer.name))
+    observer = Refusing(dataset.design, dataset.register("p01", Observer.name))
     with pytest.raises(RefusedError):
-        sit(dataset, "p01", observer, observer)
+        run_visit(dataset, "p01", observer, observer)
     assert "p01" not in (dataset.folder / "participants.tsv").read_text()
     assert not (dataset.folder / "sub-p01").exists() and report.exists()
 
@@ -321,7 +319,7 @@ def test_nothing_personal_is_in_the_data(dataset):
 @pytest.mark.parametrize("name", ["Anna", "anna", "p1 ", "../p1", "p12345", ""])
 def test_only_pseudonyms_take_part(dataset, name):
     with pytest.raises(RecordingError, match="expected a pseudonym such as p07"):
-        dataset.admit(name, Observer.name)
+        dataset.register(name, Observer.name)
 
 
 def test_forgotten_participant_is_nowhere_and_the_place_is_free(dataset):
@@ -331,14 +329,14 @@ def test_forgotten_participant_is_nowhere_and_the_place_is_free(dataset):
     report.parent.mkdir(parents=True)
     report.write_text("p01,1\n")
     with pytest.raises(RecordingError, match="all 2 places of the design are taken"):
-        dataset.admit("p03", Observer.name)
-    dataset.forget("p01")
+        dataset.register("p03", Observer.name)
+    dataset.remove("p01")
 
     assert not [path for path in dataset.folder.rglob("*") if "p01" in path.name]
     assert not [path for path in dataset.folder.rglob("*") if path.is_file() and b"p01" in path.read_bytes()]
-    assert dataset.admit("p03", Observer.name) == 0
+    assert dataset.register("p03", Observer.name) == 0
     with pytest.raises(RecordingError, match="no participant 'p01', expected one of: p02, p03"):
-        dataset.forget("p01")
+        dataset.remove("p01")
 
 
 @pytest.mark.parametrize(
@@ -353,18 +351,18 @@ def test_forgotten_participant_is_nowhere_and_the_place_is_free(dataset):
     ],
 )
 def test_people_and_simulated_observers_are_not_mixed(dataset, first, second, sentence):
-    dataset.admit("p01", first)
+    dataset.register("p01", first)
 
     for name in ("p01", "p02"):
         with pytest.raises(RecordingError, match=sentence):
-            dataset.admit(name, second)
+            dataset.register(name, second)
     assert [row["participant_id"] for row in dataset.participants()] == ["p01"]
 
 
 def test_data_say_whether_participants_are_simulated(tmp_path, dataset):
     people = Dataset(tmp_path / "people", dataset.design)
     for folder, apparatus in ((dataset, Observer.name), (people, "simulated drum")):
-        folder.admit("p01", apparatus)
+        folder.register("p01", apparatus)
         assert folder.participants()[0]["apparatus"] == apparatus
     said = "All participants are simulated observers."
     assert said in (dataset.folder / "dataset_description.json").read_text()

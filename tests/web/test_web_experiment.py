@@ -7,12 +7,11 @@ import pytest
 from experiments import SMALL, write_design
 from test_web_guided import Client
 
-from proximity.cli.experiment.participant_page import PageRespondent
-from proximity.lab.experiment.conduct import Monitor, StoppedError
+from proximity.cli.participant_session import PageRespondent
 from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design_file import read_design
 from proximity.lab.experiment.observers import Observer
-from proximity.lab.experiment.sitting import sit
+from proximity.lab.experiment.session import Monitor, StoppedError, run_visit
 from proximity.web.guided import GuidedPages
 
 RATING = SMALL.replace(
@@ -21,17 +20,17 @@ RATING = SMALL.replace(
 
 
 @pytest.fixture
-def sitting(tmp_path):
+def visit(tmp_path):
     """A session at pages, in a thread; what ended it, and the data."""
     dataset = Dataset(tmp_path / "data", read_design(write_design(tmp_path, RATING)))
     monitor, ended = Monitor(), []
     with GuidedPages("Small", has_stop=True, on_stop=monitor.stop.set) as pages:
-        observer = Observer(dataset.design, dataset.admit("p01", Observer.name))
+        observer = Observer(dataset.design, dataset.register("p01", Observer.name))
         respondent = PageRespondent(pages, monitor, "Small")
 
         def run():
             try:
-                sit(dataset, "p01", observer, respondent, monitor)
+                run_visit(dataset, "p01", observer, respondent, monitor)
             except StoppedError as stopped:
                 ended.append(stopped)
 
@@ -66,8 +65,8 @@ def go_through(person, until=lambda step: False):
             return titles
 
 
-def test_participant_goes_through_a_session(sitting):
-    person, watch_url, dataset, thread, ended = sitting
+def test_participant_goes_through_a_session(visit):
+    person, watch_url, dataset, thread, ended = visit
     titles = go_through(person)
 
     assert titles[0] in ("Consent", "Small") and "Consent" in titles
@@ -83,8 +82,8 @@ def test_participant_goes_through_a_session(sitting):
     assert {one["answer"] for one in trials} == {1, 3.0}
 
 
-def test_experimenter_stops_and_the_trial_at_hand_is_not_answered(sitting):
-    person, watch_url, dataset, thread, ended = sitting
+def test_experimenter_stops_and_the_trial_at_hand_is_not_answered(visit):
+    person, watch_url, dataset, thread, ended = visit
     go_through(person, until=lambda step: step["title"] == "Which?")
     with Client(watch_url) as watcher:
         watcher.socket.send(json.dumps({"stop": True}))

@@ -13,16 +13,18 @@ from dataclasses import replace
 import numpy as np
 
 from proximity.decaff.controller.controller import FingerController
+from proximity.decaff.controller.controller_states import DrumAction, Observation, Trust
 from proximity.decaff.controller.drum_limits import Limits
 from proximity.decaff.controller.settings import ControllerSettings
 from proximity.decaff.controller.surface_law import SurfaceLaw
+from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.default_bend import with_bend
+from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.motors.motor_drum import MotorDrum
 from proximity.decaff.simulated_drums.service_drums import SOFTER, DrumBench, FingerBench
 from proximity.errors import ArgumentError
-from proximity.lab.experiment.coupled_controller import CoupledController
 from proximity.lab.experiment.design import Design
 from proximity.lab.experiment.display import FRAME, Interval, Presentation, interval_of, stopped_by_force
 from proximity.lab.simulation.simulated_press import Wall
@@ -35,6 +37,48 @@ RELEASED_S = 0.4  # after which a touch is over
 TOUCHED_N = 0.1
 SIMULATED_WATCHDOG_NS = 200 * NS_PER_MS  # a simulated drum that a busy machine steps late hurts nobody
 SILENCE_S = 2.0  # beyond the longest interval, in which the drums must have ended it
+
+
+class CoupledController(FingerController):
+    """Coupled wall on a contact drum, what DECAFF is compared with: forces late, with gains of their own.
+
+    The drum waits at the surface, as for any deformable part; from the touch on it presses with a spring and
+    a damper on positions that are some latency old, whether or not that is passive. What a traditional device
+    has beside, its motor that the finger carries in free motion, is missing. Frames, faults, limits and the
+    emergency stop are the drum controller's own.
+    """
+
+    def __init__(self, path: FingerPath, rate: float, limits: Limits, interval: Interval) -> None:
+        super().__init__(path, rate, limits=limits)
+        self._interval, self._latency_ns = interval, round(interval.latency / S_PER_NS)
+        self._depths: deque[tuple[int, float]] = deque()  # ns of the sample, m past the surface
+        self._served = 0.0  # N, of the last sample
+
+    def step(self, seen: Observation) -> DrumAction:
+        """Return what the drum shall do: where its own law would be served, the wall's force."""
+        action = super().step(seen)
+        if action.mode is DriveMode.FORCE:
+            force = min(self._wall_force(seen.sample_ns), self._limits.continuous_force, action.force_cap)
+            # Where it is uncertain no force grows.
+            self._served = force if self.trust is Trust.FRESH else min(force, self._served)
+            action = replace(action, force=self._served, torque=self._drum.motor_torque(self._served))
+        known = self.known
+        if math.isfinite(known.finger) and math.isfinite(known.target):
+            self._depths.append((seen.sample_ns, float(known.finger - known.target)))
+        return action
+
+    def _wall_force(self, sample_ns: int) -> float:
+        depths, known_ns = self._depths, sample_ns - self._latency_ns
+        while len(depths) > 2 and depths[2][0] <= known_ns:
+            depths.popleft()
+        if len(depths) < 2 or depths[1][0] > known_ns:
+            return 0.0
+        (before_ns, before), (at_ns, depth) = depths[0], depths[1]
+        if not depth > 0.0:
+            return 0.0
+        speed = (depth - before) / (S_PER_NS * (at_ns - before_ns))
+        incidence = float(self.frames.location.incidence) if self.frames.has_location else 1.0
+        return max(0.0, incidence**2 * (self._interval.spring * depth + self._interval.damping * speed))
 
 
 class DrumDisplay(DrumBench):
@@ -67,8 +111,7 @@ class DrumDisplay(DrumBench):
             for condition in design.conditions:
                 if task.stiffness is None or condition.wall is not Wall.DECAFF:
                     continue
-                level = max(*task.levels, task.catch_level)
-                asked = interval_of(task, condition, level)
+                asked = interval_of(task, condition, max(*task.levels, task.catch_level))
                 stiffness = asked.stiffness or 0.0
                 k, b = law.displayed(stiffness, asked.damping)
                 if k < (1.0 - SOFTER) * stiffness or b < asked.damping:
@@ -128,11 +171,7 @@ class DrumDisplay(DrumBench):
         watchdog_ns = Limits().watchdog_ns if finger.has_motor else SIMULATED_WATCHDOG_NS
         limits = Limits(continuous_force=force, peak_force=force, watchdog_ns=watchdog_ns)
         if interval.wall is Wall.COUPLED:
-            gain = interval.gain if interval.stiffness is None else interval.stiffness
-            finger.controller = CoupledController(
-                finger.path, self._rate, limits,
-                stiffness=gain, damping=interval.damping, latency=interval.latency,
-            )  # fmt: skip
+            finger.controller = CoupledController(finger.path, self._rate, limits, interval)
         else:
             finger.controller = FingerController(finger.path, self._rate, limits=limits, cable=self._cable)
 
@@ -153,9 +192,7 @@ class DrumDisplay(DrumBench):
             is_shown[:] = False  # a real surface is there, or nothing
         contacts["flags"][~is_shown] &= ~np.uint32(ContactFlag.TRACKED)
         if interval is not None:
-            stiffness = interval.stiffness
-            if stiffness is None and interval.wall is Wall.COUPLED:
-                stiffness = interval.gain
+            stiffness = interval.spring if interval.wall is Wall.COUPLED else interval.stiffness
             contacts["surface"] = Surface.RIGID if stiffness is None else Surface.DEFORMABLE
             contacts["stiffness"] = math.inf if stiffness is None else stiffness
             contacts["damping"] = interval.damping

@@ -1,1 +1,0 @@
-"""Sessions of an experiment with a person, at a page or at the terminal."""
