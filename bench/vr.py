@@ -27,7 +27,7 @@ from benchmarks.support.output import open_console, print_machine, table_of, wri
 from benchmarks.support.project import BENCH, PROJECT, environment
 from proximity.lab.certificate.vr_application import HEADINGS, PATHS, RADIUS, Serving, VrCase, VrRow, measure
 from proximity.recording import read_recording
-from proximity.web.served_scene import Addresses
+from proximity.web.running_page import Addresses
 
 SECTIONS = {3_000: (60, 25), 100_000: (360, 139), 1_000_000: (1100, 455)}  # of tori, about so many faces
 BASE, BASE_FACES = VrCase(), 100_000

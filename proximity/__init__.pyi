@@ -36,10 +36,10 @@ from proximity.message import Surface as Surface
 from proximity.pose import Pose as Pose
 from proximity.scene.clearance import Clearance as Clearance
 from proximity.scene.clearance import clearance as clearance
-from proximity.scene.load_report import LoadReport as LoadReport
 from proximity.scene.loader import load as load
 from proximity.scene.overlap import Overlap as Overlap
 from proximity.scene.overlap import overlap as overlap
+from proximity.scene.part import LoadReport as LoadReport
 from proximity.scene.part import Part as Part
 from proximity.scene.queries.results import NO_FACE as NO_FACE
 from proximity.scene.queries.results import NO_PART as NO_PART

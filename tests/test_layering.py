@@ -52,36 +52,33 @@ scene_parts
 deformation · part · saved
 solid
 queries · solid_arrays
-load_report · part_motion · sign
+part_motion · sign
 model
 """,
     "proximity.scene.queries": """
-all_queries
-line_queries · point_queries
+queries
 checked_query
-batches · query_arguments · results
+batches · results
 """,
     "proximity.service": """
 loop
 inputs
-answers · frame_builder · frame_output · hosting · report · sample_filter
-bends · clock · config · description · finger_kernels · histogram
-log_writer · presence · realtime · samples
+contact_source · frame_builder · frame_publisher · hosting · sensed_contacts
+samples
+clock · config · description · finger_kernels · realtime · report
 """,
     "proximity.service.inputs": """
-changes_input · teleoperation
-moves_input · openxr_input · sensor · stream
-gloves · openxr_runtime · part_prediction · reception · sources
+changes_input · message_input · moves_input
+gloves · inbox · openxr_input · part_prediction · sources
 """,
     "proximity.web": """
-guided · viewing
+guided · running_page
 page_process
 bridge
-page_client · scene_page · slices
-feeding · geometry · keeping · served_scene · sources
+page_client · slices
+geometry · page_content · page_inbox · page_service · sources
 server
-display_mesh · layout
-slice_fields
+display_mesh
 """,
     "proximity.decaff": """
 calibrating · chip · simulated_drums
@@ -115,17 +112,18 @@ search · service_inputs
 deadlines · fingerprint · period · subject · tick_times · vr_application · wording
 """,
     "proximity.cli": """
-commands
-calibration · participant_session
-drum_loop · drum_motors · questions · scene_press
-progress · views
-console
-lengths · options · points · program · wording
+lab
+device
+parts · service
+options
+progress
+program · tables
+lengths · output
 """,
 }
 # Part of the whole package but in no layer: what its users import, and what starts the command line.
 OUTSIDE = {"__init__", "__main__"}
-NO_FILES = {f"proximity.scene.{name}" for name in ("solid", "scene", "scene_parts", "queries.point_queries")}
+NO_FILES = {f"proximity.scene.{name}" for name in ("solid", "scene", "scene_parts", "queries.queries")}
 KERNELS_MAY_IMPORT = {"math", "numpy", "typing"}  # typing: named tuples of arrays
 NUMBA_MAY_BE_IMPORTED_BY = {
     "proximity.kernels.compiled_stack",

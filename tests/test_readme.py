@@ -13,13 +13,14 @@ from queue import SimpleQueue
 
 import numpy as np
 import pytest
+from fake_service import filled
 from pages import PAGES, README, ROOT
 from test_layering import PICTURES
 from wire import MS, frame
 
 import proximity
 from proximity import cli
-from proximity.service import ChangesInput, MovesInput, SensorAnswers, SensorInput, StreamInput
+from proximity.service import ChangesInput, MessageInput, MovesInput, SensedContacts
 
 
 def blocks(language, text=README):
@@ -65,7 +66,7 @@ def test_two_commands_set_everything_up():
 
 def test_sender_of_poses_as_the_readme_shows_it_is_understood():
     _, sender = blocks("py", PAGES["guide/service.md"])
-    source = StreamInput("mailbox:readme/poses", 5)
+    source = MessageInput("mailbox:readme/poses", 5)
     tips = np.arange(15.0).reshape(5, 3)
 
     exec(
@@ -73,7 +74,7 @@ def test_sender_of_poses_as_the_readme_shows_it_is_understood():
         scope := {"tips": tips},
     )
 
-    hands = source.poll(time.monotonic_ns())
+    (hands,) = source.poll(time.monotonic_ns())
     np.testing.assert_array_equal(hands.positions, tips)
     assert (hands.pose_ns == scope["message"].header["send_ns"]).all() and hands.pose_ns[0] > 0
     assert source.notes == []
@@ -146,13 +147,14 @@ def test_changes_as_the_guide_shows_them_hide_and_deform_parts(monkeypatch):
 
 def test_measurements_as_the_guide_shows_them_become_contacts():
     (code,) = blocks("py", PAGES["guide/teleoperation.md"])
-    source, answering = SensorInput("mailbox:guide/sensor", 1), SensorAnswers(1)
+    source, contact_source = MessageInput("mailbox:guide/sensor", 1, is_measured=True), SensedContacts(1)
 
     exec(
         compile(code.replace("udp://127.0.0.1:9200", "mailbox:guide/sensor"), "teleoperation.md", "exec"), {}
     )
     now_ns = time.monotonic_ns()
-    (contact,) = answering.answer(source.poll(now_ns), now_ns)
+    (measured,) = source.poll(now_ns)
+    contact = filled(contact_source, measured, now_ns)[0]
 
     known = [contact[name] for name in ("signed_distance", "lower", "upper")]
     np.testing.assert_allclose(known, [0.012, 0.0115, 0.0125], rtol=1e-12)
@@ -204,7 +206,7 @@ def test_functions_of_the_flows_are_where_the_page_says():
     flows = PAGES["design/flows.md"].split("\n## ")[1:]
     hops = [re.findall(r"^\d+\. `([\w/.]+)`: `(\w+)`", flow, re.MULTILINE) for flow in flows]
 
-    assert [len(flow) <= most for flow, most in zip(hops, (10, 14, 14), strict=True)] == [True] * 3
+    assert [len(flow) <= most for flow, most in zip(hops, (10, 14, 12), strict=True)] == [True] * 3
     assert sum(map(len, hops)) == len(re.findall(r"^\d+\. ", PAGES["design/flows.md"], re.MULTILINE))
     for path, function in (hop for flow in hops for hop in flow):
         source = (ROOT / "proximity" / path).read_text(encoding="utf-8")

@@ -1,33 +1,20 @@
 """The command line ``proximity``: ``query``, ``check``, ``compile``, ``replay``, ``serve``, …
 
-Here people's units meet the library's metres; apart from that conversion the command line computes
-nothing. Modules that `main` needs before it knows what is asked import neither NumPy nor Rich: ``--help``
-and ``--version`` answer at once.
+Here people's units meet the library's metres; apart from that conversion the command line computes nothing. A
+command's module is imported when the command is called or listed, and imports NumPy, Rich and the library
+only in the command: ``--help``, ``--version`` and mistakes in the arguments are answered at once.
 """
 
 import io
 import sys
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
 
 import proximity
-from proximity.cli.commands.parts import check, compile, picture, query, view
-from proximity.cli.commands.service import (
-    calibrate,
-    client,
-    controller,
-    demo,
-    drum,
-    export,
-    header,
-    key,
-    record,
-    serve,
-    watch,
-)
-from proximity.cli.commands.studies import bench, experiment, figures, replay, simulate, study
-from proximity.cli.program import Command, Group
+from proximity.cli.program import Command, Group, help_and_examples
 
 HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
     (
@@ -44,31 +31,64 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
     )
 )
 
-app = typer.Typer(
-    cls=Group,
-    help=HELP,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-COMMANDS = (
-    query, check, picture, replay, compile, serve, record, export, watch, view, demo, drum, header,
-    client, controller, calibrate, key, bench, figures, simulate, study,
-)  # fmt: skip
-"""In the order in which the help lists them."""
-RUN_BARE = (demo, header, figures, simulate)
+MODULE_OF = {
+    "query": "parts.query", "check": "parts.check", "picture": "parts.picture", "replay": "lab.replay",
+    "compile": "parts.compile", "serve": "service.serve", "record": "service.record",
+    "export": "service.record", "watch": "service.watch", "view": "parts.view", "demo": "device.demo",
+    "drum": "device.drum", "header": "service.sources", "client": "service.sources",
+    "controller": "service.sources", "calibrate": "device.calibrate", "key": "service.sources",
+    "bench": "lab.bench", "figures": "lab.figures", "simulate": "lab.simulate", "study": "lab.study",
+    "experiment": "lab.experiment",
+}  # fmt: skip
+"""Where each command is, in the order in which the help lists them."""
+RUN_BARE = ("demo", "header", "figures", "simulate")
 """Those that do something without an argument; of the others that prints their help."""
+SETTINGS = {"help_option_names": ["-h", "--help"]}
 
-for module in COMMANDS:
-    app.command(
-        module.__name__.rpartition(".")[2],
-        cls=Command,
-        epilog=module.EXAMPLES,
-        help=module.HELP.replace("[", "\\["),  # what is in brackets is no mark of Rich's
-        no_args_is_help=module not in RUN_BARE,
-    )(module.command)
 
-app.add_typer(experiment.app, name="experiment")
+class Commands(Mapping[str, Any]):
+    """The commands by their names; each is made when it is first asked for."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._made:
+            module = import_module(f"proximity.cli.{MODULE_OF[name]}")
+            function = getattr(module, name)
+            app = function
+            if not isinstance(function, typer.Typer):  # experiment is a group of its own
+                text, examples = help_and_examples(function)
+                app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+                app.command(
+                    name,
+                    cls=Command,
+                    help=text,
+                    epilog=examples,
+                    no_args_is_help=name not in RUN_BARE,
+                    context_settings=SETTINGS,
+                )(function)
+            self._made[name] = typer.main.get_command(app)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(MODULE_OF)
+
+    def __len__(self) -> int:
+        return len(MODULE_OF)
+
+
+class Program(Group):
+    """The group of all commands."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.commands: Any = Commands()
+
+
+app = typer.Typer(
+    cls=Program, help=HELP, no_args_is_help=True, pretty_exceptions_enable=False, context_settings=SETTINGS
+)
 
 
 def _print_version(is_asked: bool) -> None:

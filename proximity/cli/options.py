@@ -3,11 +3,13 @@
 import inspect
 import math
 from collections.abc import Callable
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
+
+import proximity
 
 if TYPE_CHECKING:
     from proximity.decaff.glove.calibrated_glove import CalibratedGlove
@@ -46,21 +48,6 @@ UNITS = Annotated[
     ),
 ]
 
-STEP_TOLERANCE = Annotated[
-    float,
-    typer.Option(
-        "--step-tolerance",
-        metavar="MM",
-        help="Largest deviation of triangles from the curved faces of a STEP file.",
-    ),
-]
-STEP_TOLERANCE_MM = 0.01
-
-UNPACKED_LIMIT = Annotated[
-    float,
-    typer.Option("--unpacked-limit", metavar="GB", help="Largest unpacked size of a 3MF file."),
-]
-UNPACKED_LIMIT_GB = 2.0
 
 ADDRESS = Annotated[
     str,
@@ -105,6 +92,50 @@ GLOVES = Annotated[
     ),
 ]
 SOFTEST_CABLE, STIFFEST_CABLE = 10.0, 1e6  # N/m at the fingertip
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How a file of parts is read."""
+
+    units: UNITS = "mm"
+    step_tolerance: Annotated[
+        float,
+        typer.Option(
+            metavar="MM", help="Largest deviation of triangles from the curved faces of a STEP file."
+        ),
+    ] = 0.01
+    unpacked_limit: Annotated[
+        float, typer.Option(metavar="GB", help="Largest unpacked size of a 3MF file.")
+    ] = 2.0
+
+    def check(self) -> None:
+        """Refuse numbers out of range."""
+        limits = {"--step-tolerance": self.step_tolerance, "--unpacked-limit": self.unpacked_limit}
+        for name, value in limits.items():
+            if not 0.0 < value < math.inf:
+                raise typer.BadParameter(f"{value:g}: expected more than 0", param_hint=name)
+
+    @property
+    def metres(self) -> float:
+        """The unit of coordinates and answers, m."""
+        from proximity.formats import metres_per_unit
+
+        return metres_per_unit(self.units)
+
+    def load(self, file: Path, doing: str = "reading") -> "proximity.Scene":
+        """Return the scene in a file, with a spinner, compiling kernels first where that is needed."""
+        from proximity.cli import progress
+
+        progress.prepare_kernels()
+        with progress.spinner(f"{doing} {file}") as count:
+            return proximity.load(
+                str(file),
+                units=self.units,
+                progress=count,
+                step_tolerance=self.step_tolerance / 1e3,
+                unpacked_limit=self.unpacked_limit * 1e9,
+            )
 
 
 def check_range(value: float, option: str, meaning: str, smallest: float, largest: float) -> None:
@@ -173,14 +204,6 @@ def check_gear(name: str | None) -> str | None:
     return name
 
 
-def load_options(step_tolerance: float, unpacked_limit: float) -> dict[str, float]:
-    """Return what `proximity.load` calls these options, in its units."""
-    for name, value in (("--step-tolerance", step_tolerance), ("--unpacked-limit", unpacked_limit)):
-        if not 0.0 < value < math.inf:
-            raise typer.BadParameter(f"{value:g}: expected more than 0", param_hint=name)
-    return {"step_tolerance": step_tolerance / 1e3, "unpacked_limit": unpacked_limit * 1e9}
-
-
 def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command in which every field of a dataclass among its parameters is an option of its own.
 
@@ -215,3 +238,14 @@ def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
     run.__annotations__ = {name: hint for name, hint in hints.items() if name not in groups}
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return run
+
+
+def sample(name: str) -> Path:
+    """Return where a sample file is: beside the package in a checkout, inside of it where it was
+    installed.
+    """
+    package = Path(proximity.__file__).parent
+    for folder in (package / "samples", package.parent / "meshes"):
+        if (folder / name).is_file():
+            return folder / name
+    raise proximity.ServiceError(f"the sample {name} is neither in {package} nor in meshes beside it")

@@ -5,16 +5,19 @@ else is raised is our bug and keeps its traceback.
 """
 
 import errno
+import inspect
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from proximity.cli.output import report
 from proximity.errors import ProximityError
 
 EXIT_NOTHING = 1  # no frame came
@@ -29,6 +32,14 @@ DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """What the system says where nothing can be written: the disk is full, or broken."""
 
 
+def help_and_examples(command: Callable[..., Any]) -> tuple[str, str]:
+    """Return the help of a command, a line a paragraph, and its examples; both stand in its docstring."""
+    text, _, examples = (inspect.getdoc(command) or "").partition("\n\nExamples:\n")
+    paragraphs = (" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
+    # what is in brackets is no mark of Rich's
+    return "\n\n".join(paragraphs).replace("[", "\\["), f"\nExamples:\n{examples}\n"
+
+
 class Command(TyperCommand):
     """A command to which ``-2.5`` is a number, whose errors are one line, whose examples stay lines."""
 
@@ -40,6 +51,10 @@ class Command(TyperCommand):
         finally:
             self.epilog = examples
         formatter.write(examples or "")
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return arguments and options."""
+        return _Unchanged.of_all(super().get_params(ctx))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse *args* so that negative numbers are values, wherever they stand."""
@@ -76,8 +91,46 @@ class Command(TyperCommand):
             return super().make_context(*args, **options)
 
 
+class _Unchanged:
+    """Passes on text, paths and defaults; all else is converted by Typer.
+
+    Typer imports Pydantic for that, which is a third of the time of a query. Versions without it are let be.
+    """
+
+    def __init__(self, param: Any) -> None:
+        self._converter, self._kind = param.get_runtime_param, param.type_descriptor
+
+    @classmethod
+    def of_all(cls, params: list[Any]) -> list[Any]:
+        """Have their values converted by these, and return them."""
+        for param in params:
+            if not isinstance(getattr(param, "get_runtime_param", None), cls | type(None)):
+                param.get_runtime_param = cls(param)
+        return params
+
+    def __call__(self) -> "_Unchanged":
+        return self
+
+    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a value as Typer's converters do."""
+        kind, is_many = self._kind.annotation, param.multiple or param.nargs == -1
+        if value is None:
+            return () if is_many else None
+        if kind is str or (kind is type(value) and not self._kind.is_ranged):
+            return value
+        if kind is Path and isinstance(value, str):
+            return Path(value)
+        if kind in (list[str], tuple[str, str, str]):
+            return list(value) if is_many else tuple(value)
+        return self._converter().coerce(value, param=param, ctx=ctx)
+
+
 class Group(TyperGroup):
     """The program: Ctrl-C, or output that fails, before a command runs is no traceback either."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the options before a command."""
+        return _Unchanged.of_all(super().get_params(ctx))
 
     def make_context(self, *args: Any, **options: Any) -> Any:
         """Read the arguments, and print help or version where that is asked for."""
@@ -137,7 +190,7 @@ def _shielded(arg: str) -> str:
 
 def _complain(sentence: str, reason: BaseException | None = None) -> NoReturn:
     """Say why what is asked cannot be done, in one line on stderr, and end."""
-    typer.echo(f"proximity: {' '.join(sentence.split())}", err=True)
+    report(sentence)
     raise typer.Exit(EXIT_UNUSABLE) from reason
 
 

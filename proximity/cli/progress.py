@@ -1,5 +1,7 @@
 """Progress for a person who waits: a spinner or a bar on stderr, after a second, and only on a terminal."""
 
+import os
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
@@ -7,20 +9,8 @@ from threading import Timer
 from types import TracebackType
 from typing import TypeVar
 
-import typer
-from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-
 import proximity
-from proximity.cli.console import Console
+from proximity.cli.output import report
 
 ANNOUNCE_AFTER_S = 1.0  # a wait shorter than this shows nothing
 STATUS_EVERY_S = 0.5
@@ -30,18 +20,27 @@ T = TypeVar("T")
 C = TypeVar("C", bound=Sized)
 
 
+def _is_terminal() -> bool:
+    """Whether Rich would draw on stderr; what asks does not import Rich where nobody sees it."""
+    return sys.stderr.isatty() or bool(os.environ.get("FORCE_COLOR"))
+
+
 @contextmanager
 def spinner(doing: str) -> Iterator[Callable[[int, int | None], None]]:
     """Show *doing* and the seconds that have passed, if the block runs long and stderr is a terminal.
 
     Gives a function that shows a count: how many are done, and of how many (None: not known).
     """
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    if not _is_terminal():
         yield lambda done, total: None
         return
+    from rich.markup import escape
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    from proximity.cli.tables import Console
+
     columns = SpinnerColumn(), TextColumn("{task.description}"), TextColumn("{task.fields[count]}")
-    status = Progress(*columns, TimeElapsedColumn(), console=console, transient=True)
+    status = Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True)
     task = status.add_task(escape(doing), count="", total=None)  # a file may be named like Rich's marks
 
     def show(done: int, total: int | None) -> None:
@@ -76,13 +75,16 @@ def with_bar(
     *total*: how many there are; None where that is not known. *is_shown*: false where a bar would run into
     the output.
     """
-    console = Console(stderr=True)
-    if not (is_shown and console.is_terminal):
+    if not (is_shown and _is_terminal()):
         yield from chunks
         return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from proximity.cli.tables import Console
+
     bar = Progress(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
-        console=console, transient=True,
+        console=Console(stderr=True), transient=True,
     )  # fmt: skip
     task = bar.add_task("answered", total=total)
     started = time.monotonic()
@@ -100,9 +102,12 @@ class Status:
     """A line on stderr that tells how something goes on, where that is a terminal; and a word, once."""
 
     def __init__(self) -> None:
-        console = Console(stderr=True)
-        self._spinner = console.status("") if console.is_terminal else None
-        self._is_said = False
+        self._spinner = None
+        if _is_terminal():
+            from proximity.cli.tables import Console
+
+            self._spinner = Console(stderr=True).status("")
+        self._has_reported = False
         self._due = 0.0
 
     def show(self, text: str) -> None:
@@ -110,14 +115,16 @@ class Status:
         if self._spinner is None or time.monotonic() < self._due:
             return
         self._due = time.monotonic() + STATUS_EVERY_S
+        from rich.markup import escape
+
         self._spinner.update(escape(text))
         self._spinner.start()
 
-    def say_once(self, text: str) -> None:
+    def report_once(self, text: str) -> None:
         """Say *text*, the first time only, to a terminal or not."""
-        if not self._is_said:
-            typer.echo(f"proximity: {text}", err=True)
-        self._is_said = True
+        if not self._has_reported:
+            report(text)
+        self._has_reported = True
 
     def __enter__(self) -> "Status":
         return self
@@ -133,9 +140,6 @@ def prepare_kernels() -> None:
     """Compile the kernels, with a word on stderr, where they have not been compiled on this machine yet."""
     if proximity.kernels_are_cached():
         return
-    typer.echo(
-        "proximity: compiling the kernels for this processor; this happens once and takes a minute or two",
-        err=True,
-    )
+    report("compiling the kernels for this processor; this happens once and takes a minute or two")
     with spinner("compiling"):
         proximity.warm_up()

@@ -1,18 +1,62 @@
-"""Splitting of faces into bodies: the order of the steps."""
+"""Splitting of faces into bodies: the order of the steps, and what was repaired."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from proximity.errors import MeshError
-from proximity.mesh.body_records import Body, Repairs
 from proximity.mesh.cavities import enclosed_volumes, nest_shells
 from proximity.mesh.connected_faces import Pieces, connect_faces, join_open_pieces
 from proximity.mesh.degenerate_faces import find_useless_faces
 from proximity.mesh.topology import EdgeRuns, Topology, merged_positions, topology_of
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.mesh.vertex_weld import weld_near
+
+
+@dataclass(frozen=True, slots=True)
+class Repairs:
+    """Changes that made one body of the faces given."""
+
+    merged_vertex_count: int = 0  # vertices fewer because equal positions share one
+    welded_vertex_count: int = 0  # vertices fewer because near ones were pulled together to close the body
+    weld_distance: float = 0.0  # m, how far the farthest of them moved
+    dropped_sliver_count: int = 0  # faces without area
+    dropped_duplicate_count: int = 0  # faces that another one equals
+    turned_face_count: int = 0  # faces turned so that all run one way
+    is_turned_inside_out: bool = False  # every face turned, as the body had a negative volume
+
+    def describe(self) -> str:
+        """Return what was done as one sentence for people; empty if nothing was."""
+        deeds = []
+        if self.merged_vertex_count:
+            deeds.append(f"merged {_counted(self.merged_vertex_count, 'equal vertex', 'equal vertices')}")
+        if self.welded_vertex_count:
+            what = _counted(self.welded_vertex_count, "near vertex", "near vertices")
+            deeds.append(f"welded {what} at most {self.weld_distance:.2g} m apart to close the body")
+        if self.dropped_sliver_count:
+            what = _counted(self.dropped_sliver_count, "face without area", "faces without area")
+            deeds.append(f"dropped {what}")
+        if self.dropped_duplicate_count:
+            what = _counted(self.dropped_duplicate_count, "duplicate face", "duplicate faces")
+            deeds.append(f"dropped {what}")
+        if self.turned_face_count:
+            what = _counted(self.turned_face_count, "face", "faces")
+            deeds.append(f"turned {what} to match the orientation of the others")
+        if self.is_turned_inside_out:
+            deeds.append("flipped the body, which was inside out")
+        sentence = ", ".join(deeds)
+        return sentence and sentence[0].upper() + sentence[1:] + "."
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """One body: its own mesh, and where the faces come from."""
+
+    mesh: TriangleMesh  # only the vertices in use, one a position
+    source_faces: np.ndarray  # (F,) int32, what each face is called where it comes from, read-only
+    repairs: Repairs
+    topology: Topology | None = None  # of the mesh, where splitting has found it
 
 
 def split_bodies(vertices: Any, faces: Any, source_faces: Any = None) -> list[Body]:
@@ -239,3 +283,7 @@ def _is_in_use(ids: np.ndarray) -> np.ndarray:
     is_used = np.zeros(int(ids.max()) - int(lowest) + 1, dtype=bool)
     is_used[(ids - lowest if lowest else ids).ravel()] = True
     return is_used
+
+
+def _counted(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"

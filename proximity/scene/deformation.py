@@ -71,7 +71,7 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
     model.frames[row, layout.FRAME_OWN_LOWER_XYZ] = lower
     model.frames[row, layout.FRAME_OWN_UPPER_XYZ] = upper
     if is_closed:
-        _ask_the_surface(model, row, lower, extent)
+        _search_surface_only(model, row, lower, extent)
     return solid._deformed(kept, model, row)
 
 
@@ -117,7 +117,7 @@ def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFr
     return local_frame(lower, upper)
 
 
-def _ask_the_surface(model: Model, row: int, lower: np.ndarray, extent: float) -> None:
+def _search_surface_only(model: Model, row: int, lower: np.ndarray, extent: float) -> None:
     """Make the sign grid one cell that the surface crosses: within the box, the nearest face tells."""
     part, frame = model.parts[row], model.frames[row]
     scale = frame[layout.FRAME_SCALE]

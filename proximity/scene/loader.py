@@ -16,8 +16,7 @@ from proximity.formats import (
     read_geometries,
     size_notes,
 )
-from proximity.scene.load_report import LoadReport
-from proximity.scene.part import Part, parts_of_mesh
+from proximity.scene.part import LoadReport, Part, parts_of_mesh
 from proximity.scene.saved.archive import is_archive
 from proximity.scene.saved.compiled_scene import read_scene
 from proximity.scene.scene import Scene

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from proximity.errors import MeshError
-from proximity.mesh.manifold_solid import manifold_solid
+from proximity.mesh.diagnosis import manifold_solid
 from proximity.mesh.topology import corners_of
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene

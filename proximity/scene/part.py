@@ -1,4 +1,4 @@
-"""A solid in a scene: name, pose, motion, and how it answers a touch."""
+"""A solid in a scene: name, pose, motion, and how it answers a touch; and the report of loading."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -7,8 +7,7 @@ import numpy as np
 
 from proximity.checks import refuse_trimesh
 from proximity.errors import SceneError
-from proximity.mesh.body_records import Repairs
-from proximity.mesh.body_split import split_bodies
+from proximity.mesh.body_split import Repairs, split_bodies
 from proximity.mesh.part_arrays import common_frame
 from proximity.pose import Pose
 from proximity.scene.part_motion import checked_matrix, checked_surface, checked_velocity
@@ -43,6 +42,35 @@ class Part:
 
     def __repr__(self) -> str:
         return f"Part({self.name!r}, {self.solid.mesh.face_count} faces)"
+
+
+@dataclass(frozen=True, slots=True)
+class LoadReport:
+    """The file and the units that a scene came from.
+
+    Parameters
+    ----------
+    path : str
+        Name of the file.
+    format : str
+        Name of the format, for example "STL, binary".
+    units : str
+        Unit of the file's coordinates.
+    units_declared : bool
+        False: the file declares none, and *units* is that of the caller.
+    notes : tuple of str
+        Sentences for the user.
+    """
+
+    path: str
+    format: str
+    units: str
+    units_declared: bool
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        units = f"{self.units} {'declared' if self.units_declared else 'assumed'}"
+        return f"LoadReport({self.path!r}, {self.format}, {units}, {len(self.notes)} notes)"
 
 
 def checked_part(given: Any) -> Part:

@@ -8,12 +8,11 @@ import numpy as np
 from proximity.checks import refuse_trimesh
 from proximity.errors import SceneError
 from proximity.kernels import layout
-from proximity.scene.load_report import LoadReport
 from proximity.scene.model.assembly import Model
 from proximity.scene.model.scene_state import SceneState
-from proximity.scene.part import NO_VELOCITY, Part, checked_part, parts_of_mesh
+from proximity.scene.part import NO_VELOCITY, LoadReport, Part, checked_part, parts_of_mesh
 from proximity.scene.part_motion import checked_move, checked_moves, checked_surface
-from proximity.scene.queries.all_queries import Queries
+from proximity.scene.queries.queries import Queries
 from proximity.scene.saved.archive import check_extension
 from proximity.scene.saved.compiled_scene import CompiledScene, write_scene
 from proximity.scene.scene_parts import SceneParts, checked_parts, with_arrays

@@ -15,7 +15,7 @@ from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import Topology, build_topology, corners_of
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.scene.model.assembly import Model
-from proximity.scene.queries.all_queries import Queries
+from proximity.scene.queries.queries import Queries
 from proximity.scene.sign import SignMethod, choose_sign
 from proximity.scene.solid_arrays import SolidArrays
 

@@ -9,8 +9,8 @@ from proximity.checks import trimesh_kind
 from proximity.errors import MeshError, PoseError
 from proximity.formats import UNITS, Geometry, metres_per_unit
 from proximity.formats.node_placement import Placement, place
-from proximity.scene.load_report import LoadReport
 from proximity.scene.loader import scene_of
+from proximity.scene.part import LoadReport
 from proximity.scene.scene import Scene
 
 Placed = tuple[str, Any, np.ndarray | None]

@@ -1,4 +1,4 @@
-"""Kernels of the service for all fingers at once: admit and expire samples, follow distances.
+"""Kernels of the service for all fingers at once: keep the newest samples, follow measured distances.
 
 A *sample* of a finger is a row of ``values`` (float64, first column nan: nothing is known) and its instant.
 """
@@ -40,63 +40,73 @@ LATEST = np.int64(2**63 - 1)
 REFUSED = 255
 """Defect of a sample that was refused before: it is not counted again."""
 LOST = 254
-"""Defect of a sample of a hand all fingers of which are at one place, as many programs send a lost one."""
+"""Defect of a sample of a hand all fingers of which are at one position, as many programs send a lost one."""
 HAND, FEWEST_FINGERS = 5, 3
 """Fingers in a row that are a hand; of fewer nobody can say that they are lost: two may touch."""
 
 
 @inlined
-def _is_lost(positions, i):
-    """Whether all fingers of the hand of finger *i* are at one place; fewer than three may be."""
-    first = i - i % HAND
-    last = min(first + HAND, len(positions))
+def _is_lost(fingers, positions, row_of, given, count):
+    """Whether all fingers of the hand of row *given*, three or more, are given at one position."""
+    first = fingers[given] - fingers[given] % HAND
+    last = min(first + HAND, count)
     if positions.shape[1] != 3 or last - first < FEWEST_FINGERS:
         return False
-    for other in range(first, last):
+    for finger in range(first, last):
+        row = row_of[finger]
+        if row >= len(fingers) or fingers[row] != finger:
+            return False
         for axis in range(3):
-            if positions[other, axis] != positions[i, axis]:
+            if positions[row, axis] != positions[given, axis]:
                 return False
     return True
 
 
-@entry("int64[:], float64[:, :], int64[:], float64[:, :], int64[:], uint8[:], int, int")
-def admit(kept_ns, kept, newer_ns, newer, refused_ns, defects, oldest_ns, latest_ns):
-    """Take samples into *kept*, and write what keeps each from it into *defects*, as `motion.instant_defect`.
+@entry(
+    "int64[:], float64[:, :], int64[:], int64[:], int64[:], int64[:], float64[:, :], uint8[:], int, int",
+)
+def update_newest(
+    newest_ns, newest, refused_ns, row_of, fingers, given_ns, given, defects, oldest_ns, latest_ns
+):
+    """Take what is given of some *fingers* where it is newer, and write into *defects* why not, where not.
 
-    Those are left out, and *refused_ns* (N,) keeps their instants: the same sample again stays out, with the
-    defect `REFUSED`. A sample that knows nothing is taken, whatever its instant, and the instant kept stays:
-    what comes next must still be newer than that. One that was taken when it was young may come again. Of a
-    hand that is `LOST` nothing is known.
+    Defects are those of `motion.instant_defect`. *refused_ns* (N,) keeps the instants of what is left out:
+    the same sample again stays out, with the defect `REFUSED`. A sample of nan is taken, whatever its
+    instant, and the newest instant stays: what comes next must still be newer than that. Of a hand that is
+    `LOST` nothing is known. *row_of* (N,) is scratch.
     """
-    for i in range(len(kept_ns)):
-        defects[i] = USABLE
+    for row in range(len(fingers)):
+        row_of[fingers[row]] = row
+    for row in range(len(fingers)):
+        finger = fingers[row]
+        defects[row] = USABLE
         is_known = True
-        for column in range(kept.shape[1]):
-            is_known &= math.isfinite(newer[i, column])
-        if is_known and _is_lost(newer, i):
+        for column in range(newest.shape[1]):
+            is_known &= math.isfinite(given[row, column])
+        if is_known and _is_lost(fingers, given, row_of, row, len(newest_ns)):
             is_known = False
-            defects[i] = LOST
+            defects[row] = LOST
         if not is_known:
-            kept[i, 0] = np.nan
+            newest[finger, 0] = np.nan
             continue
-        if newer_ns[i] == refused_ns[i]:
-            defects[i] = REFUSED
-        elif newer_ns[i] != kept_ns[i]:
-            defects[i] = instant_defect(newer_ns[i], kept_ns[i], oldest_ns, latest_ns)
-        if defects[i] != USABLE:
-            refused_ns[i] = newer_ns[i]
+        if given_ns[row] == refused_ns[finger]:
+            defects[row] = REFUSED
+        elif given_ns[row] != newest_ns[finger]:
+            defects[row] = instant_defect(given_ns[row], newest_ns[finger], oldest_ns, latest_ns)
+        if defects[row] != USABLE:
+            refused_ns[finger] = given_ns[row]
             continue
-        kept_ns[i] = newer_ns[i]
-        for column in range(kept.shape[1]):
-            kept[i, column] = newer[i, column]
+        newest_ns[finger] = given_ns[row]
+        for column in range(newest.shape[1]):
+            newest[finger, column] = given[row, column]
 
 
 @entry("int64[:], float64[:, :], int")
-def expire(kept_ns, kept, oldest_ns):
-    """Forget the samples from before *oldest_ns*."""
-    for i in range(len(kept_ns)):
-        if kept_ns[i] < oldest_ns:
-            kept[i, 0] = np.nan
+def drop_stale(newest_ns, newest, oldest_ns):
+    """Make the samples from before *oldest_ns* unknown."""
+    for i in range(len(newest_ns)):
+        if newest_ns[i] < oldest_ns:
+            newest[i, 0] = np.nan
 
 
 @entry("int64[:, :], int32[:, :] -> int, int, int")

@@ -8,23 +8,22 @@ from typing import Any
 
 from proximity.checks import as_number
 from proximity.errors import ServiceError
-from proximity.service.answers import Answering
 from proximity.service.clock import Clock, MonotonicClock
+from proximity.service.contact_source import ContactSource
 from proximity.service.description import Describer
 from proximity.service.frame_builder import FrameBuilder
-from proximity.service.frame_output import Outgoing
+from proximity.service.frame_publisher import FramePublisher, Log
 from proximity.service.inputs.sources import PoseInput
-from proximity.service.log_writer import Log
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
-from proximity.service.sample_filter import SampleFilter
+from proximity.service.samples import NewestSamples
 from proximity.system.time_units import NS_PER_S
 from proximity.transport import Publisher
 
-FAREWELLS = 3
+STOPPING_FRAMES = 3
 """Frames that say STOPPING: a datagram may be lost."""
-TAKEN_OVER_WITHIN, LOOK_AGAIN = 1.0, 1e-3
-"""s, of a new answering: after a period, at most; then between two looks whether it was."""
+REPLACE_TIMEOUT, POLL_INTERVAL = 1.0, 1e-3
+"""s, beyond a period, that a replacement is waited for; and between two looks whether it is in use."""
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
 """s, of periods."""
 
@@ -34,13 +33,12 @@ class Service:
 
     *pose_input*: where samples come from, of as many fingers. Closed at the end. *valid_for*: age of the
     oldest pose up to which a frame may be used as it is. *log*: what frames are appended to, by another
-    thread. Closed at the end. *describer*: makes the messages that tell names of parts and fingers; None:
-    nobody does.
+    thread. Closed at the end. *describer*: makes the messages with names of parts and fingers.
     """
 
     def __init__(
         self,
-        answering: Answering,
+        contact_source: ContactSource,
         pose_input: PoseInput,
         publishers: Sequence[Publisher],
         *,
@@ -53,41 +51,41 @@ class Service:
         describer: Describer | None = None,
     ) -> None:
         self._period_ns = _nanoseconds("period", period)
-        self._answering, self._input = answering, pose_input
-        self._next: Answering | None = None
-        self._retired: Answering | None = None  # who answered before the last exchange
+        self._source, self._input = contact_source, pose_input
+        self._next: ContactSource | None = None
+        self._retired: ContactSource | None = None  # before the last replacement
         self._has_run = False
         self._thread: int | None = None  # that the loop runs in
         self._epoch_offset = 0
         self._clock: Clock = MonotonicClock() if clock is None else clock
-        self._sample_filter = SampleFilter(
-            answering.new_samples(), _nanoseconds("stale_after", stale_after), pose_input.address
+        self._newest = NewestSamples(
+            contact_source.new_samples(), _nanoseconds("stale_after", stale_after), pose_input.address
         )
         self._frame_builder = FrameBuilder(
-            answering.count, answering.source, self._period_ns, _nanoseconds("valid_for", valid_for)
+            contact_source.count, contact_source.source, self._period_ns, _nanoseconds("valid_for", valid_for)
         )
-        self._outgoing = Outgoing(publishers, log, len(self._frame_builder.message.data))
+        self._frame_publisher = FramePublisher(publishers, log, len(self._frame_builder.message.data))
         self._real_time, self._describer = real_time, describer
         self._report = Report(self._period_ns)
 
     @property
     def report(self) -> Report:
         """Counts and times so far; the same object each time."""
-        report, sample_filter, outgoing = self._report, self._sample_filter, self._outgoing
-        future, backwards, too_old = self._answering.refused
-        report.future, report.backwards = sample_filter.future + future, sample_filter.backwards + backwards
-        report.too_old = sample_filter.too_old + too_old
-        report.publish_failures = dict(outgoing.failures)
-        report.log_written, report.log_lost = outgoing.log_written, outgoing.log_lost
+        report, newest, publisher = self._report, self._newest, self._frame_publisher
+        future, backwards, too_old = self._source.refused
+        report.future, report.backwards = newest.future + future, newest.backwards + backwards
+        report.too_old = newest.too_old + too_old
+        report.publish_failures = dict(publisher.failures)
+        report.log_written, report.log_lost = publisher.log_written, publisher.log_lost
         real_time = [] if self._real_time is None else self._real_time.notes
-        inputs = [*self._input.notes, *sample_filter.notes, *self._answering.notes]
-        report.notes = [*real_time, *inputs, *outgoing.notes]
+        inputs = [*self._input.notes, *newest.notes, *self._source.notes]
+        report.notes = [*real_time, *inputs, *publisher.notes]
         return report
 
     @property
-    def answering(self) -> Answering:
-        """Who makes contacts at present."""
-        return self._answering
+    def contact_source(self) -> ContactSource:
+        """The source of contacts at present."""
+        return self._source
 
     def run(self, *, stop: threading.Event | None = None, tick_count: int | None = None) -> Report:
         """Serve until asked to stop, or until the input is over; then say STOPPING and close everything.
@@ -106,31 +104,31 @@ class Service:
             stack.enter_context(undisturbed())
             if self._real_time is not None:
                 stack.enter_context(self._real_time)
-            stack.callback(self._say_farewell)
+            stack.callback(self._publish_stopping)
             self._serve(stop, tick_count)
         return self.report
 
-    def replace(self, answering: Answering) -> None:
-        """Have contacts made by somebody else from the next tick on: a scene was edited.
+    def replace(self, contact_source: ContactSource) -> None:
+        """Have contacts made by another source from the next tick on: a scene was edited.
 
-        Returns when that is done, and lets go of who made them until then, without closing it: its moves may
-        be in use again. All that takes long is done in the thread of the caller.
+        Returns when that is done. The source before is not closed: its moves may be in use again. All that
+        takes long is done in the thread of the caller.
 
         Notes
         -----
         Thread: any, but one at a time.
         """
-        before = self._answering
-        if answering.count != before.count or answering.source != before.source:
+        before, after = self._source, contact_source
+        if after.count != before.count or after.source != before.source:
             raise ServiceError(
-                f"contacts of {answering.count} fingers from {answering.source.name.lower()} cannot replace "
+                f"contacts of {after.count} fingers from {after.source.name.lower()} cannot replace "
                 f"those of {before.count} from {before.source.name.lower()} in a running service"
             )
-        answering.rehearse()
-        self._next = answering
-        gives_up = time.monotonic() + TAKEN_OVER_WITHIN + 1e-9 * self._period_ns
-        while self._next is answering and self._is_running_elsewhere() and time.monotonic() < gives_up:
-            time.sleep(LOOK_AGAIN)
+        after.rehearse()
+        self._next = after
+        gives_up = time.monotonic() + REPLACE_TIMEOUT + 1e-9 * self._period_ns
+        while self._next is after and self._is_running_elsewhere() and time.monotonic() < gives_up:
+            time.sleep(POLL_INTERVAL)
         # Here, not in the loop: to free a large scene takes milliseconds.
         self._retired = None
 
@@ -139,18 +137,18 @@ class Service:
 
     def _rehearse(self) -> None:
         """Compile and touch all that a tick needs."""
-        self._answering.rehearse()
-        sample_filter = SampleFilter(self._answering.new_samples(), 0)
-        sample_filter.start(0)
-        sample_filter.admit(self._answering.new_samples(), 0)
-        sample_filter.expire(0)
+        self._source.rehearse()
+        newest = NewestSamples(self._source.new_samples(), 0)
+        newest.start(0)
+        newest.update(self._source.new_samples(), 0)
+        newest.drop_stale(0)
         self._frame_builder.finish(0, 0, 0, 0, 0)
 
     def _serve(self, stop: threading.Event | None, tick_count: int | None) -> None:
         is_asked_to_stop = threading.Event().is_set if stop is None else stop.is_set
         self._thread = threading.get_ident()
         begin_ns = self._clock.now_ns()
-        self._sample_filter.start(begin_ns)
+        self._newest.start(begin_ns)
         self._due_ns = begin_ns + self._period_ns
         report, pose_input = self._report, self._input
         while not is_asked_to_stop() and report.ticks != tick_count and not pose_input.is_over:
@@ -160,43 +158,36 @@ class Service:
 
     def _tick(self) -> None:
         """Make one frame."""
-        clock, report, frame_builder, sample_filter = (
-            self._clock,
-            self._report,
-            self._frame_builder,
-            self._sample_filter,
-        )
-        due_ns = self._due_ns
+        clock, report, newest = self._clock, self._report, self._newest
+        frame_builder, due_ns = self._frame_builder, self._due_ns
         clock.sleep_until(due_ns)
         start_ns, begun_ns = clock.now_ns(), clock.stopwatch_ns()
         if self._next is not None:
-            self._take_over()
-        samples = self._input.poll(start_ns)
-        if samples is not None:
+            self._exchange_source()
+        for samples in self._input.poll(start_ns):
             # Not by the start: where the system kept us from running since, new poses are after it.
-            sample_filter.admit(samples, clock.now_ns())
-        sample_filter.expire(start_ns)
-        frame_builder.fill(self._answering.answer(sample_filter.kept, start_ns))
+            newest.update(samples, clock.now_ns())
+        newest.drop_stale(start_ns)
+        source = self._source
+        source.fill(frame_builder.contacts, newest.samples, start_ns)
         publish_ns = clock.now_ns()
         self._skip_what_is_past(publish_ns)
-        epoch = self._answering.epoch + self._epoch_offset
-        frame_builder.finish(
-            start_ns, publish_ns, report.missed, epoch, clock.skipped_ns, self._answering.is_late
-        )
-        self._outgoing.hand_out(frame_builder.message)
+        epoch = source.epoch + self._epoch_offset
+        frame_builder.finish(start_ns, publish_ns, report.missed, epoch, clock.skipped_ns, source.is_late)
+        self._frame_publisher.publish(frame_builder.message)
         report.compute.record(clock.stopwatch_ns() - begun_ns)
         report.lateness.record(start_ns - due_ns)
         report.ticks += 1
         report.states[frame_builder.state] += 1
         if self._describer is not None:
             self._describe(self._describer, epoch, publish_ns - clock.skipped_ns)
-        self._outgoing.settle()
+        self._frame_publisher.flush_log()
 
     def _describe(self, describer: Describer, epoch: int, now_ns: int) -> None:
         """Publish what is due of the description, behind the frame."""
-        message = describer.message(epoch, now_ns, self._answering.labels)
+        message = describer.message(epoch, now_ns, self._source.labels)
         if message is not None:
-            self._outgoing.describe(message)
+            self._frame_publisher.publish_description(message)
 
     def _skip_what_is_past(self, now_ns: int) -> None:
         """Go on from the last deadline that is past; those before it are missed, not made up for."""
@@ -205,28 +196,28 @@ class Service:
             self._report.missed += past
             self._due_ns += past * self._period_ns
 
-    def _take_over(self) -> None:
-        """Let the next one answer; whatever its scene calls itself, the epoch goes on."""
+    def _exchange_source(self) -> None:
+        """Use the next source; whatever epoch its scene has, that of frames grows."""
         assert self._next is not None
-        epoch = self._answering.epoch + self._epoch_offset
-        self._retired = self._answering
-        self._answering, self._next = self._next, None
-        self._epoch_offset = epoch + 1 - self._answering.epoch
+        epoch = self._source.epoch + self._epoch_offset
+        self._retired = self._source
+        self._source, self._next = self._next, None
+        self._epoch_offset = epoch + 1 - self._source.epoch
 
-    def _say_farewell(self) -> None:
+    def _publish_stopping(self) -> None:
         """Publish that no frames will come any more."""
         clock = self._clock
-        for _ in range(FAREWELLS):
+        for _ in range(STOPPING_FRAMES):
             now_ns = clock.now_ns()
             self._frame_builder.stop(now_ns - clock.skipped_ns)
-            self._outgoing.hand_out(self._frame_builder.message)
-            self._outgoing.settle()
+            self._frame_publisher.publish(self._frame_builder.message)
+            self._frame_publisher.flush_log()
             clock.sleep_until(now_ns + self._period_ns)
 
     def _close(self) -> None:
         self._thread = None
         with ExitStack() as stack:
-            for opened in (self._input, self._answering, self._outgoing):
+            for opened in (self._input, self._source, self._frame_publisher):
                 stack.callback(opened.close)
 
 

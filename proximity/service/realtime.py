@@ -62,11 +62,11 @@ class RealTime:
         self._undo = ExitStack()
 
     def __enter__(self) -> "RealTime":
-        # Memory first: it takes a while, which nobody should be kept from meanwhile.
+        # Memory first: it takes a while, in which nothing else should have to wait.
         if self._lock_memory:
-            self._try("memory", self._keep_memory)
+            self._try("memory", self._lock_all_memory)
         self._try("core", self._stay_on_core)
-        self._try("priority", self._rise)
+        self._try("priority", self._raise_priority)
         return self
 
     def __exit__(
@@ -85,7 +85,7 @@ class RealTime:
         self.refused.append(f"{what}: {reason}")
         self.notes.append(self.refused[-1])
 
-    def _rise(self) -> str:
+    def _raise_priority(self) -> str:
         """Get real-time priority: before all that is not real-time."""
         before, settings = os.sched_getscheduler(0), os.sched_getparam(0)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self._priority))
@@ -102,7 +102,7 @@ class RealTime:
         self._undo.callback(os.sched_setaffinity, 0, usable)
         return f"{core}, and no other"
 
-    def _keep_memory(self) -> str:
+    def _lock_all_memory(self) -> str:
         """Lock what is touched already, and what will be."""
         libc = _libc()
         flags = MCL_CURRENT | MCL_ONFAULT

@@ -1,31 +1,63 @@
-"""Samples that an input gives of fingers: preallocated arrays, a row a finger, nan where nothing is known."""
+"""Samples of fingers, as inputs give them, and the newest usable ones; a row a finger, nan where unknown."""
 
-from typing import Any, Protocol
+import logging
+from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 
+from proximity.kernels.tracking.motion import BACKWARDS, FUTURE, TOO_OLD, USABLE
+from proximity.message import MAX_RECORDS, MEASUREMENT
+from proximity.message.envelope import MAX_FUTURE_NS
+from proximity.message.instant_advice import FROM_FUTURE, OUT_OF_ORDER, on_backwards, on_future, on_too_old
+from proximity.service import finger_kernels
+from proximity.system.time_units import NS_PER_MS
+
+LOGGER = logging.getLogger("proximity.service")
+LOST_HANDS = "poses of hands whose fingers are all at one place"
 LONG_AGO = -(2**62)
 """ns; instant of a finger that never had a pose."""
+NEVER_NS = np.int64(-(2**63))
 
 
-class Samples(Protocol):
-    """The part of samples that the loop needs: values and their instants."""
+class Samples:
+    """Values of some fingers, their instants, and more that may be reported."""
 
+    VALUES: ClassVar[str]
+    OPTIONAL: ClassVar[tuple[str, ...]]
+    """Names of arrays that may be None, with a row a finger."""
     pose_ns: np.ndarray  # (N,) int64, instants
+    fingers: np.ndarray | None = None  # (N,) int64, whose they are; None: all, in order
 
     @property
     def values(self) -> np.ndarray:
-        """First values of each finger, (N, C) float64; nan in the first column: nothing is known."""
+        """Values, (N, C) float64, C-ordered; nan in the first column: nothing is known."""
+        values: np.ndarray = getattr(self, self.VALUES)
+        return values
 
-    def take_rest(self, newer: Any, rows: Any) -> None:
-        """Copy what *newer* says beside values and instants, of some rows (a slice, or a mask)."""
+    def copy_optional(self, newer: "Samples", fingers: slice | np.ndarray, rows: slice | np.ndarray) -> None:
+        """Copy to *fingers* what *rows* of newer samples report beside values, nan where they do not."""
+        for name in self.OPTIONAL:
+            kept, given = getattr(self, name), getattr(newer, name)
+            if given is None:
+                if kept is not None:
+                    kept[fingers] = np.nan
+                continue
+            shape = (len(self.pose_ns), *given.shape[1:])
+            if kept is None or kept.shape != shape:
+                if not np.isfinite(given).any():
+                    continue
+                kept = np.full(shape, np.nan, given.dtype)
+                setattr(self, name, kept)
+            kept[fingers] = given[rows]
 
 
-class FingerPoses:
+class FingerPoses(Samples):
     """Poses of fingers."""
 
+    VALUES = "positions"
+    OPTIONAL = ("velocities", "paths", "bends")
     positions: np.ndarray  # (N, 3) float64, m, scene's frame; nan: not tracked
-    pose_ns: np.ndarray  # (N,) int64, ns, instants of the positions
     velocities: np.ndarray | None  # (N, 3) float64, m/s; nan: to be estimated
     paths: np.ndarray | None  # (N, K, 3) float64, m, scene's frame; first corner nan: no path
     bends: np.ndarray | None  # (N,) float64, on the path; nan: the nearest place
@@ -35,29 +67,88 @@ class FingerPoses:
         self.pose_ns = np.full(count, LONG_AGO, np.int64)
         self.velocities = self.paths = self.bends = None
 
+
+class Measurements(Samples):
+    """Distances of fingers, and what a sensor knows beside them."""
+
+    VALUES = "distances"
+    OPTIONAL = ("record_bytes",)
+    distances: np.ndarray  # (N, 1) float64, m; nan: nothing was measured
+    records: np.ndarray  # (N,) MEASUREMENT: all that was reported
+    record_bytes: np.ndarray  # the same: copying records field by field takes fifty times as long
+
+    def __init__(self, count: int) -> None:
+        self.distances = np.full((count, 1), np.nan)
+        self.pose_ns = np.full(count, LONG_AGO, np.int64)
+        self.records = np.zeros(count, MEASUREMENT)
+        self.record_bytes = self.records.view(np.uint8).reshape(count, MEASUREMENT.itemsize)
+
+
+class NewestSamples:
+    """The newest sample of each finger that can be used, in *samples*; *origin* is for the log."""
+
+    future: int  # samples left out because they are from the future
+    backwards: int  # … because they are older than the one before
+    too_old: int  # … because they are too old when they come
+    lost: int  # … because all fingers of their hand are at one position
+
+    def __init__(self, samples: Samples, stale_after_ns: int, origin: str = "input") -> None:
+        count = len(samples.pose_ns)
+        self.samples = samples
+        self.future = self.backwards = self.too_old = self.lost = 0
+        self._origin = origin
+        self._stale_after_ns = stale_after_ns
+        self._refused_ns = np.full(count, NEVER_NS)
+        self._all, self._row_of = np.arange(count), np.arange(count)
+        self._defects = np.zeros(max(count, MAX_RECORDS), np.uint8)
+
     @property
-    def values(self) -> np.ndarray:
-        """The positions."""
-        return self.positions
+    def notes(self) -> list[str]:
+        """A sentence on hands that were lost."""
+        return [f"{self._origin}: {self.lost} {LOST_HANDS} are not used"] if self.lost else []
 
-    def take_rest(self, newer: "FingerPoses", rows: Any) -> None:
-        """Copy velocities, paths and bends of some fingers.
+    def start(self, now_ns: int) -> None:
+        """Make all fingers unknown; they are unseen since as long as samples can be used."""
+        self.samples.pose_ns[:] = now_ns - self._stale_after_ns
+        self.samples.values[:, 0] = np.nan
 
-        What was reported once and is not any more becomes nan.
+    def update(self, given: Samples, now_ns: int) -> None:
+        """Copy what can be used; a sample that is left out is counted once, also if it is given again."""
+        newest = self.samples
+        fingers = self._all if given.fingers is None else given.fingers
+        defects = self._defects[: len(fingers)]
+        finger_kernels.update_newest(
+            newest.pose_ns, newest.values, self._refused_ns, self._row_of, fingers, given.pose_ns,
+            given.values, defects, now_ns - self._stale_after_ns, now_ns + MAX_FUTURE_NS,
+        )  # fmt: skip
+        if not defects.any():
+            every = slice(None)
+            newest.copy_optional(given, every if given.fingers is None else fingers, every)
+            return
+        ahead_ns = given.pose_ns - now_ns
+        back_ns = newest.pose_ns[fingers] - given.pose_ns
+        too_old = f"poses older than {self._stale_after_ns / NS_PER_MS:g} ms"
+        self.future += self._count(defects == FUTURE, self.future, FROM_FUTURE, on_future, ahead_ns)
+        self.too_old += self._count(defects == TOO_OLD, self.too_old, too_old, on_too_old, -ahead_ns)
+        self.backwards += self._count(
+            defects == BACKWARDS, self.backwards, OUT_OF_ORDER, on_backwards, back_ns
+        )
+        self.lost += self._count(defects == finger_kernels.LOST, self.lost, LOST_HANDS, _on_lost, ahead_ns)
+        is_usable = defects == USABLE
+        newest.copy_optional(given, fingers[is_usable], is_usable)
 
-        *rows*: (N,) mask.
-        """
-        self.velocities = _taken(self.velocities, newer.velocities, rows)
-        self.paths = _taken(self.paths, newer.paths, rows)
-        self.bends = _taken(self.bends, newer.bends, rows)
+    def drop_stale(self, now_ns: int) -> None:
+        """Make fingers unknown whose newest sample is too old."""
+        finger_kernels.drop_stale(self.samples.pose_ns, self.samples.values, now_ns - self._stale_after_ns)
+
+    def _count(
+        self, which: np.ndarray, before: int, what: str, advice: Callable[[int], str], off_ns: np.ndarray
+    ) -> int:
+        """Count samples with a defect; only the first is logged, not to make a flood."""
+        if which.any() and not before:
+            LOGGER.warning("%s: %s are not used (%s)", self._origin, what, advice(int(off_ns[which].max())))
+        return int(which.sum())
 
 
-def _taken(kept: np.ndarray | None, newer: np.ndarray | None, rows: Any) -> np.ndarray | None:
-    if newer is None:
-        if kept is not None:
-            kept[rows] = np.nan
-        return kept
-    if kept is None or kept.shape != newer.shape:
-        kept = np.full(newer.shape, np.nan)
-    kept[rows] = newer[rows]
-    return kept
+def _on_lost(_: int) -> str:
+    return "the hand is lost there: send nan"

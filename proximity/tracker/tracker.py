@@ -7,54 +7,41 @@ from typing import Any
 import numpy as np
 
 from proximity import native
-from proximity.checks import as_float64, not_negative, positive, whole
+from proximity.checks import positive, whole
 from proximity.errors import ArgumentError
 from proximity.kernels import layout
 from proximity.kernels.layout import NO_PART, NO_SLOT
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
-from proximity.kernels.tracking.tick import DONE, tick
-from proximity.kernels.tracking.track import EACH_ITS_OWN, MOST_NS
+from proximity.kernels.tracking.tick import DONE, NOT_DONE, tick
+from proximity.kernels.tracking.track import MOST_NS
 from proximity.message import CONTACT
 from proximity.message.contact import Contacts
-from proximity.message.envelope import MAX_FUTURE_NS
-from proximity.message.instant_advice import OTHER_CLOCK_NS
 from proximity.scene.model.assembly import Model
 from proximity.scene.scene import Scene
-from proximity.tracker.finger_arrays import arrays_for
-from proximity.tracker.pose_notes import PoseNotes
 from proximity.tracker.tracker_arguments import (
-    LARGEST_WORKING_RANGE,
-    LONGEST_LATENCY,
-    instant,
-    instants,
-    radii,
-    shaped,
-    too_long,
+    EARLY_NS,
+    SHORTEST_NS,
+    PoseNotes,
+    as_instants,
+    as_nanoseconds,
+    as_path_bends,
+    as_paths,
+    as_radii,
+    as_shape,
+    new_arrays,
+    new_settings,
+    refuse_seconds,
 )
 
-DEFAULT_BUDGET = 250
-"""Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60, near free forms 3 in 100 000 take
-more than these. At the centre of a ball of 1.3 M faces they take 13 to 28 µs, as fast as the memory is, and
-bound the distance within 4.1 %. With 350 it is 2.5 %, but on a busy machine one tick in a hundred of five
-fingers there took longer than 0.2 ms then; with 175 it is 6.4 %."""
-MOST = 2**31 - 1
-"""Nodes and leaves: more than any scene has."""
 GONE = -2
 """Part of the last answer that is not in the scene any more."""
-SHORTEST_NS = 1000
-"""From one tick to another, and from a clock's 0 to the first: a tick takes longer."""
-EARLY_NS = 100_000
-"""Instants below are seconds where the other instant of the tick is more than `OTHER_CLOCK_NS` away."""
-LARGEST_SECONDS = 10_000_000_000
-"""No clock or calendar shows as many."""
 HORIZON = 0.25
 """s. A drum needs less than a tenth of a second to arrive."""
 
-NOT_NANOSECONDS = "expected nanoseconds, as time.monotonic_ns() gives them: it looks like seconds"
-
-_tick = native.lenient("tick")
+_Given = tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None, np.ndarray | None]
+"""Velocities, paths, bends at their corners, and bends, as a tick reads them."""
 
 
 class Tracker:
@@ -127,36 +114,24 @@ class Tracker:
         self._scene = scene
         self._period = positive("period", period, "seconds")
         self.contacts = np.zeros(count, CONTACT).view(Contacts)
-        settings = np.zeros(track.SETTING_COUNT)
-        reach = not_negative("working_range", working_range, "metres")
-        if reach > LARGEST_WORKING_RANGE:
-            raise ArgumentError(f"working_range is {too_long(reach, LARGEST_WORKING_RANGE)}")
-        settings[track.SETTING_WORKING_RANGE] = reach
-        settings[track.SETTING_LATENCY] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
-        settings[track.SETTING_TOLERANCE] = not_negative("tolerance", tolerance, "shares")
-        settings[track.SETTING_HORIZON] = positive("horizon", horizon, "seconds")
-        settings[track.SETTING_MAX_SPEED] = positive("max_speed", max_speed, "metres a second")
-        settings[track.SETTING_MAX_ACCELERATION] = positive("max_acceleration", max_acceleration, "m/s²")
-        wanted = DEFAULT_BUDGET if budget is None else whole("budget", budget)
-        settings[track.SETTING_BUDGET] = min(wanted, MOST)
-        settings[track.SETTING_AHEAD_NS] = MAX_FUTURE_NS
-        settings[track.SETTING_OTHER_CLOCK_NS] = OTHER_CLOCK_NS
+        settings = new_settings(
+            budget, working_range, latency, tolerance, horizon, max_speed, max_acceleration
+        )
         self._settings = settings
         self._pose_notes = PoseNotes()
-        self._shape, self._arrays = (count, 3), arrays_for(count, settings)
-        self._pose_ns = self._arrays["pose_ns"]
-        self._velocities = self._arrays["velocities"]
-        self._arrays["tracks"][:, track.TRACK_RADIUS] = radii(radius, count)
+        self._shape, self._arrays = (count, 3), new_arrays(count, settings)
+        self._arrays["tracks"][:, track.TRACK_RADIUS] = as_radii(radius, count)
+        self._pose_ns = np.zeros(count, np.int64)  # of `tick`
+        self._copies: dict[str, np.ndarray] = {}  # of what `tick` is given, by its names
+        self._given: _Given | None = None  # what ticks read; None: it is being exchanged
         # Not the model itself: what trackers hold on to, a scene could not write its next one to.
         self._last_model: Callable[[], Model | None] = lambda: None
         self._last_now_ns = -MOST_NS  # of the last tick
         self._last_epoch = -1  # of the parts and faces in `contacts`
-        self._has_velocities = self._has_paths = False
-        self._path_count = 2  # corners of paths that the arrays hold
         self._epoch = -1
         self._names: tuple[str, ...] = ()  # of the parts that `REPORTED_PART` counts
         self.reset()
-        self._pack()
+        self._read_from((None, None, None, None))
 
     @property
     def scene(self) -> Scene:
@@ -234,58 +209,119 @@ class Tracker:
         Sign: as `Scene.signed_distance`, minus the radius.
         Cost: some 10 µs for five fingers near parts of 100 k faces.
         """
-        if velocities is not None or self._has_velocities:
-            self._take_velocities(velocities)
-        if paths is not None or self._has_paths or bends is not None or path_bends is not None:
-            self._take_paths(paths, path_bends, bends)
+        if velocities is not None:
+            velocities = self._copied("velocities", as_shape(velocities, "velocities", self._shape))
+        if paths is not None:
+            paths = self._copied("paths", as_paths(paths, len(self._pose_ns)))
+            path_bends = self._copied("path_bends", as_path_bends(path_bends, paths.shape[1]))
+            if bends is not None:
+                bends = self._copied("bends", as_shape(bends, "bends", self._pose_ns.shape))
+        elif bends is not None or path_bends is not None:
+            raise ArgumentError("path_bends are given without paths")
+        rows = as_shape(positions, "positions", self._shape)
+        # As instants nearly always are.
+        if (
+            type(t_pose_ns) is type(now_ns) is int
+            and EARLY_NS <= t_pose_ns <= MOST_NS
+            and EARLY_NS <= now_ns <= MOST_NS
+            and now_ns - self._last_now_ns >= SHORTEST_NS
+        ):
+            self._pose_ns.fill(t_pose_ns)
+        else:
+            self._pose_ns[...] = as_instants(t_pose_ns, len(self._pose_ns))
+            now_ns = as_nanoseconds(now_ns)
+            refuse_seconds(self._pose_ns, now_ns, self._last_now_ns)
+        return self.advance(
+            rows,
+            self._pose_ns,
+            now_ns,
+            velocities=velocities,
+            paths=paths,
+            path_bends=path_bends,
+            bends=bends,
+        )
+
+    def advance(
+        self,
+        positions: np.ndarray,
+        pose_ns: np.ndarray,
+        now_ns: int,
+        *,
+        velocities: np.ndarray | None = None,
+        paths: np.ndarray | None = None,
+        path_bends: np.ndarray | None = None,
+        bends: np.ndarray | None = None,
+    ) -> Contacts:
+        """Answer as `tick` does, but without its checks: for loops that keep their arrays.
+
+        All arrays are contiguous and exactly of the types below. They are read where they are; ticks are
+        fastest where they are the same arrays each time.
+
+        Parameters
+        ----------
+        positions : (fingers, 3) float64, m, scene's frame
+            Centres of the fingertips; nan: not tracked.
+        pose_ns : (fingers,) int64, ns
+            Instants of the positions, within 2**62.
+        now_ns : int, ns
+            Instant of the tick, within 2**62.
+        velocities : (fingers, 3) float64, m/s
+            Velocities; nan: to be estimated.
+        paths : (fingers, K, 3) float64, m, scene's frame
+            Corners of paths; a first corner of nan: no path.
+        path_bends : (K,) float64
+            Bend at each corner, increasing. Default: evenly from 0 to 1.
+        bends : (fingers,) float64
+            Bends on the paths. Default: that of the nearest position on the path.
+
+        Returns
+        -------
+        (fingers,) CONTACT
+            The same array at each tick.
+
+        Raises
+        ------
+        ArgumentError
+            If positions or instants are not as many as fingers.
+        TypeError
+            If an array has another type, or is not contiguous.
+        """
+        given = self._given
+        if (
+            given is None
+            or velocities is not given[0]
+            or paths is not given[1]
+            or path_bends is not given[2]
+            or bends is not given[3]
+        ):
+            self._read_from((velocities, paths, path_bends, bends))
         # That parts have moved is reported until a tick has taken it in, even if someone interrupts this one.
         model = self._scene.snapshot()
         is_moved = model is not self._last_model()
         if is_moved:
-            self._take_over(model)
-        try:
-            # As they nearly always are; what the positions are, and which instants, compiled code looks at.
-            answer = (
-                type(t_pose_ns) is type(now_ns) is int
-                and t_pose_ns >= EARLY_NS
-                and now_ns >= EARLY_NS
-                and now_ns - self._last_now_ns >= SHORTEST_NS
-                and _tick(model.packed, self._packed, positions, t_pose_ns, now_ns, is_moved)
-            )
-        except OverflowError:
-            answer = False
+            self._adopt_model(model)
+        answer = tick(model.packed, self._packed, positions, pose_ns, now_ns, is_moved)
         if answer != DONE:
-            if answer is NotImplemented or not answer:
-                answer, now_ns = self._tick(model, positions, t_pose_ns, now_ns, is_moved)
+            if answer == NOT_DONE:
+                raise ArgumentError(
+                    f"{len(positions)} positions and {len(pose_ns)} instants, expected {len(self.contacts)}"
+                )
             self._pose_notes.add(answer, self.contacts, model)
         self._last_now_ns = now_ns
         if is_moved:
             self._last_model, self._last_epoch = weakref.ref(model), model.epoch
         return self.contacts
 
-    def _tick(
-        self, model: Model, positions: Any, t_pose_ns: Any, now_ns: Any, is_moved: bool
-    ) -> tuple[int, int]:
-        """Check the arguments, and tick; what that answers, and its instant."""
-        rows = as_float64(shaped(positions, "positions", self._shape), "positions")
-        if type(t_pose_ns) is not int or not -MOST_NS <= t_pose_ns <= MOST_NS:
-            self._pose_ns[...] = instants(t_pose_ns, self._shape[0])
-            t_pose_ns = EACH_ITS_OWN
-        now = instant(now_ns)
-        self._refuse_seconds(t_pose_ns, now)
-        return tick(model.packed, self._packed, rows, t_pose_ns, now, is_moved), now
+    def write_to(self, contacts: np.ndarray) -> None:
+        """Have ticks fill other records, such as those of a message; `contacts` is a view of them.
 
-    def _refuse_seconds(self, t_pose_ns: int, now_ns: int) -> None:
-        """Refuse instants, of the poses and of the tick, that no clock shows in nanoseconds."""
-        pose_ns = self._pose_ns.item(0) if t_pose_ns == EACH_ITS_OWN else t_pose_ns
-        is_apart = abs(now_ns - pose_ns) > OTHER_CLOCK_NS
-        is_too_soon = 0 < now_ns - self._last_now_ns < SHORTEST_NS and 0 < now_ns < LARGEST_SECONDS
-        if 0 < now_ns < (EARLY_NS if is_apart else SHORTEST_NS) or is_too_soon:
-            raise ArgumentError(f"now_ns is {now_ns}, {NOT_NANOSECONDS}")
-        if is_apart and 0 < pose_ns < EARLY_NS:
-            if t_pose_ns == EACH_ITS_OWN and self._pose_ns.max() >= EARLY_NS:
-                return  # of one finger alone it may be a fault of its sensor
-            raise ArgumentError(f"t_pose_ns is {pose_ns}, {NOT_NANOSECONDS}")
+        Parameters
+        ----------
+        contacts : (fingers,) CONTACT
+            Contiguous.
+        """
+        self.contacts = contacts.view(Contacts)
+        self._pack()
 
     @property
     def epoch(self) -> int:
@@ -299,23 +335,20 @@ class Tracker:
         self._arrays["marks"][:, track.TRACK_REPORTED_PART] = NO_PART
         self._last_now_ns = -MOST_NS
         self._settings[track.SETTING_FIRST_FINGER] = self._settings[track.SETTING_ADAPTIVE_TOLERANCE] = 0
-        self._forget()
+        self._forget_surfaces()
 
-    def _forget(self) -> None:
-        """Forget what was known of surfaces."""
+    def _forget_surfaces(self) -> None:
+        """Forget how far surfaces are, and which faces are near."""
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
         marks = self._arrays["marks"]
         marks[:, track.TRACK_SLOT], marks[:, track.TRACK_PART] = NO_SLOT, NO_PART
         marks[:, track.TRACK_IS_OUTSIDE] = marks[:, track.TRACK_FRONTIER_COUNT] = 0
 
-    def _take_over(self, model: Model) -> None:
-        """Look at *model* from now on; parts that changed in more than their pose are looked at anew.
-
-        Whoever interrupts this has it done again: that it is done is written last.
-        """
+    def _adopt_model(self, model: Model) -> None:
+        """Answer from *model* from now on; its epoch is written last, so that an interrupt repeats this."""
         if model.epoch != self._epoch:
-            self._forget()
-            self._find_again(model.names)
+            self._forget_surfaces()
+            self._renumber_parts(model.names)
             count = len(model.parts) - 1
             signs, grids = model.parts[:count, layout.PART_SIGN], model.parts[:count, layout.PART_GRID]
             is_open = (signs == layout.SIGN_WINDING) & (grids == layout.NO_GRID)
@@ -326,8 +359,8 @@ class Tracker:
             self._pack()
             self._epoch = model.epoch
 
-    def _find_again(self, names: tuple[str, ...]) -> None:
-        """Write what the parts of the last answers are numbered now; one that is gone is another than all."""
+    def _renumber_parts(self, names: tuple[str, ...]) -> None:
+        """Write the present numbers of the parts in the last answers; `GONE` where a part was removed."""
         if names != self._names:
             rows = {name: row for row, name in enumerate(names)}
             reported = self._arrays["marks"][:, track.TRACK_REPORTED_PART]
@@ -335,7 +368,7 @@ class Tracker:
             reported[:], self._names = found, names
 
     def _pack(self) -> None:
-        """Have ticks find the arrays that there are now."""
+        """Have ticks use the arrays that there are now."""
         records = self.contacts.view(np.ndarray)
         shape = len(records), -1
         views: dict[str, np.ndarray] = {
@@ -345,45 +378,30 @@ class Tracker:
         }
         self._packed: Any = native.packed(track.TrackerArrays(**(self._arrays | views)))
 
-    def _take_velocities(self, velocities: Any) -> None:
-        self._has_velocities = True  # until it is known that there are none
-        if velocities is not None:
-            self._velocities[...] = shaped(velocities, "velocities", self._shape)
-        self._settings[track.SETTING_HAS_VELOCITIES] = velocities is not None
-        self._has_velocities = velocities is not None
+    def _copied(self, name: str, values: np.ndarray) -> np.ndarray:
+        """Return the values in the same array at each tick, as long as they have the same shape."""
+        copy = self._copies.get(name)
+        if copy is None or copy.shape != values.shape:
+            copy = self._copies[name] = np.empty(values.shape)
+        copy[...] = values
+        return copy
 
-    def _take_paths(self, paths: Any, path_bends: Any, bends: Any) -> None:
-        self._has_paths = True  # until it is known that there are none
-        if paths is None:
-            self._settings[track.SETTING_HAS_PATHS] = self._has_paths = False
-            if bends is not None or path_bends is not None:
-                raise ArgumentError("path_bends are given without paths")
-            return
-        expected = f"({len(self.contacts)}, K, 3) with K of 2 or more"
-        corners = as_float64(paths, "values of paths", expected=f"numbers of shape {expected}")
-        if corners.ndim != 3 or corners.shape[::2] != self._shape or corners.shape[1] < 2:
-            raise ArgumentError(f"paths have shape {corners.shape}, expected {expected}")
-        count = corners.shape[1]
-        arrays = self._arrays
-        if self._path_count != count:
-            self._path_count = 0  # until arrays hold so many
-            arrays["paths"] = np.empty((len(self.contacts), count, 3))
-            arrays["path_bends"] = np.linspace(0.0, 1.0, count)
-            arrays["path_lengths"] = np.zeros(count)
-            self._pack()
-            self._path_count = count
-        arrays["paths"][...] = corners
-        if path_bends is None:
-            arrays["path_bends"][:] = np.linspace(0.0, 1.0, count)
-        else:
-            given = shaped(path_bends, "path_bends", (count,))
-            if not (np.isfinite(given).all() and (np.diff(given) > 0.0).all()):
-                raise ArgumentError(
-                    "path_bends do not increase, or are not finite, expected the bend at each corner"
-                )
-            arrays["path_bends"][:] = given
-        arrays["bends"][:] = np.nan if bends is None else shaped(bends, "bends", (len(self.contacts),))
-        self._settings[track.SETTING_HAS_PATHS] = True
+    def _read_from(self, given: _Given) -> None:
+        """Have ticks read these arrays."""
+        self._given = None
+        velocities, paths, path_bends, bends = given
+        arrays, settings = self._arrays, self._settings
+        settings[track.SETTING_HAS_VELOCITIES] = velocities is not None
+        settings[track.SETTING_HAS_PATHS] = paths is not None
+        if velocities is not None:
+            arrays["velocities"] = velocities
+        if paths is not None:
+            count = paths.shape[1]
+            arrays["paths"], arrays["path_lengths"] = paths, np.zeros(count)
+            arrays["path_bends"] = np.linspace(0.0, 1.0, count) if path_bends is None else path_bends
+            arrays["bends"] = np.full(len(self.contacts), np.nan) if bends is None else bends
+        self._pack()
+        self._given = given
 
     def __repr__(self) -> str:
         return f"Tracker({self.scene!r}, {len(self.contacts)} fingers)"

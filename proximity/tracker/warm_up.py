@@ -10,7 +10,7 @@ from proximity.native import IS_JIT
 
 
 def _mark() -> Path:
-    """The file that says that all is compiled, for these sources and this kind of processor."""
+    """The file that marks all kernels as compiled, for these sources and this kind of processor."""
     from llvmlite import binding
 
     from proximity.native.jit import cache_folder

@@ -1,7 +1,7 @@
 """Messages from one process to another, by addresses: ``iox2://decaff``, ``udp://127.0.0.1:9100``, ….
 
 A transport moves bytes (`links`); what they are worth is decided on this side of it: `Publisher` numbers and
-checksums them, `Subscriber` and `Examiner` verify and age them. Nothing received is ever evaluated.
+checksums them, `Subscriber` and `MessageReader` verify and age them. Nothing received is ever evaluated.
 """
 
 from collections.abc import Callable
@@ -12,15 +12,15 @@ from proximity.message.received_description import Description
 from proximity.transport.address import parse
 from proximity.transport.contact_age import forget, widen
 from proximity.transport.link import TRANSPORTS, Inlet, Outlet
-from proximity.transport.message_check import Counts, Examiner
+from proximity.transport.message_check import Counts, MessageReader
 from proximity.transport.publisher import Publisher
 from proximity.transport.subscriber import Reading, Subscriber
 
 __all__ = [
     "Counts",
     "Description",
-    "Examiner",
     "Inlet",
+    "MessageReader",
     "Outlet",
     "Publisher",
     "Reading",

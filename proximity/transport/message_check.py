@@ -57,7 +57,7 @@ class Counts:
         return ", ".join(parts)
 
 
-class Examiner:
+class MessageReader:
     """Takes messages from an inlet and lets through those that can be used.
 
     *kinds*: which are expected; each kind has sessions and numbers of its own. *most_flawed*: of these, such

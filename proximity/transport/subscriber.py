@@ -15,7 +15,7 @@ from proximity.message import CONTACT, DESCRIPTION, FRAME, Flaw, Kind, State
 from proximity.message.received_description import Description, DescriptionMessages
 from proximity.transport.contact_age import Widening, forget
 from proximity.transport.link import Inlet
-from proximity.transport.message_check import Counts, Examiner
+from proximity.transport.message_check import Counts, MessageReader
 from proximity.transport.publisher_clock import ForeignClock
 from proximity.transport.received_frame import HeldFrame
 
@@ -108,7 +108,7 @@ class Subscriber:
     ) -> None:
         self.address = address
         self._inlet = inlet
-        self._examiner = Examiner(inlet, [FRAME, DESCRIPTION], clock, uncounted=DESCRIPTION)
+        self._reader = MessageReader(inlet, [FRAME, DESCRIPTION], clock, uncounted=DESCRIPTION)
         self._description = DescriptionMessages()
         self._clock = clock
         self._foreign = None if inlet.shares_clock else ForeignClock()
@@ -127,7 +127,7 @@ class Subscriber:
     @property
     def counts(self) -> Counts:
         """Numbers of frames received and lost, and of messages refused, so far."""
-        return self._examiner.counts
+        return self._reader.counts
 
     @property
     def description(self) -> Description | None:
@@ -168,7 +168,7 @@ class Subscriber:
         PublishError
             If the transport cannot receive, for example because a socket was closed.
         """
-        for kind, _, now in self._examiner.messages(self._content_flaw):
+        for kind, _, now in self._reader.messages(self._content_flaw):
             if kind is FRAME:
                 self._accept(now)
         return self._reading()
@@ -203,7 +203,7 @@ class Subscriber:
 
         The bytes are overwritten by the next frame. The next reading is of the last one.
         """
-        for kind, data, now in self._examiner.messages(self._content_flaw):
+        for kind, data, now in self._reader.messages(self._content_flaw):
             if kind is FRAME:
                 self._accept(now)
                 yield data
@@ -234,7 +234,7 @@ class Subscriber:
         self._held, self._spare = self._spare, self._held
         self._is_new, self._is_forgotten, self._widening = True, False, None
         if self._foreign is not None and self._held is not None:
-            self._foreign.arrived(self._held.publish_ns, now, is_new_run=self._examiner.is_new_run)
+            self._foreign.arrived(self._held.publish_ns, now, is_new_run=self._reader.is_new_run)
 
     def _reading(self) -> Reading:
         now, foreign, held = self._clock(), self._foreign, self._held

@@ -15,8 +15,8 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from proximity.scene.scene import Scene
-from proximity.web.feeding import Feed, HeldUpError
 from proximity.web.page_client import PageClient
+from proximity.web.page_inbox import HeldUpError, PageInbox
 from proximity.web.server.access import HELD_UP, TOO_MUCH, UNFIT, Access, UnfitError
 from proximity.web.server.page_files import PageFiles
 from proximity.web.server.page_server import PageServer, document
@@ -37,7 +37,7 @@ class Shown:
     scene: Scene | None
     glb: bytes  # empty: no geometry
     frames: LiveFrames | LoggedFrames
-    feed: Feed
+    feed: PageInbox
     others: OtherPrograms = field(default_factory=OtherPrograms)
     about: dict[str, Any] = field(default_factory=dict)  # what pages get at the beginning
     recording: dict[str, Any] | None = None  # a hand that can be replayed
@@ -47,33 +47,33 @@ class Bridge:
     """Pages and what they are shown."""
 
     def __init__(self, shown: Shown, access: Access, files: PageFiles) -> None:
-        self.server = PageServer(access, files, self._meet)
+        self.server = PageServer(access, files, self._serve_page)
         self._shown = shown
         self._clients: list[PageClient] = []
         self._number = 0
         self._tasks: set[asyncio.Task[Any]] = set()
 
-    async def hand_on(self) -> None:
+    async def publish_frames(self) -> None:
         """Hand frames of the service to pages, until cancelled; of a log pages ask for them."""
         frames = self._shown.frames
         while isinstance(frames, LiveFrames):
             await asyncio.sleep(LOOK_S if self._clients else IDLE_LOOK_S)
             for message in self._shown.others.messages():
-                self._tell_all(message)
+                self._broadcast(message)
             new = frames.newest()
             if new is None:
                 continue
             if new.is_new_run:
-                self._shown.feed.repeat()
+                self._shown.feed.resend()
             for client in self._clients:
                 client.offer(new.data, is_answer=new.is_answer)
 
-    def say(self, sentence: str) -> None:
+    def notify(self, sentence: str) -> None:
         """Show a sentence on every page."""
         for client in self._clients:
-            self._start(client.tell(notice=sentence))
+            self._run_beside(client.send(notice=sentence))
 
-    async def _meet(self, connection: ServerConnection, token: str) -> None:
+    async def _serve_page(self, connection: ServerConnection, token: str) -> None:
         if len(self._clients) >= MOST_PAGES:
             await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages connected already")
             return
@@ -83,7 +83,7 @@ class Bridge:
         try:
             await self._welcome(client)
             async for data in connection:
-                self._take(client, data)
+                self._receive(client, data)
         except ConnectionClosed:
             pass
         except HeldUpError as held_up:
@@ -94,14 +94,14 @@ class Bridge:
             await self.server.refuse(connection, TOO_MUCH, str(flood))
         finally:
             sending.cancel()
-            self._leave(client)
+            self._remove(client)
             with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
                 await sending
 
     async def _welcome(self, client: PageClient) -> None:
         shown, feed = self._shown, self._shown.feed
         client.feeds = not any(other.feeds for other in self._clients)
-        await client.tell(
+        await client.send(
             welcome={
                 "title": shown.title,
                 "feeds": client.feeds,
@@ -120,7 +120,7 @@ class Bridge:
             await client.connection.send(message)
         self._clients.append(client)
 
-    def _leave(self, client: PageClient) -> None:
+    def _remove(self, client: PageClient) -> None:
         """Forget a page; fingers that it fed are not tracked any more, and another page may feed."""
         if client not in self._clients:
             return
@@ -128,41 +128,41 @@ class Bridge:
         if client.feeds:
             self._shown.feed.release()
             for other in self._clients[:1]:
-                self._give_role(other)
+                self._set_feeder(other)
 
-    def _give_role(self, client: PageClient) -> None:
+    def _set_feeder(self, client: PageClient) -> None:
         for other in self._clients:
             if other.feeds != (other is client):
                 other.feeds = other is client
-                self._start(other.tell(feeds=other.feeds))
+                self._run_beside(other.send(feeds=other.feeds))
 
-    def _take(self, client: PageClient, data: str | bytes) -> None:
-        if not client.allowance.takes(len(data)):
+    def _receive(self, client: PageClient, data: str | bytes) -> None:
+        if not client.allowance.allows(len(data)):
             raise _TooMuchError("too many messages")
         if isinstance(data, bytes):
             if not client.feeds:
                 return  # under way when another page took over
-            done = self._shown.feed.take(data, client.clock)
+            done = self._shown.feed.receive(data, client.clock)
             if done is not None:
-                self._tell_all(done)
+                self._broadcast(done)
             return
         if data == "ok":
-            client.shown()
+            client.acknowledge()
             return
         asked = document(data)
         if "clock" in asked:
-            self._start(client.tell(clock=_number(asked["clock"]), now_ns=str(time.monotonic_ns())))
+            self._run_beside(client.send(clock=_number(asked["clock"]), now_ns=str(time.monotonic_ns())))
         elif "feed" in asked:
             self._shown.feed.release()
-            self._give_role(client)
+            self._set_feeder(client)
         elif "slice" in asked:
             is_busy, client.slice_asked = client.slice_asked is not None, asked["slice"]
             if not is_busy:
-                self._start(self._slices(client))
+                self._run_beside(self._slices(client))
         elif "clearance" in asked:
-            self._start(self._clearance(client, asked["clearance"]))
+            self._run_beside(self._clearance(client, asked["clearance"]))
         elif ("at_ms" in asked or "place" in asked) and isinstance(self._shown.frames, LoggedFrames):
-            self._start(self._show_logged(client, self._shown.frames, asked))
+            self._run_beside(self._show_logged(client, self._shown.frames, asked))
         else:
             raise UnfitError(f"a page may not ask for {', '.join(map(str, asked))[:60]!r}")
 
@@ -177,7 +177,7 @@ class Bridge:
                 data = await asyncio.to_thread(slice_bytes, self._shown.scene, asked)
                 await client.connection.send(data)
             except UnfitError as unfit:
-                await client.tell(notice=str(unfit))
+                await client.send(notice=str(unfit))
             if client.slice_asked is asked:
                 client.slice_asked = None
 
@@ -187,9 +187,9 @@ class Bridge:
             return
         client.is_measuring = True
         try:
-            await client.tell(clearance=await asyncio.to_thread(clearance_document, self._shown.scene, asked))
+            await client.send(clearance=await asyncio.to_thread(clearance_document, self._shown.scene, asked))
         except UnfitError as unfit:
-            await client.tell(notice=str(unfit))
+            await client.send(notice=str(unfit))
         finally:
             client.is_measuring = False
 
@@ -199,14 +199,14 @@ class Bridge:
         except (TypeError, ValueError, OverflowError):
             return
         place = min(max(place, 0), frames.count - 1)
-        await client.tell(place=place, ms=frames.ms_at(place))
+        await client.send(place=place, ms=frames.ms_at(place))
         await client.connection.send(frames.at(place))
 
-    def _tell_all(self, data: bytes) -> None:
+    def _broadcast(self, data: bytes) -> None:
         for client in self._clients:
-            self._start(client.connection.send(data))
+            self._run_beside(client.connection.send(data))
 
-    def _start(self, coroutine: Any) -> None:
+    def _run_beside(self, coroutine: Any) -> None:
         """Have something done beside; that its page has gone is no failure."""
 
         async def guarded() -> None:

@@ -66,10 +66,7 @@ class _Glb:
         """Add a part with at most *target* faces, or nearly; how many they are."""
         mesh = part.solid.mesh
         drawn = display_mesh(*coarser(mesh.vertices, np.asarray(mesh.faces, np.int64), target))
-        attributes = {
-            "POSITION": self._vertices(drawn.positions),
-            "NORMAL": self._vertices(drawn.normals),
-        }
+        attributes = {"POSITION": self._vertices(drawn.positions), "NORMAL": self._vertices(drawn.normals)}
         material = number % len(COLOURS)
         faces = self._indices(drawn.faces)
         shapes = [{"attributes": attributes, "indices": faces, "mode": _TRIANGLES, "material": material}]

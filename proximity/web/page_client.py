@@ -5,7 +5,7 @@ import json
 import time
 from typing import Any
 
-from proximity.web.feeding import PageClock
+from proximity.web.page_inbox import PageClock
 from proximity.web.server.access import Allowance
 
 MOST_IN_FLIGHT = 2
@@ -40,7 +40,7 @@ class PageClient:
             self._frame = data
             self._ready.set()
 
-    def shown(self) -> None:
+    def acknowledge(self) -> None:
         """Take note that the page has shown a frame."""
         self._in_flight = max(self._in_flight - 1, 0)
         self._ready.set()
@@ -60,6 +60,6 @@ class PageClient:
             self._sent_s = time.monotonic()
             await self.connection.send(data)
 
-    async def tell(self, **what: Any) -> None:
+    async def send(self, **what: Any) -> None:
         """Send a document."""
         await self.connection.send(json.dumps(what, ensure_ascii=False))

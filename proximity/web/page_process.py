@@ -1,16 +1,14 @@
-"""A page from beginning to end: geometry, bridge and service, and one wish to stop that ends all."""
+"""A page from beginning to end: parts, service and bridge in one process, and one event that stops all."""
 
 import asyncio
 import errno
 import os
 import socket
 import ssl
-import tempfile
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,12 +27,13 @@ from proximity.service.config import (
 )
 from proximity.system.extras import needed
 from proximity.tracker.replay import fitted_pose
-from proximity.tracker.tracker import DEFAULT_BUDGET
+from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 from proximity.web.geometry import scene_glb
-from proximity.web.keeping import ServiceKeeper
-from proximity.web.scene_page import scene_page_files
-from proximity.web.served_scene import Addresses, own_addresses, write_scene_file
+from proximity.web.page_content import scene_page_files
+from proximity.web.page_inbox import PageInbox
+from proximity.web.page_service import PageService, page_settings
 from proximity.web.server.access import LOOPBACK, Access, new_token
+from proximity.web.sources import LiveFrames, LoggedFrames, OtherPrograms
 
 if TYPE_CHECKING:
     from proximity.web.bridge import Bridge, Shown
@@ -81,7 +80,7 @@ def run_page(
         from proximity.web.bridge import Bridge
     tls, port = _tls(settings), _free_port(settings)
     with ExitStack() as opened:
-        made = _made(settings, opened)
+        made = _page_setup(settings, say, opened)
         opened.callback(made.shown.frames.close)
         opened.callback(made.shown.feed.close)
         for note in made.notes:
@@ -95,7 +94,7 @@ def run_page(
         async def serve() -> None:
             server = await bridge.server.listen(settings.bind, port, tls)
             try:
-                await _until_stopped(bridge, made, stop, say, lambda: begun({"url": url, "pid": os.getpid()}))
+                await _until_stopped(bridge, made, stop, lambda: begun({"url": url, "pid": os.getpid()}))
             finally:
                 server.close()
 
@@ -104,34 +103,21 @@ def run_page(
 
 
 async def _until_stopped(
-    bridge: "Bridge",
-    made: "_Made",
-    stop: threading.Event,
-    say: Callable[[str], None],
-    begun: Callable[[], None],
+    bridge: "Bridge", made: "PageSetup", stop: threading.Event, begun: Callable[[], None]
 ) -> None:
-    """Hand frames on, with the service kept running where there is one to be started."""
-    loop = asyncio.get_running_loop()
-
-    def say_on_pages(sentence: str) -> None:
-        say(sentence)
-        loop.call_soon_threadsafe(bridge.say, sentence)
-
-    handing = asyncio.create_task(bridge.hand_on())
-    keeper = None if made.scene_file is None else ServiceKeeper(made.scene_file, say_on_pages)
-    with ExitStack() as kept:
-        if keeper is not None:
-            kept.enter_context(keeper)
+    """Hand frames on, while the page's own service runs, if it has one."""
+    publishing = asyncio.create_task(bridge.publish_frames())
+    service = made.service
+    with nullcontext() if service is None else service:
         begun()
-        while not stop.is_set() and (keeper is None or keeper.failure is None):
+        while not stop.is_set() and (service is None or service.failure is None):
             await asyncio.sleep(LOOK_S)
-            if handing.done():
-                handing.result()
+            if publishing.done():
+                publishing.result()
         made.shown.feed.release()
-        await asyncio.to_thread(kept.close)
-    handing.cancel()
-    if keeper is not None and keeper.failure is not None:
-        raise keeper.failure
+    publishing.cancel()
+    if service is not None and service.failure is not None:
+        raise service.failure
 
 
 def _free_port(settings: PageSettings) -> int:
@@ -153,13 +139,15 @@ def _shown_host(bind: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Made:
+class PageSetup:
+    """What a page shows, and its own service, if it has one."""
+
     shown: "Shown"
-    scene_file: str | None  # of the service that is to be started
+    service: PageService | None
     notes: tuple[str, ...] = ()  # on the files of parts
 
 
-def _made(settings: PageSettings, opened: ExitStack) -> _Made:
+def _page_setup(settings: PageSettings, report: Callable[[str], None], opened: ExitStack) -> PageSetup:
     """Load and open what is shown."""
     logs = [name for name in settings.files if name.endswith(".frames")]
     parts = tuple(name for name in settings.files if name not in logs)
@@ -170,70 +158,57 @@ def _made(settings: PageSettings, opened: ExitStack) -> _Made:
         raise ServiceError(f"{logs[1]}: one log is shown at a time")
     title = " + ".join(os.path.basename(name) for name in settings.files)
     if settings.beside is not None:
-        return _beside(settings, title, parts[0], settings.beside, opened)
-    folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="proximity-page-")))
-    served = _served(settings, folder, parts) if parts else None
+        return _attach_to_service(settings, title, parts[0], settings.beside, opened)
+    served = None
+    if parts:
+        given: dict[str, Any] = {"rate_hz": settings.rate_hz, "radius": settings.radius}
+        served = page_settings(parts, units=settings.units, **given)
     if logs:
-        return _logged(settings, title, logs[0], None if served is None else served[0])
+        return _open_log(settings, title, logs[0], served)
     assert served is not None
-    scene_file, addresses = served
-    return _fed(settings, title, scene_file, addresses)
+    return _open_own_service(settings, title, served, report)
 
 
-def _beside(settings: PageSettings, title: str, path: str, frames: str, opened: ExitStack) -> _Made:
+def _attach_to_service(
+    settings: PageSettings, title: str, path: str, frames: str, opened: ExitStack
+) -> PageSetup:
     """A page beside a service that runs: it feeds where the scene file lets it."""
     from proximity.web.bridge import Shown
-    from proximity.web.feeding import Feed
-    from proximity.web.sources import LiveFrames, OtherPrograms
 
     served = read_scene_file(path)
     scene = PartFiles().scene(served) if served.parts else None
     given = served.input if served.web.feed else InputSettings()
     count = finger_count(served, read_input(served))
-    feed = Feed(given.poses, given.moves, given.changes, scene, count)
+    feed = PageInbox(given.poses, given.moves, given.changes, scene, count)
     shown = Shown(title, scene, b"", LiveFrames(frames), feed)
     if not served.web.feed and scene is not None:
         shown.others = opened.enter_context(
             closing(OtherPrograms([served.input.moves, served.input.changes], scene))
         )
-    return _Made(_with_geometry(shown, settings, served), None)
+    return PageSetup(_with_geometry(shown, settings, served), None)
 
 
-def _served(settings: PageSettings, folder: Path, parts: tuple[str, ...]) -> tuple[SceneFile, Addresses]:
-    addresses = own_addresses()
-    given: dict[str, Any] = {"units": settings.units, "rate_hz": settings.rate_hz, "radius": settings.radius}
-    return write_scene_file(folder, parts, addresses, **given), addresses
-
-
-def _logged(settings: PageSettings, title: str, log: str, served: SceneFile | None) -> _Made:
+def _open_log(settings: PageSettings, title: str, log: str, served: SceneFile | None) -> PageSetup:
     """The log of a service that ran, over its parts where they are given."""
     from proximity.web.bridge import Shown
-    from proximity.web.feeding import Feed
-    from proximity.web.sources import LoggedFrames
 
     frames = LoggedFrames(log)
     files = PartFiles()
     scene = None if served is None else files.scene(served)
-    shown = Shown(title, scene, b"", frames, Feed(None, None, None, scene, frames.finger_count))
-    shown.about["log"] = {
-        "count": frames.count,
-        "duration_ms": frames.duration_ms,
-        "notes": frames.notes,
-    }
-    return _Made(_with_geometry(shown, settings, served), None, files.notes)
+    shown = Shown(title, scene, b"", frames, PageInbox(None, None, None, scene, frames.finger_count))
+    shown.about["log"] = {"count": frames.count, "duration_ms": frames.duration_ms, "notes": frames.notes}
+    return PageSetup(_with_geometry(shown, settings, served), None, files.notes)
 
 
-def _fed(settings: PageSettings, title: str, served: SceneFile, addresses: Addresses) -> _Made:
-    """A service of the page's own."""
+def _open_own_service(
+    settings: PageSettings, title: str, served: SceneFile, report: Callable[[str], None]
+) -> PageSetup:
     from proximity.web.bridge import Shown
-    from proximity.web.feeding import Feed
-    from proximity.web.sources import LiveFrames
 
-    files = PartFiles()
-    scene = files.scene(served)
-    feed = Feed(addresses.poses, addresses.moves, addresses.changes, scene, finger_count(served, None))
-    shown = Shown(title, scene, b"", LiveFrames(addresses.frames), feed)
-    return _Made(_with_geometry(shown, settings, served), served.path, files.notes)
+    service = PageService(served, report)
+    feed = PageInbox(served.input.poses, None, None, service.scene, service.finger_count, changes_scene=True)
+    shown = Shown(title, service.scene, b"", LiveFrames(served.service.publish[0]), feed)
+    return PageSetup(_with_geometry(shown, settings, served), service, service.notes)
 
 
 def _with_geometry(shown: "Shown", settings: PageSettings, served: SceneFile | None) -> "Shown":

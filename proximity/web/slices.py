@@ -8,9 +8,9 @@ import numpy as np
 from proximity.errors import SceneError
 from proximity.scene.clearance import clearance
 from proximity.scene.scene import Scene
-from proximity.web.feeding import FARTHEST
+from proximity.web.page_content import SLICE_HEADER, SLICE_MAGIC
+from proximity.web.page_inbox import FARTHEST
 from proximity.web.server.access import UnfitError
-from proximity.web.slice_fields import SLICE_HEADER, SLICE_MAGIC
 
 MOST_POINTS = 40_000
 """Of a slice: 40 ms on one core for a part of 100 k faces."""

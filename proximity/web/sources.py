@@ -12,7 +12,7 @@ from proximity.pose import Pose
 from proximity.recording import FrameReader
 from proximity.scene.scene import Scene
 from proximity.service.inputs.changes_input import carry_out
-from proximity.service.inputs.reception import Reception
+from proximity.service.inputs.inbox import Inbox
 from proximity.transport import open_subscriber
 
 LARGEST_LOG = 2_000_000_000
@@ -68,7 +68,7 @@ class OtherPrograms:
     def __init__(self, addresses: Sequence[str | None] = (), scene: Scene | None = None) -> None:
         self._scene = scene
         self._receptions = [
-            Reception(address, [MOVES, CHANGES])
+            Inbox(address, [MOVES, CHANGES])
             for address in dict.fromkeys(addresses)
             if address is not None and address.startswith(SHARED)
         ]

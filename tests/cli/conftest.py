@@ -1,7 +1,9 @@
 """The command line, run in this process: one fixture for all commands."""
 
 import io
+import os
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -40,3 +42,17 @@ def run(request, monkeypatch, capsys):
         return SimpleNamespace(code=end.value.code or 0, out=out, err=err, words=" ".join(unframed.split()))
 
     return run_with
+
+
+@pytest.fixture
+def recorded():
+    """Compare a text with a file of ``texts``, or write it there where PROXIMITY_UPDATE_TEXTS is set."""
+
+    def compare(name, text):
+        path = Path(__file__).parent / "texts" / f"{name}.txt"
+        if os.environ.get("PROXIMITY_UPDATE_TEXTS"):
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        assert text == path.read_text(encoding="utf-8")
+
+    return compare

@@ -3,7 +3,6 @@
 The sphere has radius 10 mm and its centre at the origin; `proximity.load` is replaced, so nothing compiles.
 """
 
-import csv
 import io
 import json
 import sys
@@ -11,17 +10,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_scene import RADIUS, FakeRepairs, FakeScene
+from fake_scene import FakeScene
 from rich.console import Console
 
 import proximity
 from proximity import cli
 from proximity.cli import progress
-from proximity.cli.commands.parts import query
 from proximity.cli.lengths import in_units
-from proximity.cli.views import query_answers
+from proximity.cli.parts import answer_output, query
 from proximity.errors import MeshFormatError
-from proximity.pose import Pose
 
 
 @pytest.fixture
@@ -51,68 +48,6 @@ def load_with(monkeypatch, load):
 def block(text):
     """The labelled lines of a block."""
     return {line[:16].strip(): line[16:] for line in text.splitlines()}
-
-
-def test_point_outside_is_told_in_words(run):
-    result = run("query", "ball.stl", 0, 0, 12.5)
-
-    assert result.code == 0
-    assert result.err == ""
-    assert block(result.out) == {
-        "signed distance": "2.5 mm, outside",
-        "closest point": "0  0  10 mm",
-        "normal": "0  0  1",
-        "part": "ball",
-        "face": "107 of the file",
-        "on": "an edge",
-        "sign": "pseudo-normals: closed and oriented",
-    }
-
-
-@pytest.mark.parametrize(("x", "words"), [(4, "-6 mm, inside"), (10, "0 mm, on the surface")])
-def test_side_of_a_point_is_told_in_words(run, x, words):
-    assert block(run("query", "ball.stl", x, 0, 0).out)["signed distance"] == words
-
-
-def test_unknown_side_is_told_in_words(run, monkeypatch):
-    load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
-
-    lines = block(run("query", "ball.stl", 4, 0, 0).out)
-
-    assert lines["signed distance"] == "6 mm, which side is unknown"
-    assert lines["sign"] == "none: it is an open sheet"
-
-
-def test_point_that_is_not_finite_is_told_in_words(run):
-    result = run("query", "ball.stl", "--points", "-", stdin="nan 0 -inf\n")
-
-    assert result.code == 0
-    assert block(result.out) == {"distance": "nan (the point is not finite)"}
-
-
-def test_piped_output_has_no_colours(run):
-    assert "\x1b" not in run("query", "ball.stl", 0, 0, 12.5).out
-
-
-def test_name_of_a_part_cannot_command_the_terminal(run, monkeypatch):
-    load_with(monkeypatch, lambda path, units, **options: FakeScene(name="a\x1b[2Jb [red]"))
-
-    assert block(run("query", "ball.stl", 4, 0, 0).out)["part"] == "a?[2Jb [red]"
-
-
-def test_negative_coordinates_may_follow_options(run):
-    result = run("query", "ball.stl", "--json", "--units", "mm", "-1", "-.5", "-1E1")
-
-    assert json.loads(result.out)["answers"][0]["query"] == [-1.0, -0.5, -10.0]
-
-
-def test_negative_direction_is_numbers(run):
-    result = run("query", "ball.stl", "--ray", "0", "0", "-1", "-6", "0", "20", "--json")
-
-    (answer,) = json.loads(result.out)["answers"]
-    assert answer["origin"] == [-6.0, 0.0, 20.0]
-    assert answer["direction"] == [0.0, 0.0, -1.0]
-    assert answer["distance"] == 12.0
 
 
 def test_rounding_in_a_length_is_printed_as_zero_but_not_for_programs(run):
@@ -181,127 +116,20 @@ def test_wrong_use_is_a_usage_error(run, loaded, arguments, message):
     assert loaded == []
 
 
-def test_units_hold_for_coordinates_answers_and_the_file(run, loaded):
-    result = run("query", "ball.stl", 0, 0, 1.5, "--units", "cm", "--json")
-
-    (answer,) = json.loads(result.out)["answers"]
-    assert loaded == [("ball.stl", "cm")]
-    assert answer["query"] == [0.0, 0.0, 1.5]
-    assert answer["signed_distance"] == pytest.approx(0.5, rel=1e-15)
-    assert answer["point"] == [0.0, 0.0, 1.0]
-    assert answer["gradient"] == [0.0, 0.0, 1.0]
-
-
-def test_coordinate_too_large_for_metres_is_not_finite(run):
-    result = run("query", "ball.stl", 1e308, 0, 0, "--units", "km", "--json")
-
-    assert json.loads(result.out)["answers"][0]["signed_distance"] is None
-
-
-def test_ray_that_hits_is_told(run):
-    lines = block(run("query", "ball.stl", 0, 0, 50, "--ray", 0, 0, -1).out)
-
-    assert lines == {
-        "distance": "40 mm",
-        "point": "0  0  10 mm",
-        "normal": "0  0  1",
-        "part": "ball",
-        "face": "103 of the file",
-    }
-
-
-def test_ray_that_misses_is_told(run):
-    result = run("query", "ball.stl", 0, 0, 50, "--ray", 0, 0, 1)
-
-    assert result.code == 0
-    assert block(result.out) == {"distance": "inf (nothing in that direction)"}
-
-
-def test_what_is_too_far_off_is_told_in_words():
-    far, nothing = [1e200, 0.0, 0.0], float("nan")
-    point = {"query": far, "signed_distance": nothing, "face": None}
-    ray = {"origin": far, "direction": [-1.0, 0.0, 0.0], "distance": nothing, "face": None}
-
-    for mode, answer in (("closest", point), ("ray", ray)):
-        assert query_answers.block(mode, answer, "mm", "") == [
-            ("distance", "nan (too far away to be computed)")
-        ]
-
-
-def test_segment_is_told(run):
-    lines = block(run("query", "ball.stl", 0, 0, 12, 0, 0, 30, "--segment").out)
-
-    assert lines == {
-        "distance": "2 mm",
-        "on segment": "0  0  12 mm",
-        "on solid": "0  0  10 mm",
-        "fraction": "0 of the segment",
-        "part": "ball",
-        "face": "107 of the file",
-    }
-
-
-def test_segment_that_touches_is_told(run):
-    lines = block(run("query", "ball.stl", 0, 0, 0, 0, 0, 30, "--segment").out)
-
-    assert lines["distance"] == "0 mm, touches the surface"
-
-
-def test_segment_that_is_not_finite_is_told(run):
-    stdin = "0 0 nan\n0 0 nan\n"
-
-    lines = block(run("query", "ball.stl", "--points", "-", "--segment", stdin=stdin).out)
-
-    assert lines == {"distance": "nan (the numbers given are not finite)"}
-
-
-def test_segments_are_pairs_of_points(run):
-    result = run("query", "ball.stl", *[0, 0, 12, 0, 0, 30], *[0, 15, 0, 0, 40, 0], "--segment", "--json")
-
-    answers = json.loads(result.out)["answers"]
-    assert [answer["start"] for answer in answers] == [[0, 0, 12], [0, 15, 0]]
-    assert [answer["end"] for answer in answers] == [[0, 0, 30], [0, 40, 0]]
-    assert [answer["distance"] for answer in answers] == pytest.approx([2.0, 5.0], rel=1e-14)
-
-
-def test_many_points_make_an_aligned_table(run):
-    result = run("query", "ball.stl", "--points", "-", stdin="0 0 12.5\n1 2 nan\n-4 0 0\n")
-
-    lines = result.out.splitlines()
-    assert lines[0].split()[:6] == ["#", "distance_mm", "side", "point_x_mm", "point_y_mm", "point_z_mm"]
-    assert " ".join(lines[1].split()) == "0 2.5 outside 0 0 10 0 0 1 107 edge ball"
-    assert " ".join(lines[2].split()) == "1 nan - nan nan nan nan nan nan - - -"
-    assert " ".join(lines[3].split()) == "2 -6 inside -10 0 0 -1 0 0 107 edge ball"
-    ends = {
-        line.index(word) + len(word) for line, word in zip(lines, ("distance_mm", "2.5", "nan"), strict=False)
-    }
-    assert len(ends) == 1
-
-
-@pytest.mark.parametrize(
-    ("options", "first", "second"),
-    [
-        (("--ray", 0, 0, -1), "0 10 0 0 10 0 0 1 103 ball", "1 inf nan nan nan nan nan nan - -"),
-        (("--segment",), "0 10 0 0 10 0 0 20 107 ball", None),
-    ],
-)
-def test_rays_and_segments_make_a_table(run, options, first, second):
-    result = run("query", "ball.stl", *[0, 0, 20, 90, 0, 20] * 2, *options)
-
-    lines = result.out.splitlines()
-    assert lines[1].split() == first.split()
-    assert second is None or lines[2].split() == second.split()
-
-
-def test_no_points_give_an_empty_answer(run):
-    table, document, text = (
-        run("query", "ball.stl", "--points", "-", *option, stdin="# none\n")
-        for option in ((), ("--json",), ("--csv",))
+@pytest.mark.parametrize("options", [(), ("--ray", -1, 0, 0)])
+def test_what_is_too_far_off_is_told_in_words(run, monkeypatch, options):
+    scene = FakeScene()
+    nothing = np.full(1, np.nan)
+    hits = SimpleNamespace(
+        **vars(scene.closest(np.array([[0.0, 0.0, np.nan]])))
+        | {"distance": nothing, "normal": np.full((1, 3), np.nan)}
     )
+    scene.closest = scene.cast = lambda *_, **__: hits
+    load_with(monkeypatch, lambda path, units, **options: scene)
 
-    assert table.code == document.code == text.code == 0
-    assert len(table.out.splitlines()) == len(text.out.splitlines()) == 1
-    assert json.loads(document.out)["answers"] == []
+    lines = block(run("query", "ball.stl", 1e200, 0, 0, *options).out)
+
+    assert lines == {"distance": "nan (too far away to be computed)"}
 
 
 def refuse(word):
@@ -338,20 +166,6 @@ def test_json_of_several_chunks_is_valid(run, monkeypatch):
     result = run("query", "ball.stl", *range(15), "--json")
 
     assert [answer["query"][0] for answer in json.loads(result.out)["answers"]] == [0, 3, 6, 9, 12]
-
-
-def test_csv_has_a_header_and_every_digit(run):
-    result = run("query", "ball.stl", "--points", "-", "--csv", stdin="0.1 0.2 0.3\nnan 0 0\n")
-
-    first, second = csv.DictReader(io.StringIO(result.out))
-    direct = FakeScene().closest(np.array([[0.1, 0.2, 0.3]]) * 0.001)
-    assert list(first)[:6] == ["x_mm", "y_mm", "z_mm", "signed_distance_mm", "is_signed", "point_x_mm"]
-    assert float(first["signed_distance_mm"]) == pytest.approx(direct.signed_distance[0] / 0.001, rel=1e-14)
-    point = [float(first[name]) for name in ("point_x_mm", "point_y_mm", "point_z_mm")]
-    assert point == in_units(direct.point[0], 0.001).tolist()
-    assert first["part_name"] == "ball"
-    assert second["signed_distance_mm"] == "nan"
-    assert second["face"] == ""
 
 
 def test_points_come_from_a_file(run, tmp_path):
@@ -465,8 +279,9 @@ def terminal(monkeypatch, width=200):
     def console(**options):
         return Console(file=screen, force_terminal=True, width=width, color_system=None)
 
-    monkeypatch.setattr(progress, "Console", console)
-    monkeypatch.setattr("proximity.cli.console.Console", console)
+    monkeypatch.setattr(progress, "_is_terminal", lambda: True)
+    monkeypatch.setattr(answer_output.sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr("proximity.cli.tables.Console", console)
     return screen
 
 
@@ -574,137 +389,8 @@ def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
 
     result = run("query", "ball.stl", *[0, 0, 1] * 101)
 
-    assert len(screen.getvalue().splitlines()) == 1 + query_answers.TERMINAL_ROWS
+    assert len(screen.getvalue().splitlines()) == 1 + answer_output.TERMINAL_ROWS
     assert result.err == "proximity: these are 100 of 101; --csv, --json or a pipe shows all\n"
-
-
-def test_check_tells_what_the_file_holds(run):
-    result = run("check", "ball.stl")
-
-    lines = block(result.out)
-    assert result.code == 0
-    assert lines["format"] == "STL binary"
-    assert lines["units of file"] == "mm (assumed: the file declares none)"
-    assert lines["parts"] == "1"
-    assert lines["note"] == "2 names shared"
-    assert lines["sign"] == "pseudo-normals: closed and oriented (ball)"
-    assert lines["repaired"] == "4 vertices at equal positions merged (ball)"
-    assert "ball 20 × 20 × 20 20 1 yes yes 4000 pseudo-normals solid" in " ".join(result.out.split())
-    assert "volume [mm³]" in result.out
-
-
-def test_check_tells_a_part_without_an_inside(run, monkeypatch):
-    load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
-
-    result = run("check", "ball.stl")
-
-    assert result.code == 0
-    assert block(result.out)["no inside"] == "distances are unsigned (ball)"
-    assert block(result.out)["not closed"] == "3 edges, the first near 0  0  0 mm (ball)"
-    assert "no: NotManifold" in result.out
-
-
-def test_strict_check_fails_for_a_part_without_an_inside(run, monkeypatch):
-    assert run("check", "ball.stl", "--strict").code == 0
-    load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
-
-    result = run("check", "ball.stl", "--strict", "--json")
-
-    assert result.code == 1
-    assert json.loads(result.out)["parts"][0]["has_inside"] is False
-
-
-def test_check_says_the_same_of_many_parts_once(run, monkeypatch):
-    scene = FakeScene()
-    ball = scene.parts[0]
-    scene.parts = tuple(SimpleNamespace(**{**vars(ball), "name": f"ball_{k}"}) for k in range(5))
-    load_with(monkeypatch, lambda path, units, **options: scene)
-
-    lines = block(run("check", "ball.stl").out)
-
-    assert lines["sign"] == "pseudo-normals: closed and oriented (ball_0, ball_1, ball_2 and 2 more)"
-
-
-def balls(count):
-    """A scene of equal balls in a row along x, turned by a quarter about x, 30 mm apart."""
-    scene = FakeScene()
-    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-    ball = vars(scene.parts[0])
-    poses = [Pose(turn, [0.030 * k, 0.0, 0.0]) for k in range(count)]
-    scene.parts = tuple(SimpleNamespace(**{**ball, "name": f"b{k}", "pose": p}) for k, p in enumerate(poses))
-    return scene
-
-
-def test_check_shows_sizes_and_a_total(run, monkeypatch):
-    load_with(monkeypatch, lambda path, units, **options: balls(3))
-
-    result = run("check", "ball.stl", "--units", "cm")
-
-    assert block(result.out)["size"] == "8 × 2 × 2 cm"
-    lines = [" ".join(line.split()) for line in result.out.splitlines()]
-    assert "part size [cm] faces shells watertight oriented volume [cm³] sign manifold3d" in lines
-    assert "b1 2 × 2 × 2 20 1 yes yes 4 pseudo-normals solid" in lines
-    assert "3 parts 8 × 2 × 2 60 3 3 of 3 3 of 3 12 3 of 3 3 of 3" in lines
-
-
-def test_check_lists_twenty_parts_and_all_of_them_where_asked(run, monkeypatch):
-    load_with(monkeypatch, lambda path, units, **options: balls(23))
-
-    folded, whole = run("check", "ball.stl").out, run("check", "ball.stl", "--all").out
-
-    assert "b19 " in folded and "b20 " not in folded and "b22 " in whole
-    assert "These are the first 20 of 23 parts; --all lists all." in folded
-    assert "--all" not in whole
-    for text in folded, whole:
-        assert "23 parts 680 × 20 × 20 460" in " ".join(text.split())
-    assert len(json.loads(run("check", "ball.stl", "--json").out)["parts"]) == 23
-
-
-def test_check_says_where_the_unit_is_from_and_prints_rounding_as_zero(run, monkeypatch):
-    scene = FakeScene()
-    scene.report.units = "in"
-    scene.parts[0].pose = Pose(None, [RADIUS + 1e-17, 0.0, 0.0])
-    load_with(monkeypatch, lambda path, units, **options: scene)
-
-    lines = block(run("check", "ball.stl", "--units", "in").out)
-
-    assert lines["units of file"] == "in (as --units says)"
-    assert lines["from"].split()[0] == "0"
-
-
-def test_check_does_not_range_what_all_samples_agree_with(run, monkeypatch):
-    scene = balls(2)
-    for part, count in zip(scene.parts, (260, 384), strict=True):
-        words = f"closed; agrees with the winding number at {count} of {count} sample points"
-        part.solid = SimpleNamespace(**{**vars(part.solid), "sign_reason": words})
-    load_with(monkeypatch, lambda path, units, **options: scene)
-
-    sign = block(run("check", "ball.stl").out)["sign"]
-
-    assert sign == "pseudo-normals: closed; agrees with the winding number at all sample points (b0, b1)"
-
-
-def test_check_says_what_differs_in_numbers_only_once(run, monkeypatch):
-    scene = balls(3)
-    for part, count in zip(scene.parts, (4, 28, 9), strict=True):
-        part.repairs = FakeRepairs(count)
-        part.repairs.describe = lambda count=count: f"Merged {count} of 30 vertices."
-    load_with(monkeypatch, lambda path, units, **options: scene)
-
-    assert block(run("check", "ball.stl").out)["repaired"] == "Merged 4 to 28 of 30 vertices. (b0, b1, b2)"
-
-
-def test_check_as_json_has_sizes_and_a_total(run, monkeypatch):
-    load_with(monkeypatch, lambda path, units, **options: balls(3))
-
-    document = json.loads(run("check", "ball.stl", "--json").out)
-
-    assert document["size"] == [80.0, 20.0, 20.0]
-    assert [part["size"] for part in document["parts"]] == [[20.0] * 3] * 3
-    assert document["total"] == {
-        "part_count": 3, "face_count": 60, "vertex_count": 36, "shell_count": 3, "watertight_count": 3,
-        "oriented_count": 3, "inside_count": 3, "solid_count": 3, "volume": 12000.0,
-    }  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -722,20 +408,3 @@ def test_check_says_which_columns_a_narrow_terminal_leaves_out(run, monkeypatch,
     assert "20 × 20 × 20" in row and "pseudo-normals" in row
     sentence = f"The terminal is too narrow for: {left_out}. A wider one, a pipe or --json shows them."
     assert (sentence in " ".join(" ".join(lines).split())) == bool(left_out)
-
-
-def test_check_as_json_has_every_figure(run, monkeypatch):
-    document = json.loads(run("check", "ball.stl", "--json", "--units", "cm").out, parse_constant=refuse)
-
-    (part,) = document["parts"]
-    assert document["file_units"] == "mm"
-    assert document["file_units_declared"] is False
-    assert document["notes"] == ["2 names shared"]
-    assert part["volume"] == pytest.approx(4.0, rel=1e-14)
-    assert part["upper"] == [1.0, 1.0, 1.0]
-    assert part["repairs"]["merged_vertex_count"] == 4
-    assert (part["open_edge_count"], part["open_edge"]) == (0, None)
-    assert part["manifold"] == {"is_solid": True, "status": "NoError"}
-    load_with(monkeypatch, lambda path, units, **options: FakeScene(has_inside=False))
-    (part,) = json.loads(run("check", "ball.stl", "--json").out)["parts"]
-    assert (part["volume"], part["open_edge_count"], part["open_edge"]) == (None, 3, [0.0, 0.0, 0.0])

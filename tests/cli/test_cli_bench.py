@@ -9,8 +9,8 @@ import pytest
 from certificates import case, certificate, loop
 
 from proximity import MissingLibraryError
-from proximity.cli import console
-from proximity.cli.commands.studies import vr_applications
+from proximity.cli import tables
+from proximity.cli.lab import bench_report
 from proximity.lab import certificate as package
 from proximity.lab.certificate import certification
 from proximity.lab.certificate.search import worst_positions
@@ -201,8 +201,8 @@ def test_table_of_applications_is_cut_off_nowhere(monkeypatch, capsys, columns):
         "0.35",
         "",
     ]
-    monkeypatch.setattr(console, "results_console", lambda: console.Console(width=columns))
-    vr_applications._print([SimpleNamespace(cells=cells)] * 8)
+    monkeypatch.setattr(bench_report, "results_console", lambda: tables.Console(width=columns))
+    bench_report.print_applications([SimpleNamespace(cells=cells)] * 8)
 
     printed = capsys.readouterr().out
     assert "…" not in printed

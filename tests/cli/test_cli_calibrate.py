@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from simulated_motors import ODriveMotor
 
-from proximity.cli.calibration.guide import guide, result_rows
+from proximity.cli.device.guide import guide, result_rows
 from proximity.decaff.calibrating.readings import Readings
 from proximity.decaff.calibrating.results import Estimate, Session
 from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
@@ -122,8 +122,8 @@ def test_counts_come_from_the_glove_and_a_hand_that_moves_is_asked_again(run, tm
             message.records["finger"], message.records["counts"] = 1, next(reported, 21850.0)
             sender.publish(message)
 
-        monkeypatch.setattr("proximity.cli.calibration.asked_instruments.time.sleep", sleep)
-        monkeypatch.setattr("proximity.cli.calibration.asked_instruments.LISTENING_S", 0.01)
+        monkeypatch.setattr("proximity.cli.device.typed_instruments.time.sleep", sleep)
+        monkeypatch.setattr("proximity.cli.device.typed_instruments.LISTENING_S", 0.01)
         ended = run(tmp_path / "g.json", "--counts", "mailbox:calibrate/poses", "--finger", "1", stdin="\n\n")
 
     assert ended.code == 1
@@ -175,7 +175,7 @@ def test_what_cannot_be_is_refused(run, tmp_path, options, words):
 
 
 def test_motor_is_only_read_until_it_is_armed(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("proximity.cli.drum_motors.SHOWN_S", 0.1)
+    monkeypatch.setattr("proximity.cli.device.motors.SHOWN_S", 0.1)
     with ODriveMotor("calibrate-unarmed") as motor:
         stop = threading.Timer(1.0, lambda: os.kill(os.getpid(), signal.SIGINT))
         stop.start()

@@ -13,8 +13,8 @@ import pytest
 from guided_client import Client
 from project import IMPORT_PATHS
 
-from proximity.cli.calibration.guide import guide
-from proximity.cli.calibration.page import Page
+from proximity.cli.device.calibration_page import Page
+from proximity.cli.device.guide import guide
 from proximity.decaff.calibrating.readings import Readings
 from proximity.decaff.calibrating.results import Session
 from proximity.decaff.calibrating.simulated_glove import SimulatedGlove

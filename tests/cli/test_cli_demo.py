@@ -15,9 +15,9 @@ import queued_transport
 from sealed_frames import frame
 
 import proximity
-from proximity.cli.commands.service import demo
-from proximity.cli.drum_loop import DrumsBeside
-from proximity.cli.views import watch_view
+from proximity.cli.device import demo
+from proximity.cli.device.drum_loop import DrumsBeside
+from proximity.cli.service import watch_view
 from proximity.decaff.simulated_drums.service_drums import DrumBench
 from proximity.errors import PublishError, ServiceError
 from proximity.message import Mode
@@ -149,7 +149,7 @@ def test_terminal_shows_the_drums_beside_until_ctrl_c(run, monkeypatch):
             os.kill(os.getpid(), signal.SIGINT)
         return shown(*arguments, **options)
 
-    monkeypatch.setattr("proximity.cli.views.service_watch.picture", picture)
+    monkeypatch.setattr("proximity.cli.service.follower.picture", picture)
     result = run()
 
     plain = re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", result.out)

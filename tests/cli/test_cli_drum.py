@@ -16,9 +16,9 @@ from sealed_frames import frame
 from simulated_motors import ODriveMotor
 
 from proximity import cli
-from proximity.cli import drum_loop
-from proximity.cli.views import screen
-from proximity.cli.views.drum_log import DrumLog
+from proximity.cli import tables
+from proximity.cli.device import drum_loop
+from proximity.cli.device.drum_loop import DrumLog
 from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller_states import DrumState
 from proximity.decaff.drum.drum_command import DriveMode
@@ -172,7 +172,7 @@ def test_untracked_finger_stays_where_it_was():
 
 
 def test_pipe_gets_plain_lines(run, service, monkeypatch):
-    monkeypatch.setattr(screen, "LINE_EVERY_S", 0.2)
+    monkeypatch.setattr(tables, "LINE_EVERY_S", 0.2)
     result = run(ADDRESS, "--limit", 0.8, "--rate", 200)
 
     lines = result.out.splitlines()

@@ -8,7 +8,7 @@ import glove_files
 import pytest
 from project import MESHES
 
-from proximity.cli.views.json_output import plain
+from proximity.cli.output import plain
 from proximity.decaff.drum.drum_model import with_random_phases
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.lab.engine.engine_setup import EngineSetup

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from proximity.cli.points import parse_points, read_points
+from proximity.cli.parts.points import parse_points, read_points
 from proximity.errors import ArgumentError
 
 

@@ -12,7 +12,7 @@ import pytest
 import queued_transport
 from sealed_frames import frame, sealed
 
-from proximity import cli
+from proximity.cli.service import record
 from proximity.message import FRAME
 from proximity.recording import FrameReader
 from proximity.transport import open_outlet, open_publisher
@@ -123,7 +123,7 @@ def test_log_is_continued_and_what_was_torn_is_told(run, tmp_path):
 
 
 def test_no_frame_is_exit_code_1(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(cli.record, "ANNOUNCE_AFTER_S", 0.02)
+    monkeypatch.setattr(record, "ANNOUNCE_AFTER_S", 0.02)
 
     result = run(ADDRESS, tmp_path / "run.frames", "--limit", 0.2)
 

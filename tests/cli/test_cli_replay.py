@@ -9,7 +9,7 @@ import pytest
 from fake_tracker import FakeTracker
 
 import proximity
-from proximity.cli.views import replay_report
+from proximity.cli.lab import replay_report
 from proximity.message import CONTACT
 
 BRACKET = str(make.FOLDER / "bracket.stl")

@@ -14,7 +14,7 @@ from fake_scene import FakeScene
 
 import proximity
 from proximity import cli
-from proximity.cli.commands.parts import query
+from proximity.cli.parts import query
 
 
 @pytest.fixture
@@ -37,22 +37,6 @@ def test_answers_before_a_bad_line_are_written_as_csv(ball, run, monkeypatch):
 
     rows = list(csv.DictReader(io.StringIO(result.out)))
     assert [row["signed_distance_mm"] for row in rows] == ["1.0", "2.0", "3.0"]
-    assert (result.code, result.err) == (2, COMPLAINT)
-
-
-def test_answers_before_a_bad_line_make_a_whole_json_document_that_has_the_error(ball, run):
-    result = run("query", "ball.stl", "--points", "-", "--json", stdin=BAD)
-
-    document = json.loads(result.out)
-    assert [answer["signed_distance"] for answer in document["answers"]] == [1.0, 2.0, 3.0]
-    assert document["error"] == COMPLAINT.removeprefix("proximity: ").strip()
-    assert (result.code, result.err) == (2, COMPLAINT)
-
-
-def test_answers_before_a_bad_line_are_written_as_a_table(ball, run):
-    result = run("query", "ball.stl", "--points", "-", stdin=BAD)
-
-    assert [line.split()[1] for line in result.out.splitlines()] == ["distance_mm", "1", "2", "3"]
     assert (result.code, result.err) == (2, COMPLAINT)
 
 
@@ -92,12 +76,12 @@ def test_stream_without_an_end_is_answered_as_it_comes(ball, run, monkeypatch):
     class Enough(Exception):
         pass
 
-    def write(stream, units, chunks):
+    def write(question, chunks):
         for _, chunk in zip(range(3), chunks, strict=False):
             assert chunk["signed_distance"] == [1.0] * 10
         raise Enough
 
-    monkeypatch.setattr("proximity.cli.views.query_answers.write_csv", write)
+    monkeypatch.setattr("proximity.cli.parts.answer_output._write_csv", write)
     monkeypatch.setattr(sys, "argv", ["proximity", "query", "ball.stl", "--points", "-", "--csv"])
     monkeypatch.setattr(sys, "stdin", Endless())
 
@@ -108,76 +92,12 @@ def test_stream_without_an_end_is_answered_as_it_comes(ball, run, monkeypatch):
 NAMED = "name,x,y,z\nA1,0,0,11\nB2,0,0,12\n"
 
 
-def test_names_of_points_stand_in_csv_and_json(ball, run):
-    rows = list(csv.DictReader(io.StringIO(run("query", "b.stl", "--points", "-", "--csv", stdin=NAMED).out)))
-    answers = json.loads(run("query", "b.stl", "--points", "-", "--json", stdin=NAMED).out)["answers"]
-
-    assert [(row["name"], row["signed_distance_mm"]) for row in rows] == [("A1", "1.0"), ("B2", "2.0")]
-    assert next(iter(rows[0])) == "name"
-    assert [(answer["name"], answer["signed_distance"]) for answer in answers] == [("A1", 1.0), ("B2", 2.0)]
-
-
-def test_names_of_points_stand_in_tables_and_blocks(ball, run):
-    table = run("query", "b.stl", "--points", "-", stdin=NAMED).out.splitlines()
-    block = run("query", "b.stl", "--points", "-", stdin=NAMED[:-11]).out
-
-    assert [line.split()[:3] for line in table] == [
-        ["#", "name", "distance_mm"], ["0", "A1", "1"], ["1", "B2", "2"],
-    ]  # fmt: skip
-    assert block.startswith("name            A1\nsigned distance 1 mm, outside\n")
-
-
-def test_both_names_of_a_segment_stand_in_its_answer(ball, run):
-    result = run("query", "b.stl", "--points", "-", "--segment", "--csv", stdin=NAMED)
-
-    (row,) = csv.DictReader(io.StringIO(result.out))
-    assert (row["start_name"], row["end_name"], row["start_z_mm"], row["end_z_mm"]) == (
-        "A1",
-        "B2",
-        "11.0",
-        "12.0",
-    )
-
-
 def test_own_csv_is_read_again_with_its_names_and_parts(ball, run, monkeypatch):
     scene = FakeScene(name="pin#2, left")
     monkeypatch.setitem(vars(proximity), "load", lambda path, **options: scene)
     written = run("query", "b.stl", "--points", "-", "--csv", stdin=NAMED).out
 
     assert run("query", "b.stl", "--points", "-", "--csv", stdin=written).out == written
-
-
-def test_own_csv_in_another_unit_is_refused(ball, run):
-    written = run("query", "b.stl", 0, 0, 1, "--csv", "--units", "cm").out
-
-    result = run("query", "b.stl", "--points", "-", stdin=written)
-
-    assert result.code == 2
-    assert "'x_cm' is in cm, expected mm" in result.err
-
-
-def test_directions_and_weights_have_no_unit_in_csv(ball, run):
-    rays = run("query", "b.stl", 0, 0, 50, "--ray", 0, 0, -1, "--csv", "--units", "in").out.splitlines()[0]
-
-    assert rays == (
-        "origin_x_in,origin_y_in,origin_z_in,direction_x,direction_y,direction_z,distance_in,"
-        "point_x_in,point_y_in,point_z_in,normal_x,normal_y,normal_z,part,part_name,face,face_id,"
-        "barycentric_0,barycentric_1,barycentric_2"
-    )
-
-
-@pytest.mark.parametrize("option", ["--csv", "--json", "--units=mm"])
-def test_points_far_away_are_noted(ball, run, option):
-    stdin = "0 0 11\n0 0 20009\n0 0 20011\n-3e6 4e6 10\nnan 0 0\n"
-
-    result = run("query", "b.stl", "--points", "-", option, stdin=stdin)
-
-    assert result.code == 0
-    assert result.err == (
-        "proximity: note: 2 of 5 points are more than 1000 scene sizes of 20 mm away, the farthest "
-        "4999986 mm: points or file may be in another unit than mm\n"
-    )
-    assert "note" not in result.out
 
 
 def cube_of(size, tmp_path):

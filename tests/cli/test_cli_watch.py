@@ -17,8 +17,9 @@ from ports import free_port
 from rich.console import Console
 from sealed_frames import SESSION, frame, sealed
 
-from proximity.cli.views import distance_bar, screen, service_watch, watch_view
-from proximity.cli.views.frame_json import frame_document
+from proximity.cli import tables
+from proximity.cli.service import finger_view, follower, watch_view
+from proximity.cli.service.follower import frame_document
 from proximity.message import CONTACT, FRAME, ContactFlag, Flaw, Mode, State
 from proximity.recording.frame_bytes import frame_type
 from proximity.transport import Counts, Reading, forget, open_outlet, open_publisher, open_subscriber
@@ -64,50 +65,62 @@ def bare(text):
 # ------------------------------------------------------------------------------------------------ one reading
 
 
-def test_headline_tells_state_rate_age_and_what_is_missing():
-    lines = drawn(reading(State.DEGRADED))
+NAMED = replace(SEEN, part_names=("lid", "a name of many more letters"))
+SILENT = watch_view.Seen(ADDRESS, Counts(received=500), 0.0, 3.21)
+APPROACH = {
+    "part": 12, "signed_distance": 0.03, "lower": 0.03, "upper": 0.03, "predicted_distance": 0.06,
+    "time_to_contact": 0.0414, "approach_speed": 0.2124, "mode": Mode.POSITION,
+}  # fmt: skip
+BOUNDS = {
+    "lower": 0.03, "upper": 0.0905, "flags": ContactFlag.TRACKED | ContactFlag.BOUNDED,
+    "time_to_contact": 0.2, "time_to_contact_lower": 0.011,
+}  # fmt: skip
+FAR = {"lower": -12.5, "upper": 999.9, "flags": ContactFlag.TRACKED, "part": 4095}
+CASES = {  # title: reading, fingers that are not tracked, how it is drawn
+    **{f"state {state.name}": ({"state": state}, [], {}) for state in State},
+    "approach": (APPROACH, [], {}),
+    "bounds": (BOUNDS, [], {}),
+    "one finger is not tracked": ({}, [0], {}),
+    "stale": ({"state": State.STALE, "age_ns": 3_300_000_000}, [0, 1, 2], {"seen": SILENT}),
+    "starting without a pose": ({"state": State.STARTING, "header": State.STARTING}, [0, 1, 2], {}),
+    "stale without a pose": ({"state": State.STALE, "header": State.STALE}, [0, 1, 2], {}),
+    "left hand": ({"state": State.DEGRADED, "count": 10}, [5, 6, 7, 8, 9], {}),
+    "right hand": ({"state": State.DEGRADED, "count": 10}, [0, 1, 2, 3, 4], {}),
+    "half of each hand": ({"state": State.DEGRADED, "count": 10}, [3, 4, 5, 6, 7], {}),
+    "one of five": ({"state": State.DEGRADED, "count": 5}, [1], {}),
+    "twelve fingers": ({"count": 12, "lower": -1.0}, [1], {"row_count": 3}),
+    "no drums yet": ({}, [], {"drums": []}),
+    "unknown numbers": ({"mode": 77, "part": -1, "approach_speed": np.nan}, [], {}),
+    "name of a part": ({"part": 0}, [], {"seen": NAMED}),
+    "long name of a part": ({"part": 1}, [], {"seen": NAMED}),
+    "part without a name": ({"part": 2}, [], {"seen": NAMED}),
+    "no part": ({"part": -1}, [], {"seen": NAMED}),
+    **{f"width {width}": (FAR, [], {"width": width}) for width in (40, 91, 92)},
+}
 
-    since = time.strftime("session of %H:%M:%S", time.localtime(SESSION / 1e9))
-    assert lines[0].strip() == "DEGRADED   in time; a finger is near with bounds only"
-    assert lines[1].strip() == (
-        f"{ADDRESS}  1000 Hz,  age 1.3 ms,  2 lost,  4 refused,  17 ticks missed,  epoch 4,  {since}"
-    )
+
+def test_readings_are_drawn_and_told_in_a_line_as_recorded(recorded):
+    text = ""
+    for title, (fields, lost, options) in CASES.items():
+        header = fields.get("header")
+        shown = reading(**{name: value for name, value in fields.items() if name != "header"})
+        shown.header["state"] = shown.header["state"] if header is None else header
+        for row in lost:
+            forget(shown.contacts[row : row + 1])
+        lines = drawn(shown, **options)
+        assert max(map(len, lines)) <= options.get("width", 120)
+        line = watch_view.line(shown, options.get("seen", SEEN))
+        text += "\n".join([f"--- {title}", *(each.rstrip() for each in lines), line, "", ""])
+
+    recorded("watch", re.sub(r"\d\d:\d\d:\d\d", "hh:mm:ss", text))
 
 
-def test_finger_has_part_distance_bar_time_speed_mode_and_flags():
-    shown = reading(
-        part=12,
-        signed_distance=0.03,
-        lower=0.03,
-        upper=0.03,
-        predicted_distance=0.06,
-        time_to_contact=0.0414,
-        approach_speed=0.2124,
-        mode=Mode.POSITION,
-    )
+def test_before_the_first_frame_the_silence_is_told():
+    never = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT))
 
-    lines = drawn(shown, width=120)
+    lines = drawn(never, seen=watch_view.Seen(ADDRESS, Counts(), 0.0, 2.0))
 
-    width = lines[2].index("touch in") - lines[2].index("0  ") - 1
-    bar = lines[3][lines[2].index("0  ") :][:width]
-    assert " ".join(lines[2].split()) == "finger part distance mm 0 30 60 90 120 touch in closing mode flags"
-    assert lines[3].replace(bar, " ").split() == [
-        *("0", "12", "30.00", "41", "ms", "212", "mm/s", "position", "TPE··S·R····")
-    ]
-    assert bar.count("█") == pytest.approx(width / 4, abs=1)
-    assert bar.index("◆") == width // 2
-
-
-def test_bounds_are_told_where_the_distance_is_not_exact():
-    flags = ContactFlag.TRACKED | ContactFlag.BOUNDED
-    shown = reading(lower=0.03, upper=0.0905, flags=flags, time_to_contact=0.2, time_to_contact_lower=0.011)
-
-    row = row_of(0, shown)
-
-    assert "30.0…90.5" in row
-    assert "≥ 11 ms" in row
-    assert row.count("▒") == pytest.approx(2 * row.count("█"), abs=2)
-    assert "◆" not in row  # nothing is predicted of a finger whose velocity is not known
+    assert len(lines) == 2 and "no frame has come from queue:decaff yet, for 2.0 s" in lines[0]
 
 
 @pytest.mark.parametrize("width", [70, 120])
@@ -119,15 +132,6 @@ def test_touch_is_a_red_field(width):
     red = re.search(r"\x1b\[1;37;41m([^\x1b]+)\x1b", row)
     assert "1.20 mm inside" in red[1]
     assert "now" in row
-
-
-def test_finger_that_is_not_tracked_shows_no_number():
-    shown = reading()
-    forget(shown.contacts[:1])
-
-    row = row_of(0, shown)
-
-    assert re.fullmatch(r" +0 +\? +\? nothing is known +\? +\? hold +·{12} *", row)
 
 
 def test_stale_is_a_red_line_and_no_number_is_left():
@@ -144,128 +148,12 @@ def test_stale_is_a_red_line_and_no_number_is_left():
     assert all("nothing is known" in row for row in lines[3:6])
 
 
-def test_stale_says_whether_nothing_came_ever_or_only_poses_are_missing():
-    never = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT))
-    seen = watch_view.Seen(ADDRESS, Counts(), 0.0, 2.0)
-    assert "no frame has come from queue:decaff yet, for 2.0 s" in drawn(never, seen=seen)[0]
-    assert len(drawn(never, seen=seen)) == 2
-
-    poseless = reading(State.STALE)
-    poseless.header["state"] = State.STALE
-    assert "the service has no new poses" in drawn(poseless)[0]
-
-
-@pytest.mark.parametrize("state", [State.STARTING, State.STALE])
-def test_frame_without_a_pose_has_no_age(state):
-    """It had that of the tick: 0.4 ms, beside STALE."""
-    shown = reading(state)
-    shown.header["state"] = state
-    forget(shown.contacts)
-
-    assert " age " not in drawn(shown)[1] and " age " not in watch_view.line(shown, SEEN)
-
-
-@pytest.mark.parametrize(
-    ("count", "lost", "words"),
-    [
-        (10, slice(0, 5), "in time; the left hand is not seen"),
-        (10, slice(5, 10), "in time; the right hand is not seen"),
-        (10, slice(3, 8), "in time; 5 of 10 fingers are not tracked"),
-        (5, slice(1, 2), "in time; 1 of 5 fingers is not tracked"),
-    ],
-)
-def test_degraded_says_what_is_lacking(count, lost, words):
-    """Whoever holds up one hand reads DEGRADED, which sounds like a fault."""
-    shown = reading(State.DEGRADED, count)
-    forget(shown.contacts[lost])
-
-    assert drawn(shown)[0].strip() == f"DEGRADED   {words}"
-
-
-@pytest.mark.parametrize("state", State)
-def test_every_state_can_be_shown(state):
-    assert state.name in drawn(reading(state))[0]
-    assert f" {state.name}: 1000 Hz" in watch_view.line(reading(state), SEEN)
-
-
-def test_of_more_fingers_than_fit_the_nearest_are_shown():
-    shown = reading(count=12)
-    shown.contacts["lower"][7] = -1.0
-    forget(shown.contacts[1:2])
-
-    lines = drawn(shown, row_count=3)
-
-    assert [row.split()[0] for row in lines[3:6]] == ["0", "2", "7"]
-    assert lines[6].strip() == "and 9 more, farther away"
-    assert watch_view.line(shown, SEEN).endswith("and 4 more")
-
-
-@pytest.mark.parametrize("width", [40, 91, 92])
-def test_picture_fits_the_terminal(width):
-    shown = reading(lower=-12.5, upper=999.9, flags=ContactFlag.TRACKED, part=4095)
-
-    lines = drawn(shown, width=width)
-
-    assert max(map(len, lines)) <= width
-    if width >= 80:
-        assert ("TPE" in row_of(1, shown, width=width)) == (width >= 92)
-        assert " 4095 -12500…999900 " in row_of(0, shown, width=width)
-
-
-def test_controller_that_had_no_frame_yet_has_no_drums_to_show():
-    """It runs beside, and may be later than the picture."""
-    shown = reading()
-
-    lines = drawn(shown, width=120, drums=[])
-
-    assert "drum" in lines[2].split()
-    assert sum(bare(line).split()[:1] in (["0"], ["1"], ["2"]) for line in lines) == len(shown.contacts)
-
-
-def test_unknown_numbers_are_shown_as_they_are():
-    row = row_of(0, reading(mode=77, part=-1, approach_speed=np.nan))
-
-    assert re.search(r" 0 +- +10\.00 .* - +\? 77 +TPE", row)
-
-
-def test_parts_are_shown_by_name_where_it_is_known():
-    seen = replace(SEEN, part_names=("lid", "a name of many more letters"))
-
-    assert row_of(0, reading(part=0), seen=seen).split()[1] == "lid"
-    assert "a name of many …" in row_of(0, reading(part=1), seen=seen)
-    assert row_of(0, reading(part=2), seen=seen).split()[1] == "2"
-    assert row_of(0, reading(part=-1), seen=seen).split()[1] == "-"
-
-
-def test_line_tells_the_fingers_in_words():
-    shown = reading(time_to_contact=0.0414, mode=Mode.POSITION)
-    forget(shown.contacts[1:2])
-
-    told = watch_view.line(shown, SEEN)
-
-    assert re.match(
-        r"\d\d:\d\d:\d\d OK: 1000 Hz, age 1.3 ms, 2 lost, 4 refused, 17 ticks missed, epoch 4", told
-    )
-    assert told.split("; ")[1:] == [
-        "0: 10.00 mm, touch in 41 ms, position",
-        "1: not tracked",
-        "2: 30.00 mm, retract",
-    ]
-
-
-def test_line_of_what_is_stale_tells_no_finger():
-    shown = reading(State.STALE)
-    seen = watch_view.Seen(ADDRESS, Counts(received=500), 0.0, 3.21)
-
-    assert watch_view.line(shown, seen).endswith("; no frame for 3.2 s: nothing is known of any finger")
-
-
 @pytest.mark.parametrize("width", [14, 60])
 def test_bar_is_as_wide_as_its_ruler_and_grows_with_the_distance(width):
-    free = [distance_bar.bar(mm, mm, np.nan, width, "green").plain for mm in (0.5, 30.0, 60.0, 119.0, 500.0)]
+    free = [finger_view.bar(mm, mm, np.nan, width, "green").plain for mm in (0.5, 30.0, 60.0, 119.0, 500.0)]
 
-    assert all(len(text) == width for text in [*free, distance_bar.ruler(width)])
-    assert distance_bar.ruler(width).split()[-1] == "120"
+    assert all(len(text) == width for text in [*free, finger_view.ruler(width)])
+    assert finger_view.ruler(width).split()[-1] == "120"
     full = [text.count("█") for text in free]
     assert full[1:3] == [width // 4, width // 2]
     assert full[0] == 0 and free[0].strip()
@@ -279,14 +167,14 @@ def test_rate_is_of_the_last_second(monkeypatch):
     queued_transport.register(monkeypatch)
     now = [100.0]
     with open_subscriber(ADDRESS) as subscriber, open_publisher(ADDRESS) as publisher:
-        follower = service_watch.Follower(subscriber, gather=0.0, clock=lambda: now[0])
+        following = follower.Follower(subscriber, gather=0.0, clock=lambda: now[0])
         rates, silences = [], []
         for turn in range(120):
             now[0] += 0.05
             if turn < 80:
                 for _ in range(20 if turn < 40 else 10):
                     publisher.publish(frame(now_ns=time.monotonic_ns()))
-            _, seen = follower.look(0.0)
+            _, seen = following.look(0.0)
             rates.append(seen.rate_hz)
             silences.append(seen.silent_s)
 
@@ -323,7 +211,7 @@ def service():
 
 
 def test_pipe_gets_plain_lines(run, service, monkeypatch):
-    monkeypatch.setattr(screen, "LINE_EVERY_S", 0.1)
+    monkeypatch.setattr(tables, "LINE_EVERY_S", 0.1)
 
     result = run(ADDRESS, "--limit", 1)
 
@@ -377,7 +265,7 @@ def test_terminal_gets_a_table_until_told_to_stop(run, service, monkeypatch, num
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setenv("LINES", "30")
-    shown = service_watch.picture
+    shown = follower.picture
     count = []
 
     def picture(*arguments, **options):
@@ -386,7 +274,7 @@ def test_terminal_gets_a_table_until_told_to_stop(run, service, monkeypatch, num
             os.kill(os.getpid(), number)
         return shown(*arguments, **options)
 
-    monkeypatch.setattr(service_watch, "picture", picture)
+    monkeypatch.setattr(follower, "picture", picture)
     result = run(ADDRESS)
 
     assert (result.code, result.err) == (0, "")

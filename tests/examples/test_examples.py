@@ -27,7 +27,7 @@ from proximity.pose import Pose
 from proximity.service import OpenXrInput
 from proximity.service.config import read_scene_file
 from proximity.service.config.scene_builder import PartFiles, finger_count, make_tracker
-from proximity.service.inputs.openxr_runtime import FINGERS
+from proximity.service.inputs.openxr_input import FINGERS
 from proximity.tracker.replay import turn_about_axes
 from proximity.transport import Reading
 
@@ -299,7 +299,7 @@ def test_hands_by_openxr_are_where_the_part_hangs():
     hands = OpenXrInput(
         Pose(turn_about_axes(entry.turn_degrees), entry.position), count, open_hands=lambda: Recorded(tips)
     )
-    while (poses := hands.poll(0)) is None:
+    while (poses := next(hands.poll(0), None)) is None:
         pass
     hands.close()
     contacts = make_tracker(settings, scene, count).tick(poses.positions, poses.pose_ns, 2_000_000_000)

@@ -5,7 +5,7 @@ import pytest
 from project import ROOT
 from study_jobs import JOBS, study_of
 
-from proximity.cli.commands.studies.study import _jobs
+from proximity.cli.lab.study import _jobs
 from proximity.errors import ServiceError
 from proximity.lab.sweep.study_file import read_study
 

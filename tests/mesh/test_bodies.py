@@ -9,8 +9,7 @@ from project import SHARED_DATA
 from scipy.ndimage import label
 
 from proximity.errors import MeshError
-from proximity.mesh.body_records import Repairs
-from proximity.mesh.body_split import split_bodies
+from proximity.mesh.body_split import Repairs, split_bodies
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.mesh.vertex_weld import open_edges

@@ -25,7 +25,7 @@ from proximity.message import (
     State,
     parts_of,
 )
-from proximity.transport import Examiner, Subscriber, open_inlet, open_publisher
+from proximity.transport import MessageReader, Subscriber, open_inlet, open_publisher
 from proximity.transport.message_key import write_key
 
 
@@ -242,15 +242,15 @@ def test_tags_are_those_of_hashlib(driver, key, tmp_path):
 def test_poses_moves_and_changes_arrive(driver, has_key, key):
     port = free_port()
     inlet = open_inlet(f"udp://127.0.0.1:{port}" + (f"?key={key}" if has_key else ""))
-    examiner = Examiner(inlet, [POSES, MOVES, CHANGES, ADDITIONS])
+    reader = MessageReader(inlet, [POSES, MOVES, CHANGES, ADDITIONS])
     before = time.monotonic_ns()
     ask(driver, "send", "127.0.0.1", port, "-", key if has_key else "-")
-    arrived = [(kind, *parts_of(data.copy(), kind)) for kind, data, _ in examiner.messages()]
+    arrived = [(kind, *parts_of(data.copy(), kind)) for kind, data, _ in reader.messages()]
     inlet.close()
 
     assert [kind.name for kind, *_ in arrived] == ["poses", "moves", "changes", "additions", "poses"]
     assert [int(header["sequence"]) for _, header, _ in arrived] == [0, 0, 0, 0, 1]
-    assert (examiner.counts.unused, examiner.counts.lost) == (0, 0)
+    assert (reader.counts.unused, reader.counts.lost) == (0, 0)
     _, header, poses = arrived[0]
     assert before < header["send_ns"] < time.monotonic_ns() and before < poses["pose_ns"][0]
     assert poses["position"].tolist() == [[1, 2, 3], [4, 5, 6]] and poses["finger"].tolist() == [0, 1]

@@ -15,7 +15,7 @@ import pytest
 import shapes
 
 from proximity.pose import Pose
-from proximity.scene.queries import line_queries, point_queries
+from proximity.scene.queries import queries
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 
@@ -81,7 +81,6 @@ def test_a_question_is_answered_as_of_one_moment_though_parts_move_meanwhile(mon
     for step in range(4):
         scene.move("ring 5", Pose(translation=(0.0, 0.1 * step, 0.0)))
         expected = getattr(scene, ask)(*arguments)
-    queries = line_queries if count == 2 else point_queries
     query = getattr(queries, f"_{ask}")
 
     def meanwhile(*given):

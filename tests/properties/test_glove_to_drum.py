@@ -6,17 +6,17 @@ import glove_files
 import numpy as np
 import pytest
 import shapes
-from fake_service import MS, QueueInlet
+from fake_service import MS, Newest, QueueInlet, filled
 from ticking import solid
 
 from proximity.decaff.glove.glove_set import read_glove
 from proximity.decaff.simulated_drums.service_drums import DrumBench
 from proximity.message import FRAME, GLOVE_POSES, Message, State
 from proximity.scene.scene import Scene
-from proximity.service import StreamInput, TrackerAnswers
+from proximity.service import FingerPoses, MessageInput, TrackedContacts
 from proximity.service.config import read_scene_file
-from proximity.service.hosting.glove_calibrations import read_gloves
-from proximity.service.inputs import reception
+from proximity.service.hosting.service_assembly import read_gloves
+from proximity.service.inputs import inbox
 from proximity.tracker.replay import turn_about_axes
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Reading
@@ -52,11 +52,11 @@ def test_drum_stands_where_the_finger_of_the_calibrated_glove_touches(glove_and_
     """A finger closes on a plane at 0.4 bends a second; what comes in are counts and the knuckle's pose."""
     glove, ways = glove_and_ways
     queue = QueueInlet()
-    monkeypatch.setattr(reception, "open_inlet", lambda address: queue)
+    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
     now_ns = 0
-    source = StreamInput("queue:", 1, clock=lambda: now_ns, gloves=ways)
+    source = Newest(MessageInput("queue:", 1, clock=lambda: now_ns, gloves=ways), FingerPoses(1), now_ns)
     vertices, faces = shapes.box((-0.3, -0.2, -0.3), (0.3, -0.045, 0.3))
-    answers = TrackerAnswers(
+    answers = TrackedContacts(
         Tracker(Scene([solid((vertices @ TURN.T + KNUCKLE, faces), "plane")]), fingers=1)
     )
     bench, message = DrumBench(1000.0, [glove]), Message(GLOVE_POSES, 1)
@@ -68,7 +68,7 @@ def test_drum_stands_where_the_finger_of_the_calibrated_glove_touches(glove_and_
         record["rotation"], record["translation"] = TURN, KNUCKLE
         record["counts"] = counts_read(0.4e-3 * tick)
         queue.put(message, sequence=tick)
-        contacts = answers.answer(source.poll(now_ns), now_ns)
+        contacts = filled(answers, source.poll(now_ns), now_ns)
         header["sequence"], header["start_ns"] = tick, now_ns
         bench.step(Reading(State.OK, True, now_ns, 0, header, contacts), now_ns)
         (finger,) = bench.fingers

@@ -21,7 +21,7 @@ from proximity import MeshFormatError, Part, Pose, Scene, SceneError, Solid
 from proximity.errors import FileError
 from proximity.scene.model.part_trees import PartTreesPlan
 from proximity.scene.queries import results
-from proximity.scene.queries.all_queries import Queries
+from proximity.scene.queries.queries import Queries
 from proximity.scene.saved import archive, compiled_scene
 
 

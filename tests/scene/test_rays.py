@@ -6,27 +6,14 @@ import pytest
 import shapes
 from hypothesis import given
 from hypothesis import strategies as st
-from ray_scenes import CLOSED, FAR, MESHES, mesh_of, solid_of, some_scene
+from query_rows import CLOSED, FAR, MESHES, mesh_of, solid_of, some_rays, some_scene
 
 import oracle
 from proximity.errors import ArgumentError
-from proximity.scene.queries import line_queries
+from proximity.scene.queries import queries
 from proximity.scene.queries.results import NO_FACE, NO_PART
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
-
-
-def some_rays(name, count, seed=7):
-    """From around and within, aimed at faces, edges and corners, or past them."""
-    vertices, faces = mesh_of(name)
-    rng = np.random.default_rng(seed)
-    weights = rng.dirichlet((1.0, 1.0, 1.0), count)
-    weights[rng.random(count) < 0.3] = (0.0, 0.5, 0.5)
-    weights[rng.random(count) < 0.3] = (0.0, 0.0, 1.0)
-    aims = (vertices[faces[rng.integers(len(faces), size=count)]] * weights[:, :, None]).sum(axis=1)
-    aims += rng.choice([0.0, 1e-9, 0.3], (count, 1)) * rng.normal(size=(count, 3))
-    origins = rng.uniform(-3.0, 3.0, (count, 3))
-    return origins, (aims - origins) * rng.choice([1e-6, 1.0, 1e6], (count, 1))
 
 
 def slant(hit, directions):
@@ -207,41 +194,6 @@ def test_length_of_the_direction_does_not_matter(scale):
     assert judging.is_near(hit.distance, scaled.distance, room)[is_inner].all()
 
 
-@given(exponent=st.integers(-100, 100), seed=st.integers(0, 1000))
-def test_scaling_by_a_power_of_two_scales_to_the_bit(exponent, seed):
-    vertices, faces = mesh_of("tetrahedron")
-    origins, directions = some_rays("tetrahedron", 20, seed)
-    scale = 2.0**exponent
-
-    hit = solid_of("tetrahedron").cast(origins, directions)
-    scaled = Solid(vertices * scale, faces).cast(origins * scale, directions * scale)
-
-    assert np.array_equal(scaled.distance, hit.distance * scale)
-    assert np.array_equal(scaled.point, hit.point * scale, equal_nan=True)
-    for field in ("normal", "barycentric", "face_id"):
-        assert judging.same_bits(getattr(scaled, field), getattr(hit, field)), field
-
-
-@given(seed=st.integers(0, 1000), limit=st.floats(0.0, 6.0))
-def test_limit_never_changes_an_answer_within_it(seed, limit):
-    origins, directions = some_rays("torus", 10, seed)
-    for asked in (solid_of("torus"), SCENE):
-        free, hit = asked.cast(origins, directions), asked.cast(origins, directions, max_distance=limit)
-
-        within = free.distance <= limit
-        for field in hit._fields:
-            assert judging.same_bits(getattr(hit, field)[within], getattr(free, field)[within]), field
-        assert np.isinf(hit.distance[~within]).all() and (hit.face_id[~within] == NO_FACE).all()
-
-
-def test_the_very_distance_as_limit_still_hits():
-    origins, directions = some_rays("torus", 200)
-    free = solid_of("torus").cast(origins, directions)
-
-    for origin, way, distance in zip(origins, directions, free.distance, strict=True):
-        assert solid_of("torus").cast(origin, way, max_distance=distance).distance == distance
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("limit", [np.inf, 1.2])
 @pytest.mark.parametrize("count", [0, 5, 5001])
@@ -370,20 +322,10 @@ def test_ray_from_farther_than_can_be_computed_with_answers_nan_and_the_others_g
     assert hits.face_id.tolist()[1:] == 3 * [NO_FACE]
 
 
-@pytest.mark.parametrize("size", [1e-100, 1e-9, 1e60])
-def test_parts_of_any_size_are_hit(size):
-    solid = Solid(*shapes.cube(size, (0, 0, 0)))
-
-    hit = solid.cast((-3.0 * size, 0.1 * size, 0.2 * size), (1.0, 0.0, 0.0))
-
-    assert hit.distance == pytest.approx(2.5 * size, rel=1e-15)
-    assert solid.cast((-3.0 * size, 0.6 * size, 0.0), (1.0, 0.0, 0.0)).distance == np.inf
-
-
 def test_sorted_rays_answer_as_they_do_one_by_one(monkeypatch):
     """Large models have batches sorted; here a small one is made to count as large."""
-    monkeypatch.setattr(line_queries, "SORT_RAYS_FROM", 0)
-    monkeypatch.setattr(line_queries, "SORT_RAYS_IN", 0)
+    monkeypatch.setattr(queries, "SORT_RAYS_FROM", 0)
+    monkeypatch.setattr(queries, "SORT_RAYS_IN", 0)
     solid = Solid(*shapes.sphere(3))
     rng = np.random.default_rng(4)
     origins, directions = rng.normal(size=(500, 3)), rng.normal(size=(500, 3))

@@ -1,41 +1,17 @@
 """Segments through the public door: shortest connections of solids and scenes, against the oracle."""
 
-from functools import cache
-
 import judging
 import numpy as np
 import pytest
 import shapes
 from hypothesis import given
 from hypothesis import strategies as st
-from ray_scenes import FAR, MESHES, mesh_of, solid_of, some_scene
+from query_rows import FAR, MESHES, mesh_of, solid_of, some_scene, some_segments
 
 import oracle
-from proximity.scene.queries.results import NO_FACE, NO_PART
+from proximity.scene.queries.results import NO_FACE
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
-
-
-def some_segments(name, count, seed=7):
-    """Long and short ones, around, along, through and within."""
-    vertices, faces = mesh_of(name)
-    rng = np.random.default_rng(seed)
-    corners = vertices[faces[rng.integers(len(faces), size=count)]]
-    weights = rng.dirichlet((1.0, 1.0, 1.0), count)
-    weights[rng.random(count) < 0.3] = (0.0, 0.5, 0.5)
-    weights[rng.random(count) < 0.3] = (0.0, 0.0, 1.0)
-    starts = (corners * weights[:, :, None]).sum(axis=1)
-    starts += rng.choice([0.0, 1e-9, 1e-3, 0.3, 2.0], (count, 1)) * rng.normal(size=(count, 3))
-    ways = rng.choice([1e-12, 1e-6, 0.1, 1.0, 10.0], (count, 1)) * rng.normal(size=(count, 3))
-    # Some run along an edge of a face: parallel to what they are nearest to.
-    along = rng.random(count) < 0.25
-    ways[along] = (corners[:, 1] - corners[:, 0])[along]
-    return starts, starts + ways
-
-
-@cache
-def scene_of(count, is_turned=True):
-    return some_scene(count, is_turned=is_turned)
 
 
 def assert_segments_hold_together(hit, vertices, faces, starts, ends):
@@ -218,36 +194,6 @@ def test_segment_that_touches_has_distance_zero(start, end):
 # ------------------------------------------------------------------------------------- what changes nothing
 
 
-@given(exponent=st.integers(-100, 100), seed=st.integers(0, 1000))
-def test_scaling_by_a_power_of_two_scales_to_the_bit(exponent, seed):
-    vertices, faces = mesh_of("tetrahedron")
-    starts, ends = some_segments("tetrahedron", 20, seed)
-    scale = 2.0**exponent
-
-    hit = solid_of("tetrahedron").closest_to_segments(starts, ends)
-    scaled = Solid(vertices * scale, faces).closest_to_segments(starts * scale, ends * scale)
-
-    assert np.array_equal(scaled.distance, hit.distance * scale)
-    assert np.array_equal(scaled.point_on_solid, hit.point_on_solid * scale)
-    for field in ("fraction", "barycentric", "face_id"):
-        assert judging.same_bits(getattr(scaled, field), getattr(hit, field)), field
-
-
-@given(seed=st.integers(0, 1000), limit=st.floats(0.0, 6.0))
-def test_limit_never_changes_an_answer_within_it(seed, limit):
-    starts, ends = some_segments("torus", 10, seed)
-    for asked in (solid_of("torus"), scene_of(12)):
-        free = asked.closest_to_segments(starts, ends)
-
-        hit = asked.closest_to_segments(starts, ends, max_distance=limit)
-
-        within = free.distance <= limit
-        for field in hit._fields:
-            assert judging.same_bits(getattr(hit, field)[within], getattr(free, field)[within]), field
-        assert np.isinf(hit.distance[~within]).all() and np.isnan(hit.point_on_solid[~within]).all()
-        assert (hit.face_id[~within] == NO_FACE).all() and (hit.part[~within] == NO_PART).all()
-
-
 def test_limit_of_nothing_still_finds_what_is_touched():
     """Touching is a matter of rounding: with and without a limit it must be decided alike."""
     for seed in range(300, 320):
@@ -295,17 +241,6 @@ def test_segment_that_ends_far_away_is_as_exact_near_the_part(far):
         assert beside.distance == pytest.approx(2.0, rel=1e-15 * far + 1e-12) or far > 1e15
         assert away.distance == 1.0
         assert through.distance == 0.0
-
-
-@pytest.mark.parametrize("size", [1e-100, 1e-9, 1e60])
-def test_parts_of_any_size_are_as_exact(size):
-    solid = Solid(*shapes.cube(size, (0, 0, 0)))
-    starts, ends = (
-        size * np.array([[-2.0, 1.0, 0.2], [-2.0, 0.1, 0.2]]),
-        size * np.array([[2.0, 1.0, 0.2]] * 2),
-    )
-
-    assert solid.closest_to_segments(starts, ends).distance == pytest.approx([0.5 * size, 0.0], rel=1e-15)
 
 
 @pytest.mark.parametrize("asked", [solid_of("torus"), some_scene(3)], ids=["solid", "scene"])

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracle
-from proximity.scene.queries.results import NO_FACE, Feature
 from proximity.scene.sign import SignMethod
 from proximity.scene.solid import Solid
 
@@ -225,20 +224,6 @@ def test_moving_the_point_changes_the_distance_by_no_more(asked, step):
 # ----------------------------------------------------------------------------------- what changes nothing
 
 
-@given(asked=points_around(MESHES), exponent=st.integers(-100, 100))
-def test_scaling_by_a_power_of_two_scales_to_the_bit(asked, exponent):
-    name, point = asked
-    scale = 2.0**exponent
-    vertices, faces = mesh_of(name)
-
-    hit, scaled = solid_of(name).closest(point), Solid(vertices * scale, faces).closest(point * scale)
-
-    assert scaled.signed_distance == hit.signed_distance * scale
-    assert np.array_equal(scaled.point, hit.point * scale)
-    for field in ("gradient", "barycentric", "face_id", "feature"):
-        assert judging.same_bits(getattr(scaled, field), getattr(hit, field)), field
-
-
 @pytest.mark.parametrize("name", sorted(CLOSED))
 def test_mirror_does_not_matter_where_faces_are_turned_too(name):
     vertices, faces = mesh_of(name)
@@ -295,35 +280,6 @@ def test_unused_vertices_do_not_matter():
 
     assert judging.same_bits(more.closest(points), solid_of("torus").closest(points))
     assert np.array_equal(more.bounds, solid_of("torus").bounds)
-
-
-@given(asked=points_around(MESHES), limit=st.floats(0.0, 20.0))
-def test_limit_never_changes_an_answer_within_it(asked, limit):
-    name, point = asked
-    free = solid_of(name).closest(point)
-
-    hit = solid_of(name).closest(point, max_distance=limit)
-
-    if abs(free.signed_distance) <= limit:
-        assert judging.same_bits(hit, free)
-    else:
-        assert hit.signed_distance == np.inf
-        assert (hit.face_id, hit.part, hit.feature) == (NO_FACE, -1, Feature.NONE)
-        assert np.isnan(hit.point).all() and np.isnan(hit.gradient).all() and np.isnan(hit.barycentric).all()
-        assert not hit.is_signed
-
-
-@given(asked=points_around(MESHES))
-def test_the_very_distance_as_limit_still_finds(asked):
-    name, point = asked
-    free = solid_of(name).closest(point)
-
-    hit = solid_of(name).closest(point, max_distance=abs(free.signed_distance))
-
-    assert judging.same_bits(hit, free)
-
-
-# ------------------------------------------------------------------------------------ one, many, and workers
 
 
 # ------------------------------------------------------------------------------------- what a solid tells

@@ -108,12 +108,12 @@ def test_service_publishes_it_behind_the_first_frame():
 def test_description_that_is_not_published_is_noted():
     from fake_service import KeepingOutlet, publisher
 
-    from proximity.service.frame_output import Outgoing
+    from proximity.service.frame_publisher import FramePublisher
 
-    outgoing = Outgoing([publisher(KeepingOutlet(refused=(0,)))], None, 0)
-    outgoing.describe(Message(DESCRIPTION, 1))
+    outputs = FramePublisher([publisher(KeepingOutlet(refused=(0,)))], None, 0)
+    outputs.publish_description(Message(DESCRIPTION, 1))
 
-    assert outgoing.failures == {"keeping:": 0}
-    assert outgoing.notes == [
+    assert outputs.failures == {"keeping:": 0}
+    assert outputs.notes == [
         "keeping:: names of parts and fingers were not published, first: keeping: no room"
     ]

@@ -27,7 +27,8 @@ from proximity.service.config import (
     scene_file_reader,
 )
 from proximity.service.config.toml_document import MOST_FILE_BYTES, MOST_LINES, Document
-from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
+from proximity.tracker.tracker import Tracker
+from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 
 PART = '[[parts]]\nfile = "box.stl"\n'
 POSES = '[input]\nposes = "mailbox:poses"\n'

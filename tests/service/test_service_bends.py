@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from fake_service import KeepingOutlet, ManualClock, publisher
+from fake_service import KeepingOutlet, ManualClock, filled, publisher
 from ticking import MS, line, plate
 
 from proximity.message import ContactFlag
 from proximity.scene.scene import Scene
-from proximity.service import CallableInput, FingerPoses, Service, TrackerAnswers
+from proximity.service import CallableInput, FingerPoses, Service, TrackedContacts
 from proximity.tracker.tracker import Tracker
 
 RATE = 2.0  # bends a second
@@ -18,7 +18,7 @@ RATE = 2.0  # bends a second
 @pytest.fixture(scope="module")
 def answers():
     """Of three fingers above a plate, rehearsed as the loop does."""
-    made = TrackerAnswers(Tracker(Scene([plate()]), fingers=3))
+    made = TrackedContacts(Tracker(Scene([plate()]), fingers=3))
     made.rehearse()
     return made
 
@@ -31,7 +31,7 @@ def told(answers, bends, *, paths=None, ticks=8, every=1):
         pose = tick // every * every
         poses.positions[:], poses.pose_ns[:] = [[0.0, 0.0, 0.05 - 1e-4 * pose]] * 3, pose * MS
         poses.paths, poses.bends = paths, np.asarray(bends) + RATE * 1e-3 * pose
-        contacts = answers.answer(poses, tick * MS)
+        contacts = filled(answers, poses, tick * MS)
     return contacts
 
 
@@ -83,4 +83,4 @@ def test_finger_that_is_not_tracked_has_no_bend(answers):
     poses = FingerPoses(3)
     poses.bends = np.full(3, 0.5)
 
-    assert np.isnan(answers.answer(poses, 0)["bend"]).all()
+    assert np.isnan(filled(answers, poses, 0)["bend"]).all()

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 import shapes
-from fake_service import MS, QueueInlet, hands_at
+from fake_service import MS, QueueInlet, filled, hands_at
 
 import oracle
 from proximity.message import MOVES, ContactFlag, Message
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
-from proximity.service import MovesInput, TrackerAnswers
-from proximity.service.inputs import reception
+from proximity.service import MovesInput, TrackedContacts
+from proximity.service.inputs import inbox
 from proximity.tracker.tracker import Tracker
 
 NOW = 5_000_000_000  # ns
@@ -26,7 +26,7 @@ ROUNDING = 1e-9  # m
 @pytest.fixture
 def inlet(monkeypatch):
     queue = QueueInlet()
-    monkeypatch.setattr(reception, "open_inlet", lambda address: queue)
+    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
     return queue
 
 
@@ -76,11 +76,11 @@ class Served:
         self.inlet, self.scene = inlet, scene()
         self.source = MovesInput("queue:", clock=lambda: NOW)
         tracker = Tracker(self.scene, fingers=len(TIPS), radius=RADIUS)
-        self.answers = TrackerAnswers(tracker, self.source)
+        self.answers = TrackedContacts(tracker, self.source)
 
     def tick(self, now_ns, pose_ns):
         poses = hands_at(TIPS, pose_ns, np.zeros((len(TIPS), 3)))
-        return self.answers.answer(poses, now_ns)
+        return filled(self.answers, poses, now_ns)
 
 
 def assert_holds(contacts, pose_ns):
@@ -156,7 +156,7 @@ def test_fingers_that_are_not_there_say_nothing_of_when(inlet):
     inlet.put(told(NOW))
     poses = hands_at(np.full((3, 3), np.nan), [NOW - 90 * MS, 0, -(2**62)])
 
-    contacts = served.answers.answer(poses, NOW + 20 * MS)
+    contacts = filled(served.answers, poses, NOW + 20 * MS)
 
     assert (contacts["lower"] == -np.inf).all() and (contacts["upper"] == np.inf).all()
     np.testing.assert_allclose(served.scene.part("box").pose.translation, 0.02 * VELOCITY, atol=1e-15)

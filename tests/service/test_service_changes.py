@@ -16,15 +16,15 @@ from proximity.message import ADDITIONS, CHANGES, DEFORMATIONS, Message, PartAct
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service import ChangesInput
-from proximity.service.hosting import part_changes
-from proximity.service.hosting.part_changes import NOT_ALLOWED, PartChanger, allowed_file
-from proximity.service.inputs import reception
+from proximity.service.hosting import scene_changes
+from proximity.service.hosting.scene_changes import NOT_ALLOWED, PartChanger, allowed_file
+from proximity.service.inputs import inbox
 
 
 @pytest.fixture
 def inlet(monkeypatch):
     queue = QueueInlet()
-    monkeypatch.setattr(reception, "open_inlet", lambda address: queue)
+    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
     return queue
 
 
@@ -205,12 +205,12 @@ class FakeAnswers:
 @pytest.fixture
 def changer(monkeypatch, tmp_path):
     """Carries out requests on a scene of two parts; *served* shows what is served."""
-    monkeypatch.setattr(part_changes, "TrackerAnswers", FakeAnswers)
+    monkeypatch.setattr(scene_changes, "TrackedContacts", FakeAnswers)
     monkeypatch.setattr(
-        part_changes, "make_tracker", lambda settings, scene, count: SimpleNamespace(scene=scene)
+        scene_changes, "make_tracker", lambda settings, scene, count: SimpleNamespace(scene=scene)
     )
-    service = SimpleNamespace(answering=FakeAnswers(SimpleNamespace(scene=scene("a", "b"))))
-    service.replace = lambda answering: setattr(service, "answering", answering)
+    service = SimpleNamespace(contact_source=FakeAnswers(SimpleNamespace(scene=scene("a", "b"))))
+    service.replace = lambda source: setattr(service, "contact_source", source)
     folder = tmp_path / "parts"
     folder.mkdir()
     shutil.copy(MESHES / "box.stl", folder)
@@ -221,7 +221,7 @@ def changer(monkeypatch, tmp_path):
         carry_out=changer.carry_out,
         folder=folder,
         settings=settings,
-        served=lambda: service.answering.tracker.scene,
+        served=lambda: service.contact_source.tracker.scene,
     )
 
 

@@ -7,7 +7,7 @@ import glove_files
 import numpy as np
 import pytest
 import shapes
-from fake_service import MS, QueueInlet
+from fake_service import MS, Newest, QueueInlet, filled
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from project import MESHES
@@ -17,10 +17,10 @@ from proximity.decaff.glove.glove_set import read_glove
 from proximity.errors import DecaffError, ServiceError
 from proximity.message import GLOVE_POSES, POSES, ContactFlag, Message
 from proximity.scene.scene import Scene
-from proximity.service import StreamInput, TrackerAnswers
+from proximity.service import FingerPoses, MessageInput, TrackedContacts
 from proximity.service.config import read_scene_file
-from proximity.service.hosting.glove_calibrations import read_gloves
-from proximity.service.inputs import reception
+from proximity.service.hosting.service_assembly import read_gloves
+from proximity.service.inputs import inbox
 from proximity.tracker.replay import turn_about_axes
 from proximity.tracker.tracker import Tracker
 
@@ -63,7 +63,7 @@ def ways(tmp_path_factory):
 @pytest.fixture
 def inlet(monkeypatch):
     queue = QueueInlet()
-    monkeypatch.setattr(reception, "open_inlet", lambda address: queue)
+    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
     return queue
 
 
@@ -80,7 +80,7 @@ def poses(bend=math.nan, counts=math.nan, **fields):
 
 
 def stream(gloves):
-    return StreamInput("queue:", 2, clock=lambda: NOW, gloves=gloves)
+    return Newest(MessageInput("queue:", 2, clock=lambda: NOW, gloves=gloves), FingerPoses(2), NOW)
 
 
 def world(point):
@@ -105,10 +105,10 @@ def test_glove_tells_the_tracker_where_its_finger_will_touch(gloves_of, inlet):
     """The plane of the paper, put where the hand is."""
     vertices, faces = shapes.box((-0.3, -0.2, -0.3), (0.3, -0.045, 0.3))
     scene = Scene([solid((vertices @ TURN.T + KNUCKLE, faces), "plane")])
-    answers = TrackerAnswers(Tracker(scene, fingers=2))
+    answers = TrackedContacts(Tracker(scene, fingers=2))
     source = stream(gloves_of('calibration = "glove.json"'))
     inlet.put(poses(bend=[0.1, 0.15]))
-    contacts = answers.answer(source.poll(NOW), NOW)
+    contacts = filled(answers, source.poll(NOW), NOW)
 
     assert contacts["bend"] == pytest.approx([0.1, 0.15])
     assert contacts["contact_bend"] == pytest.approx([PLANE_BEND] * 2, abs=2e-4)  # 0.03 mm of a polyline
@@ -157,7 +157,7 @@ def test_whatever_numbers_come_nothing_is_raised(ways, data):
             flat[:] = [[data.draw(numbers) for _ in row] for row in flat]
     queue.put(message)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(reception, "open_inlet", lambda address: queue)
+        patched.setattr(inbox, "open_inlet", lambda address: queue)
         polled = stream(ways).poll(NOW)
 
     assert polled is not None and polled.positions.shape == (2, 3)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from proximity.service import Histogram
-from proximity.service.histogram import LARGEST_NS
+from proximity.service.report import LARGEST_NS
 
 
 def filled(durations):

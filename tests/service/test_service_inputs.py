@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fake_service import MS, hands_at
+from fake_service import MS, hands_at, polled
 
 from proximity.errors import ServiceError
 from proximity.kernels.contact_columns import PREDICTED, TRACKED
@@ -16,7 +16,7 @@ from proximity.kernels.tracking.motion import (
 )
 from proximity.recording import Recording
 from proximity.service import CallableInput, FingerPoses, RecordingInput
-from proximity.service.sample_filter import SampleFilter
+from proximity.service.samples import NewestSamples
 
 NOW = 5000 * MS
 
@@ -33,7 +33,7 @@ def played(source, instants_ms):
     """What each poll gives: (x in ms, pose's instant in ms), or None."""
     told = []
     for instant in instants_ms:
-        poses = source.poll(NOW + int(instant * MS))
+        poses = polled(source, NOW + int(instant * MS))
         told.append(
             None if poses is None else (1000 * poses.positions[0, 0], (poses.pose_ns.item(0) - NOW) / MS)
         )
@@ -92,17 +92,17 @@ def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
     source = RecordingInput(
         Recording(np.arange(rows) * np.int64(MS), positions, ((0, 1),)), latency=0.0, repeat=True
     )
-    sample_filter = SampleFilter(FingerPoses(1), 100 * MS)
-    sample_filter.start(NOW)
+    newest = NewestSamples(FingerPoses(1), 100 * MS)
+    newest.start(NOW)
     reals, marks = np.zeros((1, MOTION_REALS)), np.zeros((1, MOTION_INTS), np.int64)
     fastest = abs(jump) / (rows - 1) / 1e-3 + 1e-6
 
     seen = 0
     for tick in range(3 * (rows + 100)):
-        poses = source.poll(NOW + tick * MS)
+        poses = polled(source, NOW + tick * MS)
         if poses is not None:
-            sample_filter.admit(poses, NOW + tick * MS)
-        (x, y, z), pose_ns = sample_filter.kept.positions[0], sample_filter.kept.pose_ns[0]
+            newest.update(poses, NOW + tick * MS)
+        (x, y, z), pose_ns = newest.samples.positions[0], newest.samples.pose_ns[0]
         status = observe(reals, marks, 0, pose_ns, x, y, z, MAX_SPEED, MAX_ACCELERATION)
         seen += bool(status & TRACKED)
         assert (
@@ -133,7 +133,7 @@ def test_callable_may_tell_positions_of_now():
     asked = []
     source = CallableInput(lambda now_ns: asked.append(now_ns) or [[1, 2, 3], [4, 5, 6]], 2)
 
-    poses = source.poll(NOW)
+    poses = polled(source, NOW)
 
     assert asked == [NOW]
     np.testing.assert_array_equal(poses.positions, [[1, 2, 3], [4, 5, 6]])
@@ -145,7 +145,7 @@ def test_callable_may_tell_positions_of_now():
 def test_callable_may_tell_positions_and_their_instants(instants):
     source = CallableInput(lambda now_ns: (np.ones((2, 3)), instants), 2)
 
-    assert source.poll(NOW).pose_ns.tolist() == np.broadcast_to(instants, 2).tolist()
+    assert polled(source, NOW).pose_ns.tolist() == np.broadcast_to(instants, 2).tolist()
 
 
 def test_callable_may_tell_hands_which_are_taken_as_float64():
@@ -153,7 +153,7 @@ def test_callable_may_tell_hands_which_are_taken_as_float64():
     told.positions = np.float32([[1, 2, 3], [4, 5, 6]])
     source = CallableInput(lambda now_ns: told, 2)
 
-    poses = source.poll(NOW)
+    poses = polled(source, NOW)
 
     assert poses.positions.dtype == np.float64 and poses.positions[1, 2] == 6
     assert poses.pose_ns.tolist() == [NOW, NOW - 1]
@@ -164,9 +164,9 @@ def test_velocities_that_a_callable_told_once_are_not_those_of_later_positions()
     told = [hands_at(np.zeros((2, 3)), NOW, velocities=np.ones((2, 3))), np.ones((2, 3))]
     told[0].paths, told[0].bends = np.ones((2, 4, 3)), np.ones(2)
     source = CallableInput(lambda now_ns: told.pop(0), 2)
-    source.poll(NOW)
+    polled(source, NOW)
 
-    poses = source.poll(NOW + MS)
+    poses = polled(source, NOW + MS)
 
     assert poses.velocities is None and poses.paths is None and poses.bends is None
 
@@ -174,7 +174,7 @@ def test_velocities_that_a_callable_told_once_are_not_those_of_later_positions()
 def test_callable_with_nothing_new_tells_none():
     source = CallableInput(lambda now_ns: None, 2)
 
-    assert source.poll(NOW) is None and source.failures == 0 and source.notes == []
+    assert polled(source, NOW) is None and source.failures == 0 and source.notes == []
 
 
 def hands_with(**fields):
@@ -214,7 +214,7 @@ def fail(now_ns):
 def test_callable_that_fails_is_counted_and_said_once(function, message, caplog):
     source = CallableInput(function, 2)
 
-    assert [source.poll(NOW + k) for k in range(3)] == [None] * 3
+    assert [polled(source, NOW + k) for k in range(3)] == [None] * 3
 
     assert source.failures == 3
     assert source.notes == [f"the pose callback raised 3 times, first: {message}"]
@@ -225,8 +225,8 @@ def test_callable_that_fails_is_counted_and_said_once(function, message, caplog)
 def test_callable_recovers():
     source = CallableInput(lambda now_ns: fail(now_ns) if now_ns == NOW else np.zeros((1, 3)), 1)
 
-    assert source.poll(NOW) is None
-    assert source.poll(NOW + 1).pose_ns.tolist() == [NOW + 1]
+    assert polled(source, NOW) is None
+    assert polled(source, NOW + 1).pose_ns.tolist() == [NOW + 1]
 
 
 # --- what is kept of samples ---
@@ -254,126 +254,122 @@ OTHER_CLOCK = (
 )
 def test_first_pose_that_cannot_be_used_is_told_with_its_address_and_a_remedy(ahead_ms, sentence, caplog):
     """The service once said nothing of them until its end, and never that they were too old."""
-    sample_filter = SampleFilter(FingerPoses(1), 100 * MS, "iox2://poses")
-    sample_filter.start(NOW)
-    sample_filter.admit(hands_at([[0, 0, 0]], NOW), NOW)
+    newest = NewestSamples(FingerPoses(1), 100 * MS, "iox2://poses")
+    newest.start(NOW)
+    newest.update(hands_at([[0, 0, 0]], NOW), NOW)
     for tick in range(3):
-        sample_filter.admit(hands_at([[1, 1, 1]], NOW + ahead_ms * MS + tick), NOW + tick)
+        newest.update(hands_at([[1, 1, 1]], NOW + ahead_ms * MS + tick), NOW + tick)
 
     assert len(caplog.messages) == 1 and caplog.messages[0].startswith(sentence)
-    assert sample_filter.kept.positions.tolist() == [[0, 0, 0]]
-    counts = sample_filter.future, sample_filter.backwards, sample_filter.too_old
+    assert newest.samples.positions.tolist() == [[0, 0, 0]]
+    counts = newest.future, newest.backwards, newest.too_old
     assert sum(counts) == 3 and counts.index(3) == (0 if ahead_ms > 0 else 1 if ahead_ms == -50 else 2)
 
 
 def test_pose_that_grew_old_here_is_not_counted_as_too_old():
-    sample_filter = SampleFilter(FingerPoses(2), 100 * MS)
-    sample_filter.start(NOW)
+    newest = NewestSamples(FingerPoses(2), 100 * MS)
+    newest.start(NOW)
     for ms in range(300):
-        sample_filter.admit(hands_at(np.zeros((2, 3)), [NOW, NOW + ms * MS]), NOW + ms * MS)
+        newest.update(hands_at(np.zeros((2, 3)), [NOW, NOW + ms * MS]), NOW + ms * MS)
 
-    assert sample_filter.too_old == 0
+    assert newest.too_old == 0
 
 
 def test_what_was_told_once_and_is_not_any_more_becomes_unknown():
-    sample_filter = SampleFilter(FingerPoses(2), 100 * MS)
-    sample_filter.start(NOW)
+    newest = NewestSamples(FingerPoses(2), 100 * MS)
+    newest.start(NOW)
     first = hands_at(np.zeros((2, 3)), NOW, velocities=np.ones((2, 3)))
     first.paths, first.bends = np.ones((2, 4, 3)), np.ones(2)
 
-    sample_filter.admit(first, NOW)
+    newest.update(first, NOW)
     assert (
-        (sample_filter.kept.velocities == 1).all()
-        and (sample_filter.kept.paths == 1).all()
-        and (sample_filter.kept.bends == 1).all()
+        (newest.samples.velocities == 1).all()
+        and (newest.samples.paths == 1).all()
+        and (newest.samples.bends == 1).all()
     )
-    assert sample_filter.kept.velocities is not first.velocities  # a copy: the input goes on writing
+    assert newest.samples.velocities is not first.velocities  # a copy: the input goes on writing
 
-    sample_filter.admit(hands_at(np.zeros((2, 3)), NOW + 1), NOW + 1)
-    assert np.isnan(sample_filter.kept.velocities).all()
-    assert np.isnan(sample_filter.kept.paths).all() and np.isnan(sample_filter.kept.bends).all()
+    newest.update(hands_at(np.zeros((2, 3)), NOW + 1), NOW + 1)
+    assert np.isnan(newest.samples.velocities).all()
+    assert np.isnan(newest.samples.paths).all() and np.isnan(newest.samples.bends).all()
 
 
 def test_finger_whose_sample_is_left_out_keeps_all_of_the_one_before():
-    sample_filter = SampleFilter(FingerPoses(2), 100 * MS)
-    sample_filter.start(NOW)
-    sample_filter.admit(hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))), NOW)
+    newest = NewestSamples(FingerPoses(2), 100 * MS)
+    newest.start(NOW)
+    newest.update(hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))), NOW)
 
-    sample_filter.admit(hands_at(np.ones((2, 3)), [NOW - 1, NOW + 1], velocities=np.ones((2, 3))), NOW + 1)
+    newest.update(hands_at(np.ones((2, 3)), [NOW - 1, NOW + 1], velocities=np.ones((2, 3))), NOW + 1)
 
-    assert sample_filter.kept.positions.tolist() == [[0, 0, 0], [1, 1, 1]]
-    assert sample_filter.kept.velocities.tolist() == [[0, 0, 0], [1, 1, 1]]
-    assert sample_filter.kept.pose_ns.tolist() == [NOW, NOW + 1]
-    assert (sample_filter.future, sample_filter.backwards) == (0, 1)
+    assert newest.samples.positions.tolist() == [[0, 0, 0], [1, 1, 1]]
+    assert newest.samples.velocities.tolist() == [[0, 0, 0], [1, 1, 1]]
+    assert newest.samples.pose_ns.tolist() == [NOW, NOW + 1]
+    assert (newest.future, newest.backwards) == (0, 1)
 
 
 @pytest.mark.parametrize("unknown", [np.nan, np.inf])
 @pytest.mark.parametrize("axis", [0, 2])
 @pytest.mark.parametrize("pose_ns", [0, NOW + 1])
 def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis, pose_ns):
-    sample_filter = SampleFilter(FingerPoses(1), 100 * MS)
-    sample_filter.start(NOW)
-    sample_filter.admit(hands_at([[1, 1, 1]], NOW), NOW)
+    newest = NewestSamples(FingerPoses(1), 100 * MS)
+    newest.start(NOW)
+    newest.update(hands_at([[1, 1, 1]], NOW), NOW)
     lost = hands_at([[1, 1, 1]], pose_ns)
     lost.positions[0, axis] = unknown
 
-    sample_filter.admit(lost, NOW + 1)
-    assert not np.isfinite(sample_filter.kept.positions).all()
-    assert sample_filter.kept.pose_ns.tolist() == [NOW]  # of the last that was known
-    assert (sample_filter.future, sample_filter.backwards) == (0, 0)
+    newest.update(lost, NOW + 1)
+    assert not np.isfinite(newest.samples.positions).all()
+    assert newest.samples.pose_ns.tolist() == [NOW]  # of the last that was known
+    assert (newest.future, newest.backwards) == (0, 0)
 
-    sample_filter.admit(hands_at([[2, 2, 2]], NOW - 1), NOW + 2)
-    assert not np.isfinite(sample_filter.kept.positions).all() and sample_filter.backwards == 1
-    sample_filter.admit(hands_at([[2, 2, 2]], NOW + 2), NOW + 2)
-    assert sample_filter.kept.positions.tolist() == [[2, 2, 2]]
+    newest.update(hands_at([[2, 2, 2]], NOW - 1), NOW + 2)
+    assert not np.isfinite(newest.samples.positions).all() and newest.backwards == 1
+    newest.update(hands_at([[2, 2, 2]], NOW + 2), NOW + 2)
+    assert newest.samples.positions.tolist() == [[2, 2, 2]]
 
 
 @pytest.mark.parametrize(("future_ns", "is_taken"), [(5 * MS, True), (5 * MS + 1, False)])
 def test_poses_may_be_five_milliseconds_ahead(future_ns, is_taken):
-    sample_filter = SampleFilter(FingerPoses(1), 100 * MS)
-    sample_filter.start(NOW)
+    newest = NewestSamples(FingerPoses(1), 100 * MS)
+    newest.start(NOW)
 
-    sample_filter.admit(hands_at([[1, 1, 1]], NOW + future_ns), NOW)
+    newest.update(hands_at([[1, 1, 1]], NOW + future_ns), NOW)
 
-    assert np.isfinite(sample_filter.kept.positions).all() == is_taken
-    assert sample_filter.future == (not is_taken)
+    assert np.isfinite(newest.samples.positions).all() == is_taken
+    assert newest.future == (not is_taken)
 
 
 @pytest.mark.parametrize("pose_ns", [NOW + 500 * MS, NOW - 1])
 def test_sample_that_was_left_out_is_not_given_again(pose_ns):
     """Whoever tells of one finger at a time gives all of them each time."""
-    sample_filter, given = (
-        SampleFilter(FingerPoses(2), 100 * MS),
+    newest, given = (
+        NewestSamples(FingerPoses(2), 100 * MS),
         hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))),
     )
     given.bends = np.zeros(2)
-    sample_filter.start(NOW)
-    sample_filter.admit(given, NOW)
+    newest.start(NOW)
+    newest.update(given, NOW)
     given.positions[0], given.pose_ns[0], given.velocities[0], given.bends[0] = 1, pose_ns, 1, 1
 
     for ms in range(600):
         given.positions[1], given.pose_ns[1] = ms, NOW + ms * MS
-        sample_filter.admit(given, NOW + ms * MS)
-        sample_filter.expire(NOW + ms * MS)
+        newest.update(given, NOW + ms * MS)
+        newest.drop_stale(NOW + ms * MS)
 
-    assert sample_filter.future + sample_filter.backwards == 1
-    assert (
-        np.isnan(sample_filter.kept.positions[0, 0]) and sample_filter.kept.positions[1].tolist() == [599] * 3
-    )
-    assert sample_filter.kept.velocities.tolist() == [
-        [0, 0, 0]
-    ] * 2 and sample_filter.kept.bends.tolist() == [0, 0]
+    assert newest.future + newest.backwards == 1
+    assert np.isnan(newest.samples.positions[0, 0]) and newest.samples.positions[1].tolist() == [599] * 3
+    assert newest.samples.velocities.tolist() == [[0, 0, 0]] * 2 and newest.samples.bends.tolist() == [0, 0]
 
 
 def test_arrays_of_a_callable_are_not_written_into():
     told = hands_at(np.ones((1, 3)), NOW + 6 * MS, velocities=np.ones((1, 3)))
     told.paths, told.bends = np.ones((1, 2, 3)), np.ones(1)
-    sample_filter, source = SampleFilter(FingerPoses(1), 100 * MS), CallableInput(lambda now_ns: told, 1)
-    sample_filter.start(NOW)
+    newest, source = NewestSamples(FingerPoses(1), 100 * MS), CallableInput(lambda now_ns: told, 1)
+    newest.start(NOW)
 
-    sample_filter.admit(source.poll(NOW), NOW)
+    newest.update(polled(source, NOW), NOW)
 
-    assert sample_filter.future == 1
+    assert newest.future == 1
     for array in (told.positions, told.velocities, told.paths, told.bends):
         assert (array == 1).all()
     assert told.pose_ns.tolist() == [NOW + 6 * MS]
@@ -381,26 +377,24 @@ def test_arrays_of_a_callable_are_not_written_into():
 
 def test_hand_whose_fingers_are_all_at_one_place_is_lost_and_counted(caplog):
     """The left hand is sent as (0, 0, 0) while it is lost; the right one goes on."""
-    sample_filter = SampleFilter(FingerPoses(10), 100 * MS, "iox2://poses")
-    sample_filter.start(NOW)
+    newest = NewestSamples(FingerPoses(10), 100 * MS, "iox2://poses")
+    newest.start(NOW)
     tips = np.arange(30.0).reshape(10, 3)
     lost = tips.copy()
     lost[:5] = 0.0
     for ms, positions in enumerate((tips, lost, lost, tips)):
-        sample_filter.admit(hands_at(positions, NOW + ms * MS), NOW + ms * MS)
-        is_there = np.isfinite(sample_filter.kept.positions).all(axis=1)
+        newest.update(hands_at(positions, NOW + ms * MS), NOW + ms * MS)
+        is_there = np.isfinite(newest.samples.positions).all(axis=1)
         assert is_there.tolist() == [positions is tips] * 5 + [True] * 5
 
-    assert sample_filter.notes == [
-        "iox2://poses: 10 poses of hands whose fingers are all at one place are not used"
-    ]
+    assert newest.notes == ["iox2://poses: 10 poses of hands whose fingers are all at one place are not used"]
     (said,) = caplog.messages
     assert said.endswith("are all at one place are not used (the hand is lost there: send nan)")
 
 
 def test_two_fingers_of_one_hand_may_be_at_one_place():
-    sample_filter = SampleFilter(FingerPoses(2), 100 * MS)
-    sample_filter.start(NOW)
-    sample_filter.admit(hands_at(np.zeros((2, 3)), NOW), NOW)
+    newest = NewestSamples(FingerPoses(2), 100 * MS)
+    newest.start(NOW)
+    newest.update(hands_at(np.zeros((2, 3)), NOW), NOW)
 
-    assert np.isfinite(sample_filter.kept.positions).all() and sample_filter.lost == 0
+    assert np.isfinite(newest.samples.positions).all() and newest.lost == 0

@@ -7,8 +7,8 @@ import numpy as np
 
 from proximity.errors import RecordingError
 from proximity.message import FRAME, MAX_RECORDS
-from proximity.service import log_writer
-from proximity.service.log_writer import LogWriter
+from proximity.service import frame_publisher
+from proximity.service.frame_publisher import LogWriter
 
 PATIENCE = 20.0  # s
 
@@ -105,13 +105,13 @@ def test_frames_of_a_skin_wait_within_some_megabytes():
     data = np.full(size, 7, np.uint8)
 
     count = 0
-    while not writer.lost and count <= log_writer.DEPTH:
+    while not writer.lost and count <= frame_publisher.DEPTH:
         writer.put(data)
         count += 1
     gate.set()
     writer.close()
 
-    assert log_writer.FEWEST < writer.written == count - 1 <= log_writer.MOST_RING_BYTES / size
+    assert frame_publisher.FEWEST < writer.written == count - 1 <= frame_publisher.MOST_RING_BYTES / size
 
 
 def test_disk_that_is_full_is_said_once_and_what_follows_is_still_tried(caplog):
@@ -140,7 +140,7 @@ def test_log_that_cannot_be_closed_harms_nobody(caplog):
 
 
 def test_log_that_never_answers_is_left(monkeypatch, caplog):
-    monkeypatch.setattr(log_writer, "CLOSE_TIMEOUT", 0.05)
+    monkeypatch.setattr(frame_publisher, "CLOSE_TIMEOUT", 0.05)
     gate = threading.Event()
     log = KeepingLog(gate=gate)
     writer = LogWriter(log, 16)

@@ -29,14 +29,13 @@ FAREWELL = [State.STOPPING] * 3
 
 def flagged(answers, flags):
     """Let the first finger have more flags from the next tick on."""
-    answer = answers.answer
+    fill = answers.fill
 
-    def answer_with_flags(poses, now_ns):
-        contacts = answer(poses, now_ns)
+    def fill_with_flags(contacts, poses, now_ns):
+        fill(contacts, poses, now_ns)
         contacts["flags"][0] |= int(flags)
-        return contacts
 
-    answers.answer = answer_with_flags
+    answers.fill = fill_with_flags
     return answers
 
 
@@ -496,9 +495,9 @@ def test_memory_does_not_grow_with_ticks():
     class Blind(FakeAnswers):
         """Keeps nothing of what it saw."""
 
-        def answer(self, poses, now_ns):
+        def fill(self, contacts, poses, now_ns):
             self.seen.clear()
-            return super().answer(poses, now_ns)
+            super().fill(contacts, poses, now_ns)
 
     class Nowhere(KeepingOutlet):
         def send(self, data):

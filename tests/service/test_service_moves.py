@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 import shapes
-from fake_service import QueueInlet
+from fake_service import QueueInlet, filled
 
 from proximity.message import MOVES, Message
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
-from proximity.service import MovesInput, TrackerAnswers
-from proximity.service.inputs import reception
+from proximity.service import MovesInput, TrackedContacts
+from proximity.service.inputs import inbox
 from proximity.tracker.tracker import Tracker
 
 NOW = 5_000_000_000  # ns
@@ -19,7 +19,7 @@ MS = 1_000_000
 @pytest.fixture
 def inlet(monkeypatch):
     queue = QueueInlet()
-    monkeypatch.setattr(reception, "open_inlet", lambda address: queue)
+    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
     return queue
 
 
@@ -187,13 +187,13 @@ def test_edited_scene_gets_all_that_was_told_before(inlet):
 
 def test_tick_sees_the_moves_that_have_arrived(inlet):
     parts = scene("a")  # a cube about the origin
-    answers = TrackerAnswers(Tracker(parts, fingers=1, radius=0.0), MovesInput("queue:"))
+    answers = TrackedContacts(Tracker(parts, fingers=1, radius=0.0), MovesInput("queue:"))
     poses = answers.new_samples()
     poses.positions[0], poses.pose_ns[0] = (0, 0, 2), NOW
 
-    first = answers.answer(poses, NOW)["signed_distance"][0]
+    first = filled(answers, poses, NOW)["signed_distance"][0]
     inlet.put(moves(a=(0, 0, 1)))
-    second = answers.answer(poses, NOW)["signed_distance"][0]
+    second = filled(answers, poses, NOW)["signed_distance"][0]
 
     assert first - second == pytest.approx(1.0, abs=1e-12)
     answers.close()
@@ -254,7 +254,7 @@ def test_velocity_lasts_from_the_pose_on_and_not_from_when_it_came(inlet):
 )
 def test_move_of_an_instant_that_cannot_be_is_left_out_and_counted(inlet, pose_ns, refused, note):
     parts, source = scene("a", "b"), MovesInput("queue:", clock=lambda: NOW)
-    answers = TrackerAnswers(Tracker(parts, fingers=1), source)
+    answers = TrackedContacts(Tracker(parts, fingers=1), source)
     inlet.put(moves(a=(0, 0, 1), b=(0, 0, 2)))
     source.apply(parts, NOW)
     message = moves(b=(0, 0, 9), a=(0, 0, 3))

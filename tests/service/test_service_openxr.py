@@ -10,6 +10,7 @@ import time
 
 import numpy as np
 import pytest
+from fake_service import polled as polled_once
 from project import MESHES
 
 from proximity.errors import MissingLibraryError, ServiceError
@@ -17,8 +18,8 @@ from proximity.pose import Pose
 from proximity.service import OpenXrInput
 from proximity.service.config import read_scene_file
 from proximity.service.config.settings import OpenXrEntry
-from proximity.service.inputs import openxr_runtime
-from proximity.service.inputs.openxr_runtime import EXTENSIONS, FINGERS, OpenXrHands
+from proximity.service.inputs import openxr_input
+from proximity.service.inputs.openxr_input import EXTENSIONS, FINGERS, OpenXrHands
 from proximity.tracker.replay import turn_about_axes
 
 Z_UP = Pose(turn_about_axes((90.0, 0.0, 0.0)), (1.0, 0.0, 0.0))
@@ -52,7 +53,7 @@ def tips_at(height):
 def polled(given):
     until = time.monotonic() + 10.0
     while time.monotonic() < until:
-        poses = given.poll(time.monotonic_ns())
+        poses = polled_once(given, time.monotonic_ns())
         if poses is not None:
             return poses
         time.sleep(0.001)
@@ -67,7 +68,7 @@ def test_fingertips_come_into_the_scene_with_z_up():
     assert poses.positions[1] == pytest.approx([1.1, 0.3, 1.5])
     assert (poses.pose_ns == 123).all() and np.isnan(poses.positions[[0, 2, 9]]).all()
     time.sleep(0.03)
-    assert given.poll(0) is None  # the same again is no new pose
+    assert polled_once(given, 0) is None  # the same again is no new pose
     given.close()
     assert hands.is_closed and given.is_over
 
@@ -143,7 +144,7 @@ def runtime(monkeypatch):
     def locate(tracker, info, locations):
         called.append(("locate", info.contents.time))
         found = locations.contents
-        assert found.joint_count == openxr_runtime.JOINTS
+        assert found.joint_count == openxr_input.JOINTS
         found.is_active = 1
         for number, joint in enumerate(found._joint_locations[: found.joint_count]):
             joint.location_flags = 0b1111 if number != 10 else 0b0011  # the index fingertip is not tracked

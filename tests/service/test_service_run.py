@@ -12,7 +12,7 @@ import proximity
 from proximity.message import FRAME, ContactFlag, State, parts_of
 from proximity.pose import Pose
 from proximity.recording import read_recording
-from proximity.service import RecordingInput, Service, SkippingClock, TrackerAnswers
+from proximity.service import RecordingInput, Service, SkippingClock, TrackedContacts
 from proximity.transport import open_publisher, open_subscriber
 
 RADIUS = 0.007
@@ -29,7 +29,7 @@ def bracket():
 
 
 def answers(scene, hand):
-    return TrackerAnswers(proximity.Tracker(scene, fingers=len(hand.fingers), radius=RADIUS))
+    return TrackedContacts(proximity.Tracker(scene, fingers=len(hand.fingers), radius=RADIUS))
 
 
 class KeepingLog:

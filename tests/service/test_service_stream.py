@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from fake_service import MS, QueueInlet
+from fake_service import MS, Newest, QueueInlet
 
 from proximity.errors import PublishError
 from proximity.message import PATH_CORNERS, PATH_POSES, POSES, Message
-from proximity.service import FingerPoses, StreamInput
-from proximity.service.inputs import reception
-from proximity.service.sample_filter import SampleFilter
+from proximity.service import FingerPoses, MessageInput
+from proximity.service.inputs import inbox
 from proximity.transport import open_publisher
 
 NOW = 7000 * MS
@@ -18,7 +17,7 @@ NOW = 7000 * MS
 def inlet(monkeypatch):
     """A queue where the address would be."""
     queue = QueueInlet()
-    monkeypatch.setattr(reception, "open_inlet", lambda address: queue)
+    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
     return queue
 
 
@@ -33,11 +32,12 @@ def poses(positions, pose_ns=NOW, *, fingers=None, kind=POSES):
 
 
 def stream(count=2):
-    return StreamInput("queue:", count, clock=lambda: NOW)
+    return Newest(MessageInput("queue:", count, clock=lambda: NOW), FingerPoses(count), NOW)
 
 
 def test_poses_cross_a_mailbox():
-    source = StreamInput("mailbox:stream", 2)
+    received = MessageInput("mailbox:stream", 2)
+    source = Newest(received, FingerPoses(2), NOW)
     with open_publisher("mailbox:stream") as sender:
         assert source.poll(NOW) is None
         sender.publish(poses([[1, 2, 3], [4, 5, 6]], [NOW, NOW - MS]))
@@ -47,8 +47,8 @@ def test_poses_cross_a_mailbox():
         assert polled.pose_ns.tolist() == [NOW, NOW - MS]
         assert polled.velocities is None and polled.paths is None and polled.bends is None
         assert source.poll(NOW) is None
-    source.close()
-    assert source.notes == []
+    received.close()
+    assert received.notes == []
 
 
 def test_message_need_not_tell_all_fingers(inlet):
@@ -107,16 +107,14 @@ def test_paths_come_with_their_poses_and_go_with_a_pose_without(inlet):
 
 def test_pose_that_was_refused_is_not_told_again_with_those_of_other_fingers(inlet):
     """It once became a pose when its instant came, half a second after it was refused."""
-    source, sample_filter = stream(2), SampleFilter(FingerPoses(2), 100 * MS)
-    sample_filter.start(NOW)
+    source = stream(2)
     inlet.put(poses([[9, 9, 9]], NOW + 500 * MS, fingers=[0]))
     for ms in range(700):
         inlet.put(poses([[ms, 0, 0]], NOW + ms * MS, fingers=[1]))
-        sample_filter.admit(source.poll(NOW + ms * MS), NOW + ms * MS)
-        sample_filter.expire(NOW + ms * MS)
-        assert np.isnan(sample_filter.kept.positions[0, 0])
+        polled = source.poll(NOW + ms * MS)
+        assert np.isnan(polled.positions[0, 0])
 
-    assert sample_filter.future == 1 and sample_filter.kept.positions[1].tolist() == [699, 0, 0]
+    assert source.newest.future == 1 and polled.positions[1].tolist() == [699, 0, 0]
 
 
 def test_bends_come_with_poses_that_have_no_path(inlet):
@@ -163,8 +161,8 @@ def test_flood_takes_a_few_messages_of_a_tick_and_no_more(inlet):
     inlet.put(poses(np.ones((1, 3))))
 
     assert source.poll(NOW) is None
-    assert len(inlet.queue) == 1001 - reception.MOST_FLAWED
-    for _ in range(1000 // reception.MOST_FLAWED):
+    assert len(inlet.queue) == 1001 - inbox.MOST_FLAWED
+    for _ in range(1000 // inbox.MOST_FLAWED):
         polled = source.poll(NOW)
     assert (polled.positions == 1).all()
 
@@ -196,8 +194,8 @@ class ForeignSender:
     def __init__(self, monkeypatch):
         self.queue, self.now, self.session = QueueInlet(shares_clock=False), NOW, 1
         self.ahead = 5 * 3600 * 1000 * MS
-        monkeypatch.setattr(reception, "open_inlet", lambda address: self.queue)
-        self.source = StreamInput("queue:", 1, clock=lambda: self.now)
+        monkeypatch.setattr(inbox, "open_inlet", lambda address: self.queue)
+        self.source = Newest(MessageInput("queue:", 1, clock=lambda: self.now), FingerPoses(1), NOW)
 
     def send(self, transit=MS):
         """The age, ms, that a pose is said to have, 2 ms old when it was sent; None: it is not taken."""
@@ -259,4 +257,4 @@ def test_sender_whose_clock_is_beyond_all_measure_is_left_out(monkeypatch, ahead
 
 def test_address_that_cannot_be_opened_is_refused_at_once():
     with pytest.raises(PublishError, match="no transport is called 'pigeon'"):
-        StreamInput("pigeon://loft", 1)
+        MessageInput("pigeon://loft", 1)

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from fake_service import MS, KeepingOutlet, ManualClock, QueueInlet, ScriptedInput, publisher
+from fake_service import MS, KeepingOutlet, ManualClock, Newest, QueueInlet, ScriptedInput, filled, publisher
 
 from proximity.errors import ServiceError
 from proximity.message import MEASURED, ContactFlag, Message, Mode, Source, State, Surface
-from proximity.service import Measurements, SensorAnswers, SensorInput, Service
-from proximity.service.inputs import reception
+from proximity.service import Measurements, MessageInput, SensedContacts, Service
+from proximity.service.inputs import inbox
 from proximity.transport import Subscriber, open_publisher
 
 NOW = 9000 * MS
@@ -48,14 +48,14 @@ def message(distances, measured_ns=NOW, **fields):
 
 def answer(distance, now_ns=NOW, *, latency=0.001, **fields):
     """The contact of one finger, measured once."""
-    return SensorAnswers(1, latency=latency).answer(measured([distance], **fields), now_ns)[0]
+    return filled(SensedContacts(1, latency=latency), measured([distance], **fields), now_ns)[0]
 
 
 def approach(answers, distance_at, times_ms, *, error=0.0, lag_ms=0.0):
     """Contacts of one finger measured at these times, answered a little later."""
     for time_ms in times_ms:
         samples = measured([distance_at(time_ms / 1000)], NOW + round(time_ms * MS), error)
-        yield answers.answer(samples, NOW + round((time_ms + lag_ms) * MS))[0].copy()
+        yield filled(answers, samples, NOW + round((time_ms + lag_ms) * MS))[0].copy()
 
 
 # --- what is told is passed on, what is not stays unknown ---
@@ -113,7 +113,7 @@ def test_what_is_not_told_is_not_made_up():
 def test_finger_that_was_not_measured_is_unknown_whatever_else_is_told():
     samples = measured([0.01, np.nan], error=0.0, force=1.0, force_is_valid=1, bend=0.5, normal=(0, 0, 1))
 
-    contacts = SensorAnswers(2).answer(samples, NOW)
+    contacts = filled(SensedContacts(2), samples, NOW)
 
     assert contacts["flags"].tolist() == [int(KNOWN | ContactFlag.EXACT), 0]
     lost = contacts[1]
@@ -146,7 +146,7 @@ def test_force_that_is_no_number_is_not_valid():
 
 
 def test_speed_of_approach_is_estimated_from_distances():
-    answers = SensorAnswers(1, latency=0.005)
+    answers = SensedContacts(1, latency=0.005)
     contacts = list(approach(answers, lambda t: 0.03 - 0.2 * t, range(6), lag_ms=1.0))
 
     assert math.isnan(contacts[0]["approach_speed"])
@@ -177,12 +177,12 @@ def test_predicted_bounds_hold_however_far_off_the_sensor_says_it_is(error, widt
     def distance_at(t):
         return 0.2 + amplitude * math.sin(omega * t + phase)
 
-    answers = SensorAnswers(1, latency=0.002)
+    answers = SensedContacts(1, latency=0.002)
     widths = []
     for time_ms, error_told, side in zip(times, errors, rng.choice([-1.0, 1.0], 300), strict=True):
         measured_ns = NOW + round(time_ms * MS)
         samples = measured([distance_at(time_ms / 1000) + side * error_told], measured_ns, error_told)
-        contact = answers.answer(samples, measured_ns)[0]
+        contact = filled(answers, samples, measured_ns)[0]
         assert (
             contact["predicted_lower"] <= distance_at(0.001 * time_ms + 0.002) <= contact["predicted_upper"]
         )
@@ -199,11 +199,11 @@ def test_speed_that_a_sensor_tells_is_taken_at_its_word():
 
 
 def test_same_measurement_again_changes_no_speed():
-    answers = SensorAnswers(1)
+    answers = SensedContacts(1)
     contacts = list(approach(answers, lambda t: 0.03 - 0.2 * t, range(4)))
     samples = measured([0.03 - 0.2 * 0.003], NOW + 3 * MS, 0.0)
 
-    again = answers.answer(samples, NOW + 9 * MS)[0]
+    again = filled(answers, samples, NOW + 9 * MS)[0]
 
     assert again["approach_speed"] == contacts[-1]["approach_speed"]
     assert again["age_ns"] == 6 * MS
@@ -212,7 +212,7 @@ def test_same_measurement_again_changes_no_speed():
 
 
 def test_jump_of_a_sensor_is_told():
-    *_, contact = approach(SensorAnswers(1), lambda t: 0.03 if t < 0.003 else 0.3, range(4))
+    *_, contact = approach(SensedContacts(1), lambda t: 0.03 if t < 0.003 else 0.3, range(4))
 
     assert contact["flags"] & ContactFlag.JUMPED
     assert not contact["flags"] & ContactFlag.PREDICTED
@@ -284,12 +284,13 @@ def test_bend_at_contact_of_a_finger_that_touches_is_its_bend(distance, error):
 @pytest.fixture
 def inlet(monkeypatch):
     queue = QueueInlet()
-    monkeypatch.setattr(reception, "open_inlet", lambda address: queue)
+    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
     return queue
 
 
 def test_measurements_cross_a_mailbox():
-    source = SensorInput("mailbox:sensor", 2)
+    received = MessageInput("mailbox:sensor", 2, is_measured=True)
+    source = Newest(received, Measurements(2), NOW)
     with open_publisher("mailbox:sensor") as sender:
         assert source.poll(NOW) is None
         sender.publish(message([0.1, 0.2], [NOW, NOW - MS], force=2.0))
@@ -299,11 +300,11 @@ def test_measurements_cross_a_mailbox():
     assert samples.pose_ns.tolist() == [NOW, NOW - MS]
     assert samples.records["force"].tolist() == [2.0, 2.0]
     assert source.poll(NOW) is None and source.notes == []
-    source.close()
+    received.close()
 
 
 def test_measurements_of_some_fingers_leave_the_others(inlet):
-    source = SensorInput("queue:", 3)
+    source = Newest(MessageInput("queue:", 3, is_measured=True), Measurements(3), NOW)
     inlet.put(message([0.1, 0.2, 0.3]))
     inlet.put(message([0.5, 0.6], NOW + 1, finger=[2, 9]))
 
@@ -315,7 +316,7 @@ def test_measurements_of_some_fingers_leave_the_others(inlet):
 
 
 def test_normals_and_surfaces_that_cannot_be_are_unknown(inlet):
-    source = SensorInput("queue:", 4)
+    source = Newest(MessageInput("queue:", 4, is_measured=True), Measurements(4), NOW)
     normals = [(0, 0, 1), (0, 0, 1.01), (0, 0, 1e300), (0, 0, np.nan)]
     inlet.put(message([0.1] * 4, normal=normals, surface=[2, 3, 255, 1]))
 
@@ -328,10 +329,10 @@ def test_normals_and_surfaces_that_cannot_be_are_unknown(inlet):
 
 def test_place_that_is_known_by_half_is_unknown_and_costs_no_frame(inlet):
     """A reader would refuse the frame, and with it all other fingers."""
-    source, outlet = SensorInput("queue:", 4), KeepingOutlet()
+    source, outlet = MessageInput("queue:", 4, is_measured=True), KeepingOutlet()
     places = [(1, 2, 3), (1, np.nan, 3), (1, 2, np.inf), (np.nan,) * 3]
     inlet.put(message([0.1] * 4, position=places))
-    Service(SensorAnswers(4), source, [publisher(outlet)], period=0.001, clock=ManualClock(NOW - MS)).run(
+    Service(SensedContacts(4), source, [publisher(outlet)], period=0.001, clock=ManualClock(NOW - MS)).run(
         tick_count=1
     )
     reader = QueueInlet()
@@ -347,10 +348,10 @@ def test_place_that_is_known_by_half_is_unknown_and_costs_no_frame(inlet):
 @pytest.mark.parametrize("speed", [-1e300, 3.1])
 def test_speed_that_a_sensor_cannot_have_measured_is_not_believed_and_costs_no_frame(speed):
     """It once left an error without end, from which a prediction for now was not a number."""
-    answers = SensorAnswers(1, latency=0.0)
-    answers.answer(measured([0.1], NOW - MS, approach_speed=speed), NOW - MS)
+    answers = SensedContacts(1, latency=0.0)
+    filled(answers, measured([0.1], NOW - MS, approach_speed=speed), NOW - MS)
 
-    contact = answers.answer(measured([0.1]), NOW)[0]
+    contact = filled(answers, measured([0.1]), NOW)[0]
 
     assert contact["predicted_lower"] == contact["lower"] and contact["predicted_upper"] == contact["upper"]
     assert np.isfinite(contact["predicted_distance"])
@@ -366,7 +367,7 @@ def test_measurements_age_as_poses_do():
         return measured([0.01, 0.02], now_ns) if poll < 5 else None
 
     Service(
-        SensorAnswers(2), ScriptedInput(poll), [publisher(outlet)], period=0.001, clock=ManualClock()
+        SensedContacts(2), ScriptedInput(poll), [publisher(outlet)], period=0.001, clock=ManualClock()
     ).run(tick_count=120)
 
     assert outlet.states[:5] == [State.OK] * 5
@@ -382,7 +383,7 @@ def test_subscriber_believes_a_distance_without_a_place_and_widens_it():
     def poll(poll, now_ns):
         return measured([0.05, 0.05], now_ns, 0.0, approach_speed=[0.2, np.nan])
 
-    Service(SensorAnswers(2), ScriptedInput(poll), [publisher(outlet)], period=0.001, clock=clock).run(
+    Service(SensedContacts(2), ScriptedInput(poll), [publisher(outlet)], period=0.001, clock=clock).run(
         tick_count=1
     )
     inlet.queue = outlet.sent[:1]
@@ -409,20 +410,20 @@ def test_subscriber_believes_a_distance_without_a_place_and_widens_it():
 )
 def test_numbers_that_cannot_be_are_refused(fields):
     with pytest.raises(ServiceError, match=r"expected a latency of 0 to 1 s and the others above zero$"):
-        SensorAnswers(1, **fields)
+        SensedContacts(1, **fields)
 
 
 def test_rehearsal_leaves_nothing_behind():
-    answers = SensorAnswers(2)
+    answers = SensedContacts(2)
     answers.rehearse()
 
-    first = answers.answer(measured([0.1, 0.1]), NOW)
+    first = filled(answers, measured([0.1, 0.1]), NOW)
 
     assert not (first["flags"] & (ContactFlag.PREDICTED | ContactFlag.JUMPED)).any()
 
 
 def test_measurement_that_was_refused_is_not_told_again_with_those_of_other_fingers(inlet):
-    source, outlet, clock = SensorInput("queue:", 2), KeepingOutlet(), ManualClock(NOW)
+    source, outlet, clock = MessageInput("queue:", 2, is_measured=True), KeepingOutlet(), ManualClock(NOW)
     receive = inlet.receive
 
     def receive_one_more(new_samples):
@@ -433,7 +434,7 @@ def test_measurement_that_was_refused_is_not_told_again_with_those_of_other_fing
 
     told_ns, inlet.receive = [NOW], receive_one_more
     inlet.put(message([0.1], NOW + 200 * MS, finger=[0], force=3.0, force_is_valid=1))
-    report = Service(SensorAnswers(2), source, [publisher(outlet)], period=0.001, clock=clock).run(
+    report = Service(SensedContacts(2), source, [publisher(outlet)], period=0.001, clock=clock).run(
         tick_count=300
     )
 

@@ -38,7 +38,7 @@ from proximity.service import realtime
 from proximity.service.config import PartFiles
 from proximity.service.hosting import (
     RunningService,
-    scene_reload,
+    scene_changes,
     scene_service,
     serve,
     start_service,
@@ -281,7 +281,7 @@ def test_edit_that_needs_a_restart_is_refused_with_its_line(scene_path, before, 
     edit(scene_path, before, after)
 
     with pytest.raises(ServiceError) as refused:
-        scene_reload.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
+        scene_changes.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
 
     assert str(refused.value).startswith(f"{scene_path}:{message}: restart the service to apply")
 
@@ -307,7 +307,7 @@ def looking(scene_path):
     )
     return SimpleNamespace(
         path=scene_path,
-        editing=scene_reload.SceneReloader(made, settings, {}, said.append),
+        editing=scene_changes.SceneReloader(made, settings, {}, said.append),
         replaced=service.replaced,
         said=said,
     )
@@ -393,7 +393,7 @@ def test_file_that_a_refused_edit_names_is_watched(looking, folder):
 
 
 def test_mistake_of_ours_in_an_edit_is_said(looking, monkeypatch):
-    monkeypatch.setattr(scene_reload, "make_tracker", None)
+    monkeypatch.setattr(scene_changes, "make_tracker", None)
     edit(looking.path, "count = 2", "count = 2\nbudget = 40")
     looking.editing.look()
     looking.editing.look()
@@ -447,7 +447,7 @@ def test_it_ends_after_some_seconds_also_while_an_edit_is_being_made(scene_path,
     monkeypatch.setattr(scene_service, "LOOK_S", 0.01)
     monkeypatch.setattr(scene_service, "ANNOUNCE_AFTER_S", 0.01)
     is_over = threading.Event()
-    monkeypatch.setattr(scene_reload.SceneReloader, "look", lambda self: is_over.wait(PATIENCE_S))
+    monkeypatch.setattr(scene_changes.SceneReloader, "look", lambda self: is_over.wait(PATIENCE_S))
     began = time.monotonic()
     try:
         serve(scene_path, seconds=0.1)

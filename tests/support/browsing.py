@@ -9,7 +9,6 @@ import sys
 import time
 from pathlib import Path
 
-import psutil
 import pytest
 from project import IMPORT_PATHS, TESTS
 
@@ -68,11 +67,6 @@ class Viewing:
         assert line, "proximity view has ended"
         self.url = json.loads(line)["url"]
 
-    def service(self):
-        """The process of the service."""
-        (found,) = [each for each in psutil.Process(self.process.pid).children() if "serve" in each.cmdline()]
-        return found
-
     def stop(self):
         """End it, and wait."""
         self.process.stdin.close()
@@ -122,7 +116,7 @@ class Page:
 
     def ready(self):
         """Wait until parts are shown and frames come."""
-        self.until("!!(window.page && page.parts.isLoaded && page.link.frame)")
+        self.until("!!(window.page && page.parts.isLoaded && page.reading.header)")
         return self
 
     def picture(self, name):

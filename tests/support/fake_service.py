@@ -5,6 +5,7 @@ import numpy as np
 from proximity.errors import PublishError
 from proximity.message import CONTACT, FRAME, ContactFlag, Source, State, parts_of
 from proximity.service import FingerPoses, Service
+from proximity.service.samples import NewestSamples
 from proximity.transport import Publisher, forget
 
 MS = 1_000_000
@@ -37,7 +38,7 @@ class ManualClock:
 
 
 class ScriptedInput:
-    """Gives what *poll* returns, called with the number of the poll and the instant."""
+    """Gives what *poll* returns, called with the number of the poll and the instant; None: nothing."""
 
     notes = ()
     address = "script:"
@@ -51,7 +52,7 @@ class ScriptedInput:
         told = self._poll(self.polls, now_ns)
         self.polls += 1
         self.is_over = self.polls == self._over_after
-        return told
+        return () if told is None else (told,)
 
     def close(self):
         self.is_closed = True
@@ -74,7 +75,6 @@ class FakeAnswers:
         self.ticks = self.rehearsals = 0
         self.seen = []  # positions, instants, now of each tick
         self.is_closed = False
-        self.contacts = np.zeros(count, CONTACT)
 
     def new_samples(self):
         return FingerPoses(self.count)
@@ -82,20 +82,19 @@ class FakeAnswers:
     def rehearse(self):
         self.rehearsals += 1
 
-    def answer(self, poses, now_ns):
+    def fill(self, contacts, poses, now_ns):
         self.seen.append((poses.positions.copy(), poses.pose_ns.copy(), now_ns))
-        forget(self.contacts)
+        forget(contacts)
         is_tracked = np.isfinite(poses.positions).all(axis=1)
-        self.contacts["finger"] = np.arange(self.count)
-        self.contacts["pose_ns"], self.contacts["age_ns"] = poses.pose_ns, now_ns - poses.pose_ns
-        self.contacts["predicted_ns"] = now_ns + MS
-        self.contacts["position"] = poses.positions
+        contacts["finger"] = np.arange(self.count)
+        contacts["pose_ns"], contacts["age_ns"] = poses.pose_ns, now_ns - poses.pose_ns
+        contacts["predicted_ns"] = now_ns + MS
+        contacts["position"] = poses.positions
         for name in ("signed_distance", "lower", "upper"):
-            self.contacts[name][is_tracked] = poses.positions[is_tracked, 0]
-        self.contacts["flags"] = np.where(is_tracked, int(TRACKED), 0)
+            contacts[name][is_tracked] = poses.positions[is_tracked, 0]
+        contacts["flags"] = np.where(is_tracked, int(TRACKED), 0)
         self.during(self.ticks)
         self.ticks += 1
-        return self.contacts
 
     def close(self):
         self.is_closed = True
@@ -188,3 +187,33 @@ class QueueInlet:
 
     def close(self):
         self.is_closed = True
+
+
+class Newest:
+    """The newest samples of an input, as a service keeps them; nothing is too old for ten seconds."""
+
+    def __init__(self, source, samples, now_ns):
+        self.source, self.newest = source, NewestSamples(samples, 10_000 * MS)
+        self.newest.start(now_ns)
+
+    def poll(self, now_ns):
+        """The newest samples; None where nothing came."""
+        came = [self.newest.update(samples, now_ns) for samples in self.source.poll(now_ns)]
+        return self.newest.samples if came else None
+
+    @property
+    def notes(self):
+        return self.source.notes
+
+
+def filled(source, samples, now_ns):
+    """The contacts that a source makes of samples."""
+    contacts = np.zeros(source.count, CONTACT)
+    source.fill(contacts, samples, now_ns)
+    return contacts
+
+
+def polled(source, now_ns):
+    """The only samples that an input gives; None where it gives none."""
+    (samples,) = tuple(source.poll(now_ns)) or (None,)
+    return samples

@@ -10,7 +10,8 @@ from proximity.kernels.tracking.track import SETTING_ADAPTIVE_TOLERANCE
 from proximity.message import ContactFlag
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
-from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
+from proximity.tracker.tracker import Tracker
+from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 
 STEP = 2e-4  # m a tick
 SLACK = 20  # steps that tell side and way of a finger beyond its budget

@@ -9,24 +9,24 @@ from hypothesis import strategies as st
 from wire import MS, NOW, SESSION, Clock, Wire, frame, sealed
 
 from proximity.message import FRAME, MAX_RECORDS, MOVES, POSES, Flaw, Message
-from proximity.transport.message_check import MOST_AT_ONCE, MOST_FLAWED, MOST_SKIPPED, Examiner
+from proximity.transport.message_check import MOST_AT_ONCE, MOST_FLAWED, MOST_SKIPPED, MessageReader
 
 SECOND = 1000 * MS
 
 
 class Bench:
-    """An examiner at a wire."""
+    """An reader at a wire."""
 
     def __init__(self, *, shares_clock=True, kinds=(FRAME,), **settings):
         self.clock, self.wire = Clock(), Wire(shares_clock)
-        self.examiner = Examiner(self.wire, kinds, self.clock, **settings)
-        self.counts = self.examiner.counts
+        self.reader = MessageReader(self.wire, kinds, self.clock, **settings)
+        self.counts = self.reader.counts
 
     def arrive(self, *messages):
         """Let messages arrive; their numbers that were let through, (session, sequence)."""
         for data in messages:
             self.wire.put(data)
-        return [tuple(data[16:32].view("<u8").tolist()) for _, data, _ in self.examiner.messages()]
+        return [tuple(data[16:32].view("<u8").tolist()) for _, data, _ in self.reader.messages()]
 
     def arrive_frame(self, sequence, session=0, sent=None):
         """Let a frame of a session arrive that is sent now, unless said."""
@@ -54,7 +54,7 @@ def test_what_goes_through_is_told_with_its_kind_and_instant():
     bench = Bench(kinds=(POSES, FRAME))
     message = frame(count=2)
     bench.wire.put(sealed(message))
-    ((kind, data, now),) = bench.examiner.messages()
+    ((kind, data, now),) = bench.reader.messages()
 
     assert (kind, data.tobytes(), now) == (FRAME, message.data.tobytes(), NOW)
 
@@ -88,7 +88,7 @@ def test_flaws_of_the_content_are_counted_and_leave_the_row_as_it_was():
     bench = Bench()
     for flaw in (Flaw.CONTENT, Flaw.FUTURE):
         bench.wire.put(sealed(frame(), 7))
-        assert list(bench.examiner.messages(lambda *_, flaw=flaw: flaw)) == []
+        assert list(bench.reader.messages(lambda *_, flaw=flaw: flaw)) == []
 
     assert bench.counts.flawed == {Flaw.CONTENT: 1, Flaw.FUTURE: 1}
     assert bench.arrive_frame(3)

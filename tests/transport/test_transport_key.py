@@ -15,8 +15,8 @@ from wire import Clock, Wire, frame, sealed
 
 from proximity.errors import PublishError
 from proximity.message import FRAME, POSES, Flaw, Message
-from proximity.service.inputs.stream import StreamInput
-from proximity.transport import Examiner, open_inlet, open_outlet, open_publisher, open_subscriber, udp
+from proximity.service.inputs.message_input import MessageInput
+from proximity.transport import MessageReader, open_inlet, open_outlet, open_publisher, open_subscriber, udp
 from proximity.transport.address import parse
 from proximity.transport.link import NOTHING
 from proximity.transport.message_key import TAG_BYTES, key_of, write_key
@@ -277,17 +277,17 @@ def test_flood_of_forged_datagrams_leaves_the_reader_its_time(key, port, size, c
 
 
 class Keyed:
-    """An examiner of what a key has verified."""
+    """An reader of what a key has verified."""
 
     def __init__(self, *kinds):
         self.wire, self.clock = Wire(shares_clock=False), Clock()
         self.wire.is_keyed = True
-        self.examiner = Examiner(self.wire, kinds, self.clock)
+        self.reader = MessageReader(self.wire, kinds, self.clock)
 
     def takes(self, data, after=0):
         self.wire.put(data)
         self.clock.now += after
-        return len(list(self.examiner.messages())) == 1
+        return len(list(self.reader.messages())) == 1
 
 
 @pytest.mark.parametrize("silence", [0, 10**12])
@@ -300,7 +300,7 @@ def test_session_before_the_newest_is_never_believed_again(silence):
     assert not keyed.takes(sealed(message, 0, session=150), silence)
     assert keyed.takes(sealed(message, 1, session=200))
     assert keyed.takes(sealed(message, 0, session=300))
-    assert keyed.examiner.counts.flawed == {Flaw.OLD: 2}
+    assert keyed.reader.counts.flawed == {Flaw.OLD: 2}
 
 
 def test_earlier_session_is_not_believed_for_being_of_another_kind():
@@ -316,7 +316,7 @@ def test_earlier_session_is_not_believed_for_being_of_another_kind():
 
 def test_forged_poses_do_not_reach_a_service(key, port, caplog):
     address = f"udp://127.0.0.1:{port}?key={key}"
-    poses, message = StreamInput(address, 2), Message(POSES, 2)
+    poses, message = MessageInput(address, 2), Message(POSES, 2)
     message.records["finger"] = 0, 1
     now = time.monotonic_ns()
     message.header["send_ns"] = message.records["pose_ns"] = now
@@ -325,7 +325,7 @@ def test_forged_poses_do_not_reach_a_service(key, port, caplog):
     try:
         deadline = time.monotonic() + PATIENCE
         while not any("50 not verified" in note for note in poses.notes) and time.monotonic() < deadline:
-            assert poses.poll(now) is None
+            assert not list(poses.poll(now))
         assert poses.notes == [f"{address}: 0 received, 0 lost, 50 not verified by the key"]
         assert caplog.messages == [
             f"{address}: a message is not verified by the key (expected that of its sender)"
@@ -333,7 +333,7 @@ def test_forged_poses_do_not_reach_a_service(key, port, caplog):
         message.records["position"] = 0.1
         with open_publisher(address) as publisher:
             publisher.publish(message)
-        while (hands := poses.poll(now)) is None and time.monotonic() < deadline:
+        while (hands := next(poses.poll(now), None)) is None and time.monotonic() < deadline:
             time.sleep(0.001)
         assert (hands.positions == 0.1).all()
     finally:

@@ -16,7 +16,8 @@ from proximity.errors import UnitsWarning
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.kernels.tracking.track import SETTING_ADAPTIVE_TOLERANCE
 from proximity.message import CONTACT
-from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
+from proximity.tracker.tracker import Tracker
+from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 
 warnings.simplefilter("ignore", UnitsWarning)  # fingers are far off, and parts tiny, on purpose
 

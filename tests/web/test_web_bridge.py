@@ -30,13 +30,12 @@ from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.transport import open_inlet, open_publisher
 from proximity.web.bridge import Bridge, Shown
-from proximity.web.feeding import Feed
 from proximity.web.geometry import scene_glb
 from proximity.web.page_client import MOST_IN_FLIGHT
-from proximity.web.scene_page import scene_page_files
+from proximity.web.page_content import SLICE_HEADER, scene_page_files
+from proximity.web.page_inbox import PageInbox
 from proximity.web.server.access import HELD_UP, MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
 from proximity.web.server.page_server import document
-from proximity.web.slice_fields import SLICE_HEADER
 from proximity.web.sources import LiveFrames, OtherPrograms
 
 TOKEN = "the token of this test"
@@ -55,7 +54,7 @@ class Running:
         addresses = [f"mailbox:{name}-{end}" for end in ("frames", "poses", "moves", "changes")]
         self.frames = open_publisher(addresses[0])
         self.poses, self.moves, self.changes = map(open_inlet, addresses[1:])
-        self.feed = Feed(*addresses[1:], self.scene, COUNT)
+        self.feed = PageInbox(*addresses[1:], self.scene, COUNT)
         self.shown = Shown("test", self.scene, scene_glb(self.scene), LiveFrames(addresses[0]), self.feed)
         self.stop = threading.Event()
         self.opened = contextlib.ExitStack()
@@ -72,11 +71,11 @@ class Running:
         self.bridge.server.access = Access.of(
             (TOKEN,), ("127.0.0.1", "localhost"), self.port, is_secure=False
         )
-        handing = asyncio.create_task(self.bridge.hand_on())
+        publishing = asyncio.create_task(self.bridge.publish_frames())
         self.begun.set()
         while not self.stop.is_set():
             await asyncio.sleep(0.01)
-        handing.cancel()
+        publishing.cancel()
         server.close()
 
     def close(self):

@@ -7,7 +7,7 @@ import pytest
 from experiments import SMALL, write_design
 from test_web_guided import Client
 
-from proximity.cli.participant_session import PageRespondent
+from proximity.cli.lab.participant_session import PageRespondent
 from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design_file import read_design
 from proximity.lab.experiment.observers import Observer

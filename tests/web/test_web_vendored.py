@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from proximity.web.scene_page import PAGE, scene_page_files
+from proximity.web.page_content import PAGE, scene_page_files
 
 FOLDERS = [PAGE / "vendor" / "three", Path(__file__).parent / "vendor"]
 

@@ -1,6 +1,7 @@
 """`proximity view`, `serve --web` and `proximity.view`: what they start, and that all of it ends."""
 
 import json
+import re
 import socket
 import stat
 import subprocess
@@ -27,9 +28,9 @@ from proximity.recording import FrameLog
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service.config import read_scene_file
-from proximity.web import viewing
+from proximity.web import running_page
 from proximity.web.page_process import PageSettings, run_page
-from proximity.web.served_scene import Addresses, write_scene_file
+from proximity.web.page_service import page_settings
 from proximity.web.sources import LoggedFrames
 
 PATIENCE = 120.0
@@ -57,28 +58,14 @@ def ended(process, patience=30.0):
     return False
 
 
-def test_view_starts_all_it_needs_and_ends_it():
+def test_view_is_one_process():
     with Viewing(BRACKET, "--rate", 200) as running:
         welcome, geometry, frame = welcomed(running.url)
-        service = running.service()
+        children = psutil.Process(running.process.pid).children()
 
-    assert (geometry, frame) == (b"glTF", b"DECF")
+    assert (geometry, frame, children) == (b"glTF", b"DECF", [])
     assert (welcome["finger_count"], welcome["may_pose"], welcome["may_move"]) == (10, True, True)
     assert welcome["recording"]["name"] == "hand.csv"
-    assert ended(service)
-
-
-def test_the_service_ends_with_its_bridge_however_that_ends():
-    running = Viewing(BRACKET, "--rate", 200)
-    welcomed(running.url)
-    service = running.service()
-
-    running.process.kill()
-
-    assert ended(service)
-    running.process.wait()
-    running.process.stdin.close()
-    running.process.stdout.close()
 
 
 def test_a_scene_in_python_is_shown_as_it_is():
@@ -109,10 +96,10 @@ def test_what_cannot_be_shown_is_refused(tmp_path):
 
 
 def test_a_page_that_ends_at_once_says_why(monkeypatch):
-    monkeypatch.setattr(viewing, "BEGIN_TIMEOUT", PATIENCE)
+    monkeypatch.setattr(running_page, "BEGIN_TIMEOUT", PATIENCE)
 
     with pytest.raises(ServiceError, match="needs a certificate and its key"):
-        viewing.RunningPage([str(BRACKET), "--bind", "0.0.0.0"], "bracket", print)
+        running_page.RunningPage([str(BRACKET), "--bind", "0.0.0.0"], "bracket", print)
 
 
 def shown(**settings):
@@ -152,19 +139,13 @@ def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
         shown()
 
 
-def test_a_scene_file_says_what_was_asked_for(tmp_path):
-    addresses = Addresses(*(f"mailbox:{end}" for end in "abcd"))
-    given = {"units": "in", "rate_hz": 500.0, "radius": 0.005}
-    odd = tmp_path / 'a "part" \\ ä.stl'
-    odd.write_bytes(BRACKET.read_bytes())
+def test_parts_are_served_as_was_asked_for():
+    settings = page_settings(["part.stl", str(BRACKET)], units="in", rate_hz=500.0, radius=0.005)
 
-    read = write_scene_file(tmp_path, [str(odd), str(BRACKET)], addresses, **given)
-
-    assert [part.file for part in read.parts] == [str(odd), str(BRACKET)]
-    assert {part.units for part in read.parts} == {"in"}
-    assert (read.service.rate_hz, read.service.publish) == (500.0, ("mailbox:a",))
-    assert (read.fingers.count, read.fingers.radius) == (10, 0.005)
-    assert (read.input.poses, read.input.moves) == ("mailbox:b", "mailbox:c")
+    assert [part.file for part in settings.parts] == [str(Path("part.stl").absolute()), str(BRACKET)]
+    assert {part.units for part in settings.parts} == {"in"}
+    assert settings.service.rate_hz == 500.0
+    assert (settings.fingers.count, settings.fingers.radius) == (10, 0.005)
 
 
 def test_parts_and_fingers_of_a_scene_file_are_taken(tmp_path):
@@ -174,15 +155,26 @@ def test_parts_and_fingers_of_a_scene_file_are_taken(tmp_path):
         'name = "spring"\nposition = [0.1, 0, 0]\nkind = "deformable"\nstiffness = 800.0\ndamping = 2.0\n'
         '[input]\nposes = "mailbox:x"\n'
     )
-    (folder := tmp_path / "own").mkdir()
 
-    read = write_scene_file(
-        folder, [str(scene)], Addresses(*(f"mailbox:{end}" for end in "abcd")), units="mm", rate_hz=1e3,
-        radius=None,
-    )  # fmt: skip
+    settings = page_settings([str(scene)], units="mm", rate_hz=1e3, radius=None)
 
-    assert read.parts == read_scene_file(scene).parts
-    assert (read.fingers.count, read.fingers.radius) == (3, (0.005, 0.006, 0.007))
+    assert settings.parts == read_scene_file(scene).parts
+    assert (settings.fingers.count, settings.fingers.radius) == (3, (0.005, 0.006, 0.007))
+    assert settings.input.poses.startswith(settings.service.publish[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("part.stl", "solid nothing", "part.stl"),
+        ("cell.toml", "[input]\nposes = 'mailbox:x'\n[[parts]]\nfile = 'none.stl'\n", "cell.toml:4"),
+    ],
+)
+def test_parts_that_cannot_be_loaded_are_refused(name, text, words, tmp_path):
+    (tmp_path / name).write_text(text)
+
+    with pytest.raises(ServiceError, match=re.escape(words)):
+        shown(files=(str(tmp_path / name),))
 
 
 def logged(path, count=50, sessions=1):

@@ -117,11 +117,13 @@ class _Hand:
 
     def __init__(self, scene, positions):
         self._tracker, self._now_ns = proximity.Tracker(scene, radius=scenes.RADIUS), 0
+        self._pose_ns = np.zeros(len(self._tracker.contacts), np.int64)
         self.there_and_back = [*positions, *positions[::-1]]
 
     def tick(self, tips):
         self._now_ns += scenes.PERIOD_NS
-        return self._tracker.tick(tips, self._now_ns, self._now_ns + scenes.PERIOD_NS)
+        self._pose_ns.fill(self._now_ns)
+        return self._tracker.advance(tips, self._pose_ns, self._now_ns + scenes.PERIOD_NS)
 
 
 def _publish_case():

@@ -13,15 +13,15 @@ import numpy as np
 
 from benchmarks.rivals.interface import Contender
 from benchmarks.rivals.registry import CONTENDERS
-from proximity.message import CONTACT, ContactFlag, Source
+from proximity.message import ContactFlag, Source
 from proximity.scene.loader import load
-from proximity.service import FingerPoses, Service, StreamInput
+from proximity.service import FingerPoses, MessageInput, Service
 from proximity.transport import forget, open_publisher
 
 KNOWN = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED | ContactFlag.IN_RANGE
 
 
-class LibraryAnswers:
+class LibraryContacts:
     """Contacts by another library.
 
     Parameters
@@ -39,30 +39,25 @@ class LibraryAnswers:
 
     def __init__(self, contender: Contender, count: int, radius: float) -> None:
         self.count, self._contender, self._radius = count, contender, radius
-        self._contacts = np.zeros(count, CONTACT)
-        self._contacts["finger"] = np.arange(count)
-        self._contacts["source"] = self.source
-        forget(self._contacts)
 
     def labels(self) -> Any:
         """The one part."""
         return ("part",), np.zeros(1, bool)
 
     def new_samples(self) -> FingerPoses:
-        """Make room for poses."""
+        """Poses, all unknown."""
         return FingerPoses(self.count)
 
     def rehearse(self) -> None:
         """Ask once."""
         self._distances(np.zeros((self.count, 3)))
 
-    def answer(self, samples: FingerPoses, now_ns: int) -> np.ndarray:
-        """Ask for distances where a pose is new."""
-        contacts = self._contacts
+    def fill(self, contacts: np.ndarray, samples: FingerPoses, now_ns: int) -> None:
+        """Measure where a pose is new."""
         contacts["age_ns"] = now_ns - samples.pose_ns
         contacts["predicted_ns"] = now_ns
         if (contacts["pose_ns"] == samples.pose_ns).all():
-            return contacts
+            return
         forget(contacts)
         contacts["pose_ns"] = samples.pose_ns
         tracked = np.isfinite(samples.positions).all(axis=1)
@@ -73,7 +68,6 @@ class LibraryAnswers:
                 contacts[name][tracked] = distances
             contacts["time_to_contact"][tracked] = np.inf
             contacts["flags"][tracked] = KNOWN
-        return contacts
 
     def close(self) -> None:
         """Nothing is open."""
@@ -95,8 +89,8 @@ def main() -> int:
     contender.build(part.solid.mesh.vertices, part.solid.mesh.faces)
     stop = threading.Event()
     service = Service(
-        LibraryAnswers(contender, options.fingers, options.radius),
-        StreamInput(options.poses, options.fingers),
+        LibraryContacts(contender, options.fingers, options.radius),
+        MessageInput(options.poses, options.fingers),
         [open_publisher(options.frames)],
         period=1e-3,
         valid_for=0.1,

@@ -166,13 +166,15 @@ def check_ticks(motion, count=10):
 
 
 def _ticks(motion):
-    """The call that is timed, and its arguments; parts move between two calls."""
+    """The call of a service that is timed, and its arguments; parts move between two calls."""
     tracker, number = motion.tracker(), itertools.count()
+    instants = np.zeros(len(tracker.contacts), np.int64)
 
     def arguments():
         k = next(number)
         motion.before(k)
-        tips = motion.positions[k % len(motion.positions)]
-        return (tips, k * scenes.PERIOD_NS, (k + 1) * scenes.PERIOD_NS), {}
+        tips = np.ascontiguousarray(motion.positions[k % len(motion.positions)])
+        instants.fill(k * scenes.PERIOD_NS)
+        return (tips, instants, (k + 1) * scenes.PERIOD_NS), {}
 
-    return {"run": tracker.tick, "arguments": arguments}
+    return {"run": tracker.advance, "arguments": arguments}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from proximity.formats.threemf.package import XmlFile
-from proximity.mesh.manifold_solid import manifold_solid
+from proximity.mesh.diagnosis import manifold_solid
 from proximity.mesh.topology import edge_runs, merged_positions, topology_of
 
 SETTINGS = ("/metadata/slic3r_pe_model.config", "/metadata/model_settings.config")

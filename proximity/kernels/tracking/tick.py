@@ -72,7 +72,6 @@ from proximity.kernels.tracking.prediction import (
     relative_motion,
 )
 from proximity.kernels.tracking.track import (
-    EACH_ITS_OWN,
     MOST_DISPLACEMENT,
     MOST_NS,
     SETTING_ADAPTIVE_TOLERANCE,
@@ -123,18 +122,15 @@ when there are: so all are as well known as can be, for how far they are. Turns 
 within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), with half again as many steps."""
 
 
-@entry(ModelArrays, TrackerArrays, "float64[:, 3], int, int, bool -> int", handful=HANDFUL)
-def tick(model, arrays, positions, all_pose_ns, now_ns, is_moved):
+@entry(ModelArrays, TrackerArrays, "float64[:, 3], int64[:], int, bool -> int", handful=HANDFUL)
+def tick(model, arrays, positions, pose_ns, now_ns, is_moved):
     """Fill the records of a tracker; `NOT_DONE`, or `DONE` and what should be known about the poses.
 
-    It is not done, and nothing is changed, where *positions* are not as many as fingers, or instants are
-    beyond `MOST_NS`. *all_pose_ns*: instant of the positions, or `EACH_ITS_OWN`. *is_moved*: whether parts
-    may stand elsewhere than at the tick before.
+    It is not done, and nothing is changed, where *positions* or their instants, which are within `MOST_NS`,
+    are not as many as fingers. *is_moved*: whether parts may stand elsewhere than at the tick before.
     """
     settings, count = arrays.settings, len(arrays.marks)
-    if len(positions) != count or not -MOST_NS <= now_ns <= MOST_NS:
-        return NOT_DONE
-    if all_pose_ns != EACH_ITS_OWN and not -MOST_NS <= all_pose_ns <= MOST_NS:
+    if len(positions) != count or len(pose_ns) != count:
         return NOT_DONE
     scratch = Scratch(arrays.workspace, reals_here(CLOSEST_SIZE), reals_here(9))
     straight = Path(real_rows_here(2, 3), reals_here(2))
@@ -142,7 +138,7 @@ def tick(model, arrays, positions, all_pose_ns, now_ns, is_moved):
     settings[SETTING_PREDICTION_STEPS_LEFT] = PREDICTION_BUDGETS * settings[SETTING_BUDGET]
     if is_moved:
         _follow_parts(model, arrays)
-    answer = DONE | _observe_all(model, arrays, positions, all_pose_ns, now_ns)
+    answer = DONE | _observe_all(model, arrays, positions, pose_ns, now_ns)
     late = min(
         _find_all_distances(model, arrays, is_moved, scratch), _predict_all(model, arrays, straight, scratch)
     )
@@ -186,7 +182,7 @@ def _follow_parts(model, arrays):
 
 
 @inlined
-def _observe_all(model, arrays, positions, all_pose_ns, now_ns):
+def _observe_all(model, arrays, positions, pose_ns, now_ns):
     """Clear all records, and write where each finger is, how fast it moves, and whether it is tracked.
 
     Returns `HAS_DEFECT`, shifted by each defect that instants have. A pose of another clock is not used, and
@@ -200,7 +196,7 @@ def _observe_all(model, arrays, positions, all_pose_ns, now_ns):
         # First of all: somebody may give positions that the last tick has written.
         x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
         _clear_record(finger, i)
-        taken_ns = arrays.pose_ns[i] if all_pose_ns == EACH_ITS_OWN else np.int64(all_pose_ns)
+        taken_ns = pose_ns[i]
         wide[i, RECORD_POSE_NS], wide[i, RECORD_AGE_NS] = taken_ns, now_ns - max(taken_ns, 1 - MOST_NS)
         wide[i, RECORD_PREDICTED_NS] = max(acts_ns, taken_ns)
         record = finger.record

@@ -62,15 +62,12 @@ MOST_DISPLACEMENT = 1e3
 A part that is put far away and back goes so far at once."""
 MOST_NS = 2**62
 """ns; it is 146 years. Differences of such instants, but for one from end to end, fit into 64 bits."""
-EACH_ITS_OWN = -MOST_NS - 1
-"""Instant of all poses: none, every finger has one of its own."""
 
 
 class TrackerArrays(NamedTuple):
     """All that a tick reads and writes, beside the model; arrays of many rows have one a finger."""
 
     settings: np.ndarray  # float64, see above
-    pose_ns: np.ndarray  # int64, of positions that have an instant each
     velocities: np.ndarray  # (N, 3) float64, m/s, as given
     paths: np.ndarray  # (N, K, 3) float64, m, scene's frame: corners; nan for none
     path_bends: np.ndarray  # (K,) float64, at the corners of all paths
@@ -123,7 +120,6 @@ def vector_at(row, column):
 bundle(
     TrackerArrays,
     settings=f"float64[{SETTING_COUNT}]",
-    pose_ns="int64[:]",
     velocities="float64[:, 3]",
     paths="float64[:, :, 3]",
     path_bends="float64[:]",

@@ -7,6 +7,7 @@ places.
 
 import copy
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -14,10 +15,9 @@ import numpy as np
 from proximity.lab.certificate.subject import Subject
 from proximity.message import MAX_RECORDS, MOVES, Message
 from proximity.scene.scene import Scene
-from proximity.service import FingerPoses, MovesInput, RecordingInput, TrackerAnswers
+from proximity.service import FingerPoses, MovesInput, RecordingInput, TrackedContacts
 from proximity.service.inputs.gloves import points_on
-from proximity.service.inputs.part_prediction import Carried, ReportedMotion
-from proximity.service.presence import Presence
+from proximity.service.inputs.part_prediction import Carried, ReportedMotion, VisibleParts
 from proximity.transport import open_publisher
 
 MOVES_PERIOD_NS = 16_666_667
@@ -58,7 +58,7 @@ class SwayingParts:
         self._scene, self._period_ns = scene, period_ns
         self._names = [part.name for part in fit]
         self._matrices = np.array([part.pose.matrix for part in fit]).reshape(-1, 4, 4)
-        self._presence = Presence(scene)
+        self._visible = VisibleParts(scene)
         self._carried: Carried | None = None
         self._shown = -1
 
@@ -67,7 +67,7 @@ class SwayingParts:
         number = tick * self._period_ns // MOVES_PERIOD_NS
         if number != self._shown or self._carried is None:
             self._shown = number
-            self._carried = Carried(self.moves(number * MOVES_PERIOD_NS), set(), self._presence)
+            self._carried = Carried(self.moves(number * MOVES_PERIOD_NS), set(), self._visible)
 
     def move(self, tick: int) -> None:
         """Put the parts where they are at a tick."""
@@ -106,15 +106,15 @@ class FedInput:
         """Notes on the recording."""
         return self._hand.notes
 
-    def poll(self, now_ns: int) -> FingerPoses | None:
-        """Return the newest poses; None where there are no others than at the poll before."""
+    def poll(self, now_ns: int) -> Iterator[FingerPoses]:
+        """Give the newest poses, where there are others than at the poll before."""
         if self._parts is not None and now_ns - self._sent_ns >= MOVES_PERIOD_NS:
             self._sent_ns = now_ns
             self._send(self._parts.moves(now_ns), now_ns)
-        poses = self._hand.poll(now_ns)
-        if poses is not None and self._paths is not None:
-            poses.paths, poses.bends = self._paths.at(poses.positions), self._paths.bends.copy()
-        return poses
+        for poses in self._hand.poll(now_ns):
+            if self._paths is not None:
+                poses.paths, poses.bends = self._paths.at(poses.positions), self._paths.bends
+            yield poses
 
     def close(self) -> None:
         """Close the recording and the address of moves."""
@@ -143,11 +143,11 @@ def with_own_scene(subject: Subject) -> Subject:
 
 def fed_service_input(
     subject: Subject, hand: RecordingInput, rng: np.random.Generator
-) -> tuple[TrackerAnswers, FedInput]:
-    """Return who answers and who tells in a loop, with all that the subject is given."""
+) -> tuple[TrackedContacts, FedInput]:
+    """Build the contact source and pose input of a service under test."""
     paths = None if subject.corners is None else Paths(subject.corners, subject.fingers, rng)
     parts, moves = None, None
     if subject.moves:
         parts = SwayingParts(subject.scene, round(1e9 * subject.period))
         moves = MovesInput(MOVES_ADDRESS)
-    return TrackerAnswers(subject.tracker(), moves), FedInput(hand, paths, parts)
+    return TrackedContacts(subject.tracker(), moves), FedInput(hand, paths, parts)

@@ -26,9 +26,10 @@ from proximity.service.config import (
     read_input,
     read_scene_file,
 )
-from proximity.service.hosting.glove_calibrations import read_gloves
+from proximity.service.hosting.service_assembly import read_gloves
 from proximity.tracker.replay import fitted_pose
-from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
+from proximity.tracker.tracker import Tracker
+from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 
 RADIUS, WORKING_RANGE = 0.007, 0.12
 """m; as the tracker's own."""

@@ -84,47 +84,51 @@ def tick_all(
     bends: np.ndarray | None = None,
     move: Callable[[int], object] | None = None,
 ) -> None:
-    """Tick through a motion, and time each call.
+    """Tick through a motion as the service does, and time each call.
 
     *positions*: (T, N, 3) m; *velocities*: (T, N, 3) m/s. *before*: of the number of a tick; called before
     it, and not timed. *paths_at*: gives the paths of fingers at positions, not timed; with *bends* (N,), and
     without *velocities*. *move*: of the number of a tick; called before it, and timed with it.
     """
-    tick, contacts = tracker.tick, tracker.contacts
+    contacts, thread, wall = tracker.contacts, time.thread_time_ns, time.perf_counter_ns
     work, flags = contacts["work"], contacts["flags"]
-    thread, wall = time.thread_time_ns, time.perf_counter_ns
+    instants, given = np.zeros(len(contacts), np.int64), _arrays_of_ticks(positions, velocities, paths_at)
     every = max(1, len(contacts) // LOGGED_FINGERS)
     for k in range(len(positions)):
         if before is not None:
             before(first + k)
-        points, pose_ns = positions[k], start_ns + (first + k) * period_ns
-        if paths_at is not None or move is not None:
-            paths = None if paths_at is None else paths_at(points)
-            thread_start = thread()
-            start = wall()
-            if move is not None:
-                move(first + k)
-            tick(points, pose_ns, pose_ns + latency_ns, paths=paths, bends=bends)
-            end = wall()
-            thread_end = thread()
-        elif velocities is None:
-            thread_start = thread()
-            start = wall()
-            tick(points, pose_ns, pose_ns + latency_ns)
-            end = wall()
-            thread_end = thread()
-        else:
-            own = velocities[k]
-            thread_start = thread()
-            start = wall()
-            tick(points, pose_ns, pose_ns + latency_ns, velocities=own)
-            end = wall()
-            thread_end = thread()
+        points, pose_ns = np.ascontiguousarray(positions[k]), start_ns + (first + k) * period_ns
+        instants.fill(pose_ns)
+        if velocities is not None:
+            given["velocities"][...] = velocities[k]
+        if paths_at is not None:
+            given["paths"][...] = paths_at(points)
+        thread_start = thread()
+        start = wall()
+        if move is not None:
+            move(first + k)
+        tracker.advance(points, instants, pose_ns + latency_ns, bends=bends, **given)
+        end = wall()
+        thread_end = thread()
         log.thread_ns.append(thread_end - thread_start)
         log.wall_ns.append(end - start)
         if (first + k) % every == 0:
             log.work.append(work.copy())
             log.flags.append(flags.copy())
+
+
+def _arrays_of_ticks(
+    positions: np.ndarray,
+    velocities: np.ndarray | None,
+    paths_at: Callable[[np.ndarray], np.ndarray] | None,
+) -> dict[str, np.ndarray]:
+    """Arrays that a service has beside positions, the same ones at each tick."""
+    given = {}
+    if velocities is not None:
+        given["velocities"] = np.empty(positions.shape[1:])
+    if paths_at is not None and len(positions):
+        given["paths"] = np.array(paths_at(positions[0]))
+    return given
 
 
 def time_calls(calls: list[Callable[[], object]], log: TickLog) -> None:

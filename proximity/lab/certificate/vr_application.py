@@ -28,8 +28,8 @@ from proximity.service.hosting import start_service
 from proximity.system.extras import needed
 from proximity.tracker.replay import fitted_pose
 from proximity.transport import open_publisher, open_subscriber
-from proximity.web.served_scene import Addresses, own_addresses, write_scene_file
-from proximity.web.viewing import RunningPage
+from proximity.web.page_service import VALID_FOR
+from proximity.web.running_page import Addresses, RunningPage, own_addresses
 
 PATHS = ("native", "page")
 TICK_S = 1e-3
@@ -41,6 +41,7 @@ HEADINGS = (
 WARM_S = 1.0  # poses before anything is counted: clocks are learnt meanwhile
 LONGEST_S = 60.0  # without a frame at the beginning
 LOOK_S = 5e-5
+NO_POSES = 'poses = "mailbox:none"'
 SAME_NS = 3_000_000
 """The bridge puts poses on the service's clock; farther off, a frame answers another pose."""
 SWAY_M, BEAT = 0.002, 6.0
@@ -108,10 +109,12 @@ Serving = Callable[[Path, Addresses, VrCase], AbstractContextManager[int]]
 def own_service(scene_file: Path, addresses: Addresses, case: VrCase) -> Iterator[int]:
     """Serve by ``proximity serve``."""
     del case
-    served = write_scene_file(
-        scene_file.parent, [str(scene_file)], addresses, units="m", rate_hz=1.0 / TICK_S, radius=None
-    )
-    with start_service(served.path, say=_nothing) as service:
+    listening = "\n".join(f'{key} = "{getattr(addresses, key)}"' for key in ("poses", "moves", "changes"))
+    text = scene_file.read_text(encoding="utf-8").replace(NO_POSES, listening)
+    service_table = f"rate_hz = {1.0 / TICK_S}\nvalid_for = {VALID_FOR}\nreal_time = false\n"
+    served = scene_file.with_name("served.toml")
+    served.write_text(f'[service]\npublish = ["{addresses.frames}"]\n{service_table}{text}', encoding="utf-8")
+    with start_service(served, say=_nothing) as service:
         yield int(service.beginning["pid"])
 
 
@@ -145,7 +148,7 @@ def _scene_file(folder: Path, files: list[str], units: str, finger_count: int) -
     # A scene file must say where poses come from; whoever serves this one says it anew.
     lines = [
         "[input]",
-        'poses = "mailbox:none"',
+        NO_POSES,
         "[fingers]",
         f"count = {finger_count}",
         f"radius = {RADIUS}",
@@ -222,7 +225,7 @@ def _page(scene_file: Path, part: str) -> Iterator[_Application]:
             socket.send(message.seal(1, next(sequence)).tobytes())
 
         bridge = int(page.beginning["pid"])
-        yield _Application(send, receive, part, _service_of(bridge), bridge)
+        yield _Application(send, receive, part, None, bridge)  # the service is a thread of it
 
 
 def _nothing(_: str) -> None:
@@ -338,13 +341,6 @@ def _cpu_of(pid: int | None) -> float | None:
         return None
     times = psutil.Process(pid).cpu_times()
     return float(times.user + times.system)
-
-
-def _service_of(bridge: int) -> int | None:
-    psutil = _psutil()
-    if psutil is None:
-        return None
-    return int(next(each.pid for each in psutil.Process(bridge).children() if "serve" in each.cmdline()))
 
 
 def _psutil() -> Any:

@@ -36,7 +36,7 @@ from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.sweeps import Stretch, with_transmission
 from proximity.lab.simulation.target_policies import DistanceSample, Holding, TargetPolicy
-from proximity.service.answers import TrackerAnswers
+from proximity.service.contact_source import TrackedContacts
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Counts, Subscriber
@@ -156,7 +156,7 @@ def _feed(finger: PlacedFinger, setup: EngineSetup, period: float) -> Feed:
     )
     if setup.distances == Distances.IDEAL:
         return TrackedFinger(finger, ExactAnswers(tracker, finger.contact_bend))
-    return TrackedFinger(finger, TrackerAnswers(tracker), setup.corners)
+    return TrackedFinger(finger, TrackedContacts(tracker), setup.corners)
 
 
 def _glove(finger: PlacedFinger, setup: EngineSetup) -> Decaff:

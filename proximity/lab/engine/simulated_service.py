@@ -10,12 +10,10 @@ import numpy as np
 
 from proximity.lab.engine.finger_placement import PlacedFinger
 from proximity.message import PATH_CORNERS, Surface
-from proximity.service.answers import Answering, TrackerAnswers
+from proximity.service.contact_source import ContactSource, TrackedContacts
 from proximity.service.frame_builder import FrameBuilder
-from proximity.service.inputs.sensor import Measurements
-from proximity.service.inputs.teleoperation import SensorAnswers
-from proximity.service.sample_filter import SampleFilter
-from proximity.service.samples import FingerPoses, Samples
+from proximity.service.samples import FingerPoses, Measurements, NewestSamples, Samples
+from proximity.service.sensed_contacts import SensedContacts
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Outlet, Publisher
@@ -26,7 +24,7 @@ VALID_FOR, STALE_AFTER = 0.020, 0.100  # s, as of a service that is given nothin
 class Feed(Protocol):
     """Source of a service's samples, and of the answers to them."""
 
-    answering: Answering
+    contact_source: ContactSource
 
     def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Samples:
         """Return what is known of the finger at an instant; a bend of nan: nothing is."""
@@ -35,8 +33,10 @@ class Feed(Protocol):
 class TrackedFinger:
     """Poses of a finger and its path, for a tracker."""
 
-    def __init__(self, finger: PlacedFinger, answering: TrackerAnswers, corners: int = PATH_CORNERS) -> None:
-        self.answering: Answering = answering
+    def __init__(
+        self, finger: PlacedFinger, contact_source: TrackedContacts, corners: int = PATH_CORNERS
+    ) -> None:
+        self.contact_source: ContactSource = contact_source
         self._finger = finger
         self._poses = FingerPoses(1)
         self._poses.paths, self._poses.bends = finger.corners(corners)[None], np.zeros(1)
@@ -51,25 +51,24 @@ class TrackedFinger:
         return poses
 
 
-class ExactAnswers(TrackerAnswers):
+class ExactAnswers(TrackedContacts):
     """A tracker's contacts, with the position of contact as it truly is, known from the beginning."""
 
     def __init__(self, tracker: Tracker, contact_bend: float) -> None:
         super().__init__(tracker)
         self._contact_bend = contact_bend
 
-    def answer(self, samples: FingerPoses, now_ns: int) -> np.ndarray:
-        """Tick, and tell the truth."""
-        contacts = super().answer(samples, now_ns)
+    def fill(self, contacts: np.ndarray, samples: FingerPoses, now_ns: int) -> None:
+        """Tick, and write the true bend at contact."""
+        super().fill(contacts, samples, now_ns)
         contacts["contact_bend"], contacts["contact_bend_error"] = self._contact_bend, 0.0
-        return contacts
 
 
 class MeasuredFinger:
     """Measurements of a sensor at a far end where a finger moves as this one does: teleoperation."""
 
     def __init__(self, finger: PlacedFinger, latency: float) -> None:
-        self.answering: Answering = SensorAnswers(1, latency=latency)
+        self.contact_source: ContactSource = SensedContacts(1, latency=latency)
         self._finger = finger
         self._measured = Measurements(1)
 
@@ -95,23 +94,23 @@ class SimulatedService:
     """Ticks when it is asked to, and publishes."""
 
     def __init__(self, feed: Feed, outlet: Outlet, period: float) -> None:
-        answering = feed.answering
-        self._feed, self._answering = feed, answering
-        self._sample_filter = SampleFilter(answering.new_samples(), round(NS_PER_S * STALE_AFTER))
+        source = feed.contact_source
+        self._feed, self._source = feed, source
+        self._newest = NewestSamples(source.new_samples(), round(NS_PER_S * STALE_AFTER))
         self._frame_builder = FrameBuilder(
-            answering.count, answering.source, round(NS_PER_S * period), round(NS_PER_S * VALID_FOR)
+            source.count, source.source, round(NS_PER_S * period), round(NS_PER_S * VALID_FOR)
         )
         self._publisher = Publisher(outlet, "simulation")
         self._has_begun = False
 
     def tick(self, now_ns: int, **known: Any) -> None:
         """Make a frame of what is known now."""
-        sample_filter, frame_builder = self._sample_filter, self._frame_builder
+        newest, frame_builder = self._newest, self._frame_builder
         if not self._has_begun:
-            sample_filter.start(now_ns)
+            newest.start(now_ns)
             self._has_begun = True
-        sample_filter.admit(self._feed.samples(now_ns, **known), now_ns)
-        sample_filter.expire(now_ns)
-        frame_builder.fill(self._answering.answer(sample_filter.kept, now_ns))
-        frame_builder.finish(now_ns, now_ns, 0, self._answering.epoch, 0)
+        newest.update(self._feed.samples(now_ns, **known), now_ns)
+        newest.drop_stale(now_ns)
+        self._source.fill(frame_builder.contacts, newest.samples, now_ns)
+        frame_builder.finish(now_ns, now_ns, 0, self._source.epoch, 0)
         self._publisher.publish(frame_builder.message)

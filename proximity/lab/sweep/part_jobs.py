@@ -9,7 +9,7 @@ import numpy as np
 from proximity.errors import ServiceError
 from proximity.lab.sweep.jobs import Factor, Job, Kind, Measure, Values
 from proximity.lab.sweep.node_files import NodeFiles
-from proximity.mesh.body_records import Repairs
+from proximity.mesh.body_split import Repairs
 from proximity.pose import Pose
 from proximity.recording import NANOSECONDS, Recording
 from proximity.scene.scene import Scene
@@ -17,8 +17,8 @@ from proximity.scene.sign import SignMethod
 from proximity.service.config.table_fields import Range
 from proximity.tracker.replay import fitted_pose, replay, summarise, turn_about_axes
 from proximity.tracker.replay.motions import FINGERS_PER_HAND, wandering_hands
-from proximity.tracker.tracker import DEFAULT_BUDGET, Tracker
-from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE
+from proximity.tracker.tracker import Tracker
+from proximity.tracker.tracker_arguments import DEFAULT_BUDGET, LARGEST_RADIUS, LARGEST_WORKING_RANGE
 
 WANDERING = "wandering"
 """Instead of a recording: a hand that wanders through the box of the parts, as its seed says."""

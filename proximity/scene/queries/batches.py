@@ -14,8 +14,7 @@ import numpy as np
 
 from proximity.checks import is_whole
 from proximity.errors import ArgumentError
-from proximity.kernels.geometry.morton_order import SORT_FROM, morton_order
-from proximity.scene.model.assembly import Model
+from proximity.kernels.geometry.morton_order import morton_order
 
 CHUNKS_PER_WORKER = 4
 SMALLEST_CHUNK = 1024
@@ -37,16 +36,6 @@ IN_ORDER = np.empty(0, np.int64)
 
 Ask = Callable[..., Any]
 OrderOf = Callable[..., np.ndarray]
-
-
-class HasSnapshot:
-    """A base of what queries are asked of."""
-
-    __slots__ = ()
-
-    def snapshot(self) -> Model:
-        """Return the arrays that are asked, up to date."""
-        raise NotImplementedError
 
 
 def morton_order_of(rows: np.ndarray, *_: np.ndarray) -> np.ndarray:
@@ -86,8 +75,6 @@ def run_batch(
     """
     thread_count = worker_count(workers)
     count = len(arrays[0])
-    if count < SORT_FROM:
-        return [(0, ask(IN_ORDER, *arrays))]
     if thread_count > 1 and count >= 2 * SMALLEST_CHUNK:
         return _run_on_threads(ask, arrays, thread_count, order_of, size)
     if count <= size:

@@ -11,19 +11,28 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy import inf
 
 from proximity import native
-from proximity.checks import as_points
-from proximity.errors import ProximityError, UnitsWarning
+from proximity.checks import as_float64, as_points, copied, shown
+from proximity.errors import ArgumentError, ProximityError, UnitsWarning
 from proximity.kernels.geometry.frames import MILLIMETRES_FROM, MILLIMETRES_TO
 from proximity.kernels.geometry.morton_order import SORT_FROM
 from proximity.kernels.layout import FRAME_BOX_LOWER_XYZ, FRAME_BOX_UPPER_XYZ, IN_MILLIMETRES, NO_ROW
 from proximity.scene.model.assembly import Model
-from proximity.scene.queries.batches import OrderOf, first_slice, morton_order_of, run_batch
-from proximity.scene.queries.query_arguments import broadcast_limits, broadcast_rows
+from proximity.scene.queries.batches import (
+    IN_ORDER,
+    OrderOf,
+    first_slice,
+    morton_order_of,
+    run_batch,
+    worker_count,
+)
+
+_NO_LIMIT = np.array([inf])
 
 
-def order_of_points(model: Model, count: int) -> tuple[OrderOf | None, int]:
+def _order_of_points(model: Model, _: int) -> tuple[OrderOf | None, int]:
     """Return how to order many points or segments, and how many rows to ask at first."""
     return morton_order_of, first_slice(model.reals.nbytes)
 
@@ -38,7 +47,7 @@ class CheckedQuery:
     subject: str  # what the rows are, for messages about limits
     width: int  # columns of an answer; of one column the table has no axis of columns
     refusal: Callable[[int], ProximityError]  # the error for what an entry point returns but `NO_ROW`
-    order_of: Callable[[Model, int], tuple[OrderOf | None, int]] = order_of_points
+    order_of: Callable[[Model, int], tuple[OrderOf | None, int]] = _order_of_points
     dtype: type = np.float64
 
     def ask(self, model: Model, *arguments: Any) -> Any:
@@ -48,24 +57,34 @@ class CheckedQuery:
         """
         *given, max_distance, workers = arguments
         rows = [as_points(each, name) for each, name in zip(given, self.names, strict=True)]
-        limits, rows = broadcast_limits(max_distance, broadcast_rows(rows, self.names), self.subject)
+        limits, rows = _broadcast_limits(max_distance, _broadcast_rows(rows, self.names), self.subject)
         flat = [each.reshape(-1, 3) for each in rows]
         answers: np.ndarray = np.empty((len(flat[0]), self.width), self.dtype)
-        order_of, size = self.order_of(model, len(answers))
+        if len(answers) < SORT_FROM:
+            if type(workers) is not int or workers != 1:
+                worker_count(workers)
+            refused = self.entry(model.packed, *flat, IN_ORDER, limits, answers)
+            refused = NO_ROW if refused == IN_MILLIMETRES else refused
+        else:
+            refused = self._ask_batch(model, [*flat, limits, answers], workers)
+        if refused != NO_ROW:
+            raise self.refusal(int(refused))
+        if self.names == ("points",) and self.dtype is np.float64:
+            _warn_of_millimetres(model, answers[:, 0])
+        shape = rows[0].shape[:-1]
+        return answers.reshape((*shape, self.width) if self.width > 1 else shape)[()]
+
+    def _ask_batch(self, model: Model, arrays: list[np.ndarray], workers: Any) -> int:
+        """Fill the last of *arrays* in slices; the first row that is refused, or `NO_ROW`."""
+        order_of, size = self.order_of(model, len(arrays[0]))
 
         def ask_slice(order: np.ndarray, *arrays: np.ndarray) -> int:
             *rows, limits, answers = arrays
             return int(self.entry(model.packed, *rows, order, limits, answers))
 
-        found = run_batch(ask_slice, [*flat, limits, answers], workers, order_of, size)
+        found = run_batch(ask_slice, arrays, workers, order_of, size)
         answered = (NO_ROW, IN_MILLIMETRES)
-        refused = min((first + row for first, row in found if row not in answered), default=NO_ROW)
-        if refused != NO_ROW:
-            raise self.refusal(refused)
-        if self.names == ("points",) and self.dtype is np.float64:
-            _warn_of_millimetres(model, answers[:, 0])
-        shape = rows[0].shape[:-1]
-        return answers.reshape((*shape, self.width) if self.width > 1 else shape)[()]
+        return min((first + row for first, row in found if row not in answered), default=NO_ROW)
 
     def quick(self) -> Any:
         """Return the query as a function that answers few plain rows at once."""
@@ -99,3 +118,67 @@ def in_millimetres(what: str, distance: float, size: float, names: str) -> str:
         f"{what} is {distance:.3g} m from the nearest part, {distance / size:.0f} times the size of the "
         f"scene: {names} are metres"
     )
+
+
+def _broadcast_rows(rows: list[np.ndarray], names: tuple[str, ...]) -> list[np.ndarray]:
+    """Return one array of rows, or two in one shape, C-ordered.
+
+    *rows*: (..., 3).
+    """
+    first, second = rows[0], rows[-1]
+    if first.shape == second.shape:
+        return rows
+    try:
+        shape = np.broadcast_shapes(first.shape, second.shape)
+    except ValueError as unfit:
+        raise ArgumentError(
+            f"{names[0]} have shape {first.shape} and {names[1]} {second.shape}, "
+            "expected shapes that broadcast together"
+        ) from unfit
+    return [_spread(first, shape), _spread(second, shape)]
+
+
+def _broadcast_limits(
+    max_distance: Any, rows: list[np.ndarray], name: str
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return how far to look, m, (1,) for all rows or (N,) for each, and the rows in one shape with that.
+
+    *max_distance*: one length, or lengths whose shape broadcasts against the leading shape of the rows.
+    *rows*: (..., 3).
+    """
+    if max_distance is inf:
+        return _NO_LIMIT, rows
+    if isinstance(max_distance, (str, bytes)):
+        raise ArgumentError(f"max_distance is {shown(max_distance)}, expected a length in metres")
+    if np.ndim(max_distance) == 0:
+        return np.array([_checked_limit(max_distance)]), rows
+    limits = as_float64(max_distance, "values of max_distance", expected="lengths in metres")
+    is_unfit = ~(limits >= 0.0)
+    if is_unfit.any():
+        row = tuple(np.argwhere(is_unfit)[0].tolist())
+        where = ", ".join(map(str, row))
+        raise ArgumentError(f"max_distance[{where}] is {limits[row]}, expected a length of 0 m or more")
+    leading = rows[0].shape[:-1]
+    try:
+        shape = np.broadcast_shapes(leading, limits.shape)
+    except ValueError as unfit:
+        raise ArgumentError(
+            f"max_distance has shape {limits.shape} and {name} {rows[0].shape}, "
+            f"expected a shape that broadcasts against {leading}"
+        ) from unfit
+    return _spread(limits, shape).reshape(-1), [_spread(array, (*shape, 3)) for array in rows]
+
+
+def _checked_limit(max_distance: Any) -> float:
+    try:
+        limit = float(max_distance)
+    except (OverflowError, TypeError, ValueError) as unfit:
+        raise ArgumentError(f"max_distance is {max_distance!r}, expected a length in metres") from unfit
+    if not limit >= 0.0:
+        raise ArgumentError(f"max_distance is {limit}, expected a length of 0 m or more")
+    return limit
+
+
+def _spread(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """The array in that shape, C-ordered."""
+    return array if array.shape == shape else copied(np.broadcast_to(array, shape))

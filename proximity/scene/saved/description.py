@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import ArgumentError, MeshFormatError
-from proximity.mesh.body_records import Repairs
+from proximity.mesh.body_split import Repairs
 from proximity.scene.model.scene_state import first_unfit_move
 from proximity.scene.part_motion import checked_surface
 from proximity.scene.sign import SignMethod

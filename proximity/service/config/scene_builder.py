@@ -52,7 +52,7 @@ class PartFiles:
                 ) from unusable
             for part in _placed(entry, loaded):
                 if part.name in entry_of:
-                    raise _taken(settings, index, part.name, entry_of[part.name])
+                    raise _name_in_use(settings, index, part.name, entry_of[part.name])
                 entry_of[part.name] = index
                 parts.append(part)
         try:
@@ -185,7 +185,7 @@ def _placed(entry: PartEntry, loaded: tuple[Part, ...]) -> list[Part]:
     return [replace(part, stiffness=entry.stiffness, damping=entry.damping) for part in parts]
 
 
-def _taken(settings: SceneFile, index: int, name: str, earlier: int) -> ServiceError:
+def _name_in_use(settings: SceneFile, index: int, name: str, earlier: int) -> ServiceError:
     line = settings.document.line_of(("parts", earlier))
     return settings.error(
         ("parts", index),

@@ -24,7 +24,7 @@ from proximity.service.config.settings import (
 )
 from proximity.service.config.table_fields import REQUIRED, Range, Table
 from proximity.service.config.toml_document import Document, Path, read_document
-from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE, too_long
+from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE, length_error
 from proximity.transport.address import parse
 from proximity.transport.link import TRANSPORTS
 
@@ -145,7 +145,7 @@ class _Reader:
             ("working_range", working_range or 0.0, LARGEST_WORKING_RANGE),
         ):
             if length > most:
-                table.complain(key, f"is {too_long(length, most)}")
+                table.complain(key, f"is {length_error(length, most)}")
         return FingerSettings(
             count=count,
             names=names,

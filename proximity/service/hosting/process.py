@@ -20,7 +20,7 @@ from typing import Any
 
 from proximity.errors import ServiceError
 from proximity.service.hosting.announcements import guarded
-from proximity.service.hosting.durations import checked_seconds
+from proximity.service.hosting.scene_service import checked_seconds
 
 BEGIN_TIMEOUT = 600.0
 """s. Large parts may have to be read, and once kernels compiled: two minutes, or many on a busy machine."""

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from proximity.checks import whole
+from proximity.checks import not_negative, whole
 from proximity.service import Report, Request
 from proximity.service.config import SceneFile, override, read_scene_file
 from proximity.service.hosting.announcements import guarded, warnings_of_loop_to
-from proximity.service.hosting.durations import checked_seconds
-from proximity.service.hosting.part_changes import PartChanger
-from proximity.service.hosting.scene_reload import SceneReloader
-from proximity.service.hosting.service_assembly import Made, make_service
+from proximity.service.hosting.scene_changes import PartChanger, SceneReloader
+from proximity.service.hosting.service_assembly import ServiceSetup, make_service
 from proximity.system.stop_signals import stopped_by_signals
 
 LOOK_S = 0.5
@@ -108,6 +106,12 @@ def serve(
     return report
 
 
+def checked_seconds(name: str, value: Any) -> float:
+    """Return a span of time, s, that threads can wait for: inf is as long as they can, some centuries."""
+    seconds = not_negative(name, value, "seconds", may_be_infinite=True)
+    return min(seconds, threading.TIMEOUT_MAX)
+
+
 class _Beside:
     """The thread beside the loop: tells that it has begun, adds and removes parts, looks for edits, ends it.
 
@@ -116,7 +120,7 @@ class _Beside:
 
     def __init__(
         self,
-        made: Made,
+        made: ServiceSetup,
         settings: SceneFile,
         overrides: dict[str, Any],
         stop: threading.Event,

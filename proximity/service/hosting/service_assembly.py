@@ -4,27 +4,29 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from queue import SimpleQueue
 
-from proximity.errors import RecordingError
+import numpy as np
+
+from proximity.errors import ArgumentError, DecaffError, RecordingError
 from proximity.pose import Pose
 from proximity.recording import FrameLog, Recording
 from proximity.scene.scene import Scene
 from proximity.service import (
-    Answering,
     ChangesInput,
     Clock,
+    ContactSource,
     Describer,
+    GloveChoices,
+    MessageInput,
     MonotonicClock,
     MovesInput,
     OpenXrInput,
     PoseInput,
     RealTime,
     RecordingInput,
-    SensorAnswers,
-    SensorInput,
+    SensedContacts,
     Service,
     SkippingClock,
-    StreamInput,
-    TrackerAnswers,
+    TrackedContacts,
 )
 from proximity.service.config import (
     PartFiles,
@@ -36,13 +38,15 @@ from proximity.service.config import (
     place_recording,
     read_input,
 )
-from proximity.service.hosting.glove_calibrations import read_gloves
 from proximity.tracker.replay import turn_about_axes
 from proximity.transport import open_publisher
 
+COUNTS_TABLE = 4097
+"""Rows of a table of counts: lines in between are off by less than a hundredth of a count."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Made:
+class ServiceSetup:
     """A service that is ready to run, and what is needed to give it another scene."""
 
     service: Service
@@ -53,7 +57,7 @@ class Made:
     count: int  # of fingers
 
 
-def make_service(settings: SceneFile) -> Made:
+def make_service(settings: SceneFile) -> ServiceSetup:
     """Open and load all that a scene file asks for."""
     service, files = settings.service, PartFiles()
     with ExitStack() as opened:
@@ -74,14 +78,14 @@ def make_service(settings: SceneFile) -> Made:
         changes = None
         if settings.input.changes is not None:
             changes = ChangesInput(settings.input.changes, SimpleQueue(), describer.ask)
-        answering: Answering
+        contact_source: ContactSource
         if scene is None:
-            answering = SensorAnswers(count, latency=service.latency)
+            contact_source = SensedContacts(count, latency=service.latency)
         else:
-            answering = TrackerAnswers(make_tracker(settings, scene, count), moves, changes)
-        opened.callback(answering.close)
+            contact_source = TrackedContacts(make_tracker(settings, scene, count), moves, changes)
+        opened.callback(contact_source.close)
         loop = Service(
-            answering,
+            contact_source,
             pose_input,
             publishers,
             period=service.period,
@@ -92,18 +96,18 @@ def make_service(settings: SceneFile) -> Made:
             describer=describer,
         )
         opened.pop_all()  # closed by the loop from here on
-    return Made(loop, files, scene, moves, changes, count)
+    return ServiceSetup(loop, files, scene, moves, changes, count)
 
 
 def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None, count: int) -> PoseInput:
     source = settings.input
     if source.poses is not None:
-        return StreamInput(source.poses, count, gloves=read_gloves(settings, count))
+        return MessageInput(source.poses, count, gloves=read_gloves(settings, count))
     if source.openxr is not None:
         pose = Pose(turn_about_axes(source.openxr.turn_degrees), source.openxr.position)
         return OpenXrInput(pose, count)
     if source.sensor is not None:
-        return SensorInput(source.sensor, count)
+        return MessageInput(source.sensor, count, is_measured=True)
     assert recording is not None and scene is not None and source.recording is not None
     # A pose for each tick, as `proximity replay` has them.
     placed = place_recording(settings, recording, scene)
@@ -112,3 +116,23 @@ def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None
     except RecordingError as too_long:
         raise settings.error(("input", "recording"), f"input.recording: {too_long}") from too_long
     return RecordingInput(resampled, repeat=source.recording.repeat)
+
+
+def read_gloves(settings: SceneFile, count: int) -> GloveChoices | None:
+    """Return where fingertips go as fingers bend, by their calibrations; None where there is no [glove]."""
+    glove = settings.glove
+    if glove is None:
+        return None
+    # Only where there is a glove: the models bring half a second of imports.
+    from proximity.decaff.glove.glove_set import as_many, read_glove
+
+    try:
+        worn = as_many([read_glove(path, glove.max_age_days) for path in glove.calibration], count)
+    except (ArgumentError, DecaffError) as unfit:
+        raise settings.error(("glove", "calibration"), f"glove.calibration: {unfit}") from unfit
+    tables = [each.counts_table(COUNTS_TABLE) for each in worn]
+    return GloveChoices(
+        corners=np.stack([each.path_finger() for each in worn]),
+        counts=np.stack([counts for counts, _ in tables]),
+        bends=np.stack([bends for _, bends in tables]),
+    )

@@ -16,7 +16,7 @@ from proximity.errors import PoseError, ProximityError, SceneError
 from proximity.message import ADDITIONS, BLOCK_VERTICES, CHANGES, DEFORMATIONS, Kind, PartAction
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
-from proximity.service.inputs.reception import Reception
+from proximity.service.inputs.inbox import Inbox
 
 LOGGER = logging.getLogger("proximity.service")
 DEFAULT_UNITS = "mm"
@@ -49,7 +49,7 @@ class ChangesInput:
     What one message says is done as a whole. One that cannot be done is refused and counted, with the reason
     of the first of each kind, and the scene stays as it is.
 
-    *requests*: where to put what takes long; whoever takes it out writes ``refusal`` and ``is_over``.
+    *requests*: where to put what takes long; the thread that carries it out writes ``refusal``, ``is_over``.
     *describe*: is called when a message asks for the description.
     """
 
@@ -62,7 +62,7 @@ class ChangesInput:
         describe: Callable[[], None] = lambda: None,
     ) -> None:
         # A change holds whatever the sender's clock shows.
-        self._reception = Reception(address, [CHANGES, ADDITIONS, DEFORMATIONS], is_timed=False)
+        self._inbox = Inbox(address, [CHANGES, ADDITIONS, DEFORMATIONS], is_timed=False)
         self.requests, self._describe = requests, describe
         self._pending: tuple[Kind, Request] | None = None
         self._refused: dict[str, tuple[int, str]] = {}  # by kind: how many messages, why the first
@@ -71,18 +71,18 @@ class ChangesInput:
     def notes(self) -> list[str]:
         """Sentences on messages that were lost or refused."""
         refused = [
-            f"{self._reception.address}: {count} messages of {kind} were refused, first: {reason}"
+            f"{self._inbox.address}: {count} messages of {kind} were refused, first: {reason}"
             for kind, (count, reason) in list(self._refused.items())
         ]
-        return refused + self._reception.notes
+        return refused + self._inbox.notes
 
     def apply(self, scene: Scene) -> None:
         """Do what has arrived, up to the first message that takes long."""
         if self._pending is not None and not self._is_carried_out(*self._pending):
             return
-        for kind, records, _ in self._reception.messages():
+        for kind, records, _ in self._inbox.messages():
             try:
-                self._take(scene, kind, records)
+                self._apply_message(scene, kind, records)
             except ProximityError as unfit:
                 self._refuse(kind, str(unfit))
             if self._pending is not None:
@@ -90,7 +90,7 @@ class ChangesInput:
 
     def close(self) -> None:
         """Give the address back."""
-        self._reception.close()
+        self._inbox.close()
 
     def _is_carried_out(self, kind: Kind, request: Request) -> bool:
         if request.is_over:
@@ -99,14 +99,14 @@ class ChangesInput:
                 self._refuse(kind, request.refusal)
         return request.is_over
 
-    def _take(self, scene: Scene, kind: Kind, records: np.ndarray) -> None:
+    def _apply_message(self, scene: Scene, kind: Kind, records: np.ndarray) -> None:
         if kind is CHANGES:
             self._change(scene, records)
         elif kind is DEFORMATIONS:
             name, vertices = _deformation(records)
             scene.deform(name, vertices)
         else:
-            self._ask(kind, Request(additions=tuple(map(_addition, records.copy()))))
+            self._request(kind, Request(additions=tuple(map(_addition, records.copy()))))
 
     def _change(self, scene: Scene, records: np.ndarray) -> None:
         numbers = records["action"].tolist()
@@ -120,18 +120,18 @@ class ChangesInput:
         if len(actions) < len(numbers):
             self._describe()
         if any(action is PartAction.REMOVE for _, action in actions):
-            self._ask(CHANGES, Request(actions))
+            self._request(CHANGES, Request(actions))
         else:
             carry_out(scene, actions)
 
-    def _ask(self, kind: Kind, request: Request) -> None:
+    def _request(self, kind: Kind, request: Request) -> None:
         self._pending = kind, request
         self.requests.put(request)
 
     def _refuse(self, kind: Kind, reason: str) -> None:
         count, first = self._refused.get(kind.name, (0, reason))
         if not count:
-            LOGGER.warning("%s: a message of %s is refused (%s)", self._reception.address, kind.name, reason)
+            LOGGER.warning("%s: a message of %s is refused (%s)", self._inbox.address, kind.name, reason)
         self._refused[kind.name] = count + 1, first
 
 

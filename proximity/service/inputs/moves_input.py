@@ -11,9 +11,8 @@ from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.instant_advice import on_backwards, on_future, on_too_old
 from proximity.pose import nearest_rotations
 from proximity.scene.scene import Scene
-from proximity.service.inputs.part_prediction import Carried, ReportedMotion
-from proximity.service.inputs.reception import Reception
-from proximity.service.presence import Presence
+from proximity.service.inputs.inbox import Inbox
+from proximity.service.inputs.part_prediction import Carried, ReportedMotion, VisibleParts
 from proximity.service.samples import FingerPoses
 from proximity.system.time_units import NS_PER_MS, NS_PER_S
 
@@ -47,7 +46,7 @@ class MovesInput:
         clock: Callable[[], int] = time.monotonic_ns,
         skipped: Callable[[], int] = lambda: 0,
     ) -> None:
-        self._reception = Reception(address, [MOVES], clock)
+        self._inbox = Inbox(address, [MOVES], clock)
         self._clock, self._skipped = clock, skipped
         self._stale_after_ns = round(NS_PER_S * stale_after)
         self.future = self.backwards = self.too_old = 0
@@ -56,14 +55,14 @@ class MovesInput:
         self._unfit: set[str] = set()  # of these, parts that cannot be carried on as they were reported
         self._silent: set[str] = set()  # of these, parts of which nothing more is reported
         self._carried: Carried | None = None  # the parts with a velocity; None: there is none
-        self._presence: Presence | None = None  # what the scene had when parts were gathered last
+        self._visible: VisibleParts | None = None  # what the scene had when parts were gathered last
         self._epoch = -1  # of the scene then
         self._names: dict[bytes, str] = {}
 
     @property
     def notes(self) -> list[str]:
         """Sentences on messages that were lost, refused or left out."""
-        return self._reception.notes
+        return self._inbox.notes
 
     @property
     def is_late(self) -> bool:
@@ -77,14 +76,14 @@ class MovesInput:
         """
         is_reported = scene is not self._scene
         if is_reported:
-            self._scene, self._carried, self._presence = scene, None, None
+            self._scene, self._carried, self._visible = scene, None, None
             self._unfit.clear()
             list(self._moved_each(scene, self._latest))
-        for _, records, offset_ns in self._reception.messages():
-            self._take(scene, records, offset_ns + self._skipped(), now_ns)
+        for _, records, offset_ns in self._inbox.messages():
+            self._apply_message(scene, records, offset_ns + self._skipped(), now_ns)
             is_reported = True
         if is_reported or scene.epoch != self._epoch:
-            self._gather(scene)
+            self._find_moving(scene)
         if self._carried is not None:
             self._carry(self._carried, scene, now_ns, _instant_of(poses, now_ns))
 
@@ -99,16 +98,16 @@ class MovesInput:
 
     def close(self) -> None:
         """Give the address back."""
-        self._reception.close()
+        self._inbox.close()
 
-    def _take(self, scene: Scene, records: np.ndarray, offset_ns: int, now_ns: int) -> None:
-        """Move parts to where a message tells, and keep what it reported."""
+    def _apply_message(self, scene: Scene, records: np.ndarray, offset_ns: int, now_ns: int) -> None:
+        """Move parts as a message reports, and keep its moves."""
         if names_repeat(records):
-            self._reception.leave_out(REPEATED, 1, f"{len(records)} moves, expected one for each part")
+            self._inbox.leave_out(REPEATED, 1, f"{len(records)} moves, expected one for each part")
             return
         names = [self._name(raw) for raw in records["name"].tolist()]
         pose_ns = records["pose_ns"] + offset_ns
-        rows = self._admitted(names, pose_ns, now_ns)
+        rows = self._usable_rows(names, pose_ns, now_ns)
         if len(rows) < len(names):
             names, records, pose_ns = [names[row] for row in rows], records[rows], pose_ns[rows]
         matrices = np.zeros((len(names), 4, 4))
@@ -128,9 +127,9 @@ class MovesInput:
         self._silent -= moves.keys()
         self._unfit -= moves.keys()
 
-    def _admitted(self, names: list[str], pose_ns: np.ndarray, now_ns: int) -> list[int]:
+    def _usable_rows(self, names: list[str], pose_ns: np.ndarray, now_ns: int) -> list[int]:
         """Rows of the moves that may be used: none from the future, none backwards in time, none too old."""
-        admitted, latest = [], self._latest
+        usable, latest = [], self._latest
         ahead_ns, back_ns, ages_ns = [], [], []
         # Not by the tick's start: where the system kept us from running since, new moves are after it.
         newest_ns = max(now_ns, self._clock() + self._skipped())
@@ -142,8 +141,8 @@ class MovesInput:
             elif instant < now_ns - self._stale_after_ns:
                 ages_ns.append(now_ns - instant)
             else:
-                admitted.append(row)
-        if len(admitted) < len(names):
+                usable.append(row)
+        if len(usable) < len(names):
             self.future += len(ahead_ns)
             self.backwards += len(back_ns)
             self.too_old += len(ages_ns)
@@ -155,13 +154,13 @@ class MovesInput:
             )
             for what, off_ns, advice in reasons:
                 if off_ns:
-                    self._reception.leave_out(what, len(off_ns), advice(off_ns[0]))
-        return admitted
+                    self._inbox.leave_out(what, len(off_ns), advice(off_ns[0]))
+        return usable
 
     def _moved_each(
         self, scene: Scene, moves: Mapping[str, ReportedMotion], unfit_are: str = ""
     ) -> Iterator[tuple[str, ReportedMotion]]:
-        """Move one after the other, and leave out whoever cannot be; gives those that were moved."""
+        """Move one after the other, and leave out those that cannot be; gives those that were moved."""
         for name, reported in moves.items():
             try:
                 scene.move(
@@ -169,11 +168,11 @@ class MovesInput:
                 )
             except (ArgumentError, SceneError) as unfit:
                 if unfit_are:
-                    self._reception.leave_out(unfit_are, 1, str(unfit))
+                    self._inbox.leave_out(unfit_are, 1, str(unfit))
             else:
                 yield name, reported
 
-    def _gather(self, scene: Scene) -> None:
+    def _find_moving(self, scene: Scene) -> None:
         """Find the parts that are to be carried on."""
         self._epoch = scene.epoch
         moving = {
@@ -183,26 +182,26 @@ class MovesInput:
         }
         if moving:
             moving = self._present(scene, moving)
-        self._carried = Carried(moving, self._silent, self._presence) if moving and self._presence else None
+        self._carried = Carried(moving, self._silent, self._visible) if moving and self._visible else None
 
     def _present(self, scene: Scene, moving: dict[str, ReportedMotion]) -> dict[str, ReportedMotion]:
         """Those of parts that are in the scene; it is looked at anew only when it was edited."""
-        presence = self._presence
-        if presence is None or presence.epoch != self._epoch:
-            self._presence = presence = Presence(scene)
-            self._epoch = presence.epoch
+        visible = self._visible
+        if visible is None or visible.epoch != self._epoch:
+            self._visible = visible = VisibleParts(scene)
+            self._epoch = visible.epoch
             carried = [] if self._carried is None else self._carried.names
-            gone = [name for name in carried if name not in presence.names and name not in self._silent]
+            gone = [name for name in carried if name not in visible.names and name not in self._silent]
             if gone:
-                self._reception.leave_out(UNFIT, len(gone), f"part {gone[0]!r} was removed")
-        return {name: reported for name, reported in moving.items() if name in presence.names}
+                self._inbox.leave_out(UNFIT, len(gone), f"part {gone[0]!r} was removed")
+        return {name: reported for name, reported in moving.items() if name in visible.names}
 
     def _carry(self, carried: Carried, scene: Scene, now_ns: int, instant_ns: int) -> None:
         """Put the parts that move where they are at an instant."""
         if now_ns >= carried.next_ns:
             silent = carried.fall_silent(now_ns)
             self._silent.update(silent)
-            self._reception.leave_out(
+            self._inbox.leave_out(
                 SILENT_PARTS, len(silent), says=f"{silent[0]!r} stands still: no move for 100 ms"
             )
         poses = carried.at(instant_ns)
@@ -220,7 +219,7 @@ class MovesInput:
             moved = dict(self._moved_each(scene, moves, "" if is_edited else UNFIT))
             if not is_edited:
                 self._unfit |= moves.keys() - moved.keys()
-                self._gather(scene)
+                self._find_moving(scene)
 
     def _name(self, raw: bytes) -> str:
         name = self._names.get(raw)

@@ -5,14 +5,15 @@ velocities have taken it: the origin along a line, the part turned about its ori
 more is reported is carried on for `HOLD_NS` and stands from then on, but nobody knows that it does.
 """
 
-from collections.abc import Mapping
+from collections.abc import KeysView, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from proximity.kernels.layout import FRAME_OWN_LOWER, FRAME_OWN_UPPER, PART_IS_HIDDEN
 from proximity.message import ContactFlag
 from proximity.message.contact import BOUNDED_BIT, PREDICTED_BIT, TRACKED_BIT
-from proximity.service.presence import Presence
+from proximity.scene.scene import Scene
 from proximity.system.time_units import NS_PER_S
 
 HOLD_NS = NS_PER_S // 10
@@ -34,6 +35,34 @@ class ReportedMotion(NamedTuple):
     is_moving: bool = True  # False: both velocities are zero
 
 
+class VisibleParts:
+    """Parts of a scene at one epoch: their names, which are hidden, and how far they reach."""
+
+    epoch: int  # of the scene, when it was looked at
+
+    def __init__(self, scene: Scene) -> None:
+        model = scene.snapshot()
+        self.epoch = model.epoch
+        self._rows = {name: row for row, name in enumerate(model.names)}
+        count = len(self._rows)
+        self._is_hidden = model.parts[:count, PART_IS_HIDDEN] != 0
+        corners = (
+            model.frames[:count, FRAME_OWN_LOWER : FRAME_OWN_LOWER + 3],
+            model.frames[:count, FRAME_OWN_UPPER : FRAME_OWN_UPPER + 3],
+        )
+        self._radii = np.linalg.norm(np.abs(corners).max(axis=0), axis=1)
+
+    @property
+    def names(self) -> KeysView[str]:
+        """Names of the parts."""
+        return self._rows.keys()
+
+    def reach(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Whether parts are hidden, (M,) bool, and how far from their origins they reach, m, (M,)."""
+        rows = np.array([self._rows[name] for name in names], np.int64)
+        return self._is_hidden[rows], self._radii[rows]
+
+
 class Carried:
     """Parts with velocities, at one instant after another; no more is reported of the *silent*."""
 
@@ -41,7 +70,9 @@ class Carried:
     is_silent: np.ndarray  # (M,) bool
     next_ns: int  # no other part falls silent before
 
-    def __init__(self, reported: Mapping[str, ReportedMotion], silent: set[str], presence: Presence) -> None:
+    def __init__(
+        self, reported: Mapping[str, ReportedMotion], silent: set[str], presence: VisibleParts
+    ) -> None:
         self.names = list(reported)
         self.is_silent = np.array([name in silent for name in self.names])
         self._matrices = np.array([part.matrix for part in reported.values()])

@@ -1,7 +1,7 @@
 """Sources of poses: the interface of an input, and the two that need no transport."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,11 +28,8 @@ class PoseInput(Protocol):
     def notes(self) -> list[str]:
         """Sentences for the report: what was refused or failed, and how often."""
 
-    def poll(self, now_ns: int) -> Samples | None:
-        """Return the newest samples; None where there are no others than at the poll before.
-
-        The loop overwrites those that it refuses.
-        """
+    def poll(self, now_ns: int) -> Iterable[Samples]:
+        """Give the samples that are new since the poll before, oldest first; each is used before the next."""
 
     def close(self) -> None:
         """Give back what is open."""
@@ -68,8 +65,8 @@ class RecordingInput:
         self._start_ns: int | None = None  # instant of the first row
         self._round_ns = int(self._times_ns[-1]) + MAX_GAP_NS
 
-    def poll(self, now_ns: int) -> FingerPoses | None:
-        """Return the poses of the last instant that is past; None where that is the one given before."""
+    def poll(self, now_ns: int) -> Iterator[FingerPoses]:
+        """Give the poses of the last instant that is past, unless they were given before."""
         if self._start_ns is None:
             self._start_ns = now_ns - self._latency_ns
         elapsed = now_ns - self._latency_ns - self._start_ns
@@ -80,12 +77,12 @@ class RecordingInput:
             self._row = -1
         row = self._row_at(elapsed)
         if row == self._row:
-            return None
+            return
         self._row = row
         self.is_over = not self._repeat and row == len(self._times_ns) - 1
         self._poses.positions[...] = self._positions[row]
         self._poses.pose_ns[...] = self._start_ns + self._times_ns.item(row)
-        return self._poses
+        yield self._poses
 
     def close(self) -> None:
         """Do nothing."""
@@ -131,19 +128,21 @@ class CallableInput:
             return []
         return [f"the pose callback raised {self.failures} times, first: {self._first_failure}"]
 
-    def poll(self, now_ns: int) -> FingerPoses | None:
-        """Ask the function."""
+    def poll(self, now_ns: int) -> Iterator[FingerPoses]:
+        """Call the function."""
         try:
             reported = self._function(now_ns)
-            return None if reported is None else self._understood(reported, now_ns)
+            poses = None if reported is None else self._checked(reported, now_ns)
         except Exception as failure:
             self._count(failure)
-            return None
+            return
+        if poses is not None:
+            yield poses
 
     def close(self) -> None:
         """Do nothing."""
 
-    def _understood(self, reported: Any, now_ns: int) -> FingerPoses:
+    def _checked(self, reported: Any, now_ns: int) -> FingerPoses:
         poses = self._poses
         rest: tuple[Any, Any, Any] = None, None, None
         if isinstance(reported, FingerPoses):

@@ -240,7 +240,7 @@ class GuidedPages:
         with suppress(ConnectionClosed):
             async for data in connection:
                 try:
-                    asked = document(data) if allowance.takes(len(data)) else {}
+                    asked = document(data) if allowance.allows(len(data)) else {}
                     if "stop" in asked:
                         self._stop()
                     elif "answer" in asked and connection is self._person:

@@ -1,11 +1,11 @@
 // The live connection: frames, moves and geometry come in, poses and moves go out.
 
-import { decode, decodeSlice, encode, kindOf, readField } from "./message.js";
-import { RECORDS } from "./layout.js";
+import { decode, encode } from "./decaff.mjs";
+import { Frames } from "./frames.js";
+import { decodeSlice, kindOf } from "./message.js";
 
 const PING_MS = 700;
 const AGAIN_MS = 600;
-const FRAME = RECORDS.frame_header.fields;
 const SENTENCES = {
   4403: "The address has no token: open the address that proximity view printed.",
   4408: "The page was too busy to answer in time. Trying again …",
@@ -18,8 +18,7 @@ export class Link extends EventTarget {
     super();
     this.token = token;
     this.isOpen = false;
-    this.frame = null; // the newest, as bytes
-    this.arrivedMs = -Infinity;
+    this.frames = new Frames();
     this.latencies = []; // ms from sending a pose to the first frame that answers it
     this.pings = []; // [round trip, offset]
     this.offsetMs = NaN; // service's clock less the page's
@@ -54,7 +53,7 @@ export class Link extends EventTarget {
     if (typeof data === "string") return this.takeDocument(JSON.parse(data));
     const kind = kindOf(data);
     if (kind === "frame") return this.takeFrame(data);
-    if (kind === "moves" || kind === "changes") return this.emit(kind, decode(data).records);
+    if (kind === "moves" || kind === "changes") return this.emit(kind, decode(data, kind).records);
     if (kind === "glb") return this.emit("glb", data);
     if (kind === "slice") return this.emit("slice", decodeSlice(data));
   }
@@ -73,13 +72,13 @@ export class Link extends EventTarget {
 
   takeFrame(data) {
     const now = performance.now();
-    const view = new DataView(data);
-    this.frame = data;
-    this.arrivedMs = now;
-    this.rate.add(now, Number(readField(view, 0, FRAME.sequence)));
-    this.measure(now, Number(readField(view, 0, FRAME.pose_ns)) / 1e6);
-    this.socket.send("ok");
-    this.emit("frame", data);
+    const header = this.frames.take(data, now);
+    if (header !== null) {
+      this.rate.add(now, Number(header.sequence));
+      this.measure(now, Number(header.pose_ns) / 1e6);
+    }
+    this.send("ok");
+    this.emit("frame", header);
   }
 
   /** The frame that first answers a pose says how long that took. */
@@ -103,28 +102,26 @@ export class Link extends EventTarget {
     this.offsetMs = this.pings.reduce((best, each) => (each[0] < best[0] ? each : best))[1];
   }
 
-  /** Now on the service's clock, ms; nan until it is known. */
-  serviceNow() {
-    return performance.now() + this.offsetMs;
+  say(what) {
+    this.send(JSON.stringify(what));
   }
 
-  say(what) {
-    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(what));
+  send(data) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(data);
   }
 
   /** Send poses of fingers, taken at *atMs* of this page. */
   sendPoses(fingers, atMs) {
     if (!this.isOpen || !fingers.length || this.socket.bufferedAmount > 200_000) return;
     const pose_ns = nanoseconds(atMs);
-    const nowhere = [NaN, NaN, NaN];
     const hasPath = fingers.some((finger) => finger.corners);
-    const records = fingers.map(({ finger, position, bend, corners }) => {
-      const record = { finger, pose_ns, position: position ?? nowhere, velocity: nowhere, bend: bend ?? NaN };
-      if (hasPath) record.corners = corners ?? NO_PATH;
+    const records = fingers.map(({ finger, ...given }) => {
+      const record = { finger, pose_ns }; // what is not given is not known
+      for (const name of ["position", "bend", "corners"]) if (given[name] != null) record[name] = given[name];
       return record;
     });
     const header = { send_ns: nanoseconds(performance.now()) };
-    this.socket.send(encode(hasPath ? "path_poses" : "poses", header, records));
+    this.send(encode(hasPath ? "path_poses" : "poses", header, records));
     this.sent.push(atMs);
     if (this.sent.length > 50) this.sent.shift();
   }
@@ -135,21 +132,19 @@ export class Link extends EventTarget {
     const pose_ns = nanoseconds(performance.now());
     const still = [0, 0, 0];
     const records = moves.map((move) => ({ ...move, pose_ns, velocity: still, angular_velocity: still }));
-    this.socket.send(encode("moves", { send_ns: pose_ns }, records));
+    this.send(encode("moves", { send_ns: pose_ns }, records));
   }
 
   /** Ask for a part to be hidden or shown: name, and an action of PartAction. */
   sendChanges(changes) {
     if (!this.isOpen) return;
-    this.socket.send(encode("changes", { send_ns: nanoseconds(performance.now()) }, changes));
+    this.send(encode("changes", { send_ns: nanoseconds(performance.now()) }, changes));
   }
 
   emit(name, detail) {
     this.dispatchEvent(new CustomEvent(name, { detail }));
   }
 }
-
-const NO_PATH = new Array(RECORDS.path_pose.fields.corners.count).fill(NaN);
 
 export const nanoseconds = (ms) => BigInt(Math.round(ms * 1e6));
 

@@ -1,7 +1,6 @@
 // The page: a scene, hands over it, and how far every fingertip is.
 
 import { Fingers } from "./fingers.js";
-import { readingOf, startOf } from "./frames.js";
 import { HandShape } from "./inputs/hand.js";
 import { Headset, whyNot } from "./inputs/headset.js";
 import { MouseHand } from "./inputs/mouse_hand.js";
@@ -42,12 +41,13 @@ class Page {
       if (isFinal) this.panel.cover(sentence);
       else this.panel.say(sentence, true);
     });
-    on("frame", (data) => this.parts.follow(startOf(data)));
+    on("frame", (header) => header && this.parts.follow(Number(header.start_ns) / 1e6));
     this.parts.addEventListener("changed", () => this.panel.showParts(this.parts, (part) => this.tools.choosePart(part)));
   }
 
   welcome(about) {
     this.about = about;
+    this.link.frames.isLogged = Boolean(about.log);
     this.panel.setAbout(about);
     this.panel.say("");
     this.fingers.setRadii(about.radii ?? new Array(about.finger_count).fill(0.007));
@@ -62,7 +62,7 @@ class Page {
   }
 
   makeInputs() {
-    const before = this.inputs ? this.input : null;
+    const before = this.inputs ? this.wanted : null;
     for (const each of Object.values(this.inputs ?? {})) if (!(each instanceof Headset)) each.stop();
     const send = (found, atMs = performance.now()) => this.send(found, atMs);
     const headset = this.inputs?.headset ?? new Headset(this.stage, this.parts, send);
@@ -105,7 +105,8 @@ class Page {
       }
     }
     for (const [name, input] of Object.entries(this.inputs)) if (name !== key) await input.stop();
-    this.input = this.wanted = key;
+    this.input = key;
+    if (why === undefined) this.wanted = key; // what is chosen for a reason is not what is wanted
     try {
       await this.inputs[key]?.start();
     } catch (failure) {
@@ -135,7 +136,7 @@ class Page {
 
   /** What is known at this instant. */
   get reading() {
-    return readingOf(this.link.frame, this.link.serviceNow(), Boolean(this.about?.log));
+    return this.link.frames.at(performance.now());
   }
 
   update() {

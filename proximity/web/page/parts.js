@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import { GLTFLoader } from "./vendor/three/addons/loaders/GLTFLoader.js";
-import { ENUMS } from "./layout.js";
+import { ENUMS } from "./layout.mjs";
 
 const SEND_MS = 12;
 

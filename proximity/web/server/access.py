@@ -79,7 +79,7 @@ class Allowance:
     size: float = BYTES_PER_S * BURST_S
     since: float = field(default_factory=time.monotonic)
 
-    def takes(self, size: int, now: float | None = None) -> bool:
+    def allows(self, size: int, now: float | None = None) -> bool:
         """Whether another message is within what may be sent; it is counted.
 
         *now*: on a monotonic clock; asked for where not given.

@@ -1,4 +1,4 @@
-"""The files of the page, and the headers that keep a browser from doing anything else with them.
+"""The files of pages, and the headers that keep a browser from doing anything else with them.
 
 Only files that were there at the start are given, by their exact names; nothing of a request becomes a path.
 """

@@ -47,7 +47,8 @@ function readField(view, offset, field) {
   return Array.from({ length: field.count }, (_, k) => view[get](start + k * field.size, true));
 }
 
-function readRecord(view, offset, record) {
+/** Read a record at an offset, by its layout in RECORDS. */
+export function readRecord(view, offset, record) {
   const values = {};
   for (const [name, field] of Object.entries(record.fields)) {
     if (name !== "reserved") values[name] = readField(view, offset, field);

@@ -1,7 +1,7 @@
 // A hand by its 25 joints, as WebXR names them: fingertips, how far they are bent, the paths they bend on.
 
 import * as THREE from "three";
-import { PATH_CORNERS } from "../layout.js";
+import { PATH_CORNERS } from "../layout.mjs";
 
 const FINGERS = ["index-finger", "middle-finger", "ring-finger", "pinky-finger"];
 export const NAMES = ["thumb", "index", "middle", "ring", "little"];

@@ -1,0 +1,302 @@
+"""``proximity calibrate``: measure a finger's glove and its drum, step by step, into a calibration."""
+
+import sys
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from proximity.cli.options import GLOVE, check_gear, check_range, with_option_groups
+from proximity.cli.output import report
+from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
+
+if TYPE_CHECKING:
+    from proximity.cli.device.guide import Face
+    from proximity.cli.device.typed_instruments import TypedInstruments
+    from proximity.decaff.calibrating.motor_port import MotorPort
+    from proximity.decaff.calibrating.results import Session
+    from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
+    from proximity.decaff.glove.glove import Glove
+
+OLD_READINGS_H = 12.0  # after that the glove was probably taken off
+MM = 1e-3
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What is measured, and with what."""
+
+    simulate: Annotated[bool, typer.Option("--simulate", help="Measure a simulated glove, for practice.")] = (
+        False
+    )
+    seed: Annotated[
+        int, typer.Option(metavar="N", help="Number of the simulated glove: each is another one.")
+    ] = 0
+    counts: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Address of glove_poses messages with the counts. Default: you type them."
+        ),
+    ] = None
+    finger: Annotated[
+        int, typer.Option(metavar="N", help="Number of the finger in these messages, from 0.")
+    ] = 0
+    phalanges: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="MM MM MM",
+            help="Lengths of the phalanges, from the knuckle to the tip; 45 26 20 if not given.",
+        ),
+    ] = None
+    drum: Annotated[
+        str | None, typer.Option(metavar="GEAR", help="Gear of the drum: gear14, gear51 or gear111 (total).")
+    ] = None
+    glove: GLOVE = None
+    motor: Annotated[
+        str | None, typer.Option(metavar="URL", help="Motor of the drum. Its encoder gives the angle.")
+    ] = None
+    arm: Annotated[
+        bool,
+        typer.Option("--arm", help="Let the motor search its stop and swing the drum. Requires --motor."),
+    ] = False
+
+
+@dataclass(frozen=True)
+class Asking:
+    """How the person is asked."""
+
+    yes: Annotated[bool, typer.Option("--yes", help="With --simulate: do not wait for Enter.")] = False
+    page: Annotated[bool, typer.Option("--page", help="Show the steps on a page in the browser.")] = False
+    browser: Annotated[
+        bool,
+        typer.Option(
+            "--browser/--no-browser", help="With --page: whether to open the browser.", show_default=False
+        ),
+    ] = True
+    port: Annotated[int, typer.Option(metavar="N", help="Port of the page; 0 chooses a free one.")] = 0
+
+
+@with_option_groups
+def calibrate(
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Calibration to write, for example glove.json.")
+    ],
+    measured: Measured,
+    asking: Asking,
+    name: Annotated[
+        str, typer.Option(metavar="TEXT", help="Name of hand and finger, written into FILE.")
+    ] = "",
+    skip: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TASK", help="Leave out 'free drum' or 'held drum'. Can be given twice."),
+    ] = None,
+    again: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TASK", help="Delete the readings of this task, or of all, and measure it again."
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
+) -> None:
+    """Calibrate the glove of one finger, step by step, and write FILE.
+
+    You close the finger to seven poses, meet a block from both directions, pull the cable, turn the
+    drum until it touches, and run a step test. If a motor drives the drum, the motor then swings it,
+    which gives its mass, friction, latency and encoder step, and the stiffness of the cable. Each
+    number is printed with its uncertainty. Readings that differ too much are asked for again. Ctrl-C
+    stops and keeps all readings; the same command continues from there.
+
+    The steps are shown in the terminal; with --page in the browser, with a picture of each pose.
+
+    With --motor alone the motor of the drum is only read, and nothing is calibrated. With --arm as well
+    it searches its mechanical stop and swings the drum. URL is that of proximity drum. The drivers were
+    never run on hardware, only against simulated motors.
+
+    You type the counts of the potentiometer, or --counts takes them from messages. --simulate measures
+    a simulated glove, and prints its true numbers beside the measured ones. Readings and results are
+    written beside FILE as .readings.json, a plot of them as .png (needs matplotlib).
+
+    Examples:
+      proximity calibrate glove.json --simulate --page
+      proximity calibrate right-index.json --name "right index" --phalanges 45 26 20
+      proximity calibrate glove.json --counts iox2://decaff/poses --finger 1
+      proximity calibrate glove.json --motor "odrive-can://can0?node=0&kt=0.05" --arm --page
+      proximity calibrate glove.json --again touches
+    """
+    _check(measured, asking, skip)
+    from proximity.cli.device.guide import UnfinishedError, guide, result_rows
+    from proximity.decaff.calibrating.results import contradiction
+
+    if measured.motor is not None and not measured.arm:
+        from proximity.cli.device.motors import watch_motor
+
+        watch_motor(measured.motor, _design(measured))
+        return
+    ending, sentence = 0, ""
+    with _port(measured) as port, redirect_stdout(sys.stderr if as_json else sys.stdout):
+        session, asked, simulated = _opened(path, measured, port, skip)
+        truth = None if simulated is None else simulated.truth
+        _begin(session, again)
+        try:
+            with _face(asking, port) as face:
+                asked.numbers = face.numbers
+                if port is not None:
+                    report("the motor moves now to find its stop: keep the finger away from the drum")
+                    port.home()
+                waits = not asking.yes and (measured.simulate or measured.counts is not None)
+                guide(session, face, simulated, waits=waits)
+                sentence, drawing = _written(session, path, name)
+                shown = ". ".join(filter(None, [sentence, contradiction(session)]))
+                face.results(result_rows(session.estimates(), truth), shown, drawing)
+        except KeyboardInterrupt:
+            ending = EXIT_INTERRUPTED
+        except UnfinishedError as unfinished:
+            ending, sentence = EXIT_NOTHING, str(unfinished)
+    _print(session, truth, as_json=as_json)
+    if ending:
+        kept = f"{len(session.readings.all)} readings are kept in {session.readings.path}"
+        why = f"{sentence}; " if sentence else ""
+        report(f"{why}{kept}; the same command continues from there")
+        raise typer.Exit(ending)
+    if contradicts := contradiction(session):
+        report(contradicts)
+    typer.echo(sentence, err=as_json)
+
+
+def _print(session: "Session", truth: dict[str, float] | None, *, as_json: bool) -> None:
+    """Print what the readings say."""
+    from proximity.cli.device.calibration_terminal import print_results
+    from proximity.cli.device.guide import result_rows
+    from proximity.cli.output import write_document
+    from proximity.decaff.calibrating.results import as_document
+
+    if as_json:
+        write_document(as_document(session.estimates()))
+    else:
+        typer.echo("")
+        print_results(result_rows(session.estimates(), truth))
+
+
+def _design(measured: Measured) -> "Glove":
+    """The glove as designed: that of the file, with the lengths that were given."""
+    from proximity.cli.options import designed
+    from proximity.decaff.glove.glove import Glove, with_gear
+    from proximity.decaff.glove.glove_set import read_any_glove
+
+    worn = Glove() if measured.glove is None else designed(read_any_glove(measured.glove))
+    if measured.phalanges is not None:
+        first, middle, last = (MM * length for length in measured.phalanges)
+        worn = replace(worn, finger=replace(worn.finger, phalanges=(first, middle, last)))
+    return worn if measured.drum is None else with_gear(worn, measured.drum)
+
+
+def _port(measured: Measured) -> "AbstractContextManager[MotorPort | None]":
+    """Open the motor, if there is one."""
+    if measured.motor is None:
+        return nullcontext()
+    from proximity.cli.device.motors import opened_port
+
+    return opened_port(measured.motor, _design(measured))
+
+
+def _opened(
+    path: Path, measured: Measured, port: "MotorPort | None", skip: list[str] | None
+) -> tuple["Session", "TypedInstruments", "SimulatedGlove | None"]:
+    """Return the calibration under way, what a person reads, and the simulated glove where there is one."""
+    from proximity.cli.device.typed_instruments import TypedInstruments
+    from proximity.decaff.calibrating.instruments import Instruments
+    from proximity.decaff.calibrating.readings import Readings
+    from proximity.decaff.calibrating.results import Session
+    from proximity.decaff.calibrating.simulated_glove import SimulatedGlove
+    from proximity.decaff.calibrating.tasks import Bench
+
+    design = _design(measured)
+    asked = TypedInstruments(measured.counts, measured.finger)
+    simulated = SimulatedGlove(measured.seed, design) if measured.simulate else None
+    if simulated is not None:
+        instruments = simulated.instruments
+    elif port is not None:
+        instruments = Instruments("a person's instruments and a motor", asked, port)
+    else:
+        instruments = Instruments("a person's instruments", asked, asked)
+    readings = Readings(path.with_suffix(".readings.json"), f"{instruments.name}, {design.gear.name} drum")
+    return Session(Bench(instruments, design), readings, skip or ()), asked, simulated
+
+
+def _face(asking: Asking, port: "MotorPort | None") -> "AbstractContextManager[Face]":
+    """Return what asks the person."""
+    from proximity.cli.device.calibration_page import opened_page
+    from proximity.cli.device.calibration_terminal import Terminal
+
+    if not asking.page:
+        return nullcontext(Terminal())
+    on_stop = None if port is None else port.stop
+    return opened_page(port=asking.port, opens_browser=asking.browser, on_stop=on_stop)
+
+
+def _written(session: "Session", path: Path, name: str) -> tuple[str, Path | None]:
+    """Write the calibration, and draw it; return a sentence, and where the drawing is."""
+    from proximity.cli.device.guide import UnfinishedError
+    from proximity.decaff.calibrating.results import as_document
+    from proximity.decaff.glove.calibration import write_calibration
+    from proximity.errors import FileError, MissingLibraryError
+    from proximity.lab.figures import calibration_plots
+
+    if missing := session.missing():
+        raise UnfinishedError(f"{', '.join(missing)}: not measured, but a calibration needs it")
+    write_calibration(path, session.calibration(name))
+    session.readings.write(as_document(session.estimates()))
+    drawing = path.with_suffix(".png")
+    try:
+        calibration_plots.write(session, drawing)
+    except (FileError, MissingLibraryError) as unmade:
+        return f"{path}: written; not drawn: {unmade}", None
+    return f"{path}: written; drawn in {drawing}", drawing
+
+
+def _begin(session: "Session", again: str | None) -> None:
+    """Forget what is to be measured again, and say from where it goes on."""
+    from datetime import UTC, datetime, timedelta
+
+    readings = session.readings
+    if again is not None and not readings.drop("" if again == "all" else again):
+        raise typer.BadParameter(
+            f"there are no readings of {again!r}, expected 'all' or the first letters of a task: "
+            f"{', '.join(task.key for task in session.tasks)}",
+            param_hint="--again",
+        )
+    if not readings.all:
+        readings.began = datetime.now(UTC)
+        return
+    hours = (datetime.now(UTC) - readings.began) / timedelta(hours=1)
+    old = (
+        "; if the glove was taken off since then, start over with --again all"
+        if hours > OLD_READINGS_H
+        else ""
+    )
+    typer.echo(
+        f"{readings.path}: {len(readings.all)} readings since {readings.began:%Y-%m-%d %H:%M} UTC{old}",
+        err=True,
+    )
+
+
+def _check(measured: Measured, asking: Asking, skip: list[str] | None) -> None:
+    check_gear(measured.drum)
+    if measured.simulate and measured.counts is not None:
+        raise typer.BadParameter("a simulated glove has its own counts", param_hint="--counts")
+    if measured.simulate and measured.motor is not None:
+        raise typer.BadParameter("a simulated glove has its own drum", param_hint="--motor")
+    if measured.arm and measured.motor is None:
+        raise typer.BadParameter("requires --motor", param_hint="--arm")
+    if not measured.simulate and (measured.seed or asking.yes):
+        hint = "--seed" if measured.seed else "--yes"
+        raise typer.BadParameter("requires --simulate", param_hint=hint)
+    if not asking.page and (asking.port or not asking.browser):
+        hint = "--port" if asking.port else "--no-browser"
+        raise typer.BadParameter("requires --page", param_hint=hint)
+    check_range(asking.port, "--port", "", 0, 65535)
+    for task in skip or ():
+        if task not in ("free drum", "held drum"):
+            raise typer.BadParameter(f"{task!r}: expected 'free drum' or 'held drum'", param_hint="--skip")

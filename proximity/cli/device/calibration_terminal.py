@@ -1,0 +1,103 @@
+"""Calibration in the terminal: what to do, pictures of poses, what was read, the results."""
+
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import typer
+from rich.text import Text
+
+from proximity.cli.device.guide import Prompt, RepeatError, SkipError, UnfinishedError
+from proximity.cli.device.pose_picture import joint_angles, pose_picture
+from proximity.cli.tables import Console, table
+
+HINT = "Type r to repeat the last reading, s to skip the task. Ctrl-C stops and keeps all readings."
+
+
+class Terminal:
+    """A `Face` that prints, and takes lines of input."""
+
+    def __init__(self) -> None:
+        self._bend: float | None = None  # of the newest picture
+        self._prompt: Prompt | None = None
+
+    def begin(self, prompt: Prompt) -> None:
+        """Print heading and picture, unless they stand above already."""
+        if self._prompt is None:
+            typer.echo(HINT)
+        self._prompt = prompt
+        if not prompt.goes_on:
+            typer.echo("")
+            typer.secho(f"[{prompt.done + 1} of {prompt.total}] {prompt.title}", bold=True)
+            if prompt.advice:
+                typer.echo(f"  If this happens again: {prompt.advice}.")
+        if prompt.bend is not None and prompt.bend != self._bend:
+            _print_pose(prompt, prompt.bend)
+        self._bend = prompt.bend
+
+    def ready(self, part: int) -> None:
+        """Print what is to be done; where the prompt waits, until Enter."""
+        assert self._prompt is not None, "a prompt begins first"
+        typer.echo(f"  {self._prompt.parts[part]}")
+        if self._prompt.waits:
+            _answer("  Press Enter when you are ready ")
+
+    def numbers(self, questions: Sequence[str]) -> list[float]:
+        """Return numbers that are typed; what is none is asked again."""
+        return [_asked_number(f"  {question}: ") for question in questions]
+
+    def read(self, sentence: str) -> None:
+        """Print what was read."""
+        typer.echo(f"  read: {sentence}")
+
+    def refuse(self, sentence: str) -> None:
+        """Print it among the errors."""
+        typer.echo(f"  {sentence}", err=True)
+
+    def results(self, rows: Sequence[tuple[str, ...]], sentence: str, drawing: Path | None) -> None:
+        """Nothing: results are printed by `print_results`, whatever asked for the readings."""
+
+
+def print_results(rows: Sequence[tuple[str, ...]]) -> None:
+    """Print rows of results."""
+    shown = table(rows[0][:1], rows[0][1:-1])
+    shown.add_column("")
+    for row in rows[1:]:
+        shown.add_row(row[0].replace("[", "\\["), *row[1:-1], Text(row[-1], "yellow"))
+    Console().print(shown)
+
+
+def _asked_number(question: str) -> float:
+    while True:
+        text = _answer(question)
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if math.isfinite(value):
+            return value
+        typer.echo(f"  {text!r} is not a number, expected one such as 31072 or 1.178", err=True)
+
+
+def _answer(question: str) -> str:
+    try:
+        text = input(question).strip()
+    except EOFError:
+        typer.echo("")
+        raise UnfinishedError from None
+    if text.lower() == "r":
+        raise RepeatError
+    if text.lower() == "s":
+        raise SkipError
+    return text
+
+
+def _print_pose(prompt: Prompt, bend: float) -> None:
+    typer.echo(f"  bend {bend:.3f}: {joint_angles(prompt.glove, bend)}")
+    try:
+        "\u28ff".encode(sys.stdout.encoding or "ascii")
+    except (UnicodeEncodeError, LookupError):
+        return  # letters that this terminal does not have
+    for line in pose_picture(prompt.glove, bend):
+        typer.echo(f"    {line}")

@@ -1,0 +1,133 @@
+"""``proximity demo``: a sample scene, a recorded hand, a service and its drums, shown in one terminal."""
+
+import os
+import sys
+import time
+from contextlib import ExitStack
+from importlib.util import find_spec
+from threading import Event
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import proximity
+from proximity.cli.options import LONGEST_S, sample
+from proximity.cli.output import report
+from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
+from proximity.system.stop_signals import stopped_by_signals
+
+if TYPE_CHECKING:
+    from proximity.cli.device.drum_loop import DrumsBeside
+    from proximity.cli.service.watch_view import Seen
+    from proximity.service.hosting import RunningService
+
+SECONDS = 20.0
+TURN_S = 0.02
+DRUM_RATE_HZ = 250.0
+WATCHDOG_NS = 200_000_000  # a drum would be switched off after 10 ms; here nobody is hurt by a busy machine
+SWITCH_S = 1e-3  # that the drums wait at most while the picture is drawn in the same process
+SCENE = "demo.toml"
+
+
+def demo(
+    seconds: Annotated[
+        float, typer.Option("--seconds", metavar="S", help="Duration; Ctrl-C ends it earlier.")
+    ] = SECONDS,
+) -> None:
+    """Demonstrate the whole chain with a recorded hand at the sample bracket. Nothing has to be
+    configured.
+
+    A service follows the hand 1000 times a second, in a process of its own. Controllers of simulated
+    drums listen to it, as `proximity drum` runs them. This terminal shows both until Ctrl-C or
+    --seconds, and then a summary. No files are left behind.
+
+    Examples:
+      proximity demo
+      proximity demo --seconds 5 | cat
+    """
+    if not 0.0 < seconds <= LONGEST_S:
+        raise typer.BadParameter(
+            f"{seconds:g} seconds: expected more than 0, up to {LONGEST_S:g}", param_hint="--seconds"
+        )
+    from proximity.cli import progress
+    from proximity.cli.device.drum_loop import DrumsBeside
+    from proximity.cli.service.follower import Follower, show
+    from proximity.cli.tables import Console, Screen
+    from proximity.decaff.controller.drum_limits import Limits
+    from proximity.decaff.simulated_drums.service_drums import DrumBench
+    from proximity.transport import open_subscriber
+
+    sys.setswitchinterval(SWITCH_S)
+    to_drums, to_watch = addresses()
+    progress.prepare_kernels()
+    bench = DrumBench(DRUM_RATE_HZ, limits=Limits(watchdog_ns=WATCHDOG_NS))
+    with progress.spinner("preparing the drums"):
+        bench.warm_up()
+    with stopped_by_signals() as stop, ExitStack() as opened:
+        with progress.spinner("starting the service"):
+            listening = [opened.enter_context(open_subscriber(each)) for each in (to_drums, to_watch)]
+            service = opened.enter_context(_start({to_drums, to_watch}, stop))
+        drums = opened.enter_context(DrumsBeside(bench, listening[0], DRUM_RATE_HZ))
+        follower = Follower(listening[1])
+        screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + seconds
+        while True:
+            reading, seen = follower.look(TURN_S)
+            show(screen, reading, seen, drums.reported())
+            is_running = service.is_running and drums.is_running
+            if stop.is_set() or not is_running or time.monotonic() >= ends:
+                break
+        report = service.stop()
+    for text in _summary(report, seen, drums):
+        typer.echo(text)
+    if not drums.received:
+        raise typer.Exit(EXIT_NOTHING)
+
+
+def _start(publish: set[str], stop: Event) -> "RunningService":
+    """Start the service that the sample scene describes."""
+    from proximity.service.hosting import start_service
+
+    try:
+        return start_service(sample(SCENE), publish=sorted(publish), say=report)
+    except proximity.ServiceError:
+        if stop.is_set():  # Ctrl-C in a terminal reaches the service as well, before it has begun
+            raise typer.Exit(EXIT_INTERRUPTED) from None
+        raise
+
+
+def addresses() -> tuple[str, str]:
+    """Return where the service publishes to the drums, and where to the watch: to nobody else.
+
+    Shared memory, where there is iceoryx2 for this machine; both read the same then. Otherwise datagrams.
+    """
+    if find_spec("iceoryx2") is not None:
+        name = f"iox2://proximity-demo-{os.getpid()}-{os.urandom(4).hex()}"
+        return name, name
+    import socket  # --help needs none
+
+    with socket.socket(type=socket.SOCK_DGRAM) as first, socket.socket(type=socket.SOCK_DGRAM) as second:
+        for each in (first, second):
+            each.bind(("127.0.0.1", 0))  # a port that is free
+        ports = [each.getsockname()[1] for each in (first, second)]
+    return f"udp://127.0.0.1:{ports[0]}", f"udp://127.0.0.1:{ports[1]}"
+
+
+def _summary(report: dict[str, Any], seen: "Seen", drums: "DrumsBeside") -> list[str]:
+    """One line each on what service, watch and drums have done."""
+    compute, late = report["compute"], report["lateness"]
+    states = ", ".join(f"{count} {state}" for state, count in report["states"].items() if count)
+    counts, fingers = seen.counts, drums.bench.fingers
+    touches, faults = sum(each.touches for each in fingers), sum(each.faults for each in fingers)
+    peak = max((each.peak_force for each in fingers), default=0.0)
+    return [
+        f"service     {report['ticks']} frames ({states}), {report['missed']} ticks missed",
+        f"computing   p50 {_us(compute['p50_ns'])}, p99 {_us(compute['p99_ns'])}; woken late p50 "
+        f"{_us(late['p50_ns'])}, p99 {_us(late['p99_ns'])}",
+        f"watch       {counts.received} frames seen, {counts.lost} lost, {counts.unused} refused",
+        f"drums       {drums.received} frames seen, {touches} touches held with {peak:.2f} N at most, "
+        f"{faults} faults",
+    ]
+
+
+def _us(ns: float) -> str:
+    return f"{ns / 1e3:.0f} µs"

@@ -1,0 +1,142 @@
+"""``proximity drum``: drums for the fingers of a service, simulated or moved by motors."""
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from proximity.cli.options import ADDRESS, CABLE, GLOVES, LIMIT, cable_stiffness, check_limit, check_range
+from proximity.cli.program import EXIT_NOTHING
+from proximity.system.stop_signals import stopped_by_signals
+
+if TYPE_CHECKING:
+    from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+    from proximity.decaff.glove.glove import Glove
+
+MOST_RATE_HZ = 5000.0
+LEAST_RATE_HZ = 150.0  # slower, each sample would trip the watchdog of 10 ms
+TURN_S = 0.02  # within that a wish to stop is noticed
+SWITCH_S = 1e-3  # that the drums wait at most while a picture is drawn
+
+
+RATE = Annotated[
+    float, typer.Option("--rate", metavar="HZ", help="Rate of the controllers; the servos run at 3 kHz.")
+]
+MAX_AGE = Annotated[
+    float | None,
+    typer.Option("--max-age", metavar="DAYS", help="Largest age of a calibration; 30 if not given."),
+]
+MOTOR = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--motor",
+        metavar="URL",
+        help="Motor of finger 0. Can be given several times: then of finger 1, and so on.",
+    ),
+]
+ARM = Annotated[
+    bool, typer.Option("--arm", help="Let the motors move: home them, then follow. Requires --motor.")
+]
+
+
+def drum(
+    address: ADDRESS,
+    limit: LIMIT = None,
+    rate: RATE = 500.0,
+    glove: GLOVES = None,
+    max_age: MAX_AGE = None,
+    cable: CABLE = None,
+    motor: MOTOR = None,
+    arm: ARM = False,
+    log: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write every sample to a CSV file.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")] = False,
+) -> None:
+    """Run the drums of the service that publishes at ADDRESS, until Ctrl-C or --limit.
+
+    Each finger has a controller, the same as for a real drum, and a simulated drum. Shown are the
+    state, the positions of drum and finger on the finger's path, the drum's angle, the force between
+    them and the torque of the motor. A sample that is 10 ms late is a fault, as on a real drum, and the
+    controller starts again. With --cable the drum makes up for the stretch of the cable while a finger
+    is on it. A finger whose frames have no bend is assumed to bend straight towards the nearest
+    surface, and marked. A terminal shows a live table, any other output one line a second; --json
+    prints a summary at the end only. The exit code is 1 if no frame came.
+
+    --motor URL drives a real drum instead: odrive-can://CHANNEL, canopen://CHANNEL or simplefoc://PORT.
+    Without --arm the motor is only read and never moves, whatever ADDRESS publishes. With --arm it
+    searches its mechanical stop, which moves it, and then follows. Any uncertainty switches all motors
+    off; the reason is printed and the exit code is 2. These drivers were tested with simulated motors
+    only, never on hardware.
+
+    Examples:
+      proximity drum iox2://decaff
+      proximity drum iox2://decaff --glove glove.json --log drum.csv
+      proximity drum udp://127.0.0.1:9100 --limit 10 --json
+      proximity drum iox2://decaff --motor "odrive-can://can0?node=0&kt=0.05"
+      proximity drum iox2://decaff --motor "simplefoc:///dev/ttyACM0?kt=0.05" --arm
+    """
+    check_limit(limit)
+    _check(rate, max_age, glove, is_armed=arm, motors=motor)
+
+    from proximity.cli.device.drum_loop import DrumLog, DrumsBeside, show_drums, summary
+    from proximity.cli.device.motors import armable_motors, ready_bench, watch_motors
+    from proximity.cli.tables import Console, Screen
+    from proximity.transport import Reading, open_subscriber
+
+    sys.setswitchinterval(SWITCH_S)
+    gloves, rule = _worn(glove or [], cable, max_age)
+    with stopped_by_signals() as stop, armable_motors(motor or [], gloves) as motors:
+        if motors and not arm:
+            watch_motors(motors, stop, limit)
+            return
+        with (
+            open_subscriber(address) as subscriber,
+            DrumLog(log) as written,
+            Screen(Console(), is_silent=as_json) as screen,
+        ):
+            bench = ready_bench(rate, gloves, motors, stop, rule)
+            started = time.monotonic()
+            newest = [subscriber.read()]
+
+            def look(reading: Reading) -> None:
+                newest[0] = reading
+                written.append(reading, bench)
+
+            with DrumsBeside(bench, subscriber, rate, look) as drums:
+                while drums.is_running and not stop.wait(TURN_S) and not _is_over(started, limit):
+                    show_drums(screen, newest[0], bench)
+            counts = subscriber.counts
+    if as_json:
+        typer.echo(json.dumps(summary(bench, address, counts, time.monotonic() - started), indent=2))
+    if not counts.received:
+        raise typer.Exit(EXIT_NOTHING)
+
+
+def _worn(
+    paths: list[Path], cable: str | None, max_age: float | None
+) -> tuple[list["Glove | CalibratedGlove"], "CableRule"]:
+    """The gloves, and the cable whose stretch is made up for."""
+    from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.glove.glove_set import read_any_glove
+
+    rule = CableRule() if cable is None else CableRule(cable_stiffness(cable, max_age))
+    return [read_any_glove(path, max_age) for path in paths], rule
+
+
+def _check(
+    rate: float, max_age: float | None, glove: list[Path] | None, *, is_armed: bool, motors: list[str] | None
+) -> None:
+    check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
+    if max_age is not None and not glove:
+        raise typer.BadParameter("requires --glove", param_hint="--max-age")
+    if is_armed and not motors:
+        raise typer.BadParameter("requires --motor", param_hint="--arm")
+
+
+def _is_over(started: float, limit: float | None) -> bool:
+    return limit is not None and time.monotonic() >= started + limit

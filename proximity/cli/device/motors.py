@@ -1,0 +1,85 @@
+"""Motors of ``drum`` and ``calibrate``: opened with a warning, and watched while they are not armed."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+
+from proximity.cli.output import report
+from proximity.decaff.calibrating.motor_port import MotorPort
+from proximity.decaff.controller.cable_stretch import CableRule
+from proximity.decaff.glove.calibrated_glove import CalibratedGlove
+from proximity.decaff.glove.finger_path import FingerPath
+from proximity.decaff.glove.glove import Glove
+from proximity.decaff.motors.motor_drum import NOT_ON_HARDWARE, MotorDrum
+from proximity.decaff.motors.motor_set import home_all, opened_motors
+from proximity.decaff.simulated_drums.service_drums import DrumBench
+from proximity.system.stop_signals import stopped_by_signals
+
+LOOK_S, SHOWN_S = 0.005, 1.0  # between two readings of motors that are not armed, and two lines of them
+
+
+@contextmanager
+def armable_motors(addresses: list[str], gloves: list[Glove | CalibratedGlove]) -> Iterator[list[MotorDrum]]:
+    """Open motors, which stay off, and say what was never tried; they end switched off."""
+    if addresses:
+        report(NOT_ON_HARDWARE)
+    each: list[Glove | CalibratedGlove] = [*gloves] or [Glove()]
+    each = each if len(each) > 1 else each * len(addresses)
+    if len(addresses) > len(each):
+        raise typer.BadParameter("there are fewer calibrations than motors", param_hint="--motor")
+    paths = [FingerPath(glove) for glove in each[: len(addresses)]]
+    with opened_motors(addresses, paths, report) as motors:
+        yield motors
+
+
+def ready_bench(
+    rate: float,
+    gloves: list[Glove | CalibratedGlove],
+    motors: list[MotorDrum],
+    stop: threading.Event,
+    cable: CableRule | None = None,
+) -> DrumBench:
+    """Return the drums of all fingers, their motors homed; what takes long is done before a motor is on.
+
+    *cable*: whose stretch is made up for; none where not given.
+    """
+    bench = DrumBench(rate, gloves, motors=motors, cable=cable)
+    bench.warm_up()
+    home_all(motors, stop.wait, report)
+    return bench
+
+
+def watch_motors(motors: list[MotorDrum], stop: threading.Event, limit: float | None) -> None:
+    """Show what motors answer, each second; nothing is sent that could move them."""
+    report("not armed: the motors are read, and stay off (--arm lets them move)")
+    ends, due = None if limit is None else time.monotonic() + limit, 0.0
+    for motor in motors:
+        motor.await_answer(stop.wait)
+    while not stop.wait(LOOK_S) and not (ends is not None and time.monotonic() >= ends):
+        for motor in motors:
+            motor.look()
+        if time.monotonic() >= due:
+            due = time.monotonic() + SHOWN_S
+            for i, motor in enumerate(motors):
+                seen = motor.reading
+                state = "on" if seen.is_on else "off"
+                typer.echo(f"motor {i}: {seen.turns:.4f} turns, {seen.current:.3f} A, {state}")
+
+
+@contextmanager
+def opened_port(address: str, glove: Glove) -> Iterator[MotorPort]:
+    """Open a motor, which stays off until its port homes it; it ends switched off."""
+    report(NOT_ON_HARDWARE)
+    path = FingerPath(glove)
+    with opened_motors([address], [path], report) as (motor,), MotorPort(motor, path.drum) as port:
+        yield port
+
+
+def watch_motor(address: str, glove: Glove) -> None:
+    """Show what a motor answers until Ctrl-C; it stays off."""
+    report(NOT_ON_HARDWARE)
+    with stopped_by_signals() as stop, opened_motors([address], [FingerPath(glove)], report) as motors:
+        watch_motors(motors, stop, None)

@@ -1,0 +1,167 @@
+"""``proximity bench``: the latency certificate of a scene, and whether the scene fits a period."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import proximity
+from proximity.cli.options import UNITS, sample
+from proximity.cli.output import report
+from proximity.cli.program import EXIT_UNUSABLE
+
+EXIT_DOES_NOT_FIT = 1
+HAND = "hand.csv"
+REPORT = Path("latency.html")
+
+
+def bench(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml), or a file of parts.")],
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            help="Recording of a hand, fitted to the parts. Default: that of SCENE, else a sample.",
+        ),
+    ] = None,
+    gate: Annotated[
+        str | None,
+        typer.Option(metavar="PERIOD", help="Period that the scene must fit: 1ms, 200us, 1kHz ..."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help=f"File of the report: .html (with .json), or .json alone. Default: {REPORT}, "
+            "none with --json.",
+        ),
+    ] = None,
+    fingers: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Number of fingers at the worst positions. Default: that of SCENE, else 5."
+        ),
+    ] = None,
+    ticks: Annotated[int, typer.Option(metavar="N", help="Number of ticks for each motion.")] = 20_000,
+    seconds: Annotated[float, typer.Option(metavar="S", help="Duration of the service's loop.")] = 3.0,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the search and of the random motion.")] = 0,
+    real_time: Annotated[
+        bool | None,
+        typer.Option(
+            "--realtime/--no-realtime",
+            help="Ask the system for real-time priority and a core for the loop. "
+            "Default: as in SCENE, else no.",
+            show_default=False,
+        ),
+    ] = None,
+    vr: Annotated[
+        bool,
+        typer.Option(
+            "--vr", help="Measure whole VR applications instead, from the pose of a hand to its distances."
+        ),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")] = False,
+    units: UNITS = "mm",
+) -> None:
+    """Search SCENE for the positions where a tick takes longest, measure ticks there, and compare
+    them with haptic sample periods.
+
+    SCENE is a scene file of the service, whose settings are used, or a file of parts. Ticks are timed
+    one by one: along a recorded hand, in random motion, and with all fingers at the worst positions;
+    then the service's own loop runs for some seconds. The report is one page (.html) and its numbers in
+    a file of the same name (.json). --json prints the numbers; files are then written only with --out.
+
+    There are two verdicts. The scene fits a period if 99.9 % of the ticks of every motion (best of
+    three runs), and half of the loop's ticks, take no longer to compute. This machine kept its
+    deadlines if the loop missed at most 0.1 % of them, for whatever reason: interruptions and late
+    waking count here. With --gate the exit code is 1 if the scene does not fit PERIOD. The page
+    requires jinja2 and matplotlib.
+
+    --vr measures two VR applications instead: one that publishes poses and subscribes to frames in
+    shared memory, and the one that proximity view runs, without drawing. Poses come at 90 and 120 Hz
+    for five and ten fingers, ticks at 1 kHz.
+
+    Examples:
+      proximity bench meshes/bracket.stl
+      proximity bench cell.toml --gate 1ms --out cell-latency.html
+      proximity bench part.step --vr
+      proximity bench gearbox.step --recording grab.csv --gate 5kHz --json > latency.json
+    """
+    if vr:
+        from proximity.cli.lab.bench_report import time_applications
+
+        time_applications([str(scene)], recording, seconds, units, as_json=as_json)
+        return
+    from proximity.cli import progress
+    from proximity.cli.lab import bench_report
+    from proximity.lab import certificate
+
+    period = None if gate is None else certificate.parse_period(gate)
+    page = REPORT if out is None and not as_json else out
+    if page is not None:
+        certificate.check_report_name(page)
+    certificate.check_request(ticks, seconds, seed)
+    progress.prepare_kernels()
+    with progress.spinner(f"reading {scene}"):
+        subject = certificate.read_subject(
+            scene,
+            units=units,
+            recording=recording,
+            fingers=fingers,
+            period=period,
+            real_time=real_time,
+            sample=lambda: sample(HAND),
+        )
+    if subject.recording is not None:
+        for note in subject.recording.notes:
+            report(f"{subject.recording.path}: {note}")
+    with _progress() as update:
+        found = certificate.certify(subject, tick_count=ticks, seconds=seconds, seed=seed, progress=update)
+    reported = certificate.document(found, period, version=proximity.__version__)
+    if as_json:
+        typer.echo(certificate.as_json(reported), nl=False)
+    else:
+        bench_report.write(reported)
+    is_written = page is None or _write(page, reported, subject.scene)
+    if gate is not None and not reported["verdict"]["fits"]:
+        report(reported["verdict"]["sentence"])
+        raise typer.Exit(EXIT_DOES_NOT_FIT)
+    if out is not None and not is_written:
+        raise typer.Exit(EXIT_UNUSABLE)
+
+
+def _write(page: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bool:
+    """Write the report; whether all of it, and not the numbers alone, because a library is missing."""
+    from proximity.cli import progress
+    from proximity.lab import certificate
+
+    try:
+        with progress.spinner(f"writing {page}"):
+            written = certificate.write_report(page, reported, scene)
+    except proximity.MissingLibraryError as missing:
+        report(f"wrote {page.with_suffix('.json')} alone: {missing}")
+        return False
+    report(f"wrote {' and '.join(map(str, written))}")
+    return True
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[str, float], None]]:
+    """A bar on stderr, where that is a terminal, with what is being done.
+
+    It is drawn when there is something new only: a thread that draws it meanwhile would be measured as well.
+    """
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    from proximity.cli.tables import Console
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda doing, share: None
+        return
+    columns = TextColumn("{task.description:<32}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True, auto_refresh=False) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda doing, share: bar.update(task, description=doing, completed=share, refresh=True)

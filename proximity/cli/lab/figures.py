@@ -1,0 +1,72 @@
+"""``proximity figures``: the figures of the paper and of this project, with their numbers."""
+
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from proximity.cli.options import GLOVE, designed
+from proximity.cli.output import report
+
+
+def figures(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="NAME",
+            help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, cable, drum-motion, "
+            "arrival. "
+            "Default: all.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Output folder; created if missing.")
+    ] = Path("figures"),
+    form: Annotated[
+        str, typer.Option("--format", metavar="FORMAT", help="File format: png, svg or pdf.")
+    ] = "png",
+    glove: GLOVE = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
+) -> None:
+    """Draw the named figures, or all of them, each with its numbers as CSV in SI units.
+
+    5a to 5h are those of the paper; 5 has all eight on one page. stability shows for which springs and
+    dampers a sampled wall is stable. error-speed and error-latency compare coupled walls and drums with
+    the real wall, error-engine a drum that the distance service controls at a CAD part. cable shows
+    what the cable of a glove costs. drum-motion and arrival show when a drum is in position. With
+    --glove the drums are on your glove. Existing files are replaced. All figures take less than a
+    minute. Requires matplotlib.
+
+    Examples:
+      proximity figures
+      proximity figures 5c 5h stability --out paper --format pdf
+      proximity figures drum-motion --glove glove.json --json
+    """
+    from proximity.cli import progress
+    from proximity.cli.output import write_document
+    from proximity.decaff.glove.glove_set import read_any_glove
+    from proximity.lab.figures import catalogue
+
+    worn = None if glove is None else designed(read_any_glove(glove))
+    began, file_count = time.monotonic(), 0
+    figures: list[dict[str, Any]] = []
+    chosen = catalogue.chosen_names(names or ())
+    for number, name in enumerate(chosen, start=1):
+        started, title = time.monotonic(), catalogue.PLATES[name].title
+        with progress.spinner(f"drawing {title}, figure") as count:
+            count(number, len(chosen))
+            paths = catalogue.write_figure(name, out, form, worn)
+        seconds = time.monotonic() - started
+        file_count += len(paths)
+        figures.append(
+            {"name": name, "title": title, "files": list(map(str, paths)), "seconds": round(seconds, 3)}
+        )
+        reported = ", ".join(path.name for path in paths)
+        report(f"{reported} ({seconds:.1f} s)")
+    seconds = time.monotonic() - began
+    if as_json:
+        write_document({"out": str(out), "figures": figures, "seconds": round(seconds, 3)})
+    else:
+        typer.echo(f"{out}: {len(chosen)} figures, {file_count} files, {seconds:.1f} s")

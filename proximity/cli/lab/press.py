@@ -1,0 +1,153 @@
+"""``proximity simulate``: a press on a wall, or on a CAD part with the engine in the loop, and its report."""
+
+from pathlib import Path
+from typing import Any
+
+import proximity
+from proximity.cli import progress
+from proximity.cli.lab.press_options import PartOptions, WallOptions
+from proximity.cli.output import MISSING, print_block, report, write_document
+from proximity.cli.tables import results_console, table
+from proximity.decaff.glove.finger import Finger
+from proximity.formats import metres_per_unit
+from proximity.lab import part_press
+from proximity.lab.engine.engine_setup import Distances, EngineSetup
+from proximity.lab.figures import captions, press_plots
+from proximity.lab.simulation import simulated_press
+from proximity.lab.simulation.devices import COUPLED_DEVICE
+from proximity.lab.simulation.metrics import drum_offset
+from proximity.lab.simulation.sweeps import Stretch
+from proximity.recording import read_recording
+from proximity.service.config import PartFiles, read_scene_file
+from proximity.tracker.replay import fitted_pose
+
+NOTED = ("part", "approach", "reported by", "drum", "cable")  # below the figure
+SHAKING = 0.1  # of the real force at rest: ripple of a wall that does not come to rest
+SHOWN_LONG = 1e7  # less is shown with all its digits
+ROWS = (  # label, field, factor from SI units, digits
+    ("force begins \\[ms after the touch]", "onset", 1e3, 2),
+    ("peak force \\[N]", "peak", 1.0, 3),
+    ("force at rest \\[N]", "steady", 1.0, 3),
+    ("ripple at rest \\[mN rms]", "ripple", 1e3, 1),
+    ("{} gives way by, at most \\[mm]", "penetration", 1e3, 3),
+    ("work of the finger \\[mJ]", "work", 1e3, 3),
+)
+AT_REST = ("steady", "ripple")
+"""What a recorded hand has none of: it does not come to rest."""
+
+
+def simulate_press(surface: WallOptions, out: Path | None, *, as_json: bool) -> None:
+    """Simulate a press on a wall, and report it."""
+    setup = surface.setup(is_on_part=False)
+    with progress.spinner("simulating"):
+        press = simulated_press.simulate(setup)
+        if out is not None:
+            press_plots.write(out, press)
+    if as_json:
+        write_document(simulated_press.document(press))
+        return
+    lines = [("wall", simulated_press.describe(press)), ("approach", f"{setup.speed:g} m/s")]
+    if press.coupled is not None:
+        gains = f"{press.coupled.stiffness:.4g} N/m, {press.coupled.damping:.3g} N·s/m"
+        device = f"{1e3 * COUPLED_DEVICE.mass:.0f} g that the finger carries"
+        lines += [("spring, damper", gains), ("device", device)]
+    real = simulated_press.felt(press.real)
+    rows = _rows("wall", (press.felt, real))
+    rows.append(("force error \\[% rms]", _shown(100.0 * press.force_error, 1), "0.0"))
+    if setup.wall == simulated_press.Wall.DECAFF:
+        rows.append(("drum past the wall at contact \\[mm]", f"{1e3 * press.drum_offset:.3f}", MISSING))
+    _print(lines, ("this wall", "real wall"), rows)
+    if press.felt.ripple > SHAKING * abs(real.steady):
+        results_console().print(
+            "\nIt does not come to rest: with these gains a wall is unstable, or nearly so."
+        )
+
+
+def simulate_press_on_part(
+    surface: WallOptions, pressed: PartOptions, file: Path, out: Path | None, *, as_json: bool
+) -> None:
+    """Simulate a press on a part, and report it; without a policy the drum's controller reads distances."""
+    setup = surface.setup(is_on_part=True)
+    reported = EngineSetup(
+        Distances.SENSOR if pressed.sensor else Distances.ENGINE,
+        setup.rate,
+        setup.latency,
+        None if surface.policy is None else simulated_press.POLICIES[surface.policy],
+        setup.drum,
+        setup.tip_cable,
+        Stretch(setup.stretch),
+    )
+    metres = metres_per_unit(pressed.units)
+    at = None if pressed.at is None else [metres * coordinate for coordinate in pressed.at]
+    progress.prepare_kernels()
+    with progress.spinner(f"reading {file}"):
+        scene = _scene(surface, pressed, file)
+        recorded = None if pressed.recording is None else _recorded(pressed.recording, scene, at)
+    with progress.spinner("simulating"):
+        press = part_press.simulate_on_part(scene, reported, at=at, speed=setup.speed, recording=recorded)
+        if out is not None:
+            noted = [f"{name} {words}" for name, words in part_press.describe(press) if name in NOTED]
+            note = f"{'; '.join(noted)}. {captions.hand_words(press.engine.response.hand)}"
+            press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF, note)
+    if as_json:
+        write_document(part_press.document(press))
+        return
+    both = (press.engine, press.ideal)
+    rows = [
+        *_rows("surface", press.felt, () if press.speed is not None else AT_REST),
+        ("force error \\[% rms]", *(f"{100.0 * one.error.share:.1f}" for one in both), "0.0"),
+        ("force error \\[mN rms]", *(f"{1e3 * one.error.rms:.1f}" for one in both), "0.0"),
+        (
+            "drum past the surface at contact \\[mm]",
+            *(f"{1e3 * drum_offset(one.response):.3f}" for one in both),
+            MISSING,
+        ),
+    ]
+    _print(part_press.describe(press), ("this engine", "ideal distance", "real surface"), rows)
+
+
+def _scene(surface: WallOptions, pressed: PartOptions, file: Path) -> proximity.Scene:
+    """The parts of a scene file or of any file that has parts; of these the one that is named."""
+    if file.suffix.lower() == ".toml":
+        scene = PartFiles().scene(read_scene_file(file))
+    else:
+        scene = proximity.load(str(file), units=pressed.units)
+    if pressed.part is not None:
+        scene = proximity.Scene([scene.part(pressed.part)])
+    if surface.stiffness is not None:
+        for part in scene.parts:
+            scene.set_surface(part.name, stiffness=surface.stiffness, damping=surface.damping or 0.0)
+    return scene
+
+
+def _recorded(path: Path, scene: proximity.Scene, at: list[float] | None) -> Any:
+    """The recording where its origin is reported, or where its hand touches."""
+
+    recording = read_recording(path)
+    for note in recording.notes:
+        report(f"{path}: {note}")
+    pose = fitted_pose(scene, recording, Finger().pad_radius) if at is None else proximity.Pose(None, at)
+    return recording.placed(pose)
+
+
+def _rows(surface: str, felt: Any, left_out: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    return [
+        (label.format(surface), *(_shown(factor * getattr(one, field), digits) for one in felt))
+        for label, field, factor, digits in ROWS
+        if field not in left_out
+    ]
+
+
+def _print(lines: Any, titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+    print_block(lines)
+    shown = table([""], titles)
+    for row in rows:
+        shown.add_row(*row)
+    console = results_console()
+    console.print()
+    console.print(shown)
+
+
+def _shown(value: float, digits: int) -> str:
+    """A number with digits after its point; one that a wall out of control makes, in short."""
+    return f"{value:.{digits}f}" if abs(value) < SHOWN_LONG else f"{value:.3g}"

@@ -1,0 +1,220 @@
+"""``proximity study``: run a job for every condition of a study file, and make a page of the results."""
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from proximity.cli.output import report
+from proximity.cli.program import EXIT_INTERRUPTED
+
+if TYPE_CHECKING:
+    from proximity.lab.sweep.jobs import Job
+    from proximity.lab.sweep.study_file import Study
+    from proximity.lab.sweep.study_run import Progress
+
+REPORT = "report"
+PAGE = "study.html"
+EXIT_FAILED = 1
+SAY_EVERY_S = 30.0  # where no terminal shows a bar
+
+
+def study(
+    study: Annotated[
+        Path, typer.Argument(metavar="STUDY", help="A study file (.toml); or the word report, with DIR.")
+    ],
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="DIR", help="With report: the folder of results.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="PATH", help="Folder of results; with report the page, else in DIR."),
+    ] = None,
+    address: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="Ray cluster; this machine if not given.")
+    ] = None,
+    cores: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Cores of this machine; all if not given.")
+    ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume/--from-scratch", help="Keep the rows that are there, or remove them first."),
+    ] = True,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Do conditions again whose row says that they failed.")
+    ] = False,
+    only: Annotated[
+        str | None, typer.Option(metavar="KEY", help="Repeat one condition here, beside what its row says.")
+    ] = None,
+) -> None:
+    """Run the study in STUDY, a TOML file: a job for every combination of factors, on all cores.
+
+    Jobs are press (a simulated press on a wall), replay (a hand through a scene), certificate (whether
+    a scene holds its period), check (repairs and sign of parts) and field (signed distance for others
+    to train on). Results go to a folder named like STUDY, as Parquet: one row a condition. A study that
+    was stopped or killed goes on where it was.
+
+    With the word report and the folder of the results it makes one page: factors, effects, plots, the
+    worst conditions, and a key that repeats each of them with --only.
+
+    The exit code is 1 if conditions failed. Needs: pip install 'cad-proximity[study]'.
+
+    Examples:
+      proximity study force-error.toml
+      proximity study report force-error.results
+      proximity study force-error.toml --only KEY
+      proximity study catalogue.toml --address 10.0.0.5:6379
+    """
+    is_report = str(study) == REPORT
+    if is_report != (folder is not None):
+        expected = "proximity study report DIR" if is_report else "proximity study STUDY, or report DIR"
+        raise typer.BadParameter(f"expected {expected}", param_hint="DIR")
+    from proximity.cli import progress
+    from proximity.lab.sweep.study_file import read_study
+
+    if folder is not None:
+        _write_page(folder, out)
+        return
+    with progress.spinner(f"reading {study}"):
+        read = read_study(study, _jobs())
+    results = out or study.with_suffix(".results")
+    progress.prepare_kernels()
+    if only is not None:
+        _repeat(read, results, only)
+        return
+    options = {"address": address, "cores": cores, "is_resumed": resume, "with_failed": retry_failed}
+    _run(read, results, options)
+
+
+def _run(study: "Study", results: Path, options: dict[str, Any]) -> None:
+    """Run a study; Ctrl-C says what is kept."""
+    from proximity.lab.sweep.study_run import run_study
+
+    newest: Progress | None = None
+    try:
+        with _progress(study.name or Path(study.path).stem) as show:
+
+            def watch(progress: "Progress") -> None:
+                nonlocal newest
+                newest = progress
+                show(progress)
+
+            ended = run_study(study, results, watch=watch, **options)
+    except KeyboardInterrupt:
+        kept = (
+            ""
+            if newest is None
+            else f": {newest.earlier + newest.done} of {newest.total} conditions are kept"
+        )
+        report(f"stopped{kept}; the same command goes on")
+        raise typer.Exit(EXIT_INTERRUPTED) from None
+    _report_end(ended, results)
+
+
+def _jobs() -> "dict[str, Job]":
+    from proximity.lab.certificate.certificate_job import CERTIFICATE
+    from proximity.lab.sweep.field_job import FIELD
+    from proximity.lab.sweep.part_jobs import CHECK, REPLAY
+    from proximity.lab.sweep.press_job import PRESS
+
+    return {job.name: job for job in (CERTIFICATE, REPLAY, PRESS, FIELD, CHECK)}
+
+
+def _write_page(folder: Path, out: Path | None) -> None:
+    from proximity.cli import progress
+    from proximity.errors import ServiceError
+    from proximity.lab.sweep.page.study_page import study_page
+    from proximity.lab.sweep.study_file import read_study
+    from proximity.system.whole_file import whole_file
+
+    source = folder / "study.toml"
+    if not source.is_file():
+        raise ServiceError(f"{folder}: holds no results of a study, expected the folder of proximity study")
+    page = folder / PAGE if out is None else out
+    with progress.spinner(f"writing {page}"):
+        content = study_page(read_study(source, _jobs(), with_files=False), folder)
+        with whole_file(page) as stream:
+            stream.write(content.encode())
+    report(f"wrote {page}")
+
+
+def _repeat(study: "Study", out: Path, key: str) -> None:
+    from proximity.cli.output import MISSING, print_block
+    from proximity.cli.tables import results_console, table
+    from proximity.lab.sweep.page.study_page import shown
+    from proximity.lab.sweep.repetition import repeat
+
+    found = repeat(study, out, key)
+    console = results_console()
+    given = {name: value for name, value in found.condition.values.items() if value is not None}
+    print_block([("key", found.condition.key), *((name, shown(given[name])) for name in given)])
+    console.print()
+    rows = table([""], ("now", "recorded"))
+    for name in study.job.measures:
+        value = found.results[name]
+        recorded = MISSING if found.recorded is None else _digits(found.recorded.get(name))
+        rows.add_row(name, _digits(value), recorded)
+    console.print(rows)
+    print_block([(name, found.results[name]) for name in study.job.texts])
+
+
+def _digits(value: Any) -> str:
+    from proximity.lab.sweep.page.study_page import shown
+
+    return f"{value:.9g}" if isinstance(value, float) else shown(value)
+
+
+def _report_end(ended: "Progress", results: Path) -> None:
+    earlier = f" ({ended.earlier} of them earlier)" if ended.earlier else ""
+    took = f" in {ended.seconds:.1f} s, {ended.rate:.3g} a second" if ended.done else ""
+    failed = f"; {ended.failed} failed, see their rows" if ended.failed else ""
+    typer.echo(f"{results}: {ended.total} conditions{earlier}{took}{failed}")
+    report(f"for the page: proximity study report {results}")
+    if ended.failed:
+        raise typer.Exit(EXIT_FAILED)
+
+
+@contextlib.contextmanager
+def _progress(name: str) -> "Iterator[Callable[[Progress], None]]":
+    """A bar with rate and time left; where stderr is no terminal, a line now and then."""
+    from rich import progress as rich_progress
+    from rich.markup import escape
+
+    from proximity.cli.tables import Console
+
+    console = Console(stderr=True)
+    due = time.monotonic() + SAY_EVERY_S
+
+    def progress_words(ended: "Progress") -> str:
+        left = "" if ended.seconds_left == float("inf") else f", {_duration(ended.seconds_left)} left"
+        return f"{ended.rate:.3g}/s{left}{f', {ended.failed} failed' if ended.failed else ''}"
+
+    def report_now_and_then(ended: "Progress") -> None:
+        nonlocal due
+        if time.monotonic() >= due:
+            due = time.monotonic() + SAY_EVERY_S
+            report(f"{ended.earlier + ended.done} of {ended.total}, {progress_words(ended)}")
+
+    if not console.is_terminal:
+        yield report_now_and_then
+        return
+    columns = (
+        rich_progress.TextColumn(escape(name)),
+        rich_progress.BarColumn(),
+        rich_progress.MofNCompleteColumn(),
+        rich_progress.TextColumn("{task.description}"),
+    )
+    with rich_progress.Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("starting Ray", total=None)
+        yield lambda ended: bar.update(
+            task, description=progress_words(ended), total=ended.total, completed=ended.earlier + ended.done
+        )
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

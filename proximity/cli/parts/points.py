@@ -1,0 +1,261 @@
+"""Points from text: three numbers a line, as CSV or between spaces, read in chunks.
+
+Only the standard library: text that begins badly is refused before NumPy and the file are loaded.
+"""
+
+import csv
+import math
+import re
+import sys
+from array import array
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple, TextIO
+
+from proximity.errors import ArgumentError
+
+STANDARD_INPUT = "-"
+BEGINS_A_NUMBER = tuple("+-.0123456789")
+PREFIXES = {"": "", "milli": "m", "centi": "c", "deci": "d", "micro": "u", "nano": "n", "kilo": "k"}
+WORDS_FOR_UNITS = {
+    prefix + word: short + "m" for prefix, short in PREFIXES.items() for word in ("metre", "meter")
+}
+WORDS_FOR_UNITS |= {
+    "micron": "um", "\N{GREEK SMALL LETTER MU}m": "um", "inch": "in", "inche": "in", "foot": "ft",
+    "feet": "ft", "yard": "yd", "mile": "mi", "thou": "mil",
+}  # fmt: skip
+"""Other words for units than `proximity.formats.UNITS` has, without an s at the end."""
+NO_LETTER = re.compile(r"[\W\d_]")
+BEFORE_COMMENT = re.compile(r'(?:"[^"]*"|[^#]|(?<=\S)#)*')
+"""What stands before a # at the start of a line or after white space; others belong to names, as in pin#2."""
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+NAME = "name"
+"""The column that goes through to the answers."""
+NAMES_NOTED = 3
+LONGEST_LINE = 1_000_000
+"""Characters: what never ends is no text of points."""
+
+Note = Callable[[str], None]
+
+
+@dataclass(slots=True)
+class Points:
+    """Points as they were typed or read."""
+
+    coordinates: array = field(default_factory=lambda: array("d"))  # flat: x y z x y z ...
+    names: list[str] | None = None  # one a point; None where there is no such column
+
+    def __len__(self) -> int:
+        return len(self.coordinates) // 3
+
+
+class Columns(NamedTuple):
+    """Which fields of a line are what."""
+
+    axes: tuple[int, ...] = (0, 1, 2)
+    name: int | None = None
+    field_count: int = 3
+    is_header: bool = False  # whether the first line says so
+
+
+def read_points(
+    path: str, units: str = "mm", limit: int = 20_000, note: Note = lambda sentence: None
+) -> Iterator[Points]:
+    """Yield the points of a text file in chunks.
+
+    Blank lines and comments are skipped; a comment begins with ``#`` at the start of a line or behind white
+    space. Fields stand between commas, semicolons or white space. The first line may name the columns: x, y
+    and z among others, with their unit behind them or not, or three other names in this order. No name begins
+    like a number. A column called ``name`` is kept.
+
+    *units*: of the coordinates; a header that names another unit contradicts it. *limit*: points in a chunk.
+    A shorter chunk is the last; there is at least one, perhaps empty. *note*: is given a sentence about
+    columns that are not used, and about text without a point.
+    """
+    name = "standard input" if path == STANDARD_INPUT else path
+    if path == STANDARD_INPUT and sys.stdin is None:
+        raise ArgumentError("standard input is closed, expected lines of three numbers")
+    try:
+        if path == STANDARD_INPUT:
+            if hasattr(sys.stdin, "reconfigure"):
+                sys.stdin.reconfigure(encoding="utf-8", errors="surrogateescape")
+            yield from parse_points(_lines(sys.stdin), name, units, limit, note)
+        else:
+            with Path(path).open(encoding="utf-8", errors="surrogateescape") as stream:
+                yield from parse_points(_lines(stream), name, units, limit, note)
+    except OSError as failure:
+        raise ArgumentError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
+
+
+def parse_points(
+    lines: Iterable[str],
+    name: str,
+    units: str = "mm",
+    limit: int = 20_000,
+    note: Note = lambda sentence: None,
+) -> Iterator[Points]:
+    """Yield the points of *lines* as `read_points` does.
+
+    *lines*: the text; bytes that are no UTF-8 stand in it as surrogates.
+    """
+    columns: Columns | None = None
+    points, has_yielded = Points(), False
+    try:
+        for row, line in enumerate(lines, start=1):
+            where = f"{name}, line {row}"
+            fields = _fields(line, where)
+            if not fields:
+                continue
+            if not fields[-1] and len(fields) != (columns or Columns()).field_count:
+                del fields[-1]  # some programs end every line with a separator
+            if columns is None:
+                columns = _header(fields, where, units) or Columns()
+                if columns.is_header:
+                    points.names = None if columns.name is None else []
+                    _note_unused(columns, fields, name, note)
+                    continue
+            _append(points, columns, fields, line, where)
+            if len(points) >= limit:
+                yield points
+                points, has_yielded = Points(names=None if points.names is None else []), True
+    except (ArgumentError, OSError):
+        if len(points):
+            yield points
+        raise
+    if not len(points) and not has_yielded:
+        note(f"{name} holds no points")
+    if len(points) or not has_yielded:
+        yield points
+
+
+def _lines(stream: TextIO) -> Iterator[str]:
+    return iter(partial(stream.readline, LONGEST_LINE), "")
+
+
+def _fields(line: str, where: str) -> list[str]:
+    if len(line) >= LONGEST_LINE:
+        raise ArgumentError(f"{where}: has {LONGEST_LINE} characters or more, expected three numbers")
+    if not line.isascii() and any("\udc80" <= letter <= "\udcff" for letter in line):
+        raise ArgumentError(
+            f"{where}: not text in UTF-8, expected a text file with three numbers on each line"
+        )
+    if "#" in line and (before := BEFORE_COMMENT.match(line)):
+        line = before.group()
+    text = line.removeprefix("\ufeff").strip()  # spreadsheets begin their UTF-8 with a mark
+    separator = next((letter for letter in ",;" if letter in text), None)
+    if '"' not in text or separator is None:
+        return [word.strip() for word in text.split(separator)]
+    try:
+        return [word.strip() for word in next(csv.reader([text], delimiter=separator))]
+    except csv.Error as unfit:
+        raise ArgumentError(f"{where}: {unfit}, expected three numbers") from unfit
+
+
+def _append(points: Points, columns: Columns, fields: list[str], line: str, where: str) -> None:
+    """Read a point, or say what is wrong with its line."""
+    try:
+        if len(fields) != columns.field_count:
+            hint = "; a first line such as x,y,z,name allows names"
+            hint = hint if len(fields) > 3 and not columns.is_header else ""
+            values = "1 value" if len(fields) == 1 else f"{len(fields)} values"
+            raise ValueError(f"{values}, expected {columns.field_count}{hint}")
+        points.coordinates.extend([number(fields[column]) for column in columns.axes])
+    except ValueError as unfit:
+        words = re.split(r"[;\s]+", line.strip("; \t\r\n"))  # between which a comma is a decimal one
+        with_comma = [word for word in words if DECIMAL_COMMA.fullmatch(word)]
+        are_numbers = all(word in with_comma or _is_number(word) for word in words)
+        is_comma = len(words) >= 3 and with_comma and (are_numbers or ";" in line)
+        raise ArgumentError(f"{where}: {_why_no_number(with_comma[0]) if is_comma else unfit}") from unfit
+    if columns.name is not None and points.names is not None:
+        points.names.append(fields[columns.name])
+
+
+def _header(fields: list[str], where: str, units: str) -> Columns | None:
+    """Which columns hold x, y and z, or None where *fields* are numbers, perhaps misspelt ones."""
+    if any(_is_number(word) or word.startswith(BEGINS_A_NUMBER) for word in fields):
+        return None
+    names = [word.lower() for word in fields]
+    words = [NO_LETTER.split(name, maxsplit=1)[0] for name in names]
+    axes = (0, 1, 2) if len(fields) == 3 and all(names) and not {*"xyz"} & {*words} else None
+    for spelt in (words, names):  # "x" rather than "x [mm]"
+        if all(spelt.count(axis) == 1 for axis in "xyz"):
+            axes = spelt.index("x"), spelt.index("y"), spelt.index("z")
+    if axes is None:
+        raise ArgumentError(
+            f"{where}: {_shown(' '.join(fields))} is neither a point nor a header, "
+            "expected three numbers or columns named x, y and z"
+        )
+    for axis in axes:
+        _check_unit(fields[axis], units, where)
+    name = names.index(NAME) if NAME in names and names.index(NAME) not in axes else None
+    return Columns(axes, name, len(fields), is_header=True)
+
+
+def _check_unit(name: str, units: str, where: str) -> None:
+    """Refuse a column that says of itself to be in another unit: answers would be wrong by a factor."""
+    behind = [word for word in NO_LETTER.split(name.casefold()) if word][1:]
+    if not behind or behind[-1] == units:
+        return
+    from proximity.formats import UNITS  # slow, and only for who says more than x
+
+    known = [unit for word in behind if (unit := WORDS_FOR_UNITS.get(word.rstrip("s"), word)) in UNITS]
+    if known and units not in known:
+        spelt = "inches" if known[-1] == "in" else known[-1]
+        raise ArgumentError(
+            f"{where}: column {_shown(name)} is in {spelt}, expected {units}; add --units {known[-1]}"
+        )
+
+
+def _note_unused(columns: Columns, fields: list[str], file: str, note: Note) -> None:
+    names = [_shown(name) for at, name in enumerate(fields) if at not in (*columns.axes, columns.name)]
+    if names:
+        more = f" and {len(names) - NAMES_NOTED} more" if len(names) > NAMES_NOTED else ""
+        shown = ", ".join(names[:NAMES_NOTED])
+        note(f"{file}: only a column called {NAME} is copied to the answers, not {shown}{more}")
+
+
+def number(text: str) -> float:
+    """Return the number that *text* spells, nan and inf included."""
+    try:
+        value = float("" if "_" in text else text)  # Python would read 1_000
+    except ValueError:
+        raise ValueError(_why_no_number(text.strip())) from None
+    if math.isinf(value) and any(letter.isdigit() for letter in text):
+        raise ValueError(f"{_shown(text.strip())} is beyond {sys.float_info.max:.2g}, the largest number")
+    return value
+
+
+def finite_number(text: str) -> float:
+    """Return the number that *text* spells."""
+    value = number(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{_shown(text.strip())} is not finite, expected a number")
+    return value
+
+
+def _why_no_number(text: str) -> str:
+    if DECIMAL_COMMA.fullmatch(text):
+        return f"{_shown(text)} has a decimal comma, expected a decimal point: {text.replace(',', '.')}"
+    numbers = [word for word in re.split(r"[,;\s]+", text) if word]
+    if ("," in text or ";" in text) and numbers and all(map(_is_number, numbers)):
+        return f"{_shown(text)} is not a number; separate numbers by spaces only: {_cut(' '.join(numbers))}"
+    return f"{_shown(text)} is not a number"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        number(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _shown(text: str) -> str:
+    """Quote *text* for a message: printable and not too long."""
+    return repr(_cut(text))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= 40 else text[:37] + "..."

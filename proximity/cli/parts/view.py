@@ -1,0 +1,190 @@
+"""``proximity view``: parts in a browser, with hands over them and the distances of every fingertip."""
+
+import json
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from proximity.cli.options import LIMIT, UNITS, check_limit, check_port, sample, with_option_groups
+from proximity.cli.output import report
+from proximity.system.stop_signals import stop_at_input, stopped_by_signals
+
+if TYPE_CHECKING:
+    from proximity.web.page_process import PageSettings
+
+
+@dataclass(frozen=True)
+class Listening:
+    """Where pages can be had."""
+
+    port: Annotated[int, typer.Option(metavar="N", help="Port to listen on; 0: any free port.")] = 0
+    bind: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address to listen on. Other than 127.0.0.1, it requires --cert and --key.",
+        ),
+    ] = "127.0.0.1"
+    name: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Host name by which other machines reach this one. Can be given several times.",
+        ),
+    ] = None
+    cert: Annotated[Path | None, typer.Option(metavar="FILE", help="Certificate for TLS, PEM.")] = None
+    key: Annotated[Path | None, typer.Option(metavar="FILE", help="Private key of the certificate, PEM.")] = (
+        None
+    )
+
+
+@dataclass(frozen=True)
+class Program:
+    """What a program that starts this one asks for."""
+
+    beside: Annotated[str | None, typer.Option(metavar="ADDRESS", hidden=True)] = None
+    framed: Annotated[bool, typer.Option("--framed", hidden=True)] = False
+    json: Annotated[bool, typer.Option("--json", hidden=True)] = False
+    until_stdin: Annotated[bool, typer.Option("--until-stdin", hidden=True)] = False
+
+
+@with_option_groups
+def view(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILES", help="Parts, a scene file (.toml), a log (.frames).")
+    ],
+    listening: Listening,
+    program: Program,
+    units: UNITS = "mm",
+    replay: Annotated[
+        Path | None, typer.Option(metavar="HAND", help="Start with this recorded hand (CSV).")
+    ] = None,
+    fit: Annotated[
+        bool, typer.Option("--fit", help="Move the recorded hand to where it touches the parts.")
+    ] = False,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Whether to open a browser.", show_default=False)
+    ] = True,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Ticks of the service per second.")] = 1000.0,
+    radius: Annotated[
+        float | None, typer.Option(metavar="MM", help="Radius of the fingertips; 7 mm if not given.")
+    ] = None,
+    rerun: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT",
+            help="Write a log and its parts for the viewer Rerun (.rrd) instead of showing a page.",
+        ),
+    ] = None,
+    limit: LIMIT = None,
+) -> None:
+    """Show FILES in the browser: the parts, hands, and the distance of every fingertip.
+
+    FILES are one of these: parts (STL, OBJ, PLY, OFF, glTF, 3MF, STEP or a compiled scene); a scene
+    file (.toml), whose parts and fingers are used; a log of frames (.frames), which is played back,
+    together with the parts that it was recorded with. Hands come from a headset with WebXR, the mouse,
+    or a recording.
+
+    The command serves the page and the distances, in one process. Ctrl-C stops it. Only this machine can
+    connect, and only with the token in the printed address.
+
+    Examples:
+      proximity view part.step
+      proximity view meshes/bracket.stl --replay meshes/hand.csv
+      proximity view run.frames meshes/bracket.stl
+      proximity view run.frames part.step --rerun run.rrd
+      proximity view cell.toml --no-browser --port 8787
+    """
+    check_limit(limit)
+    if rerun is not None:
+        _write_rerun(files, rerun, units, radius)
+        return
+    _check(rate, radius, listening.port)
+    from proximity.web.page_process import PageSettings
+
+    settings = PageSettings(
+        files=tuple(map(str, files)),
+        units=units,
+        recording=str(sample("hand.csv") if replay is None else replay),
+        is_recording_fitted=fit or replay is None,
+        first_input="" if replay is None else "replay",
+        rate_hz=rate,
+        radius=None if radius is None else radius / 1e3,
+        port=listening.port,
+        bind=listening.bind,
+        names=tuple(listening.name or ()),
+        certificate=None if listening.cert is None else str(listening.cert),
+        key=None if listening.key is None else str(listening.key),
+        beside=program.beside,
+        may_be_framed=program.framed,
+    )
+    _show(settings, program, limit, opens_browser=browser)
+
+
+def _show(settings: "PageSettings", program: Program, limit: float | None, *, opens_browser: bool) -> None:
+    from proximity.cli import progress
+    from proximity.web.page_process import run_page
+    from proximity.web.server.browser import open_in_browser
+
+    progress.prepare_kernels()
+    with stopped_by_signals() as stop:
+        _stop_when_asked(stop, program.until_stdin, limit)
+
+        def begun(beginning: dict[str, Any]) -> None:
+            if program.json:
+                typer.echo(json.dumps({"event": "begun", **beginning}))
+            else:
+                typer.echo(beginning["url"])
+            if opens_browser:
+                open_in_browser(beginning["url"])
+
+        ended = run_page(settings, stop=stop, say=report, begun=begun)
+    if program.json:
+        typer.echo(json.dumps({"event": "report", **ended}))
+
+
+def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None) -> None:
+    """Write a log of frames, and the parts that it is of, for Rerun."""
+    logs = [name for name in files if name.suffix == ".frames"]
+    if len(logs) != 1:
+        raise typer.BadParameter("expected one log of frames (.frames) among FILES", param_hint="--rerun")
+    from proximity.cli import progress
+    from proximity.recording import FrameReader
+    from proximity.recording.rerun_log import ShownPart, write_rerun
+    from proximity.scene.loader import load
+
+    parts = [
+        ShownPart(part.name, part.pose.point(part.solid.mesh.vertices), part.solid.mesh.faces)
+        for name in files
+        if name not in logs
+        for part in load(name, units=units).parts
+    ]
+    reader = FrameReader(logs[0])
+    with progress.spinner(f"writing {out}, frames") as show:
+        given = {} if radius is None else {"radius": radius / 1e3}
+        count = write_rerun(out, progress.counted(reader, show), parts, **given)
+    typer.echo(f"{out}: {count} frames")
+    for note in reader.notes:
+        report(f"{logs[0]}: {note}")
+
+
+def _stop_when_asked(stop: threading.Event, is_until_stdin: bool, limit: float | None) -> None:
+    """Have *stop* set at the end of standard input, or after so many seconds."""
+    if is_until_stdin:
+        stop_at_input(stop)
+    if limit is not None:
+        timer = threading.Timer(limit, stop.set)
+        timer.daemon = True
+        timer.start()
+
+
+def _check(rate: float, radius: float | None, port: int) -> None:
+    """Refuse numbers out of range."""
+    if not 1.0 <= rate <= 100_000.0:
+        raise typer.BadParameter(f"{rate:g} Hz: expected 1 to 100000", param_hint="--rate")
+    if not 0.0 < (1.0 if radius is None else radius) <= 1e3:
+        raise typer.BadParameter(f"{radius:g} mm: expected more than 0, up to 1000", param_hint="--radius")
+    check_port(port)

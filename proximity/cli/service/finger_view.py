@@ -1,0 +1,181 @@
+"""One finger of a frame, as the cells of a table or in words; its distance also as a bar of characters.
+
+The scale of a bar is from 0 to `SCALE_MM`. It is as long as the clearance of a finger: it shrinks as the
+finger comes near. Of a touch the whole bar is a red field that says so.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from rich.text import Text
+
+from proximity.cli.lengths import MM_PER_M
+from proximity.message import ContactFlag, Mode
+from proximity.system.time_units import MS_PER_S
+
+SCALE_MM = 120.0
+"""As far as the tracker searches by default."""
+MARKS_MM = (0, 30, 60, 90, 120)
+FEW_MARKS_MM = (0, 60, 120)
+MARKS_WIDTH = 24  # cells
+EIGHTHS = " ▏▎▍▌▋▊▉"
+BETWEEN = "▒"
+PREDICTED = "◆"
+BEYOND = "»"
+TOUCH_STYLE = "bold white on red"
+MAY_TOUCH_STYLE = "red"
+FEW_DIGITS_FROM = 1000.0  # mm
+UNKNOWN = "?"
+NONE = "-"
+
+FLAG_LETTERS = {
+    ContactFlag.TRACKED: ("T", "tracked"),
+    ContactFlag.PREDICTED: ("P", "predicted"),
+    ContactFlag.EXACT: ("E", "exact"),
+    ContactFlag.BOUNDED: ("B", "bounded"),
+    ContactFlag.SKIPPED: ("K", "skipped"),
+    ContactFlag.SIGNED: ("S", "side known"),
+    ContactFlag.INSIDE: ("I", "inside"),
+    ContactFlag.IN_RANGE: ("R", "in range"),
+    ContactFlag.PART_CHANGED: ("N", "new part"),
+    ContactFlag.JUMPED: ("J", "jumped"),
+    ContactFlag.ON_PATH: ("W", "on its path"),
+    ContactFlag.CONTACT_FOUND: ("C", "contact found"),
+}
+"""The letter of each flag, always in the same position, and its meaning."""
+MODE_STYLES = {Mode.RETRACT: "green", Mode.POSITION: "yellow", Mode.FORCE: "magenta", Mode.HOLD: "red"}
+FREE_STYLE = "green"
+CLOSING_STYLE = "yellow"
+
+
+def is_tracked(contacts: np.ndarray) -> np.ndarray:
+    """Return of which fingers something is known.
+
+    *contacts*: (N,) CONTACT.
+    """
+    return (contacts["flags"] & ContactFlag.TRACKED) != 0
+
+
+def finger_cells(contact: Any, bar_width: int, part_names: Sequence[str] = ()) -> dict[str, Text]:
+    """Return the cells of a finger by the names of their columns.
+
+    *part_names*: of the parts that the contact's numbers count; a part without one is shown by its number.
+    """
+    cells = {"finger": Text(str(contact["finger"]), "bold"), "mode": _mode(contact), "flags": _flags(contact)}
+    if not is_tracked(contact):
+        unknown = dict.fromkeys(("part", "distance mm", "touch in", "closing"), Text(UNKNOWN, "red"))
+        return {**cells, **unknown, "bar": Text("nothing is known"[:bar_width], "red")}
+    lower, upper = MM_PER_M * float(contact["lower"]), MM_PER_M * float(contact["upper"])
+    predicted = float(contact["predicted_distance"]) if contact["flags"] & ContactFlag.PREDICTED else math.nan
+    style = CLOSING_STYLE if math.isfinite(contact["time_to_contact"]) else FREE_STYLE
+    return {
+        **cells,
+        "part": Text(_part(int(contact["part"]), part_names)),
+        "distance mm": Text(_distance(lower, upper)),
+        "bar": bar(lower, upper, MM_PER_M * predicted, bar_width, style),
+        "touch in": Text(_time(contact)),
+        "closing": Text(_speed(float(contact["approach_speed"]))),
+    }
+
+
+def finger_words(contact: Any) -> str:
+    """Return what a line of text says of a finger."""
+    if not is_tracked(contact):
+        return f"{contact['finger']}: not tracked"
+    lower, upper = MM_PER_M * float(contact["lower"]), MM_PER_M * float(contact["upper"])
+    soon = _time(contact)
+    touch = f", touch in {soon}" if soon not in (NONE, UNKNOWN, "now") else ""
+    return f"{contact['finger']}: {_distance(lower, upper)} mm{touch}, {_mode(contact)}"
+
+
+def _part(number: int, names: Sequence[str]) -> str:
+    if number < 0:
+        return NONE
+    # A name is anybody's text: nothing in it may move the cursor.
+    name = "".join(letter for letter in names[number] if letter.isprintable()) if number < len(names) else ""
+    return name or str(number)
+
+
+def _distance(lower: float, upper: float) -> str:
+    """The distance, or its bounds, mm."""
+    if lower == upper:
+        return f"{lower + 0.0:.2f}"
+    digits = 1 if max(abs(lower), abs(upper)) < FEW_DIGITS_FROM else 0
+    at_least = f"{lower + 0.0:.{digits}f}"
+    return f"{at_least}…{upper + 0.0:.{digits}f}" if math.isfinite(upper) else f"≥ {at_least}"
+
+
+def _time(contact: Any) -> str:
+    """Time to contact, or what it is at least where the distance is not exact."""
+    seconds, at_least = float(contact["time_to_contact"]), float(contact["time_to_contact_lower"])
+    if math.isnan(seconds):
+        return UNKNOWN
+    if contact["upper"] <= 0.0:
+        return "now"
+    if math.isinf(seconds):
+        return NONE
+    is_exact = bool(contact["flags"] & ContactFlag.EXACT)
+    return f"{MS_PER_S * seconds:.0f} ms" if is_exact else f"≥ {MS_PER_S * at_least:.0f} ms"
+
+
+def _speed(speed: float) -> str:
+    return UNKNOWN if math.isnan(speed) else f"{MM_PER_M * speed + 0.0:.0f} mm/s"
+
+
+def _mode(contact: Any) -> Text:
+    number = int(contact["mode"])
+    if number not in MODE_STYLES:
+        return Text(str(number))
+    return Text(Mode(number).name.lower(), MODE_STYLES[Mode(number)])
+
+
+def _flags(contact: Any) -> Text:
+    return Text(
+        "".join(letter if contact["flags"] & flag else "·" for flag, (letter, _) in FLAG_LETTERS.items())
+    )
+
+
+def ruler(width: int) -> str:
+    """Return the scale that stands above the bars."""
+    cells = [" "] * width
+    for mark in MARKS_MM if width >= MARKS_WIDTH else FEW_MARKS_MM:
+        text = str(mark)
+        first = min(round(mark / SCALE_MM * width), width - len(text))
+        cells[first : first + len(text)] = text
+    return "".join(cells)
+
+
+def bar(lower_mm: float, upper_mm: float, predicted_mm: float, width: int, style: str) -> Text:
+    """Return the bar of a distance.
+
+    *lower_mm*: it is no less: the full part of the bar. *upper_mm*: it is no more: up to there the bar is
+    shaded. *predicted_mm*: where it will be soon: a mark; none where that is not on the scale.
+    """
+    if upper_mm <= 0.0:
+        return touch(-lower_mm, width)
+    full, eighths = divmod(math.floor(8.0 * _cells(lower_mm, width)), 8)
+    cells = ["█"] * full + ([EIGHTHS[eighths]] if eighths else [])
+    cells += [BETWEEN] * (math.ceil(_cells(upper_mm, width)) - len(cells))
+    cells += [" "] * (width - len(cells))
+    if lower_mm > SCALE_MM:
+        cells[-1] = BEYOND
+    drawn = Text("".join(cells), MAY_TOUCH_STYLE if lower_mm <= 0.0 else style)
+    if 0.0 <= predicted_mm < SCALE_MM:
+        cell = int(_cells(predicted_mm, width))
+        drawn = drawn[:cell] + Text(PREDICTED, "bold") + drawn[cell + 1 :]
+    return drawn
+
+
+def touch(depth_mm: float, width: int) -> Text:
+    """Return the red field of a finger that touches."""
+    reported = f"{depth_mm + 0.0:.2f} mm inside"
+    if width > len(reported) + len("touches, "):
+        reported = f"touches, {reported}"
+    return Text(reported[:width].center(width), TOUCH_STYLE)
+
+
+def _cells(distance_mm: float, width: int) -> float:
+    """Number of cells for a distance, within the scale."""
+    return min(max(distance_mm, 0.0), SCALE_MM) / SCALE_MM * width

@@ -1,0 +1,172 @@
+"""``proximity record`` and ``export``: every frame of a service in a log, and a log as a table."""
+
+import io
+import sys
+import time
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Event
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from proximity.cli.options import ADDRESS, LIMIT, check_limit
+from proximity.cli.output import filled, report, write_document
+from proximity.cli.program import EXIT_NOTHING
+from proximity.system.stop_signals import stopped_by_signals
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from proximity.recording import FrameLog
+    from proximity.transport import Counts, Inlet, Subscriber
+
+TURN_S = 0.05  # within that a wish to stop is noticed
+GATHER_S = 0.002  # that frames are let come: to wake for each would cost more; buffers hold 60 and more
+ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame before that is said
+STDOUT = Path("-")
+
+
+def record(
+    address: ADDRESS,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Log of frames. Created if missing, otherwise continued.")
+    ],
+    limit: LIMIT = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
+) -> None:
+    """Write every frame published at ADDRESS to FILE, until Ctrl-C, SIGTERM or --limit.
+
+    FILE is only appended to: an existing log is continued, and a crash loses at most the frame that was
+    being written. Frames that were lost in transit are gaps in the sequence numbers. The exit code is 1
+    if no frame came.
+
+    Examples:
+      proximity record iox2://decaff run.frames
+      proximity record udp://127.0.0.1:9100 run.frames --limit 60 --json
+      proximity export run.frames --csv run.csv
+    """
+    check_limit(limit)
+    from proximity.recording import FrameLog
+    from proximity.transport import Subscriber, open_inlet
+
+    with ExitStack() as opened:
+        stop = opened.enter_context(stopped_by_signals())
+        inlet = open_inlet(address)
+        subscriber = opened.enter_context(Subscriber(inlet, address))
+        log = opened.enter_context(FrameLog(file))
+        if log.cut_size:
+            report(f"{file}: {log.cut_size} bytes of a torn frame at its end were cut off")
+        started = time.monotonic()
+        try:
+            _record(inlet, subscriber, log, stop, limit)
+        finally:  # also on a full disk: the log holds what is reported here
+            summary = _summary(log, time.monotonic() - started, subscriber.counts)
+            if as_json:
+                write_document(summary)
+            else:
+                typer.echo(_words(summary))
+    if not log.frame_count:
+        raise typer.Exit(EXIT_NOTHING)
+
+
+def _summary(log: "FrameLog", seconds: float, counts: "Counts") -> dict[str, Any]:
+    """What was recorded, and how many messages were refused, and why."""
+    others = {"from another sender": counts.refused, "not verified by the key": counts.unverified}
+    reasons = {flaw.value: count for flaw, count in counts.flawed.items()}
+    return {
+        "file": str(log.path),
+        "frames": log.frame_count,
+        "seconds": round(seconds, 3),
+        "lost": counts.lost,
+        "refused": counts.unused,
+        "reasons": reasons | {reason: count for reason, count in others.items() if count},
+        "sessions": counts.sessions,
+    }
+
+
+def _words(summary: dict[str, Any]) -> str:
+    reasons = ", ".join(f"{count} {reason}" for reason, count in summary["reasons"].items())
+    template = "{file}: {frames:1/frame} in {seconds:.1f} s, {lost} lost, {refused} refused"
+    template += f" ({reasons})" if reasons else ""
+    return filled(template + (", {sessions} sessions" if summary["sessions"] > 1 else ""), summary)
+
+
+def _record(
+    inlet: "Inlet", subscriber: "Subscriber", log: "FrameLog", stop: Event, limit: float | None
+) -> None:
+    from proximity.cli.progress import Status
+
+    started = time.monotonic()
+    with Status() as status:
+        while not stop.is_set():
+            elapsed = time.monotonic() - started
+            if limit is not None and elapsed >= limit:
+                break
+            inlet.wait(TURN_S if limit is None else min(TURN_S, limit - elapsed))
+            time.sleep(GATHER_S)
+            for data in subscriber.frames():
+                log.append(data)
+            if log.frame_count:
+                status.show(_words(_summary(log, elapsed, subscriber.counts)))
+            elif elapsed > ANNOUNCE_AFTER_S:
+                status.report_once(f"no frame has come from {subscriber.address} yet")
+        for data in subscriber.frames():  # what came while the last was being written
+            log.append(data)
+
+
+def export(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Log of frames.")],
+    csv: Annotated[
+        Path | None, typer.Option(metavar="OUT", help="Write CSV to this file; - is standard output.")
+    ] = None,
+    parquet: Annotated[
+        Path | None, typer.Option(metavar="OUT", help="Write Parquet to this file. Requires pyarrow.")
+    ] = None,
+) -> None:
+    """Write the frames in FILE, a log of record or serve, as a table with one line for each finger
+    and frame.
+
+    A line has the session, number, state and instants of its frame, then all fields of the contact.
+    Vectors take three columns, instants are in nanoseconds, lengths in metres. Without --csv and
+    --parquet, CSV is written to standard output. Torn or damaged frames are skipped and reported.
+
+    Examples:
+      proximity export run.frames --csv run.csv
+      proximity export run.frames --parquet run.parquet
+      proximity export run.frames | head
+    """
+    out = csv or parquet or STDOUT
+    if csv and parquet:
+        raise typer.BadParameter("expected one of --csv and --parquet", param_hint="--parquet")
+    if parquet == STDOUT:
+        raise typer.BadParameter("Parquet is not written to standard output", param_hint="--parquet")
+    if out != STDOUT and out.exists() and file.exists() and out.samefile(file):
+        raise typer.BadParameter(f"{out} is the log itself", param_hint="OUT")
+    from proximity.cli import progress
+    from proximity.recording import FrameReader, write_frames_csv
+
+    reader = FrameReader(file)
+    if out == STDOUT:
+        write_frames_csv(sys.stdout, reader)
+    else:
+        with progress.spinner(f"writing {out}, frames") as count:
+            runs = progress.counted(reader, count)
+            line_count = _write(out, runs, is_parquet=parquet is not None)
+        typer.echo(f"{out}: {reader.frame_count} frames, {line_count} lines")
+    for note in reader.notes:
+        report(f"{file}: {note}")
+
+
+def _write(out: Path, runs: "Iterable[np.ndarray]", *, is_parquet: bool) -> int:
+    """Write a table in place of what is there, at once and wholly; how many lines."""
+    from proximity.recording import load_pyarrow, write_frames_csv, write_frames_parquet
+    from proximity.system.whole_file import whole_file
+
+    if is_parquet:
+        load_pyarrow()  # where it is missing, not even an unfinished file is made
+        with whole_file(out) as stream:
+            return write_frames_parquet(stream, runs)
+    with whole_file(out) as stream, io.TextIOWrapper(stream, encoding="utf-8", newline="") as text:
+        return write_frames_csv(text, runs)

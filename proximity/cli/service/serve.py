@@ -1,0 +1,209 @@
+"""``proximity serve``: run the service that a scene file describes until it is asked to stop."""
+
+import contextlib
+import os
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from proximity.cli.options import LIMIT, check_limit, check_port
+from proximity.cli.output import block, counted, filled, print_block, report, write_document
+from proximity.cli.program import EXIT_UNUSABLE
+from proximity.errors import ServiceError
+from proximity.system.stop_signals import stop_at_input
+
+if TYPE_CHECKING:
+    from proximity.service.hosting import Beginning
+    from proximity.web import RunningPage
+
+ORDINARY = "ordinary priority, memory not locked, any core; --realtime asks for more"
+BEGINNING = "serving {scene}: {finger_count:1/finger} at {part_count:1/part}, {face_count:1/face}"
+BEGINNING_OF_SENSOR = "serving {scene}: {finger_count:1/finger} measured by a sensor"
+TIMES = "p50 {%s.p50_ns:us}, p99 {%s.p99_ns:us}, p99.9 {%s.p999_ns:us}, max {%s.max_ns:us} µs"
+LINES = (
+    ("ticks", "{ticks} at {rate_hz:n} Hz, {missed} missed"),
+    ("states", "{states_in_words}"),
+    ("compute", TIMES.replace("%s", "compute")),
+    ("lateness", TIMES.replace("%s", "lateness")),
+)
+UNUSED_POSES = {"future": "from the future", "backwards": "backwards in time", "too_old": "too old"}
+
+
+def serve(
+    scene: Annotated[
+        Path, typer.Argument(metavar="SCENE", help="Scene file (TOML): parts, fingers, input, addresses.")
+    ],
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Ticks per second; overrides SCENE.")
+    ] = None,
+    publish: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ADDRESS", help="Address to publish to; overrides SCENE. Can be given several times."
+        ),
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Append all frames to this log; overrides SCENE.")
+    ] = None,
+    real_time: Annotated[
+        bool | None,
+        typer.Option(
+            "--realtime/--no-realtime",
+            help="Ask the system for real-time priority, locked memory and a core of its own; "
+            "overrides SCENE.",
+            show_default=False,
+        ),
+    ] = None,
+    limit: LIMIT = None,
+    ticks: Annotated[int | None, typer.Option(metavar="N", help="Stop after this many ticks.")] = None,
+    web: Annotated[
+        bool, typer.Option("--web", help="Start the page of proximity view as well, and print its address.")
+    ] = False,
+    port: Annotated[
+        int | None, typer.Option(metavar="N", help="Port of the page of --web; any free port if not given.")
+    ] = None,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Write one JSON document at the start and one at the end: the report."),
+    ] = False,
+    until_stdin: Annotated[
+        bool,
+        typer.Option(
+            "--until-stdin", help="Stop when a line arrives on standard input, or when it is closed."
+        ),
+    ] = False,
+) -> None:
+    """Serve the fingers and parts that SCENE describes: poses in, contacts out, every period.
+
+    SCENE is a TOML file; meshes/demo.toml explains every key. The service runs until Ctrl-C or SIGTERM,
+    until a recording ends that is not repeated, or until --limit or --ticks; its last frames have the
+    state STOPPING. You can edit SCENE and the files of its parts while the service runs: a valid edit
+    takes effect between two ticks; an invalid edit is reported with its line, and the previous scene
+    stays in use.
+
+    The report on standard output has the number of ticks, how many were missed, how long they took and
+    how late they began. Exit codes: 0: stopped as asked. 2: SCENE cannot be used, an address is in use,
+    or the log lacks frames.
+
+    Examples:
+      proximity serve meshes/demo.toml
+      proximity serve cell.toml --rate 500 --publish udp://192.168.7.2:9100 --log run.frames
+      proximity serve cell.toml --realtime --limit 60 --json
+    """
+    check_limit(limit)
+    if ticks is not None and ticks < 1:
+        raise typer.BadParameter(f"{ticks} ticks: expected 1 or more", param_hint="--ticks")
+    if port is not None and not web:
+        raise typer.BadParameter(f"{port}: expected --web, of whose page it is the port", param_hint="--port")
+    check_port(port or 0)
+    from proximity.cli import progress
+    from proximity.service.hosting import serve
+
+    overrides = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
+    page = _PageBeside(scene, overrides, port or 0) if web else None
+    stop = threading.Event()
+    if until_stdin:
+        stop_at_input(stop)
+    progress.prepare_kernels()
+
+    def begun(beginning: "Beginning") -> None:
+        _write_beginning(beginning, as_json=as_json)
+        if page is not None:
+            page.start()
+
+    try:
+        ended = serve(
+            scene, stop=stop, tick_count=ticks, seconds=limit, say=report, begun=begun, **overrides
+        ).as_dict()
+    finally:
+        if page is not None:
+            page.stop()
+    if as_json:
+        write_document({"event": "ended", **ended}, indent=None)
+    else:
+        _print_end(ended)
+    if ended["log_lost"]:
+        report(f"the log lacks {ended['log_lost']} of {ended['log_lost'] + ended['log_written']} frames")
+        raise typer.Exit(EXIT_UNUSABLE)
+
+
+def _write_beginning(beginning: "Beginning", *, as_json: bool) -> None:
+    """Report scene, addresses, rate, and what the system granted and refused, on stderr or as a document."""
+    service = beginning.settings.service
+    begun = {
+        "event": "begun",
+        "pid": os.getpid(),
+        "scene": beginning.settings.path,
+        "publish": list(service.publish),
+        "rate_hz": service.rate_hz,
+        "log": service.log,
+        "real_time": service.real_time,
+        "finger_count": beginning.finger_count,
+        "part_count": beginning.part_count,
+        "face_count": beginning.face_count,
+        "notes": list(beginning.notes),
+    }
+    if as_json:
+        write_document(begun, indent=None)
+        return
+    logged = ", logged in {log}" if service.log else ""
+    report(filled(BEGINNING if beginning.part_count else BEGINNING_OF_SENSOR, begun))
+    report(
+        filled("{rate_hz:n} Hz to {addresses}" + logged, begun | {"addresses": ", ".join(service.publish)})
+    )
+    for note in [*([] if service.real_time else [ORDINARY]), *beginning.notes]:
+        report(note)
+
+
+def _print_end(ended: dict[str, Any]) -> None:
+    states = ", ".join(f"{count} {state}" for state, count in ended["states"].items() if count)
+    unused = ", ".join(f"{ended[key]} {why}" for key, why in UNUSED_POSES.items() if ended[key])
+    lines = block(LINES, ended | {"rate_hz": 1e9 / ended["period_ns"], "states_in_words": states or "none"})
+    for address, count in ended["publish_failures"].items():
+        taken = f"{counted(count, 'frame')} not taken" if count else "all frames"
+        lines.append(("published", f"{address}: {taken}"))
+    if ended["log_written"] or ended["log_lost"]:
+        lines.append(("log", filled("{log_written} frames, {log_lost} lost", ended)))
+    if unused:
+        lines.append(("poses", f"of fingers and parts, not used: {unused}"))
+    print_block([*lines, *(("note", note) for note in ended["notes"])])
+
+
+class _PageBeside:
+    """A page in a process of its own, to which the service publishes at an address of its own."""
+
+    def __init__(self, scene: Path, given: dict[str, Any], port: int) -> None:
+        from proximity.service.config import read_scene_file
+        from proximity.web.running_page import own_addresses
+
+        self._scene, self._port, self._address = str(scene), str(port), own_addresses().frames
+        given["publish"] = [*(given["publish"] or read_scene_file(scene).service.publish), self._address]
+        self._page: RunningPage | None = None
+        self._is_over = False
+        self._starting = threading.Thread(target=self._start, name="starts the page", daemon=True)
+
+    def start(self) -> None:
+        """Start it beside the loop, and say where it is."""
+        self._starting.start()
+
+    def stop(self) -> None:
+        """End it."""
+        self._is_over = True
+        if self._page is not None:
+            with contextlib.suppress(ServiceError):
+                self._page.stop()
+
+    def _start(self) -> None:
+        from proximity.web import RunningPage
+
+        words = [self._scene, "--beside", self._address, "--port", self._port]
+        try:
+            self._page = RunningPage(words, self._scene, report)
+        except ServiceError as failure:
+            report(str(failure))
+            return
+        if self._is_over:
+            self.stop()
+        report(f"the page is at {self._page.url}")

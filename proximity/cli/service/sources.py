@@ -1,0 +1,136 @@
+"""Commands for programs at the other end: their sources, the layout of messages, and keys."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from proximity.cli.options import CABLE, GLOVES, cable_stiffness, check_gear, check_range, designed
+
+LEAST_RATE_HZ, MOST_RATE_HZ = 150.0, 20000.0  # slower, each sample would trip the watchdog of 10 ms
+
+
+class Language(StrEnum):
+    """A language that there is a client for."""
+
+    csharp = "csharp"
+    javascript = "javascript"
+    cpp = "cpp"
+
+
+FOLDER = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write the files to.")]
+
+
+def client(
+    language: Annotated[
+        Language, typer.Argument(metavar="csharp|javascript|cpp", help="Language of your program.")
+    ],
+    out: FOLDER,
+) -> None:
+    """Write a client into a folder: sources in C++, JavaScript or C# that read frames and send
+    poses.
+
+    It verifies frames and ages them (OK, LATE, STALE) as the subscriber of proximity does, and supports
+    the keys of udp://. cpp is header only, for C++20 on POSIX systems and Windows; javascript is ES
+    modules for browsers and Node; csharp is for Unity and .NET. An example is written as well. An
+    existing example is kept; the other files are replaced.
+
+    Examples:
+      proximity client cpp --out decaff
+      proximity client csharp --out Assets/Decaff
+    """
+    from proximity.message.clients import write_client
+
+    for path, is_written in write_client(language.value, out).items():
+        typer.echo(f"{path}: {'written' if is_written else 'left alone, it is there already'}")
+
+
+def controller(
+    out: FOLDER,
+    glove: GLOVES = None,
+    drum: Annotated[
+        str | None, typer.Option(metavar="GEAR", help="Another gear: gear14, gear51 or gear111 (total).")
+    ] = None,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Rate of controller and servo.")] = 3000.0,
+    cable: CABLE = None,
+) -> None:
+    """Write the controller of a contact drum as C99 sources for a microcontroller.
+
+    It receives frames from udp://, with or without a key, and decides at a fixed rate where each drum
+    stands. States, limits, safe behaviour and servo are those of the controller in proximity drum. It
+    needs no heap, from <math.h> only sqrt, and a processor with double precision, such as a Cortex-M7.
+    With --glove, decaff_glove.c contains the finger paths of your glove, and the constants are those of
+    its motor, gear and lever, as measured: run this command again after each calibration. With --cable
+    the drum makes up for the stretch of the cable while it holds a position, from the measured force,
+    or else from that of the motor.
+
+    Examples:
+      proximity controller --out firmware
+      proximity controller --out firmware --glove glove.json
+      proximity controller --out firmware --glove glove.json --cable glove.json
+    """
+    check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
+    from proximity.decaff.chip.sources import write_controller
+    from proximity.decaff.controller.cable_stretch import CableRule
+    from proximity.decaff.controller.settings import ControllerSettings
+    from proximity.decaff.glove.glove import Glove, with_gear
+    from proximity.decaff.glove.glove_set import read_any_glove
+
+    gear, gloves = check_gear(drum), [read_any_glove(path) for path in glove or ()] or [Glove()]
+    first = designed(gloves[0])
+    tip_drum = (first if gear is None else with_gear(first, gear)).tip_drum()
+    rule = CableRule() if cable is None else CableRule(cable_stiffness(cable))
+    for path in write_controller(gloves, out, ControllerSettings(rate, tip_drum, cable=rule)):
+        typer.echo(f"{path}: written")
+
+
+def header(
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write to this file instead of printing.")
+    ] = None,
+    receiver: Annotated[
+        bool, typer.Option("--receiver", help="Print the C example that receives frames over UDP instead.")
+    ] = False,
+) -> None:
+    """Print decaff_message.h, the layout of all messages for C99, C11 and C++.
+
+    It contains a structure for each message, with a comment for each field, and functions that check
+    whether bytes are a frame and how far it can be trusted. It includes standard headers only: a
+    microcontroller that receives udp:// datagrams needs nothing else.
+
+    Examples:
+      proximity header --out decaff_message.h
+      proximity header --receiver --out receiver.c    # the example of a receiver
+    """
+    from proximity import transport
+    from proximity.message.c_header import header_text
+    from proximity.system.whole_file import whole_file
+
+    if receiver:
+        text = Path(transport.__file__).with_name("receiver.c").read_text(encoding="ascii")
+    else:
+        text = header_text()
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    with whole_file(out) as stream:
+        stream.write(text.encode("ascii"))
+
+
+def key(out: Annotated[Path, typer.Option(metavar="FILE", help="File to create; must not exist.")]) -> None:
+    """Make a key for udp://HOST:PORT?key=FILE. Without a key, messages of any program are accepted.
+
+    Both ends name the same file. The sender appends a tag to each message; the receiver discards and
+    counts messages that the key does not verify, and repeated ones. The file holds 64 hexadecimal
+    digits (32 random bytes), may be read by its owner only, and is never written over. Use one key for
+    each address, and copy it where nobody else reads it, with scp -p for example.
+
+    Examples:
+      proximity key --out poses.key
+      proximity watch "udp://127.0.0.1:9100?key=frames.key"
+    """
+    from proximity.transport.message_key import write_key
+
+    write_key(str(out))
+    typer.echo(f'{out}: made; name it at both ends: "udp://HOST:PORT?key={out}"')

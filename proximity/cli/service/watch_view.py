@@ -1,0 +1,191 @@
+"""Display of one reading for ``watch``: a table for a terminal, or a line of text."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from rich.cells import cell_len
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from proximity.cli.output import counted
+from proximity.cli.service.finger_view import FLAG_LETTERS, finger_cells, finger_words, is_tracked, ruler
+from proximity.message import Flaw, State
+from proximity.transport import Counts, Reading
+
+NS_IN_MS = 1e6
+NS_IN_S = 1e9
+TWO_HANDS = 10  # fingers: thumb to little finger of the left hand, then of the right
+LINE_FINGERS = 8  # reported in a line of text
+
+STATE_STYLES = {
+    State.STARTING: "black on cyan",
+    State.OK: "black on green",
+    State.DEGRADED: "black on yellow",
+    State.LATE: "black on bright_yellow",
+    State.STALE: "bold white on red",
+    State.STOPPING: "black on magenta",
+}
+MEANINGS = {
+    State.STARTING: "no poses yet that the service can use; its terminal says which it refused",
+    State.OK: "every finger is tracked, and in time",
+    State.LATE: "ticks were missed or poses are old: only the bounds hold, and they widen",
+    State.STOPPING: "the service was asked to stop",
+}
+COLUMNS = {  # and their cells; a space follows each
+    "finger": 6,
+    "part": 4,
+    "distance mm": 13,
+    "bar": 0,
+    "touch in": 8,
+    "closing": 9,
+    "mode": 8,
+    "flags": 12,
+}
+NUMBERS = ("finger", "part", "distance mm", "touch in", "closing")
+DRUM_CELLS = 20
+MOST_NAME_CELLS = 16
+"""Of the name of a part; a longer one is cut."""
+DISPENSABLE = ("flags", "mode", "closing", "part")  # in this order, for the sake of the bar
+ENOUGH_BAR = 24
+SMALLEST_BAR = 14
+LARGEST_BAR = 60
+FLAGS_LEGEND = f"Flags: {', '.join(f'{letter} {word}' for letter, word in FLAG_LETTERS.values())}"
+BARS_LEGEND = "Bars: █ certainly free, ▒ between the bounds, ◆ predicted, » farther"
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Values shown beside a reading."""
+
+    address: str
+    counts: Counts
+    rate_hz: float  # of frames, over the last second
+    silent_s: float  # since the last frame came; since the start, if none did
+    part_names: tuple[str, ...] = ()  # empty: not known, parts are numbered
+
+
+def picture(
+    reading: Reading, seen: Seen, *, width: int, row_count: int, drums: Sequence[Text] | None = None
+) -> RenderableType:
+    """Return what a terminal shows.
+
+    *drums*: what a controller does with each finger, where one runs beside.
+    """
+    if not len(reading.contacts):
+        return Group(*headline(reading, seen, width))
+    columns = _columns(width, seen.part_names, has_drums=drums is not None)
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    for name, cells in columns.items():
+        title = ruler(cells) if name == "bar" else name
+        table.add_column(title, justify="right" if name in NUMBERS else "left", no_wrap=True, width=cells)
+    rows = nearest(reading.contacts, row_count)
+    for row in rows:
+        shown = finger_cells(reading.contacts[row], columns["bar"], seen.part_names)
+        if drums is not None:
+            # A controller that runs beside may not have had its first frame yet.
+            shown["drum"] = drums[row] if row < len(drums) else Text("")
+        table.add_row(*(shown[name] for name in columns))
+    hidden = len(reading.contacts) - len(rows)
+    more = [Text(f"and {hidden} more, farther away", "dim")] if hidden else []
+    legend = f"{FLAGS_LEGEND}. {BARS_LEGEND}." if "flags" in columns else BARS_LEGEND
+    return Group(*headline(reading, seen, width), table, *more, Text(legend, "dim"))
+
+
+def headline(reading: Reading, seen: Seen, width: int) -> tuple[Text, Text]:
+    """Return the two lines above the table: the state and what it means, and the figures."""
+    style = STATE_STYLES[reading.state]
+    badge, meaning = f" {reading.state.name} ", _meaning(reading, seen)
+    if reading.state is State.STALE:  # a whole line, so that nobody takes what stands below for now
+        state = Text(f"{badge} {meaning}".ljust(width), style)
+    else:
+        state = Text.assemble((badge, style), f"  {meaning}")
+    return state, Text(f"{seen.address}  {',  '.join(_figures(reading, seen))}")
+
+
+def line(reading: Reading, seen: Seen) -> str:
+    """Return one line of text for what is no terminal."""
+    head = f"{time.strftime('%H:%M:%S')} {reading.state.name}: {', '.join(_figures(reading, seen))}"
+    if reading.state is State.STALE:
+        return f"{head}; {_meaning(reading, seen)}"
+    rows = nearest(reading.contacts, LINE_FINGERS)
+    hidden = len(reading.contacts) - len(rows)
+    fingers = [finger_words(reading.contacts[row]) for row in rows]
+    return "; ".join([head, *fingers, *([f"and {hidden} more"] if hidden else [])])
+
+
+def nearest(contacts: np.ndarray, count: int) -> list[int]:
+    """Return which fingers are shown: all, or the nearest, in the order of the frame.
+
+    *contacts*: (N,) CONTACT.
+    """
+    lower = np.where(is_tracked(contacts), contacts["lower"], np.inf)
+    return sorted(np.argsort(lower, kind="stable")[:count].tolist())
+
+
+def _columns(width: int, part_names: Sequence[str], *, has_drums: bool) -> dict[str, int]:
+    """The columns that fit, and their cells; the bar gets what is left of the line."""
+    columns = COLUMNS | ({"drum": DRUM_CELLS} if has_drums else {})
+    longest = max(map(cell_len, part_names), default=0)
+    columns["part"] = min(max(longest, columns["part"]), MOST_NAME_CELLS)
+    for name in DISPENSABLE:
+        if width - _cells(columns) < ENOUGH_BAR:
+            del columns[name]
+    columns["bar"] = min(max(width - _cells(columns), SMALLEST_BAR), LARGEST_BAR)
+    return columns
+
+
+def _cells(columns: dict[str, int]) -> int:
+    """Number of cells that the columns take, with a space behind each."""
+    return sum(columns.values()) + len(columns)
+
+
+def _lacking(contacts: np.ndarray) -> str:
+    """What a frame that is in time lacks: most often a hand that nobody holds up."""
+    tracked = is_tracked(contacts)
+    lost = int((~tracked).sum())
+    if not lost:
+        return "in time; a finger is near with bounds only"
+    if len(tracked) == TWO_HANDS and lost == TWO_HANDS // 2:
+        for hand, is_seen in zip(("right", "left"), (tracked[:5], tracked[5:]), strict=True):
+            if is_seen.all():
+                return f"in time; the {hand} hand is not seen"
+    return f"in time; {lost} of {counted(len(tracked), 'finger')} {'is' if lost == 1 else 'are'} not tracked"
+
+
+def _meaning(reading: Reading, seen: Seen) -> str:
+    if reading.state is State.DEGRADED:
+        return _lacking(reading.contacts)
+    if reading.state is not State.STALE:
+        return MEANINGS[reading.state]
+    if seen.counts.unverified and seen.rate_hz == 0.0:
+        return f"messages are not verified by the key of {seen.address}, expected the publisher's key"
+    if reading.header is None and seen.counts.flawed[Flaw.SIZE]:
+        return (
+            "messages have another length than they declare: if they are sent with a key, add ?key=FILE "
+            "here as well"
+        )
+    if reading.header is None:
+        return f"no frame has come from {seen.address} yet, for {seen.silent_s:.1f} s"
+    if reading.header["state"] == State.STALE and seen.rate_hz > 0.0:
+        return "the service has no new poses that it can use: nothing is known of any finger"
+    return f"no frame for {seen.silent_s:.1f} s: nothing is known of any finger"
+
+
+def _figures(reading: Reading, seen: Seen) -> list[str]:
+    counts, header = seen.counts, reading.header
+    reported = [f"{seen.rate_hz:.0f} Hz"]
+    # A frame without a pose has no age: what its header has is the instant of the tick.
+    if header is not None and header["state"] not in (State.STARTING, State.STALE):
+        reported.append(f"age {_duration(reading.age_ns)}")
+    reported += [f"{counts.lost} lost", f"{counts.unused} refused"]
+    if header is not None:
+        since = time.strftime("%H:%M:%S", time.localtime(int(header["session"]) / NS_IN_S))
+        reported += [f"{header['missed']} ticks missed", f"epoch {header['epoch']}", f"session of {since}"]
+    return reported
+
+
+def _duration(ns: int) -> str:
+    return f"{ns / NS_IN_MS:.1f} ms" if ns < NS_IN_S else f"{ns / NS_IN_S:.1f} s"

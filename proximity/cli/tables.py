@@ -1,0 +1,95 @@
+"""Tables on a terminal, and a display that is drawn anew, by Rich."""
+
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from types import TracebackType
+
+import rich.console
+from rich.console import ConsoleDimensions, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+UNBOUNDED = 10_000  # columns: wider than any table
+DRAWN_EVERY_S = 0.05
+LINE_EVERY_S = 1.0
+FIRST_AFTER_S = 0.1  # a first frame comes within that, where there is a service
+
+
+class Console(rich.console.Console):
+    """Rich's console; where nobody reads any more it raises BrokenPipeError, as any other file does."""
+
+    def on_broken_pipe(self) -> None:
+        """Say that the reader has gone. Rich itself would end the program, with 1."""
+        raise BrokenPipeError
+
+
+def results_console() -> Console:
+    """Return the console of stdout; where that is no terminal, lines are not folded to a width."""
+    console = Console()
+    return console if console.is_terminal else Console(width=UNBOUNDED)
+
+
+def table(left: Iterable[str], right: Iterable[str] = ()) -> Table:
+    """Return an empty table without lines between its cells; text in square brackets is no mark.
+
+    *left*, *right*: titles of the columns of words, and of those of numbers behind them.
+    """
+    return table_of([(title, False) for title in left] + [(title, True) for title in right])
+
+
+def table_of(columns: Iterable[tuple[str, bool]], rows: Iterable[Iterable[str]] = ()) -> Table:
+    """Return a table as `table`, of titles with whether the column is aligned to the right."""
+    made = Table(box=None, pad_edge=False, header_style="bold")
+    for title, is_right in columns:
+        if is_right:  # a number is never broken: half of one looks complete
+            made.add_column(Text(title), justify="right", no_wrap=True, overflow="ellipsis")
+        else:
+            made.add_column(Text(title), overflow="fold")
+    for row in rows:
+        made.add_row(*map(Text, row))
+    return made
+
+
+def print_fitting(console: rich.console.Console, tables: Sequence[Table]) -> int:
+    """Print the first table that is no wider than the console, or else the last; return which it was."""
+    unbounded = console.options.update(width=UNBOUNDED)
+    widths = [console.measure(each, options=unbounded).maximum for each in tables]
+    fitting = [number for number, width in enumerate(widths) if width <= console.width]
+    chosen = fitting[0] if fitting else len(tables) - 1
+    console.print(tables[chosen])
+    return chosen
+
+
+class Screen:
+    """A position on a terminal that is drawn anew, or lines of text where there is none."""
+
+    def __init__(self, console: rich.console.Console, *, is_silent: bool = False) -> None:
+        self._console, self._is_silent = console, is_silent
+        is_drawn = console.is_terminal and not is_silent
+        self._live = Live(console=console, auto_refresh=False) if is_drawn else None
+        self._due = time.monotonic() + FIRST_AFTER_S
+
+    def show(self, words: Callable[[], str], picture: Callable[[ConsoleDimensions], RenderableType]) -> None:
+        """Show something if it is time for it."""
+        now = time.monotonic()
+        if self._is_silent or now < self._due:
+            return
+        self._due = now + (LINE_EVERY_S if self._live is None else DRAWN_EVERY_S)
+        if self._live is None:
+            sys.stdout.write(words() + "\n")
+            sys.stdout.flush()
+        else:
+            self._live.update(picture(self._console.size), refresh=True)
+
+    def __enter__(self) -> "Screen":
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()

@@ -1,1 +1,0 @@
-"""Presentation of answers: tables, labelled lines, JSON and CSV."""

@@ -1,0 +1,310 @@
+"""The queries that solids and scenes answer alike: points, rays and segments."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numpy import inf  # looked up in NumPy, it would cost calls of five points 2 %
+
+from proximity.errors import ArgumentError, NotWatertightError, ProximityError
+from proximity.kernels.ray.hit_rows import DISTANCE_WIDTH, RAY_ANSWER_WIDTH
+from proximity.kernels.ray.ray_order import ray_order
+from proximity.kernels.scene.point_queries import (
+    POINT_ANSWER_WIDTH,
+    closest_batch,
+    contains_batch,
+    distance_batch,
+    signed_batch,
+)
+from proximity.kernels.scene.ray_queries import cast_batch
+from proximity.kernels.scene.segment_queries import SEGMENT_ANSWER_WIDTH, segment_batch
+from proximity.scene.model.assembly import Model
+from proximity.scene.queries.batches import LARGEST_SLICE, OrderOf
+from proximity.scene.queries.checked_query import CheckedQuery
+from proximity.scene.queries.results import ClosestPoints, RayHits, Reals, SegmentHits
+
+SORT_RAYS_FROM = 1024
+"""Rays from which on a batch is sorted."""
+SORT_RAYS_IN = 1 << 20
+"""Bytes of a model from which on that is worth it: it costs 15 ns a ray; in one that fits into a nearer cache
+it spares no more than that."""
+
+
+def _no_inside(_: int) -> ProximityError:
+    return NotWatertightError(
+        "no part has an inside, so that nothing can be contained; sign_reason of each part says why"
+    )
+
+
+def _query(name: str, entry: object, width: int, dtype: type = np.float64) -> Callable[..., Any]:
+    return CheckedQuery(name, entry, ("points",), "points", width, _no_inside, dtype=dtype).quick()
+
+
+def _zero_direction(row: int) -> ProximityError:
+    return ArgumentError(f"direction {row} is zero, expected a vector with a length")
+
+
+def _order_of_rays(model: Model, count: int) -> tuple[OrderOf | None, int]:
+    if count < SORT_RAYS_FROM or model.reals.nbytes < SORT_RAYS_IN:
+        return None, LARGEST_SLICE
+    return lambda origins, directions, *_: ray_order(model.packed, origins, directions), LARGEST_SLICE
+
+
+def _ray_query(width: int) -> Callable[..., Any]:
+    names = ("origins", "directions")
+    return CheckedQuery(
+        "cast_batch", cast_batch, names, "rays", width, _zero_direction, _order_of_rays
+    ).quick()
+
+
+_closest = _query("closest_batch", closest_batch, POINT_ANSWER_WIDTH)
+_signed_distance = _query("signed_batch", signed_batch, 1)
+_distance = _query("distance_batch", distance_batch, 1)
+_contains = _query("contains_batch", contains_batch, 1, np.bool_)
+_cast, _cast_distance = _ray_query(RAY_ANSWER_WIDTH), _ray_query(DISTANCE_WIDTH)
+_closest_to_segments = CheckedQuery(
+    "segment_batch", segment_batch, ("starts", "ends"), "segments", SEGMENT_ANSWER_WIDTH, _zero_direction
+).quick()
+
+
+class Queries:
+    """Distance, inside, rays and segments; a base for what has a `Model`."""
+
+    __slots__ = ()
+
+    def snapshot(self) -> Model:
+        """Return the arrays that are queried, up to date."""
+        raise NotImplementedError
+
+    def closest(
+        self, points: npt.ArrayLike, *, max_distance: npt.ArrayLike = inf, workers: int = 1
+    ) -> ClosestPoints:
+        """Return the surface points nearest to *points*, with signed distances.
+
+        Parameters
+        ----------
+        points : (..., 3) float64, m
+            Points to measure from. A point that is not finite, or farther away than 1e100 part sizes, is
+            answered with nan and `NO_FACE`; the others are answered as usual.
+        max_distance : float or (...) float64, m
+            Search no farther than this. An array broadcasts against the leading shape of *points*, which
+            then is that of both. It changes the cost, never an answer within it. Points deeper inside than
+            this have no answer.
+        workers : int
+            Threads; -1 for all cores. The answers are the same, bit for bit.
+
+        Returns
+        -------
+        ClosestPoints
+            Arrays of the leading shape of *points* and *max_distance*.
+
+        Raises
+        ------
+        ArgumentError
+            If *points* are not numbers of shape (..., 3), *max_distance* is negative or nan or does not
+            broadcast, or *workers* is not a number of threads.
+
+        Notes
+        -----
+        Sign: per part, see `SignMethod`; of a scene, the smallest signed distance over its parts: exact
+        outside, inside a lower bound of the depth. A part without an inside counts with its distance.
+        On the surface: distance 0, gradient is the pseudo-normal of the feature.
+        Ties: the lowest part; within a part any of the nearest faces, the same on every run.
+        Degenerate: faces without area answer as their edges. On them, and on edges and corners where the
+        normals of faces back to back cancel, there is no direction out: the gradient is 0.
+        Cost: about O(log F) on the surface, O(√F) near one that is finely meshed, towards O(F) at centres of
+        symmetry.
+        Thread: any number of threads may query; the interpreter lock is released.
+        Source: Bærentzen & Aanæs 2005; Barill et al. 2018; see `kernels`.
+        """
+        record = ClosestPoints()
+        record._table = _closest(self.snapshot(), points, max_distance, workers)
+        return record
+
+    def signed_distance(self, points: npt.ArrayLike, *, workers: int = 1) -> Reals:
+        """Return signed distances, m, negative inside: as `closest`, and faster.
+
+        Parameters
+        ----------
+        points : (..., 3) float64, m
+            Points to measure from. A point that is not finite is answered with nan.
+        workers : int
+            Threads; -1 for all cores.
+
+        Returns
+        -------
+        (...) float64, m
+
+        Raises
+        ------
+        ArgumentError
+            If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
+        """
+        return _signed_distance(self.snapshot(), points, inf, workers)
+
+    def distance(self, points: npt.ArrayLike, *, workers: int = 1) -> Reals:
+        """Return distances to the nearest surface of any part, m, without sign: the fastest query.
+
+        Parameters
+        ----------
+        points : (..., 3) float64, m
+            Points to measure from. A point that is not finite is answered with nan.
+        workers : int
+            Threads; -1 for all cores.
+
+        Returns
+        -------
+        (...) float64, m
+
+        Raises
+        ------
+        ArgumentError
+            If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
+        """
+        return _distance(self.snapshot(), points, inf, workers)
+
+    def contains(self, points: npt.ArrayLike, *, workers: int = 1) -> npt.NDArray[np.bool_]:
+        """Return whether points are inside some part.
+
+        Parameters
+        ----------
+        points : (..., 3) float64, m
+            Points to test. A point that is not finite is not inside.
+        workers : int
+            Threads; -1 for all cores.
+
+        Returns
+        -------
+        (...) bool
+            On the surface itself: False.
+
+        Raises
+        ------
+        ArgumentError
+            If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
+        NotWatertightError
+            If no part has an inside.
+        """
+        return _contains(self.snapshot(), points, inf, workers)
+
+    def cast(
+        self,
+        origins: npt.ArrayLike,
+        directions: npt.ArrayLike,
+        *,
+        max_distance: npt.ArrayLike = inf,
+        workers: int = 1,
+    ) -> RayHits:
+        """Return the first hits of rays.
+
+        Parameters
+        ----------
+        origins : (..., 3) float64, m
+            Starting points of the rays. Shapes broadcast against *directions*.
+        directions : (..., 3) float64
+            Directions of the rays; any length except zero.
+        max_distance : float or (...) float64, m
+            Look no farther along a ray than this; an array broadcasts against the leading shape of the rays.
+        workers : int
+            Threads; -1 for all cores.
+
+        Returns
+        -------
+        RayHits
+            Arrays of the broadcast leading shape. A row that is not finite, or starts farther away than
+            1e100 part sizes, answers nan and `NO_FACE`.
+
+        Raises
+        ------
+        ArgumentError
+            If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
+            *workers* is not a number of threads.
+
+        Notes
+        -----
+        On the surface: a ray that starts there hits at distance 0.
+        Ties: the lowest part; within a part any of the faces, the same on every run.
+        Degenerate: a ray never passes through an edge or corner of a closed surface. A face that is
+        parallel to the ray is not hit.
+        Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
+        """
+        record = RayHits()
+        record._table = _cast(self.snapshot(), origins, directions, max_distance, workers)
+        return record
+
+    def cast_distance(
+        self,
+        origins: npt.ArrayLike,
+        directions: npt.ArrayLike,
+        *,
+        max_distance: npt.ArrayLike = inf,
+        workers: int = 1,
+    ) -> Reals:
+        """Return the distances of `cast`, m, faster than `cast`.
+
+        Parameters
+        ----------
+        origins : (..., 3) float64, m
+            Starting points of the rays. Shapes broadcast against *directions*.
+        directions : (..., 3) float64
+            Directions of the rays; any length except zero.
+        max_distance : float or (...) float64, m
+            Look no farther along a ray than this; an array broadcasts against the leading shape of the rays.
+        workers : int
+            Threads; -1 for all cores.
+
+        Returns
+        -------
+        (...) float64, m
+            Of the broadcast leading shape; inf where nothing is hit, nan in a row that is not finite, or
+            starts farther away than 1e100 part sizes.
+
+        Raises
+        ------
+        ArgumentError
+            If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
+            *workers* is not a number of threads.
+        """
+        return _cast_distance(self.snapshot(), origins, directions, max_distance, workers)
+
+    def closest_to_segments(
+        self,
+        starts: npt.ArrayLike,
+        ends: npt.ArrayLike,
+        *,
+        max_distance: npt.ArrayLike = inf,
+        workers: int = 1,
+    ) -> SegmentHits:
+        """Return the shortest connections between segments and the surface.
+
+        Parameters
+        ----------
+        starts, ends : (..., 3) float64, m
+            Ends of the segments; shapes broadcast. A segment of no length is a point.
+        max_distance : float or (...) float64, m
+            Search no farther than this; an array broadcasts against the leading shape of the segments.
+        workers : int
+            Threads; -1 for all cores.
+
+        Returns
+        -------
+        SegmentHits
+            Arrays of the broadcast leading shape. A row that is not finite, or with an end farther off than
+            1e100 part sizes, answers nan and `NO_FACE`.
+
+        Raises
+        ------
+        ArgumentError
+            If shapes or types do not fit, *max_distance* is negative or nan, or *workers* is not a number
+            of threads.
+
+        Notes
+        -----
+        On the surface: a segment that crosses or touches it has distance 0; of several crossings the one
+        nearest to the start is reported.
+        Ties: the lowest part; within a part any of the nearest faces, the same on every run.
+        """
+        record = SegmentHits()
+        record._table = _closest_to_segments(self.snapshot(), starts, ends, max_distance, workers)
+        return record

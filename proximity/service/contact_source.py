@@ -1,0 +1,195 @@
+"""Contacts of a tick: the interface of their source, and the source that ticks a tracker."""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from proximity.kernels.layout import PART_IS_HIDDEN
+from proximity.kernels.tracking.motion import (
+    ESTIMATE_VELOCITY,
+    MAX_ACCELERATION,
+    MAX_SPEED,
+    MOTION_INTS,
+    MOTION_REALS,
+    PREDICTED,
+    observe,
+)
+from proximity.message import ContactFlag, Source
+from proximity.service.description import PartLabels
+from proximity.service.samples import FingerPoses, Samples
+from proximity.system.time_units import NS_PER_MS
+from proximity.tracker.tracker import Tracker
+
+REHEARSAL = 200  # ticks, at places all over the scene
+PAGE = 4096  # bytes
+METRES_A_BEND = 0.2
+"""That a fingertip goes from flat hand to fist, about: what is known of noise and acceleration of
+fingertips in metres holds of bends by it."""
+
+
+class ContactSource(Protocol):
+    """Makes the contacts of a tick."""
+
+    count: int
+    """Of fingers."""
+    source: Source
+    """Where its distances come from."""
+
+    @property
+    def epoch(self) -> int:
+        """A number that grows with each change of what parts and faces of the last answer mean."""
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences for the report: what was refused or failed, and how often."""
+
+    @property
+    def refused(self) -> tuple[int, int, int]:
+        """Poses of parts left out so far: from the future, older than the one before, and too old."""
+
+    @property
+    def is_late(self) -> bool:
+        """Whether what the last answer was made of is too old for more than its bounds to be used."""
+
+    def labels(self) -> PartLabels:
+        """Return names of the parts of the last answer, and which are hidden."""
+
+    def new_samples(self) -> Samples:
+        """Return samples of the class that it needs, all unknown."""
+
+    def rehearse(self) -> None:
+        """Do all that takes long the first time; its effects are undone."""
+
+    def fill(self, contacts: np.ndarray, samples: Any, now_ns: int) -> None:
+        """Write (N,) CONTACT for the newest samples of N fingers; the same arrays each time are fastest."""
+
+    def close(self) -> None:
+        """Give back what is open."""
+
+
+class TrackedContacts:
+    """Contacts with the parts of a scene.
+
+    *tracker*: of as many fingers as the input has. Only the service may tick it from now on.
+    """
+
+    source = Source.GEOMETRY
+
+    def __init__(self, tracker: Tracker, moves: Any = None, changes: Any = None) -> None:
+        self.tracker = tracker
+        self.moves = moves
+        self.changes = changes
+        self.count = len(tracker.contacts)
+        self._bends = Bends(self.count)
+        self._filled: np.ndarray | None = None  # the records that ticks write to
+
+    @property
+    def epoch(self) -> int:
+        """Epoch of the scene at the last tick."""
+        return self.tracker.epoch
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on poses, and on moves and changes of parts, that could not be used."""
+        sources = (self.tracker, self.moves, self.changes)
+        return [note for each in sources if each is not None for note in each.notes]
+
+    @property
+    def refused(self) -> tuple[int, int, int]:
+        """Moves of parts left out so far."""
+        moves = self.moves
+        return (0, 0, 0) if moves is None else (moves.future, moves.backwards, moves.too_old)
+
+    @property
+    def is_late(self) -> bool:
+        """Whether of a part that moved nothing more is reported."""
+        return self.moves is not None and self.moves.is_late
+
+    def labels(self) -> PartLabels:
+        """Return names of the scene's parts, and which are hidden."""
+        model = self.tracker.scene.snapshot()
+        return model.names, model.parts[: len(model.names), PART_IS_HIDDEN] != 0
+
+    def new_samples(self) -> FingerPoses:
+        """Return poses, all unknown."""
+        return FingerPoses(self.count)
+
+    def rehearse(self) -> None:
+        """Read all of the scene into memory, and tick at random points; the tracker is reset afterwards."""
+        tracker, rng = self.tracker, np.random.default_rng(0)
+        model = tracker.scene.snapshot()
+        for array in (model.reals, model.words):
+            array.view(np.uint8)[::PAGE].max(initial=0)
+        lower, upper = tracker.scene.bounds
+        instants = np.zeros(self.count, np.int64)
+        for tick in range(REHEARSAL):
+            tips = rng.uniform(lower, upper, (self.count, 3))
+            instants[:] = tick * NS_PER_MS
+            contacts = tracker.advance(tips, instants, tick * NS_PER_MS)
+            self._bends.write(contacts, tips[:, 0], instants)
+        tracker.reset()
+        self._bends.reset()
+
+    def fill(self, contacts: np.ndarray, samples: FingerPoses, now_ns: int) -> None:
+        """Change and move the parts that are to change and move, and tick.
+
+        Parts that have a velocity stand where they are at the instant of the newest pose. Bounds hold for the
+        pose of each finger, with parts where they were reported to be, carried on with the velocities
+        reported.
+        """
+        tracker, paths, bends = self.tracker, samples.paths, samples.bends
+        if contacts is not self._filled:
+            tracker.write_to(contacts)
+            self._filled = contacts
+        if self.changes is not None:
+            self.changes.apply(tracker.scene)
+        if self.moves is not None:
+            self.moves.apply(tracker.scene, now_ns, samples)
+        tracker.advance(
+            samples.positions,
+            samples.pose_ns,
+            now_ns,
+            velocities=samples.velocities,
+            paths=paths,
+            bends=None if paths is None else bends,
+        )
+        if self.moves is not None:
+            self.moves.widen(contacts)
+        if bends is not None:
+            self._bends.write(contacts, bends, samples.pose_ns)
+
+    def close(self) -> None:
+        """Close the inputs of moves and changes."""
+        for opened in (self.moves, self.changes):
+            if opened is not None:
+                opened.close()
+
+
+class Bends:
+    """Follows the bends of fingers from pose to pose."""
+
+    def __init__(self, count: int) -> None:
+        self._motions = np.zeros((count, MOTION_REALS))
+        self._marks = np.zeros((count, MOTION_INTS), np.int64)
+
+    def reset(self) -> None:
+        """Start anew."""
+        self._motions[:] = 0.0
+        self._marks[:] = 0
+
+    def write(self, contacts: np.ndarray, bends: np.ndarray, pose_ns: np.ndarray) -> None:
+        """Write bend and bend rate at the pose's instant, of fingers that are tracked and are on no path.
+
+        *contacts*: (N,) CONTACT. *bends*: as they came with the poses; nan: not reported. *pose_ns*: (N,),
+        ns.
+        """
+        is_tracked = contacts["flags"] & (ContactFlag.TRACKED | ContactFlag.ON_PATH) == ContactFlag.TRACKED
+        for i in np.flatnonzero(is_tracked & np.isfinite(bends)).tolist():
+            bend = bends.item(i)
+            status = observe(
+                self._motions, self._marks, i, pose_ns.item(i), METRES_A_BEND * bend, 0.0, 0.0, MAX_SPEED,
+                MAX_ACCELERATION,
+            )  # fmt: skip
+            contacts["bend"][i] = bend
+            if status & PREDICTED:
+                contacts["bend_rate"][i] = self._motions.item(i, ESTIMATE_VELOCITY) / METRES_A_BEND

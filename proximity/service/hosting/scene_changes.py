@@ -1,0 +1,163 @@
+"""Changes of a scene while it is served: parts added and removed by messages, and edits of the scene file.
+
+Both make another scene beside the loop, which goes on with the scene before; then they replace it between two
+ticks. Poses that are reported meanwhile reach the new one as well.
+"""
+
+import copy
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from proximity.errors import ProximityError, SceneError
+from proximity.scene.loader import load
+from proximity.scene.part import Part
+from proximity.service import Addition, Request, Service, TrackedContacts, carry_out
+from proximity.service.config import (
+    SceneFile,
+    make_tracker,
+    override,
+    placed_parts,
+    read_scene_file,
+    stamp_of,
+)
+from proximity.service.config.toml_document import Path, spelled
+from proximity.service.hosting.service_assembly import ServiceSetup
+
+NOT_ALLOWED = "parts cannot be added: the scene file has no input.parts_from"
+REFUSED = "the edit is refused, the previous scene stays in use"
+
+
+class PartChanger:
+    """Carries out requests for parts to be added or removed.
+
+    *settings*: gives the scene file as it is served at present.
+    """
+
+    def __init__(self, service: Service, settings: Callable[[], SceneFile]) -> None:
+        self._service, self._settings = service, settings
+
+    def carry_out(self, request: Request) -> None:
+        """Do what a request asks for; what cannot be done is written into it."""
+        try:
+            self._carry_out(request)
+        except ProximityError as unfit:
+            request.refusal = str(unfit)
+        except Exception as failure:  # a mistake of ours must not end the service
+            request.refusal = f"{type(failure).__name__}: {failure}"
+        finally:
+            request.is_over = True
+
+    def _carry_out(self, request: Request) -> None:
+        settings, source = self._settings(), self._service.contact_source
+        assert isinstance(source, TrackedContacts), "a service with input.sensor has no parts to change"
+        added = [part for each in request.additions for part in _read(each, settings.input.parts_from)]
+        scene = copy.copy(source.tracker.scene)
+        for part in added:
+            scene.add(part)
+        carry_out(scene, request.actions)
+        tracker = make_tracker(settings, scene, source.count)
+        self._service.replace(TrackedContacts(tracker, source.moves, source.changes))
+
+
+def allowed_file(name: str, folders: Sequence[str]) -> str:
+    """Return the path of a file that a message may name: a regular file within one of some folders.
+
+    *name*: as the message has it, relative to one of the folders. *folders*: where parts may be read from;
+    the first that has the file counts.
+    """
+    if not folders:
+        raise SceneError(NOT_ALLOWED)
+    if not name or "\0" in name or os.path.isabs(name):
+        raise SceneError(f"the file to add is {name!r}, expected a name relative to input.parts_from")
+    for folder in folders:
+        path = os.path.realpath(os.path.join(folder, name))
+        if not path.startswith(os.path.join(os.path.realpath(folder), "")):
+            raise SceneError(f"the file to add, {name!r}, is outside of input.parts_from")
+        if os.path.isfile(path):
+            return path
+    raise SceneError(f"the file to add, {name!r}, is not in input.parts_from")
+
+
+def _read(addition: Addition, folders: Sequence[str]) -> list[Part]:
+    path = allowed_file(addition.file, folders)
+    parts = load(path, units=addition.units).parts
+    return placed_parts(parts, addition.name, addition.pose)
+
+
+class SceneReloader:
+    """Gives a running service the scene of its file, whenever that file or a file of its parts changes.
+
+    *made*: the service, and what is kept of its scene. *overrides*: what was said otherwise than in the file:
+    it goes on to hold.
+    """
+
+    def __init__(
+        self, made: ServiceSetup, settings: SceneFile, overrides: dict[str, Any], say: Callable[[str], None]
+    ) -> None:
+        self._made, self._settings, self._overrides, self._say = made, settings, overrides, say
+        self._looked_at = self._seen = _stamps(settings)
+
+    @property
+    def settings(self) -> SceneFile:
+        """The scene file as it is served at present."""
+        return self._settings
+
+    def look(self) -> None:
+        """Take an edit, if there is one that the look before has seen already: it is not half-written."""
+        seen = {path: stamp_of(path) for path in self._seen}
+        is_finished, self._seen = seen == self._seen, seen
+        if not is_finished or seen == self._looked_at:
+            return
+        self._looked_at = seen
+        try:
+            reported = self._reload()
+        except ProximityError as unusable:
+            reported = f"{REFUSED}: {unusable}"
+        except Exception as failure:  # a mistake of ours must not end the looking
+            reported = f"{REFUSED}: {type(failure).__name__}: {failure}"
+        self._say(reported)
+
+    def _reload(self) -> str:
+        """Make the edited scene and hand it to the loop; what is said of it."""
+        started, before = time.monotonic(), self._settings
+        settings = override(read_scene_file(before.path), self._overrides)
+        # Files that are new are watched as well from here on, even if they cannot be used yet.
+        self._seen = self._looked_at = {**_stamps(settings), **self._looked_at}
+        refuse_what_needs_a_restart(before, settings)
+        if self._made.scene is None:
+            return f"{settings.path} was edited without effect"
+        scene = self._made.files.scene(settings)
+        tracker = make_tracker(settings, scene, self._made.count)
+        self._made.service.replace(TrackedContacts(tracker, self._made.moves, self._made.changes))
+        self._settings = settings
+        self._seen = self._looked_at = {path: self._looked_at[path] for path in _stamps(settings)}
+        return f"{settings.path} was edited: {scene} is in use, after {time.monotonic() - started:.1f} s"
+
+
+def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
+    """Raise if a file says something else of what a running service cannot change."""
+    reported = _fixed(after)
+    for path, value in _fixed(before).items():
+        if reported[path] != value:
+            raise after.error(path, f"{spelled(path)} was changed: restart the service to apply it")
+
+
+def _fixed(settings: SceneFile) -> dict[Path, Any]:
+    """Settings that a running service cannot change, by where they stand."""
+    reported: dict[Path, Any] = {("service", key): value for key, value in asdict(settings.service).items()}
+    del reported["service", "latency"]
+    reported["fingers", "count"] = settings.fingers.count
+    reported["fingers", "names"] = settings.fingers.names
+    source = asdict(settings.input)
+    recorded = source.pop("recording") or {}
+    source["recording"] = recorded.pop("file", None)
+    reported |= {("input", key): value for key, value in {**source, **recorded}.items()}
+    reported["glove",] = settings.glove
+    return reported
+
+
+def _stamps(settings: SceneFile) -> dict[str, Any]:
+    return {path: stamp_of(path) for path in (settings.path, *(part.file for part in settings.parts))}

@@ -1,0 +1,109 @@
+"""Inbox of a service: each message is checked and counted, and none raises in the loop."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from proximity.message import Kind, parts_of
+from proximity.transport import MessageReader, open_inlet
+from proximity.transport.publisher_clock import ForeignClock
+
+LOGGER = logging.getLogger("proximity.service")
+MOST_AT_ONCE = 256
+"""Messages looked at in one tick: more than shared memory keeps, so that the newest is among them however
+seldom ticks are. Moves are not overtaken by newer ones that still wait."""
+MOST_FLAWED = 32
+"""Of these, such that cannot be used: a flood of garbage takes 0.1 ms of a tick, not all."""
+
+FARTHEST_NS = 2**62
+"""Between two clocks: 146 years. Instants of one that is farther off could not be reported in 64 bits."""
+
+
+class Inbox:
+    """Takes the messages at an address that can be used.
+
+    *is_timed*: whether instants in the messages matter: then a clock elsewhere must be known before they are
+    given.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        kinds: Sequence[Kind],
+        clock: Callable[[], int] = time.monotonic_ns,
+        *,
+        is_timed: bool = True,
+    ) -> None:
+        self.address = address
+        self._inlet = open_inlet(address)
+        self._reader = MessageReader(
+            self._inlet, kinds, clock, most_at_once=MOST_AT_ONCE, most_flawed=MOST_FLAWED
+        )
+        self._foreign = ForeignClock() if is_timed and not self._inlet.shares_clock else None
+        self._has_warned_of_key = False
+        self._failures = 0
+        self._first_failure = ""
+        self._left_out: dict[str, int] = {}
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on messages that were lost, refused or left out."""
+        # Copies: the loop may be counting meanwhile.
+        counts = replace(self._reader.counts, flawed=self._reader.counts.flawed.copy())
+        notes = [f"{self.address}: {count} {what}" for what, count in list(self._left_out.items())]
+        if counts.lost or counts.unused:
+            notes.append(f"{self.address}: {counts}")
+        if self._failures:
+            notes.append(f"receiving failed {self._failures} times, first: {self._first_failure}")
+        return notes
+
+    def messages(self) -> Iterator[tuple[Kind, np.ndarray, int]]:
+        """Give what has arrived, oldest first: kind, records, and how far our clock is ahead of theirs, ns.
+
+        The records are overwritten by the next message.
+        """
+        try:
+            for kind, data, now_ns in self._reader.messages():
+                header, records = parts_of(data, kind)
+                if self._foreign is None:
+                    yield kind, records, 0
+                    continue
+                is_new_run = self._reader.is_new_run
+                self._foreign.arrived(int(header["send_ns"]), now_ns, is_new_run=is_new_run, kind=kind.magic)
+                # Until a clock is seen to run, what it shows may be a copy of something old.
+                if self._foreign.is_certain:
+                    yield from self._on_our_clock(kind, records, now_ns - self._foreign.theirs(now_ns))
+            if self._reader.counts.unverified and not self._has_warned_of_key:
+                self._has_warned_of_key = True
+                LOGGER.warning(
+                    "%s: a message is not verified by the key (expected that of its sender)", self.address
+                )
+        except OSError as failure:
+            self._failures += 1
+            if self._failures == 1:
+                self._first_failure = str(failure)
+                LOGGER.warning("receiving failed: %s", failure)
+
+    def _on_our_clock(
+        self, kind: Kind, records: np.ndarray, offset_ns: int
+    ) -> Iterator[tuple[Kind, np.ndarray, int]]:
+        if abs(offset_ns) <= FARTHEST_NS:
+            yield kind, records, offset_ns
+        else:
+            self.leave_out("messages with an impossible time", 1)
+
+    def leave_out(self, what: str, count: int, why: str = "", *, says: str = "") -> None:
+        """Count what of a message is not used; the first time is logged.
+
+        *says*: what the log says instead of *what* and *why*.
+        """
+        if what not in self._left_out:
+            LOGGER.warning("%s: %s", self.address, says or f"{what}{why and f' ({why})'}")
+        self._left_out[what] = self._left_out.get(what, 0) + count
+
+    def close(self) -> None:
+        """Give the address back."""
+        self._inlet.close()

@@ -1,0 +1,90 @@
+"""Meshes and scenes, and points, rays and segments to ask of them."""
+
+from functools import cache
+
+import numpy as np
+import shapes
+
+from proximity.pose import Pose
+from proximity.scene.scene import Part, Scene
+from proximity.scene.solid import Solid
+
+CLOSED = {
+    "tetrahedron": shapes.tetrahedron,
+    "cube": shapes.cube,
+    "hollow cube": shapes.hollow_cube,
+    "sphere": lambda: shapes.sphere(subdivisions=2),
+    "torus": lambda: shapes.torus(n=16, m=8),
+    "torus of loose faces": lambda: shapes.soup(*shapes.torus(n=16, m=8)),
+}
+MESHES = CLOSED | {
+    "sheet": shapes.grid,
+    "open box": shapes.open_box,
+    "Moebius strip": lambda: shapes.strip(16, half_turns=1),
+}
+FAR = np.array([10_000.0, -7_000.0, 3_000.0])
+
+
+@cache
+def mesh_of(name):
+    return MESHES[name]()
+
+
+@cache
+def solid_of(name):
+    return Solid(*mesh_of(name))
+
+
+def some_scene(count, *, is_turned=True, offset=(0.0, 0.0, 0.0), seed=1):
+    rng = np.random.default_rng(seed)
+    parts = []
+    for row in range(count):
+        vertices, faces = [shapes.tetrahedron, shapes.cube, shapes.octahedron][row % 3]()
+        turn = shapes.rotation(int(rng.integers(2**31))) if is_turned else None
+        pose = Pose(turn, rng.uniform(-4.0, 4.0, 3) + offset)
+        rows = np.arange(len(faces), dtype=np.int32)
+        parts.append(Part(f"part {row}", Solid(vertices, faces), pose, rows))
+    return Scene(parts)
+
+
+def some_points(name, count, seed=7):
+    """Far, around, near and on the surface, at corners and edges too."""
+    vertices, faces = mesh_of(name)
+    rng = np.random.default_rng(seed)
+    size = np.ptp(vertices, axis=0).max()
+    weights = rng.dirichlet((1.0, 1.0, 1.0), count)
+    weights[rng.random(count) < 0.2] = (0.0, 0.5, 0.5)
+    weights[rng.random(count) < 0.2] = (0.0, 0.0, 1.0)
+    on_surface = (vertices[faces[rng.integers(len(faces), size=count)]] * weights[:, :, None]).sum(axis=1)
+    step = rng.choice([0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.1, 0.3, 1.0, 30.0], (count, 1))
+    return on_surface + size * step * rng.normal(size=(count, 3))
+
+
+def some_rays(name, count, seed=7):
+    """From around and within, aimed at faces, edges and corners, or past them."""
+    vertices, faces = mesh_of(name)
+    rng = np.random.default_rng(seed)
+    weights = rng.dirichlet((1.0, 1.0, 1.0), count)
+    weights[rng.random(count) < 0.3] = (0.0, 0.5, 0.5)
+    weights[rng.random(count) < 0.3] = (0.0, 0.0, 1.0)
+    aims = (vertices[faces[rng.integers(len(faces), size=count)]] * weights[:, :, None]).sum(axis=1)
+    aims += rng.choice([0.0, 1e-9, 0.3], (count, 1)) * rng.normal(size=(count, 3))
+    origins = rng.uniform(-3.0, 3.0, (count, 3))
+    return origins, (aims - origins) * rng.choice([1e-6, 1.0, 1e6], (count, 1))
+
+
+def some_segments(name, count, seed=7):
+    """Long and short ones, around, along, through and within."""
+    vertices, faces = mesh_of(name)
+    rng = np.random.default_rng(seed)
+    corners = vertices[faces[rng.integers(len(faces), size=count)]]
+    weights = rng.dirichlet((1.0, 1.0, 1.0), count)
+    weights[rng.random(count) < 0.3] = (0.0, 0.5, 0.5)
+    weights[rng.random(count) < 0.3] = (0.0, 0.0, 1.0)
+    starts = (corners * weights[:, :, None]).sum(axis=1)
+    starts += rng.choice([0.0, 1e-9, 1e-3, 0.3, 2.0], (count, 1)) * rng.normal(size=(count, 3))
+    ways = rng.choice([1e-12, 1e-6, 0.1, 1.0, 10.0], (count, 1)) * rng.normal(size=(count, 3))
+    # Some run along an edge of a face: parallel to what they are nearest to.
+    along = rng.random(count) < 0.25
+    ways[along] = (corners[:, 1] - corners[:, 0])[along]
+    return starts, starts + ways
