@@ -90,12 +90,22 @@ def test_mistake_is_one_sentence(experiment, tmp_path, arguments, sentence):
     assert (code, out) == (2, "") and sentence in err and err.count("\n") == 1
 
 
-@pytest.mark.parametrize("slot", [-1, 2, 99])
-def test_place_that_the_design_does_not_have_is_refused(experiment, tmp_path, slot):
-    code, out, err = experiment("plan", write_design(tmp_path), "--slot", slot)
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        *(
+            (("plan", "DESIGN", "--slot", slot), f"--slot: {slot}: the design has 2 participants, expected 0")
+            for slot in (-1, 2, 99)
+        ),
+        (("run", "DESIGN", "p01", "--address", "mailbox:experiment", "--arm"),
+         "a motor moves only with both --motor and --arm"),
+    ],
+)  # fmt: skip
+def test_option_that_cannot_be_used_is_refused(experiment, tmp_path, arguments, sentence):
+    known = {"DESIGN": write_design(tmp_path)}
+    code, out, err = experiment(*(known.get(word, word) for word in arguments))
 
-    assert (code, out) == (2, "")
-    assert f"--slot: {slot}: the design has 2 participants, expected 0 to 1" in " ".join(err.split())
+    assert (code, out) == (2, "") and sentence in " ".join(err.split())
 
 
 def test_edited_log_is_one_sentence(experiment, tmp_path):
@@ -210,9 +220,3 @@ def test_who_refuses_is_not_kept(experiment, tmp_path, monkeypatch, pressing):
 
     assert code == 130 and err.endswith("p01 does not agree: nothing was kept\n")
     assert not (data / "sub-p01").exists()
-
-
-def test_motor_needs_to_be_armed(experiment, tmp_path):
-    code, _, err = experiment("run", write_design(tmp_path), "p01", "--address", ADDRESS, "--arm")
-
-    assert code == 2 and "a motor moves only with both --motor and --arm" in err.replace("\n", " ")

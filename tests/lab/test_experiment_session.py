@@ -1,5 +1,6 @@
 """Sessions: methods, the log, what a crash costs, limits, and the folder of data."""
 
+import csv
 import getpass
 import json
 import re
@@ -12,15 +13,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from experiments import SMALL, write_design
+from experiments import SMALL, simulate, write_design
 
 from proximity.errors import RecordingError
 from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design_file import read_design
-from proximity.lab.experiment.display import FRAME, Interval, Presentation
+from proximity.lab.experiment.display import FRAME, TRIAL_FIELDS, Interval, Presentation
 from proximity.lab.experiment.methods import QuestPlus, Staircase
 from proximity.lab.experiment.observers import Observer, cut_at_limits
-from proximity.lab.experiment.session import Monitor, RefusedError, Session, StoppedError, run_visit
+from proximity.lab.experiment.session import Monitor, RefusedError, Session, StoppedError
 from proximity.lab.experiment.trial_log import TrialLog, read_log
 from proximity.lab.simulation.simulated_press import Wall
 
@@ -35,11 +36,6 @@ def design(tmp_path):
 @pytest.fixture
 def dataset(tmp_path, design):
     return Dataset(tmp_path / "data", design)
-
-
-def done_by(dataset, name, **more):
-    observer = Observer(dataset.design, dataset.register(name, Observer.name))
-    run_visit(dataset, name, observer, observer, **more)
 
 
 def without_times(entries):
@@ -108,7 +104,7 @@ def test_methods_go_on_from_a_log(tmp_path):
 
 
 def test_whole_session_is_in_log_tables_and_frames(dataset):
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     folder = dataset.folder / "sub-p01"
     entries = dataset.entries("p01")
     trials = [one for one in entries if one["event"] == "trial"]
@@ -124,8 +120,16 @@ def test_whole_session_is_in_log_tables_and_frames(dataset):
         for name in ("task-questionnaire", "task-stiffness_run-1", "task-which_run-1")
         for ending in ("json", "tsv")
     ]
-    table = (folder / "beh" / "sub-p01_task-which_run-1_beh.tsv").read_text().splitlines()
-    assert len(table) == 5 and table[0].startswith("number\tcondition\tstage\tlevel")
+    with (folder / "beh" / "sub-p01_task-which_run-1_beh.tsv").open() as stream:
+        rows = list(csv.DictReader(stream, delimiter="\t"))
+    assert list(rows[0]) == list(TRIAL_FIELDS) and len(rows) == 4
+    for row, one in zip(rows, [one for one in trials if one["task"] == "which"], strict=True):
+        with np.load(folder / "frames" / f"sub-p01_trial-{one['number']:04d}.npz") as frames:
+            felt = [Presentation(frames[name]) for name in ("interval_1", "interval_2")]
+        for column, name in (("onset", "onset"), ("depth", "depth"), ("peak_force", "peak")):
+            expected = [getattr(each, name) for each in felt]
+            assert [float(text) for text in row[column].split()] == pytest.approx(expected, rel=1e-6)
+        assert row["odd"] in "12" and row["is_right"] == str(int(row["answer"] == row["odd"]))
     assert "finished" in (dataset.folder / "participants.tsv").read_text()
 
 
@@ -133,7 +137,7 @@ def test_whole_session_is_in_log_tables_and_frames(dataset):
 def test_killed_session_goes_on_and_nothing_is_lost_or_done_twice(tmp_path, design):
     """The process is killed as often as it takes, wherever it happens to be."""
     reference = Dataset(tmp_path / "reference", design)
-    done_by(reference, "p01")
+    simulate(reference, "p01")
     data, path = tmp_path / "killed", tmp_path / "design.toml"
     command = [sys.executable, "-m", "proximity", "experiment", "simulate", str(path), "--data", str(data),
                "--participant", "p01"]  # fmt: skip
@@ -198,7 +202,7 @@ def test_edited_log_is_refused_in_one_sentence(tmp_path, edit):
 
 
 def test_finished_log_that_was_shortened_is_refused(dataset):
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     path = dataset.log_path("p01")
     path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:-1]))
 
@@ -223,7 +227,7 @@ def test_force_beyond_the_limit_ends_the_trial_whatever_the_design_says(tmp_path
         "latency = 0.003", "latency = 0.01"
     )
     dataset = Dataset(tmp_path / "data", read_design(write_design(tmp_path, text)))
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     trials = [one for one in dataset.trials() if one["task"] == "stiffness" and one["condition"] == "late"]
 
     assert trials and all(one["stopped"].endswith("are beyond the limit of 4 N") for one in trials)
@@ -262,12 +266,11 @@ def test_emergency_stop_ends_the_visit_and_the_session_goes_on_later(dataset):
                 monitor.stop.set()
             return super().present(interval, limit_force, limit_seconds)
 
-    observer = Stopping(dataset.design, dataset.register("p01", Observer.name))
     with pytest.raises(StoppedError):
-        run_visit(dataset, "p01", observer, observer, monitor)
+        simulate(dataset, "p01", Stopping, monitor)
     last = dataset.entries("p01")[-1]
     assert last["stopped"] == "emergency stop" and last["answer"] is None
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     assert sorted(one["number"] for one in dataset.trials()) == list(range(23))
 
 
@@ -279,9 +282,8 @@ def test_who_does_not_consent_leaves_nothing(dataset):
     report = dataset.folder / "derivatives" / "report.html"
     report.parent.mkdir()
     report.touch()
-    observer = Refusing(dataset.design, dataset.register("p01", Observer.name))
     with pytest.raises(RefusedError):
-        run_visit(dataset, "p01", observer, observer)
+        simulate(dataset, "p01", Refusing)
     assert "p01" not in (dataset.folder / "participants.tsv").read_text()
     assert not (dataset.folder / "sub-p01").exists() and report.exists()
 
@@ -300,7 +302,7 @@ def test_hand_feels_every_wall(design, wall, stiffness):
 
 
 def test_nothing_personal_is_in_the_data(dataset):
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     personal = {getpass.getuser(), socket.gethostname(), str(Path.home()), str(dataset.folder.parent)}
     dates = re.compile(rb"20[2-9]\d-\d\d-\d\d|20[2-9]\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])")
     files = [path for path in dataset.folder.rglob("*") if path.is_file() and path.suffix != ".npz"]
@@ -323,8 +325,8 @@ def test_only_pseudonyms_take_part(dataset, name):
 
 
 def test_forgotten_participant_is_nowhere_and_the_place_is_free(dataset):
-    done_by(dataset, "p01")
-    done_by(dataset, "p02")
+    simulate(dataset, "p01")
+    simulate(dataset, "p02")
     report = dataset.folder / "derivatives" / "report" / "scores.csv"
     report.parent.mkdir(parents=True)
     report.write_text("p01,1\n")
@@ -340,21 +342,17 @@ def test_forgotten_participant_is_nowhere_and_the_place_is_free(dataset):
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "sentence"),
+    ("first", "second", "there", "new"),
     [
-        (
-            Observer.name,
-            "simulated drum",
-            "has data of simulated observers, expected another folder for people",
-        ),
-        ("drum with a motor", Observer.name, "has data of people, expected another folder for simulated"),
+        (Observer.name, "simulated drum", "simulated observers", "people"),
+        ("drum with a motor", Observer.name, "people", "simulated"),
     ],
 )
-def test_people_and_simulated_observers_are_not_mixed(dataset, first, second, sentence):
+def test_people_and_simulated_observers_are_not_mixed(dataset, first, second, there, new):
     dataset.register("p01", first)
 
     for name in ("p01", "p02"):
-        with pytest.raises(RecordingError, match=sentence):
+        with pytest.raises(RecordingError, match=f"has data of {there}, expected another folder for {new}"):
             dataset.register(name, second)
     assert [row["participant_id"] for row in dataset.participants()] == ["p01"]
 
@@ -370,7 +368,7 @@ def test_data_say_whether_participants_are_simulated(tmp_path, dataset):
 
 
 def test_apparatus_that_the_table_lacks_is_that_of_the_log(dataset):
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     table = dataset.folder / "participants.tsv"
     table.write_text(re.sub(r"\t(apparatus|simulated observer)", "", table.read_text()))
 
