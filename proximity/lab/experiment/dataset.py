@@ -62,7 +62,7 @@ class Dataset:
             self.design = design
             self._write_json("participants.json", _described(PARTICIPANT_COLUMNS))
             self._write_participants([])
-            self._write("design.toml", design.text)  # last: with it the folder counts
+            self._write("design.toml", design.file_text)  # last: with it the folder counts
 
     def participants(self) -> list[dict[str, str]]:
         """Return the rows of ``participants.tsv``."""

@@ -169,8 +169,9 @@ class Question:
         """Whether an answer is one that the question takes."""
         if self.choices:
             return answer in self.choices
-        is_number = isinstance(answer, int | float) and not isinstance(answer, bool)
-        return is_number and self.range[0] <= answer <= self.range[1]
+        if isinstance(answer, bool) or not isinstance(answer, int | float):
+            return False
+        return self.range[0] <= answer <= self.range[1]
 
     @property
     def expected(self) -> str:
@@ -238,7 +239,7 @@ class Design:
     tasks: tuple[Task, ...]
     questions: tuple[Question, ...]
     sha256: str  # of the file
-    text: str  # of the file
+    file_text: str
 
     def condition(self, name: str) -> Condition:
         """Return a condition by its name."""

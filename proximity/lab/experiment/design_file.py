@@ -23,25 +23,24 @@ from proximity.lab.experiment.design import (
 from proximity.lab.experiment.plan import latin_square
 from proximity.lab.simulation.simulated_press import Wall
 from proximity.service.config.table_fields import REQUIRED, Table
-from proximity.service.config.toml_document import Document, read_document
+from proximity.service.config.toml_document import Document, Path, read_document
 
 MIN_ADAPTIVE = 3  # levels
 TABLES = {"limits": Limits, "schedule": Schedule, "exclusions": Exclusions, "observers": Observers}
 LISTS = {"conditions": Condition, "tasks": Task, "questions": Question}
-OF_FILE = ("sha256", "text")  # fields of a design that are no keys
+OF_FILE = ("sha256", "file_text")  # fields of a design that are no keys
 
 
 def read_design(path: str | os.PathLike[str]) -> Design:
     """Return the design in a file."""
     document = read_document(path, "a design")
-    keys = [one.name for one in fields(Design) if one.name not in OF_FILE]
-    values = _values(Design, Table(document, (), document.data, keys))
+    values = _read(Design, document, (), document.data)[1]
     for name, record in TABLES.items():
-        values[name] = record(**_values(record, _table(record, document, (name,))))
+        values[name] = record(**_read(record, document, (name,), document.data.get(name, {}))[1])
     for name, record in LISTS.items():
         values[name] = tuple(_listed(document, name, record))
     document.raise_complaints()
-    design = Design(**values, sha256=sha256_of(document.text), text=document.text)
+    design = Design(**values, sha256=sha256_of(document.text), file_text=document.text)
     _check_together(document, design)
     document.raise_complaints()
     return design
@@ -52,19 +51,11 @@ def sha256_of(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _table(record: Any, document: Document, path: tuple[str | int, ...]) -> Table:
-    """The table at a path; one that is missing is empty."""
-    content = document.data.get(path[0], {})
-    for index in path[1:]:
-        content = content[index]
-    return Table(document, path, content, [one.name for one in fields(record)])
-
-
-def _values(record: Any, table: Table) -> dict[str, Any]:
-    """Fields of a record, by name, as its table has them."""
-    return {
-        one.name: one.metadata["read"](table, one.name) for one in fields(record) if "read" in one.metadata
-    }
+def _read(record: Any, document: Document, path: Path, content: Any) -> tuple[Table, dict[str, Any]]:
+    """The table of a record, and the fields that it has, by name."""
+    keys = [one for one in fields(record) if one.name not in OF_FILE]
+    table = Table(document, path, content, [one.name for one in keys])
+    return table, {one.name: one.metadata["read"](table, one.name) for one in keys if one.metadata}
 
 
 def _listed(document: Document, name: str, record: Any) -> list[Any]:
@@ -75,9 +66,9 @@ def _listed(document: Document, name: str, record: Any) -> list[Any]:
         return []
     if not listed and name != "questions":
         document.complain((), f"[[{name}]] is missing, expected at least one")
-    for index in range(len(listed)):
-        table = _table(record, document, (name, index))
-        one = record(**_values(record, table))
+    for index, content in enumerate(listed):
+        table, values = _read(record, document, (name, index), content)
+        one = record(**values)
         if isinstance(one, Condition):
             _check_condition(table, one)
         elif isinstance(one, Task):
