@@ -25,7 +25,7 @@ import proximity
 from benchmarks.gate import limits
 from benchmarks.gate.cases import AnswerError, GateCase, make_cases
 from benchmarks.support.output import open_console, table_of
-from proximity.system.garbage_collector import collector_paused
+from proximity.system.memory import collector_paused
 
 ROUNDS, MORE_ROUNDS, TURN_NS = 60, 200, 4_000_000
 MOST_SECONDS = 3.0  # a case of long calls has fewer rounds, a third as many at least

@@ -1,8 +1,9 @@
-"""Measure whole VR applications, from the pose of a hand to its distances: ``python bench/vr.py``.
+"""Measure VR applications, from the pose of a hand to its distances: ``python bench/vr.py [FILE ...]``.
 
-Tori of 3 k, 100 k and 1 M faces, 90 and 120 Hz, five and ten fingers, still and moving: each is varied by
-itself from ten fingers at 90 Hz over 100 k faces. *native* publishes poses and subscribes to frames, *page*
-is what ``proximity view`` runs, without drawing. The native application is run with other libraries' signed
+*native* publishes poses and subscribes to frames, *page* is what ``proximity view`` runs, without drawing.
+With files of parts, both run with these at 90 and 120 Hz for five and ten fingers. Without, with tori of
+3 k, 100 k and 1 M faces, 90 and 120 Hz, five and ten fingers, still and moving: each is varied by itself from
+ten fingers at 90 Hz over 100 k faces. The native application is then run with other libraries' signed
 distances in the place of ours as well.
 """
 
@@ -13,6 +14,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from itertools import product
 from pathlib import Path
 
 import trimesh
@@ -21,22 +23,26 @@ from benchmarks.rivals.fcpw import Fcpw
 from benchmarks.rivals.open3d import Open3D
 from benchmarks.rivals.registry import available
 from benchmarks.rivals.trimesh import Trimesh
+from benchmarks.service.vr_application import HEADINGS, PATHS, RADIUS, Serving, VrCase, VrRow, measure
 from benchmarks.support import threads
 from benchmarks.support.machine import describe_machine
 from benchmarks.support.output import open_console, print_machine, table_of, write_json
 from benchmarks.support.project import BENCH, PROJECT, environment
-from proximity.lab.certificate.vr_application import HEADINGS, PATHS, RADIUS, Serving, VrCase, VrRow, measure
-from proximity.recording import read_recording
+from proximity.recording import Recording, read_recording
 from proximity.web.running_page import Addresses
 
 SECTIONS = {3_000: (60, 25), 100_000: (360, 139), 1_000_000: (1100, 455)}  # of tori, about so many faces
 BASE, BASE_FACES = VrCase(), 100_000
+POSE_RATES_HZ, FINGER_COUNTS = (90.0, 120.0), (5, 10)
 RIVALS = (Open3D, Fcpw, Trimesh)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure, print, write; the exit code is 0."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("files", nargs="*", metavar="FILE", help="parts to measure with, instead of tori")
+    parser.add_argument("--units", default="mm", help="of the files, where they do not say; mm")
+    parser.add_argument("--recording", type=Path, metavar="CSV", help="of a hand, instead of the sample")
     parser.add_argument("--seconds", type=float, default=10.0, help="that each application runs")
     parser.add_argument("--small", action="store_true", help="only check that everything runs")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write everything to OUT")
@@ -45,27 +51,43 @@ def main(arguments: list[str] | None = None) -> int:
     console = open_console()
     machine = describe_machine(threads.UNLIMITED)
     print_machine(console, machine)
-    hand = read_recording(PROJECT / "meshes" / "hand.csv")
+    hand = read_recording(options.recording or PROJECT / "meshes" / "hand.csv")
+    if options.files:
+        rows, others = _of_files(options.files, hand, seconds, options.units), []
+    else:
+        rows, others = _of_tori(hand, seconds, small=options.small)
+    console.print(_table("Applications, ticks at 1 kHz", [(row.cells[0], row) for row in rows]))
+    if others:
+        with_libraries = [(each["library"], VrRow.of(each["row"])) for each in others]
+        console.print(_table("The native one with the distances of other libraries", with_libraries))
+    if options.json:
+        write_json(options.json, machine, rows=rows, others=others)
+    return 0
+
+
+def _of_files(files: list[str], hand: Recording, seconds: float, units: str) -> list[VrRow]:
+    """Both applications with parts of the user's."""
+    cases = product(PATHS, POSE_RATES_HZ, FINGER_COUNTS)
+    return [measure(files, VrCase(*case, seconds=seconds), hand, units=units) for case in cases]
+
+
+def _of_tori(hand: Recording, seconds: float, *, small: bool) -> tuple[list[VrRow], list[dict]]:
+    """Both applications with tori, and the native one with the distances of other libraries."""
     rows: list[VrRow] = []
     others: list[dict] = []
     with tempfile.TemporaryDirectory(prefix="proximity_vr_") as folder:
         files = {faces: _torus(Path(folder), faces) for faces in SECTIONS}
-        for faces, case in _cases(small=options.small):
+        for faces, case in _cases(small=small):
             for path in PATHS:
                 case = replace(case, path=path, seconds=seconds)
                 rows.append(measure([files[faces]], case, hand, units="m"))
         for contender in available(RIVALS)[0]:
-            for faces in (3_000,) if options.small else SECTIONS:
+            for faces in (3_000,) if small else SECTIONS:
                 serving = _serving(contender.name, files[faces])
                 case = replace(BASE, seconds=seconds)
                 row = measure([files[faces]], case, hand, units="m", serving=serving)
                 others.append({"library": contender.name, "row": asdict(row)})
-    console.print(_table("Applications, ticks at 1 kHz", [(row.cells[0], row) for row in rows]))
-    with_libraries = [(each["library"], VrRow.of(each["row"])) for each in others]
-    console.print(_table("The native one with the distances of other libraries", with_libraries))
-    if options.json:
-        write_json(options.json, machine, rows=rows, others=others)
-    return 0
+    return rows, others
 
 
 def _cases(*, small: bool) -> list[tuple[int, VrCase]]:

@@ -52,12 +52,6 @@ ENGINE = {
     "tracker",
 }
 PREFIXES = {
-    "parts": ("PART_", "SCENE_"),
-    "frames": ("FRAME_",),
-    "record": ("RECORD_",),
-    "track": ("TRACK_",),
-    "marks": ("TRACK_",),
-    "settings": ("SETTING_",),
     "plan": ("PLAN_",),
     "closest": ("CLOSEST_",),
     "links": ("LINK_",),
@@ -143,7 +137,7 @@ def test_a_constant_of_the_kernels_has_one_home():
 
 
 def test_columns_carry_the_name_of_their_table():
-    """Such as ``record[RECORD_PART]``: a column of another table there is a mistake."""
+    """Such as ``plan[PLAN_LOW]``: a column of another table there is a mistake."""
     found = [
         f"{path.name}:{node.lineno}: {name}"
         for path in sorted((ROOT / "proximity" / "kernels").rglob("*.py"))
@@ -157,7 +151,7 @@ def test_columns_carry_the_name_of_their_table():
 
 
 def table_of(node):
-    """The name of the array that is indexed: ``parts`` of ``model.parts[part, PART_ROOT]``."""
+    """The name of the array that is indexed: ``links`` of ``tree.links[node, LINK_PARENT]``."""
     return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
 
 
@@ -178,7 +172,7 @@ def test_words_of_names_are_seen():
 
 
 def test_columns_of_a_table_are_seen():
-    node = ast.parse("model.parts[marks[i, TRACK_PART], PART_ROOT + 1]", mode="eval").body
+    node = ast.parse("tree.links[plan[PLAN_PART], LINK_PARENT + 1]", mode="eval").body
 
-    assert table_of(node.value) == "parts"
-    assert columns_in(node.slice) == {"PART_ROOT"}
+    assert table_of(node.value) == "links"
+    assert columns_in(node.slice) == {"LINK_PARENT"}

@@ -15,8 +15,7 @@ ROOT = Path(proximity.__file__).parent.parent
 PICTURES = {
     "proximity": """
 cli
-lab
-web
+lab · web
 service
 tracker
 scene
@@ -39,10 +38,11 @@ scene
 point · ray · segment
 tree
 sign
-mesh
+mesh · traverse
 geometry
 stack_arrays
-compiled_stack · contact_columns · layout · model_arrays
+compiled_stack · contact_record
+layout
 """,
     "proximity.scene": """
 picture · trimesh_scene
@@ -93,7 +93,7 @@ experiment · part_press · sweep
 claims · figures
 engine · stability
 simulation
-multibody · paper
+paper
 """,
     "proximity.lab.experiment": """
 analysis
@@ -105,11 +105,13 @@ plan
 design
 """,
     "proximity.lab.certificate": """
-certificate_job · report
+certificate_job · document · report
 certification
 measurement
-search · service_inputs
-deadlines · fingerprint · period · subject · tick_times · vr_application · wording
+service_inputs · worst_positions
+starting_positions
+work
+deadlines · subject · tick_times · wording
 """,
     "proximity.cli": """
 lab
@@ -133,7 +135,7 @@ NUMBA_MAY_BE_IMPORTED_BY = {
     "proximity.tracker.warm_up",
 }
 # What numba compiles, and code of LLVM that it is given: imported only where numba compiles kernels.
-DECLARATIONS = {"bundle", "entry", "inlined", "kernel", "maker"}
+DECLARATIONS = {"bundle", "entry", "inlined", "kernel", "allocating_kernel"}
 
 
 def module_of(path):

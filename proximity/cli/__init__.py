@@ -9,7 +9,7 @@ import io
 import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import typer
 
@@ -49,8 +49,7 @@ SETTINGS = {"help_option_names": ["-h", "--help"]}
 class Commands(Mapping[str, Any]):
     """The commands by their names; each is made when it is first asked for."""
 
-    def __init__(self) -> None:
-        self._made: dict[str, Any] = {}
+    _made: ClassVar[dict[str, Any]] = {}
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._made:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -40,7 +40,52 @@ def help_and_examples(command: Callable[..., Any]) -> tuple[str, str]:
     return "\n\n".join(paragraphs).replace("[", "\\["), f"\nExamples:\n{examples}\n"
 
 
-class Command(TyperCommand):
+class _Converter(NamedTuple):
+    """Passes on text, paths and defaults; all else is converted by Typer.
+
+    Typer imports Pydantic for that, which is a third of the time of a query. Versions without it are let be.
+    """
+
+    of_typer: Callable[[], Any]
+    kind: Any
+
+    def __call__(self) -> "_Converter":
+        """Return itself, in place of Typer's function that makes a converter."""
+        return self
+
+    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a value as Typer's converters do."""
+        kind, is_many = self.kind.annotation, param.multiple or param.nargs == -1
+        if value is None:
+            return () if is_many else None
+        if kind is str or (kind is type(value) and not self.kind.is_ranged):
+            return value
+        if kind is Path and isinstance(value, str):
+            return Path(value)
+        if kind in (list[str], tuple[str, str, str]):
+            return list(value) if is_many else tuple(value)
+        return self.of_typer().coerce(value, param=param, ctx=ctx)
+
+
+class _PlainValues:
+    """A command or a group whose values are converted by `_Converter`; and whose output may fail."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return arguments and options."""
+        params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for param in params:
+            of_typer = getattr(param, "get_runtime_param", None)
+            if of_typer is not None and not isinstance(of_typer, _Converter):
+                param.get_runtime_param = _Converter(of_typer, param.type_descriptor)
+        return params
+
+    def make_context(self, *args: Any, **options: Any) -> Any:
+        """Read the arguments, and print help or version where that is asked for."""
+        with _reporting_failed_output():
+            return super().make_context(*args, **options)  # type: ignore[misc]
+
+
+class Command(_PlainValues, TyperCommand):
     """A command to which ``-2.5`` is a number, whose errors are one line, whose examples stay lines."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -51,10 +96,6 @@ class Command(TyperCommand):
         finally:
             self.epilog = examples
         formatter.write(examples or "")
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return arguments and options."""
-        return _Unchanged.of_all(super().get_params(ctx))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse *args* so that negative numbers are values, wherever they stand."""
@@ -85,57 +126,9 @@ class Command(TyperCommand):
                 raise
             raise typer.Exit(EXIT_INTERRUPTED) from broken
 
-    def make_context(self, *args: Any, **options: Any) -> Any:
-        """Read the arguments, and print the help where that is asked for."""
-        with _reporting_failed_output():
-            return super().make_context(*args, **options)
 
-
-class _Unchanged:
-    """Passes on text, paths and defaults; all else is converted by Typer.
-
-    Typer imports Pydantic for that, which is a third of the time of a query. Versions without it are let be.
-    """
-
-    def __init__(self, param: Any) -> None:
-        self._converter, self._kind = param.get_runtime_param, param.type_descriptor
-
-    @classmethod
-    def of_all(cls, params: list[Any]) -> list[Any]:
-        """Have their values converted by these, and return them."""
-        for param in params:
-            if not isinstance(getattr(param, "get_runtime_param", None), cls | type(None)):
-                param.get_runtime_param = cls(param)
-        return params
-
-    def __call__(self) -> "_Unchanged":
-        return self
-
-    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
-        """Return a value as Typer's converters do."""
-        kind, is_many = self._kind.annotation, param.multiple or param.nargs == -1
-        if value is None:
-            return () if is_many else None
-        if kind is str or (kind is type(value) and not self._kind.is_ranged):
-            return value
-        if kind is Path and isinstance(value, str):
-            return Path(value)
-        if kind in (list[str], tuple[str, str, str]):
-            return list(value) if is_many else tuple(value)
-        return self._converter().coerce(value, param=param, ctx=ctx)
-
-
-class Group(TyperGroup):
+class Group(_PlainValues, TyperGroup):
     """The program: Ctrl-C, or output that fails, before a command runs is no traceback either."""
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the options before a command."""
-        return _Unchanged.of_all(super().get_params(ctx))
-
-    def make_context(self, *args: Any, **options: Any) -> Any:
-        """Read the arguments, and print help or version where that is asked for."""
-        with _reporting_failed_output():
-            return super().make_context(*args, **options)
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the program."""

@@ -12,10 +12,9 @@ asked for rare dialects only. glTF is read here too, STEP by cascadio (OpenCASCA
 from proximity.formats.contents import FileContents, Geometry
 from proximity.formats.file_reader import read_geometries
 from proximity.formats.format_detection import EXTENSIONS
-from proximity.formats.size_check import likely_unit, size_notes
 from proximity.formats.step.step import STEP_TOLERANCE
 from proximity.formats.threemf.threemf import UNPACKED_LIMIT
-from proximity.formats.units import UNITS, metres_per_unit
+from proximity.formats.units import UNITS, likely_unit, metres_per_unit, size_notes
 
 __all__ = [
     "EXTENSIONS",

@@ -18,9 +18,7 @@ class Geometry:
     name: str  # unique in the file; from the scene graph, else the file's stem
     vertices: np.ndarray  # (V, 3) float64, m, in the part's own frame; scale and mirror are baked in
     faces: np.ndarray  # (F, 3) int64, triangles, rows of vertices
-    source_faces: (
-        np.ndarray
-    )  # (F,) int32, zero-based: the polygon of the file; STEP: the CAD face of the part
+    source_faces: np.ndarray  # (F,) int32, zero-based: the file's polygon; STEP: the part's CAD face
     pose: Pose  # world_from_part, m
     is_hidden: bool = False  # in the file
 
@@ -60,9 +58,7 @@ class RawFile:
     format: str
     meshes: list[RawMesh]
     units: str | None = None  # None: the file declares none
-    metres_per_number: float | None = (
-        None  # only where it differs from what `units` says (STEP comes in metres)
-    )
+    metres_per_number: float | None = None  # where `units` says another (STEP comes in metres)
     notes: list[str] = field(default_factory=list)
 
 

@@ -4,21 +4,18 @@ trimesh passes over much that it does not know: of 56 damaged files that our rea
 reads 19 as something else (5.2, November 2026). A reader therefore hands over a file for its grammar alone,
 never for numbers that are missing or contradict each other, and says how many faces trimesh has to find.
 
-It reads in a process of its own: on some files its time grows with the square of their size.
+On some files its time grows with the square of their size.
 """
 
 import io
-import os
-import subprocess
-import sys
 
 import numpy as np
 
 from proximity.errors import MeshFormatError
-from proximity.formats import dialect_worker
 from proximity.formats.contents import RawFile, RawMesh
+from proximity.formats.libraries import run_library
 
-_LONGEST_SECONDS = 60.0
+_MOST_SECONDS, _MOST_BYTES = 60, 4 << 30
 
 
 class DialectError(MeshFormatError):
@@ -45,15 +42,8 @@ def read_dialect(data: bytes, kind: str, refusal: DialectError) -> RawFile:
 
 
 def _read(data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    done = subprocess.run(
-        [sys.executable, "-P", dialect_worker.__file__, kind],
-        input=data,
-        capture_output=True,
-        check=True,
-        timeout=_LONGEST_SECONDS,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},  # where this process finds trimesh
-    )
-    arrays = np.load(io.BytesIO(done.stdout))
+    done = run_library("trimesh", data, seconds=_MOST_SECONDS, byte_count=_MOST_BYTES, kind=kind)
+    arrays = np.load(io.BytesIO(done.output))
     return arrays["vertices"].astype(np.float64).reshape(-1, 3), arrays["faces"].astype(np.int64)
 
 

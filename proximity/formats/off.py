@@ -119,7 +119,7 @@ def _read_faces(rows: list[str], line_ids: list[int], vertices: np.ndarray) -> t
     pieces = []
     for row_ids, table in text_rows.read_rows(rows, locate):
         # A colour may follow the corners, so the width says only the most that a polygon can have.
-        counts = text_rows.as_integers(table[:, :1], text_rows.of_rows(locate, row_ids))[:, 0]
+        counts = text_rows.as_integers(table[:, :1], text_rows.located_in(locate, row_ids))[:, 0]
         wrong = np.flatnonzero((counts < 0) | (counts > table.shape[1] - 1))
         if len(wrong):
             raise MeshFormatError(

@@ -38,7 +38,7 @@ def assemble(
     for row_ids, counts, table in pieces:
         columns = np.arange(table.shape[1])
         is_corner = columns < counts[:, None]
-        values = text_rows.as_integers(np.where(is_corner, table, 0), text_rows.of_rows(locate, row_ids))
+        values = text_rows.as_integers(np.where(is_corner, table, 0), text_rows.located_in(locate, row_ids))
         corners[(first_corner[row_ids, None] + columns)[is_corner]] = values[is_corner]
     check_polygons(corners, sizes, len(vertices), locate)
     return triangulate(vertices, corners, sizes)

@@ -120,7 +120,7 @@ def end_notes(data: bytes) -> list[str]:
     return [] if has_end else ["its last line has no end: it may have been cut off"]
 
 
-def of_rows(locate: Callable[[int], str], row_ids: np.ndarray) -> Callable[[int], str]:
+def located_in(locate: Callable[[int], str], row_ids: np.ndarray) -> Callable[[int], str]:
     """*locate* for a table that holds only some of the rows."""
     return lambda row: locate(int(row_ids[row]))
 

@@ -1,4 +1,11 @@
-"""Units of length that a file or a caller may name."""
+"""Units of length that a file or a caller may name, and the one that a file of an implausible size is in.
+
+A file that declares no unit is read in the one that the caller names. An inch file read as millimetres is
+the commonest mistake: parts are then 25.4 times too small, which nothing but their size can show.
+"""
+
+import math
+from collections.abc import Sequence
 
 from proximity.errors import MeshError
 
@@ -18,9 +25,84 @@ UNITS: dict[str, float] = {
 }
 """Name of a unit -> metres."""
 
+SMALLEST_PART = 0.0005
+"""m; a part is not likely to be smaller."""
+LARGEST_PART = 50.0
+"""m; a part is not likely to be larger."""
+SMALL_FILE = 0.010
+"""m; a whole file below this that declares no unit is more often in inches than of so small parts."""
+TYPICAL_PART = 0.1
+"""m; of parts that a hand touches."""
+UNIT_NAMES = {"mm": "millimetres", "in": "inches", "m": "metres", "um": "micrometres"}
+"""Units that modelling programs commonly write."""
+
 
 def metres_per_unit(name: str) -> float:
     """Return the length of one unit in metres."""
     if isinstance(name, str) and name in UNITS:
         return UNITS[name]
     raise MeshError(f"there is no unit {name!r}, expected one of {', '.join(UNITS)}")
+
+
+def likely_unit(size: float, units: str) -> str | None:
+    """Return the unit that makes a size most like that of a part, or None if no common unit makes it likely.
+
+    *size*: longest side of a part's box, as it was read. *units*: in which it was read; a key of `UNITS`. It
+    is the answer where it suits as well as the others.
+    """
+    if not 0.0 < size < math.inf:
+        return None
+    number = size / UNITS[units]
+    sizes = {name: number * UNITS[name] for name in (units, *UNIT_NAMES)}
+    nearest = min(sizes, key=lambda name: abs(math.log10(sizes[name]) - math.log10(TYPICAL_PART)))
+    return nearest if SMALLEST_PART <= sizes[nearest] <= LARGEST_PART else None
+
+
+def size_notes(parts: Sequence[tuple[str, float]], whole: float, units: str, is_declared: bool) -> list[str]:
+    """Return a sentence about sizes that are not likely, with the likely unit; none where all are likely."""
+    small = [part for part in parts if part[1] < SMALLEST_PART]
+    large = [part for part in parts if part[1] > LARGEST_PART]
+    what = []
+    if small:
+        extreme = min(small, key=lambda part: part[1])
+        what.append(_outliers(small, parts, extreme, f"less than {_length(SMALLEST_PART)}", "smallest"))
+    if large:
+        extreme = max(large, key=lambda part: part[1])
+        what.append(_outliers(large, parts, extreme, f"more than {_length(LARGEST_PART)}", "largest"))
+    if not what and whole < SMALL_FILE and not is_declared and likely_unit(whole, units) != units:
+        what.append(f"the whole is {_length(whole)} across")
+    return [f"{' and '.join(what)}: {_reason(whole, units, is_declared)}"] if what else []
+
+
+def _outliers(
+    outliers: list[tuple[str, float]],
+    parts: Sequence[tuple[str, float]],
+    extreme: tuple[str, float],
+    limit: str,
+    superlative: str,
+) -> str:
+    name, size = extreme[0], _length(extreme[1])
+    if len(parts) == 1:
+        return f"the part is {size} across"
+    if len(outliers) == 1:
+        return f"part {name!r} is {size} across"
+    return f"{len(outliers)} of {len(parts)} parts are {limit} across, the {superlative} {name!r} {size}"
+
+
+def _reason(whole: float, units: str, is_declared: bool) -> str:
+    units = units.split(", ")[0]  # a STEP file may use several
+    origin = f"declares {units}" if is_declared else f"declares no unit and was read in {units}"
+    likely = likely_unit(whole, units)
+    if likely is None:
+        verdict = f"; no common unit makes the whole, {_length(whole)} across, a likely size"
+    elif likely == units:
+        verdict = f", which is the likely unit for the whole of {_length(whole)}"
+    else:
+        then = _length(whole / UNITS[units] * UNITS[likely])
+        verdict = f"; the likely unit is {likely} ({UNIT_NAMES[likely]}), the whole is then {then} across"
+        verdict += "; it may have been written in the wrong unit" if is_declared else ""
+    return f"the file {origin}{verdict}"
+
+
+def _length(size: float) -> str:
+    return f"{size:.4g} m" if size >= 1.0 else f"{size * 1e3:.4g} mm"

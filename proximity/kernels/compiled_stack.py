@@ -43,11 +43,25 @@ def _array_on_stack(context, builder, item_type, *lengths):
     return array_in_memory(context, builder, types.Array(item_type, len(lengths), "C"), position, constants)
 
 
-def arrays_here(dtype):
+@intrinsic
+def reals_of(typingctx, records):
+    """Records of float64 as numbers, one row a record."""
+    size = records.dtype.size // 8
+
+    def codegen(context, builder, sig, args):
+        array = context.make_array(sig.args[0])(context, builder, args[0])
+        intp = context.get_value_type(types.intp)
+        lengths = [builder.extract_value(array.shape, 0), ir.Constant(intp, size)]
+        return array_in_memory(context, builder, sig.return_type, array.data, lengths)
+
+    return types.Array(types.float64, 2, "C")(records), codegen
+
+
+def stack_arrays_of(dtype):
     item_type = from_dtype(np.dtype(dtype))
 
     @intrinsic
-    def here(typingctx, count):
+    def stack_array(typingctx, count):
         if not isinstance(count, types.IntegerLiteral):
             return None
 
@@ -57,7 +71,7 @@ def arrays_here(dtype):
         return types.Array(item_type, 1, "C")(count), codegen
 
     @intrinsic
-    def rows_here(typingctx, count, columns):
+    def stack_rows(typingctx, count, columns):
         if not isinstance(count, types.IntegerLiteral) or not isinstance(columns, types.IntegerLiteral):
             return None
 
@@ -67,10 +81,10 @@ def arrays_here(dtype):
 
         return types.Array(item_type, 2, "C")(count, columns), codegen
 
-    return here, rows_here
+    return stack_array, stack_rows
 
 
-def bundle_here(bundle, *columns):
+def stack_bundle(bundle, *columns):
     item_types = [from_dtype(np.dtype(dtype)) for dtype, *_ in columns]
     array_types = [
         types.Array(item_type, len(lengths), "C")
@@ -78,7 +92,7 @@ def bundle_here(bundle, *columns):
     ]
 
     @intrinsic
-    def here(typingctx):
+    def stack_array(typingctx):
         def codegen(context, builder, sig, args):
             arrays = [
                 _array_on_stack(context, builder, item_type, *lengths)
@@ -88,4 +102,4 @@ def bundle_here(bundle, *columns):
 
         return types.NamedTuple(array_types, bundle)(), codegen
 
-    return here
+    return stack_array

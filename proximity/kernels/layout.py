@@ -5,8 +5,8 @@ A *model* is four arrays, whether it holds one solid or a scene of hundreds:
 - ``reals`` (float64): first all leaf blocks, then corners and corner normals of every part;
 - ``words`` (float32, its bits often int32): first all tree nodes and what else the trees over parts are made
   of (`proximity.scene.model.part_trees`), then faces of slots, moments, faces, neighbours and sign grids;
-- ``frames`` (float64, a row a part, and one for the scene): where the part is, how it is scaled;
-- ``parts`` (int64, likewise): where in the first two its arrays start, and what kind of part it is.
+- ``frames`` (`FRAME`, a row a part, and one for the scene): where the part is, how it is scaled;
+- ``parts`` (`PART`, likewise): where in the first two its arrays start, and what kind of part it is.
 
 Kernels that Python calls take the model as one number, the address of a table of the four (see `memory`):
 an argument that is an array costs a twentieth of a microsecond.
@@ -24,13 +24,13 @@ and in the scene's tree only, an *entry*: a subtree of a part, as (part, referen
 An unused lane is NaN: every comparison with it fails. A triangle's position in leaf order is its slot,
 ``8 * block + lane``; slots never leave the kernels. Nodes, blocks and slots are numbered through the whole
 model, so that of two slots the lower is of the lower part.
-
-**Names of columns** begin with the name of a row of their table: `PART_` in ``parts``, `FRAME_` in
-``frames``, and likewise `RECORD_`, `TRACK_`, `SETTING_`, `ESTIMATE_`, `PLAN_`, `CLOSEST_` in other files.
-A column that means something else in the row of the scene, the last one, has a second name there: `SCENE_`.
-A test compares the names with the tables that are indexed.
 """
 
+from typing import NamedTuple
+
+import numpy as np
+
+from proximity.native import bundle, record
 from proximity.native.simd import LANES
 
 ALL_LANES = 2**LANES - 1
@@ -59,42 +59,45 @@ STACKS_SIZE = 4 * STACK_SIZE
 ENTRY = 2**29
 """First number of an entry among leaves."""
 
-# --- columns of ``parts`` (int64) ---
-PART_ROOT = 0  # node to start from; the scene has one as well: of the trees over parts, see `dynamic_tree`
-PART_NODE_COUNT = 1  # nodes of the part, from its root on
-PART_FIRST_BLOCK = 2
-PART_BLOCK_COUNT = 3
-PART_SLOT_FACES = 4  # in words: face of each slot, or NO_FACE; the same in all rows
-PART_MOMENTS = 5  # in words: see `winding_number`; the same in all rows
-PART_FACES = 6  # in words: three corners a face
-PART_NEIGHBORS = 7  # in words: face across each edge
-PART_CORNERS = 8  # in reals: local coordinates, three a corner
-PART_CORNER_NORMALS = 9  # in reals: angle-weighted pseudo-normal, three a corner
-PART_CORNER_COUNT = 10
-PART_FACE_COUNT = 11  # of the scene: of all parts
-PART_GRID = 12  # in words: see `inside_grid`; NO_GRID where there is none
-PART_GRID_X = 13  # cells along x, y, z of the row's grid; of the scene: 0 where there is none
-PART_GRID_Y = 14
-PART_GRID_Z = 15
-PART_SIGN = 16  # how inside is decided: one of the three below
-PART_IS_TURNED = 17  # 0 where the part's rotation is the identity
-PART_IS_FUSED = 18  # 1 where the part's local frame is the scene's, and the part at the identity pose
-PART_IS_DYNAMIC = 19  # 1 where the part has moved by itself: it stands whole in the tree over parts
-PART_IS_HIDDEN = 20  # 1 where no question finds it
-PART_BLOCK_NOTES = 23  # in words: of each block the part, and `FOLDED_AT`; the same in all rows
-PART_COLUMNS = 24
-
-# --- columns of ``parts`` that mean something else in the scene's row ---
-SCENE_STATIC_CAPACITY = 1  # nodes that a static tree may have
-SCENE_FIRST_NODE = 2  # of the trees over parts
-SCENE_STATIC_NODE_COUNT = 3
-SCENE_ENTRIES = 6  # in words: part and reference of each entry
-SCENE_STATIC_ROOT = 7  # of the static tree, or -1
-SCENE_ENTRY_COUNT = 10  # of the static tree; those of dynamic parts follow
-SCENE_GRID = 12  # in words: see `part_grid`
-SCENE_ALL_FUSED = 18  # 1 where every part is fused, or there is only one
-SCENE_SUPER_NODE = 21  # the dynamic tree is behind it
-SCENE_DYNAMIC_COUNT = 22  # parts that are dynamic
+SCENE_FIELDS = {
+    "static_capacity": "node_count",  # nodes that a static tree may have
+    "first_node": "first_block",  # of the trees over parts
+    "static_node_count": "block_count",
+    "entries": "faces",  # in words: part and reference of each entry
+    "static_root": "neighbors",  # of the static tree, or -1
+    "entry_count": "corner_count",  # of the static tree; those of dynamic parts follow
+    "all_fused": "is_fused",  # 1 where every part is fused, or there is only one
+}
+"""Names of fields of a part that mean something else in the scene's row, the last one."""
+PART = record(
+    "Part",
+    SCENE_FIELDS,
+    root="i8",  # node to start from; the scene has one as well: of the trees over parts, see `dynamic_tree`
+    node_count="i8",  # nodes of the part, from its root on
+    first_block="i8",
+    block_count="i8",
+    slot_faces="i8",  # in words: face of each slot, or NO_FACE; the same in all rows
+    moments="i8",  # in words: see `winding_number`; the same in all rows
+    faces="i8",  # in words: three corners a face
+    neighbors="i8",  # in words: face across each edge
+    corners="i8",  # in reals: local coordinates, three a corner
+    corner_normals="i8",  # in reals: angle-weighted pseudo-normal, three a corner
+    corner_count="i8",
+    face_count="i8",  # of the scene: of all parts
+    grid="i8",  # in words: see `inside_grid`, NO_GRID where there is none; of the scene: see `part_grid`
+    grid_x="i8",  # cells along x, y, z of the row's grid; of the scene: 0 where there is none
+    grid_y="i8",
+    grid_z="i8",
+    sign="i8",  # how inside is decided: one of the three below
+    is_turned="i8",  # 0 where the part's rotation is the identity
+    is_fused="i8",  # 1 where the part's local frame is the scene's, and the part at the identity pose
+    is_dynamic="i8",  # 1 where the part has moved by itself: it stands whole in the tree over parts
+    is_hidden="i8",  # 1 where no question finds it
+    super_node="i8",  # of the scene: the dynamic tree is behind it
+    dynamic_count="i8",  # of the scene: parts that are dynamic
+    block_notes="i8",  # in words: of each block the part, and `FOLDED_AT`; the same in all rows
+)
+"""A row of ``parts``."""
 
 FOLDED_AT = 23
 """First of the eight bits of a block's note that tell which of its faces are folded over; below, the part."""
@@ -104,33 +107,54 @@ SIGN_NONE = 0
 SIGN_PSEUDONORMAL = 1
 SIGN_WINDING = 2
 
-# --- columns of ``frames`` (float64) ---
-FRAME_ROTATION = 0  # nine numbers, row by row: scene from part
-FRAME_TRANSLATION = 9  # scene from part
-FRAME_CENTRE = 12  # of the local frame, in the part's frame
-FRAME_SCALE = 15  # local units a metre, a power of two
-FRAME_GRID_LOWER = 16  # corner of the row's grid: of a part, local; of the scene, m
-FRAME_GRID_RATE = 19  # cells a local unit; of the scene: a metre
-FRAME_BOX_LOWER = 20  # of the part's faces, in the scene's frame
-FRAME_BOX_UPPER = 23
-FRAME_OWN_LOWER = 26  # of the part's faces, in its own frame, m
-FRAME_OWN_UPPER = 29
-FRAME_VELOCITY = 32  # of the part's origin, scene's frame, m/s
-FRAME_ANGULAR_VELOCITY = 35  # rad/s, about the part's origin
-FRAME_SURFACE = 38  # one of `contact_columns.SURFACE_…`
-FRAME_STIFFNESS = 39  # N/m
-FRAME_DAMPING = 40  # N s/m
-FRAME_COLUMNS = 48
+FRAME = record(
+    "Frame",
+    rotation="(9,)f8",  # row by row: scene from part
+    translation="(3,)f8",  # scene from part
+    centre="(3,)f8",  # of the local frame, in the part's frame
+    scale="f8",  # local units a metre, a power of two
+    grid_lower="(3,)f8",  # corner of the row's grid: of a part, local; of the scene, m
+    grid_rate="f8",  # cells a local unit; of the scene: a metre
+    box_lower="(3,)f8",  # of the part's faces, in the scene's frame
+    box_upper="(3,)f8",
+    own_lower="(3,)f8",  # of the part's faces, in its own frame, m
+    own_upper="(3,)f8",
+    velocity="(3,)f8",  # of the part's origin, scene's frame, m/s
+    angular_velocity="(3,)f8",  # rad/s, about the part's origin
+    surface="f8",  # one of `contact_record.SURFACE_…`
+    stiffness="f8",  # N/m
+    damping="f8",  # N s/m
+    unused="(7,)f8",
+)
+"""A row of ``frames``: numbers throughout, so that vectors of eight may be read across fields."""
+FRAME_COLUMNS = FRAME.itemsize // 8
+PART_COLUMNS = PART.itemsize // 8
 
-# --- the same for rows in Python: three numbers ---
-FRAME_TRANSLATION_XYZ = slice(FRAME_TRANSLATION, FRAME_TRANSLATION + 3)
-FRAME_BOX_LOWER_XYZ = slice(FRAME_BOX_LOWER, FRAME_BOX_LOWER + 3)
-FRAME_BOX_UPPER_XYZ = slice(FRAME_BOX_UPPER, FRAME_BOX_UPPER + 3)
-FRAME_OWN_LOWER_XYZ = slice(FRAME_OWN_LOWER, FRAME_OWN_LOWER + 3)
-FRAME_OWN_UPPER_XYZ = slice(FRAME_OWN_UPPER, FRAME_OWN_UPPER + 3)
+
+def columns_of(rows):
+    """Rows of ``frames`` or ``parts`` as columns of numbers, in the same memory."""
+    return rows.view(np.float64 if rows.dtype == FRAME else np.int64).reshape(len(rows), -1)
+
+
+def field_at(layout, field):
+    """Position of a field in a row of numbers of eight bytes."""
+    return layout.fields[field][1] // 8
+
 
 # --- how a query turned out ---
 FEATURE_NONE = -1
 FEATURE_FACE = 0
 FEATURE_EDGE = 1
 FEATURE_VERTEX = 2
+
+
+class ModelArrays(NamedTuple):
+    """A solid, or a scene of hundreds: what most kernels are handed first."""
+
+    reals: np.ndarray  # (R,) float64
+    words: np.ndarray  # (W,) float32
+    frames: np.ndarray  # (P + 1,) FRAME
+    parts: np.ndarray  # (P + 1,) PART
+
+
+bundle(ModelArrays, reals="float64[:]", words="float32[:]", frames="Frame[:]", parts="Part[:]")

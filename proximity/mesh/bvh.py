@@ -10,8 +10,6 @@ import numpy as np
 from proximity.errors import MeshError
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    FRAME_CENTRE,
-    FRAME_SCALE,
     LANES,
     MAX_DEPTH,
     NO_FACE,
@@ -44,11 +42,11 @@ class LocalFrame:
     @classmethod
     def read(cls, row: np.ndarray) -> "LocalFrame":
         """Return what a row of a model's frames tells; a copy."""
-        return cls(row[FRAME_CENTRE : FRAME_CENTRE + 3].copy(), float(row[FRAME_SCALE]))
+        return cls(row["centre"].copy(), float(row["scale"]))
 
     def write(self, row: np.ndarray) -> None:
         """Write the frame into a row of a model's frames."""
-        row[FRAME_CENTRE : FRAME_CENTRE + 3], row[FRAME_SCALE] = self.centre, self.scale
+        row["centre"], row["scale"] = self.centre, self.scale
 
 
 def local_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:

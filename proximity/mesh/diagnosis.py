@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.kernels.mesh.components import connected
+from proximity.kernels.mesh.edges import connected
 from proximity.mesh.topology import EdgeRuns, Topology, build_topology, corners_of, edge_runs
 from proximity.mesh.triangle_mesh import TriangleMesh
 

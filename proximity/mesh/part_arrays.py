@@ -6,8 +6,7 @@ import numpy as np
 
 from proximity.kernels import layout
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE
-from proximity.kernels.mesh.faces import thin_faces
-from proximity.kernels.mesh.normals import add_corner_normals
+from proximity.kernels.mesh.faces import add_corner_normals, thin_faces
 from proximity.kernels.ray.self_intersections import CONTACT_DEPTH, passing_faces
 from proximity.kernels.sign.folded_faces import folded_faces
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD, build_grid

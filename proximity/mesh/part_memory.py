@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
-from proximity.system.aligned_memory import ALIGNMENT, aligned_empty
+from proximity.system.memory import ALIGNMENT, aligned_empty
 
 EMPTY_NODES = 1
 """Of the trees over parts, a scene of one has an empty node; see `part_trees`."""

@@ -17,7 +17,7 @@ from proximity.message.changes import (
 )
 from proximity.message.contact import CONTACT, ContactFlag, Mode, Surface
 from proximity.message.description import DESCRIPTION, DESCRIPTION_HEADER, LABEL
-from proximity.message.envelope import MAX_RECORDS, PREFIX, VERSION, Flaw, Kind, Message, flaw_of, parts_of
+from proximity.message.envelope import MAX_RECORDS, PREFIX, VERSION, Defect, Kind, Message, parts_of, validate
 from proximity.message.frame import FRAME, FRAME_HEADER, Source, State
 from proximity.message.inputs import (
     GLOVE_POSE,
@@ -64,7 +64,7 @@ __all__ = [
     "PREFIX",
     "VERSION",
     "ContactFlag",
-    "Flaw",
+    "Defect",
     "Kind",
     "Message",
     "Mode",
@@ -72,6 +72,6 @@ __all__ = [
     "Source",
     "State",
     "Surface",
-    "flaw_of",
     "parts_of",
+    "validate",
 ]

@@ -26,7 +26,7 @@ from proximity.message.changes import (
 )
 from proximity.message.contact import CONTACT_FIELDS, ContactFlag, Mode, Surface
 from proximity.message.description import DESCRIPTION, DESCRIPTION_FIELDS, LABEL_FIELDS
-from proximity.message.envelope import CHECKED_FROM, MAX_RECORDS, PREFIX_FIELDS, VERSION, Flaw
+from proximity.message.envelope import CHECKED_FROM, MAX_RECORDS, PREFIX_FIELDS, VERSION, Defect
 from proximity.message.fields import ROTATION, Field, dtype_of
 from proximity.message.frame import FRAME, FRAME_FIELDS, Source, State
 from proximity.message.inputs import (
@@ -82,7 +82,7 @@ CRC_POLYNOMIAL = 0xEDB88320
 """Of the CRC-32, lowest bit first."""
 _C_TYPES = {"u1": "uint8_t", "u2": "uint16_t", "u4": "uint32_t", "u8": "uint64_t"}
 _C_TYPES |= {"i4": "int32_t", "i8": "int64_t", "f8": "double"}
-_FLAWS = (Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM)
+_DEFECTS = (Defect.SHORT, Defect.MAGIC, Defect.VERSION, Defect.SIZE, Defect.CHECKSUM)
 
 
 def header_text() -> str:
@@ -148,9 +148,9 @@ def enum_text(name: str, values: type[Enum]) -> str:
 
 
 def _flaws() -> Iterator[str]:
-    for number, flaw in enumerate(_FLAWS, 1):
-        comma = "," if number < len(_FLAWS) else ""
-        yield f"    DECAFF_FLAW_{flaw.name} = {number}{comma} /* {flaw.value} */"
+    for number, defect in enumerate(_DEFECTS, 1):
+        comma = "," if number < len(_DEFECTS) else ""
+        yield f"    DECAFF_FLAW_{defect.name} = {number}{comma} /* {defect.value} */"
 
 
 def _record(name: str, what: str, fields: Sequence[Field]) -> str:

@@ -1,6 +1,6 @@
 """The record of one finger's answer at a tick, as it is kept, logged and published.
 
-One record is `CONTACT`. Kernels write by column number, see `kernels.contact_columns`; a test compares both.
+One record is `CONTACT`. Kernels write `kernels.contact_record`; a test compares both.
 """
 
 import operator
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import shown_number
-from proximity.kernels import contact_columns
+from proximity.kernels import contact_record
 from proximity.message.fields import VECTOR, Field, dtype_of
 
 UNIT_ERROR = 1e-3
@@ -20,35 +20,35 @@ UNIT_ERROR = 1e-3
 class ContactFlag(IntFlag):
     """What is known about a finger at this tick; a set of bits in ``contacts["flags"]``."""
 
-    TRACKED = contact_columns.TRACKED
+    TRACKED = contact_record.TRACKED
     """The finger had a position at this tick. Otherwise the bounds are -inf and inf."""
-    PREDICTED = contact_columns.PREDICTED
+    PREDICTED = contact_record.PREDICTED
     """The velocity is known, so that predictions and times to contact are valid."""
-    EXACT = contact_columns.EXACT
+    EXACT = contact_record.EXACT
     """lower = signed_distance = upper."""
-    BOUNDED = contact_columns.BOUNDED
+    BOUNDED = contact_record.BOUNDED
     """The work budget ran out, or a part moves and its pose is of another instant: the bounds hold, the
     distance is the nearest surface found so far."""
-    SKIPPED = contact_columns.SKIPPED
+    SKIPPED = contact_record.SKIPPED
     """No search was made: the finger is outside the working range, within the tolerance, or the budget of
     all fingers was used up. The bounds follow from the last search and from the motion of finger and parts
     since."""
-    SIGNED = contact_columns.SIGNED
+    SIGNED = contact_record.SIGNED
     """Inside or outside is known. Otherwise the distance has no sign, because the nearest part has no
     inside."""
-    INSIDE = contact_columns.INSIDE
+    INSIDE = contact_record.INSIDE
     """The centre of the fingertip is inside a part."""
-    IN_RANGE = contact_columns.IN_RANGE
+    IN_RANGE = contact_record.IN_RANGE
     """The distance is within the working range."""
-    PART_CHANGED = contact_columns.PART_CHANGED
+    PART_CHANGED = contact_record.PART_CHANGED
     """The nearest part is not the one of the tick before: the closest point may have jumped."""
-    JUMPED = contact_columns.JUMPED
+    JUMPED = contact_record.JUMPED
     """The pose is farther from the previous one than a hand can move, or of an earlier instant. The velocity
     is reset; after a jump of one or two poses it continues."""
-    ON_PATH = contact_columns.ON_PATH
+    ON_PATH = contact_record.ON_PATH
     """The predicted contact lies on the given path. The time to contact does as well, if the finger is
     closing (``bend_rate`` is positive)."""
-    CONTACT_FOUND = contact_columns.CONTACT_FOUND
+    CONTACT_FOUND = contact_record.CONTACT_FOUND
     """The position of the contact on the path is confirmed within ``contact_bend_error``."""
 
     @classmethod
@@ -66,21 +66,21 @@ TRACKED_BIT, PREDICTED_BIT, BOUNDED_BIT = (
 class Surface(IntEnum):
     """How a part reacts to a touch."""
 
-    UNKNOWN = contact_columns.SURFACE_UNKNOWN
-    RIGID = contact_columns.SURFACE_RIGID
-    DEFORMABLE = contact_columns.SURFACE_DEFORMABLE
+    UNKNOWN = contact_record.SURFACE_UNKNOWN
+    RIGID = contact_record.SURFACE_RIGID
+    DEFORMABLE = contact_record.SURFACE_DEFORMABLE
 
 
 class Mode(IntEnum):
     """Advice for the controller of the drum; the less is known, the more cautious."""
 
-    RETRACT = contact_columns.MODE_RETRACT
+    RETRACT = contact_record.MODE_RETRACT
     """Nothing is expected to be touched within the horizon."""
-    POSITION = contact_columns.MODE_POSITION
+    POSITION = contact_record.MODE_POSITION
     """A rigid surface is near or touched: the drum is at the position of the contact."""
-    FORCE = contact_columns.MODE_FORCE
+    FORCE = contact_record.MODE_FORCE
     """A deformable surface is near or touched: the drum presses by the surface's law."""
-    HOLD = contact_columns.MODE_HOLD
+    HOLD = contact_record.MODE_HOLD
     """Nothing is known of the finger."""
 
 

@@ -78,7 +78,7 @@ class Kind:
         return self.header_size + count * self.record_size
 
 
-class Flaw(Enum):
+class Defect(Enum):
     """Why bytes are not a message that can be used."""
 
     SHORT = "shorter than a header"
@@ -156,25 +156,25 @@ class Message:
 def parts_of(data: np.ndarray, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
     """Header, as an array of shape (), and records of a message, as views of its bytes.
 
-    *data*: a message without a flaw, or room for one.
+    *data*: a message without a defect, or room for one.
     """
     size = kind.header.itemsize
     return data[:size].view(kind.header).reshape(()), data[size:].view(kind.record)
 
 
-def flaw_of(data: np.ndarray, kind: Kind) -> Flaw | None:
+def validate(data: np.ndarray, kind: Kind) -> Defect | None:
     """Say what is wrong with bytes that claim to be a message of that kind; None: nothing."""
     size = len(data)
     if size < kind.header_size:
-        return Flaw.SHORT
+        return Defect.SHORT
     magic, checksum, version, header_size, declared_size, _, _ = unpack_prefix(data.data)
     if magic != kind.magic:
-        return Flaw.MAGIC
+        return Defect.MAGIC
     if version != VERSION:
-        return Flaw.VERSION
+        return Defect.VERSION
     count, rest = divmod(size - kind.header_size, kind.record_size)
     if declared_size != size or header_size != kind.header_size or rest or count > MAX_RECORDS:
-        return Flaw.SIZE
+        return Defect.SIZE
     if zlib.crc32(data[CHECKED_FROM:].data) != checksum:
-        return Flaw.CHECKSUM
-    return None if _COUNT.unpack_from(data.data, kind.count_at)[0] == count else Flaw.SIZE
+        return Defect.CHECKSUM
+    return None if _COUNT.unpack_from(data.data, kind.count_at)[0] == count else Defect.SIZE

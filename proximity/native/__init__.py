@@ -2,30 +2,31 @@
 
 from proximity.native.declaration import (
     ENTRIES,
-    HANDFUL,
+    ROWS_WITH_GIL,
+    allocating_kernel,
     entry,
     inlined,
     kernel,
-    lenient,
-    maker,
     packed,
     query,
+    try_entry,
 )
 from proximity.native.mode import IS_AHEAD, IS_JIT, MODE
-from proximity.native.signature import bundle
+from proximity.native.signature import bundle, record
 
 __all__ = [
     "ENTRIES",
-    "HANDFUL",
     "IS_AHEAD",
     "IS_JIT",
     "MODE",
+    "ROWS_WITH_GIL",
+    "allocating_kernel",
     "bundle",
     "entry",
     "inlined",
     "kernel",
-    "lenient",
-    "maker",
     "packed",
     "query",
+    "record",
+    "try_entry",
 ]

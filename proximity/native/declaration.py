@@ -18,15 +18,18 @@ from proximity.native.signature import (
     Bundle,
     Scalar,
     Signature,
+    dtype_of,
     signature,
 )
 
 ENTRIES: dict[str, "Entry"] = {}
 """All entry points, by their names."""
-HANDFUL = 16
+ROWS_WITH_GIL = 16
 """Rows up to which an entry point may keep the interpreter locked: to release it takes 0.1 µs."""
 _KINDS = {"int": 0, "float": 1, "bool": 2}
 _ARRAY, _BUNDLE = 3, 4
+_RECORD_SIZE = 256
+"""Factor of the size in the number of a type of records, which NumPy gives all the same number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +38,7 @@ class Entry:
 
     name: str
     signature: Signature
-    handful: int  # rows up to which the interpreter stays locked
+    rows_with_gil: int  # rows up to which the interpreter stays locked
     compiled: Any  # the function as numba compiles it, or the plain one
 
     def description(self) -> tuple[Any, ...]:
@@ -43,31 +46,21 @@ class Entry:
         takes, gives = (
             tuple(map(codes, each)) for each in (self.signature.arguments, self.signature.results)
         )
-        return MODE, self.name, takes, gives, self.handful
+        return MODE, self.name, takes, gives, self.rows_with_gil
 
     def fits(self, arguments: tuple[Any, ...]) -> bool:
-        """Return whether these are arguments as declared.
-
-        Parameters
-        ----------
-        arguments : tuple
-            Of a call.
-        """
+        """Return whether these are arguments as declared."""
         kinds = self.signature.arguments
         return len(arguments) == len(kinds) and all(map(_is_of, kinds, arguments))
 
 
-def entry(*parts: Any, handful: int = -1, makes_arrays: bool = False) -> Callable[[Callable[..., Any]], Any]:
-    """Declare a kernel that Python calls, with the types that it takes and gives.
+def entry(
+    *parts: Any, rows_with_gil: int = -1, makes_arrays: bool = False
+) -> Callable[[Callable[..., Any]], Any]:
+    """Declare a kernel that Python calls, with the types that it takes and gives; other types are an error.
 
-    Parameters
-    ----------
-    *parts : str or class of a bundle
-        The signature, see `native.signature`. A call with other types is an error.
-    handful : int
-        Rows of the first array up to which the interpreter stays locked during a call; -1: it never does.
-    makes_arrays : bool
-        Whether the kernel makes arrays; others count no references, see `kernel`.
+    *parts*: the signature, see `native.signature`. *rows_with_gil*: rows of the first array up to which the
+    interpreter stays locked during a call; -1: it never does. *makes_arrays*: others count no references.
     """
     types = signature(", ".join(part if isinstance(part, str) else part.__name__ for part in parts))
 
@@ -76,7 +69,7 @@ def entry(*parts: Any, handful: int = -1, makes_arrays: bool = False) -> Callabl
         if name in ENTRIES:
             raise ValueError(f"there are two entry points named {name}")
         compiled = _compiled(function) if makes_arrays else _compiled(function, _nrt=False)
-        ENTRIES[name] = Entry(name, types, handful, compiled)
+        ENTRIES[name] = Entry(name, types, rows_with_gil, compiled)
         return OBJECTS.make_entry(*ENTRIES[name].description(), False) if IS_AHEAD else compiled
 
     return declare
@@ -91,24 +84,18 @@ def kernel(function: Callable[..., Any]) -> Any:
     return _compiled(function, _nrt=False)
 
 
-def maker(function: Callable[..., Any]) -> Any:
+def allocating_kernel(function: Callable[..., Any]) -> Any:
     """Declare a function of compiled code that makes arrays."""
     return _compiled(function)
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Declare what is always put into its callers: formulas, and what is less than the call of it."""
+    """Mark a kernel as always inlined."""
     return _compiled(function, forceinline=True, _nrt=False)
 
 
-def lenient(name: str) -> Any:
-    """Return an entry point that answers NotImplemented where an argument is not as declared.
-
-    Parameters
-    ----------
-    name : str
-        Of the entry point.
-    """
+def try_entry(name: str) -> Any:
+    """Return an entry point that answers NotImplemented where an argument is not as declared."""
     if IS_AHEAD:
         return OBJECTS.make_entry(*ENTRIES[name].description(), True)
     declared = ENTRIES[name]
@@ -119,19 +106,9 @@ def query(name: str, width: int, few: int, ask: Callable[..., Any]) -> Any:
     """Return the function of a query: of a model, arrays of rows, a limit, and a number of workers.
 
     It returns the table of answers. Where it can, compiled code takes few plain rows by itself, which spares
-    a call of five rows half a microsecond; all else *ask* checks and answers, and refuses.
-
-    Parameters
-    ----------
-    name : str
-        Of the entry point, which takes a bundle, the arrays of rows, their order, limits and answers, and
-        returns -1 if it has answered all of them.
-    width : int
-        Columns of an answer.
-    few : int
-        Rows below which compiled code may answer by itself.
-    ask : callable
-        Answers every question.
+    a call of five rows half a microsecond; all else *ask* checks and answers, and refuses. The entry point
+    *name* takes a bundle, the arrays of rows, their order, limits and answers of *width* columns, and returns
+    -1 if it has answered all of them; *few*: rows below which it may be asked.
     """
     if not IS_AHEAD:
         return ask
@@ -142,13 +119,7 @@ def query(name: str, width: int, few: int, ask: Callable[..., Any]) -> Any:
 
 
 def packed(arrays: Any) -> Any:
-    """Return a bundle as entry points take it.
-
-    Parameters
-    ----------
-    arrays : named tuple
-        Of a class that was declared by `bundle`. It is not copied.
-    """
+    """Return a bundle, of a class that `bundle` declared, as entry points take it; nothing is copied."""
     if not IS_AHEAD:
         return arrays
     kind = BUNDLES[type(arrays).__name__]
@@ -188,7 +159,7 @@ def _is_of(value: Array | Scalar | Bundle, given: Any) -> bool:
         )
     return (
         type(given) is np.ndarray
-        and given.dtype == value.dtype
+        and given.dtype == dtype_of(value.dtype)
         and given.flags.c_contiguous
         and given.flags.aligned
         and given.ndim == len(value.lengths)
@@ -202,4 +173,6 @@ def codes(value: Array | Scalar | Bundle) -> tuple[int, ...]:
         return _KINDS[value.kind], 0, 0
     if isinstance(value, Bundle):
         return _BUNDLE, list(BUNDLES).index(value.name), 0
-    return _ARRAY, np.dtype(value.dtype).num, 0, *value.lengths
+    dtype = dtype_of(value.dtype)
+    number = dtype.num + (_RECORD_SIZE * dtype.itemsize if dtype.names else 0)
+    return _ARRAY, number, 0, *value.lengths

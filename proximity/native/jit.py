@@ -22,7 +22,7 @@ import numpy as np
 from numba import types
 from numba.core.caching import FunctionCache
 
-from proximity.native.signature import DTYPES, Array, Bundle, Scalar, Signature
+from proximity.native.signature import DTYPES, Array, Bundle, Scalar, Signature, dtype_of
 from proximity.native.sources import PACKAGE, sources_digest
 
 try:
@@ -42,7 +42,7 @@ is_kept = True
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Return the function as numba compiles it when it is called."""
     dispatcher = numba.njit(nogil=True, error_model="numpy", **options)(function)
-    if is_kept:
+    if is_kept and function.__closure__ is None:  # of a closure each process would keep another
         before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
         try:
             dispatcher._cache = _SharedCache(function)
@@ -61,7 +61,8 @@ def numba_type(value: Array | Scalar | Bundle) -> types.Type:
     if isinstance(value, Scalar):
         return _TYPES[value.kind]
     if isinstance(value, Array):
-        return types.Array(_TYPES[value.dtype], len(value.lengths), "C")
+        item = _TYPES.get(value.dtype) or numba.from_dtype(dtype_of(value.dtype))
+        return types.Array(item, len(value.lengths), "C")
     kinds = [numba_type(array) for array in value.arrays]
     if len(set(kinds)) == 1:
         return types.NamedUniTuple(kinds[0], len(kinds), value.kind)

@@ -3,7 +3,8 @@
 A signature is written as ``"Model, float64[:, 3], int64[:], int -> bool"``: scalars (``int``, ``float``,
 ``bool``), arrays in C order with their dtype and axes (a number where the length of an axis is fixed), and
 names of bundles. A *bundle* is a named tuple of arrays, declared once; compiled code finds its arrays through
-a table of words, so that a call hands over one address however many arrays there are.
+a table of words, so that a call hands over one address however many arrays there are. An array may have
+records, ``"Settings[:]"``, whose fields are declared once as well, see `record`.
 
 Every array and every result is a few 64-bit words: an array its address and its lengths, a scalar itself.
 """
@@ -11,6 +12,8 @@ Every array and every result is a few 64-bit words: an array its address and its
 import re
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 SCALARS = ("int", "float", "bool")
 DTYPES = ("float64", "float32", "int64", "int32", "uint32", "uint8", "bool")
@@ -57,6 +60,7 @@ class Bundle:
 Value = Array | Scalar | Bundle
 
 BUNDLES: dict[str, Bundle] = {}
+RECORDS: dict[str, np.dtype[Any]] = {}
 """Those that have been declared, by their names."""
 
 
@@ -80,6 +84,28 @@ def bundle(kind: Any, **fields: str) -> Any:
     return kind
 
 
+def record(name: str, aliases: dict[str, str] | None = None, **fields: str) -> np.dtype[Any]:
+    """Declare a structured type by its fields, in their order; kernels read ``row.field``, as NumPy does.
+
+    *aliases*: second names of fields, for rows in which they mean something else.
+    """
+    layout: Any = np.dtype(list(fields.items()), align=True)
+    if aliases:
+        placed = dict(layout.fields) | {alias: layout.fields[field] for alias, field in aliases.items()}
+        formats, offsets = zip(*((dtype, offset) for dtype, offset, *_ in placed.values()), strict=True)
+        layout = np.dtype(
+            {"names": list(placed), "formats": formats, "offsets": offsets, "itemsize": layout.itemsize},
+            align=True,
+        )
+    RECORDS[name] = np.dtype((np.record, layout))
+    return RECORDS[name]
+
+
+def dtype_of(name: str) -> np.dtype[Any]:
+    """Return the type of the items of an array, by its name in a signature."""
+    return RECORDS[name] if name in RECORDS else np.dtype(name)
+
+
 def signature(text: str) -> Signature:
     """Return the signature that is written so."""
     arguments, _, results = text.partition("->")
@@ -95,7 +121,7 @@ def _value(text: str) -> Value:
     if text in BUNDLES:
         return BUNDLES[text]
     found = _ARRAY.fullmatch(text)
-    if not found or found[1] not in DTYPES:
+    if not found or (found[1] not in DTYPES and found[1] not in RECORDS):
         raise ValueError(f"{text!r} is no type of an argument: expected {SCALARS}, an array or a bundle")
     lengths = [part.strip() for part in found[2].split(",")]
     return Array(found[1], tuple(ANY_LENGTH if part == ":" else int(part) for part in lengths))

@@ -10,7 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from proximity.errors import RecordingError
-from proximity.recording.columns import scalar_columns
+from proximity.recording.frame_tables import scalar_columns
 from proximity.recording.recording import NANOSECONDS
 from proximity.system.whole_file import whole_file
 

@@ -1,7 +1,7 @@
 """Detection of whole frames in a stretch of bytes, for the reader and the writer of frame logs.
 
 A frame is known by its magic, its size and its checksum, nowhere by what stands around it: after damage the
-next one is found all the same. This says of bytes at a place what `flaw_of` says of a message alone, eight
+next one is found all the same. This says of bytes at a place what `validate` says of a message alone, eight
 times as fast; a test holds both together.
 """
 

@@ -81,7 +81,7 @@ class FrameLog:
                     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                 written += step
         except OSError as failure:
-            self._take_back(written)
+            self._cut_back(written)
             self.lost_count += 1
             self._pause = RETRY_AFTER
             what = f"cannot be written after {self.frame_count} frames; it ends with the last whole one"
@@ -148,7 +148,7 @@ class FrameLog:
             size -= len(piece)
         return b"".join(pieces)
 
-    def _take_back(self, written: int) -> None:
+    def _cut_back(self, written: int) -> None:
         """Cut off the part of a frame that was written; if not even that works, readers skip it."""
         if written and self._is_regular:
             with contextlib.suppress(OSError):

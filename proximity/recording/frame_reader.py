@@ -44,10 +44,10 @@ class FrameReader:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = os.fspath(path)
-        self._forget()
+        self._reset_counts()
 
     def __iter__(self) -> Iterator[np.ndarray]:
-        self._forget()
+        self._reset_counts()
         try:
             with open_regular(self.path) as file:
                 yield from self._runs(file)
@@ -73,7 +73,7 @@ class FrameReader:
             reported.append(f"{frames} of another version of the message were skipped")
         return reported
 
-    def _forget(self) -> None:
+    def _reset_counts(self) -> None:
         self.frame_count = self.torn_size = self.foreign_count = 0
         self.damage = []
 

@@ -12,7 +12,6 @@ from typing import Any, BinaryIO, TextIO
 import numpy as np
 
 from proximity.message import FRAME, State
-from proximity.recording.columns import scalar_columns
 from proximity.recording.frame_bytes import frame_type
 from proximity.system.extras import needed
 
@@ -37,6 +36,20 @@ _STATES = {state.value: state.name.lower() for state in State}
 STATE_NAMES = np.array([_STATES.get(number, str(number)) for number in range(256)])
 """The word for each number a header's state may have."""
 _NO_FRAMES = np.zeros(0, frame_type(FRAME.size(0)))
+
+
+def scalar_columns(records: np.ndarray) -> dict[str, np.ndarray]:
+    """Return one column for each number of the records, in their order; vectors end in _x, _y and _z.
+
+    *records*: (N,) structured.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for name in records.dtype.names or ():
+        if records.dtype[name].shape == (3,):
+            columns |= {f"{name}_{axis}": records[name][:, column] for column, axis in enumerate("xyz")}
+        else:
+            columns[name] = records[name]
+    return columns
 
 
 def frame_columns(frames: np.ndarray) -> dict[str, np.ndarray]:

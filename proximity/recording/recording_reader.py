@@ -62,7 +62,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     positions = np.full((int(frame[-1]) + 1, len(labels), 3), np.nan)
     positions[frame, column] = points
     missing = int(np.isnan(points).any(axis=1).sum())
-    lost = _forget_lost_hands(positions, labels // len(FINGERS))
+    lost = _drop_lost_hands(positions, labels // len(FINGERS))
     if missing + lost == len(points):
         raise RecordingError(f"{name}: all positions are nan, expected a number in at least one line")
     notes = [f"{missing} of {len(points)} positions are nan: the finger is missing there"] if missing else []
@@ -83,7 +83,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     )
 
 
-def _forget_lost_hands(positions: np.ndarray, hands: np.ndarray) -> int:
+def _drop_lost_hands(positions: np.ndarray, hands: np.ndarray) -> int:
     """Make nan of hands whose fingers are all at one place, as lost ones are written; how many positions."""
     count = 0
     for hand in np.unique(hands):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.errors import NotWatertightError
-from proximity.kernels.mesh.components import connected
+from proximity.kernels.mesh.edges import connected
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 

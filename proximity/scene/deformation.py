@@ -58,7 +58,7 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
     arrays.is_overwritten |= is_own  # before anything is written
     _frame_for(before, lower, upper).write(model.frames[row])
     area, volume = refit_part(model.packed, row, kept, solid.first_vertices)
-    is_closed = model.parts[row, layout.PART_GRID] != layout.NO_GRID
+    is_closed = model.parts["grid"][row] != layout.NO_GRID
     if is_closed and volume < -INSIDE_OUT * area:
         model.frames[row] = before
         # A copy, since kernels are compiled for arrays that can be written.
@@ -68,8 +68,8 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
         raise MeshError(
             f"part {name!r} would be turned inside out: its faces would enclose a negative volume"
         )
-    model.frames[row, layout.FRAME_OWN_LOWER_XYZ] = lower
-    model.frames[row, layout.FRAME_OWN_UPPER_XYZ] = upper
+    model.frames["own_lower"][row] = lower
+    model.frames["own_upper"][row] = upper
     if is_closed:
         _search_surface_only(model, row, lower, extent)
     return solid._deformed(kept, model, row)
@@ -77,8 +77,8 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
 
 def _normals_of(model: Model, row: int) -> np.ndarray:
     """The part's corner normals, one after the other."""
-    at = model.parts[row, layout.PART_CORNER_NORMALS]
-    return model.reals[at : at + 3 * model.parts[row, layout.PART_CORNER_COUNT]]
+    at = model.parts["corner_normals"][row]
+    return model.reals[at : at + 3 * model.parts["corner_count"][row]]
 
 
 def _why_not(vertices: np.ndarray, first_vertices: np.ndarray, row: int, name: str) -> str:
@@ -120,9 +120,9 @@ def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFr
 def _search_surface_only(model: Model, row: int, lower: np.ndarray, extent: float) -> None:
     """Make the sign grid one cell that the surface crosses: within the box, the nearest face tells."""
     part, frame = model.parts[row], model.frames[row]
-    scale = frame[layout.FRAME_SCALE]
-    model.words[part[layout.PART_GRID] :][:1].view(np.int32)[0] = CELL_CROSSED
-    part[[layout.PART_GRID_X, layout.PART_GRID_Y, layout.PART_GRID_Z]] = 1
-    local = (lower - frame[layout.FRAME_CENTRE : layout.FRAME_CENTRE + 3]) * scale
-    frame[layout.FRAME_GRID_LOWER : layout.FRAME_GRID_LOWER + 3] = local
-    frame[layout.FRAME_GRID_RATE] = 1.0 / (extent * scale * GRID_MARGIN) if extent > 0.0 else 1.0
+    scale = frame["scale"]
+    model.words[part["grid"] :][:1].view(np.int32)[0] = CELL_CROSSED
+    part["grid_x"] = part["grid_y"] = part["grid_z"] = 1
+    local = (lower - frame["centre"]) * scale
+    frame["grid_lower"] = local
+    frame["grid_rate"] = 1.0 / (extent * scale * GRID_MARGIN) if extent > 0.0 else 1.0

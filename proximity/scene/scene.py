@@ -7,7 +7,6 @@ import numpy as np
 
 from proximity.checks import refuse_trimesh
 from proximity.errors import SceneError
-from proximity.kernels import layout
 from proximity.scene.model.assembly import Model
 from proximity.scene.model.scene_state import SceneState
 from proximity.scene.part import NO_VELOCITY, LoadReport, Part, checked_part, parts_of_mesh
@@ -128,14 +127,14 @@ class Scene(Queries):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corner of the box around all parts, hidden ones too, m, (3,) each."""
         row = self.snapshot().frames[-1]
-        return row[layout.FRAME_BOX_LOWER_XYZ].copy(), row[layout.FRAME_BOX_UPPER_XYZ].copy()
+        return row["box_lower"].copy(), row["box_upper"].copy()
 
     @property
     def part_sizes(self) -> np.ndarray:
         """Length, width and height of each part's box in the part's own frame, m, (P, 3)."""
         frames = self.snapshot().frames[:-1]
         with np.errstate(over="ignore"):
-            return np.subtract(frames[:, layout.FRAME_OWN_UPPER_XYZ], frames[:, layout.FRAME_OWN_LOWER_XYZ])
+            return np.subtract(frames["own_upper"], frames["own_lower"])
 
     @property
     def memory_bytes(self) -> int:

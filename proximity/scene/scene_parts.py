@@ -14,7 +14,7 @@ from proximity.scene.deformation import deform_part
 from proximity.scene.model.assembly import Model, assemble
 from proximity.scene.model.scene_state import SceneState, write_motion, write_surface
 from proximity.scene.part import Part, checked_part
-from proximity.system.free_memory import return_free_memory
+from proximity.system.memory import return_free_memory
 
 MANY_FACES = 100_000
 """Of new parts: the making of more leaves so much unused memory that it is given back at once."""

@@ -148,7 +148,7 @@ def _random_samples() -> tuple[np.ndarray, np.ndarray]:
 
 def _turns(model: Model, points: np.ndarray) -> np.ndarray:
     """Winding numbers of a model's only part at local points."""
-    root, moments = int(model.parts[0, layout.PART_ROOT]), int(model.parts[0, layout.PART_MOMENTS])
+    root, moments = int(model.parts["root"][0]), int(model.parts["moments"][0])
     turns = np.empty(len(points))
     winding_numbers(model.reals, model.words, root, moments, np.ascontiguousarray(points), turns)
     return turns

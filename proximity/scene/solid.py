@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import refuse_trimesh
-from proximity.kernels import layout
 from proximity.kernels.mesh.faces import signed_volume
 from proximity.kernels.tree.refit import UNUSED
 from proximity.mesh.bvh import Bvh, LocalFrame
@@ -148,8 +147,8 @@ class Solid(Queries):
         """Lower and upper corner of the box around the faces, m, (3,) each."""
         row = self.snapshot().frames[0]
         return (
-            row[layout.FRAME_OWN_LOWER : layout.FRAME_OWN_LOWER + 3].copy(),
-            row[layout.FRAME_OWN_UPPER : layout.FRAME_OWN_UPPER + 3].copy(),
+            row["own_lower"].copy(),
+            row["own_upper"].copy(),
         )
 
     @cached_property
@@ -172,7 +171,7 @@ class Solid(Queries):
         """The first vertex at the position of each vertex, (V,) int32; -1 where no face has it."""
         model = self._arrays.model
         part = model.parts[0]
-        corner_of = model.words[part[layout.PART_FACES] :][: 3 * part[layout.PART_FACE_COUNT]].view(np.int32)
+        corner_of = model.words[part["faces"] :][: 3 * part["face_count"]].view(np.int32)
         corner = np.full(self.mesh.vertex_count, UNUSED, np.int32)
         corner[self.mesh.faces.ravel()] = corner_of
         used = np.flatnonzero(corner != UNUSED)

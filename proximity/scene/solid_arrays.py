@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from proximity.kernels import layout
 from proximity.kernels.layout import NO_GRID
 from proximity.mesh.bvh import LocalFrame
 from proximity.mesh.part_arrays import PartArrays, part_arrays, with_folded_faces, with_sign
@@ -49,18 +48,13 @@ class SolidArrays:
         part = model.parts[0]
         # Faces, neighbours and folded faces stay where they are, whatever shape the scene gives the part.
         faces, neighbors = (
-            model.words[part[column] :][: 3 * part[layout.PART_FACE_COUNT]]
-            .view(np.int32)
-            .reshape(-1, 3)
-            .copy()
-            for column in (layout.PART_FACES, layout.PART_NEIGHBORS)
+            model.words[part[column] :][: 3 * part["face_count"]].view(np.int32).reshape(-1, 3).copy()
+            for column in ("faces", "neighbors")
         )
         corners = np.empty((int(faces.max()) + 1, 3))
         corners[faces.ravel()] = mesh.vertices[mesh.faces.ravel()]
         piece = part_arrays(corners, faces, neighbors, LocalFrame.read(model.frames[0]))
-        piece = with_sign(
-            piece, int(part[layout.PART_SIGN]), has_grid=bool(part[layout.PART_GRID] != NO_GRID)
-        )
+        piece = with_sign(piece, int(part["sign"]), has_grid=bool(part["grid"] != NO_GRID))
         # In this order: another thread may look, and must not find the old arrays to be right.
         self.model = assemble([with_folded_faces(piece, model.folded_faces(0))], [Pose()])
         self.is_overwritten = False

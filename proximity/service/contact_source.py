@@ -4,13 +4,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from proximity.kernels.layout import PART_IS_HIDDEN
 from proximity.kernels.tracking.motion import (
-    ESTIMATE_VELOCITY,
+    ESTIMATE,
+    ESTIMATES,
     MAX_ACCELERATION,
     MAX_SPEED,
-    MOTION_INTS,
-    MOTION_REALS,
     PREDICTED,
     observe,
 )
@@ -108,7 +106,7 @@ class TrackedContacts:
     def labels(self) -> PartLabels:
         """Return names of the scene's parts, and which are hidden."""
         model = self.tracker.scene.snapshot()
-        return model.names, model.parts[: len(model.names), PART_IS_HIDDEN] != 0
+        return model.names, model.parts["is_hidden"][: len(model.names)] != 0
 
     def new_samples(self) -> FingerPoses:
         """Return poses, all unknown."""
@@ -169,13 +167,11 @@ class Bends:
     """Follows the bends of fingers from pose to pose."""
 
     def __init__(self, count: int) -> None:
-        self._motions = np.zeros((count, MOTION_REALS))
-        self._marks = np.zeros((count, MOTION_INTS), np.int64)
+        self._motions = np.zeros((count, ESTIMATES), ESTIMATE)
 
     def reset(self) -> None:
         """Start anew."""
-        self._motions[:] = 0.0
-        self._marks[:] = 0
+        self._motions[:] = 0
 
     def write(self, contacts: np.ndarray, bends: np.ndarray, pose_ns: np.ndarray) -> None:
         """Write bend and bend rate at the pose's instant, of fingers that are tracked and are on no path.
@@ -187,9 +183,9 @@ class Bends:
         for i in np.flatnonzero(is_tracked & np.isfinite(bends)).tolist():
             bend = bends.item(i)
             status = observe(
-                self._motions, self._marks, i, pose_ns.item(i), METRES_A_BEND * bend, 0.0, 0.0, MAX_SPEED,
+                self._motions, i, pose_ns.item(i), METRES_A_BEND * bend, 0.0, 0.0, MAX_SPEED,
                 MAX_ACCELERATION,
             )  # fmt: skip
             contacts["bend"][i] = bend
             if status & PREDICTED:
-                contacts["bend_rate"][i] = self._motions.item(i, ESTIMATE_VELOCITY) / METRES_A_BEND
+                contacts["bend_rate"][i] = self._motions["velocity"].item(i, 0, 0) / METRES_A_BEND

@@ -7,11 +7,8 @@ import math
 
 import numpy as np
 
-from proximity.kernels.contact_columns import BOUNDED, IN_RANGE, RECORD_FLAGS, RECORD_POSE_NS, TRACKED
+from proximity.kernels.contact_record import BOUNDED, IN_RANGE, TRACKED
 from proximity.kernels.tracking.motion import (
-    ESTIMATE_VELOCITY,
-    ESTIMATE_VELOCITY_ERROR,
-    ESTIMATE_WEIGHTS,
     JUMPED,
     REPEATED,
     STARTED,
@@ -109,18 +106,18 @@ def drop_stale(newest_ns, newest, oldest_ns):
             newest[i, 0] = np.nan
 
 
-@entry("int64[:, :], int32[:, :] -> int, int, int")
-def overview(wide, numbers):
-    """Summarise contacts as int64 and int32 columns: oldest pose, fingers tracked, fingers uncertain.
+@entry("Contact[:] -> int, int, int")
+def overview(contacts):
+    """Summarise contacts: oldest pose, fingers tracked, fingers uncertain.
 
     Uncertain is who is near and has bounds only. Without a finger that is tracked the instant is `LATEST`.
     """
     oldest, tracked, uncertain = LATEST, 0, 0
-    for i in range(len(wide)):
-        flags = numbers[i, RECORD_FLAGS]
+    for i in range(len(contacts)):
+        flags = np.int64(contacts[i]["flags"])
         if flags & TRACKED:
             tracked += 1
-            oldest = min(oldest, wide[i, RECORD_POSE_NS])
+            oldest = min(oldest, contacts[i].pose_ns)
             if flags & BOUNDED and flags & IN_RANGE:
                 uncertain += 1
     return oldest, tracked, uncertain
@@ -134,7 +131,8 @@ def _distance_error(motions, error_sums, i, error, status, weight_before):
     deviation. By Cauchy and Schwarz errors change it by no more than this, whatever they are.
     """
     error_sq = min(error, LARGEST_DISTANCE_ERROR) ** 2 if error >= 0.0 else LARGEST_DISTANCE_ERROR**2
-    weight = motions[i, ESTIMATE_WEIGHTS]
+    weights = motions[i, 0].weights
+    weight = weights[0]
     if status & STARTED:
         # After a jump the track may go on where it was.
         error_sums[i, DISTANCE_ERROR_BEFORE] = (
@@ -149,20 +147,16 @@ def _distance_error(motions, error_sums, i, error, status, weight_before):
         error_sums[i, DISTANCE_ERROR] = (weight - 1.0) / weight_before * error_sums[
             i, DISTANCE_ERROR
         ] + error_sq
-    spread = (
-        weight * motions[i, ESTIMATE_WEIGHTS + 2]
-        - motions[i, ESTIMATE_WEIGHTS + 1] * motions[i, ESTIMATE_WEIGHTS + 1]
-    )
+    spread = weight * weights[2] - weights[1] * weights[1]
     return math.sqrt(error_sums[i, DISTANCE_ERROR] * weight / spread) if spread > 0.0 else 0.0
 
 
 @entry(
-    "float64[:, :], int64[:, :], float64[:, :], int64[:], float64[:, :], float64[:], float64[:], int, "
-    "float, float, float64[:, :]",
+    "Estimate[:, 2], float64[:, :], int64[:], float64[:, :], float64[:], float64[:], int, float, float, "
+    "float64[:, :]",
 )
 def follow_distances(
-    motions, motion_marks, error_sums, measured_ns, distances, errors, rates, acts_ns, max_speed,
-    max_acceleration, followed,
+    motions, error_sums, measured_ns, distances, errors, rates, acts_ns, max_speed, max_acceleration, followed
 ):  # fmt: skip
     """Follow distances that were measured as `motion` follows a finger, along one axis; see `FOLLOWED_SIZE`.
 
@@ -172,16 +166,17 @@ def follow_distances(
     word.
     """
     for i in range(len(measured_ns)):
-        weight_before = motions[i, ESTIMATE_WEIGHTS]
+        present = motions[i, 0]
+        weight_before = present.weights[0]
         status = observe_with_velocity(
-            motions, motion_marks, i, measured_ns[i], distances[i, 0], 0.0, 0.0, rates[i], 0.0, 0.0,
-            max_speed, max_acceleration,
+            motions, i, measured_ns[i], distances[i, 0], 0.0, 0.0, (rates[i], 0.0, 0.0), max_speed,
+            max_acceleration,
         )  # fmt: skip
         elapsed = 1e-9 * (acts_ns - measured_ns[i])
         if status:
             distance_error = _distance_error(motions, error_sums, i, errors[i], status, weight_before)
             if not (status & REPEATED or math.isfinite(rates[i])):
-                motions[i, ESTIMATE_VELOCITY_ERROR] += distance_error
-        step, _, _, spread = predict(motions, i, elapsed, max_speed, max_acceleration)
-        followed[i, FOLLOWED_STATUS], followed[i, FOLLOWED_RATE] = status, motions[i, ESTIMATE_VELOCITY]
+                present.velocity_error += distance_error
+        step, _, _, spread = predict(present, elapsed, max_speed, max_acceleration)
+        followed[i, FOLLOWED_STATUS], followed[i, FOLLOWED_RATE] = status, present.velocity[0]
         followed[i, FOLLOWED_STEP], followed[i, FOLLOWED_SPREAD] = step, spread

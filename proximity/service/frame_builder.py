@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from proximity.kernels.contact_record import CONTACT_RECORD
 from proximity.message import FRAME, PREFIX, Message, Source, State
 from proximity.message.envelope import PREFIX_FIELDS
 from proximity.message.fields import struct_of
@@ -38,9 +39,7 @@ class FrameBuilder:
         forget(self.contacts)
         self.contacts["finger"] = np.arange(count)
         self._header_buffer = memoryview(self.message.data)  # type: ignore[arg-type]
-        data = self.contacts.view(np.uint8)
-        self._wide = data.view(np.int64).reshape(count, -1)
-        self._numbers = data.view(np.int32).reshape(count, -1)
+        self._records = self.contacts.view(np.ndarray).view(CONTACT_RECORD)
 
     def finish(
         self, start_ns: int, publish_ns: int, missed: int, epoch: int, skipped_ns: int, is_late: bool = False
@@ -50,7 +49,7 @@ class FrameBuilder:
         *skipped_ns*: by which these times are ahead of those that subscribers read. *is_late*: whether of
         what the contacts were made of something is too old already.
         """
-        oldest_ns, tracked, uncertain = finger_kernels.overview(self._wide, self._numbers)
+        oldest_ns, tracked, uncertain = finger_kernels.overview(self._records)
         self.tracked = tracked
         pose_ns = oldest_ns if tracked else start_ns
         valid_until_ns = pose_ns + self._valid_for_ns

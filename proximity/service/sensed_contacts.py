@@ -7,7 +7,7 @@ estimated from successive distances as `kernels.tracking.motion` does from poses
 import numpy as np
 
 from proximity.errors import ServiceError
-from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED, MOTION_INTS, MOTION_REALS
+from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES, MAX_ACCELERATION, MAX_SPEED
 from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
 from proximity.service import finger_kernels
 from proximity.service.description import PartLabels
@@ -61,8 +61,7 @@ class SensedContacts:
         self.notes: list[str] = []
         self._latency_ns = round(NS_PER_S * latency)
         self._horizon, self._max_speed, self._max_acceleration = horizon, max_speed, max_acceleration
-        self._motions = np.zeros((count, MOTION_REALS))
-        self._motion_marks = np.zeros((count, MOTION_INTS), np.int64)
+        self._motions = np.zeros((count, ESTIMATES), ESTIMATE)
         self._error_sums = np.zeros((count, finger_kernels.ERROR_SUMS_SIZE))
         self._followed = np.zeros((count, finger_kernels.FOLLOWED_SIZE))
         self._write_to(np.zeros(count, CONTACT))
@@ -78,8 +77,7 @@ class SensedContacts:
     def rehearse(self) -> None:
         """Make contacts of nothing; the estimates are reset afterwards."""
         self.fill(np.zeros(self.count, CONTACT), Measurements(self.count), 0)
-        self._motions[:] = 0.0
-        self._motion_marks[:] = 0
+        self._motions[:] = 0
         self._error_sums[:] = 0.0
 
     def fill(self, contacts: np.ndarray, samples: Measurements, now_ns: int) -> None:
@@ -103,7 +101,7 @@ class SensedContacts:
         acts_ns = now_ns + self._latency_ns
         reported, contacts = samples.records, self._contacts
         finger_kernels.follow_distances(
-            self._motions, self._motion_marks, self._error_sums, samples.pose_ns, samples.distances,
+            self._motions, self._error_sums, samples.pose_ns, samples.distances,
             np.ascontiguousarray(reported["error"]), -reported["approach_speed"], acts_ns, self._max_speed,
             self._max_acceleration, self._followed,
         )  # fmt: skip

@@ -18,7 +18,7 @@ LATER = 0.01
 
 _locks: weakref.WeakSet[threading.RLock] = weakref.WeakSet()
 _listing = threading.RLock()
-_taken: list[list[Any]] = []  # by forks under way: one within another where a signal handler forks
+_held_by_forks: list[list[Any]] = []  # by forks under way: one within another where a signal handler forks
 _interruptions: list[BaseException] = []
 
 _acquired, _released = methodcaller("acquire"), methodcaller("release")
@@ -46,8 +46,8 @@ def _all_locks() -> list[Any]:
             continue
 
 
-def _take_all() -> None:
-    """Take all locks, whoever interrupts: what is raised here nobody would hear of, and the fork goes on."""
+def _acquire_all() -> None:
+    """Acquire all locks, whoever interrupts: nobody hears of what is raised here, and the fork goes on."""
     locks, results = _all_locks(), list[bool]()
     while len(results) < len(locks):
         try:
@@ -55,17 +55,17 @@ def _take_all() -> None:
             results.extend(map(_acquired, locks[len(results) :]))
         except BaseException as interruption:
             _interruptions.append(interruption)
-    _taken.append(locks)
+    _held_by_forks.append(locks)
 
 
-def _give_back_all() -> None:
-    for lock in reversed(_taken.pop()):
+def _release_all() -> None:
+    for lock in reversed(_held_by_forks.pop()):
         _released(lock)
 
 
-def _go_on() -> None:
+def _resume_parent() -> None:
     """Release the locks in the process that forked, and deliver an interruption that came meanwhile."""
-    _give_back_all()
+    _release_all()
     if _interruptions:
         _interruptions.clear()
         later = threading.Timer(LATER, _thread.interrupt_main)
@@ -73,10 +73,10 @@ def _go_on() -> None:
         later.start()
 
 
-def _begin_child() -> None:
+def _resume_child() -> None:
     _interruptions.clear()
-    _give_back_all()
+    _release_all()
 
 
 if hasattr(os, "register_at_fork"):  # where there are forks
-    os.register_at_fork(before=_take_all, after_in_parent=_go_on, after_in_child=_begin_child)
+    os.register_at_fork(before=_acquire_all, after_in_parent=_resume_parent, after_in_child=_resume_child)

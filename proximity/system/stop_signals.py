@@ -33,7 +33,7 @@ def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threadin
             # None: a handler that was not made in Python, and cannot be put back from here
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
-    def tell(number: int, frame: FrameType | None) -> None:
+    def request_stop(number: int, frame: FrameType | None) -> None:
         del number, frame
         # First: another signal while the event is being set would wait for it, in this thread, for ever.
         restore()
@@ -41,7 +41,7 @@ def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threadin
 
     for number, handler in usual.items():
         if handler is not signal.SIG_IGN:  # as nohup wishes
-            signal.signal(number, tell)
+            signal.signal(number, request_stop)
     try:
         yield stop
     finally:

@@ -10,6 +10,7 @@ from proximity import native
 from proximity.checks import positive, whole
 from proximity.errors import ArgumentError
 from proximity.kernels import layout
+from proximity.kernels.contact_record import CONTACT_RECORD
 from proximity.kernels.layout import NO_PART, NO_SLOT
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
@@ -120,7 +121,7 @@ class Tracker:
         self._settings = settings
         self._pose_notes = PoseNotes()
         self._shape, self._arrays = (count, 3), new_arrays(count, settings)
-        self._arrays["tracks"][:, track.TRACK_RADIUS] = as_radii(radius, count)
+        self._arrays["tracks"]["radius"] = as_radii(radius, count)
         self._pose_ns = np.zeros(count, np.int64)  # of `tick`
         self._copies: dict[str, np.ndarray] = {}  # of what `tick` is given, by its names
         self._given: _Given | None = None  # what ticks read; None: it is being exchanged
@@ -146,7 +147,7 @@ class Tracker:
     @property
     def latency(self) -> float:
         """From a tick until the instant that predictions are for, s, as given to the tracker."""
-        return float(self._settings[track.SETTING_LATENCY])
+        return self._settings["latency"].item()
 
     @property
     def notes(self) -> list[str]:
@@ -265,14 +266,8 @@ class Tracker:
             Instants of the positions, within 2**62.
         now_ns : int, ns
             Instant of the tick, within 2**62.
-        velocities : (fingers, 3) float64, m/s
-            Velocities; nan: to be estimated.
-        paths : (fingers, K, 3) float64, m, scene's frame
-            Corners of paths; a first corner of nan: no path.
-        path_bends : (K,) float64
-            Bend at each corner, increasing. Default: evenly from 0 to 1.
-        bends : (fingers,) float64
-            Bends on the paths. Default: that of the nearest position on the path.
+        velocities, paths, path_bends, bends : float64
+            As of `tick`.
 
         Returns
         -------
@@ -281,10 +276,8 @@ class Tracker:
 
         Raises
         ------
-        ArgumentError
-            If positions or instants are not as many as fingers.
-        TypeError
-            If an array has another type, or is not contiguous.
+        ArgumentError, TypeError
+            If positions or instants are not as many as fingers, or an array has another type or layout.
         """
         given = self._given
         if (
@@ -330,19 +323,18 @@ class Tracker:
 
     def reset(self) -> None:
         """Forget all fingers: the next tick is treated as the first."""
-        self._arrays["motions"][:] = 0.0
-        self._arrays["motion_marks"][:] = 0
-        self._arrays["marks"][:, track.TRACK_REPORTED_PART] = NO_PART
+        self._arrays["motions"][:] = 0
+        self._arrays["tracks"]["reported_part"] = NO_PART
         self._last_now_ns = -MOST_NS
-        self._settings[track.SETTING_FIRST_FINGER] = self._settings[track.SETTING_ADAPTIVE_TOLERANCE] = 0
+        self._settings["first_finger"] = self._settings["adaptive_tolerance"] = 0
         self._forget_surfaces()
 
     def _forget_surfaces(self) -> None:
         """Forget how far surfaces are, and which faces are near."""
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
-        marks = self._arrays["marks"]
-        marks[:, track.TRACK_SLOT], marks[:, track.TRACK_PART] = NO_SLOT, NO_PART
-        marks[:, track.TRACK_IS_OUTSIDE] = marks[:, track.TRACK_FRONTIER_COUNT] = 0
+        tracks = self._arrays["tracks"]
+        tracks["slot"], tracks["part"] = NO_SLOT, NO_PART
+        tracks["is_outside"] = tracks["frontier_count"] = 0
 
     def _adopt_model(self, model: Model) -> None:
         """Answer from *model* from now on; its epoch is written last, so that an interrupt repeats this."""
@@ -350,11 +342,10 @@ class Tracker:
             self._forget_surfaces()
             self._renumber_parts(model.names)
             count = len(model.parts) - 1
-            signs, grids = model.parts[:count, layout.PART_SIGN], model.parts[:count, layout.PART_GRID]
+            signs, grids = model.parts["sign"][:count], model.parts["grid"][:count]
             is_open = (signs == layout.SIGN_WINDING) & (grids == layout.NO_GRID)
-            self._settings[track.SETTING_HAS_HOLES] = is_open.any()
-            first, end = layout.FRAME_ROTATION, layout.FRAME_ROTATION + POSE_COLUMNS
-            self._arrays["before"] = model.frames[:count, first:end].copy()
+            self._settings["has_holes"] = is_open.any()
+            self._arrays["before"] = layout.columns_of(model.frames)[:count, :POSE_COLUMNS].copy()
             self._arrays["movers"] = movers_workspace(count)
             self._pack()
             self._epoch = model.epoch
@@ -363,20 +354,14 @@ class Tracker:
         """Write the present numbers of the parts in the last answers; `GONE` where a part was removed."""
         if names != self._names:
             rows = {name: row for row, name in enumerate(names)}
-            reported = self._arrays["marks"][:, track.TRACK_REPORTED_PART]
+            reported = self._arrays["tracks"]["reported_part"]
             found = [rows.get(self._names[row], GONE) if row >= 0 else row for row in reported.tolist()]
             reported[:], self._names = found, names
 
     def _pack(self) -> None:
         """Have ticks use the arrays that there are now."""
-        records = self.contacts.view(np.ndarray)
-        shape = len(records), -1
-        views: dict[str, np.ndarray] = {
-            "records": records.view(np.float64).reshape(shape),
-            "wide": records.view(np.int64).reshape(shape),
-            "numbers": records.view(np.int32).reshape(shape),
-        }
-        self._packed: Any = native.packed(track.TrackerArrays(**(self._arrays | views)))
+        records = self.contacts.view(np.ndarray).view(CONTACT_RECORD)
+        self._packed: Any = native.packed(track.TrackerArrays(**self._arrays, records=records))
 
     def _copied(self, name: str, values: np.ndarray) -> np.ndarray:
         """Return the values in the same array at each tick, as long as they have the same shape."""
@@ -391,8 +376,8 @@ class Tracker:
         self._given = None
         velocities, paths, path_bends, bends = given
         arrays, settings = self._arrays, self._settings
-        settings[track.SETTING_HAS_VELOCITIES] = velocities is not None
-        settings[track.SETTING_HAS_PATHS] = paths is not None
+        settings["has_velocities"] = velocities is not None
+        settings["has_paths"] = paths is not None
         if velocities is not None:
             arrays["velocities"] = velocities
         if paths is not None:

@@ -12,15 +12,16 @@ import numpy as np
 
 from proximity.checks import FLOAT64, as_float64, not_negative, positive, shown, whole
 from proximity.errors import ArgumentError
-from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
+from proximity.kernels.contact_record import unknown_contact
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
 from proximity.kernels.tracking.finger_distance import CROWD
-from proximity.kernels.tracking.motion import FUTURE, MOTION_INTS, MOTION_REALS, TOO_OLD
+from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES, FUTURE, TOO_OLD
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
 from proximity.kernels.tracking.tick import ALL_IN_MILLIMETRES, DONE, HAS_DEFECT
 from proximity.kernels.tracking.track import MOST_NS
+from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.message import ContactFlag
 from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.instant_advice import FROM_FUTURE, OTHER_CLOCK_NS, on_future, on_too_old
@@ -153,17 +154,17 @@ def new_settings(
     reach = not_negative("working_range", working_range, "metres")
     if reach > LARGEST_WORKING_RANGE:
         raise ArgumentError(f"working_range is {length_error(reach, LARGEST_WORKING_RANGE)}")
-    settings = np.zeros(track.SETTING_COUNT)
-    settings[track.SETTING_WORKING_RANGE] = reach
-    settings[track.SETTING_LATENCY] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
-    settings[track.SETTING_TOLERANCE] = not_negative("tolerance", tolerance, "shares")
-    settings[track.SETTING_HORIZON] = positive("horizon", horizon, "seconds")
-    settings[track.SETTING_MAX_SPEED] = positive("max_speed", max_speed, "metres a second")
-    settings[track.SETTING_MAX_ACCELERATION] = positive("max_acceleration", max_acceleration, "m/s²")
+    settings = np.zeros(1, track.SETTINGS)
+    settings["working_range"] = reach
+    settings["latency"] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
+    settings["tolerance"] = not_negative("tolerance", tolerance, "shares")
+    settings["horizon"] = positive("horizon", horizon, "seconds")
+    settings["max_speed"] = positive("max_speed", max_speed, "metres a second")
+    settings["max_acceleration"] = positive("max_acceleration", max_acceleration, "m/s²")
     steps = DEFAULT_BUDGET if budget is None else whole("budget", budget)
-    settings[track.SETTING_BUDGET] = min(steps, MOST)
-    settings[track.SETTING_AHEAD_NS] = MAX_FUTURE_NS
-    settings[track.SETTING_OTHER_CLOCK_NS] = OTHER_CLOCK_NS
+    settings["budget"] = min(steps, MOST)
+    settings["ahead_ns"] = MAX_FUTURE_NS
+    settings["other_clock_ns"] = OTHER_CLOCK_NS
     return settings
 
 
@@ -176,12 +177,11 @@ def new_arrays(count: int, settings: np.ndarray) -> dict[str, np.ndarray]:
         "path_bends": np.array([0.0, 1.0]),
         "bends": np.full(count, np.nan),
         "path_lengths": np.zeros(2),
-        "motions": np.zeros((count, MOTION_REALS)),
-        "motion_marks": np.zeros((count, MOTION_INTS), np.int64),
-        "tracks": np.zeros((count, track.TRACK_REALS)),
-        "marks": np.zeros((count, track.TRACK_INTS), np.int64),
+        "motions": np.zeros((count, ESTIMATES), ESTIMATE),
+        "tracks": np.zeros(count, track.TRACK),
         "balls": np.zeros((count, BALLS_SIZE)),
         "frontiers": np.zeros((count if count <= CROWD else 0, FRONTIER_SIZE), np.float32),
+        "unknown": unknown_contact(),
         "before": np.zeros((0, POSE_COLUMNS)),
         "movers": movers_workspace(0),
         "workspace": np.zeros(WORKSPACE_SIZE, np.float32),

@@ -1,6 +1,6 @@
 """Messages from one process to another, by addresses: ``iox2://decaff``, ``udp://127.0.0.1:9100``, ….
 
-A transport moves bytes (`links`); what they are worth is decided on this side of it: `Publisher` numbers and
+A transport moves bytes (`link`); what they are worth is decided on this side of it: `Publisher` numbers and
 checksums them, `Subscriber` and `MessageReader` verify and age them. Nothing received is ever evaluated.
 """
 
@@ -8,11 +8,11 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-from proximity.message.received_description import Description
+from proximity.message.description import Description
 from proximity.transport.address import parse
 from proximity.transport.contact_age import forget, widen
 from proximity.transport.link import TRANSPORTS, Inlet, Outlet
-from proximity.transport.message_check import Counts, MessageReader
+from proximity.transport.message_reader import Counts, MessageReader
 from proximity.transport.publisher import Publisher
 from proximity.transport.subscriber import Reading, Subscriber
 
@@ -67,8 +67,7 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
         that sender, default this machine; ``?key=FILE``: accept only what that key verifies).
     settings
         ``stale_after`` (s after a frame's ``valid_until`` until nothing of it is reported, 0.08),
-        ``max_speed``
-        (m/s, 3) and ``max_acceleration`` (m/s², 120) of a finger, by which bounds widen meanwhile.
+        ``max_speed`` (m/s, 3) and ``max_acceleration`` (m/s², 120) of a finger, by which bounds widen.
 
     Returns
     -------

@@ -33,14 +33,14 @@ def widen(contacts: np.ndarray, now_ns: int, max_speed: float, max_acceleration:
     have done until ``predicted_ns``. Where a publisher predicts for the pose's own instant that is not
     reported: then no part is thought to be faster than the nearest point of the nearest one.
     """
-    Widening(contacts, max_speed, max_acceleration).at(now_ns)
+    AgedContacts(contacts, max_speed, max_acceleration).update(now_ns)
 
 
-class Widening:
+class AgedContacts:
     """Quantities computed once for contacts whose bounds are widened again and again.
 
     *contacts*: (N,) CONTACT; as they were published. Changed in place: at once what does not depend on time,
-    the rest by `at`.
+    the rest by `update`.
     """
 
     def __init__(self, contacts: np.ndarray, max_speed: float, max_acceleration: float) -> None:
@@ -88,7 +88,7 @@ class Widening:
         self._at_last = np.where(is_known, limit + spread, np.fmax(limit, part_speed + spread))
         self._ever = np.maximum(limit + spread, np.finfo(float).tiny)
 
-    def at(self, now_ns: int) -> None:
+    def update(self, now_ns: int) -> None:
         """Write what holds at an instant."""
         contacts = self._contacts
         with np.errstate(all="ignore"):

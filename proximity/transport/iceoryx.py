@@ -30,8 +30,7 @@ from proximity.transport.iceoryx_names import (
     open_service,
     remove_unfinished_memory,
 )
-from proximity.transport.link import NOTHING
-from proximity.transport.poll import wait_until
+from proximity.transport.link import NOTHING, wait_until
 
 FIRST_BYTES = 8192
 """Bytes of a message at first: a frame of 24 fingers. A longer message makes room for its like."""

@@ -71,7 +71,7 @@ def create_end(create: Callable[[], Any], address: Address, node: Any, service: 
             if "ExceedsMaxSupported" not in str(failure):
                 raise address.refuse(f"iceoryx2 refuses a {role} ({failure})") from failure
             if time.monotonic() >= ends:
-                raise address.refuse(_taken(role, node, service)) from failure
+                raise address.refuse(_in_use_message(role, node, service)) from failure
         service.blocking_cleanup_dead_nodes(iceoryx2.Duration.from_millis(100))
         time.sleep(0.01)
 
@@ -137,7 +137,7 @@ def _explained(address: Address, failure: Exception) -> PublishError:
     return address.refuse(f"cannot be opened ({reason})")
 
 
-def _taken(role: str, node: Any, service: Any) -> str:
+def _in_use_message(role: str, node: Any, service: Any) -> str:
     """Say which process publishes already, or that there are no more subscribers to be had."""
     if role == "subscriber":
         return f"has {SUBSCRIBERS} subscribers already, the maximum"
@@ -157,9 +157,8 @@ def _remove_unfinished_name(node: Any, service_name: str) -> None:
     the maker leaves a name that nobody can open or remove through iceoryx2, not by force either.
     """
     settings = node.config.global_cfg
-    digest = hashlib.sha1(
-        b"0" + service_name.encode(), usedforsecurity=False
-    ).hexdigest()  # 0: publish-subscribe
+    of_publish_subscribe = b"0" + service_name.encode()
+    digest = hashlib.sha1(of_publish_subscribe, usedforsecurity=False).hexdigest()
     suffix = settings.service.static_config_storage_suffix.to_string()
     file = Path(settings.service_dir.to_string()) / f"{settings.prefix.to_string()}{digest}{suffix}"
     try:

@@ -93,9 +93,7 @@ class MailboxInlet:
     def receive(self, buffer: np.ndarray) -> int:
         """Copy the oldest of what is in the box and was not seen before."""
         box = self._box
-        if (
-            box.count == self._seen
-        ):  # an int: read as a whole without the lock, which costs as much as all else
+        if box.count == self._seen:  # read as a whole without the lock, which costs as much as all else
             return NOTHING
         with box.changed:
             new = [latest for latest in box.latest.values() if latest.count > self._seen]

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.message import CONTACT, FRAME, Flaw, Mode, Source, State, Surface, parts_of
+from proximity.message import CONTACT, FRAME, Defect, Mode, Source, State, Surface, parts_of
 from proximity.message.contact import TRACKED_BIT, UNIT_ERROR
 from proximity.message.envelope import MAX_FUTURE_NS, PREFIX_FIELDS
 from proximity.message.fields import struct_of
@@ -24,10 +24,7 @@ ORDERED = (
 CONTACT_WORDS = CONTACT.itemsize // 8
 _COLUMN = {name: CONTACT.fields[name][1] // 8 for name in CONTACT.names or ()}  # type: ignore[index]
 _POSITION = [_COLUMN["position"] + axis for axis in range(3)]
-_LEAST, _MOST = (
-    CONTACT_WORDS,
-    CONTACT_WORDS + 1,
-)  # behind the columns: the finite numbers, in a row of their own
+_LEAST, _MOST = CONTACT_WORDS, CONTACT_WORDS + 1  # behind the columns: bounds of finite numbers
 _LEFT = [_COLUMN[left] for left, _ in ORDERED] + _POSITION + [_LEAST] * 3
 _RIGHT = [_COLUMN[right] for _, right in ORDERED] + [_MOST] * 3 + _POSITION
 _KINDS = frozenset(
@@ -48,8 +45,8 @@ _INSTANTS = slice(len(PREFIX_FIELDS), len(PREFIX_FIELDS) + 4)  # pose_ns, start_
 _unpack_header = struct_of(FRAME_FIELDS).unpack_from
 
 
-class HeldFrame:
-    """Room for a frame of so many contacts."""
+class ReceivedFrame:
+    """A buffer for a frame of so many contacts, and what was decoded of it."""
 
     header: Any  # FRAME_HEADER, read-only
     contacts: np.ndarray  # (count,) CONTACT, read-only
@@ -69,9 +66,9 @@ class HeldFrame:
         shown.flags.writeable = False
         header, self.contacts = parts_of(shown, FRAME)
         self.header = header[()]  # a view, as of all structured scalars
-        self._take_columns()
+        self._allocate_columns()
 
-    def _take_columns(self) -> None:
+    def _allocate_columns(self) -> None:
         """The columns that are looked at, and room for what is found: NumPy is slow at making arrays."""
         count, records = self.count, self._data[FRAME.header_size :]
         self._reals = self._buffer[FRAME.header_size :].view("<f8")
@@ -87,29 +84,27 @@ class HeldFrame:
         self._is_short, self._is_long, self._is_older, self._is_newer = self._is_off
         self._kinds = records.view("<u4").reshape(count, 2 * CONTACT_WORDS)[:, -1]
 
-    def take(self, data: np.ndarray, now_ns: int | None) -> Flaw | None:
-        """Take a frame in and say what is wrong with it; None: nothing. One that is wrong is not to be
-        used.
-        """
+    def decode(self, data: np.ndarray, now_ns: int | None) -> Defect | None:
+        """Copy a frame and return what is wrong with it, or None; one with a defect is not to be used."""
         self._data[:] = data
         numbers = _unpack_header(self._data.data)
         self.pose_ns, _, self.publish_ns, valid_until_ns = numbers[_INSTANTS]
         state, source = numbers[-2:]
         if state not in _STATES or source > _MOST_SOURCE:
-            return Flaw.CONTENT
+            return Defect.CONTENT
         self.state = _STATES[state]
         self.expires_ns = min(valid_until_ns, self.pose_ns + LONGEST_VALID_NS)
         latest = min((self.publish_ns if now_ns is None else now_ns) + MAX_FUTURE_NS, _MOST_NS)
         if max(self.pose_ns, self.publish_ns) > latest:
-            return Flaw.FUTURE
+            return Defect.FUTURE
         if min(self.pose_ns, self.publish_ns) < 0:
-            return Flaw.CONTENT
-        return self._content_flaw(latest)
+            return Defect.CONTENT
+        return self._content_defect(latest)
 
-    def _content_flaw(self, latest: int) -> Flaw | None:
+    def _content_defect(self, latest: int) -> Defect | None:
         """Whether what is said of the fingers cannot be."""
         if not _KINDS.issuperset(self._kinds.tolist()):
-            return Flaw.CONTENT
+            return Defect.CONTENT
         self._reals.take(self._left_at, None, self._left, "clip")
         self._reals.take(self._right_at, None, self._right, "clip")
         np.less_equal(self._left, self._right, self._is_ordered)
@@ -121,16 +116,16 @@ class HeldFrame:
         np.greater(self._pose_ns, self._newest_ns, self._is_newer)
         if np.count_nonzero(self._is_ordered) == self._is_ordered.size and not np.count_nonzero(self._is_off):
             return None
-        return self._flaw_of_some()
+        return self._defect_of_some()
 
-    def _flaw_of_some(self) -> Flaw | None:
+    def _defect_of_some(self) -> Defect | None:
         """Whether what is unsound may be: the place that a sensor does not know, or a finger not tracked."""
         contacts, pairs = self.contacts, len(ORDERED)
         is_placed = self._is_ordered[:, pairs:].all(axis=1)
         is_placed |= (contacts["source"] != Source.GEOMETRY) & np.isnan(contacts["position"]).any(axis=1)
         makes_sense = self._is_ordered[:, :pairs].all(axis=1) & is_placed & ~self._is_off.any(axis=0)
         is_tracked = (contacts["flags"] & TRACKED_BIT) != 0
-        return None if (makes_sense | ~is_tracked).all() else Flaw.CONTENT
+        return None if (makes_sense | ~is_tracked).all() else Defect.CONTENT
 
 
 def _flat_columns(columns: list[int], count: int) -> np.ndarray:

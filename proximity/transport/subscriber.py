@@ -11,13 +11,13 @@ import numpy as np
 
 from proximity.checks import as_number, not_negative
 from proximity.errors import ArgumentError
-from proximity.message import CONTACT, DESCRIPTION, FRAME, Flaw, Kind, State
-from proximity.message.received_description import Description, DescriptionMessages
-from proximity.transport.contact_age import Widening, forget
+from proximity.message import CONTACT, DESCRIPTION, FRAME, Defect, Kind, State
+from proximity.message.description import Description, DescriptionMessages
+from proximity.transport.contact_age import AgedContacts, forget
 from proximity.transport.link import Inlet
-from proximity.transport.message_check import Counts, MessageReader
+from proximity.transport.message_reader import Counts, MessageReader
 from proximity.transport.publisher_clock import ForeignClock
-from proximity.transport.received_frame import HeldFrame
+from proximity.transport.received_frame import ReceivedFrame
 
 STALE_AFTER = 0.08
 """s after ``valid_until`` at which a frame is worth nothing; poses are then 100 ms old."""
@@ -115,13 +115,13 @@ class Subscriber:
         self._stale_after_ns = round(1e9 * not_negative("stale_after", stale_after, "seconds"))
         self._max_speed = not_negative("max_speed", max_speed, "metres a second")
         self._max_acceleration = not_negative("max_acceleration", max_acceleration, "m/s²")
-        self._held: HeldFrame | None = None  # the newest frame
-        self._spare: HeldFrame | None = None  # room for the next: the newest stays until that is verified
+        self._newest: ReceivedFrame | None = None  # the newest frame
+        self._spare: ReceivedFrame | None = (
+            None  # buffer of the next: the newest stays until that is verified
+        )
         self._is_new = False
         self._as_published = self._shown = _NO_CONTACTS  # the newest, made worse; the same, read-only
-        self._widening: Widening | None = (
-            None  # of what is reported; None: it does not hold the newest as late
-        )
+        self._aged: AgedContacts | None = None  # what is reported of a late frame
         self._is_forgotten = False
 
     @property
@@ -143,7 +143,7 @@ class Subscriber:
 
         They are empty after a change of the scene, until the service has described it again.
         """
-        newest, held = self._description.newest, self._held
+        newest, held = self._description.newest, self._newest
         if newest is None or held is None:
             return ()
         is_of_frame = (held.header["session"], held.header["epoch"]) == (newest.session, newest.epoch)
@@ -168,7 +168,7 @@ class Subscriber:
         PublishError
             If the transport cannot receive, for example because a socket was closed.
         """
-        for kind, _, now in self._reader.messages(self._content_flaw):
+        for kind, _, now in self._reader.messages(self._decode):
             if kind is FRAME:
                 self._accept(now)
         return self._reading()
@@ -203,7 +203,7 @@ class Subscriber:
 
         The bytes are overwritten by the next frame. The next reading is of the last one.
         """
-        for kind, data, now in self._reader.messages(self._content_flaw):
+        for kind, data, now in self._reader.messages(self._decode):
             if kind is FRAME:
                 self._accept(now)
                 yield data
@@ -220,24 +220,24 @@ class Subscriber:
     ) -> None:
         self.close()
 
-    def _content_flaw(self, kind: Kind, data: np.ndarray, now: int) -> Flaw | None:
-        """Take a frame into the spare room, or a description in, and say what is wrong inside of it."""
+    def _decode(self, kind: Kind, data: np.ndarray, now: int) -> Defect | None:
+        """Decode into the spare buffer, or add to the description; return what is wrong inside, or None."""
         if kind is DESCRIPTION:
-            return self._description.take(data)
+            return self._description.add(data)
         count = (len(data) - kind.header_size) // kind.record_size
         if self._spare is None or self._spare.count != count:
-            self._spare = HeldFrame(count)
-        return self._spare.take(data, now if self._foreign is None else None)
+            self._spare = ReceivedFrame(count)
+        return self._spare.decode(data, now if self._foreign is None else None)
 
     def _accept(self, now: int) -> None:
-        """Hold the frame in the spare room: it is the newest."""
-        self._held, self._spare = self._spare, self._held
-        self._is_new, self._is_forgotten, self._widening = True, False, None
-        if self._foreign is not None and self._held is not None:
-            self._foreign.arrived(self._held.publish_ns, now, is_new_run=self._reader.is_new_run)
+        """Make the frame in the spare buffer the newest."""
+        self._newest, self._spare = self._spare, self._newest
+        self._is_new, self._is_forgotten, self._aged = True, False, None
+        if self._foreign is not None and self._newest is not None:
+            self._foreign.arrived(self._newest.publish_ns, now, is_new_run=self._reader.is_new_run)
 
     def _reading(self) -> Reading:
-        now, foreign, held = self._clock(), self._foreign, self._held
+        now, foreign, held = self._clock(), self._foreign, self._newest
         if foreign is not None:
             now = foreign.theirs(now)
         if held is None:
@@ -248,7 +248,7 @@ class Subscriber:
             state, contacts = self._worsened(held, now)
         return Reading(state, is_new, now, max(now - held.pose_ns, 0), held.header, contacts)
 
-    def _worsened(self, held: HeldFrame, now: int) -> tuple[State, np.ndarray]:
+    def _worsened(self, held: ReceivedFrame, now: int) -> tuple[State, np.ndarray]:
         """State and contacts of a frame that is not known as it came."""
         is_believed = self._foreign is None or self._foreign.is_certain
         if not is_believed or now > held.expires_ns + self._stale_after_ns:
@@ -256,18 +256,18 @@ class Subscriber:
         else:
             state = max(held.state, State.LATE) if now > held.expires_ns else held.state
         if state is State.LATE and held.state in _USED:
-            if self._widening is None:
+            if self._aged is None:
                 self._copy(held)
-                self._widening = Widening(self._as_published, self._max_speed, self._max_acceleration)
-            self._widening.at(now)
+                self._aged = AgedContacts(self._as_published, self._max_speed, self._max_acceleration)
+            self._aged.update(now)
             self._is_forgotten = False
         elif not self._is_forgotten:
             self._copy(held)
             forget(self._as_published)
-            self._is_forgotten, self._widening = True, None
+            self._is_forgotten, self._aged = True, None
         return state, self._shown
 
-    def _copy(self, held: HeldFrame) -> None:
+    def _copy(self, held: ReceivedFrame) -> None:
         if len(self._as_published) != held.count:
             self._as_published = np.empty(held.count, CONTACT)
             self._shown = self._as_published.view()

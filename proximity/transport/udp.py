@@ -172,7 +172,7 @@ class UdpInlet:
         if self._key is not None:
             return self._receive_verified(buffer, self._key)
         for _ in range(MOST_STRANGERS):
-            size, is_expected = self._take(buffer.data)
+            size, is_expected = self._receive_from(buffer.data)
             if is_expected or size == NOTHING:
                 return size
         return NOTHING
@@ -181,7 +181,7 @@ class UdpInlet:
         """Take the next datagram that the key verifies, without its tag."""
         forged_bytes = 0
         for _ in range(MOST_STRANGERS):
-            size, is_expected = self._take(self._datagram)
+            size, is_expected = self._receive_from(self._datagram)
             if size == NOTHING:
                 return NOTHING
             if not is_expected:
@@ -197,7 +197,7 @@ class UdpInlet:
                 break
         return NOTHING
 
-    def _take(self, buffer: memoryview) -> tuple[int, bool]:
+    def _receive_from(self, buffer: memoryview) -> tuple[int, bool]:
         """Size of the next datagram, or `NOTHING`, and whether it counts: is of the one to listen to."""
         try:
             size, sender = self._socket.recvfrom_into(buffer, 0, _RETURNS_SIZE)

@@ -24,8 +24,7 @@ import zenoh
 
 from proximity.errors import PublishError
 from proximity.transport.address import Address
-from proximity.transport.link import NOTHING
-from proximity.transport.poll import wait_until
+from proximity.transport.link import NOTHING, wait_until
 
 BUFFER = 64
 """Messages that wait for a subscriber; then the oldest is lost."""

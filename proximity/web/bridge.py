@@ -68,11 +68,6 @@ class Bridge:
             for client in self._clients:
                 client.offer(new.data, is_answer=new.is_answer)
 
-    def notify(self, sentence: str) -> None:
-        """Show a sentence on every page."""
-        for client in self._clients:
-            self._run_beside(client.send(notice=sentence))
-
     async def _serve_page(self, connection: ServerConnection, token: str) -> None:
         if len(self._clients) >= MOST_PAGES:
             await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages connected already")

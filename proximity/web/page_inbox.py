@@ -10,7 +10,7 @@ import time
 import numpy as np
 
 from proximity.errors import ProximityError
-from proximity.message import CHANGES, MOVES, PATH_POSES, POSES, Kind, Message, PartAction, flaw_of, parts_of
+from proximity.message import CHANGES, MOVES, PATH_POSES, POSES, Kind, Message, PartAction, parts_of, validate
 from proximity.pose import Pose
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
@@ -85,9 +85,9 @@ class PageInbox:
         kind = KINDS.get(int.from_bytes(data[:4], "little"))
         if kind is None:
             raise UnfitError("a page may send poses, moves and changes, nothing else")
-        flaw = flaw_of(array, kind)
-        if flaw is not None:
-            raise UnfitError(f"a message of {kind.name} is {flaw.value}")
+        defect = validate(array, kind)
+        if defect is not None:
+            raise UnfitError(f"a message of {kind.name} is {defect.value}")
         header, records = parts_of(array, kind)
         if kind is CHANGES:
             message = self._changes_of(records)

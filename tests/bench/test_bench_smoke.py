@@ -171,3 +171,28 @@ def test_recordings_that_are_not_here_are_named(monkeypatch):
 
     assert [hand.name for hand in motions.hands()] == ["generated"]
     assert "two-hands.csv" in motions.missing_hands()
+
+
+def test_ticks_are_timed_from_call_to_answer(monkeypatch):
+    class Clock:
+        """Each look at it takes a µs of wall time, and a tenth of that of the thread's."""
+
+        now = 0
+
+        def perf_counter_ns(self):
+            self.now += 1000
+            return self.now
+
+        def thread_time_ns(self):
+            return self.now // 10
+
+    clock, log = Clock(), timing.TickLog()
+    monkeypatch.setattr(timing, "time", clock)
+
+    def call():
+        clock.now += 7000
+
+    timing.time_calls([call, call], log)
+
+    assert log.wall_ns == [8000, 8000]
+    assert log.thread_ns == [900, 900]

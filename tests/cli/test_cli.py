@@ -63,57 +63,11 @@ def test_units_may_be_spelt_otherwise(run, word, unit):
     assert json.loads(run("query", "ball.stl", 0, 0, 12, "--units", word, "--json").out)["units"] == unit
 
 
-def test_file_behind_the_point_is_a_usage_error_that_says_the_order(run, tmp_path):
-    (tmp_path / "ball.stl").touch()
-
-    result = run("query", 30, 10, 5, tmp_path / "ball.stl")
-
-    assert result.code == 2
-    assert "is not a number; FILE comes first, before X Y Z" in result.words
-
-
 @pytest.mark.parametrize(("option", "hint"), [("--format", False), ("--unit", True)])
 def test_unknown_option_has_a_hint_only_if_one_is_alike(run, option, hint):
     result = run("query", "ball.stl", 1, 2, 3, option)
 
     assert ("ossible option" in result.words or "Did you mean" in result.words) == hint
-
-
-@pytest.mark.parametrize("option", ["--foo", "-x", "--1"])
-def test_unknown_option_is_a_usage_error(run, option):
-    result = run("query", "ball.stl", 1, 2, 3, option)
-
-    assert result.code == 2
-    assert "No such option" in result.words
-    assert option[:2] in result.err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((1, 2), "a point is three numbers, but 2 were given"),
-        ((1, 2, "nan"), "'nan' is not finite, expected a number"),
-        ((1, "-inf", 3), "'-inf' is not finite, expected a number"),
-        ((1, "1e400", 3), "'1e400' is beyond 1.8e+308, the largest number"),
-        ((1, 2, 3, "--ray", 0, "nan", 1), "'nan' is not finite, expected a number"),
-        (("1,2,3",), "'1,2,3' is not a number; separate numbers by spaces only: 1 2 3"),
-        (("1,5", 2, 3), "'1,5' has a decimal comma, expected a decimal point: 1.5"),
-        ((), "give a point, or --points FILE"),
-        ((1, 2, 3, "--points", "-"), "points are given as arguments already"),
-        ((1, 2, 3, "--segment"), "points are taken in pairs (start, end), but there are 1"),
-        ((1, 2, 3, "--segment", "--ray", 0, 0, 1), "give one of them, not both"),
-        ((1, 2, 3, "--json", "--csv"), "give one of them, not both"),
-        ((1, 2, 3, "--workers", 0), "0 threads: expected 1 or more, or -1"),
-    ],
-)
-def test_wrong_use_is_a_usage_error(run, loaded, arguments, message):
-    result = run("query", "ball.stl", *arguments)
-
-    assert result.code == 2
-    assert message in result.words
-    assert "Usage: proximity query" in result.err
-    assert result.out == ""
-    assert loaded == []
 
 
 @pytest.mark.parametrize("options", [(), ("--ray", -1, 0, 0)])

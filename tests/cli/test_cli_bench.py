@@ -6,14 +6,11 @@ from types import SimpleNamespace
 
 import make
 import pytest
-from certificates import case, certificate, loop
+from certificates import certificate, loop, timing
 
 from proximity import MissingLibraryError
-from proximity.cli import tables
-from proximity.cli.lab import bench_report
 from proximity.lab import certificate as package
-from proximity.lab.certificate import certification
-from proximity.lab.certificate.search import worst_positions
+from proximity.lab.certificate import certification, worst_positions
 from proximity.lab.figures import style
 
 BRACKET, HAND, DEMO = (str(make.FOLDER / name) for name in ("bracket.stl", "hand.csv", "demo.toml"))
@@ -73,7 +70,7 @@ def test_machine_that_wakes_late_fails_no_scene(run):
 
 
 def test_without_a_gate_the_exit_code_is_0(run):
-    run.given = {"cases": [case("random", 9000)]}
+    run.given = {"timings": [timing("random", 9000)]}
 
     result = run(BRACKET, "--out", "cell.json")
 
@@ -133,26 +130,6 @@ def test_recording_is_given_or_a_sample(run):
     assert given.recording.positions.shape == (5194, 5, 3)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (("--gate", "soon"), "'soon' is not a period, expected a time or a rate such as 1ms, 200us or 1kHz"),
-        (("--ticks", 10), "10 ticks are too few for p99.9, expected 1000 or more"),
-        (("--seconds", 0), "the loop cannot run for 0 s"),
-        (("--fingers", 0), "0 fingers cannot be tracked, expected 1 or more"),
-        (("--out", "cell.pdf"), "cell.pdf does not end in .html or .json"),
-        (("--recording", "no.csv"), "no.csv"),
-        (("--seed", -2), "-2 is not a seed"),
-    ],
-)
-def test_what_cannot_be_used_is_one_sentence(run, arguments, sentence):
-    result = run(BRACKET, *arguments)
-
-    assert result.code == 2 and result.out == "" and result.asked == []
-    assert len(result.err.splitlines()) == 1
-    assert result.err.startswith("proximity: ") and sentence in result.err
-
-
 def test_missing_scene_and_one_without_parts_are_refused(run, tmp_path):
     sensor = tmp_path / "sensor.toml"
     sensor.write_text('[input]\nsensor = "mailbox:sensor"\n', encoding="utf-8")
@@ -180,31 +157,3 @@ def test_all_of_it_runs_on_a_box(run, monkeypatch):
     for goal in document["search"]:
         assert goal["places"][0]["work"] >= goal["typical_work"] > 0
     assert document["loop"]["ticks"] <= 50
-
-
-@pytest.mark.parametrize("columns", [80, 240])
-def test_table_of_applications_is_cut_off_nowhere(monkeypatch, capsys, columns):
-    """Side by side where there is room, else one below the other."""
-    cells = [
-        "native",
-        "10,620",
-        "90",
-        "10",
-        "0.70",
-        "1.22",
-        "1.50",
-        "6%",
-        "102",
-        "190",
-        "10.2%",
-        "28",
-        "0.35",
-        "",
-    ]
-    monkeypatch.setattr(bench_report, "results_console", lambda: tables.Console(width=columns))
-    bench_report.print_applications([SimpleNamespace(cells=cells)] * 8)
-
-    printed = capsys.readouterr().out
-    assert "…" not in printed
-    assert max(map(len, printed.splitlines())) <= columns
-    assert printed.count("0.70") == printed.count("10.2%") == 8

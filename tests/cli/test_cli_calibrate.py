@@ -149,28 +149,6 @@ def test_results_are_printed_as_json_and_a_task_is_measured_again(run, tmp_path)
     assert run(path, *SHORT, "--again", "chirp").words.count("there are no readings of 'chirp'") == 1
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--drum", "gear5"), "drum is 'gear5', expected one of gear14, gear51, gear111"),
-        (("--seed", "3"), "requires --simulate"),
-        (("--simulate", "--counts", "udp://127.0.0.1:1"), "a simulated glove has its own counts"),
-        (("--skip", "pose 1"), "'pose 1': expected 'free drum' or 'held drum'"),
-        (("--simulate", "--motor", "canopen://can0"), "a simulated glove has its own drum"),
-        (("--arm",), "requires --motor"),
-        (("--port", "8080"), "requires --page"),
-        (("--no-browser",), "requires --page"),
-        (("--page", "--port", "70000"), "expected 0 to 65535"),
-        (("--phalanges", "45", "-26", "20"), "one of phalanges is -0.026"),
-    ],
-)
-def test_what_cannot_be_is_refused(run, tmp_path, options, words):
-    ended = run(tmp_path / "glove.json", *options)
-
-    assert ended.code == 2
-    assert words in ended.words
-
-
 # --- motors -------------------------------------------------------------------------------------------------
 
 

@@ -39,15 +39,6 @@ def test_files_are_written_and_examples_are_left_alone(run, language, tmp_path):
     assert all(f"{folder / name}: left alone, it is there already" in out.splitlines() for name in kept)
 
 
-def test_folder_that_cannot_be_made_is_told(run, tmp_path):
-    (tmp_path / "file").write_text("")
-
-    code, out, err = run("cpp", "--out", tmp_path / "file")
-
-    assert (code, out) == (2, "")
-    assert err == f"proximity: {tmp_path}/file: is not a folder and cannot be created (File exists)\n"
-
-
 def test_file_that_cannot_be_written_is_told(run, tmp_path):
     (tmp_path / "decaff_client.hpp").mkdir()
 
@@ -55,10 +46,3 @@ def test_file_that_cannot_be_written_is_told(run, tmp_path):
 
     assert code == 2
     assert err == f"proximity: {tmp_path}/decaff_client.hpp: cannot be written (it is no regular file)\n"
-
-
-def test_language_that_is_not_there_is_told(run, tmp_path):
-    code, _, err = run("rust", "--out", tmp_path)
-
-    assert code == 2
-    assert "'rust' is not one of" in " ".join(err.split())

@@ -70,16 +70,6 @@ def test_compiled_scene_is_compiled_again(run, tmp_path):
     assert (tmp_path / "a.prox").read_bytes() == (tmp_path / "b.prox").read_bytes()
 
 
-def test_name_of_a_mesh_is_not_written_over(run, tmp_path):
-    (tmp_path / "part.stl").write_bytes(b"precious")
-
-    result = run("compile", MESHES / "box.stl", "part.stl")
-
-    assert result.code == 2
-    assert "part.stl does not end in .prox" in " ".join(result.err.split())
-    assert (tmp_path / "part.stl").read_bytes() == b"precious"
-
-
 def test_file_that_cannot_be_used_leaves_nothing(run, tmp_path):
     (tmp_path / "part.stl").write_bytes(b"no mesh")
 
@@ -88,13 +78,6 @@ def test_file_that_cannot_be_used_leaves_nothing(run, tmp_path):
     assert result.code == 2
     assert result.err.startswith("proximity: part.stl: ")
     assert not (tmp_path / "part.prox").exists()
-
-
-def test_place_that_cannot_be_written_to_is_one_line(run):
-    result = run("compile", MESHES / "box.stl", "none/box.prox")
-
-    assert (result.code, result.out) == (2, "")
-    assert result.err == "proximity: none/box.prox: cannot be written (No such file or directory)\n"
 
 
 def test_damaged_scene_is_one_line(run, tmp_path):

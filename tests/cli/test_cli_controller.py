@@ -43,29 +43,3 @@ def test_cable_is_in_the_sources(run, tmp_path):
     settings = ControllerSettings(cable=CableRule(1212.0))
     assert text == controller_sources([Glove()], settings)["decaff_glove.c"]
     assert ".cable_stiffness = 1212.0,\n" in text
-
-
-def test_cable_that_is_none_is_told(run, tmp_path):
-    code, _, err = run("--out", tmp_path, "--cable", "stiff")
-
-    assert code == 2 and "'stiff': expected a stiffness in N/m" in err
-
-
-def test_folder_that_cannot_be_made_is_told(run, tmp_path):
-    (tmp_path / "file").write_text("")
-    code, _, err = run("--out", tmp_path / "file")
-
-    assert code == 2
-    assert err == f"proximity: {tmp_path}/file: is not a folder and cannot be created (File exists)\n"
-
-
-def test_rate_that_a_watchdog_would_stop_is_told(run, tmp_path):
-    code, _, err = run("--out", tmp_path, "--rate", 100)
-
-    assert code == 2 and "--rate" in err
-
-
-def test_calibration_that_is_not_there_is_told(run, tmp_path):
-    code, _, err = run("--out", tmp_path, "--calibration", tmp_path / "none.json")
-
-    assert code == 2 and f"{tmp_path}/none.json" in err

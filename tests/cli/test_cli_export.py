@@ -195,29 +195,3 @@ def test_missing_pyarrow_is_told_with_what_to_install(run, tmp_path, monkeypatch
         'proximity: Parquet needs pyarrow, which is not installed: pip install "cad-proximity[parquet]"\n'
     )
     assert list(tmp_path.iterdir()) == [log]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("none.frames",), "proximity: none.frames: cannot be read (No such file or directory)"),
-        (("hand.csv", "--csv", "a"), "proximity: hand.csv: no frame was found in its 7 bytes"),
-        (
-            ("run.frames", "--csv", "none/a"),
-            "proximity: none/a: cannot be written (No such file or directory)",
-        ),
-        (("run.frames", "--csv", "./run.frames"), "run.frames is the log itself"),
-        (("run.frames", "--csv", "a", "--parquet", "b"), "expected one of --csv and --parquet"),
-        (("run.frames", "--parquet", "-"), "Parquet is not written to standard output"),
-    ],
-)
-def test_what_cannot_be_used_is_told(run, tmp_path, arguments, message):
-    (tmp_path / "hand.csv").write_text("no log\n")
-    (tmp_path / "run.frames").write_bytes(sealed([0]))
-
-    result = run(*arguments)
-
-    assert result.code == 2
-    assert message in " ".join(result.err.split())
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["hand.csv", "run.frames"]
-    assert (tmp_path / "run.frames").read_bytes() == sealed([0])

@@ -355,10 +355,3 @@ def test_header_is_printed_or_written(run, tmp_path):
     assert (printed.code, printed.out, printed.err) == (0, header_text(), "")
     assert (written.code, written.out) == (0, "")
     assert (tmp_path / "decaff_message.h").read_text(encoding="ascii") == header_text()
-
-
-def test_place_that_the_header_cannot_be_written_to_is_told(run, tmp_path):
-    result = run("header", "--out", tmp_path / "none" / "x.h")
-
-    assert result.code == 2
-    assert result.err.endswith("x.h: cannot be written (No such file or directory)\n")

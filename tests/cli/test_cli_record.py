@@ -152,27 +152,3 @@ def test_full_disk_ends_the_recording_with_a_sentence(run, tmp_path):
     assert ": 3 frames in " in result.out
     assert path.read_bytes() == path.read_bytes()[: 3 * FRAME.size(1)]
     assert sequences(path) == [0, 1, 2]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("iox9://a", "a.frames"), "proximity: iox9://a: no transport is called 'iox9'"),
-        (
-            (ADDRESS, "none/a.frames"),
-            "proximity: none/a.frames: cannot be opened (No such file or directory)",
-        ),
-        ((ADDRESS, __file__), f"proximity: {__file__}: not a frame log, expected a file that begins with"),
-        ((ADDRESS, "a.frames", "--limit", 0), "0 seconds: expected more than 0, up to 1e+09"),
-        ((ADDRESS, "a.frames", "--limit", "nan"), "nan seconds: expected more than 0, up to 1e+09"),
-    ],
-)
-def test_what_cannot_be_used_is_told(run, tmp_path, monkeypatch, arguments, message):
-    monkeypatch.chdir(tmp_path)
-
-    result = run(*arguments)
-
-    assert result.code == 2
-    assert message in " ".join(result.err.split())
-    assert result.out == ""
-    assert list(tmp_path.iterdir()) == []

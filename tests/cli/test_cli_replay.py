@@ -187,52 +187,6 @@ def test_broken_certified_time_is_said_and_ends_with_1(run):
     assert held < checked
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--rate", 0), "0 ticks a second: expected 1 to 1e+06"),
-        (("--scale", -1), "-1 times the size: expected 1e-06 to 1e+06"),
-        (("--latency", -1), "-1 ms: expected 0 to 1000"),
-        (("--budget", 0), "0 nodes and leaves: expected 1 to"),
-        (("--limit", 0), "0 seconds: expected 0.001 to 1e+09"),
-        (("--range", "inf"), "inf: expected a length above zero"),
-        (("--radius", 0.101, "--units", "m"), "0.101: 101 mm by --units, expected at most 100 mm"),
-        (("--place", 0, 1e300, 0), "1e+300: expected coordinates of at most 1e+09 mm"),
-    ],
-)
-def test_wrong_use_is_a_usage_error(run, options, message):
-    result = run(BRACKET, HAND, *options)
-
-    assert result.code == 2
-    assert message in result.words
-    assert "Usage: proximity replay" in result.err
-    assert result.trackers == []
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((BRACKET, "none.csv"), "proximity: none.csv: cannot be read (No such file or directory)\n"),
-        (("none.stl", HAND), "proximity: none.stl"),
-        (
-            (BRACKET, HAND, "--out", "a.txt"),
-            "proximity: a.txt: expected a name that ends in .npz, .npy, .csv\n",
-        ),
-        (
-            (BRACKET, HAND, "--turn", "inf", 0, 0),
-            "proximity: a rotation of inf degrees about x, expected finite numbers\n",
-        ),
-    ],
-)
-def test_what_cannot_be_used_is_one_line(run, arguments, message):
-    result = run(*arguments)
-
-    assert result.code == 2
-    assert result.err.startswith(message)
-    assert result.err.count("\n") == 1
-    assert result.out == ""
-
-
 def test_bad_line_of_a_recording_is_named(run, tmp_path):
     path = tmp_path / "bad.csv"
     path.write_text("time_s,hand,finger,x_m,y_m,z_m\n0,0,0,1,2,3\n0,0,7,1,2,3\n")

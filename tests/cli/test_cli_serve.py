@@ -129,14 +129,6 @@ def test_part_of_an_unlikely_size_is_told_with_the_likely_unit(run, scene_path):
     assert re.search(note, result.err), result.err
 
 
-def test_port_of_the_page_is_refused_without_the_page(run, scene_path):
-    result = run(scene_path, "--port", 8787)
-
-    assert result.code == 2 and "8787: expected --web, of whose page it is the port" in " ".join(
-        result.err.replace("│", " ").split()
-    )
-
-
 def test_log_is_told(run, scene_path, tmp_path):
     log = tmp_path / "run.frames"
 
@@ -244,43 +236,6 @@ def test_end_of_standard_input_ends_it():
     thread.join(60.0)
     os.close(there)
     assert stop.is_set()
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--limit", 0), "0 seconds: expected"),
-        (("--limit", "nan"), "nan seconds: expected"),
-        (("--ticks", 0), "0 ticks: expected 1 or more"),
-    ],
-)
-def test_wrong_use_is_a_usage_error(run, scene_path, calls, options, message):
-    result = run(scene_path, *options)
-
-    assert result.code == 2
-    assert message in result.words
-    assert "Usage: proximity serve" in result.err
-    assert calls == []
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--rate", 0), "service.rate_hz is 0, expected a number from 1 to 100000 (Hz)"),
-        (("--rate", "nan"), "service.rate_hz is nan, expected a number from 1 to 100000 (Hz)"),
-        (
-            ("--publish", "decaff"),
-            "service.publish cannot be used: decaff: expected an address such as iox2://",
-        ),
-        (("--log", "/none/run.frames"), "/none/run.frames: cannot be opened (No such file or directory)"),
-    ],
-)
-def test_what_cannot_be_used_is_one_line(run, scene_path, options, message):
-    result = run(scene_path, *options)
-
-    assert (result.code, result.out) == (2, "")
-    assert result.err.startswith(f"proximity: {message}")
-    assert result.err.count("\n") == 1
 
 
 def test_unusable_scene_file_is_one_line_with_its_line(run, scene_path):

@@ -59,25 +59,6 @@ def test_interrupted_study_says_what_is_kept(run, presses, monkeypatch):
     assert found.err == "proximity: stopped: 338 of 1800 conditions are kept; the same command goes on\n"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("report",), "expected proximity study report DIR"),
-        (("some.toml", "elsewhere"), "expected proximity study STUDY, or report DIR"),
-        (
-            ("report", "nowhere"),
-            "nowhere: holds no results of a study, expected the folder of",
-        ),
-        (("nowhere.toml",), "nowhere.toml: cannot be read (No such file or directory)"),
-    ],
-)
-def test_what_cannot_be_run_is_one_sentence(run, arguments, said):
-    found = run(*arguments)
-
-    assert found.code == 2
-    assert said in found.words
-
-
 def test_help_names_the_extra_that_is_needed(run):
     assert "pip install 'cad-proximity[study]'" in run("--help").out.replace("\n ", " ").replace("  ", "")
 

@@ -20,14 +20,14 @@ from sealed_frames import SESSION, frame, sealed
 from proximity.cli import tables
 from proximity.cli.service import finger_view, follower, watch_view
 from proximity.cli.service.follower import frame_document
-from proximity.message import CONTACT, FRAME, ContactFlag, Flaw, Mode, State
+from proximity.message import CONTACT, FRAME, ContactFlag, Defect, Mode, State
 from proximity.recording.frame_bytes import frame_type
 from proximity.transport import Counts, Reading, forget, open_outlet, open_publisher, open_subscriber
 from proximity.transport.message_key import write_key
 
 ADDRESS = "queue:decaff"
 SEEN = watch_view.Seen(
-    ADDRESS, Counts(received=500, lost=2, refused=1, flawed=Counter({Flaw.CHECKSUM: 3})), 999.6, 0.001
+    ADDRESS, Counts(received=500, lost=2, refused=1, flawed=Counter({Defect.CHECKSUM: 3})), 999.6, 0.001
 )
 
 COMMAND = ("watch",)
@@ -287,13 +287,6 @@ def test_nothing_that_comes_is_exit_code_1(run):
 
     assert result.code == 1
     assert "STALE: 0 Hz, 0 lost, 0 refused; no frame has come from queue:decaff yet, for 0." in result.out
-
-
-def test_address_that_is_none_is_told(run):
-    result = run("decaff")
-
-    assert result.code == 2
-    assert result.err.startswith("proximity: decaff: expected an address such as iox2://NAME")
 
 
 def test_key_of_another_is_told(run, tmp_path):

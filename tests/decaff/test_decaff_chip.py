@@ -25,18 +25,18 @@ from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.decaff.drum.drum_model import USUAL_GEAR
 from proximity.decaff.drum.servo import servo_for
-from proximity.decaff.glove.finger_path import LEAST_BEND, LEVER_STEP, MOST_BEND, FingerPath
+from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
-from proximity.message import ContactFlag, Flaw, Mode, Source, Surface
+from proximity.message import ContactFlag, Defect, Mode, Source, Surface
 from proximity.message.c_header import header_text
 from proximity.message.contact import UNIT_ERROR
-from proximity.transport import Subscriber, message_check
+from proximity.transport import Subscriber, message_reader
 
 PATH = FingerPath(Glove())
 RATE = 3000.0
 PERIOD_NS = 333_333
-REASONS = [None, Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM]
-REASONS += [Flaw.OLD, Flaw.FUTURE, Flaw.CONTENT]
+REASONS = [None, Defect.SHORT, Defect.MAGIC, Defect.VERSION, Defect.SIZE, Defect.CHECKSUM]
+REASONS += [Defect.OLD, Defect.FUTURE, Defect.CONTENT]
 CORTEX_M7 = [
     "-mcpu=cortex-m7",
     "-mthumb",
@@ -66,7 +66,7 @@ class Glove3kHz:
         self.clock, self.wire = Clock(), Wire(shares_clock)
         self.subscriber = Subscriber(self.wire, "wire:", clock=self.clock)
         self.controller = FingerController(PATH, RATE, cable=cable)
-        self.events, self.flaws = Events(shares_clock), []
+        self.events, self.defects = Events(shares_clock), []
         self.drum, self.bend = PATH.retracted, 0.2
         self.has_sensor, self.motor_force = True, 0.0
 
@@ -74,7 +74,7 @@ class Glove3kHz:
         before = self.subscriber.counts.flawed.copy()
         self.wire.put(data)
         list(self.subscriber.frames())
-        self.flaws.append(next(iter(self.subscriber.counts.flawed - before), None))
+        self.defects.append(next(iter(self.subscriber.counts.flawed - before), None))
         self.events.datagram(data, self.clock.now)
 
     def sample(self):
@@ -106,7 +106,7 @@ class Glove3kHz:
             at += size
         assert at == len(data)
         found = [int.from_bytes(reason, "little") for reason in reasons]
-        assert [REASONS[number] for number in found] == self.flaws
+        assert [REASONS[number] for number in found] == self.defects
         compare(np.frombuffer(b"".join(answers), ANSWER), np.array(self.events.expected, ANSWER))
 
     def kinds(self):
@@ -176,7 +176,7 @@ def test_datagrams_lead_to_the_same_states_and_targets(program, shares_clock, tm
             glove.offer(data)
         kinds.add(glove.sample().state)
 
-    assert len(kinds) >= 6 and len(set(glove.flaws)) >= 6
+    assert len(kinds) >= 6 and len(set(glove.defects)) >= 6
     glove.check(program, tmp_path)
 
 
@@ -222,7 +222,7 @@ def test_sequence_of_nobody_leaves_the_drum_its_frames(program, tmp_path):
         action = glove.sample()
 
     assert action.state is DrumState.APPROACH
-    assert glove.flaws.count(Flaw.OLD) == 1 and glove.flaws.count(None) == 19
+    assert glove.defects.count(Defect.OLD) == 1 and glove.defects.count(None) == 19
     glove.check(program, tmp_path)
 
 
@@ -238,8 +238,8 @@ def test_instant_that_no_clock_shows_is_refused(program, instant, shares_clock, 
         glove.offer(message.seal(SESSION, sample).tobytes())
         action = glove.sample()
 
-    assert action.state is DrumState.APPROACH and set(glove.flaws) <= {None, Flaw.CONTENT, Flaw.FUTURE}
-    assert glove.flaws.count(None) == 270
+    assert action.state is DrumState.APPROACH and set(glove.defects) <= {None, Defect.CONTENT, Defect.FUTURE}
+    assert glove.defects.count(None) == 270
     glove.check(program, tmp_path)
 
 
@@ -343,9 +343,9 @@ def test_drum_starts_where_its_stop_or_index_is_or_without_power(
 def test_numbers_that_python_has_as_well_are_the_same():
     text = HEADER.read_text()
     numbers = {
-        "UNIT_ERROR": UNIT_ERROR, "MOST_RUNS": message_check.MOST_RUNS, "LEAST_BEND": LEAST_BEND,
-        "RESTART_SILENCE_NS": message_check.RESTART_SILENCE_NS, "MOST_BEND": MOST_BEND,
-        "STANDING": drum_kernels.STANDING, "LEVER_STEP": LEVER_STEP,
+        "UNIT_ERROR": UNIT_ERROR, "MOST_RUNS": message_reader.MOST_RUNS, "LEAST_BEND": LEAST_BEND,
+        "RESTART_SILENCE_NS": message_reader.RESTART_SILENCE_NS, "MOST_BEND": MOST_BEND,
+        "STANDING": drum_kernels.STANDING,
     }  # fmt: skip
     for name, number in numbers.items():
         (written,) = re.findall(rf"#define DECAFF_{name} (\S*)", text)
@@ -354,7 +354,7 @@ def test_numbers_that_python_has_as_well_are_the_same():
         written = [int(number) for number in re.findall(rf"    DECAFF_{prefix}_\w+ = (\d)", text)]
         assert written == list(range(len(kind)))
         assert re.findall(rf"    DECAFF_{prefix}_(\w+) = ", text) == [member.name for member in kind]
-    assert f"#define DECAFF_MOST_SKIPPED {message_check.MOST_SKIPPED}u" in header_text()
+    assert f"#define DECAFF_MOST_SKIPPED {message_reader.MOST_SKIPPED}u" in header_text()
 
 
 def test_every_number_is_used():

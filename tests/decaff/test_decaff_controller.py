@@ -870,7 +870,7 @@ def test_drum_and_finger_come_together_no_faster_than_that():
 def test_force_has_a_peak_and_what_lasts():
     bench = touching()
     bench.force = 18.0
-    caps = [bench.run(1).force_cap for _ in range(3000)]
+    caps = [bench.run(1).force_cap for _ in range(2000)]
 
     spent = caps.index(10.0)
     assert caps[0] == 20.0

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import paper_drums
 import pytest
-from paper_drums import GEAR12, GEAR49, GEAR122
+from paper_drums import GEAR49
 from paper_drums import PAPER_DRUMS as DRUMS
 
 from proximity.decaff.drum import drum_kernels, servo
@@ -16,7 +16,6 @@ from proximity.errors import ArgumentError
 from proximity.lab.simulation import arrival
 from proximity.lab.simulation.devices import Decaff, Sensing
 from proximity.lab.simulation.hand import Hand
-from proximity.lab.stability import servo_response
 
 FRICTIONLESS = replace(paper_drums.MOTOR, friction=0.0)
 
@@ -155,47 +154,6 @@ def test_stiffness_of_servos(name, rate, stiffness):
     assert found.stiffness * found.period**2 / DRUMS[name].mass == pytest.approx(0.2 * 0.14446935, rel=1e-7)
 
 
-def test_bandwidth_in_units_of_the_rate():
-    """Reference values, to their printed digits; the same for every drum: servos differ by a scale."""
-    for drum, rate in ((GEAR12, 1000.0), (GEAR49, 3000.0), (GEAR122, 10_000.0)):
-        gains = servo_for(drum, rate)
-        assert servo_response.bandwidth(drum, gains) / rate == pytest.approx(0.0994, abs=5e-5)
-        assert servo_response.phase_bandwidth(drum, gains) / rate == pytest.approx(0.0337, abs=5e-5)
-        plain = servo_response.bandwidth(drum, gains, with_reference_speed=False)
-        assert plain / rate == pytest.approx(0.0353, abs=5e-5)
-
-    gear49 = servo_for(GEAR49, 3000.0)
-    assert servo_response.bandwidth(GEAR49, gear49) == pytest.approx(298.0, abs=0.5)
-    assert servo_response.bandwidth(GEAR49, gear49, with_reference_speed=False) == pytest.approx(
-        106.0, abs=0.5
-    )
-    # The required rate of the drum.
-    assert servo_response.bandwidth(GEAR49, gear49) > 100.0
-
-
-@pytest.mark.parametrize("share", [0.01, 0.0337, 0.0994])
-def test_response_is_that_of_a_mass_stepped_sample_by_sample(share):
-    gains = servo_for(GEAR49, 3000.0)
-    count = 4000
-    reference = np.sin(2.0 * math.pi * share * np.arange(-1, count))
-    position, velocity, last, demanded, positions = 0.0, 0.0, 0.0, 0.0, np.zeros(count)
-    for k in range(count):
-        error = reference[k + 1] - position
-        speed_error = (reference[k + 1] - reference[k] - position + last) / gains.period
-        last, applied = position, demanded
-        demanded = gains.stiffness * error + gains.damping * speed_error
-        positions[k] = position
-        position += velocity * gains.period + 0.5 * applied / GEAR49.mass * gains.period**2
-        velocity += applied / GEAR49.mass * gains.period
-    # The reference at sample k is that of row k + 1: a sine of phase 2 pi share k.
-    phases = 2.0 * math.pi * share * np.arange(count)[2000:]
-    swing = np.stack((np.sin(phases), np.cos(phases)))
-    found = np.linalg.lstsq(swing.T, positions[2000:], rcond=None)[0]
-
-    expected = servo_response.servo_response(GEAR49, gains, share * 3000.0)
-    assert found == pytest.approx([expected.real, expected.imag], abs=1e-9)
-
-
 @pytest.mark.internals
 def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
     gains = servo_for(GEAR49, 3000.0)
@@ -286,7 +244,6 @@ def test_look_ahead_by_bisection_and_by_formula(name):
             lambda: settling_time(GEAR49, servo_for(GEAR49, 3e3), 5e-5),
             "distance is 5e-05, expected metres, far",
         ),
-        (lambda: arrival.age_on_curve(1e-4, 0.0, 1.0), "curvature is 0.0, expected a positive number of 1/m"),
         (
             lambda: arrival.needed_look_ahead(Hand(), Decaff(sensing=Sensing(latency=0.5)), 1.0),
             "the drum is late at 1 m/s, even when known from 0.16 m away",
@@ -298,9 +255,3 @@ def test_what_cannot_be_is_named(make, message):
         make()
 
     assert message in str(caught.value)
-
-
-def test_servo_that_follows_everything_has_no_bandwidth():
-    drum = replace(GEAR49, motor=replace(paper_drums.MOTOR, inertia=1e-12))
-    with pytest.raises(ArgumentError, match="the servo follows every frequency"):
-        servo_response.phase_bandwidth(drum, servo_for(drum, 3000.0), lag=10.0)

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
-from budgeted import UNLIMITED, model_of, walk
+from budgeted import UNLIMITED, walk
+from models import model_of
 from project import IMPORT_PATHS
 
+from proximity.mesh import part_arrays
 from proximity.native import IS_AHEAD
 from proximity.native.mode import INTERPRETED, MODE
 from proximity.pose import Pose
 from proximity.scene import sign
-from proximity.scene.model import part_arrays
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
 from proximity.tracker.tracker import Tracker
@@ -23,6 +24,10 @@ from proximity.tracker.tracker import Tracker
 HERE = Path(__file__).resolve().parent
 WALKED = (shapes.sphere(0.7, 2), shapes.grid(5, 4))
 WALKED_POSE = Pose(shapes.rotation(3), (0.4, -0.2, 0.6))
+RAY_FIELDS = ("distance", "point", "normal", "part", "face_id", "barycentric")
+LINE_FIELDS = (
+    "distance", "fraction", "point_on_segment", "point_on_solid", "part", "face_id", "barycentric"
+)  # fmt: skip
 FIELDS = ("signed_distance", "point", "gradient", "part", "face_id", "barycentric", "feature", "is_signed")
 
 
@@ -108,6 +113,10 @@ def answers(monkeypatch):
             found[f"{name}, distance"] = thing.distance(points)
             if name != "sheet":
                 found[f"{name}, contains"] = thing.contains(points)
+            ends = np.roll(points, 1, axis=0)
+            rays, lines = thing.cast(points, points - ends[::-1]), thing.closest_to_segments(points, ends)
+            found |= {f"{name}, ray {field}": np.asarray(getattr(rays, field)) for field in RAY_FIELDS}
+            found |= {f"{name}, segment {field}": np.asarray(getattr(lines, field)) for field in LINE_FIELDS}
         records = ticks()
         found |= {f"tick, {field}": records[field] for field in records.dtype.names}
         model = model_of(*WALKED, poses=[WALKED_POSE, Pose()])

@@ -8,7 +8,7 @@ from certificates import ball_subject, certificate, found
 
 from proximity.decaff.glove.finger import Finger
 from proximity.lab.certificate import measurement, service_inputs, wording
-from proximity.lab.certificate.report.document import document
+from proximity.lab.certificate.document import document
 from proximity.lab.certificate.subject import read_subject
 from proximity.pose import Pose
 from proximity.service.inputs.gloves import points_on
@@ -35,14 +35,17 @@ def subject_of(tmp_path, inputs, rest=""):
 @pytest.fixture
 def ticks(monkeypatch):
     """What each tick was told: paths, bends, and where the part stood."""
-    told, tick = [], Tracker.tick
+    told, advance = [], Tracker.advance
 
-    def tick_and_note(tracker, positions, *rest, paths=None, bends=None, **more):
+    def copied(array):
+        return None if array is None else array.copy()
+
+    def advance_and_note(tracker, positions, *rest, paths=None, bends=None, **more):
         position = tracker.scene.parts[0].pose.translation.copy()
-        told.append((positions.copy(), paths, bends, position, tracker.scene))
-        return tick(tracker, positions, *rest, paths=paths, bends=bends, **more)
+        told.append((positions.copy(), copied(paths), copied(bends), position, tracker.scene))
+        return advance(tracker, positions, *rest, paths=paths, bends=bends, **more)
 
-    monkeypatch.setattr(Tracker, "tick", tick_and_note)
+    monkeypatch.setattr(Tracker, "advance", advance_and_note)
     return told
 
 

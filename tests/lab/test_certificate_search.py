@@ -6,21 +6,20 @@ import shapes
 from certificates import ball_subject
 
 from proximity import Pose, Scene, Solid
-from proximity.lab.certificate.search import starting_positions
-from proximity.lab.certificate.search.ascent import ascend
-from proximity.lab.certificate.search.work import GOALS, Goal, Manner, Probe
-from proximity.lab.certificate.search.worst_positions import search
+from proximity.lab.certificate import starting_positions
 from proximity.lab.certificate.subject import Subject
+from proximity.lab.certificate.work import GOALS, Probe, SearchGoal, StartMode, worth
+from proximity.lab.certificate.worst_positions import ascend, search
 from proximity.scene.part import Part
 
 COUNTS = (60, 60, 20)
-COLD_EXACT = Goal(Manner.COLD, False)
+COLD_EXACT = SearchGoal(StartMode.COLD, False)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def few_climbs():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("proximity.lab.certificate.search.worst_positions.CLIMBS", 4)
+        patch.setattr("proximity.lab.certificate.worst_positions.CLIMBS", 4)
         yield
 
 
@@ -32,19 +31,20 @@ def ball():
 
 @pytest.fixture(scope="module")
 def searched(ball):
-    return {each.goal: each for each in search(ball, 3, counts=COUNTS)}
+    return search(ball, 3, counts=COUNTS)
 
 
 def test_centre_of_a_ball_is_found_by_balls_that_shrink(ball, monkeypatch):
     """And by nothing else: places at random, near the surface and in the middles of parts are left out."""
     monkeypatch.setattr(starting_positions, "centres", lambda scene: np.zeros((0, 3)))
-    at_centre = Probe(ball, COLD_EXACT).costs(np.zeros((1, 3))).work[0]
+    at_centre = Probe(ball, COLD_EXACT).contacts(np.zeros((1, 3)))["work"][0]
 
-    (found,) = (each for each in search(ball, 3, counts=(0, 0, 20)) if each.goal == COLD_EXACT)
+    found = search(ball, 3, counts=(0, 0, 20))[COLD_EXACT]
 
-    assert found.worst.work >= 0.95 * at_centre
-    assert np.linalg.norm(found.worst.position) < 0.002
-    assert found.worst.origin == "medial"
+    worst = found.positions[0]
+    assert worst.work >= 0.95 * at_centre
+    assert np.linalg.norm(worst.position) < 0.002
+    assert worst.origin == "medial"
     assert np.isnan(found.typical_work)  # of no place at random
 
 
@@ -61,38 +61,40 @@ def test_every_goal_has_its_places_the_dearest_first(searched, ball):
 
 
 def test_budget_bounds_the_work_and_leaves_a_bracket(searched, ball):
-    worst = searched[Goal(Manner.COLD, True)].worst
+    worst = searched[SearchGoal(StartMode.COLD, True)].positions[0]
 
     assert ball.budget <= worst.work <= ball.budget + 16
     true = ball.scene.signed_distance(worst.position) - 0.007
     assert worst.lower <= true <= worst.upper
     assert worst.upper - worst.lower > 0.0001
-    assert worst.work > 5 * searched[Goal(Manner.COLD, True)].typical_work
+    assert worst.work > 5 * searched[SearchGoal(StartMode.COLD, True)].typical_work
 
 
 def test_same_seed_finds_the_same_and_another_one_elsewhere(ball):
-    one, again, other = (search(ball, seed, counts=(20, 20, 4), most_steps=20_000)[0] for seed in (5, 5, 6))
+    one, again, other = (
+        search(ball, seed, counts=(20, 20, 4), most_steps=20_000)[GOALS[0]] for seed in (5, 5, 6)
+    )
 
     assert [worst.work for worst in one.positions] == [worst.work for worst in again.positions]
-    np.testing.assert_array_equal(one.worst.position, again.worst.position)
-    assert not np.array_equal(one.worst.position, other.worst.position)
+    np.testing.assert_array_equal(one.positions[0].position, again.positions[0].position)
+    assert not np.array_equal(one.positions[0].position, other.positions[0].position)
 
 
 def test_search_that_has_spent_its_steps_ends_and_says_so(ball):
-    found = {each.goal: each for each in search(ball, 3, counts=(400, 400, 20), most_steps=20_000)}
+    found = search(ball, 3, counts=(400, 400, 20), most_steps=20_000)
 
     assert not found[COLD_EXACT].is_complete
-    assert found[COLD_EXACT].start_count < found[Goal(Manner.COLD, True)].start_count
+    assert found[COLD_EXACT].start_count < found[SearchGoal(StartMode.COLD, True)].start_count
 
 
 @pytest.mark.parametrize("goal", GOALS, ids=str)
 def test_ascent_never_goes_down(ball, goal):
     probe, rng = Probe(ball, goal), np.random.default_rng(11)
     for start in rng.uniform(-0.1, 0.1, (3, 3)):
-        climb = ascend(probe, start, 0.01, rng, most_steps=np.inf)
+        position, gained = ascend(probe, start, 0.01, rng, most_steps=np.inf)
 
-        assert (np.diff(climb.worth) >= 0.0).all()
-        assert climb.worth[-1] == probe.costs(climb.position[None]).worth[0]
+        assert (np.diff(gained) >= 0.0).all()
+        assert gained[-1] == worth(probe.contacts(position[None]))[0]
 
 
 def test_shrunk_balls_touch_the_ball_and_hold_none_of_it(ball):

@@ -16,7 +16,7 @@ from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError
 from proximity.lab.simulation import press_kernels
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff
-from proximity.lab.simulation.controller_in_loop import ControllerInLoop
+from proximity.lab.simulation.frame_readers import ControllerInLoop
 from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.sweeps import Stretch, best_coupled_wall, needed_cable, with_transmission

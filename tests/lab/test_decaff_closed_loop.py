@@ -18,18 +18,19 @@ from project import ROOT
 from scipy.integrate import solve_ivp
 
 from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.drum.servo import servo_for
 from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Press
 from proximity.lab.simulation import metrics, press_kernels, sweeps
 from proximity.lab.simulation.closed_loop import DecaffLoop, coupled_wall, decaff, ideal_drum, real_wall
 from proximity.lab.simulation.devices import (
-    MASSLESS_MOTOR,
     CoupledWall,
+    Link,
     Sensing,
 )
 from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.metrics import deviation, drum_lag, drum_offset
-from proximity.lab.simulation.sweeps import SPEEDS, with_drum, with_latency
+from proximity.lab.simulation.sweeps import SPEEDS, with_latency
 from proximity.lab.simulation.target_policies import Target, TargetPolicy
 from proximity.lab.stability.coupled_limit import critical_stiffness, rests_on
 
@@ -140,7 +141,7 @@ def test_floor_without_that_sampling_lies_within_its_spread(speed):
     ("device", "printed"),
     [
         (PAPER_DEVICE, (4593, 2398, 724.6, 253.0, 142.6)),
-        (MASSLESS_MOTOR, (7303, 3451, 847.6, 297.3, 172.3)),
+        (Link(mass=0.005, damping=0.05), (7303, 3451, 847.6, 297.3, 172.3)),
     ],
 )
 def test_critical_stiffness_of_a_delayed_spring(device, printed):
@@ -300,7 +301,8 @@ def test_stale_distances_make_the_drum_chase_a_finger_that_leaves():
 )
 def test_drums_and_servos(name, rate, errors, travel):
     """Reference, at 0.1 and 1 m/s: errors in %, travel past the wall in mm."""
-    row = sweeps.drum_row(HAND, with_drum(GLOVE, PAPER_DRUMS[name], rate), speeds=(0.1, 1.0))
+    glove = replace(GLOVE, drum=PAPER_DRUMS[name], servo=servo_for(PAPER_DRUMS[name], rate))
+    row = sweeps.drum_row(HAND, glove, speeds=(0.1, 1.0))
     for found, error, way, shift in zip(row.deviations, errors, travel, (0.012, 0.05), strict=True):
         if error is not None:
             assert 100.0 * found.error == pytest.approx(error, abs=100.0 * shift)

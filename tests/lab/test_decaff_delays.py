@@ -1,6 +1,4 @@
-"""Limits of delayed walls, alone and with a finger, against the reference values."""
-
-import math
+"""Limits of late walls that a finger carries, against the reference values and another discretisation."""
 
 import numpy as np
 import pytest
@@ -8,110 +6,7 @@ from scipy.signal import cont2discrete
 
 from proximity.decaff.drum import sampled_mass, unit_circle
 from proximity.decaff.drum.sampled_mass import SampledMass
-from proximity.errors import ArgumentError
-from proximity.lab.paper.spring_damper import FINGER, SpringDamper
-from proximity.lab.stability import delayed_loops
-
-# ------------------------------------------------------------------------------------------- pure delay
-
-
-def test_pure_delay_limit():
-    found = delayed_loops.pure_delay_limit(1.0, 1.0)
-
-    assert (found.stiffness, found.damping) == pytest.approx((0.54977403, 0.94816614), rel=1e-7)
-    turn = found.damping / math.sqrt(found.stiffness**2 + found.damping**2 * 1.07687399**2)
-    assert turn * 1.07687399 == pytest.approx(math.sin(1.07687399), rel=1e-7)
-
-
-def test_pure_delay_is_the_limit_of_fast_sampling():
-    """As the period goes to zero, d + 1/2 samples for the spring and d + 1 for the damper are one delay."""
-    samples = 4000
-    sampled = sampled_mass.maximum_stiffness(SampledMass(1.0, 1.0 / samples, samples))
-    edge = delayed_loops.pure_delay_boundary(1.0, 1.0, 100_001)
-    limit = delayed_loops.pure_delay_limit(1.0, 1.0)
-
-    assert sampled.stiffness == pytest.approx(limit.stiffness, rel=1e-3)
-    assert sampled.damping == pytest.approx(limit.damping, rel=1e-3)
-    assert edge[0].max() == pytest.approx(limit.stiffness, rel=1e-8)
-    assert edge[1][np.argmax(edge[0])] == pytest.approx(limit.damping, rel=1e-4)
-    assert (edge[0][0], edge[1][0], edge[0][-1]) == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("delay", "stiffness", "tolerance"),
-    [
-        (1e-3, 6546.12, 1e-4),
-        (40e-3, 356.45, 1e-4),
-    ],
-)
-def test_finger_on_a_spring_that_is_felt_late(delay, stiffness, tolerance):
-    found = delayed_loops.delayed_spring_limit(FINGER, delay)
-
-    assert found.stiffness == pytest.approx(stiffness, rel=tolerance)
-    s = 2j * math.pi * found.frequency_hz
-    rest = FINGER.mass * s**2 + FINGER.dynamic_stiffness(s) + found.stiffness * np.exp(-s * delay)
-    assert abs(rest) < 1e-6 * found.stiffness
-    if delay == 40e-3:
-        assert found.frequency_hz == pytest.approx(8.3, abs=0.05)
-
-
-def test_finger_on_a_late_spring_grows_above_the_limit_only():
-    """Against a motion computed in time, not from frequencies."""
-    delay, step = 0.040, 1e-4
-    limit = delayed_loops.delayed_spring_limit(FINGER, delay).stiffness
-    for share, is_growing in ((0.97, False), (1.03, True)):
-        position, velocity, past = 1e-3, 0.0, [1e-3] * round(delay / step)
-        sizes = []
-        for _ in range(round(6.0 / step)):
-            push = share * limit * past.pop(0) + FINGER.stiffness * position + FINGER.damping * velocity
-            velocity -= push / FINGER.mass * step
-            position += velocity * step
-            past.append(position)
-            sizes.append(abs(position))
-        quarter = len(sizes) // 4
-        assert (max(sizes[-quarter:]) > max(sizes[quarter : 2 * quarter])) is is_growing
-
-
-def test_finger_that_resonates_may_be_lost_at_a_later_turn():
-    finger = SpringDamper(stiffness=1000.0, damping=0.2, mass=0.010)
-    delay = 0.040
-    omega = np.linspace(1.0, 3000.0, 2_000_001)
-    loop = np.exp(-1j * omega * delay) / (
-        finger.stiffness - finger.mass * omega**2 + 1j * finger.damping * omega
-    )
-    turned = np.flatnonzero((np.diff(np.signbit(loop.imag)) != 0) & (loop.real[:-1] < 0.0))
-    expected = 1.0 / np.abs(loop[turned]).max()
-
-    found = delayed_loops.delayed_spring_limit(finger, delay)
-    assert found.stiffness == pytest.approx(expected, rel=1e-4)
-    assert 2.0 * math.pi * found.frequency_hz * delay > 2.0 * math.pi
-
-
-def test_massless_finger_has_a_limit_too():
-    found = delayed_loops.delayed_spring_limit(SpringDamper(200.0, 6.0), 0.040)
-
-    assert 200.0 < found.stiffness < 1000.0
-    with pytest.raises(ArgumentError, match=r"damping is 0\.0, expected a positive number of newton seconds"):
-        delayed_loops.delayed_spring_limit(SpringDamper(200.0, 0.0, 0.01), 0.040)
-    with pytest.raises(ArgumentError, match=r"delay is 0\.0, expected a positive number of seconds"):
-        delayed_loops.delayed_spring_limit(FINGER, 0.0)
-
-
-def test_handle_of_kazeroonis_kind_needs_about_3_ms():
-    """Reference: of the order of the paper's 3 ms; the model is assumed, only its own number is checked."""
-    handle = delayed_loops.PositionedHandle()
-
-    assert handle.slowest_period == pytest.approx(3.29e-3, abs=5.1e-6)
-    assert delayed_loops.PositionedHandle(bandwidth_hz=20.0).slowest_period < handle.slowest_period
-    light = delayed_loops.PositionedHandle(arm=SpringDamper(50.0, 1.0, 0.01), stiffness=1000.0)
-    assert light.slowest_period == math.inf
-    stiff = delayed_loops.PositionedHandle(arm=SpringDamper(1e5, 1.0, 0.01))
-    assert stiff.slowest_period == 0.0
-    with pytest.raises(ArgumentError, match=r"bandwidth_hz is 0\.0, expected a positive number of hertz"):
-        delayed_loops.PositionedHandle(bandwidth_hz=0.0)
-
-
-# ------------------------------------------------------------------------------------- finger in parallel
+from proximity.lab.paper.walls import FINGER
 
 
 def held_by_finger(period, delay_samples, finger=FINGER):

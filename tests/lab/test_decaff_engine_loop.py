@@ -17,7 +17,6 @@ from proximity.lab.engine.engine_loop import press_on_part
 from proximity.lab.engine.engine_setup import Distances, EngineSetup
 from proximity.lab.engine.finger_placement import place_finger, placed
 from proximity.lab.engine.recorded_press import recorded_hand, recorded_press
-from proximity.lab.simulation.force_after_contact import BUMP_TIME
 from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.metrics import drum_offset, rest
 from proximity.lab.simulation.target_policies import Target
@@ -28,6 +27,7 @@ from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.tracker.replay import turn_about_axes
 
+AFTER_SWITCH = 0.3  # s, in which a bump is looked for
 HAND = Hand()
 SAGITTA = 30e-6  # m, by which the polyline of a finger's path is off it (`Finger.path_world`)
 START_DISTANCE = 0.045  # m: enough for a drum to arrive
@@ -280,7 +280,7 @@ def test_teleoperation_changes_to_force_when_that_is_steady(flat, speed, switch)
 
     assert press.switched_at == pytest.approx(switch, abs=0.003)
     row = press.response.zero + round(press.switched_at / press.response.step)
-    after = slice(row, row + round(BUMP_TIME / press.response.step))
+    after = slice(row, row + round(AFTER_SWITCH / press.response.step))
     assert np.abs(press.response.force - press.real.force)[after].max() < 0.025
     assert press.error.share < 0.15
 

@@ -26,7 +26,7 @@ from proximity.lab.figures import (
     stability_plots,
     style,
 )
-from proximity.lab.figures.tables import Table
+from proximity.lab.figures.style import Table
 from proximity.lab.paper import figure_5
 from proximity.lab.simulation import simulated_press
 from proximity.lab.simulation.hand import Hand

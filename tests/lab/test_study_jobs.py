@@ -20,9 +20,8 @@ from proximity.lab.simulation.simulated_press import Setup, Wall, simulate
 from proximity.lab.simulation.sweeps import Stretch, best_coupled_wall, with_transmission
 from proximity.lab.simulation.tip_cable import TipCable
 from proximity.lab.sweep import node_files
-from proximity.lab.sweep.content import file_digest
 from proximity.lab.sweep.field_job import FIELD
-from proximity.lab.sweep.node_files import NodeFiles
+from proximity.lab.sweep.node_files import NodeFiles, file_digest
 from proximity.lab.sweep.part_jobs import CHECK, REPLAY
 from proximity.lab.sweep.press_job import PRESS
 

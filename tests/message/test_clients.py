@@ -55,9 +55,9 @@ class Beside:
         before = self.subscriber.counts.flawed.copy()
         self.wire.put(data)
         list(self.subscriber.frames())
-        flaws = self.subscriber.counts.flawed - before
+        defects = self.subscriber.counts.flawed - before
         self.events.offer(bytes(data), self.clock.now)
-        self.expected.append(next(iter(flaws), None))
+        self.expected.append(next(iter(defects), None))
 
     def look(self, later=0):
         self.clock.now += later

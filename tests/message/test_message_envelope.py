@@ -19,10 +19,10 @@ from proximity.message import (
     POSES,
     PREFIX,
     VERSION,
-    Flaw,
+    Defect,
     Message,
-    flaw_of,
     parts_of,
+    validate,
 )
 from proximity.message.fields import Field, dtype_of, reserved, struct_of
 
@@ -96,7 +96,7 @@ def test_sealed_message_has_no_flaw_and_its_parts_are_found(kind, count):
     message = some_message(kind, count)
     data = message.seal(12345, 2**64 - 1)
 
-    assert flaw_of(data, kind) is None
+    assert validate(data, kind) is None
     header, records = parts_of(data, kind)
     assert (header["session"], header["sequence"], header["count"]) == (12345, 2**64 - 1, count)
     assert (header["version"], header["size"]) == (VERSION, len(data))
@@ -114,35 +114,35 @@ def test_every_flipped_bit_is_seen():
     for bit in range(8 * len(data)):
         damaged = bytearray(data)
         damaged[bit // 8] ^= 1 << bit % 8
-        assert flaw_of(as_array(damaged), POSES) is not None, bit
+        assert validate(as_array(damaged), POSES) is not None, bit
 
 
 def test_every_truncation_is_seen():
     data = some_message(POSES, 2).seal(1, 2).tobytes()
     for size in range(len(data)):
-        expected = Flaw.SHORT if size < POSES.header_size else Flaw.SIZE
-        assert flaw_of(as_array(data[:size]), POSES) is expected
+        expected = Defect.SHORT if size < POSES.header_size else Defect.SIZE
+        assert validate(as_array(data[:size]), POSES) is expected
 
 
 @pytest.mark.parametrize(
-    ("change", "flaw"),
+    ("change", "defect"),
     [
-        (lambda data: data[:95], Flaw.SHORT),
-        (lambda data: b"DECX" + data[4:], Flaw.MAGIC),
-        (lambda data: resealed(data[:8] + b"\2\0" + data[10:]), Flaw.VERSION),
-        (lambda data: resealed(data[:10] + b"\x38\0" + data[12:]), Flaw.SIZE),  # another header
-        (lambda data: resealed(data + b"\0"), Flaw.SIZE),
-        (lambda data: resealed(data[:-328]), Flaw.SIZE),
-        (lambda data: resealed(data[:12] + struct.pack("<I", 2**32 - 1) + data[16:]), Flaw.SIZE),
-        (lambda data: resealed(data[:88] + struct.pack("<I", 2) + data[92:]), Flaw.SIZE),  # another count
-        (lambda data: data[:-1] + b"\7", Flaw.CHECKSUM),
-        (lambda data: data[:4] + b"\0\0\0\0" + data[8:], Flaw.CHECKSUM),
+        (lambda data: data[:95], Defect.SHORT),
+        (lambda data: b"DECX" + data[4:], Defect.MAGIC),
+        (lambda data: resealed(data[:8] + b"\2\0" + data[10:]), Defect.VERSION),
+        (lambda data: resealed(data[:10] + b"\x38\0" + data[12:]), Defect.SIZE),  # another header
+        (lambda data: resealed(data + b"\0"), Defect.SIZE),
+        (lambda data: resealed(data[:-328]), Defect.SIZE),
+        (lambda data: resealed(data[:12] + struct.pack("<I", 2**32 - 1) + data[16:]), Defect.SIZE),
+        (lambda data: resealed(data[:88] + struct.pack("<I", 2) + data[92:]), Defect.SIZE),  # another count
+        (lambda data: data[:-1] + b"\7", Defect.CHECKSUM),
+        (lambda data: data[:4] + b"\0\0\0\0" + data[8:], Defect.CHECKSUM),
     ],
 )
-def test_what_is_no_frame_is_told_why(change, flaw):
+def test_what_is_no_frame_is_told_why(change, defect):
     data = some_message().seal(1, 2).tobytes()
 
-    assert flaw_of(as_array(change(data)), FRAME) is flaw
+    assert validate(as_array(change(data)), FRAME) is defect
 
 
 def test_frame_with_too_many_contacts_is_refused():
@@ -152,19 +152,19 @@ def test_frame_with_too_many_contacts_is_refused():
     header["magic"], header["version"], header["header_size"] = FRAME.magic, VERSION, FRAME.header_size
     header["size"], header["count"] = len(data), count
 
-    assert flaw_of(as_array(resealed(bytes(data))), FRAME) is Flaw.SIZE
+    assert validate(as_array(resealed(bytes(data))), FRAME) is Defect.SIZE
 
 
 @given(st.binary(max_size=600), st.sampled_from(KINDS))
 def test_no_bytes_raise(data, kind):
-    assert isinstance(flaw_of(as_array(data), kind), Flaw)
+    assert isinstance(validate(as_array(data), kind), Defect)
 
 
 @given(st.binary(max_size=700), st.sampled_from(KINDS))
 def test_no_bytes_behind_a_good_beginning_raise(body, kind):
     message = Message(kind, 0)
     data = message.seal(1, 1).tobytes()[:32] + body
-    flaw = flaw_of(as_array(resealed(data)), kind)
+    defect = validate(as_array(resealed(data)), kind)
 
-    assert flaw in (Flaw.SHORT, Flaw.SIZE, None)
-    assert (flaw is None) == (len(data) == kind.header_size and data[kind.count_at :][:4] == b"\0" * 4)
+    assert defect in (Defect.SHORT, Defect.SIZE, None)
+    assert (defect is None) == (len(data) == kind.header_size and data[kind.count_at :][:4] == b"\0" * 4)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from ports import free_port
 from wire import KNOWN, MS, NOW, Clock, Wire, frame, sealed
 
-from proximity.message import CONTACT, FRAME, POSES, Flaw, Message, State, c_header, flaw_of
+from proximity.message import CONTACT, FRAME, POSES, Defect, Message, State, c_header, validate
 from proximity.message.c_header import ENUMS, KINDS, RECORDS, header_text, meanings_of
 from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.fields import dtype_of
@@ -23,7 +23,7 @@ from proximity.transport.publisher_clock import ForeignClock
 from proximity.transport.received_frame import LONGEST_VALID_NS
 from proximity.transport.subscriber import STALE_AFTER
 
-FLAWS = [None, Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM]
+FLAWS = [None, Defect.SHORT, Defect.MAGIC, Defect.VERSION, Defect.SIZE, Defect.CHECKSUM]
 FINITE = st.floats(-10, 10)
 
 LIBRARY = """
@@ -66,6 +66,25 @@ def folder(tmp_path_factory):
     return folder
 
 
+whole, size, real, text, pointer = (
+    ctypes.c_int64, ctypes.c_size_t, ctypes.c_double, ctypes.c_char_p, ctypes.c_void_p,
+)  # fmt: skip
+FUNCTIONS = {
+    "crc32_of": (ctypes.c_uint32, text, size),
+    "check_frame": (ctypes.c_int, text, size),
+    "check_poses": (ctypes.c_int, text, size),
+    "seal_poses": (None, pointer, size, ctypes.c_uint64, ctypes.c_uint64),
+    "tag_of": (None, text, text, size, text),
+    "verified": (size, text, text, size),
+    "key_of_text": (ctypes.c_int, text, text),
+    "makes_sense": (ctypes.c_int, pointer, whole),
+    "state_at": (ctypes.c_int, pointer, whole),
+    "lower_at": (real, pointer, whole, real, real),
+    "clock_hear": (None, ctypes.c_uint64, whole, whole),
+    "clock_theirs": (whole, whole),
+}
+
+
 @pytest.fixture(scope="module")
 def library(folder):
     """The functions of the header."""
@@ -84,43 +103,31 @@ def library(folder):
         target,
     )
     loaded = ctypes.CDLL(str(target))
-    whole, size, real = ctypes.c_int64, ctypes.c_size_t, ctypes.c_double
-    loaded.crc32_of.argtypes, loaded.crc32_of.restype = (ctypes.c_char_p, size), ctypes.c_uint32
-    loaded.check_frame.argtypes = loaded.check_poses.argtypes = (ctypes.c_char_p, size)
-    loaded.seal_poses.argtypes = (ctypes.c_void_p, size, ctypes.c_uint64, ctypes.c_uint64)
-    loaded.tag_of.argtypes = (ctypes.c_char_p, ctypes.c_char_p, size, ctypes.c_char_p)
-    loaded.verified.argtypes, loaded.verified.restype = (ctypes.c_char_p, ctypes.c_char_p, size), size
-    loaded.key_of_text.argtypes = (ctypes.c_char_p, ctypes.c_char_p)
-    loaded.makes_sense.argtypes = loaded.state_at.argtypes = (ctypes.c_void_p, whole)
-    loaded.lower_at.argtypes, loaded.lower_at.restype = (ctypes.c_void_p, whole, real, real), real
-    loaded.clock_hear.argtypes = (ctypes.c_uint64, whole, whole)
-    loaded.clock_theirs.argtypes, loaded.clock_theirs.restype = (whole,), whole
+    for name, (result, *arguments) in FUNCTIONS.items():
+        function = getattr(loaded, name)
+        function.restype, function.argtypes = result, arguments
     return loaded
 
 
+def printed(folder, name, lines):
+    """Lines of words that a program of these statements prints."""
+    source = folder / f"{name}.c"
+    body = "\n".join(["#include <stdio.h>", '#include "decaff_message.h"', "int main(void)", "{", *lines])
+    source.write_text(f"{body}\nreturn 0;\n}}\n", encoding="ascii")
+    run(c_compiler(), "-std=c99", *WARNINGS, source, "-lm", "-o", folder / name)
+    return [line.split() for line in run(folder / name).splitlines()]
+
+
 def test_every_size_and_offset_is_that_of_numpy(folder):
-    lines = []
+    lines, expected = [], []
     for name, (_, fields) in RECORDS.items():
         lines.append(f'printf("{name} . %zu 0\\n", sizeof(decaff_{name}));')
-        for field in fields:
-            place = f"offsetof(decaff_{name}, {field.name})"
-            size = f"sizeof(((decaff_{name} *)0)->{field.name})"
-            lines.append(f'printf("{name} {field.name} %zu %zu\\n", {size}, {place});')
-    source = folder / "layout.c"
-    text = "\n".join(lines)
-    source.write_text(
-        f'#include <stdio.h>\n#include "decaff_message.h"\nint main(void)\n{{\n{text}\nreturn 0;\n}}\n'
-    )
-    run(c_compiler(), "-std=c99", *WARNINGS, source, "-lm", "-o", folder / "layout")
-    told = {tuple(line.split()[:2]): line.split()[2:] for line in run(folder / "layout").splitlines()}
-
-    expected = {}
-    for name, (_, fields) in RECORDS.items():
-        dtype = dtype_of(fields)
-        expected[name, "."] = [str(dtype.itemsize), "0"]
-        for field, (part, offset) in dtype.fields.items():
-            expected[name, field] = [str(part.itemsize), str(offset)]
-    assert told == expected
+        expected.append([name, ".", str(dtype_of(fields).itemsize), "0"])
+        for field, (part, offset) in dtype_of(fields).fields.items():
+            place = f"sizeof(((decaff_{name} *)0)->{field}), offsetof(decaff_{name}, {field})"
+            lines.append(f'printf("{name} {field} %zu %zu\\n", {place});')
+            expected.append([name, field, str(part.itemsize), str(offset)])
+    assert printed(folder, "layout", lines) == expected
 
 
 def test_every_number_is_that_of_python(folder):
@@ -132,31 +139,19 @@ def test_every_number_is_that_of_python(folder):
         "DECAFF_STALE_AFTER_NS": round(1e9 * STALE_AFTER),
         "DECAFF_AHEAD_NS": MAX_FUTURE_NS,
     }
-    source = folder / "numbers.c"
-    text = "\n".join(f'printf("{name} %lld\\n", (long long){name});' for name in expected)
-    source.write_text(
-        f'#include <stdio.h>\n#include "decaff_message.h"\nint main(void)\n{{\n{text}\nreturn 0;\n}}\n'
-    )
-    run(c_compiler(), "-std=c99", *WARNINGS, source, "-lm", "-o", folder / "numbers")
-    told = dict(line.split() for line in run(folder / "numbers").splitlines())
-
-    assert told == {name: str(number) for name, number in expected.items()}
+    lines = [f'printf("{name} %lld\\n", (long long){name});' for name in expected]
+    assert printed(folder, "numbers", lines) == [[name, str(number)] for name, number in expected.items()]
 
 
-@pytest.mark.parametrize("standard", ["c99", "c17"])
-def test_header_compiles_as_c_without_a_warning(folder, standard):
-    source = folder / f"{standard}.c"
-    source.write_text('#include "decaff_message.h"\nint main(void) { return 0; }\n')
-
-    run(c_compiler(), f"-std={standard}", *WARNINGS, "-Wconversion", "-Wshadow", "-fsyntax-only", source)
-
-
-@pytest.mark.parametrize("standard", ["c++11", "c++17"])
-def test_header_compiles_as_cpp_without_a_warning(folder, standard):
-    source = folder / f"{standard}.cpp"
-    source.write_text('#include "decaff_message.h"\nint main() { return decaff_check_frame("", 0) == 0; }\n')
-
-    run(compiler("c++", "g++", "clang++"), f"-std={standard}", *WARNINGS, "-fsyntax-only", source)
+@pytest.mark.parametrize("standard", ["c99", "c17", "c++11", "c++17"])
+def test_header_compiles_without_a_warning(folder, standard):
+    is_cpp = "++" in standard
+    source = folder / ("empty.cpp" if is_cpp else "empty.c")
+    body = 'int main(void) { return decaff_check_frame("", 0) == 0; }\n'
+    source.write_text(f'#include "decaff_message.h"\n{body}')
+    program = compiler("c++", "g++", "clang++") if is_cpp else c_compiler()
+    more = [] if is_cpp else ["-Wconversion", "-Wshadow"]
+    run(program, f"-std={standard}", *WARNINGS, *more, "-fsyntax-only", source)
 
 
 def test_compiler_holds_the_layout(folder):
@@ -205,8 +200,8 @@ def test_flaws_are_those_of_python(library, noise, has_checksum, kind, at):
         data[4:8] = zlib.crc32(data[8:]).to_bytes(4, "little")
     check = library.check_frame if kind is FRAME else library.check_poses
     for candidate in (bytes(data), bytes(data[: at + 1]), bytes(noise), bytes(data) + noise):
-        flaw = flaw_of(np.frombuffer(candidate, np.uint8), kind)
-        assert FLAWS[check(candidate, len(candidate))] is flaw
+        defect = validate(np.frombuffer(candidate, np.uint8), kind)
+        assert FLAWS[check(candidate, len(candidate))] is defect
 
 
 @pytest.mark.parametrize("count", [0, 2**32 - 1])
@@ -215,7 +210,7 @@ def test_count_that_does_not_fit_is_seen(library, count):
     data[88:92] = count.to_bytes(4, "little")
     data[4:8] = zlib.crc32(data[8:]).to_bytes(4, "little")
 
-    assert FLAWS[library.check_frame(bytes(data), len(data))] is Flaw.SIZE
+    assert FLAWS[library.check_frame(bytes(data), len(data))] is Defect.SIZE
 
 
 def test_what_c_seals_has_no_flaw(library):
@@ -223,7 +218,7 @@ def test_what_c_seals_has_no_flaw(library):
     data[:40] = 0
     library.seal_poses(data.ctypes.data, len(data), 2**63 + 5, 2**64 - 1)
 
-    assert flaw_of(data, POSES) is None
+    assert validate(data, POSES) is None
     assert data[16:32].view("<u8").tolist() == [2**63 + 5, 2**64 - 1]
 
 
@@ -385,36 +380,23 @@ def test_clock_is_that_of_python_after_mistakes_and_restarts(library, rows):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
+    ("part", "name", "value"),
     [
-        ("lower", 0.051), ("upper", np.nan), ("signed_distance", np.nan), ("pose_ns", NOW - 2 * MS),
-        ("pose_ns", NOW + 5 * MS + 1),
+        ("records", "lower", 0.051), ("records", "upper", np.nan), ("records", "signed_distance", np.nan),
+        ("records", "pose_ns", NOW - 2 * MS), ("records", "pose_ns", NOW + 5 * MS + 1),
+        ("header", "state", 6), ("header", "source", 2), ("header", "pose_ns", -1),
+        ("header", "pose_ns", NOW + 5 * MS + 1), ("header", "publish_ns", NOW + 5 * MS + 1),
     ],
 )  # fmt: skip
-def test_contact_without_sense_is_seen(library, name, value):
+def test_frame_without_sense_is_seen(library, part, name, value):
     message = frame()
-    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 1
-    message.records[name][4] = value
-    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 0
-    message.records["flags"][4] = 0
-    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 1
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("state", 6),
-        ("source", 2),
-        ("pose_ns", NOW + 5 * MS + 1),
-        ("publish_ns", NOW + 5 * MS + 1),
-        ("pose_ns", -1),
-    ],
-)
-def test_header_without_sense_is_seen(library, name, value):
-    message = frame()
-    message.header[name] = value
-
-    assert library.makes_sense(message.data.ctypes.data, NOW + 5 * MS) == 0
+    data = message.data.ctypes.data
+    assert library.makes_sense(data, NOW + 5 * MS) == 1
+    getattr(message, part)[name][... if part == "header" else 4] = value
+    assert library.makes_sense(data, NOW + 5 * MS) == 0
+    if part == "records":
+        message.records["flags"][4] = 0
+        assert library.makes_sense(data, NOW + 5 * MS) == 1
 
 
 def test_contact_of_the_header_is_the_one_of_python():

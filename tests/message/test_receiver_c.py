@@ -65,6 +65,11 @@ class Receiver:
         return {name: int(number) for name, number in zip(words[::2], words[1::2], strict=True)}
 
 
+@pytest.fixture
+def port():
+    return free_port()
+
+
 @contextlib.contextmanager
 def listening(program, port, here="127.0.0.1", sender="127.0.0.1", *rest):
     receiver = Receiver(program, here, port, sender, *rest)
@@ -83,8 +88,21 @@ def listening(program, port, here="127.0.0.1", sender="127.0.0.1", *rest):
         receiver.process.stderr.close()
 
 
-def test_frames_are_told_while_they_are_valid(program):
-    port = free_port()
+def throw(port, *datagrams, source="127.0.0.1"):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.bind((source, 0))
+        for data in datagrams:
+            sender.sendto(data, ("127.0.0.1", port))
+
+
+def complaint(program, *words, code):
+    """What it says when it cannot begin."""
+    done = subprocess.run([program, *map(str, words)], capture_output=True, text=True, timeout=PATIENCE)
+    assert (done.returncode, done.stdout) == (code, "")
+    return done.stderr.removeprefix("receiver: ").rstrip()
+
+
+def test_frames_are_told_while_they_are_valid(program, port):
     with listening(program, port) as receiver, open_publisher(f"udp://127.0.0.1:{port}") as publisher:
         for number in range(5):
             message = frame(time.monotonic_ns(), 2, distance=0.0164, valid_for=900 * MS)
@@ -100,8 +118,7 @@ def test_frames_are_told_while_they_are_valid(program):
     assert not any(counts.values())
 
 
-def test_old_frame_becomes_a_falling_bound_and_then_nothing(program):
-    port = free_port()
+def test_old_frame_becomes_a_falling_bound_and_then_nothing(program, port):
     message = frame(count=3, distance=0.2)
     message.records["velocity"][1], message.records["part_velocity"][2] = (0.5, 0, 0), (0, 0, 1)
     late = []
@@ -130,11 +147,8 @@ def test_old_frame_becomes_a_falling_bound_and_then_nothing(program):
     assert "OK" not in " ".join(receiver.lines[receiver.lines.index(late[0]) :])
 
 
-def test_faults_are_counted_and_the_stream_goes_on(program):
-    port = free_port()
-    address = ("127.0.0.1", port)
-    with listening(program, port) as receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.bind(("127.0.0.1", 0))
+def test_faults_are_counted_and_the_stream_goes_on(program, port):
+    with listening(program, port) as receiver:
         now = time.monotonic_ns()
         message = frame(now, valid_for=900 * MS)
         good = [sealed(message, number) for number in range(4)]
@@ -158,8 +172,7 @@ def test_faults_are_counted_and_the_stream_goes_on(program):
             sealed(future, 11),
             good[3],  # received
         ]
-        for data in faults:
-            sender.sendto(data, address)
+        throw(port, *faults)
         receiver.read_until("^3 ")
         counts = receiver.stop()
 
@@ -169,21 +182,17 @@ def test_faults_are_counted_and_the_stream_goes_on(program):
     }  # fmt: skip
 
 
-def test_strangers_are_counted(program):
-    port = free_port()
+def test_strangers_are_counted(program, port):
     with listening(program, port) as receiver:
         for source, number in (("127.0.0.2", 1), ("127.0.0.1", 2)):
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-                sender.bind((source, 0))
-                sender.sendto(sealed(frame(time.monotonic_ns()), number), ("127.0.0.1", port))
+            throw(port, sealed(frame(time.monotonic_ns()), number), source=source)
         receiver.read_until("^2 ")
         counts = receiver.stop()
 
     assert (counts["stranger"], counts["received"]) == (1, 1)
 
 
-def test_publisher_that_starts_anew_is_followed(program):
-    port = free_port()
+def test_publisher_that_starts_anew_is_followed(program, port):
     with listening(program, port) as receiver:
         for _ in range(2):
             with open_publisher(f"udp://127.0.0.1:{port}") as publisher:
@@ -195,10 +204,9 @@ def test_publisher_that_starts_anew_is_followed(program):
     assert (counts["received"], counts["lost"], counts["old"]) == (6, 0, 0)
 
 
-def test_publisher_elsewhere_is_believed_when_its_clock_has_been_seen_to_run(program):
+def test_publisher_elsewhere_is_believed_when_its_clock_has_been_seen_to_run(program, port):
     """The address of another machine, which sends from here; its clock is an hour ahead."""
-    port, ahead = free_port(), 3600 * 1000 * MS
-    here = own_address()
+    ahead, here = 3600 * 1000 * MS, own_address()
     with listening(program, port, here, here) as receiver:
         with publishing(f"udp://{here}:{port}?bind={here}", ahead):
             receiver.read_until(" OK age")
@@ -239,25 +247,7 @@ def own_address():
             pytest.skip("this machine has no network")
 
 
-@pytest.mark.parametrize("words", [(), ("here", 9100, "127.0.0.1")])
-def test_wrong_words_are_told(program, words):
-    done = subprocess.run([program, *map(str, words)], capture_output=True, text=True, timeout=PATIENCE)
-
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "receiver: expected ADDRESS PORT SENDER [KEY], such as 127.0.0.1 9100 127.0.0.1\n"
-
-
-def test_port_in_use_is_told(program):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", 0))
-        words = [program, "127.0.0.1", str(other.getsockname()[1]), "127.0.0.1"]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
-
-    assert (done.returncode, done.stderr) == (1, "receiver: Address already in use\n")
-
-
-def test_more_fingers_than_there_is_room_for_are_refused(program):
-    port = free_port()
+def test_more_fingers_than_there_is_room_for_are_refused(program, port):
     with listening(program, port) as receiver, open_publisher(f"udp://127.0.0.1:{port}") as publisher:
         publisher.publish(Message(FRAME, 65))
         publisher.publish(frame(time.monotonic_ns(), 64, valid_for=900 * MS))
@@ -281,19 +271,15 @@ def tagged(data, path):
     return data + blake2s(data, key=bytes.fromhex(path.read_text()), digest_size=16).digest()
 
 
-def test_with_a_key_only_what_it_verifies_is_believed(program, key):
-    port = free_port()
+def test_with_a_key_only_what_it_verifies_is_believed(program, key, port):
     keyed = listening(program, port, "127.0.0.1", "127.0.0.1", key)
     with keyed as receiver, open_publisher(f"udp://127.0.0.1:{port}?key={key}") as publisher:
         publisher.publish(frame(time.monotonic_ns(), 2, valid_for=900 * MS))
         receiver.read_until("^0 OK")
         forged = frame(time.monotonic_ns(), 2, distance=5.0, valid_for=900 * MS)
         good = tagged(sealed(forged, 1, 2**63), key)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            for number in range(50):
-                sender.sendto(sealed(forged, number, 2**63), ("127.0.0.1", port))
-            for bad in (good[:-1], good[:16], b"", good[:-1] + bytes([good[-1] ^ 1]), b"x" + good[1:]):
-                sender.sendto(bad, ("127.0.0.1", port))
+        throw(port, *(sealed(forged, number, 2**63) for number in range(50)))
+        throw(port, good[:-1], good[:16], b"", good[:-1] + bytes([good[-1] ^ 1]), b"x" + good[1:])
         publisher.publish(frame(time.monotonic_ns(), 2, valid_for=900 * MS))
         receiver.read_until("^1 OK")
         counts = receiver.stop()
@@ -303,27 +289,22 @@ def test_with_a_key_only_what_it_verifies_is_believed(program, key):
     assert "5000" not in " ".join(receiver.lines)
 
 
-def test_with_a_key_recordings_are_old_however_long_it_was_silent(program, key):
-    port = free_port()
+def test_with_a_key_recordings_are_old_however_long_it_was_silent(program, key, port):
     message = frame(time.monotonic_ns(), valid_for=900 * MS)
     recorded = [tagged(sealed(message, number, session=100), key) for number in (10, 11, 12)]
     later = tagged(sealed(message, 20, session=200), key)
-    keyed = listening(program, port, "127.0.0.1", "127.0.0.1", key)
-    with keyed as receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for data in (*recorded, *recorded, later):
-            sender.sendto(data, ("127.0.0.1", port))
+    with listening(program, port, "127.0.0.1", "127.0.0.1", key) as receiver:
+        throw(port, *recorded, *recorded, later)
         receiver.read_until("^20 ")
         time.sleep(1.1)  # after a second without a key another run would be believed
-        sender.sendto(tagged(sealed(message, 30, session=100), key), ("127.0.0.1", port))
-        sender.sendto(tagged(sealed(message, 21, session=200), key), ("127.0.0.1", port))
+        throw(port, *(tagged(sealed(message, *numbers), key) for numbers in ((30, 100), (21, 200))))
         receiver.read_until("^21 ")
         counts = receiver.stop()
 
     assert (counts["received"], counts["old"], counts["unverified"]) == (5, 4, 0)
 
 
-def test_most_fingers_fit_with_their_tag(program, key):
-    port = free_port()
+def test_most_fingers_fit_with_their_tag(program, key, port):
     keyed = listening(program, port, "127.0.0.1", "127.0.0.1", key)
     with keyed as receiver, open_publisher(f"udp://127.0.0.1:{port}?key={key}") as publisher:
         publisher.publish(frame(time.monotonic_ns(), 65, valid_for=900 * MS))
@@ -334,17 +315,19 @@ def test_most_fingers_fit_with_their_tag(program, key):
     assert (counts["unverified"], counts["received"]) == (1, 1)
 
 
-def test_key_that_cannot_be_used_is_told(program, key):
-    def complaint():
-        words = [program, "127.0.0.1", "9100", "127.0.0.1", str(key)]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
-        assert done.returncode == 2
-        return done.stderr
-
+def test_what_it_cannot_begin_with_is_told(program, key):
+    expected = "expected ADDRESS PORT SENDER [KEY], such as 127.0.0.1 9100 127.0.0.1"
+    for words in ((), ("here", 9100, "127.0.0.1")):
+        assert complaint(program, *words, code=2) == expected
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        words = ("127.0.0.1", other.getsockname()[1], "127.0.0.1")
+        assert complaint(program, *words, code=1) == "Address already in use"
+    words = ("127.0.0.1", 9100, "127.0.0.1", key)
     key.chmod(0o644)
-    assert complaint() == f"receiver: {key} may be used by others (expected permissions 0600)\n"
+    assert complaint(program, *words, code=2) == f"{key} may be used by others (expected permissions 0600)"
     key.chmod(0o600)
     key.write_text("ab" * 31)
-    assert complaint() == f"receiver: {key} is not a key (expected 64 hexadecimal digits)\n"
+    assert complaint(program, *words, code=2) == f"{key} is not a key (expected 64 hexadecimal digits)"
     key.unlink()
-    assert complaint() == f"receiver: {key} cannot be opened\n"
+    assert complaint(program, *words, code=2) == f"{key} cannot be opened"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fingers import Finger
 
-from proximity.kernels.contact_columns import PREDICTED
+from proximity.kernels.contact_record import PREDICTED
 from proximity.kernels.tracking.motion import JUMP_SLACK, MAX_SPEED
 
 pytestmark = pytest.mark.internals

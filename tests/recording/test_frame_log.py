@@ -12,7 +12,7 @@ import pytest
 from sealed_frames import SESSION, frame, sealed
 
 from proximity.errors import RecordingError
-from proximity.message import FRAME, Message, flaw_of
+from proximity.message import FRAME, Message, validate
 from proximity.recording import Damage, FrameLog, FrameReader, frame_bytes, frame_log, frame_reader
 
 SIZE = FRAME.size(1)
@@ -147,7 +147,7 @@ def test_frames_of_another_version_are_left_out_and_counted(path):
 
 
 def test_frames_are_told_as_the_message_itself_tells_them():
-    """The quick look into a log and `flaw_of` are of one mind, whatever was changed, sealed or not."""
+    """The quick look into a log and `validate` are of one mind, whatever was changed, sealed or not."""
     rng = np.random.default_rng(11)
     verdicts = set()
     for _ in range(2000):
@@ -160,7 +160,7 @@ def test_frames_are_told_as_the_message_itself_tells_them():
             data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
         size = frame_bytes.frame_at(memoryview(data), 0)
         is_frame = size == len(data) and frame_bytes.is_known(memoryview(data), 0, size)
-        assert is_frame == (flaw_of(data, FRAME) is None)
+        assert is_frame == (validate(data, FRAME) is None)
         verdicts.add(is_frame)
     assert verdicts == {True, False}
 

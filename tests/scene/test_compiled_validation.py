@@ -64,11 +64,16 @@ def test_changed_file_is_refused_or_can_be_used(name, count, tmp_path):
     assert {line[2].split(":")[0] for line in outcomes} == {"refused", "answered"}
 
 
+def records(arrays, name):
+    """A table of a file as kernels read it, in the same memory."""
+    return arrays[name].view({"parts": layout.PART, "frames": layout.FRAME}[name]).reshape(-1)
+
+
 def word(row, column, offset, value):
     """A change of the word *offset* behind what a column of a part's row says."""
 
     def change(metadata, arrays):
-        arrays["words"].view(np.int32)[arrays["parts"][row, column] + offset] = value
+        arrays["words"].view(np.int32)[records(arrays, "parts")[column][row] + offset] = value
 
     return change
 
@@ -77,7 +82,7 @@ def child(row, node, lane, value):
     """A change of a reference in a part's tree, or in the tree over the parts that stand still (-1)."""
 
     def change(metadata, arrays):
-        root = arrays["parts"][row, layout.PART_ROOT if row >= 0 else layout.SCENE_STATIC_ROOT]
+        root = records(arrays, "parts")["root" if row >= 0 else "static_root"][row]
         at = layout.NODE_STRIDE * (root + node) + layout.NODE_CHILDREN + lane
         arrays["words"].view(np.int32)[at] = value
 
@@ -88,7 +93,8 @@ def number(name, row, column, value):
     """A change of a number in a table."""
 
     def change(metadata, arrays):
-        arrays[name][row, column] = value
+        table = records(arrays, name) if isinstance(column, str) else arrays[name].T
+        table[column][row] = value
 
     return change
 
@@ -101,17 +107,17 @@ def number(name, row, column, value):
         (child(1, 0, 0, ~2**20), r"part 1 'with a hole': child 0 of node 0 refers to block \d+, expected"),
         (child(-1, 0, 0, 7), r"the trees over the parts: child 0 of node 0 refers to 7, where"),
         (child(-1, 0, 0, ~(layout.ENTRY + 500)), r"the trees over the parts: child 0 of node 0 refers to -"),
-        (word(0, layout.PART_SLOT_FACES, 0, 12), r"part 0 'cube': slot 0 holds face 12, but there are 12"),
-        (word(0, layout.PART_BLOCK_NOTES, 0, 1), r"part 0 'cube': block 0 is noted as another part's"),
-        (word(0, layout.PART_FACES, 0, 8), r"part 0 'cube': face 0 refers to corner 8, but there are 8"),
-        (word(0, layout.PART_NEIGHBORS, 0, -3), r"part 0 'cube': face 0 has face -3 for a neighbour, but"),
-        (word(0, layout.PART_GRID, 0, -1), r"part 0 'cube': its sign grid has cells of no known state"),
-        (word(-1, layout.SCENE_GRID, 0, 0), r"the trees over the parts: cell 0 of the grid over the parts"),
-        (number("parts", 2, layout.PART_CORNERS, 2**40), r"the table of parts has a number "),
-        (number("parts", 0, layout.PART_SIGN, 3), r"a part has no known kind of sign"),
-        (number("parts", 0, layout.PART_SIGN, 2), r"part 0 'cube' has other faces, or another sign, than"),
-        (number("parts", -1, layout.SCENE_SUPER_NODE, 0), r"the tree over moved parts is at none of its"),
-        (number("frames", 0, layout.FRAME_SCALE, 3.0), r"a local frame is not scaled by a power of two"),
+        (word(0, "slot_faces", 0, 12), r"part 0 'cube': slot 0 holds face 12, but there are 12"),
+        (word(0, "block_notes", 0, 1), r"part 0 'cube': block 0 is noted as another part's"),
+        (word(0, "faces", 0, 8), r"part 0 'cube': face 0 refers to corner 8, but there are 8"),
+        (word(0, "neighbors", 0, -3), r"part 0 'cube': face 0 has face -3 for a neighbour, but"),
+        (word(0, "grid", 0, -1), r"part 0 'cube': its sign grid has cells of no known state"),
+        (word(-1, "grid", 0, 0), r"the trees over the parts: cell 0 of the grid over the parts"),
+        (number("parts", 2, "corners", 2**40), r"the table of parts has a number "),
+        (number("parts", 0, "sign", 3), r"a part has no known kind of sign"),
+        (number("parts", 0, "sign", 2), r"part 0 'cube' has other faces, or another sign, than"),
+        (number("parts", -1, "super_node", 0), r"the tree over moved parts is at none of its"),
+        (number("frames", 0, "scale", 3.0), r"a local frame is not scaled by a power of two"),
         (number("poses", 1, 0, 0.5), r"the pose of part 1 is no rigid transform"),
         (number("faces", 3, 1, 8), r"part 0 'cube': face 3 of its mesh refers to vertex 8, but there are 8"),
     ],
@@ -151,18 +157,16 @@ def test_hidden_part_that_is_said_to_be_shown_is_missed(refused):
 def test_what_follows_from_other_numbers_is_made_anew(contents, tmp_path):
     """Boxes of parts, flags, and the tree over parts that have moved may say anything."""
     arrays = {name: array.copy() for name, array in contents.arrays.items()}
-    parts, frames = arrays["parts"], arrays["frames"]
-    parts[:, [layout.PART_IS_TURNED, layout.PART_IS_FUSED]] = (
-        1 - parts[:, [layout.PART_IS_TURNED, layout.PART_IS_FUSED]]
-    )
-    parts[:-1, layout.PART_IS_HIDDEN] = 1
-    parts[-1, [layout.PART_ROOT, layout.SCENE_DYNAMIC_COUNT]] = 10**3
-    frames[:, layout.FRAME_BOX_LOWER : layout.FRAME_OWN_LOWER] = 7.0
-    frames[:-1, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = 2.0
-    plan, region = PartTreesPlan.of(parts), parts[-1, layout.SCENE_SUPER_NODE]
+    parts, frames = records(arrays, "parts"), records(arrays, "frames")
+    parts["is_turned"], parts["is_fused"] = 1 - parts["is_turned"], 1 - parts["is_fused"]
+    parts["is_hidden"][:-1] = 1
+    parts[-1]["root"] = parts[-1]["dynamic_count"] = 10**3
+    frames["box_lower"] = frames["box_upper"] = 7.0
+    frames["rotation"][:-1] = frames["translation"][:-1] = 2.0
+    plan, region = PartTreesPlan.of(parts), parts["super_node"][-1]
     children = layout.NODE_STRIDE * region + layout.NODE_CHILDREN + np.arange(layout.LANES)
     arrays["words"].view(np.int32)[children] = 10**3
-    entry = plan.entries_at(plan.copies_of(parts)[1]) + 2 * parts[-1, layout.SCENE_ENTRY_COUNT]
+    entry = plan.entries_at(plan.copies_of(parts)[1]) + 2 * parts["entry_count"][-1]
     arrays["words"].view(np.int32)[entry : entry + 2] = 10**3
     path, again = tmp_path / "changed.prox", tmp_path / "again.prox"
     archive.write_archive(path, contents.metadata, arrays, compiled_scene.LAYOUT)

@@ -20,7 +20,6 @@ from scene_parts import (
 )
 
 from proximity.errors import ArgumentError, SceneError
-from proximity.kernels import layout
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -149,11 +148,11 @@ def test_added_part_is_found_and_others_stay_as_they_are():
     assert_answers_alike(scene, anew(scene), points, others)
     assert_right_by_brute_force(scene, points)
     model = scene.snapshot()
-    assert np.flatnonzero(model.parts[:-1, layout.PART_IS_DYNAMIC]).tolist() == [2]
-    assert np.flatnonzero(model.parts[:-1, layout.PART_IS_HIDDEN]).tolist() == [3]
-    assert model.frames[2, layout.FRAME_VELOCITY : layout.FRAME_VELOCITY + 3].tolist() == [1, 2, 3]
-    assert model.frames[6, layout.FRAME_VELOCITY : layout.FRAME_VELOCITY + 3].tolist() == [0, 0, 1]
-    assert model.frames[[4, 6], layout.FRAME_STIFFNESS].tolist() == [100.0, 5.0]
+    assert np.flatnonzero(model.parts["is_dynamic"][:-1]).tolist() == [2]
+    assert np.flatnonzero(model.parts["is_hidden"][:-1]).tolist() == [3]
+    assert model.frames["velocity"][2].tolist() == [1, 2, 3]
+    assert model.frames["velocity"][6].tolist() == [0, 0, 1]
+    assert model.frames["stiffness"][[4, 6]].tolist() == [100.0, 5.0]
     assert scene.epoch == model.epoch == 2
 
 
@@ -168,11 +167,11 @@ def test_removed_part_goes_on_answering_and_may_come_back():
     scene.remove("part 5")
 
     assert [each.name for each in scene.parts] == [f"part {row}" for row in range(5)]
-    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.PART_IS_DYNAMIC]).tolist() == [1, 4]
+    assert np.flatnonzero(scene.snapshot().parts["is_dynamic"][:-1]).tolist() == [1, 4]
     assert_answers_alike(scene, anew(scene), points, others)
     assert judging.same_bits(part.solid.closest(points), alone)
     scene.remove("part 0")
-    assert np.flatnonzero(scene.snapshot().parts[:-1, layout.PART_IS_DYNAMIC]).tolist() == [0, 3]
+    assert np.flatnonzero(scene.snapshot().parts["is_dynamic"][:-1]).tolist() == [0, 3]
     assert scene.part("part 1") is scene.parts[0]
     scene.add(part)
     assert judging.same_bits(scene.parts[-1].solid.closest(points), alone)
@@ -247,13 +246,13 @@ def test_last_part_cannot_be_removed():
 
 def test_surface_is_rigid_unless_a_stiffness_is_given():
     scene = Scene([part_of(shapes.cube(), "a"), part_of(shapes.cube(), "b", stiffness=200.0, damping=0.5)])
-    columns = slice(layout.FRAME_SURFACE, layout.FRAME_DAMPING + 1)
-    assert scene.snapshot().frames[:2, columns].tolist() == [[1.0, 0.0, 0.0], [2.0, 200.0, 0.5]]
+    columns = ["surface", "stiffness", "damping"]
+    assert scene.snapshot().frames[columns][:2].tolist() == [(1.0, 0.0, 0.0), (2.0, 200.0, 0.5)]
 
     scene.set_surface("a", stiffness=300.0)
     scene.set_surface("b")
 
-    assert scene.snapshot().frames[:2, columns].tolist() == [[2.0, 300.0, 0.0], [1.0, 0.0, 0.0]]
+    assert scene.snapshot().frames[columns][:2].tolist() == [(2.0, 300.0, 0.0), (1.0, 0.0, 0.0)]
     assert [(part.stiffness, part.damping) for part in scene.parts] == [(300.0, 0.0), (None, 0.0)]
 
 

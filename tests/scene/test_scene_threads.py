@@ -56,8 +56,8 @@ def test_answers_while_parts_move_are_those_of_one_moment(point_count):
             last = is_done.is_set()
             found = scene.distance(points)
             assert (found == found[0]).all(), "one answer is of one moment"
-            model = scene.snapshot()
-            assert model.frames[0, 33] == model.frames[1, 33], "both velocities are of one move"
+            velocities = scene.snapshot().frames["velocity"]
+            assert velocities[0, 1] == velocities[1, 1], "both velocities are of one move"
             seen.append(found[0])
             if last:
                 return seen

@@ -5,7 +5,7 @@ import pytest
 from fake_service import FakeAnswers, serve
 from wire import Reader, frame
 
-from proximity.message import DESCRIPTION, FRAME, Flaw, Message, parts_of
+from proximity.message import DESCRIPTION, FRAME, Defect, Message, parts_of
 from proximity.message.description import encoded_name
 from proximity.service import Describer
 
@@ -84,7 +84,7 @@ def test_description_that_contradicts_itself_is_dropped(first, part_count):
     reader.read()
 
     assert reader.subscriber.description is None
-    assert reader.flawed == {Flaw.CONTENT: 1}
+    assert reader.flawed == {Defect.CONTENT: 1}
 
 
 def test_long_name_is_cut_between_two_characters():

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from proximity.kernels.contact_columns import BOUNDED, EXACT, IN_RANGE, TRACKED
+from proximity.kernels.contact_record import BOUNDED, CONTACT_RECORD, EXACT, IN_RANGE, TRACKED
 from proximity.kernels.tracking.motion import BACKWARDS, FUTURE, TOO_OLD, USABLE
-from proximity.message import CONTACT
 from proximity.service import finger_kernels
 
 OLDEST_NS, LATEST_NS = 920, 1000
@@ -95,7 +94,7 @@ def test_samples_from_before_an_instant_are_dropped(how):
 
 @HOW
 def test_overview_of_contacts(how):
-    contacts = np.zeros(5, CONTACT)
+    contacts = np.zeros(5, CONTACT_RECORD)
     contacts["flags"] = [
         TRACKED | BOUNDED | IN_RANGE,
         TRACKED | BOUNDED,
@@ -104,8 +103,6 @@ def test_overview_of_contacts(how):
         0,
     ]
     contacts["pose_ns"] = [30, 20, 40, 10, 5]
-    data = contacts.view(np.uint8)
-    wide, numbers = data.view(np.int64).reshape(5, -1), data.view(np.int32).reshape(5, -1)
 
-    assert how(finger_kernels.overview)(wide, numbers) == (20, 3, 1)
-    assert how(finger_kernels.overview)(wide[3:], numbers[3:]) == (finger_kernels.LATEST, 0, 0)
+    assert how(finger_kernels.overview)(contacts) == (20, 3, 1)
+    assert how(finger_kernels.overview)(contacts[3:]) == (finger_kernels.LATEST, 0, 0)

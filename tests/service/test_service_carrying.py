@@ -254,9 +254,9 @@ def test_part_that_is_shown_while_a_tick_asks_widens_its_bounds(inlet, monkeypat
     served.scene.hide("box")
     assert watched.is_sure(310)
     tracker = served.answers.tracker
-    tick = tracker.tick
+    advance = tracker.advance
     monkeypatch.setattr(
-        tracker, "tick", lambda *given, **named: served.scene.show("box") or tick(*given, **named)
+        tracker, "advance", lambda *given, **named: served.scene.show("box") or advance(*given, **named)
     )
     contacts = served.tick(NOW + 320 * MS, NOW + 320 * MS)
     assert_holds(contacts, np.full(len(TIPS), NOW + 320 * MS))
@@ -270,9 +270,11 @@ def test_turning_part_that_goes_while_a_tick_asks_does_not_end_the_service(inlet
     watched = Watched(served, monkeypatch)
     inlet.put(told(NOW))
     tracker = served.answers.tracker
-    tick = tracker.tick
+    advance = tracker.advance
     with monkeypatch.context() as patch:
-        patch.setattr(tracker, "tick", lambda *rest, **more: edit(served.scene, "box") or tick(*rest, **more))
+        patch.setattr(
+            tracker, "advance", lambda *rest, **more: edit(served.scene, "box") or advance(*rest, **more)
+        )
         served.tick(NOW, NOW - np.arange(len(TIPS)) * MS)
     assert watched.is_sure(10)
 

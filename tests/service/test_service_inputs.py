@@ -5,13 +5,12 @@ import pytest
 from fake_service import MS, hands_at, polled
 
 from proximity.errors import ServiceError
-from proximity.kernels.contact_columns import PREDICTED, TRACKED
+from proximity.kernels.contact_record import PREDICTED, TRACKED
 from proximity.kernels.tracking.motion import (
-    ESTIMATE_VELOCITY,
+    ESTIMATE,
+    ESTIMATES,
     MAX_ACCELERATION,
     MAX_SPEED,
-    MOTION_INTS,
-    MOTION_REALS,
     observe,
 )
 from proximity.recording import Recording
@@ -94,7 +93,7 @@ def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
     )
     newest = NewestSamples(FingerPoses(1), 100 * MS)
     newest.start(NOW)
-    reals, marks = np.zeros((1, MOTION_REALS)), np.zeros((1, MOTION_INTS), np.int64)
+    motions = np.zeros((1, ESTIMATES), ESTIMATE)
     fastest = abs(jump) / (rows - 1) / 1e-3 + 1e-6
 
     seen = 0
@@ -103,12 +102,9 @@ def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
         if poses is not None:
             newest.update(poses, NOW + tick * MS)
         (x, y, z), pose_ns = newest.samples.positions[0], newest.samples.pose_ns[0]
-        status = observe(reals, marks, 0, pose_ns, x, y, z, MAX_SPEED, MAX_ACCELERATION)
+        status = observe(motions, 0, pose_ns, x, y, z, MAX_SPEED, MAX_ACCELERATION)
         seen += bool(status & TRACKED)
-        assert (
-            not status & PREDICTED
-            or np.abs(reals[0, ESTIMATE_VELOCITY : ESTIMATE_VELOCITY + 3]).max() <= fastest
-        )
+        assert not status & PREDICTED or np.abs(motions["velocity"][0, 0]).max() <= fastest
     assert seen == 3 * rows
 
 

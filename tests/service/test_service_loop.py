@@ -20,7 +20,7 @@ from fake_service import (
 )
 
 from proximity.errors import ServiceError
-from proximity.message import FRAME, ContactFlag, Source, State, flaw_of
+from proximity.message import FRAME, ContactFlag, Source, State, validate
 from proximity.service import Service, SkippingClock
 
 START = 1000 * MS
@@ -144,7 +144,7 @@ def test_header_tells_times_period_epoch_and_count():
 def test_every_frame_is_whole_and_numbered():
     _, outlet, _, _ = serve(ticks=4)
 
-    assert all(flaw_of(data, FRAME) is None for data in outlet.sent)
+    assert all(validate(data, FRAME) is None for data in outlet.sent)
     assert [int(header["sequence"]) for header in outlet.headers] == list(range(7))
     assert len({int(header["session"]) for header in outlet.headers}) == 1
 

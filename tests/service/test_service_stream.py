@@ -5,8 +5,8 @@ import pytest
 from fake_service import MS, Newest, QueueInlet
 
 from proximity.errors import PublishError
-from proximity.message import PATH_CORNERS, PATH_POSES, POSES, Message
-from proximity.service import FingerPoses, MessageInput
+from proximity.message import MEASURED, PATH_CORNERS, PATH_POSES, POSES, Message
+from proximity.service import FingerPoses, Measurements, MessageInput
 from proximity.service.inputs import inbox
 from proximity.transport import open_publisher
 
@@ -35,43 +35,82 @@ def stream(count=2):
     return Newest(MessageInput("queue:", count, clock=lambda: NOW), FingerPoses(count), NOW)
 
 
-def test_poses_cross_a_mailbox():
-    received = MessageInput("mailbox:stream", 2)
-    source = Newest(received, FingerPoses(2), NOW)
-    with open_publisher("mailbox:stream") as sender:
+def measured(distances, measured_ns=NOW, *, fingers=None):
+    """A message with these distances, of the first fingers where not said."""
+    message = Message(MEASURED, len(distances))
+    message.records["finger"] = np.arange(len(distances)) if fingers is None else fingers
+    message.records["measured_ns"], message.records["signed_distance"] = measured_ns, distances
+    return message
+
+
+def posed(heights, pose_ns=NOW, *, fingers=None):
+    return poses([[height, 2.0, 3.0] for height in heights], pose_ns, fingers=fingers)
+
+
+INPUTS = {"poses": (posed, FingerPoses, False), "measurements": (measured, Measurements, True)}
+EACH_INPUT = pytest.mark.parametrize("what", INPUTS)
+
+
+def received(what, count, address="queue:", clock=lambda: NOW):
+    """An input of that kind, and what makes its messages."""
+    make, samples, is_measured = INPUTS[what]
+    source = MessageInput(address, count, clock=clock, is_measured=is_measured)
+    return Newest(source, samples(count), NOW), make
+
+
+@EACH_INPUT
+def test_samples_cross_a_mailbox(what):
+    source, make = received(what, 2, f"mailbox:{what}")
+    with open_publisher(f"mailbox:{what}") as sender:
         assert source.poll(NOW) is None
-        sender.publish(poses([[1, 2, 3], [4, 5, 6]], [NOW, NOW - MS]))
+        sender.publish(make([0.25, 0.5], [NOW, NOW - MS]))
 
         polled = source.poll(NOW)
-        np.testing.assert_array_equal(polled.positions, [[1, 2, 3], [4, 5, 6]])
+        assert polled.values[:, 0].tolist() == [0.25, 0.5]
         assert polled.pose_ns.tolist() == [NOW, NOW - MS]
-        assert polled.velocities is None and polled.paths is None and polled.bends is None
+        if what == "poses":
+            assert polled.velocities is None and polled.paths is None and polled.bends is None
         assert source.poll(NOW) is None
-    received.close()
-    assert received.notes == []
+    source.source.close()
+    assert source.notes == []
 
 
-def test_message_need_not_tell_all_fingers(inlet):
-    source = stream(3)
-    inlet.put(poses(np.full((3, 3), 1.0), NOW))
-    inlet.put(poses([[2, 2, 2]], NOW + 5, fingers=[1]))
+@EACH_INPUT
+def test_message_need_not_have_all_fingers(inlet, what):
+    source, make = received(what, 3)
+    inlet.put(make([1.0, 1.5, 1.0]))
+    inlet.put(make([2.0], NOW + 5, fingers=[1]))
 
     polled = source.poll(NOW)
 
-    assert polled.positions[:, 0].tolist() == [1, 2, 1]
+    assert polled.values[:, 0].tolist() == [1.0, 2.0, 1.0]
     assert polled.pose_ns.tolist() == [NOW, NOW + 5, NOW]
 
 
-def test_fingers_that_are_not_served_are_counted_and_the_others_taken(inlet, caplog):
-    source = stream(2)
+@EACH_INPUT
+def test_fingers_that_are_not_served_are_counted_and_the_others_taken(inlet, caplog, what):
+    source, make = received(what, 2)
     for _ in range(2):
-        inlet.put(poses(np.full((3, 3), 3.0), NOW, fingers=[7, 1, 2**32 - 1]))
+        inlet.put(make([3.0, 4.0, 5.0], fingers=[7, 1, 2**32 - 1]))
 
     polled = source.poll(NOW)
 
-    assert np.isnan(polled.positions[0]).all() and polled.positions[1].tolist() == [3, 3, 3]
-    assert source.notes == ["queue:: 4 poses of fingers that are not served"]
-    assert [record.message for record in caplog.records] == ["queue:: poses of fingers that are not served"]
+    assert np.isnan(polled.values[0, 0]) and polled.values[1, 0] == 4.0
+    assert source.notes == [f"queue:: 4 {what} of fingers that are not served"]
+    assert [record.message for record in caplog.records] == [f"queue:: {what} of fingers that are not served"]
+
+
+@EACH_INPUT
+def test_sample_that_was_refused_is_not_given_again_with_those_of_other_fingers(inlet, what):
+    """It once became a pose when its instant came, half a second after it was refused."""
+    source, make = received(what, 2)
+    inlet.put(make([9.0], NOW + 500 * MS, fingers=[0]))
+    for ms in range(700):
+        inlet.put(make([float(ms)], NOW + ms * MS, fingers=[1]))
+        polled = source.poll(NOW + ms * MS)
+        assert np.isnan(polled.values[0, 0])
+
+    assert source.newest.future == 1 and polled.values[1, 0] == 699.0
 
 
 def test_velocities_are_there_from_the_first_that_is_known_on(inlet):
@@ -103,18 +142,6 @@ def test_paths_come_with_their_poses_and_go_with_a_pose_without(inlet):
     inlet.put(poses(np.zeros((1, 3)), fingers=[0]))
     polled = source.poll(NOW)
     assert np.isnan(polled.paths[0]).all() and np.isfinite(polled.paths[1]).all()
-
-
-def test_pose_that_was_refused_is_not_told_again_with_those_of_other_fingers(inlet):
-    """It once became a pose when its instant came, half a second after it was refused."""
-    source = stream(2)
-    inlet.put(poses([[9, 9, 9]], NOW + 500 * MS, fingers=[0]))
-    for ms in range(700):
-        inlet.put(poses([[ms, 0, 0]], NOW + ms * MS, fingers=[1]))
-        polled = source.poll(NOW + ms * MS)
-        assert np.isnan(polled.positions[0, 0])
-
-    assert source.newest.future == 1 and polled.positions[1].tolist() == [699, 0, 0]
 
 
 def test_bends_come_with_poses_that_have_no_path(inlet):

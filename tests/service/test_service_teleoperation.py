@@ -10,7 +10,7 @@ from proximity.errors import ServiceError
 from proximity.message import MEASURED, ContactFlag, Message, Mode, Source, State, Surface
 from proximity.service import Measurements, MessageInput, SensedContacts, Service
 from proximity.service.inputs import inbox
-from proximity.transport import Subscriber, open_publisher
+from proximity.transport import Subscriber
 
 NOW = 9000 * MS
 KNOWN = ContactFlag.TRACKED | ContactFlag.SIGNED | ContactFlag.IN_RANGE
@@ -288,33 +288,6 @@ def inlet(monkeypatch):
     return queue
 
 
-def test_measurements_cross_a_mailbox():
-    received = MessageInput("mailbox:sensor", 2, is_measured=True)
-    source = Newest(received, Measurements(2), NOW)
-    with open_publisher("mailbox:sensor") as sender:
-        assert source.poll(NOW) is None
-        sender.publish(message([0.1, 0.2], [NOW, NOW - MS], force=2.0))
-
-        samples = source.poll(NOW)
-    assert samples.distances.tolist() == [[0.1], [0.2]]
-    assert samples.pose_ns.tolist() == [NOW, NOW - MS]
-    assert samples.records["force"].tolist() == [2.0, 2.0]
-    assert source.poll(NOW) is None and source.notes == []
-    received.close()
-
-
-def test_measurements_of_some_fingers_leave_the_others(inlet):
-    source = Newest(MessageInput("queue:", 3, is_measured=True), Measurements(3), NOW)
-    inlet.put(message([0.1, 0.2, 0.3]))
-    inlet.put(message([0.5, 0.6], NOW + 1, finger=[2, 9]))
-
-    samples = source.poll(NOW)
-
-    assert samples.distances[:, 0].tolist() == [0.1, 0.2, 0.5]
-    assert samples.pose_ns.tolist() == [NOW, NOW, NOW + 1]
-    assert source.notes == ["queue:: 1 measurements of fingers that are not served"]
-
-
 def test_normals_and_surfaces_that_cannot_be_are_unknown(inlet):
     source = Newest(MessageInput("queue:", 4, is_measured=True), Measurements(4), NOW)
     normals = [(0, 0, 1), (0, 0, 1.01), (0, 0, 1e300), (0, 0, np.nan)]
@@ -420,24 +393,3 @@ def test_rehearsal_leaves_nothing_behind():
     first = filled(answers, measured([0.1, 0.1]), NOW)
 
     assert not (first["flags"] & (ContactFlag.PREDICTED | ContactFlag.JUMPED)).any()
-
-
-def test_measurement_that_was_refused_is_not_told_again_with_those_of_other_fingers(inlet):
-    source, outlet, clock = MessageInput("queue:", 2, is_measured=True), KeepingOutlet(), ManualClock(NOW)
-    receive = inlet.receive
-
-    def receive_one_more(new_samples):
-        if not inlet.queue and clock.now > max(told_ns):
-            told_ns.append(clock.now)
-            inlet.put(message([0.5], clock.now, finger=[1]))
-        return receive(new_samples)
-
-    told_ns, inlet.receive = [NOW], receive_one_more
-    inlet.put(message([0.1], NOW + 200 * MS, finger=[0], force=3.0, force_is_valid=1))
-    report = Service(SensedContacts(2), source, [publisher(outlet)], period=0.001, clock=clock).run(
-        tick_count=300
-    )
-
-    assert report.future == 1
-    assert all(records["flags"][0] == 0 for records in outlet.records[:300])
-    assert outlet.records[299]["signed_distance"][1] == 0.5

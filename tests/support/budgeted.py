@@ -4,36 +4,26 @@ from typing import NamedTuple
 
 import numpy as np
 import shapes
+from models import model_of
 
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-)
+from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    FRAME_COLUMNS,
-    FRAME_SCALE,
+    FRAME,
     LANES,
     NO_PART,
     NO_SLOT,
     NODE_CHILDREN,
     NODE_STRIDE,
-    PART_BLOCK_COUNT,
-    PART_COLUMNS,
-    PART_MOMENTS,
-    PART_NODE_COUNT,
-    PART_ROOT,
+    PART,
     STACKS_SIZE,
 )
-from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE, known_sq, nearest_with_budget
-from proximity.kernels.point.walk import NOTHING_SEEN
-from proximity.kernels.scene.nearest_part import (
-    nearest_in_scene,
-)
+from proximity.kernels.point.budgeted_walk import known_sq, nearest_with_budget
+from proximity.kernels.point.walk import NOTHING_SEEN, nearest_in_scene
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
-from proximity.mesh.bvh import LocalFrame
-from proximity.mesh.part_arrays import common_frame, part_arrays
+from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
+from proximity.mesh.part_arrays import common_frame
 from proximity.pose import Pose
-from proximity.scene.model.assembly import assemble
 
 GUARD = 64
 UNTOUCHED = np.float32(-12345.0)
@@ -49,22 +39,11 @@ class Answer(NamedTuple):
     work: int
 
 
-def piece_of(mesh, frame: LocalFrame | None = None):
-    """The arrays of one part, its faces as they are: nothing is welded, dropped or turned."""
-    faces = np.ascontiguousarray(mesh[1], dtype=np.int32)
-    return part_arrays(np.asarray(mesh[0], dtype=np.float64), faces, np.full_like(faces, -1), frame)
-
-
-def model_of(*meshes, poses=None, frame=None):
-    """The model of meshes at poses, as they lie where none are given."""
-    return assemble([piece_of(mesh, frame) for mesh in meshes], poses or [Pose()] * len(meshes))
-
-
 def start_of(model):
     """The reference to walk all of a model from, and the row in whose frame it is."""
     scene = len(model.parts) - 1
     part = 0 if scene == 1 else scene
-    return int(model.parts[part, PART_ROOT]), part
+    return int(model.parts["root"][part]), part
 
 
 def guarded_room():
@@ -83,10 +62,8 @@ def walk(model, point, budget, best_sq=np.inf, slot=NO_SLOT, *, tolerance=0.0, e
         arrays,
         *start_of(model),
         tuple(map(float, point)),
-        best_sq,
-        slot,
-        tolerance,
-        exact_within,
+        (best_sq, slot),
+        (tolerance, exact_within),
         budget,
         WORKSPACE,
     )
@@ -104,7 +81,7 @@ def without_budget(model, point, best_sq=np.inf, slot=NO_SLOT):
     part = int(part_of_slot(model.words, model.parts, slot)) if slot >= 0 else NO_PART
     stacks = np.empty(STACKS_SIZE, np.float32)
     found_sq, _, found = nearest_in_scene(
-        *arrays, *map(float, point), best_sq, part, slot, NOTHING_SEEN, stacks
+        arrays, tuple(map(float, point)), best_sq, part, slot, NOTHING_SEEN, stacks
     )
     return float(found_sq), int(found)
 
@@ -117,7 +94,7 @@ def known(model, point, slot):
 
 def block_count(model):
     """Leaves of all parts."""
-    return int(model.parts[:-1, PART_BLOCK_COUNT].sum())
+    return int(model.parts["block_count"][:-1].sum())
 
 
 # --- scenes -----------------------------------------------------------------------------------------------
@@ -196,9 +173,9 @@ def by_hand(node_count, children):
     nodes[:, :24], nodes[:, 24:48] = -1.0, 1.0
     nodes.view(np.int32)[:, NODE_CHILDREN : NODE_CHILDREN + LANES] = children
     moments = np.zeros(node_count * MOMENT_STRIDE, np.float32)
-    parts, frames = np.zeros((2, PART_COLUMNS), np.int64), np.zeros((2, FRAME_COLUMNS))
-    parts[:, PART_MOMENTS], parts[0, PART_NODE_COUNT], frames[:, FRAME_SCALE] = nodes.size, node_count, 1.0
-    frames[:, [0, 4, 8]] = 1.0
+    parts, frames = np.zeros(2, PART), np.zeros(2, FRAME)
+    parts["moments"], parts["node_count"][0], frames["scale"] = nodes.size, node_count, 1.0
+    frames["rotation"] = np.eye(3).reshape(-1)
     return np.full(BLOCK_STRIDE, np.nan), np.concatenate([nodes.ravel(), moments]), frames, parts
 
 

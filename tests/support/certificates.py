@@ -5,10 +5,10 @@ import shapes
 
 from proximity import Scene, Solid
 from proximity.lab.certificate.certification import Certificate
-from proximity.lab.certificate.measurement import Case
-from proximity.lab.certificate.search.work import GOALS
-from proximity.lab.certificate.search.worst_positions import Found, WorstPosition
+from proximity.lab.certificate.measurement import MotionTiming
 from proximity.lab.certificate.subject import Subject
+from proximity.lab.certificate.work import GOALS
+from proximity.lab.certificate.worst_positions import SearchResult, WorstPosition
 from proximity.service import Report
 
 TICKS = 2000
@@ -19,10 +19,10 @@ def ball_subject(radius=0.05, subdivisions=2, **settings):
     return Subject(Scene([Solid(*shapes.sphere(radius, subdivisions), name="ball")]), **settings)
 
 
-def case(name, microseconds, counts=True):
+def timing(name, microseconds, counts=True):
     """Ticks that take from 1 µs on, evenly, up to so long."""
     times = np.linspace(1e3, 1e3 * microseconds, TICKS).astype(np.int64)
-    return Case(name, 5, times.copy(), times + 500, times, 600, SHARES, counts)
+    return MotionTiming(name, 5, times.copy(), times + 500, times, 600, SHARES, counts)
 
 
 def loop(compute_us=100, late_us=20, ticks=TICKS, missed=0, period=0.001):
@@ -39,10 +39,10 @@ def found():
         WorstPosition(np.array([0.001, 0.002, 0.003]), 508, -0.05, -0.007, "medial", 400),
         WorstPosition(np.array([0.0, 0.0, 0.0]), 300, -0.05, -0.05, "centre", 300),
     )
-    return tuple(Found(goal, places, 12.0, 100, goal.has_budget) for goal in GOALS)
+    return {goal: SearchResult(goal, places, 12.0, 100, goal.has_budget) for goal in GOALS}
 
 
-def certificate(cases=None, report=None, **settings):
+def certificate(timings=None, report=None, **settings):
     subject = ball_subject(files=("a/ball & <co>.stl",), **settings)
-    cases = (case("random", 100), case("worst, passing", 400)) if cases is None else cases
-    return Certificate(subject, 7, TICKS, 2.0, found(), tuple(cases), loop() if report is None else report)
+    timings = (timing("random", 100), timing("worst, passing", 400)) if timings is None else timings
+    return Certificate(subject, 7, TICKS, 2.0, found(), tuple(timings), loop() if report is None else report)

@@ -58,12 +58,12 @@ def ply_ascii(vertices, polygons) -> bytes:
     return ply_header("ascii", len(vertices), len(polygons)) + text.encode()
 
 
-def ply_binary(vertices, polygons, order="<") -> bytes:
-    """Binary PLY of either byte order."""
+def ply_binary(vertices, polygons, order="<", count=("uchar", "B")) -> bytes:
+    """Binary PLY of either byte order; *count*: the type of the lengths of its lists, in PLY and struct."""
     layout = "binary_little_endian" if order == "<" else "binary_big_endian"
-    rows = b"".join(struct.pack(f"{order}B{len(p)}i", len(p), *p) for p in polygons)
+    rows = b"".join(struct.pack(f"{order}{count[1]}{len(p)}i", len(p), *p) for p in polygons)
     return (
-        ply_header(layout, len(vertices), len(polygons))
+        ply_header(layout, len(vertices), len(polygons)).replace(b"uchar", count[0].encode())
         + np.asarray(vertices, dtype=order + "f8").tobytes()
         + rows
     )

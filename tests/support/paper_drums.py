@@ -5,7 +5,10 @@ from proximity.decaff.glove.glove import Glove
 from proximity.lab.simulation.devices import Decaff, Link
 
 LEVER = Glove().tip_drum().lever
-MOTOR = Motor("20 W class", inertia=1.5e-6, torque=0.28, friction=4.5e-4, electrical_time=0.0)
+MOTOR = Motor(
+    "20 W class", inertia=1.5e-6, torque=0.28, continuous_torque=0.0288, heating_time=12.6, speed=1000.0,
+    friction=4.5e-4, electrical_time=0.0,
+)  # fmt: skip
 
 
 def paper_drum(ratio: float, **settings: float) -> Drum:

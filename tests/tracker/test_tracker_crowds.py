@@ -6,7 +6,6 @@ import shapes
 from ticking import MS, RADIUS, steps_for_all
 
 from proximity.kernels.tracking.tick import MOST_TOLERANCE, PREDICTION_BUDGETS
-from proximity.kernels.tracking.track import SETTING_ADAPTIVE_TOLERANCE
 from proximity.message import ContactFlag
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -67,7 +66,7 @@ def test_in_a_crowd_bounds_are_as_wide_for_all_for_how_far_they_are(ball):
     for k in range(200):
         contacts = tracker.tick(tips + k * 1e-5, k * MS, k * MS)
     share = (contacts["upper"] - contacts["lower"]) / contacts["lower"]
-    adaptive_tolerance = tracker._settings[SETTING_ADAPTIVE_TOLERANCE]
+    adaptive_tolerance = tracker._settings["adaptive_tolerance"].item()
 
     assert 0.0 < adaptive_tolerance < MOST_TOLERANCE
     assert np.percentile(share, 99.0) <= 1.5 * adaptive_tolerance

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from wire import MS, NOW, Reader, Wire, frame, is_silent, with_frame
 
 from proximity.errors import ArgumentError
-from proximity.message import CONTACT, ContactFlag, Flaw, State
+from proximity.message import CONTACT, ContactFlag, Defect, State
 from proximity.transport import Subscriber
 
 SECOND = 1000 * MS
@@ -171,7 +171,7 @@ def test_frame_from_the_future_is_dropped(name, ahead, is_taken):
     reading = bench.read()
 
     assert reading.is_new is is_taken
-    assert bench.flawed == ({} if is_taken else {Flaw.FUTURE: 1})
+    assert bench.flawed == ({} if is_taken else {Defect.FUTURE: 1})
     assert reading.age_ns in (-1, 0)
 
 
@@ -183,7 +183,7 @@ def test_dropped_frames_let_the_one_before_grow_old():
         bench.send(broken)
         reading = bench.read(after)
         assert (reading.state, reading.is_new) == (state, False)
-    assert bench.flawed == {Flaw.CONTENT: 3}
+    assert bench.flawed == {Defect.CONTENT: 3}
 
 
 def test_count_of_fingers_may_change():

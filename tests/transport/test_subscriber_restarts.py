@@ -3,7 +3,7 @@
 import pytest
 from wire import MS, NOW, SESSION, Reader, frame, is_silent, sealed, with_frame
 
-from proximity.message import Flaw, State
+from proximity.message import Defect, State
 from proximity.transport.publisher_clock import NS_PER_DRIFT
 
 SECOND = 1000 * MS
@@ -32,7 +32,7 @@ def test_copies_of_an_earlier_run_never_make_a_reading_better(silence):
     reading = bench.read()
 
     assert (reading.state, reading.is_new) == (expected.state, False)
-    assert bench.flawed == {Flaw.OLD: 100}
+    assert bench.flawed == {Defect.OLD: 100}
 
 
 def test_copy_of_the_only_run_there_ever_was_is_stale_by_its_age():
@@ -106,7 +106,7 @@ def test_pose_from_the_future_of_its_own_frame_is_dropped():
     bench = foreign_bench()
     hear(bench, age=-5 * MS - 1)
 
-    assert bench.flawed == {Flaw.FUTURE: 1}
+    assert bench.flawed == {Defect.FUTURE: 1}
 
 
 def test_copies_of_an_old_run_are_not_revived_when_the_present_one_is_silent():

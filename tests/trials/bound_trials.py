@@ -14,7 +14,6 @@ from trial_motions import START_NS, motion_of, paths_of
 
 from proximity.errors import UnitsWarning
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
-from proximity.kernels.tracking.track import SETTING_ADAPTIVE_TOLERANCE
 from proximity.message import CONTACT
 from proximity.tracker.tracker import Tracker
 from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
@@ -200,7 +199,7 @@ def _tick_through(rng, cell, events, tracker, motion, paths):
             corners[tick] = paths.at(motion.positions[tick])
             more |= {"paths": corners[tick], "path_bends": paths.bends, "bends": paths.told_bends(rng)}
         pose_ns, now_ns = motion.pose_ns[tick], int(motion.now_ns[tick])
-        adaptive_tolerance[tick] = tracker._settings[SETTING_ADAPTIVE_TOLERANCE]
+        adaptive_tolerance[tick] = tracker._settings["adaptive_tolerance"].item()
         records[tick] = tracker.tick(motion.positions[tick], pose_ns, now_ns, **more)
         truth.tick = tick + 1
     truth.ask()

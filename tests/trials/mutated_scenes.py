@@ -93,24 +93,24 @@ SCENES = {make.__name__: make for make in (cell, crowd, alone, bodies)}
 
 def runs(arrays):
     """Where in the words each table lies, by name."""
-    parts = arrays["parts"]
+    parts = arrays["parts"].view(layout.PART).reshape(-1)
     row = parts[0]
-    nodes, blocks = (parts[:-1, column].sum() for column in (layout.PART_NODE_COUNT, layout.PART_BLOCK_COUNT))
+    nodes, blocks = parts["node_count"][:-1].sum(), parts["block_count"][:-1].sum()
     found = {
         "nodes": (0, layout.NODE_STRIDE * nodes),
-        "trees over parts": (layout.NODE_STRIDE * nodes, row[layout.PART_SLOT_FACES]),
-        "slots": (row[layout.PART_SLOT_FACES], row[layout.PART_SLOT_FACES] + layout.LANES * blocks),
+        "trees over parts": (layout.NODE_STRIDE * nodes, row["slot_faces"]),
+        "slots": (row["slot_faces"], row["slot_faces"] + layout.LANES * blocks),
         "moments": (
-            row[layout.PART_MOMENTS],
-            row[layout.PART_MOMENTS] + compiled_scene.LAYOUT["MOMENT_STRIDE"] * nodes,
+            row["moments"],
+            row["moments"] + compiled_scene.LAYOUT["MOMENT_STRIDE"] * nodes,
         ),
-        "notes": (row[layout.PART_BLOCK_NOTES], row[layout.PART_BLOCK_NOTES] + blocks),
-        "grid over parts": (parts[-1, layout.SCENE_GRID], len(arrays["words"])),
+        "notes": (row["block_notes"], row["block_notes"] + blocks),
+        "grid over parts": (parts["grid"][-1], len(arrays["words"])),
     }
-    for column, what in ((layout.PART_FACES, "faces"), (layout.PART_NEIGHBORS, "neighbors")):
-        found[what] = (row[column], row[column] + 3 * row[layout.PART_FACE_COUNT])
-    if row[layout.PART_GRID] >= 0:
-        found["grid"] = (row[layout.PART_GRID], row[layout.PART_GRID] + 8)
+    for what in ("faces", "neighbors"):
+        found[what] = (row[what], row[what] + 3 * row["face_count"])
+    if row["grid"] >= 0:
+        found["grid"] = (row["grid"], row["grid"] + 8)
     return {what: (int(first), int(end)) for what, (first, end) in found.items() if end > first}
 
 

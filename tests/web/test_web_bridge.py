@@ -23,8 +23,8 @@ from proximity.message import (
     Message,
     PartAction,
     State,
-    flaw_of,
     parts_of,
+    validate,
 )
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -121,7 +121,7 @@ def received(inlet, kind, patience=PATIENCE):
     while time.monotonic() < ends:
         size = inlet.receive(buffer)
         if size > 0:
-            assert flaw_of(buffer[:size], kind) is None
+            assert validate(buffer[:size], kind) is None
             return parts_of(buffer[:size].copy(), kind)[1]
         time.sleep(0.002)
     return None
@@ -403,7 +403,7 @@ def test_frames_come_byte_for_byte_and_two_at_most_are_under_way(bridge):
             got.append(page.recv(0.2))
 
     assert len(got) == MOST_IN_FLIGHT
-    assert all(flaw_of(np.frombuffer(each, np.uint8), FRAME) is None for each in got)
+    assert all(validate(np.frombuffer(each, np.uint8), FRAME) is None for each in got)
     page.send("ok")
     newest = np.frombuffer(page.recv(PATIENCE), np.uint8)
     assert parts_of(newest, FRAME)[0]["sequence"] == 59  # what came between is left out

@@ -195,13 +195,7 @@ def _modules(library: Any, seen: set[int]) -> Iterator[Any]:
 
 
 def linked_wrappers(entries: dict[str, tuple[Any, Signature]]) -> str:
-    """Return the LLVM code of all wrappers, not optimised, as text.
-
-    Parameters
-    ----------
-    entries : dict
-        Of each entry point, by the name of its wrapper, the kernel and its signature.
-    """
+    """Return the LLVM code of all wrappers, not optimised, as text."""
     with global_compiler_lock:
         seen: set[int] = set()
         whole = binding.parse_assembly("")

@@ -21,19 +21,7 @@ _COMPILE = ["-O2", "-std=c11", "-Wall", "-Wextra", "-fvisibility=hidden", "-fno-
 
 
 def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path:
-    """Return the extension module.
-
-    Parameters
-    ----------
-    target : Target
-        The system.
-    objects : list of Path
-        Compiled wrappers, an object for each set of instructions.
-    table : Path
-        C source of `entry_table`.
-    folder : Path
-        For what is made.
-    """
+    """Return the extension module."""
     extension = folder / target.extension
     compiled = []
     (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
@@ -56,15 +44,7 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
 
 
 def entry_table(wrappers: list[tuple[str, str, str]], digest: str) -> str:
-    """Return the C source of the table of wrappers.
-
-    Parameters
-    ----------
-    wrappers : list of tuple of str
-        Of each the set of instructions, the name, and the symbol.
-    digest : str
-        Of the sources.
-    """
+    """Return the C source of the table of wrappers."""
     lines = ['#include "entry_points.h"', ""]
     wrappers = [*wrappers, *((C_CODE, name, name) for name in _functions_in_c())]
     lines += [f"extern int {symbol}(void **, void **, int64_t);" for _, _, symbol in wrappers]

@@ -30,17 +30,7 @@ ALLOWED_UNDEFINED = {
 
 
 def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
-    """Return an object file of all wrappers, named after the set of instructions.
-
-    Parameters
-    ----------
-    code : str
-        As `front_end.linked_wrappers` gives it.
-    target : Target
-        The system.
-    instructions : Instructions
-        One of its sets.
-    """
+    """Return an object file of all wrappers, named after the set of instructions."""
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
     module = binding.parse_assembly(code)

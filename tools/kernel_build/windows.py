@@ -12,15 +12,7 @@ _EXTERNAL = 2
 
 
 def python_library(objects: list[Path], folder: Path) -> Path:
-    """Make the import library of all that objects ask of Python; return its path.
-
-    Parameters
-    ----------
-    objects : list of Path
-        Object files, COFF.
-    folder : Path
-        For what is made.
-    """
+    """Make the import library of all that objects ask of Python; return its path."""
     asked = {name.removeprefix(IMPORTED) for each in objects for name in undefined_symbols(each.read_bytes())}
     names = sorted(name for name in asked if name.startswith(("Py", "_Py")))
     definitions, library = folder / "python3.def", folder / "python3.lib"
@@ -33,13 +25,7 @@ def python_library(objects: list[Path], folder: Path) -> Path:
 
 
 def undefined_symbols(content: bytes) -> list[str]:
-    """Return the symbols that an object file, COFF, asks of others.
-
-    Parameters
-    ----------
-    content : bytes
-        Of the file.
-    """
+    """Return the symbols that an object file, COFF, asks of others."""
     start, count = _HEADER.unpack_from(content)
     names = content[start + _SYMBOL.size * count :]
     found, at = [], 0

@@ -7,7 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 import psutil
 
-from benchmarks.ticks.timing import REPEATS, TickLog, best_of, tick_all, time_calls, without_collector
+from benchmarks.ticks.timing import (
+    REPEATS,
+    TickLog,
+    best_of,
+    has_all_fingers,
+    tick_all,
+    time_calls,
+    without_collector,
+)
 from proximity import Scene, Tracker
 
 PEAK_BYTES_PER_FACE = 900
@@ -83,7 +91,7 @@ def time_ticks(
             tick_all(tracker, positions[:3], TickLog(), first=-3)
             tick_all(tracker, positions, log, before=before)
             logs.append(log)
-    is_whole = logs[0].is_whole()
+    is_whole = has_all_fingers(logs[0])
     return best_of(logs)[is_whole], np.stack(logs[0].work).sum(axis=1)[is_whole]
 
 

@@ -13,12 +13,8 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    FRAME_SCALE,
     LANES,
     NO_SLOT,
-    NODE_STRIDE,
-    PART_ROOT,
-    STACK_SIZE,
     STACKS_SIZE,
 )
 from proximity.kernels.ray.ray_lanes import scaled_direction
@@ -31,10 +27,10 @@ from proximity.kernels.ray.walk import (
     is_from_afar,
     open_boxes,
 )
-from proximity.kernels.stack_arrays import words_here
-from proximity.kernels.tree.traversal import NOTHING_WAITS, descend_in_order, next_open
-from proximity.native import kernel
-from proximity.native.simd import bits, load_int, splat32
+from proximity.kernels.stack_arrays import stack_f32
+from proximity.kernels.traverse.depth_first import depth_first, in_order
+from proximity.native import inlined, kernel
+from proximity.native.simd import splat32
 
 UNLIMITED = 10**9
 WHOLE_SCENE = 10.0  # m, as far as a tracker looks
@@ -71,43 +67,43 @@ def work_of_rays(scene: Scene, origins: np.ndarray, directions: np.ndarray) -> t
 @kernel
 def _count_rays(reals, words, frames, parts, origins, directions, work, lengths):
     """Fill what `_ray_steps` counts; lengths are inf where nothing is hit."""
-    stacks = words_here(STACKS_SIZE)
+    stacks = stack_f32(STACKS_SIZE)
     for i in range(len(origins)):
         x, y, z = to_local(frames, parts, 0, origins[i, 0], origins[i, 1], origins[i, 2])
         dx, dy, dz = scaled_direction(directions[i, 0], directions[i, 1], directions[i, 2])
         length = (dx * dx + dy * dy + dz * dz) ** 0.5
         dx, dy, dz = direction_to_local(frames, parts, 0, dx, dy, dz)
-        best, work[i] = _ray_steps(reals, words, parts[0, PART_ROOT], x, y, z, dx, dy, dz, stacks)
-        lengths[i] = best * length / frames[0, FRAME_SCALE]
+        best = _ray_steps(reals, words, parts[0].root, x, y, z, dx, dy, dz, stacks, work[i : i + 1])
+        lengths[i] = best * length / frames[0].scale
+
+
+@inlined
+def _open_children(words, base, query, reach):
+    query[3][0] += 1
+    return open_boxes(words, base, query[0], splat32(np.float32(0.0)), reach)
+
+
+@inlined
+def _first_in_leaf(reals, reference, query, best):
+    _, view, entry, steps = query
+    steps[0] += 1
+    found, first, _, _, _ = first_in_block(reals, BLOCK_STRIDE * ~reference, view, entry, best[1])
+    slot = LANES * ~reference + first
+    if first >= 0 and (found < best[1] or slot < best[2] or best[2] == NO_SLOT):
+        return bound_of_parameter(found, entry), found, slot
+    return best
+
+
+_walk = depth_first(_open_children, _first_in_leaf, in_order)
 
 
 @kernel
-def _ray_steps(reals, words, start, ox, oy, oz, dx, dy, dz, stacks):
-    """The traversal of `kernels.ray.walk.first_hit` with a counter: first parameter, and nodes and leaves."""
+def _ray_steps(reals, words, start, ox, oy, oz, dx, dy, dz, stacks, steps):
+    """The traversal of `kernels.ray.walk.first_hit` with a counter: first parameter; adds steps."""
     is_near, entry = True, 0.0
     if is_from_afar(ox, oy, oz):
         is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
     aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
-    best, best_slot, steps, at = np.inf, np.int64(NO_SLOT), np.int64(0), np.int64(0)
-    best32 = bound_of_parameter(best, entry) if is_near else np.float32(-1.0)
-    zero32 = splat32(np.float32(0.0))
-    reference = start
-    while True:
-        steps += 1
-        if reference >= 0:
-            base = NODE_STRIDE * reference
-            bounds, leaving, is_open = open_boxes(words, base, aim, zero32, best32)
-            if bits(is_open):
-                reference, at = descend_in_order(words, base, bounds, leaving, is_open, stacks, at)
-                continue
-        else:
-            block = ~reference
-            found, first, _, _, _ = first_in_block(reals, BLOCK_STRIDE * block, view, entry, best)
-            slot = LANES * block + first
-            if first >= 0 and (found < best or slot < best_slot or best_slot == NO_SLOT):
-                best, best_slot = found, slot
-                best32 = bound_of_parameter(best, entry)
-        at = next_open(stacks, np.int64(0), at, best32)
-        if at == NOTHING_WAITS:
-            return best, steps
-        reference = load_int(stacks, at + STACK_SIZE)
+    best32 = bound_of_parameter(np.inf, entry) if is_near else np.float32(-1.0)
+    best = best32, np.inf, np.int64(NO_SLOT)
+    return _walk(reals, words, start, (aim, view, entry, steps), best, stacks)[1]

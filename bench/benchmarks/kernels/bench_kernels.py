@@ -18,9 +18,6 @@ from proximity.kernels.layout import (
     LANES,
     NODE_CHILDREN,
     NODE_STRIDE,
-    PART_MOMENTS,
-    PART_NODE_COUNT,
-    PART_ROOT,
 )
 from proximity.kernels.segment.plan import PLAN_SIZE, PROBE_SIZE, make_plan
 from proximity.mesh.part_arrays import part_arrays
@@ -80,7 +77,7 @@ def make_operands():
     corners = np.empty((int(topology.corner_ids.max()) + 1, 3))
     corners[topology.corner_ids.ravel()] = vertices[faces.ravel()]
     model = assemble([part_arrays(corners, topology.corner_ids, topology.neighbors)], [Pose()])
-    nodes = NODE_STRIDE * (model.parts[0, PART_ROOT] + np.arange(model.parts[0, PART_NODE_COUNT]))
+    nodes = NODE_STRIDE * (model.parts["root"][0] + np.arange(model.parts["node_count"][0]))
     children = model.words.view(np.int32)[(nodes[:, None] + np.arange(NODE_CHILDREN, NODE_CHILDREN + LANES))]
     blocks = BLOCK_STRIDE * ~children[children < 0]
     blocks = [b for b in blocks if np.isfinite(model.reals[b : b + BLOCK_STRIDE]).all()]
@@ -157,7 +154,7 @@ def test_segment_kernel(timed, operands):
 def test_winding(timed, operands, contender, who):
     """A whole traversal: most points are far from most faces."""
     model, queries, found = operands.model, operands.rays[:WINDING_CALLS], np.empty(WINDING_CALLS)
-    root, moments = int(model.parts[0, PART_ROOT]), int(model.parts[0, PART_MOMENTS])
+    root, moments = int(model.parts["root"][0]), int(model.parts["moments"][0])
     run = partial(loops.winding_loop, operands.reals, operands.words, root, moments, queries, found)
     run()
     if who == "libigl":
@@ -165,7 +162,7 @@ def test_winding(timed, operands, contender, who):
         vertices, faces = cases.load_mesh(MESH)
         tree = igl.FastWindingNumberBVH()
         tree.init(vertices, faces, 2)
-        centre, scale = model.frames[0, 12:15], model.frames[0, 15]
+        centre, scale = model.frames["centre"][0], model.frames["scale"][0]
         run = partial(tree.winding_number, np.ascontiguousarray(queries[:, :3] / scale + centre), 2.0)
         error = np.abs(run() - found).max()
         assert error <= WINDING_ERROR, f"winding numbers are up to {error:.3f} apart"

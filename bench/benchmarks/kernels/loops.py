@@ -15,8 +15,8 @@ from proximity.kernels.layout import STACKS_SIZE
 from proximity.kernels.ray.walk import SLAB_MARGIN, aim_and_view, first_in_block, look_along, open_boxes
 from proximity.kernels.segment.walk import segment_block_distance_sq
 from proximity.kernels.sign.winding_number import winding_number
-from proximity.kernels.stack_arrays import words_here
-from proximity.kernels.tree.traversal import descend
+from proximity.kernels.stack_arrays import stack_f32
+from proximity.kernels.traverse.depth_first import to_nearest
 from proximity.native import kernel
 from proximity.native.simd import bits, horizontal_min, select, splat, splat32
 
@@ -91,7 +91,7 @@ def ray_boxes_loop(words, bases, queries, found):
 @kernel
 def node_loop(words, bases, queries, found):
     """A step of a traversal: bounds of a node, nearest child taken, the others pushed; their number."""
-    stacks = words_here(STACKS_SIZE)
+    stacks = stack_f32(STACKS_SIZE)
     best32 = splat32(np.float32(1.0))
     for i in range(len(bases)):
         x, y, z = np.float32(queries[i, 0]), np.float32(queries[i, 1]), np.float32(queries[i, 2])
@@ -99,7 +99,7 @@ def node_loop(words, bases, queries, found):
         is_open = bounds <= best32
         waiting = np.int64(-1)
         if bits(is_open):
-            _, waiting = descend(words, bases[i], bounds, is_open, stacks, np.int64(0))
+            _, waiting = to_nearest(words, bases[i], bounds, bounds, is_open, stacks, np.int64(0))
         found[i] = waiting
 
 

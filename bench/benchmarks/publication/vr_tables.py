@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.growth.plots import COLOURS, save
 from benchmarks.publication.wording import short_name, table
-from proximity.lab.certificate.vr_application import HEADINGS, PATHS, TICK_S, VrRow
+from benchmarks.service.vr_application import HEADINGS, PATHS, TICK_S, VrRow
 from proximity.lab.figures.style import LOOK
 
 Document = dict[str, Any]
@@ -45,7 +45,7 @@ def vr_sentence(document: Document) -> str:
         f"{1e6 * (native.idle_tick_p50 or 0.0):.0f} µs. "
         f"From a pose to its distances takes {1e3 * native.motion_to_distance_p50:.1f} ms, "
         f"and {1e3 * page.motion_to_distance_p50:.1f} ms over the web socket of the page (medians, "
-        f"{short_name(document['machine'])}; `proximity bench --vr` measures your part)."
+        f"{short_name(document['machine'])}; `python bench/vr.py PART` measures your part)."
     )
 
 

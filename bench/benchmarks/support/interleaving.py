@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.system.garbage_collector import collector_paused
+from proximity.system.memory import collector_paused
 
 ROUND_NS = 20_000_000  # a short call is repeated for about so long in every round
 MAX_CALL_COUNT = 200

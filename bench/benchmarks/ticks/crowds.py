@@ -9,6 +9,7 @@ from benchmarks.ticks.timing import (
     TickLog,
     TickRow,
     best_of,
+    remark_on,
     row_of,
     tick_all,
     time_calls,
@@ -53,7 +54,7 @@ def measure_moving(options) -> list[TickRow]:
                 runs[0],
                 best=best_of(runs),
                 verdicts=[at_most(f"moving: p99 of thread time, {name}", 100.0, p99)],
-                remarks=[runs[0].remark()] if name == "tick" else [],
+                remarks=[remark_on(runs[0])] if name == "tick" else [],
             )
         )
     return rows
@@ -100,7 +101,7 @@ def measure_skin(options) -> list[TickRow]:
 def _measure_skin(case, scene, positions, settings, words, options):
     if words != JUDGED_SKIN:
         log = _run_skin(scene, positions, settings, max(100, options.ticks // SHOWN_SHARE))
-        return row_of(case, scene, positions.shape[1], log, remarks=[log.remark()])
+        return row_of(case, scene, positions.shape[1], log, remarks=[remark_on(log)])
     logs = [_run_skin(scene, positions, settings, options.ticks) for _ in range(REPEATS)]
     p99 = np.percentile(logs[0].thread_ns, 99.0) / 1e3
     return row_of(
@@ -110,7 +111,7 @@ def _measure_skin(case, scene, positions, settings, words, options):
         logs[0],
         best=best_of(logs),
         verdicts=[at_most(f"{case}: p99 of thread time", 1000.0, p99)],
-        remarks=[logs[0].remark()],
+        remarks=[remark_on(logs[0])],
     )
 
 
@@ -189,7 +190,7 @@ def _measure_cavity(scene, name, radii, speed, options):
             bool(widths.max() < MOST_WIDTH),
         ),
     ]
-    remarks = [log.remark(), f"widest bracket by distance from the centre: {widest}"]
+    remarks = [remark_on(log), f"widest bracket by distance from the centre: {widest}"]
     best = best_of([run[0] for run in runs])
     return row_of(f"cavity: {name}", scene, len(radii), log, best=best, verdicts=verdicts, remarks=remarks)
 

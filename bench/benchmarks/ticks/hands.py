@@ -13,6 +13,8 @@ from benchmarks.ticks.timing import (
     TickLog,
     TickRow,
     best_of,
+    has_all_fingers,
+    remark_on,
     row_of,
     tick_all,
     time_calls,
@@ -65,14 +67,14 @@ def _measure_fingers(case, mesh, options):
         other.build(*mesh)
     runs = [_run_fingers(scene, options, other) for _ in range(REPEATS)]
     log, others, ratios = runs[0]
-    is_whole = log.is_whole()
+    is_whole = has_all_fingers(log)
     thread_us = np.array(log.thread_ns)[is_whole] / 1e3
     p50, p999 = np.percentile(thread_us, (50.0, 99.9))
     verdicts = [
         at_most(f"{case}: p50 of thread time", 10.0, p50),
         at_most(f"{case}: p99.9 of thread time", 50.0, p999),
     ]
-    remarks = [log.remark(), f"ticks whose five fingers were all seen; {len(log.wall_ns)} in all"]
+    remarks = [remark_on(log), f"ticks whose five fingers were all seen; {len(log.wall_ns)} in all"]
     if motions.missing_hands():
         remarks.append(f"recordings that are not here: {', '.join(motions.missing_hands())}")
     rows = []
@@ -147,7 +149,7 @@ def _measure_warm(case, scene, options, rise=0.0):
                 ratios[name].append(np.median(logs[name].thread_ns[begin:]) / warm)
     rows = []
     for name in names:
-        verdicts, remarks = [], [logs[name].remark()] if name != "closest" else []
+        verdicts, remarks = [], [remark_on(logs[name])] if name != "closest" else []
         if name != "warm":
             low, middle, high = np.percentile(ratios[name], (10, 50, 90))
             spread = f" ({low:.2f} to {high:.2f})"

@@ -1,6 +1,8 @@
-"""Rows of the table of ticks; calls are timed by ``proximity.lab.certificate.tick_times``."""
+"""Rows of the table of ticks; ticks are timed by ``proximity.lab.certificate.tick_times``."""
 
+import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import repeat
@@ -9,15 +11,9 @@ import numpy as np
 
 from benchmarks.support.verdicts import Verdict
 from benchmarks.ticks.scenes import face_count
-from proximity.lab.certificate.tick_times import (
-    Figures,
-    TickLog,
-    clock_cost,
-    figures_of,
-    tick_all,
-    time_calls,
-    without_collector,
-)
+from proximity.lab.certificate.tick_times import TickLog, tick_all, without_collector
+from proximity.message import ContactFlag
+from proximity.system.time_units import NS_PER_US
 
 __all__ = [
     "REPEATS",
@@ -27,6 +23,8 @@ __all__ = [
     "best_of",
     "clock_cost",
     "figures_of",
+    "has_all_fingers",
+    "remark_on",
     "row_of",
     "tick_all",
     "time_calls",
@@ -34,7 +32,25 @@ __all__ = [
 ]
 
 REPEATS = 3  # runs, of which the shortest time of each tick counts
+PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
+CLOCK_CALLS = 20_000
 TRIAL_COUNT = 100_000  # steps of the bare loop, to find out how many make a tick
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Percentiles of times."""
+
+    p50: float
+    p90: float
+    p99: float
+    p999: float
+    maximum: float
+
+
+def figures_of(nanoseconds: np.ndarray) -> Figures:
+    """Return percentiles in microseconds."""
+    return Figures(*(np.percentile(nanoseconds, PERCENTILES) / NS_PER_US).tolist())
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +68,42 @@ class TickRow:
     bare: Figures | None = None  # µs, thread time of a loop that only counts, as long as the middle tick
     verdicts: tuple[Verdict, ...] = ()
     remarks: tuple[str, ...] = ()  # sentences below the table
+
+
+def has_all_fingers(log: TickLog) -> np.ndarray:
+    """Return which ticks had all their fingers, (T,)."""
+    return np.asarray(((np.stack(log.flags) & ContactFlag.TRACKED) != 0).all(axis=1))
+
+
+def remark_on(log: TickLog) -> str:
+    """Return steps a tick, and what was known of the fingers, in words."""
+    work = np.stack(log.work).sum(axis=1)
+    p50, p99, most = np.percentile(work, (50, 99, 100))
+    kinds = (ContactFlag.IN_RANGE, ContactFlag.INSIDE, ContactFlag.SKIPPED, ContactFlag.BOUNDED)
+    shares = ", ".join(
+        f"{log.share(kind):.1%} {(kind.name or '').lower().replace('_', ' ')}" for kind in kinds
+    )
+    return f"steps a tick: p50 {p50:.0f}, p99 {p99:.0f}, most {most:.0f}; fingers: {shares}"
+
+
+def time_calls(calls: list[Callable[[], object]], log: TickLog) -> None:
+    """Time each of some calls once."""
+    thread, wall = time.thread_time_ns, time.perf_counter_ns
+    for call in calls:
+        thread_start = thread()
+        start = wall()
+        call()
+        end = wall()
+        thread_end = thread()
+        log.thread_ns.append(thread_end - thread_start)
+        log.wall_ns.append(end - start)
+
+
+def clock_cost() -> tuple[Figures, Figures]:
+    """Return what an empty call seems to take, µs: thread and wall."""
+    log = TickLog()
+    time_calls([lambda: None] * CLOCK_CALLS, log)
+    return figures_of(np.array(log.thread_ns)), figures_of(np.array(log.wall_ns))
 
 
 def best_of(logs: list[TickLog]) -> np.ndarray:

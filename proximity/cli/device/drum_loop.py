@@ -29,17 +29,21 @@ LOG_TITLES = (
     "target_rad", "target_force_N", "target_torque_Nm", "torque_cap_Nm", "motor_speed_cap_rad_s",
 )  # fmt: skip
 """Where a drum is and what its motor does; then what its controller wants."""
-DRUM_COLUMNS = (
-    "finger",
-    "drum",
-    "drum mm",
-    "angle °",
-    "finger mm",
-    "force N",
-    "torque mNm",
-    "touches",
-    "faults",
-)
+COLUMNS = {  # titles, and what stands below them
+    "finger": "{finger}",
+    "drum": "{state}",
+    "drum mm": "{drum_mm:.1f}",
+    "angle °": "{angle:.1f}",
+    "finger mm": "{finger_mm:.1f}",
+    "force N": "{force_n:.2f}",
+    "torque mNm": "{torque_mnm:.1f}",
+    "touches": "{touches}",
+    "faults": "{faults}",
+}
+LINE = "{finger}: {state}, drum at {drum_mm:.1f} mm ({angle:.1f}°), finger at {finger_mm:.1f} mm"
+LINE_OF_FORCE = LINE + ", {force_n:.2f} N by {torque_mnm:.1f} mNm"
+FOR_PEOPLE = ("angle", "force_n", "torque_mnm")
+"""Fields that JSON lacks: they are those of an instant."""
 OTHER_LINES = 5  # of a terminal, beside the fingers
 STYLES = {DrumState.RETRACTED: "green", DrumState.APPROACH: "yellow", DrumState.FAULT: "black on red"}
 TOUCHING_STYLE = "bold red"
@@ -130,30 +134,23 @@ def show_drums(screen: Screen, reading: Reading, bench: DrumBench) -> None:
 
 def line(reading: Reading, bench: DrumBench) -> str:
     """Return one line of text."""
-    fingers = [f"{i}: {', '.join(_words(finger))}" for i, finger in enumerate(bench.fingers)]
-    more = len(fingers) - LINE_FINGERS
-    shown = fingers[:LINE_FINGERS] + ([f"and {more} more"] if more > 0 else [])
-    return f"{time.strftime('%H:%M:%S')} {reading.state.name}: {'; '.join(shown) or 'no frame yet'}"
+    fingers = [
+        (LINE_OF_FORCE if finger.plant.force > 0.0 else LINE).format(**_fields(number, finger))
+        for number, finger in enumerate(bench.fingers[:LINE_FINGERS])
+    ]
+    more = len(bench.fingers) - LINE_FINGERS
+    shown = "; ".join([*fingers, *([f"and {more} more"] if more > 0 else [])])
+    return f"{time.strftime('%H:%M:%S')} {reading.state.name}: {shown or 'no frame yet'}"
 
 
 def table(reading: Reading, bench: DrumBench, row_count: int) -> Table:
     """Return what a terminal shows."""
     shown = Table(title=f"{reading.state.name}, {len(bench.fingers)} fingers", title_justify="left", box=None)
-    for name in DRUM_COLUMNS:
+    for name in COLUMNS:
         shown.add_column(name, justify="left" if name == "drum" else "right", no_wrap=True)
-    for i, finger in enumerate(bench.fingers[:row_count]):
-        plant = finger.plant
-        shown.add_row(
-            str(i),
-            Text(state_of(finger).value, style_of(finger)),
-            f"{MM_PER_M * plant.position:.1f}",
-            f"{math.degrees(plant.angle):.1f}",
-            f"{MM_PER_M * finger.path.position(finger.bend):.1f}",
-            f"{plant.force:.2f}",
-            f"{MM_PER_M * plant.torque:.1f}",
-            str(finger.touches),
-            str(finger.faults),
-        )
+    for number, finger in enumerate(bench.fingers[:row_count]):
+        fields, styles = _fields(number, finger), {"drum": style_of(finger)}
+        shown.add_row(*(Text(cell.format(**fields), styles.get(name, "")) for name, cell in COLUMNS.items()))
     return shown
 
 
@@ -172,22 +169,9 @@ def short_words(finger: FingerBench) -> Text:
 def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> dict[str, Any]:
     """Return what became of the drums, for JSON."""
     fingers = [
-        {
-            "finger": i,
-            "state": state_of(finger).value,
-            "drum_mm": round(MM_PER_M * finger.plant.position, 3),
-            "drum_rad": round(finger.plant.angle, 5),
-            "finger_mm": round(MM_PER_M * finger.path.position(finger.bend), 3),
-            "has_bend": finger.has_bend,
-            "touches": finger.touches,
-            "peak_force_n": round(finger.peak_force, 4),
-            "peak_torque_nm": round(finger.peak_torque, 6),
-            "faults": finger.faults,
-            "dropped": int(finger.controller.frames.dropped),
-            "awaited": int(finger.controller.frames.awaited),
-            "samples": dict(finger.samples),
-        }
-        for i, finger in enumerate(bench.fingers)
+        {name: value for name, value in _fields(number, finger).items() if name not in FOR_PEOPLE}
+        | {"samples": dict(finger.samples)}  # grows while the drums run, so only here
+        for number, finger in enumerate(bench.fingers)
     ]
     return {
         "address": address,
@@ -199,6 +183,28 @@ def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> d
     }
 
 
+def _fields(number: int, finger: FingerBench) -> dict[str, Any]:
+    """What is reported of a finger: lengths in mm, angles in radians and, for people, in degrees."""
+    plant, frames = finger.plant, finger.controller.frames
+    return {
+        "finger": number,
+        "state": state_of(finger).value,
+        "drum_mm": round(MM_PER_M * plant.position, 3),
+        "drum_rad": round(plant.angle, 5),
+        "angle": math.degrees(plant.angle),
+        "finger_mm": round(MM_PER_M * finger.path.position(finger.bend), 3),
+        "force_n": plant.force,
+        "torque_mnm": MM_PER_M * plant.torque,
+        "has_bend": finger.has_bend,
+        "touches": finger.touches,
+        "peak_force_n": round(finger.peak_force, 4),
+        "peak_torque_nm": round(finger.peak_torque, 6),
+        "faults": finger.faults,
+        "dropped": int(frames.dropped),
+        "awaited": int(frames.awaited),
+    }
+
+
 def state_of(finger: FingerBench) -> DrumState:
     """Return what a drum does; retracted before its first sample."""
     return DrumState.RETRACTED if finger.action is None else finger.action.state
@@ -207,20 +213,6 @@ def state_of(finger: FingerBench) -> DrumState:
 def style_of(finger: FingerBench) -> str:
     """Return how a drum's state is shown."""
     return STYLES.get(state_of(finger), TOUCHING_STYLE)
-
-
-def _words(finger: FingerBench) -> list[str]:
-    plant = finger.plant
-    reported = [
-        state_of(finger).value,
-        f"drum at {MM_PER_M * plant.position:.1f} mm ({math.degrees(plant.angle):.1f}°)",
-        f"finger at {MM_PER_M * finger.path.position(finger.bend):.1f} mm",
-    ]
-    return (
-        [*reported, f"{plant.force:.2f} N by {MM_PER_M * plant.torque:.1f} mNm"]
-        if plant.force > 0.0
-        else reported
-    )
 
 
 class DrumLog:

@@ -56,12 +56,6 @@ def bench(
             show_default=False,
         ),
     ] = None,
-    vr: Annotated[
-        bool,
-        typer.Option(
-            "--vr", help="Measure whole VR applications instead, from the pose of a hand to its distances."
-        ),
-    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")] = False,
     units: UNITS = "mm",
 ) -> None:
@@ -79,21 +73,11 @@ def bench(
     waking count here. With --gate the exit code is 1 if the scene does not fit PERIOD. The page
     requires jinja2 and matplotlib.
 
-    --vr measures two VR applications instead: one that publishes poses and subscribes to frames in
-    shared memory, and the one that proximity view runs, without drawing. Poses come at 90 and 120 Hz
-    for five and ten fingers, ticks at 1 kHz.
-
     Examples:
       proximity bench meshes/bracket.stl
       proximity bench cell.toml --gate 1ms --out cell-latency.html
-      proximity bench part.step --vr
       proximity bench gearbox.step --recording grab.csv --gate 5kHz --json > latency.json
     """
-    if vr:
-        from proximity.cli.lab.bench_report import time_applications
-
-        time_applications([str(scene)], recording, seconds, units, as_json=as_json)
-        return
     from proximity.cli import progress
     from proximity.cli.lab import bench_report
     from proximity.lab import certificate

@@ -1,24 +1,14 @@
-"""The terminal reports of ``proximity bench``: a latency certificate, and times of VR applications."""
+"""The terminal report of ``proximity bench``: a latency certificate."""
 
-import itertools
-import json
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
-import typer
 from rich.table import Table
 
-from proximity.cli import progress
-from proximity.cli.options import sample
 from proximity.cli.output import block, print_block, printable
-from proximity.cli.tables import print_fitting, results_console, table, table_of
+from proximity.cli.tables import results_console, table
 from proximity.lab.certificate import wording
-from proximity.lab.certificate.vr_application import HEADINGS, PATHS, VrCase, VrRow, measure
 from proximity.lab.certificate.wording import microseconds, percent
-from proximity.recording import read_recording
 
 HASH_DIGITS = 16
 SCENE = (
@@ -40,8 +30,6 @@ VERDICTS = (
     ("scene verdict", "{verdict.sentence}"),
     ("machine verdict", "{machine_verdict.sentence}"),
 )
-POSE_RATES_HZ = (90.0, 120.0)
-FINGER_COUNTS = (5, 10)
 
 
 def write(reported: dict[str, Any]) -> None:
@@ -95,34 +83,3 @@ def _times(reported: dict[str, Any]) -> Table:
         shares = (percent(row["share"]["p999"]) for row in periods)
         rows.add_row(name, *(microseconds(times[key]) for key in wording.WORDS), *shares)
     return rows
-
-
-def time_applications(
-    files: list[str], recording: Path | None, seconds: float, units: str, *, as_json: bool
-) -> None:
-    """Time VR applications from pose to distance, and print a table, or a document with times in s."""
-    progress.prepare_kernels()
-    hand = read_recording(sample("hand.csv") if recording is None else recording)
-    rows: list[VrRow] = []
-    cases = list(itertools.product(PATHS, POSE_RATES_HZ, FINGER_COUNTS))
-    for number, (path, rate, fingers) in enumerate(cases, start=1):
-        case = VrCase(path, rate, fingers, seconds=seconds)
-        with progress.spinner(f"{path}, {fingers} fingers at {rate:g} Hz, application") as count:
-            count(number, len(cases))
-            rows.append(measure(files, case, hand, units=units))
-    if as_json:
-        typer.echo(json.dumps([asdict(row) for row in rows], indent=2))
-    else:
-        print_applications(rows)
-
-
-def print_applications(rows: Sequence[VrRow]) -> None:
-    """Print a table with a row for each application, or with a column where a terminal is narrow."""
-    typer.echo("Ticks at 1 kHz")
-    across = [HEADINGS, *(row.cells for row in rows)]
-    down = list(zip(*across, strict=True))
-    drawn = [
-        table_of([(title, column > 0) for column, title in enumerate(head)], body)
-        for head, *body in (across, down)
-    ]
-    print_fitting(results_console(), drawn)

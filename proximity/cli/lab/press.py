@@ -12,7 +12,7 @@ from proximity.decaff.glove.finger import Finger
 from proximity.formats import metres_per_unit
 from proximity.lab import part_press
 from proximity.lab.engine.engine_setup import Distances, EngineSetup
-from proximity.lab.figures import captions, press_plots
+from proximity.lab.figures import press_plots, style
 from proximity.lab.simulation import simulated_press
 from proximity.lab.simulation.devices import COUPLED_DEVICE
 from proximity.lab.simulation.metrics import drum_offset
@@ -87,7 +87,7 @@ def simulate_press_on_part(
         press = part_press.simulate_on_part(scene, reported, at=at, speed=setup.speed, recording=recorded)
         if out is not None:
             noted = [f"{name} {words}" for name, words in part_press.describe(press) if name in NOTED]
-            note = f"{'; '.join(noted)}. {captions.hand_words(press.engine.response.hand)}"
+            note = f"{'; '.join(noted)}. {style.hand_words(press.engine.response.hand)}"
             press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF, note)
     if as_json:
         write_document(part_press.document(press))

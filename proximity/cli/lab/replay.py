@@ -70,6 +70,17 @@ class Placement:
             return proximity.Pose(rotation, origin)
         return fitted_pose(scene, recorded, radius, rotation=rotation, scale=self.scale)
 
+    def report(self, pose: "proximity.Pose", metres: float) -> dict[str, Any]:
+        """Return the part of the report about them, in the user's unit."""
+        from proximity.cli.lengths import in_units
+
+        return {
+            "is_fitted": self.place is None,
+            "position": in_units(pose.translation, metres).tolist(),
+            "turn_degrees": list(self.turn),
+            "scale": self.scale,
+        }
+
 
 @dataclass(frozen=True, slots=True)
 class TrackerOptions:
@@ -116,6 +127,18 @@ class TrackerOptions:
             "working_range": working_range,
         }
 
+    def report(self, settings: dict[str, Any], metres: float) -> dict[str, Any]:
+        """Return the part of the report about them, in the user's unit."""
+        from proximity.cli.lengths import in_unit
+
+        return {
+            "rate_hz": self.rate,
+            "radius": in_unit(settings["radius"], metres),
+            "latency_ms": self.latency,
+            "budget": self.budget,
+            "working_range": in_unit(settings["working_range"], metres),
+        }
+
 
 @with_option_groups
 def replay(
@@ -155,7 +178,6 @@ def replay(
     check_range(1.0 if limit is None else limit, "--limit", "seconds", 1e-3, 1e9)
     from proximity.cli import progress
     from proximity.cli.lab import replay_report
-    from proximity.cli.lengths import in_unit, in_units
     from proximity.formats import metres_per_unit
     from proximity.recording import check_log_name, read_recording, write_contacts
     from proximity.tracker.replay import replay, summarise
@@ -187,19 +209,8 @@ def replay(
             write_contacts(out, run.contacts, ticked.times_ns, ticked.fingers)
     ended = {
         **replay_report.inputs(scene, str(file), recorded, units),
-        "placement": {
-            "is_fitted": placement.place is None,
-            "position": in_units(pose.translation, metres).tolist(),
-            "turn_degrees": list(placement.turn),
-            "scale": placement.scale,
-        },
-        "settings": {
-            "rate_hz": tracker.rate,
-            "radius": in_unit(settings["radius"], metres),
-            "latency_ms": tracker.latency,
-            "budget": tracker.budget,
-            "working_range": in_unit(settings["working_range"], metres),
-        },
+        "placement": placement.report(pose, metres),
+        "settings": tracker.report(settings, metres),
         **replay_report.results(summary, metres),
         "out": None if out is None else str(out),
     }

@@ -126,8 +126,8 @@ def _jobs() -> "dict[str, Job]":
 def _write_page(folder: Path, out: Path | None) -> None:
     from proximity.cli import progress
     from proximity.errors import ServiceError
-    from proximity.lab.sweep.page.study_page import study_page
     from proximity.lab.sweep.study_file import read_study
+    from proximity.lab.sweep.study_page import study_page
     from proximity.system.whole_file import whole_file
 
     source = folder / "study.toml"
@@ -144,8 +144,8 @@ def _write_page(folder: Path, out: Path | None) -> None:
 def _repeat(study: "Study", out: Path, key: str) -> None:
     from proximity.cli.output import MISSING, print_block
     from proximity.cli.tables import results_console, table
-    from proximity.lab.sweep.page.study_page import shown
-    from proximity.lab.sweep.repetition import repeat
+    from proximity.lab.sweep.condition_run import repeat
+    from proximity.lab.sweep.study_page import shown
 
     found = repeat(study, out, key)
     console = results_console()
@@ -162,7 +162,7 @@ def _repeat(study: "Study", out: Path, key: str) -> None:
 
 
 def _digits(value: Any) -> str:
-    from proximity.lab.sweep.page.study_page import shown
+    from proximity.lab.sweep.study_page import shown
 
     return f"{value:.9g}" if isinstance(value, float) else shown(value)
 

@@ -11,6 +11,7 @@ import math
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -61,14 +62,11 @@ class Field:
         return number(round(value, DIRECTION_DECIMALS) if self.axes else value, digits)
 
 
-def _text(title: str, label: str = "", width: int = -len("outside")) -> Field:
-    return Field(title, label, width=width, is_text=True)
-
-
+_text = partial(Field, width=-len("outside"), is_text=True)
 FIELDS = {
-    "name": _text("name", "name", -12),
-    "start_name": _text("start_name", "start name", -12),
-    "end_name": _text("end_name", "end name", -12),
+    "name": _text("name", "name", width=-12),
+    "start_name": _text("start_name", "start name", width=-12),
+    "end_name": _text("end_name", "end name", width=-12),
     "query": Field(axes="xyz", is_length=True),
     "origin": Field(axes="xyz", is_length=True),
     "direction": Field(axes="xyz"),
@@ -86,7 +84,7 @@ FIELDS = {
     "normal": Field("normal_", "normal", axes="xyz"),
     "part": Field(),
     "part_name": _text("part", "part"),
-    "face": _text("face", "face", COUNT_WIDTH),
+    "face": _text("face", "face", width=COUNT_WIDTH),
     "face_id": Field(),
     "feature": _text("on", "on"),
     "barycentric": Field(axes="012"),
@@ -264,7 +262,8 @@ def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, st
     if answer["face"] is None:
         yield "distance", _why_nothing(question.mode, answer)
     elif is_closest:
-        yield "sign", question.sign_of(answer["part"])
+        solid = question.scene.parts[answer["part"]].solid
+        yield "sign", f"{solid.sign_method.value}: {solid.sign_reason}"
 
 
 def _reported(name: str, answer: dict[str, Any], units: str) -> str:

@@ -47,6 +47,7 @@ class Question:
         self.mode = "segment" if is_segment else "closest" if direction is None else "ray"
         self._direction = direction
         self._bounds = in_units(np.array(scene.bounds), metres)
+        self._size = float((self._bounds[1] - self._bounds[0]).max())
         self._asked, self._far_count, self._farthest = 0, 0, 0.0
 
     def answers(self, chunks: Iterable[Points]) -> Iterator[Answers]:
@@ -126,11 +127,6 @@ class Question:
             for name, values in ids.items()
         }
 
-    def sign_of(self, part: int) -> str:
-        """Return how the sign of a part is known."""
-        solid = self.scene.parts[part].solid
-        return f"{solid.sign_method.value}: {solid.sign_reason}"
-
     def write_notes_on_sizes(self) -> None:
         """Say on stderr if the file is probably in another unit."""
         for note in notes_on_sizes(self.scene):
@@ -146,10 +142,6 @@ class Question:
         self._asked += len(points)
         self._far_count += len(distances)
         self._farthest = max([self._farthest, *distances])
-
-    @property
-    def _size(self) -> float:
-        return float((self._bounds[1] - self._bounds[0]).max())
 
     def write_note_on_far_points(self) -> None:
         """Say on stderr how many points were much farther away than the scene is large."""

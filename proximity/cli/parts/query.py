@@ -11,7 +11,7 @@ import typer
 from proximity.cli.options import FILE, Reading, with_option_groups
 from proximity.cli.output import report
 from proximity.cli.parts.points import Points, finite_number, read_points
-from proximity.system.garbage_collector import collector_paused
+from proximity.system.memory import collector_paused
 
 POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from proximity.cli.output import counted
 from proximity.cli.service.finger_view import FLAG_LETTERS, finger_cells, finger_words, is_tracked, ruler
-from proximity.message import Flaw, State
+from proximity.message import Defect, State
 from proximity.transport import Counts, Reading
 
 NS_IN_MS = 1e6
@@ -162,7 +162,7 @@ def _meaning(reading: Reading, seen: Seen) -> str:
         return MEANINGS[reading.state]
     if seen.counts.unverified and seen.rate_hz == 0.0:
         return f"messages are not verified by the key of {seen.address}, expected the publisher's key"
-    if reading.header is None and seen.counts.flawed[Flaw.SIZE]:
+    if reading.header is None and seen.counts.flawed[Defect.SIZE]:
         return (
             "messages have another length than they declare: if they are sent with a key, add ?key=FILE "
             "here as well"

@@ -126,6 +126,7 @@ class Session:
             is_simulated=self.bench.instruments.is_simulated,
             drum_inertia=self._measured(FREE, "inertia"),
             drum_friction=self._measured(FREE, "friction"),
+            drum_latency=self._measured(FREE, "latency"),
             design=glove,
         )
         CalibratedGlove(glove, made)
@@ -178,7 +179,7 @@ def _quantities(bench: Bench) -> list[_Quantity]:
          drum.mass, no),
         ("drum_friction", "drum friction", "mN", 1e3, FREE, value("friction", 1.0 / lever),
          drum.friction, no),
-        ("drum_latency", "drum latency", "ms", 1e3, FREE, value("latency"), math.nan, no),
+        ("drum_latency", "drum latency", "ms", 1e3, FREE, value("latency"), drum.motor.latency, no),
         ("drum_resolution", "encoder step", "µm", 1e6, FREE, value("step", lever),
          drum.resolution, value("step_error", lever)),
         ("cable_stiffness", "cable spring", "N/mm", 1e-3, HELD,

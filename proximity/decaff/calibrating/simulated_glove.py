@@ -52,7 +52,7 @@ class SimulatedGlove:
             design.cable,
             hand_pulley=design.cable.hand_pulley * random.uniform(0.95, 1.05),
             stiffness=random.uniform(12e3, 30e3),
-            backlash=random.uniform(0.05e-3, 0.3e-3),
+            backlash=design.cable.backlash + random.uniform(0.05e-3, 0.3e-3),
         )
         motor = replace(
             design.motor,
@@ -64,7 +64,7 @@ class SimulatedGlove:
         self._drum = replace(design.tip_drum(HELD_BEND), motor=motor)  # its mass is counted by the design
         self._mounted = random.uniform(-0.1, 0.1)
         self._latency = random.uniform(2e-3, 12e-3)
-        self._drum_latency = random.uniform(0.3e-3, 1.5e-3)
+        self._drum_latency = design.motor.latency + random.uniform(0.3e-3, 1.5e-3)
         self._random, self._asked = random, ""
         self._bend = self._block_error = 0.0
 

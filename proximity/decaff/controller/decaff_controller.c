@@ -99,28 +99,48 @@ static decaff_real length_of(decaff_real x, decaff_real y, decaff_real z)
 
 /* --- the finger's path --- */
 
+/* The last row before x; beyond the ends the first, and the last but one. Of even rows, as bends are, at once. */
+static size_t row_of(decaff_real x, const decaff_real *xs, size_t count)
+{
+    size_t low = 0u, high = count - 1u;
+    decaff_real share = (x - xs[0]) / (xs[high] - xs[0]) * (decaff_real)high;
+
+    if ((share > 0.0) && (share < (decaff_real)high)) {
+        size_t even = (size_t)share;
+
+        if (x < xs[even]) {
+            high = even;
+        } else {
+            low = even;
+            high = (x < xs[even + 1u]) ? (even + 1u) : high;
+        }
+    }
+    while ((high - low) > 1u) {
+        size_t middle = low + ((high - low) / 2u);
+
+        if (x < xs[middle]) {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    return low;
+}
+
 /* The line through two neighbours; beyond the ends the last value, and of NaN NaN. */
 static decaff_real between(decaff_real x, const decaff_real *xs, const decaff_real *ys, size_t count)
 {
-    size_t low = 0u, high = count - 1u;
     decaff_real y;
 
     if (x <= xs[0]) {
         y = ys[0];
-    } else if (x >= xs[high]) {
-        y = ys[high];
+    } else if (x >= xs[count - 1u]) {
+        y = ys[count - 1u];
     } else if (!is_finite(x)) {
         y = x;
     } else {
-        while ((high - low) > 1u) {
-            size_t middle = low + ((high - low) / 2u);
+        size_t low = row_of(x, xs, count);
 
-            if (x < xs[middle]) {
-                high = middle;
-            } else {
-                low = middle;
-            }
-        }
         y = ys[low] + ((ys[low + 1u] - ys[low]) * ((x - xs[low]) / (xs[low + 1u] - xs[low])));
     }
     return y;
@@ -149,13 +169,11 @@ decaff_real decaff_drum_position(const decaff_path *path, decaff_real angle)
 /* Metres of fingertip to a radian of the motor, by the slope of the path at a drum angle; also the N m of a newton. */
 static decaff_real motor_lever(const decaff_path *path, decaff_real angle)
 {
-    decaff_real least = path->angles[0] + DECAFF_LEVER_STEP;
-    decaff_real most = path->angles[path->count - 1u] - DECAFF_LEVER_STEP;
-    decaff_real middle = lesser(greater(angle, least), most);
-    decaff_real along = decaff_drum_position(path, middle + DECAFF_LEVER_STEP)
-                        - decaff_drum_position(path, middle - DECAFF_LEVER_STEP);
+    size_t row = row_of(angle, path->angles, path->count);
+    decaff_real along = path->positions[row + 1u] - path->positions[row];
 
-    return along / (2.0 * DECAFF_LEVER_STEP * path->settings->drum_ratio);
+    along /= (path->angles[row + 1u] - path->angles[row]) * path->settings->drum_ratio;
+    return isnan(angle) ? angle : along;
 }
 
 static decaff_real retracted(const decaff_path *path)
@@ -810,7 +828,7 @@ void decaff_displayed(const decaff_settings *set, decaff_real stiffness, decaff_
     *b = lesser(usable(damping), DECAFF_DAMPING_SHARE * own);
     /* Colgate: K T/2 + K T c - B (2 c c - 1) is the device's own at most, of every cosine c. */
     most = (own >= (5.0 * *b)) ? ((own + *b) / 1.5) : (sqrt(*b * ((8.0 * own) - (4.0 * *b))) - (2.0 * *b));
-    *k = lesser(usable(stiffness), most / set->period);
+    *k = lesser(usable(stiffness), most / (set->period + (set->drum_latency / 1.5)));
 }
 
 /* The force of a surface along the finger's path, N. */
@@ -1020,13 +1038,19 @@ static void mark_late(decaff_controller *finger, decaff_real drum, bool may_begi
     }
 }
 
+/* At which rotor and gear have the energy of a bump near the finger, m/s, at the lever where the drum stands. */
+static decaff_real near_speed(const decaff_controller *finger)
+{
+    return finger->path->settings->near_motor_speed * finger->motor_lever;
+}
+
 /* How fast the drum may come towards the finger: near it, with little energy; farther, so that it can brake
  * until there. */
 static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap)
 {
     const decaff_settings *set = finger->path->settings;
     decaff_real coming = greater(0.0, finger->speed); /* while the drum brakes, the finger goes on */
-    decaff_real slowest = coming + greater(0.0, set->near_speed - finger->speed);
+    decaff_real slowest = coming + greater(0.0, near_speed(finger) - finger->speed);
     decaff_real free_gap = greater(0.0, gap - set->near_gap);
     decaff_real braked = sqrt((slowest * slowest) + (set->unbraked_speed * set->unbraked_speed)
                               + (2.0 * set->braking * free_gap))
@@ -1185,7 +1209,7 @@ static void follow_contact(decaff_controller *finger, const decaff_observation *
     if (finger->is_following && frames->has_location && (finger->trust == DECAFF_TRUST_FRESH)) {
         decaff_real position = lesser(predicted_position(frames, finger->path, seen->now_ns), retracted(finger->path));
 
-        finger->target = greater(finger->target - (set->near_speed * elapsed),
+        finger->target = greater(finger->target - (near_speed(finger) * elapsed),
                                  lesser(finger->target + (set->max_speed * elapsed), position));
         if ((magnitude(finger->target - position) < set->touch_gap)
             && (decaff_time_between(finger->moved_ns, seen->sample_ns) > DECAFF_FOLLOW_NS)) {

@@ -75,7 +75,6 @@ extern "C" {
 #define DECAFF_LEAST_INCIDENCE 0.3            /* of a part that is followed: flatter, it slides; assumed */
 #define DECAFF_FOLLOW_NS INT64_C(50000000)    /* so long a drum still goes where a part that stopped is */
 #define DECAFF_SLOPE_BEND 1e-3                /* of the path, by which its slope is taken */
-#define DECAFF_LEVER_STEP 2e-4                /* rad, over which the drum's lever is taken */
 #define DECAFF_MOST_FORCE 1000.0              /* N: no sensor of a finger measures more; assumed */
 #define DECAFF_COOL_HEAT 0.81                 /* of a motor, from which on it has its force again */
 #define DECAFF_LARGEST_POSITION_ERROR 5e-3    /* m: less certain a contact does not come nearer; assumed */
@@ -149,7 +148,7 @@ typedef struct decaff_settings {
     decaff_real late_force;          /* N, likewise */
     decaff_real late_gap;            /* m, that counts as being there */
     decaff_real near_gap;            /* m: nearer, the energy of a bump is limited */
-    decaff_real near_speed;          /* m/s, at which the drum has that energy */
+    decaff_real near_motor_speed;    /* rad/s of the motor's shaft, at which rotor and gear have that energy */
     decaff_real continuous_force;    /* N at the fingertip */
     decaff_real peak_force;          /* N at the fingertip */
     decaff_real force_time;          /* s, over which a force is continuous */
@@ -183,11 +182,13 @@ typedef struct decaff_settings {
     decaff_real servo_smoothing_share; /* of the low-pass of what the motor does */
     decaff_real drum_force_limit;    /* N at the fingertip */
     decaff_real drum_ratio;          /* turns of the motor to one of the drum */
+    decaff_real drum_latency;        /* s, from a torque that is commanded to one that acts */
     decaff_real motor_torque;        /* N m at its shaft, at most */
     decaff_real motor_speed;         /* rad/s at its shaft, at most */
 } decaff_settings;
 
-/* The bound of passivity of surfaces is that of one sample of delay: what the servo computes acts then. */
+/* The bound of passivity of surfaces is that of one sample of delay, when what the servo computes acts, and of the
+ * drum's latency. */
 
 /* Why the motor is off. */
 enum decaff_fault {

@@ -37,7 +37,8 @@ class ControllerSettings:
     def record(self) -> tuple[Any, np.ndarray]:
         """Return them as the C code has them: a record, and its bytes."""
         _, record, content = memory(SETTINGS)
-        for name, number in (self._of_rules() | self._of_motion() | self._of_servo()).items():
+        servo = self.servo or servo_for(self.drum, self.rate)
+        for name, number in (self._of_rules() | self._of_motion(servo) | self._of_servo(servo)).items():
             record[name] = number
         return record, content
 
@@ -47,12 +48,13 @@ class ControllerSettings:
         numbers |= {name: getattr(handover, name) for name in ("lost_force", "lost_time", "lost_distance")}
         return numbers | steady_numbers(self.rate, handover.rule) | {"period": 1.0 / self.rate}
 
-    def _of_motion(self) -> dict[str, float]:
-        braking = BRAKING_SHARE * self.drum.acceleration
+    def _of_motion(self, servo: Servo) -> dict[str, float]:
+        braking = BRAKING_SHARE * servo.acceleration
+        lag = 1.0 / self.rate + SERVO_LAG + self.drum.motor.latency
         return {
-            "near_speed": self.limits.near_speed(self.drum.mass),
+            "near_motor_speed": self.limits.near_speed(self.drum.mass) * self.drum.turn,
             "braking": braking,
-            "unbraked_speed": braking * (1.0 / self.rate + SERVO_LAG),
+            "unbraked_speed": braking * lag,
             "speed_decay": 2.0 * math.pi * SPEED_CUTOFF,
             "heat_force": self.drum.continuous_force,
             "heat_time": self.drum.motor.heating_time,
@@ -60,13 +62,14 @@ class ControllerSettings:
             "cable_decay": 2.0 * math.pi * self.cable.smoothing,
         }
 
-    def _of_servo(self) -> dict[str, float]:
-        servo, drum = self.servo or servo_for(self.drum, self.rate), self.drum
+    def _of_servo(self, servo: Servo) -> dict[str, float]:
+        drum = self.drum
         return {f"servo_{name}": getattr(servo, name) for name in OF_SERVO} | {
             "servo_integral": servo.stiffness / servo.integral_time,
             "servo_smoothing_share": low_pass(servo.smoothing, servo.period),
             "drum_force_limit": drum.force_limit,
             "drum_ratio": drum.gear.ratio,
+            "drum_latency": drum.motor.latency,
             "motor_torque": drum.motor_torque(math.inf),
             "motor_speed": drum.motor_speed(math.inf),
         }

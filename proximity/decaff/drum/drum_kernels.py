@@ -2,7 +2,8 @@
 
 All is given at the fingertip: masses in kg, positions in m. A positive position is away from the finger, and
 a positive motor force pushes there; to press on the finger the motor pulls. The servo acts one sample late:
-what it computes from a measurement is applied from the next sample on.
+what it computes from a measurement is applied from the next sample on. A drum with a latency applies it later
+still: behind the memory of a drive lie the forces that are under way, one a step of the plant.
 """
 
 from math import exp, floor, inf, pi, sqrt
@@ -67,7 +68,8 @@ DRIVE_FORCE_REFERENCE = 8  # N
 DRIVE_LAST_MODE = 9
 DRIVE_SMOOTHED = 10  # N, what the motor did of late
 DRIVE_FORCE = 11  # N, of the motor: what its current makes of the applied one
-DRIVE_SIZE = 12
+DRIVE_NEXT = 12  # which of the forces under way is due
+DRIVE_SIZE = 13
 
 
 @inlined
@@ -109,9 +111,21 @@ def pushed(
 
 
 @inlined
+def arrived(drive: np.ndarray) -> float:
+    """Force of the servo that takes effect in this step, N; the one that it applies now gets under way."""
+    count = drive.shape[0] - DRIVE_SIZE
+    if count == 0:
+        return drive[DRIVE_APPLIED]
+    due = DRIVE_SIZE + int(drive[DRIVE_NEXT])
+    force, drive[due] = drive[due], drive[DRIVE_APPLIED]
+    drive[DRIVE_NEXT] = 0.0 if due + 1 == drive.shape[0] else drive[DRIVE_NEXT] + 1.0
+    return force
+
+
+@inlined
 def push_drum(drum: np.ndarray, drive: np.ndarray, contact: float, step: float) -> None:
     """Move the drum by a step under its motor and the link's *contact* force."""
-    force = current_force(drum, drive[DRIVE_APPLIED], drive[DRIVE_FORCE], drive[DRIVE_SPEED], step)
+    force = current_force(drum, arrived(drive), drive[DRIVE_FORCE], drive[DRIVE_SPEED], step)
     drive[DRIVE_FORCE] = force
     drive[DRIVE_POSITION], drive[DRIVE_SPEED] = pushed(
         drum, force, contact, drive[DRIVE_POSITION], drive[DRIVE_SPEED], step
@@ -240,12 +254,18 @@ def rest_drum(drum: np.ndarray, drive: np.ndarray, where: float) -> None:
     drive[DRIVE_LAST_MODE] = MODE_POSITION
 
 
-@entry("float64[:], float64[:], float, int, float, float64[:]", makes_arrays=True)
+@entry("float64[:], float64[:], float64[:], float, int, float, float64[:]", makes_arrays=True)
 def move_drum(
-    drum: np.ndarray, servo: np.ndarray, target: float, steps: int, step: float, positions: np.ndarray
+    drum: np.ndarray,
+    servo: np.ndarray,
+    drive: np.ndarray,
+    target: float,
+    steps: int,
+    step: float,
+    positions: np.ndarray,
 ) -> None:
     """A drum from rest at 0 to a target, with nothing in its path; *steps* of the plant to a sample."""
-    drive, command = np.zeros(DRIVE_SIZE), np.zeros(COMMAND_SIZE)
+    command = np.zeros(COMMAND_SIZE)
     rest_drum(drum, drive, 0.0)
     command[COMMAND_MODE], command[COMMAND_TARGET], command[COMMAND_SPEED_CAP], command[COMMAND_FORCE_CAP] = (
         MODE_POSITION,

@@ -1,12 +1,12 @@
 """Servo of a drum: a position loop with a shaped reference, or a force, sample by sample.
 
 The servo holds the drum where it should be, as a sampled wall would; what bounds such a wall bounds its
-stiffness (science/drum.md). It acts one sample late. Its reference is never faster than the drum can follow
-and still stop.
+stiffness (science/drum.md). It acts one sample late, and later still by the motor's latency. Its reference is
+never faster than the drum can follow and still stop.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from proximity.errors import ArgumentError
 
 SERVO_RATE = 3000.0  # Hz, where nothing else is said; assumed
 DEADBAND_COUNTS = 0.5  # of the encoder
+MOST_LAG = 5e-3  # m, by which a drum with a latency may be behind its reference as that speeds up; assumed
+INTEGRAL_TURN = 4.0  # rad of the servo's own swing, that the integral of such a drum takes; assumed
+FORCE_DAMPING_SHARE = 0.25  # of mass over latency, with which such a drum is damped in force mode; assumed
 SIMULATION_STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 
 
@@ -75,15 +78,24 @@ class Servo:
 
 def servo_for(drum: Drum, rate: float) -> Servo:
     """Return the servo that suits a drum: best damped at a fifth of the largest stiffness that is stable."""
-    period = 1.0 / positive("rate", rate, "hertz")
-    gains = best_damped(SampledMass(drum.mass, period))
-    return Servo(
+    period, latency = 1.0 / positive("rate", rate, "hertz"), drum.motor.latency
+    gains = best_damped(SampledMass(drum.mass, period, 1 + math.ceil(latency / period - 1e-9)))
+    servo = Servo(
         rate,
         gains.stiffness,
         gains.damping,
         drum.acceleration,
         drum.planned_speed,
         deadband=DEADBAND_COUNTS * drum.resolution,
+    )
+    if not latency > 0.0:
+        return servo
+    swing = math.sqrt(gains.stiffness / drum.mass)  # rad/s
+    return replace(
+        servo,
+        acceleration=min(servo.acceleration, MOST_LAG * swing**2),
+        integral_time=max(servo.integral_time, INTEGRAL_TURN / swing),
+        force_damping=min(servo.force_damping, FORCE_DAMPING_SHARE * drum.mass / latency),
     )
 
 
@@ -97,7 +109,9 @@ def move(drum: Drum, servo: Servo, distance: float, duration: float) -> tuple[np
     steps = steps_a_sample(servo.rate)
     step = servo.period / steps
     positions = np.zeros(math.ceil(positive("duration", duration, "seconds") / step))
-    kernels.move_drum(drum.as_array(), servo.as_array(), float(distance), steps, step, positions)
+    kernels.move_drum(
+        drum.as_array(), servo.as_array(), drum.drive(step), float(distance), steps, step, positions
+    )
     return step * np.arange(1, len(positions) + 1), positions
 
 

@@ -166,6 +166,8 @@ def _as_measured(glove: Glove, calibration: Calibration) -> Glove:
         motor = replace(
             motor, inertia=positive("the rotor's measured inertia", rotor, "kilogram square metres")
         )
+    if calibration.drum_latency is not None:
+        motor = replace(motor, latency=calibration.drum_latency)
     if calibration.drum_friction is not None:
         motor = replace(motor, friction=calibration.drum_friction / glove.gear.ratio)
     return replace(glove, finger=finger, cable=cable, motor=motor)

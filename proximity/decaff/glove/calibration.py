@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import as_float64, finite, not_negative, positive
+from proximity.decaff.drum.drum_model import MOST_LATENCY as MOST_DRUM_LATENCY
 from proximity.decaff.glove.design import glove_of, table_of
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError, DecaffError
@@ -60,6 +61,7 @@ class Calibration:
     is_simulated: bool = False  # measured of a simulated glove: for practice, and of nobody's hand
     drum_inertia: float | None = None  # kg m² at the drum, rotor and gear together; None: as designed
     drum_friction: float | None = None  # N m at the drum
+    drum_latency: float | None = None  # s, from a torque that is commanded to one that acts
     design: Glove = field(default_factory=Glove)
 
     def __post_init__(self) -> None:
@@ -90,6 +92,12 @@ class Calibration:
             positive("drum_inertia", self.drum_inertia, "kilogram square metres")
         if self.drum_friction is not None:
             not_negative("drum_friction", self.drum_friction, "newton metres")
+        if self.drum_latency is not None and (
+            not_negative("drum_latency", self.drum_latency, "seconds") > MOST_DRUM_LATENCY
+        ):
+            raise DecaffError(
+                f"drum_latency is {self.drum_latency:g} seconds, expected {MOST_DRUM_LATENCY:g} at most"
+            )
 
 
 def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> None:
@@ -151,9 +159,10 @@ _FIELDS = {
     "simulated": "is_simulated",
     "drum_inertia_kg_m2": "drum_inertia",
     "drum_friction_N_m": "drum_friction",
+    "drum_latency_s": "drum_latency",
     "design": "design",
 }
-_MAY_LACK = {"simulated", "drum_inertia_kg_m2", "drum_friction_N_m", "design"}
+_MAY_LACK = {"simulated", "drum_inertia_kg_m2", "drum_friction_N_m", "drum_latency_s", "design"}
 assert set(_FIELDS.values()) == {field.name for field in fields(Calibration)}, "every field has a position"
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import CONTACT_BEND, Glove
 from proximity.errors import ArgumentError
 
 BENDS = np.linspace(-0.05, 1.05, 2201)
@@ -19,7 +19,6 @@ BENDS = np.linspace(-0.05, 1.05, 2201)
 
 LEAST_BEND, MOST_BEND = -0.1, 1.1
 """A hand that is warm bends a little farther than when it was measured; no hand bends farther. Assumed."""
-LEVER_STEP = 2e-4  # rad, over which the slope of the path is taken
 
 
 class FingerPath:
@@ -31,6 +30,8 @@ class FingerPath:
     """rad: the drum's angle at the flat hand, or a little beyond it, and where it is retracted."""
     drum: Drum
     """As the fingertip meets it at `CONTACT_BEND`."""
+    play: float
+    """m, that the fingertip loses there to the cable's backlash where it turns back."""
     designed_retracted: float
     """rad: the same angle by the design alone. Homing counts from there, before and after a calibration."""
 
@@ -53,9 +54,11 @@ class FingerPath:
         self.retracted = self._positions[-1]
         self.drum_angles = self._angles[0], self._angles[-1]
         self.designed_retracted = self.drum_angles[1]
-        self.drum = glove.tip_drum()
+        worn = glove
         if isinstance(glove, CalibratedGlove):
-            self.designed_retracted = FingerPath(glove.glove).drum_angles[1]
+            worn = glove.glove
+            self.designed_retracted = FingerPath(worn).drum_angles[1]
+        self.drum, self.play = worn.tip_drum(), float(worn.tip_play(CONTACT_BEND))
 
     def tables(self) -> tuple[list[float], list[float], list[float]]:
         """Return the rows of the tables, each rising: bends, positions in m, the drum's angles in rad."""
@@ -79,10 +82,9 @@ class FingerPath:
 
     def lever(self, angle: float) -> float:
         """Return how far the fingertip goes a radian of the drum, m; also the torque of a newton there."""
-        least, most = self.drum_angles
-        middle = min(max(angle, least + LEVER_STEP), most - LEVER_STEP)
-        ends = self.drum_position(middle - LEVER_STEP), self.drum_position(middle + LEVER_STEP)
-        return (ends[1] - ends[0]) / (2.0 * LEVER_STEP)
+        i = min(max(bisect_right(self._angles, angle), 1), len(self._angles) - 1)
+        along = self._positions[i] - self._positions[i - 1]
+        return along / (self._angles[i] - self._angles[i - 1]) if angle == angle else float("nan")
 
 
 def _between(x: float, xs: list[float], ys: list[float]) -> float:

@@ -133,6 +133,10 @@ class Glove:
         """Return the tension of the cable for a force at the fingertip, (...), N."""
         return self.replica_torque(bend, tip_force) / self.cable.replica_pulley
 
+    def tip_play(self, bend: ArrayLike) -> np.ndarray:
+        """Return how far the fingertip goes back before the cable takes the replica along, (...), m."""
+        return self.cable.backlash / self.cable.replica_pulley * self.tip_per_radian(bend)
+
     def tip_stiffness(self, bend: ArrayLike) -> np.ndarray:
         """Return how stiff the cable lets a drum feel that does not yield, (...), N/m at the fingertip.
 

@@ -6,8 +6,8 @@ the drive answers. Positions are increments of the encoder, torques and currents
 ones.
 
 Source: CiA 402 (IEC 61800-7-201): state machine, objects 0x6040 to 0x60FF, modes cyclic synchronous position
-(8) and torque (10); CiA 301: mapping (0x1400 to 0x1A01), SYNC, consumer heartbeat (0x1016). The patterns of
-the status word are those of `canopen.profiles.p402`.
+(8) and torque (10); CiA 301: mapping (0x1400 to 0x1A01), SYNC, consumer heartbeat (0x1016). The states are
+those of `canopen.profiles.p402`; its path to operation waits for the drive and resets faults: it is not taken.
 """
 
 import math
@@ -55,11 +55,12 @@ class Cia402:
 
     def __init__(self, network: Any, node: int) -> None:
         from canopen import ObjectDictionary, SdoAbortedError, SdoCommunicationError
+        from canopen.profiles.p402 import BaseNode402
 
         self._network, self._node = network, node
-        self._drive = network.add_node(node, ObjectDictionary())
-        self._answers, self._increments, self._status, self._mode_shown = 0, 0, 0, 0
-        self._torque, self._current = 0, 0
+        self._drive = network.add_node(BaseNode402(node, ObjectDictionary()))
+        self._drive.tpdo_values[STATUS] = 0
+        self._answers, self._increments, self._mode_shown, self._torque, self._current = 0, 0, 0, 0, 0
         self._is_wanted, self._command, self._beat = False, MotorCommand(), -math.inf
         try:
             self._increments_a_turn = self._uploaded(ENCODER, "<I", 1) / self._uploaded(ENCODER, "<I", 2)
@@ -80,7 +81,7 @@ class Cia402:
 
     def read(self) -> MotorReading:
         """Send what is wanted, and ask for the next answers by a SYNC."""
-        state = self._state()
+        state = str(self._drive.state)
         self._send_targets(state)
         if time.monotonic() - self._beat >= HEARTBEAT_S:
             self._beat = time.monotonic()
@@ -117,14 +118,6 @@ class Cia402:
         """Disconnect."""
         self._network.disconnect()
 
-    def _state(self) -> str:
-        from canopen.profiles.p402 import State402
-
-        for state, (mask, bits) in State402.SW_MASK.items():
-            if self._status & mask == bits:
-                return str(state)
-        return "UNKNOWN"
-
     def _send_targets(self, state: str) -> None:
         command = self._command
         control = NEXT_CONTROL.get(state, NO_VOLTAGE) if self._is_wanted else NO_VOLTAGE
@@ -139,7 +132,7 @@ class Cia402:
 
     def _take_position(self, identifier: int, data: bytes, timestamp: float) -> None:
         with suppress(struct.error):  # another length: no answer
-            self._status, self._mode_shown, self._increments = struct.unpack("<Hbi", data)
+            self._drive.tpdo_values[STATUS], self._mode_shown, self._increments = struct.unpack("<Hbi", data)
             self._answers += 1
 
     def _take_torque(self, identifier: int, data: bytes, timestamp: float) -> None:

@@ -72,8 +72,8 @@ class FingerBench:
         elif isinstance(self.plant, MotorDrum):
             self.plant.hold()
         link = self.bend
-        if not self.has_motor:
-            link = self.path.bend(min(self.path.position(self.bend), self.plant.position))
+        if isinstance(self.plant, DrumPlant):
+            link = self.path.bend(self.plant.follow(self.path.position(self.bend)))
         angle, force = self.plant.angle, self.plant.force
         self.action = self.controller.step(
             Observation(now_ns, link, angle, reading.state, contact, force, sample_ns=sample_ns, frame=frame)

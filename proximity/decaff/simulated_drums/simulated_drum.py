@@ -19,7 +19,7 @@ class DrumPlant:
 
     drum: Drum
     force: float  # N, on the finger
-    link: float  # m, of the replica's link: where the finger is, or where the drum stops it
+    link: float  # m, of the replica's link: where the cable pulls it, or where the drum stops it
 
     def __init__(self, path: FingerPath, drum: Drum | None = None, cable: float = math.inf) -> None:
         drum = drum or path.drum
@@ -29,10 +29,10 @@ class DrumPlant:
         self._drum, self._servo = drum.as_array(), servo.as_array()
         self._steps = steps_a_sample(SERVO_RATE)
         self._stiffness = 1.0 / (1.0 / PAD_STIFFNESS + 1.0 / cable)
-        self._drive = np.zeros(drum_kernels.DRIVE_SIZE)
+        self._drive = drum.drive(self._period / self._steps)
         self._command = np.zeros(drum_kernels.COMMAND_SIZE)
         self._left = 0.0
-        self.force = self.link = 0.0
+        self.force, self.link = 0.0, -math.inf
         drum_kernels.rest_drum(self._drum, self._drive, path.retracted)
 
     @property
@@ -61,4 +61,9 @@ class DrumPlant:
             self._drum, self._servo, self._drive, self._command, finger, self._stiffness,
             samples, self._steps, self._period / self._steps,
         )  # fmt: skip
-        self.link = min(finger, self.position)
+        self.follow(finger)
+
+    def follow(self, finger: float) -> float:
+        """Return where the link is with the finger at a position, m: as it opens, the cable's play behind."""
+        self.link = min(max(self.link, finger), finger + self._path.play, self.position)
+        return self.link

@@ -8,7 +8,7 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
 from proximity.formats.contents import RawFile, RawMesh, Source
-from proximity.formats.gltf import buffers, draco, primitives, scene_graph
+from proximity.formats.gltf import buffers, primitives, scene_graph
 from proximity.formats.gltf.buffers import Document
 from proximity.formats.gltf.primitives import Primitive
 from proximity.formats.gltf.scene_graph import Node
@@ -20,7 +20,7 @@ Part = tuple[np.ndarray, np.ndarray, np.ndarray]
 _EXTENSION_LISTS = ("extensionsUsed", "extensionsRequired")
 _MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _INSTANCING = "EXT_mesh_gpu_instancing"
-_READ = ("KHR_node_visibility", "KHR_mesh_quantization", draco.EXTENSION)
+_READ = ("KHR_node_visibility", "KHR_mesh_quantization", primitives.DRACO)
 _LOOKS = re.compile(
     r"material|technique|texture|light|xmp|animation|audio|image|packing|metadata|features|selectab|hoverab|"
     r"interactiv",
@@ -69,8 +69,8 @@ def _check_extensions(document: Document) -> None:
     for name in _MESHOPT:
         if name in required or _has_empty_buffer(document, name):
             raise MeshFormatError(f"{refused.format(name)}, or unpack it by: gltfpack -noq -kn")
-    if draco.EXTENSION in required:
-        draco.check_installed()
+    if primitives.DRACO in required:
+        primitives.check_draco_installed()
     for name in required:
         if name not in _READ and not _LOOKS.search(name):
             raise MeshFormatError(

@@ -1,15 +1,21 @@
 """Surfaces of glTF meshes: triangles of every mode, packed or not, displaced by morph targets."""
 
-from collections.abc import Iterable
+import io
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from proximity.errors import MeshFormatError
-from proximity.formats.gltf import accessors, draco
+from proximity.formats.gltf import accessors
 from proximity.formats.gltf.buffers import Document, entries, extension, integer
+from proximity.formats.libraries import run_library
+from proximity.system.extras import needed
 
+DRACO = "KHR_draco_mesh_compression"
+_DRACO_SECONDS, _DRACO_BYTES, _DRACO_BYTES_PER_BYTE = 120, 2 << 30, 400
+"""Limits of unpacking: packed meshes seldom grow twentyfold."""
 _TRIANGLES, _TRIANGLE_STRIP, _TRIANGLE_FAN = 4, 5, 6
 
 
@@ -23,9 +29,7 @@ class Primitive:
     position: int  # accessor
     targets: list[Any]  # of displacements, JSON
     face_ids: np.ndarray | None  # CAD face of each triangle
-    packed: (
-        tuple[int, int] | None
-    )  # buffer view, and the identifier of positions in it, where Draco packed it
+    packed: tuple[int, int] | None  # by Draco: buffer view, and the identifier of positions in it
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # (V, 3), stored numbers
     corners: np.ndarray | None = None  # rows of points; None: all of them, in turn
 
@@ -45,7 +49,7 @@ def read_meshes(document: Document, meshes: Iterable[int], notes: list[str]) -> 
     found = {mesh: _primitives(document, mesh, notes) for mesh in meshes}
     every = [primitive for primitives in found.values() for primitive in primitives]
     packed = list(dict.fromkeys(primitive.packed for primitive in every if primitive.packed is not None))
-    arrays = draco.unpack([(document.view(view), position_id) for view, position_id in packed])
+    arrays = _unpacked([(document.view(view), position_id) for view, position_id in packed])
     for primitive in every:
         if primitive.packed is not None:
             faces, primitive.points = arrays[packed.index(primitive.packed)]
@@ -106,7 +110,7 @@ def _primitive(document: Document, entry: dict[str, Any], mode: int, place: str)
 
 def _packed(entry: dict[str, Any], place: str) -> tuple[int, int] | None:
     """Where Draco packed the positions; they are looked for only where they are not stored as well."""
-    found = extension(entry, draco.EXTENSION, place)
+    found = extension(entry, DRACO, place)
     if not found:
         return None
     ids = found.get("attributes")
@@ -173,3 +177,35 @@ def triangles(primitive: Primitive) -> np.ndarray:
             f"but there are {len(primitive.points)}"
         )
     return faces
+
+
+def check_draco_installed() -> None:
+    """Raise if DracoPy is not there, with what to install."""
+    with needed(f"geometry stored by {DRACO} needs", "gltf"):
+        import DracoPy  # noqa: F401
+
+
+def _unpacked(streams: Sequence[tuple[memoryview, int]]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Faces, (F, 3), and stored positions, (V, 3), of Draco streams, given the identifiers of positions."""
+    if not streams:
+        return []
+    check_draco_installed()
+    given = io.BytesIO()
+    np.save(given, np.array([position_id for _, position_id in streams]))
+    for stream, _ in streams:
+        np.save(given, np.frombuffer(stream, dtype=np.uint8))
+    data = given.getvalue()
+    byte_count = _DRACO_BYTES + _DRACO_BYTES_PER_BYTE * len(data)
+    done = run_library("draco", data, seconds=_DRACO_SECONDS, byte_count=byte_count)
+    if done.returncode:
+        reported = f"more than {_DRACO_SECONDS} s or {byte_count >> 30} GB, expected less"
+        if not done.is_over_limit:
+            died = f"the decoder crashed, signal {-done.returncode}"
+            printed = done.printed.strip().splitlines()
+            reported = died if done.returncode < 0 or not printed else printed[-1][:160]
+        raise MeshFormatError(f"its geometry stored by {DRACO} cannot be unpacked ({reported})")
+    found = io.BytesIO(done.output)
+    arrays = [(np.load(found), np.load(found)) for _ in streams]
+    if not all(array.shape[1:] == (3,) for pair in arrays for array in pair):
+        raise MeshFormatError(f"its positions stored by {DRACO} are not 3 numbers each")
+    return arrays

@@ -66,16 +66,10 @@ def read_header(data: bytes) -> Header:
             continue
         if words[0] == "format" and len(words) > 1 and words[1] in _BYTE_ORDERS:
             byte_order = _BYTE_ORDERS[words[1]]
-        elif (
-            words[0] == "element" and len(words) == 3 and (count := text_rows.as_count(words[2])) is not None
-        ):
-            _check_new(words[1], elements, line_id)
-            elements.append(Element(words[1], count))
-        elif (
-            words[0] == "property"
-            and elements
-            and (column := _property(words, byte_order or "<")) is not None
-        ):
+        elif (element := _element(words)) is not None:
+            _check_new(element.name, elements, line_id)
+            elements.append(element)
+        elif elements and (column := _property(words, byte_order or "<")) is not None:
             _check_new(column.name, elements[-1].properties, line_id)
             elements[-1].properties.append(column)
         else:
@@ -96,8 +90,16 @@ def _check_new(name: str, declared: Sequence[Element | Property], line_id: int) 
         raise MeshFormatError(f"line {line_id} of its header declares {twice} a second time")
 
 
+def _element(words: list[str]) -> Element | None:
+    """The table that a line declares, or None where it cannot be one."""
+    count = text_rows.as_count(words[2]) if words[0] == "element" and len(words) == 3 else None
+    return None if count is None else Element(words[1], count)
+
+
 def _property(words: list[str], byte_order: str) -> Property | None:
     """The column that a line declares, or None where it cannot be one."""
+    if words[0] != "property":
+        return None
     if len(words) == 3 and words[1] in _TYPES:
         return Property(words[2], np.dtype(byte_order + _TYPES[words[1]]))
     is_list = len(words) == 5 and words[1] == "list" and words[2] in _TYPES and words[3] in _TYPES

@@ -127,7 +127,7 @@ def read_ascii(rows: list[str], line_ids: list[int], element: Element, notes: li
             if column.count_dtype is None:
                 scalars.setdefault(column.name, np.empty(element.count))[row_ids] = values
                 continue
-            counts = _list_counts(values, table.shape[1], text_rows.of_rows(locate, row_ids))
+            counts = _list_counts(values, table.shape[1], text_rows.located_in(locate, row_ids))
             entries = np.minimum(at[:, None] + np.arange(last + 1), last)
             # what lies behind the list is passed over by those who take the pieces
             lists.setdefault(column.name, []).append((row_ids, counts, table[every[:, None], entries]))

@@ -1,25 +1,16 @@
-"""Conversion of STEP to GLB by cascadio (OpenCASCADE), within limits of time, memory and triangles.
+"""Conversion of STEP to GLB by cascadio (OpenCASCADE), within limits of time, memory and triangles."""
 
-It runs in a process of its own: damaged files can crash OpenCASCADE, and its output can only be caught by
-exchanging file descriptors, which would swallow what other threads print.
-"""
-
-import json
-import os
 import re
-import subprocess
-import sys
-import tempfile
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from proximity.errors import MeshError, MeshFormatError
 from proximity.formats.contents import RawFile
 from proximity.formats.gltf import buffers, gltf
-from proximity.formats.step import part_names, worker
+from proximity.formats.libraries import run_library
+from proximity.formats.step.product_structure import with_names_of_products
 
 STEP_ANGLE = 0.25
 """How far neighbouring triangles may turn against each other, radians: keeps fillets round whose radius is
@@ -128,54 +119,31 @@ def _mesh(text: str, path: str, tolerance: float) -> RawFile:
         raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
     header, binary, _ = buffers.split_glb(glb)
     # Nodes carry numbers of assembly steps (NAUO1); people know the products.
-    header = part_names.with_names_of_products(header, text)
+    header = with_names_of_products(header, text)
     return gltf.read_document(header, path, binary, "STEP", [])
 
 
 def _convert(data: bytes, tolerance: float) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="proximity-") as folder:
-        step, glb, log = (Path(folder, name) for name in ("part.step", "part.glb", "log.txt"))
-        step.write_bytes(data)
-        settings = {
-            "folder": folder,
-            "path": sys.path,  # the worker shall find cascadio where this process would
-            "step": str(step),
-            "glb": str(glb),
-            # cascadio takes millimetres, and triangles stay within half of what it is given
-            "tol_linear": tolerance * 1e3,
-            "tol_angular": STEP_ANGLE,
-            "seconds": MOST_SECONDS,
-            "bytes": MOST_BYTES,
-        }
-        with log.open("wb") as output:
-            returncode = _run(json.dumps(settings).encode() + b"\n", output.fileno())
-        printed = _ESCAPES.sub("", log.read_text("utf-8", "replace"))
-        complaint = next((line.strip(" *\t") for line in printed.splitlines() if _COMPLAINT.search(line)), "")
-        if returncode < 0:
-            raise MeshFormatError(f"OpenCASCADE crashed on it (signal {-returncode})")
-        if returncode == worker.NO_CASCADIO:
-            raise MeshError("STEP files need the package cascadio, which cannot be imported")
-        if returncode == worker.TOO_MUCH or "alloc" in printed:
-            raise _LimitError(
-                f"OpenCASCADE takes more than {MOST_SECONDS} s or {MOST_BYTES >> 30} GB to mesh it within "
-                f"{tolerance * 1e3:g} mm, expected less"
-            )
-        if returncode or complaint or not glb.exists() or not glb.stat().st_size:
-            reported = f": {' '.join(complaint.split())[:160]}" if complaint else ""
-            raise MeshFormatError(f"OpenCASCADE could not read all of it{reported}")
-        return glb.read_bytes()
-
-
-def _run(settings: bytes, output: int) -> int:
-    """Run the worker; it sees the end of the pipe when this process ends, however that comes."""
-    inner, outer = os.pipe()
-    try:
-        os.write(outer, settings)
-        # No -m: the worker imports nothing of ours.
-        command = [sys.executable, "-P", worker.__file__]
-        return subprocess.run(
-            command, stdin=inner, stdout=output, stderr=subprocess.STDOUT, check=False
-        ).returncode
-    finally:
-        os.close(inner)
-        os.close(outer)
+    done = run_library(
+        "step",
+        data,
+        seconds=MOST_SECONDS,
+        byte_count=MOST_BYTES,
+        tol_linear=tolerance * 1e3,  # cascadio takes mm, and triangles stay within half of it
+        tol_angular=STEP_ANGLE,
+    )
+    printed = _ESCAPES.sub("", done.printed)
+    complaint = next((line.strip(" *\t") for line in printed.splitlines() if _COMPLAINT.search(line)), "")
+    if done.returncode < 0:
+        raise MeshFormatError(f"OpenCASCADE crashed on it (signal {-done.returncode})")
+    if done.is_missing:
+        raise MeshError("STEP files need the package cascadio, which cannot be imported")
+    if done.is_over_limit or "alloc" in printed:
+        raise _LimitError(
+            f"OpenCASCADE takes more than {MOST_SECONDS} s or {MOST_BYTES >> 30} GB to mesh it within "
+            f"{tolerance * 1e3:g} mm, expected less"
+        )
+    if done.returncode or complaint or not done.output:
+        reported = f": {' '.join(complaint.split())[:160]}" if complaint else ""
+        raise MeshFormatError(f"OpenCASCADE could not read all of it{reported}")
+    return done.output

@@ -112,10 +112,10 @@ class _Merge:
             except (OSError, ValueError) as reason:
                 reported = reason.strerror if isinstance(reason, OSError) else str(reason)
                 raise MeshFormatError(f"{what} beside it cannot be read ({reported})") from reason
-            self.roots[beside] = self._taken(text, beside, what)
+            self.roots[beside] = self._merged_root(text, beside, what)
         return self.roots[beside]
 
-    def _taken(self, text: str, path: Path, what: str) -> tuple[str, str, str]:
+    def _merged_root(self, text: str, path: Path, what: str) -> tuple[str, str, str]:
         first = self.last_number
         self.last_number += max(map(int, re.findall(r"#(\d+)", text)), default=0)
         text = _with_references(text, lambda number: f"#{int(number[1:]) + first}")

@@ -1,4 +1,4 @@
-"""Check the assemblies of a STEP file: every use of a product is placed; count the bodies that they make.
+"""The products of a STEP file: their uses in assemblies are checked and counted, and their names found.
 
 OpenCASCADE passes over a use whose place is missing, and puts a shape that belongs to no product at the
 origin, without a word. So the products and their uses are looked up here, by regular expressions: this needs
@@ -6,10 +6,12 @@ a few kinds of records only. Where a file places shapes in another way (mapped i
 """
 
 import graphlib
+import json
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 from proximity.errors import MeshFormatError
 
@@ -32,14 +34,26 @@ _ANY = re.compile(r"(#\d+)\s*=\s*\(?\s*(\w*)([^;]*);")
 _SHAPE_GIVING = ("SHAPE_DEFINITION_REPRESENTATION", "REPRESENTATION_RELATIONSHIP")
 """Ends of the names of records that give products their shapes; shapes, colours and texts belong to them."""
 
+_QUOTED = r"'((?:[^']|'')*)'"
+_NAMED_USE = re.compile(
+    rf"=\s*NEXT_ASSEMBLY_USAGE_OCCURRENCE\s*\(\s*{_QUOTED}\s*,\s*{_QUOTED}\s*,[^;#]*#\d+\s*,\s*(#\d+)"
+)
+_ABOVE = re.compile(
+    r"(#\d+)\s*=\s*PRODUCT_DEFINITION(?:_FORMATION\w*|_WITH_ASSOCIATED_DOCUMENTS)?\s*\([^;#]*(#\d+)"
+)
+_NAMED_PRODUCT = re.compile(rf"(#\d+)\s*=\s*PRODUCT\s*\(\s*{_QUOTED}\s*,\s*{_QUOTED}")
+_NO_NAME = re.compile(
+    r"\s*((SOLID|COMPOUND|COMPSOLID|SHELL|FACE|ASSEMBLY|NAUO)?[_ ]?\d*|=>\[[\d:]*\]|"
+    r"Open CASCADE STEP translator.*)\s*"
+)
+"""Names that programs give where people gave none."""
+
 
 @dataclass(slots=True)
 class _Records:
     """Records of the file about products, by their numbers."""
 
-    uses: dict[str, tuple[str, str]] = field(
-        default_factory=dict
-    )  # use -> assembly, part: product definitions
+    uses: dict[str, tuple[str, str]] = field(default_factory=dict)  # use -> definitions: assembly, part
     placements: list[tuple[str, str]] = field(default_factory=list)  # relation of shapes, what it places
     shapes: list[tuple[str, str]] = field(default_factory=list)  # what has it, representation
     owners: dict[str, str] = field(default_factory=dict)  # product definition shape -> its use or product
@@ -182,3 +196,43 @@ def _has_body(records: _Records, linked: dict[str, list[str]], shapes: list[str]
         seen.update(new)
         waiting += new
     return False
+
+
+def with_names_of_products(header: bytes, text: str) -> bytes:
+    """Return the header of a GLB document in which nodes are named as people know them.
+
+    The name of its product goes before a node's own, and both before those of the nodes above it.
+    """
+    document: dict[str, Any] = json.loads(header)
+    nodes, meshes = document.get("nodes", []), document.get("meshes", [])
+    is_named = all(_is_name(mesh.get("name")) for mesh in meshes)
+    products = {} if is_named else _products_of_uses(text)
+    children = {child for node in nodes for child in node.get("children", ())}
+    waiting = [(row, "") for row in range(len(nodes)) if row not in children]
+    while waiting:
+        row, above = waiting.pop()
+        node = nodes[row]
+        own, mesh = node.get("name"), meshes[node["mesh"]] if "mesh" in node else {}
+        names = mesh.get("name"), products.get(own), own, above
+        node["name"] = next((name for name in names if _is_name(name)), "")
+        waiting += [(child, node["name"]) for child in node.get("children", ())]
+    for mesh in meshes:
+        mesh.pop("name", None)
+    return json.dumps(document).encode()
+
+
+def _is_name(name: Any) -> bool:
+    return isinstance(name, str) and not _NO_NAME.fullmatch(name)
+
+
+def _products_of_uses(text: str) -> dict[str | None, str]:
+    """Names of products by the names of their uses in assemblies, where these differ."""
+    above = dict(_ABOVE.findall(text))
+    names = {own: name or id_ for own, id_, name in _NAMED_PRODUCT.findall(text)}
+    uses = [
+        (name or id_, names.get(above.get(above.get(part, ""), ""), ""))
+        for id_, name, part in _NAMED_USE.findall(text)
+    ]
+    counts = Counter(use for use, _ in uses)
+    # A text with a backslash is encoded.
+    return {use: name for use, name in uses if counts[use] == 1 and "\\" not in name}

@@ -8,15 +8,7 @@ point back even on a needle.
 from math import sqrt
 
 from proximity.kernels.geometry.triangle import TINY, cross, dot, offset_of
-from proximity.kernels.layout import (
-    FEATURE_EDGE,
-    FEATURE_FACE,
-    FEATURE_VERTEX,
-    PART_CORNER_NORMALS,
-    PART_CORNERS,
-    PART_FACES,
-    PART_NEIGHBORS,
-)
+from proximity.kernels.layout import FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX
 from proximity.native import inlined
 from proximity.native.simd import fma, like, load_int, minimum, select, square_root
 
@@ -236,19 +228,17 @@ def pseudo_normal(reals, words, parts, part, face, feature, which, closest):
     Source: Bærentzen & Aanæs 2005, "Signed distance computation using the angle weighted pseudonormal".
     """
     if feature == FEATURE_VERTEX:
-        corner = load_int(words, parts[part, PART_FACES] + 3 * face + which)
-        at = parts[part, PART_CORNER_NORMALS] + 3 * corner
+        corner = load_int(words, parts[part].faces + 3 * face + which)
+        at = parts[part].corner_normals + 3 * corner
         closest[CLOSEST_NORMAL], closest[CLOSEST_NORMAL + 1], closest[CLOSEST_NORMAL + 2] = (
             reals[at],
             reals[at + 1],
             reals[at + 2],
         )
     elif feature == FEATURE_EDGE:
-        neighbor = load_int(words, parts[part, PART_NEIGHBORS] + 3 * face + which)
+        neighbor = load_int(words, parts[part].neighbors + 3 * face + which)
         if neighbor >= 0:
-            _add_face_normal(
-                reals, words, parts[part, PART_CORNERS], parts[part, PART_FACES] + 3 * neighbor, closest
-            )
+            _add_face_normal(reals, words, parts[part].corners, parts[part].faces + 3 * neighbor, closest)
             nx, ny, nz = closest[CLOSEST_NORMAL], closest[CLOSEST_NORMAL + 1], closest[CLOSEST_NORMAL + 2]
             length = sqrt(dot(nx, ny, nz, nx, ny, nz))
             if length > 0.0:

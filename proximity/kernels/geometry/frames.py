@@ -2,26 +2,9 @@
 
 import numpy as np
 
-from proximity.kernels.layout import (
-    FOLDED_AT,
-    FRAME_BOX_LOWER,
-    FRAME_BOX_UPPER,
-    FRAME_CENTRE,
-    FRAME_ROTATION,
-    FRAME_SCALE,
-    FRAME_TRANSLATION,
-    LANES,
-    PART_BLOCK_NOTES,
-    PART_IS_HIDDEN,
-    PART_IS_TURNED,
-)
+from proximity.kernels.layout import FOLDED_AT, LANES
 from proximity.native import inlined
-from proximity.native.simd import (
-    like,
-    load_int,
-    maximum,
-    minimum,
-)
+from proximity.native.simd import like, load_int, maximum, minimum
 
 LENGTH_ROUNDING = 1e-13
 """More than rounding can put distances and displacements off, relative and in sizes of the scene."""
@@ -41,7 +24,7 @@ def looks_like_millimetres(frames, distance):
     """Whether a point at that distance, m, may have been given in millimetres."""
     last, size_sq = len(frames) - 1, 0.0
     for axis in range(3):
-        edge = frames[last, FRAME_BOX_UPPER + axis] - frames[last, FRAME_BOX_LOWER + axis]
+        edge = frames[last].box_upper[axis] - frames[last].box_lower[axis]
         size_sq += edge * edge
     times_sq = distance * distance
     return (
@@ -54,20 +37,20 @@ def looks_like_millimetres(frames, distance):
 @inlined
 def can_be_asked(frames, parts, x, y, z):
     """Whether a point is finite, and not so far that squares overflow."""
-    reach = FARTHEST_LOCAL / frames[len(parts) - 1, FRAME_SCALE]
+    reach = FARTHEST_LOCAL / frames[len(parts) - 1].scale
     return abs(x) <= reach and abs(y) <= reach and abs(z) <= reach
 
 
 @inlined
 def is_alone(parts):
     """Whether there is one part, to be found: then it is asked itself, without a tree over parts."""
-    return len(parts) == 2 and not parts[0, PART_IS_HIDDEN]
+    return len(parts) == 2 and not parts[0].is_hidden
 
 
 @inlined
 def direction_to_local(frames, parts, part, x, y, z):
     """A direction of the scene's frame in that of *part*, as long; scalars or vectors of eight."""
-    if parts[part, PART_IS_TURNED]:
+    if parts[part].is_turned:
         return (
             _along(frames, part, 0, x, y, z),
             _along(frames, part, 1, x, y, z),
@@ -78,26 +61,19 @@ def direction_to_local(frames, parts, part, x, y, z):
 
 @inlined
 def _along(frames, part, column, x, y, z):
-    at = FRAME_ROTATION + column
-    return (
-        like(frames[part, at], x) * x + like(frames[part, at + 3], y) * y + like(frames[part, at + 6], z) * z
-    )
+    turn = frames[part].rotation
+    return like(turn[column], x) * x + like(turn[column + 3], y) * y + like(turn[column + 6], z) * z
 
 
 @inlined
 def direction_to_scene(frames, parts, part, x, y, z):
     """A direction of the frame of *part* in the scene's frame."""
-    if parts[part, PART_IS_TURNED]:
+    if parts[part].is_turned:
+        turn = frames[part].rotation
         return (
-            frames[part, FRAME_ROTATION] * x
-            + frames[part, FRAME_ROTATION + 1] * y
-            + frames[part, FRAME_ROTATION + 2] * z,
-            frames[part, FRAME_ROTATION + 3] * x
-            + frames[part, FRAME_ROTATION + 4] * y
-            + frames[part, FRAME_ROTATION + 5] * z,
-            frames[part, FRAME_ROTATION + 6] * x
-            + frames[part, FRAME_ROTATION + 7] * y
-            + frames[part, FRAME_ROTATION + 8] * z,
+            turn[0] * x + turn[1] * y + turn[2] * z,
+            turn[3] * x + turn[4] * y + turn[5] * z,
+            turn[6] * x + turn[7] * y + turn[8] * z,
         )
     return x, y, z
 
@@ -105,22 +81,22 @@ def direction_to_scene(frames, parts, part, x, y, z):
 @inlined
 def to_local(frames, parts, part, x, y, z):
     """A point of the scene's frame in the local frame of *part*; scalars or vectors of eight."""
-    dx = x - like(frames[part, FRAME_TRANSLATION], x)
-    dy = y - like(frames[part, FRAME_TRANSLATION + 1], y)
-    dz = z - like(frames[part, FRAME_TRANSLATION + 2], z)
+    dx = x - like(frames[part].translation[0], x)
+    dy = y - like(frames[part].translation[1], y)
+    dz = z - like(frames[part].translation[2], z)
     dx, dy, dz = direction_to_local(frames, parts, part, dx, dy, dz)
-    scale = like(frames[part, FRAME_SCALE], x)
+    scale = like(frames[part].scale, x)
     return (
-        _pull_in((dx - like(frames[part, FRAME_CENTRE], x)) * scale),
-        _pull_in((dy - like(frames[part, FRAME_CENTRE + 1], y)) * scale),
-        _pull_in((dz - like(frames[part, FRAME_CENTRE + 2], z)) * scale),
+        _pull_in((dx - like(frames[part].centre[0], x)) * scale),
+        _pull_in((dy - like(frames[part].centre[1], y)) * scale),
+        _pull_in((dz - like(frames[part].centre[2], z)) * scale),
     )
 
 
 @inlined
 def rounding_at(frames, x, y, z):
     """More than what a distance from a point of the scene's frame is off by rounding, m."""
-    return LENGTH_ROUNDING * (1.0 / frames[len(frames) - 1, FRAME_SCALE] + abs(x) + abs(y) + abs(z))
+    return LENGTH_ROUNDING * (1.0 / frames[len(frames) - 1].scale + abs(x) + abs(y) + abs(z))
 
 
 @inlined
@@ -140,10 +116,10 @@ def turn_to_scene(frames, parts, part, source, at, target, to):
 def to_scene(frames, parts, part, source, at, target, to):
     """Take a point from the part's local frame to the scene's."""
     for axis in range(3):
-        target[to + axis] = source[at + axis] / frames[part, FRAME_SCALE] + frames[part, FRAME_CENTRE + axis]
+        target[to + axis] = source[at + axis] / frames[part].scale + frames[part].centre[axis]
     turn_to_scene(frames, parts, part, target, to, target, to)
     for axis in range(3):
-        target[to + axis] += frames[part, FRAME_TRANSLATION + axis]
+        target[to + axis] += frames[part].translation[axis]
 
 
 @inlined
@@ -152,4 +128,4 @@ def part_of_slot(words, parts, slot):
     scene = len(parts) - 1
     if scene == 1:
         return np.int64(0)
-    return np.int64(load_int(words, parts[scene, PART_BLOCK_NOTES] + slot // LANES) & (2**FOLDED_AT - 1))
+    return np.int64(load_int(words, parts[scene].block_notes + slot // LANES) & (2**FOLDED_AT - 1))

@@ -4,7 +4,7 @@ import numpy as np
 
 from proximity.kernels.geometry.rows import columns_from
 from proximity.kernels.layout import LANES
-from proximity.kernels.stack_arrays import longs_here, reals_here
+from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, horizontal_min, maximum, minimum, select, splat, store
 
@@ -41,7 +41,7 @@ def morton_order(points):
 @kernel
 def _write_keys(points, keys):
     """Fill the position along the curve of the cell that each point is in."""
-    count, offsets, cells = len(points), longs_here(LANES), reals_here(OF_EIGHT)
+    count, offsets, cells = len(points), stack_i64(LANES), stack_f64(OF_EIGHT)
     x0 = y0 = z0 = splat(np.inf)
     x1 = y1 = z1 = splat(-np.inf)
     for at in range(0, count, LANES):

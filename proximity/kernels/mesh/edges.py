@@ -1,8 +1,8 @@
-"""The half-edges of faces, sorted by edge."""
+"""The half-edges of faces, sorted by edge; and what links connect, by union and find."""
 
 import numpy as np
 
-from proximity.native import entry, kernel, maker
+from proximity.native import allocating_kernel, entry, kernel
 
 INSERTED = 16
 """Rows up to which a run is sorted by insertion."""
@@ -58,7 +58,7 @@ def sorted_half_edges(corners):
     )
 
 
-@maker
+@allocating_kernel
 def _spread(corners, order, keys):
     """Put half-edges to *order* by the lower corner of their edges, and return where each corner's end.
 
@@ -135,3 +135,34 @@ def neighbors_across(order, starts, counts, is_loop, is_opposed):
         for position in range(first, first + counts[edge]):
             neighbors[order[position]] = alone
     return neighbors
+
+
+@kernel
+def _root(parents, node):
+    """The lowest node known to be connected with *node*; paths there are halved."""
+    while parents[node] != node:
+        parents[node] = parents[parents[node]]
+        node = parents[node]
+    return node
+
+
+@entry("int, int64[:], int64[:] -> int32[:]", makes_arrays=True)
+def connected(count, one, other):
+    """Return labels (count,) int32 of nodes that the links *one* to *other* (L,) int64 connect.
+
+    They count from 0 and rise with the lowest node of each component.
+    """
+    parents = np.arange(count)
+    for link in range(len(one)):
+        first, last = _root(parents, one[link]), _root(parents, other[link])
+        parents[max(first, last)] = min(first, last)
+    labels = np.empty(count, np.int32)
+    found = 0
+    for node in range(count):
+        root = _root(parents, node)
+        if root == node:
+            labels[node] = found
+            found += 1
+        else:
+            labels[node] = labels[root]
+    return labels

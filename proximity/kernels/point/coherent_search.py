@@ -24,23 +24,11 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.geometry.box import nearest_in_boxes
-from proximity.kernels.geometry.frames import (
-    is_alone,
-    part_of_slot,
-    to_local,
-)
+from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import (
-    BLOCK_STRIDE,
-    ENTRY,
-    LANES,
-    NODE_CHILDREN,
-    NODE_STRIDE,
-    PART_ROOT,
-    SCENE_ENTRIES,
-)
-from proximity.kernels.point.budgeted_walk import best_known, factor_of, nearest_with_budget
-from proximity.kernels.tree.traversal import nearer_in_block
+from proximity.kernels.layout import BLOCK_STRIDE, ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, best_known, factor_of, nearest_with_budget
+from proximity.kernels.point.walk import nearer_in_block
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
@@ -281,7 +269,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
     size = abs(px) + abs(py) + abs(pz)
     slack = FLOAT32_ROUNDING * (1.0 + size)
     work = np.int64(0)
-    if not size <= FARTHEST_POINT or parts[walk_row, PART_ROOT] >= MOST_NODES:
+    if not size <= FARTHEST_POINT or parts[walk_row].root >= MOST_NODES:
         return best_sq * factor, part, slot, False, np.int64(0), work
     qx, qy, qz = np.float32(px), np.float32(py), np.float32(pz)
     vx, vy, vz = splat32(qx), splat32(qy), splat32(qz)
@@ -296,7 +284,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
         if begins:
             begins, has_begun = False, True
             due, also_due, fresh, travel = np.int64(0), np.int64(0), np.int64(0), NONE
-            _begin_frontier(words, parts[walk_row, PART_ROOT], frontier, vx, vy, vz)
+            _begin_frontier(words, parts[walk_row].root, frontier, vx, vy, vz)
             count, limit = np.int64(1), np.int64(FRONTIER_CAPACITY)
             work += 1
         node, due, also_due, fresh = _next_due(due, also_due, fresh)
@@ -330,10 +318,10 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
                     best_sq, slot, plane = _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane)
                 else:
                     # A part with a frame of its own is walked.
-                    entry = parts[walk_row, SCENE_ENTRIES] + 2 * (~reference - ENTRY)
+                    entry = parts[walk_row].entries + 2 * (~reference - ENTRY)
                     start, owner = np.int64(load_int(words, entry + 1)), np.int64(load_int(words, entry))
                     best_sq, slot, lower_sq, steps = nearest_with_budget(
-                        model, start, owner, point, best_sq, slot, 0.0, 0.0, budget - work, workspace
+                        model, start, owner, point, (best_sq, slot), NO_TOLERANCE, budget - work, workspace
                     )
                     work += steps
                     if lower_sq < best_sq:

@@ -1,9 +1,12 @@
-"""The closest-point walk over one part's tree.
+"""The closest-point walk over one part, and over a whole scene.
 
-Straight down to the nearest child, the others pushed unsorted: sorting them cost more than it saved. The
-answer is the smallest computed squared distance, and among equals the lowest slot; a box is skipped only
+The answer is the smallest computed squared distance, and among equals the lowest slot; a box is skipped only
 when its bound exceeds the best. So the answer depends neither on the order of the walk nor on a bound known
 beforehand.
+
+The boxes of a scene's tree are in the scene's own scaled frame, kept in the row behind the last part's in
+``frames`` and ``parts``; squared distances are compared there, and all scales are powers of two, so that
+nothing is rounded from frame to frame.
 
 Tried and dropped (2026-11, AVX-512): a store that compresses into memory instead of a register (1.4 times
 the time: microcode); one division for the four of a triangle (no change); always the first open child
@@ -13,49 +16,31 @@ instead of the nearest (3 times the time, except with a bound that is known).
 import numpy as np
 
 from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
-from proximity.kernels.geometry.triangle import offset_of, point_triangle_distance_sq
-from proximity.kernels.layout import LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
-from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, nearer_in_block, next_open
+from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
+from proximity.kernels.geometry.triangle import offset_of, point_block_distance_sq, point_triangle_distance_sq
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT
+from proximity.kernels.traverse.depth_first import depth_first, over_parts
 from proximity.native import inlined
-from proximity.native.simd import (
-    bits,
-    load_int,
-    splat,
-    splat32,
-)
+from proximity.native.simd import bits, horizontal_min, select, splat, splat32, trailing_zeros
 
 NOTHING_SEEN = 0
 """A reference that no block has."""
 
 
 @inlined
-def closest_in_part(reals, words, start, px, py, pz, best_sq, best_slot, seen, stacks, at):
-    """Squared distance and slot of the triangle nearest to *p*, all in the part's local frame.
+def nearer_in_block(reals, block, p, best_sq, best_slot):
+    """Squared distance and slot of the best so far or, nearer or of a lower slot, a triangle of *block*.
 
-    *start*: the reference to walk from, the part's root for all of it. *best_sq* and *best_slot*: what is
-    known already; nothing farther is looked at. *seen*: the block they are the best of, or `NOTHING_SEEN`.
-    *stacks* float32, from *at* on: `STACK_SIZE` bounds, then as many references.
+    *p*: the point, (x, y, z) of float64x8.
     """
-    point_lanes = _, wide_lanes, offset = lanes_of_point(px, py, pz)
-    best32 = bound_of(best_sq, offset)
-    bottom = at
-    reference = start
-    while True:
-        if reference >= 0:
-            base = NODE_STRIDE * reference
-            bounds = node_bounds_sq(words, base, point_lanes)
-            is_open = bounds <= splat32(best32)
-            if bits(is_open):
-                reference, at = descend(words, base, bounds, is_open, stacks, at)
-                continue
-        elif reference != seen:
-            best_sq, best_slot = nearer_in_block(reals, ~reference, wide_lanes, best_sq, best_slot)
-            best32 = bound_of(best_sq, offset)
-        # The next that is still open.
-        at = next_open(stacks, bottom, at, best32)
-        if at == NOTHING_WAITS:
-            return best_sq, best_slot
-        reference = load_int(stacks, at + STACK_SIZE)
+    distances = point_block_distance_sq(reals, BLOCK_STRIDE * block, p)
+    is_better = distances <= splat(best_sq)
+    if bits(is_better):
+        smallest = horizontal_min(select(is_better, distances, splat(np.inf)))
+        slot = LANES * block + trailing_zeros(bits(distances <= splat(smallest)))
+        if smallest < best_sq or slot < best_slot or best_slot == NO_SLOT:
+            return smallest, slot
+    return best_sq, best_slot
 
 
 @inlined
@@ -78,3 +63,73 @@ def slot_distance_sq(reals, slot, px, py, pz):
         (reals[base + 24], reals[base + 32], reals[base + 40]),
         (reals[base + 48], reals[base + 56], reals[base + 64]),
     )
+
+
+@inlined
+def _open_children(words, base, query, reach):
+    bounds = node_bounds_sq(words, base, query[0])
+    return bounds, bounds, bounds <= splat32(reach)
+
+
+@inlined
+def _nearer_in_leaf(reals, reference, query, best):
+    (_, wide_lanes, offset), seen, _ = query
+    if reference == seen:
+        return best
+    best_sq, slot = nearer_in_block(reals, ~reference, wide_lanes, best[1], best[2])
+    return bound_of(best_sq, offset), best_sq, slot
+
+
+_walk_part = depth_first(_open_children, _nearer_in_leaf)
+
+
+@inlined
+def closest_in_part(reals, words, start, p, best_sq, best_slot, seen, stacks):
+    """Squared distance and slot of the triangle nearest to *p*, (x, y, z), all in the part's local frame.
+
+    *start*: the reference to walk from, the part's root for all of it. *best_sq* and *best_slot*: what is
+    known already; nothing farther is looked at. *seen*: the block they are the best of, or `NOTHING_SEEN`.
+    """
+    lanes = lanes_of_point(p[0], p[1], p[2])
+    best = bound_of(best_sq, lanes[2]), best_sq, best_slot
+    _, best_sq, best_slot = _walk_part(reals, words, start, (lanes, seen, p), best, stacks)
+    return best_sq, best_slot
+
+
+@inlined
+def _nearer_in_part(model, part, start, query, best, stacks):
+    """The best, with what is below *start* in a part that has a frame of its own."""
+    reals, words, frames, parts = model
+    (_, _, offset), seen, (x, y, z) = query
+    _, best_sq, best_slot = best
+    ratio_sq = (frames[part].scale / frames[len(parts) - 1].scale) ** 2
+    p = to_local(frames, parts, part, x, y, z)
+    found_sq, slot = closest_in_part(reals, words, start, p, best_sq * ratio_sq, best_slot, seen, stacks)
+    if slot == best_slot:
+        return best
+    return bound_of(found_sq / ratio_sq, offset), found_sq / ratio_sq, slot
+
+
+_walk_scene = over_parts(_open_children, _nearer_in_leaf, _nearer_in_part)
+
+
+@inlined
+def nearest_in_scene(model, point, best_sq, best_part, best_slot, seen, stacks):
+    """Squared distance (scene's scaled frame), part and slot of the surface nearest to a point, (x, y, z).
+
+    What is known already goes in as best; with `NO_PART` it is the limit. *seen*: as in `closest_in_part`.
+    Ties go to the lower part, then to the lower slot.
+    """
+    reals, words, frames, parts = model
+    x, y, z = point
+    if is_alone(parts):
+        p = to_local(frames, parts, 0, x, y, z)
+        best_sq, best_slot = closest_in_part(reals, words, parts[0].root, p, best_sq, best_slot, seen, stacks)
+        return best_sq, np.int64(0) if best_slot >= 0 else best_part, best_slot
+    px, py, pz = to_local(frames, parts, len(parts) - 1, x, y, z)
+    lanes = lanes_of_point(px, py, pz)
+    best = bound_of(best_sq, lanes[2]), best_sq, best_slot
+    _, best_sq, best_slot = _walk_scene(model, (lanes, seen, point), best, stacks)
+    if best_slot >= 0:
+        best_part = part_of_slot(words, parts, best_slot)
+    return best_sq, best_part, best_slot

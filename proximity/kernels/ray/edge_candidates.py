@@ -11,7 +11,7 @@ from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.ray.edge_contact import EDGE_CREASED, edge_ray, has_corner, kind_of_edge, lies_on
 from proximity.kernels.ray.walk import hits_in_block, look_along
-from proximity.kernels.stack_arrays import longs_here, words_here
+from proximity.kernels.stack_arrays import stack_f32, stack_i64
 from proximity.native import inlined, kernel
 from proximity.native.simd import bits, load, load_int, maximum, minimum, splat, splat32, trailing_zeros
 
@@ -225,8 +225,8 @@ def note_candidates(corners, faces, neighbors, slot_faces, reals, words, root, d
 
     The other arguments are those of `self_intersections.passing_faces`.
     """
-    stack, inner = longs_here(STACK_SIZE), longs_here(STACK_SIZE)
-    near, near_boxes = longs_here(MOST_NEAR), words_here(NEAR_BOXES)
+    stack, inner = stack_i64(STACK_SIZE), stack_i64(STACK_SIZE)
+    near, near_boxes = stack_i64(MOST_NEAR), stack_f32(NEAR_BOXES)
     inner[0] = root
     waiting = 1
     while waiting:

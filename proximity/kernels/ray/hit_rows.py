@@ -2,25 +2,16 @@
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-)
+from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.geometry.triangle import cross, dot, offset_of
-from proximity.kernels.layout import (
-    FRAME_CENTRE,
-    FRAME_COLUMNS,
-    FRAME_ROTATION,
-    FRAME_SCALE,
-    FRAME_TRANSLATION,
-    LANES,
-    NO_FACE,
-    NO_PART,
-    PART_IS_TURNED,
-    PART_SLOT_FACES,
-)
+from proximity.kernels.layout import FRAME, FRAME_COLUMNS, LANES, NO_FACE, NO_PART, field_at
 from proximity.kernels.ray.ray_lanes import RAY_CHUNK, VIEW_DIRECTION, VIEW_WEIGHTS, load_three, store_three
+from proximity.kernels.stack_arrays import reals_of
 from proximity.native import inlined
 from proximity.native.simd import load_each, load_int, maximum, select, splat, square_root
+
+ROTATION_AT, TRANSLATION_AT = field_at(FRAME, "rotation"), field_at(FRAME, "translation")
+CENTRE_AT, SCALE_AT = field_at(FRAME, "centre"), field_at(FRAME, "scale")
 
 # columns of the answers: float64
 RAY_ANSWER_DISTANCE = 0
@@ -58,7 +49,7 @@ def write_hit(words, parts, part, slot, hits, k, answers, choices, row):
     for column in range(1, RAY_ANSWER_REALS):
         answers[row, column] = hits[RAY_CHUNK * column + k]
     choices[row, RAY_ANSWER_PART] = part
-    choices[row, RAY_ANSWER_FACE] = load_int(words, parts[part, PART_SLOT_FACES] + slot)
+    choices[row, RAY_ANSWER_FACE] = load_int(words, parts[part].slot_faces + slot)
 
 
 @inlined
@@ -68,14 +59,14 @@ def fill_hits(reals, words, frames, parts, slots, at, views, owners, hit_offsets
     *slots*: what was hit; where that is negative, nothing comes of it. *views*: the table of the rays.
     *owners* gets the part of each; *hit_offsets* (HIT_OFFSETS_SIZE,) is scratch.
     """
-    is_turned = False
+    frame_reals, is_turned = reals_of(frames), False
     for k in range(at, at + LANES):
         slot = max(slots[k], 0)
         part = part_of_slot(words, parts, slot)
         owners[k] = part
         hit_offsets[k] = offset_of(slot)
         hit_offsets[RAY_CHUNK + k] = FRAME_COLUMNS * part
-        is_turned |= parts[part, PART_IS_TURNED] != 0
+        is_turned |= parts[part].is_turned != 0
     u, v, w = load_three(views, VIEW_WEIGHTS, at)
     total = u + v + w
     b0, b1, b2 = u / total, v / total, w / total
@@ -88,25 +79,22 @@ def fill_hits(reals, words, frames, parts, slots, at, views, owners, hit_offsets
     is_b, is_c = b1 > b0, b2 > maximum(b0, b1)
     second, third = _after(is_b, is_c, b0, b1, b2)
     frames_at = RAY_CHUNK + at
-    metres = splat(1.0) / load_each(frames, hit_offsets, frames_at, FRAME_SCALE)
-    px = _weighted(is_b, is_c, ax, bx, cx, second, third) * metres + load_each(
-        frames, hit_offsets, frames_at, FRAME_CENTRE
-    )
-    py = _weighted(is_b, is_c, ay, by, cy, second, third) * metres + load_each(
-        frames, hit_offsets, frames_at, FRAME_CENTRE + 1
-    )
-    pz = _weighted(is_b, is_c, az, bz, cz, second, third) * metres + load_each(
-        frames, hit_offsets, frames_at, FRAME_CENTRE + 2
-    )
+    metres = splat(1.0) / load_each(frame_reals, hit_offsets, frames_at, SCALE_AT)
+    px = _weighted(is_b, is_c, ax, bx, cx, second, third) * metres
+    px = px + load_each(frame_reals, hit_offsets, frames_at, CENTRE_AT)
+    py = _weighted(is_b, is_c, ay, by, cy, second, third) * metres
+    py = py + load_each(frame_reals, hit_offsets, frames_at, CENTRE_AT + 1)
+    pz = _weighted(is_b, is_c, az, bz, cz, second, third) * metres
+    pz = pz + load_each(frame_reals, hit_offsets, frames_at, CENTRE_AT + 2)
     nx, ny, nz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
     if is_turned:
-        px, py, pz = _turned(frames, hit_offsets, frames_at, px, py, pz)
-        nx, ny, nz = _turned(frames, hit_offsets, frames_at, nx, ny, nz)
+        px, py, pz = _turned(frame_reals, hit_offsets, frames_at, px, py, pz)
+        nx, ny, nz = _turned(frame_reals, hit_offsets, frames_at, nx, ny, nz)
     store_three(
         hits, RAY_ANSWER_POINT, at,
-        px + load_each(frames, hit_offsets, frames_at, FRAME_TRANSLATION),
-        py + load_each(frames, hit_offsets, frames_at, FRAME_TRANSLATION + 1),
-        pz + load_each(frames, hit_offsets, frames_at, FRAME_TRANSLATION + 2),
+        px + load_each(frame_reals, hit_offsets, frames_at, TRANSLATION_AT),
+        py + load_each(frame_reals, hit_offsets, frames_at, TRANSLATION_AT + 1),
+        pz + load_each(frame_reals, hit_offsets, frames_at, TRANSLATION_AT + 2),
     )  # fmt: skip
     # A face without area has no normal: it faces the ray.
     size_sq = dot(nx, ny, nz, nx, ny, nz)
@@ -141,19 +129,19 @@ def _weighted(is_b, is_c, a, b, c, second, third):
 
 
 @inlined
-def _turned(frames, hit_offsets, at, x, y, z):
+def _turned(frame_reals, hit_offsets, at, x, y, z):
     """Directions of the parts' frames in the scene's: `frames.direction_to_scene` of eight."""
     return (
-        _along(frames, hit_offsets, at, 0, x, y, z),
-        _along(frames, hit_offsets, at, 3, x, y, z),
-        _along(frames, hit_offsets, at, 6, x, y, z),
+        _along(frame_reals, hit_offsets, at, 0, x, y, z),
+        _along(frame_reals, hit_offsets, at, 3, x, y, z),
+        _along(frame_reals, hit_offsets, at, 6, x, y, z),
     )
 
 
 @inlined
-def _along(frames, hit_offsets, at, row, x, y, z):
+def _along(frame_reals, hit_offsets, at, row, x, y, z):
     return (
-        load_each(frames, hit_offsets, at, FRAME_ROTATION + row) * x
-        + load_each(frames, hit_offsets, at, FRAME_ROTATION + row + 1) * y
-        + load_each(frames, hit_offsets, at, FRAME_ROTATION + row + 2) * z
+        load_each(frame_reals, hit_offsets, at, ROTATION_AT + row) * x
+        + load_each(frame_reals, hit_offsets, at, ROTATION_AT + row + 1) * y
+        + load_each(frame_reals, hit_offsets, at, ROTATION_AT + row + 2) * z
     )

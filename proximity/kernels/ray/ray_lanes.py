@@ -7,14 +7,10 @@ from math import frexp, ldexp
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import (
-    FARTHEST_LOCAL,
-    direction_to_local,
-    to_local,
-)
+from proximity.kernels.geometry.frames import FARTHEST_LOCAL, direction_to_local, to_local
 from proximity.kernels.geometry.rows import columns
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import FRAME_SCALE, LANES
+from proximity.kernels.layout import LANES
 from proximity.kernels.ray.walk import SLAB_MARGIN, aim_and_view, approach, bound_of_parameter, is_from_afar
 from proximity.native import inlined
 from proximity.native.simd import (
@@ -99,7 +95,7 @@ def make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at,
     store(views, RAY_CHUNK * (VIEW_LINE + 6) + at, view[6])
     store(views, RAY_CHUNK * VIEW_START + at, entry)
     # A ray that passes by, or cannot be asked, opens nothing.
-    bound = bound_of_parameter(reach * splat(frames[walk_row, FRAME_SCALE]), entry)
+    bound = bound_of_parameter(reach * splat(frames[walk_row].scale), entry)
     store(aims, RAY_CHUNK * AIM_BOUND + at, select(passes_by | ~is_sound, narrow(splat(-1.0)), bound))
 
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from proximity.kernels.geometry.morton_order import sort_by_digit
 from proximity.kernels.geometry.rows import columns, columns_from
-from proximity.kernels.layout import FRAME_BOX_LOWER, FRAME_BOX_UPPER, LANES
-from proximity.kernels.model_arrays import ModelArrays
-from proximity.kernels.stack_arrays import longs_here, reals_here
-from proximity.native import entry, inlined, maker
+from proximity.kernels.layout import LANES, ModelArrays
+from proximity.kernels.stack_arrays import stack_f64, stack_i64
+from proximity.native import allocating_kernel, entry, inlined
 from proximity.native.simd import maximum, minimum, select, splat, store
 
 MOST_HALVINGS = 9
@@ -32,10 +31,7 @@ def ray_order(model, origins, directions):
     """
     frames = model.frames
     scene = len(frames) - 1
-    lower, upper = (
-        frames[scene, FRAME_BOX_LOWER : FRAME_BOX_LOWER + 3],
-        frames[scene, FRAME_BOX_UPPER : FRAME_BOX_UPPER + 3],
-    )
+    lower, upper = frames[scene].box_lower, frames[scene].box_upper
     sides = np.empty(3)
     for axis in range(3):
         sides[axis] = upper[axis] - lower[axis]
@@ -51,7 +47,7 @@ def ray_order(model, origins, directions):
     return order
 
 
-@maker
+@allocating_kernel
 def _halve(sides, row_count):
     """Halve a box of such sides (3,), as often as is worth it for so many rays.
 
@@ -80,13 +76,13 @@ def _halve(sides, row_count):
     return counts, ranks
 
 
-@maker
+@allocating_kernel
 def _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks):
     """The rank of each ray's cell; a ray that is not finite is in some cell."""
     row_count = len(origins)
     found = np.empty(row_count, np.uint32)
     stride_y, stride_z = float(counts[0]), float(counts[0] * counts[1])
-    offsets, numbers = longs_here(LANES), reals_here(LANES)
+    offsets, numbers = stack_i64(LANES), stack_f64(LANES)
     for at in range(0, row_count, LANES):
         x, y, z = columns_from(origins, at, offsets)
         dx, dy, dz = columns(directions, offsets, 0)

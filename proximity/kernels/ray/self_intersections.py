@@ -16,7 +16,7 @@ only where an edge of one passes through the other.
 import numpy as np
 
 from proximity.kernels.geometry.triangle import cross, dot
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, STACK_SIZE, STACKS_SIZE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, STACKS_SIZE
 from proximity.kernels.ray.edge_candidates import note_candidates
 from proximity.kernels.ray.edge_contact import (
     EDGE_CREASED,
@@ -35,19 +35,10 @@ from proximity.kernels.ray.walk import (
     open_boxes,
 )
 from proximity.kernels.sign.folded_faces import faces_wrong, marked_slots
-from proximity.kernels.stack_arrays import words_here
-from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, next_open
+from proximity.kernels.stack_arrays import stack_f32
+from proximity.kernels.traverse.depth_first import depth_first
 from proximity.native import entry, inlined, kernel
-from proximity.native.simd import (
-    absolute,
-    bits,
-    load,
-    load_int,
-    splat,
-    splat32,
-    square_root,
-    trailing_zeros,
-)
+from proximity.native.simd import absolute, bits, load, splat, splat32, square_root, trailing_zeros
 
 CONTACT_DEPTH = 1e-10
 """Distance that the ends of an edge must have from a face, to both sides, in sizes of the part, for the edge
@@ -73,50 +64,57 @@ def _in_plane(reals, base, px, py, pz, qx, qy, qz, depth):
     return bits((first <= most) & (last <= most))
 
 
+@inlined
+def _open_children(words, base, query, reach):
+    return open_boxes(words, base, query[0][0], splat32(np.float32(0.0)), reach)
+
+
+@inlined
+def _mark_in_leaf(reals, reference, query, best):
+    """Mark the faces of a block that the edge meets; whether any was met, and blocks looked at, so far."""
+    (_, view), (start, end, length, kind, depth), (p, q), (corners, faces, slot_faces, marks) = query
+    reach, is_met, blocks = best
+    base, first = BLOCK_STRIDE * ~reference, LANES * ~reference
+    passed, lain = hits_in_block(reals, base, view, length), 0
+    if kind == EDGE_CREASED:
+        lain = _in_plane(reals, base, p[0], p[1], p[2], q[0], q[1], q[2], depth)
+    met = passed | lain
+    while met:
+        lane = trailing_zeros(met)
+        met &= met - 1
+        face = slot_faces[first + lane]
+        shared = has_corner(faces, face, start) + has_corner(faces, face, end)
+        if (lain >> lane) & 1:
+            is_on = shared < 2 and lies_on(corners, faces, face, start, end, depth)
+        else:
+            is_on = shared == 0 and reaches_through(corners, faces, face, start, end, depth)
+        if is_on:
+            marks[face] = is_met = True
+    return reach, is_met, blocks + 1
+
+
+_walk_edge = depth_first(_open_children, _mark_in_leaf)
+
+
 @kernel
-def _mark_met(corners, faces, slot_faces, reals, words, root, start, end, kind, depth, stacks, marks):
+def _mark_met(corners, faces, slot_faces, tree, start, end, kind, depth, stacks, marks):
     """Mark the faces that the edge between two corners passes through or, where it is creased, lies on.
 
     Returns whether there is any, and how many blocks were looked at.
     """
+    reals, words, root = tree
     ox, oy, oz, dx, dy, dz, length = edge_ray(corners, start, end)
     if not length * max(abs(dx), abs(dy), abs(dz)) > depth:
-        return False, 0
-    aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
-    best32, zero32 = bound_of_parameter(length, 0.0), splat32(np.float32(0.0))
-    is_met, blocks = False, 0
-    at, reference = 0, root
-    while True:
-        if reference >= 0:
-            base = NODE_STRIDE * reference
-            bounds, _, is_open = open_boxes(words, base, aim, zero32, best32)
-            if bits(is_open):
-                reference, at = descend(words, base, bounds, is_open, stacks, at)
-                continue
-        else:
-            blocks += 1
-            base, first = BLOCK_STRIDE * ~reference, LANES * ~reference
-            passed, lain = hits_in_block(reals, base, view, length), 0
-            if kind == EDGE_CREASED:
-                lain = _in_plane(
-                    reals, base, ox, oy, oz, ox + length * dx, oy + length * dy, oz + length * dz, depth
-                )
-            met = passed | lain
-            while met:
-                lane = trailing_zeros(met)
-                met &= met - 1
-                face = slot_faces[first + lane]
-                shared = has_corner(faces, face, start) + has_corner(faces, face, end)
-                if (lain >> lane) & 1:
-                    is_on = shared < 2 and lies_on(corners, faces, face, start, end, depth)
-                else:
-                    is_on = shared == 0 and reaches_through(corners, faces, face, start, end, depth)
-                if is_on:
-                    marks[face] = is_met = True
-        at = next_open(stacks, 0, at, best32)
-        if at == NOTHING_WAITS:
-            return is_met, blocks
-        reference = load_int(stacks, at + STACK_SIZE)
+        return False, np.int64(0)
+    query = (
+        aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN),
+        (start, end, length, kind, depth),
+        ((ox, oy, oz), (ox + length * dx, oy + length * dy, oz + length * dz)),
+        (corners, faces, slot_faces, marks),
+    )
+    best = bound_of_parameter(length, 0.0), False, np.int64(0)
+    _, is_met, blocks = _walk_edge(reals, words, root, query, best, stacks)
+    return is_met, blocks
 
 
 @kernel
@@ -128,7 +126,6 @@ def _mark_meeting(
     Of each face those edges that are *candidates*, see `edge_candidates`. Returns whether there is any, and
     how many blocks may still be looked at.
     """
-    reals, words, root = tree
     is_any = False
     for face in range(len(faces)):
         for k in range(3):
@@ -140,7 +137,7 @@ def _mark_meeting(
                 continue
             start, end = faces[face, k], faces[face, (k + 1) % 3]
             is_met, blocks = _mark_met(
-                corners, faces, slot_faces, reals, words, root, start, end, kind, depth, stacks, marks
+                corners, faces, slot_faces, tree, start, end, kind, depth, stacks, marks
             )
             blocks_left -= blocks
             if is_met:
@@ -199,7 +196,7 @@ def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, mom
         for corner in range(len(corners)):
             low, high = min(low, corners[corner, axis]), max(high, corners[corner, axis])
         depth = max(depth, CONTACT_DEPTH * (high - low))
-    stacks, candidates, tree = words_here(STACKS_SIZE), np.empty(len(faces), np.uint8), (reals, words, root)
+    stacks, candidates, tree = stack_f32(STACKS_SIZE), np.empty(len(faces), np.uint8), (reals, words, root)
     note_candidates(corners, faces, neighbors, slot_faces, reals, words, root, depth, candidates)
     is_any, blocks_left = _mark_meeting(
         corners, faces, neighbors, slot_faces, tree, candidates, depth, MOST_BLOCKS * len(faces), False,

@@ -1,4 +1,4 @@
-"""The first hit of a ray with one part's tree.
+"""The first hit of a ray with one part, and with a scene.
 
 Triangles are tested in float64 and watertight: seen along the ray, a shared corner has the same position for
 all its triangles, and the side on which an edge passes is never wrong. So a ray through an edge or a corner
@@ -17,9 +17,10 @@ error of the box test is put into its constants.
 import numpy as np
 
 from proximity.kernels.geometry.box import FAR
+from proximity.kernels.geometry.frames import direction_to_local, to_local
 from proximity.kernels.geometry.triangle import difference_of_products
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
-from proximity.kernels.tree.traversal import NOTHING_WAITS, descend_in_order, next_open
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT
+from proximity.kernels.traverse.depth_first import depth_first, in_order, over_parts
 from proximity.native import inlined
 from proximity.native.simd import (
     absolute,
@@ -29,7 +30,6 @@ from proximity.native.simd import (
     lane,
     like,
     load,
-    load_int,
     maximum,
     minimum,
     narrow,
@@ -87,10 +87,7 @@ def _cube_parameters(o, d):
     step = select(is_still, like(1.0, d), d)
     reach = select(step < zero, like(-APPROACH_REACH, step), like(APPROACH_REACH, step))
     enter = select(is_within, -endless, endless)
-    return (
-        select(is_still, enter, (-reach - o) / step),
-        select(is_still, -enter, (reach - o) / step),
-    )
+    return (select(is_still, enter, (-reach - o) / step), select(is_still, -enter, (reach - o) / step))
 
 
 @inlined
@@ -273,10 +270,32 @@ def aim_and_view(ox, oy, oz, dx, dy, dz, margin):
 
 
 @inlined
-def ray_in_part(reals, words, start, origin, direction, best, best_slot, stacks, at):
-    """First hit of the ray *origin* + t *direction*, t >= 0, in the part's local frame: see `first_hit`.
+def _open_children(words, base, query, reach):
+    return open_boxes(words, base, query[0], splat32(np.float32(0.0)), reach)
 
-    (x, y, z) each; the largest component of *direction* is between 0.5 and 2.
+
+@inlined
+def _first_in_leaf(reals, reference, query, best):
+    _, view, entry, _ = query
+    _, parameter, best_slot, _ = best
+    found, first, a, b, c = first_in_block(reals, BLOCK_STRIDE * ~reference, view, entry, parameter)
+    slot = LANES * ~reference + first
+    if first >= 0 and (found < parameter or slot < best_slot or best_slot == NO_SLOT):
+        return bound_of_parameter(found, entry), found, slot, (a, b, c)
+    return best
+
+
+first_hit = depth_first(_open_children, _first_in_leaf, in_order)
+"""First hit of a ray below a reference: the query is `aim_and_view`, the entry as `approach` gives it, and
+what else is known of the ray; the best is a bound of boxes, the parameter, the slot, and barycentric
+coordinates times some number, 0 where nothing better than known was found."""
+
+
+@inlined
+def _ray_in_part(reals, words, start, origin, direction, parameter, slot, stacks):
+    """`first_hit` of the ray *origin* + t *direction*, t >= 0, (x, y, z) each, in the part's local frame.
+
+    The largest component of *direction* is between 0.5 and 2.
     """
     ox, oy, oz = origin
     dx, dy, dz = direction
@@ -285,42 +304,27 @@ def ray_in_part(reals, words, start, origin, direction, best, best_slot, stacks,
         is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
     aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
     # A ray that passes by opens nothing.
-    best32 = bound_of_parameter(best, entry) if is_near else np.float32(-1.0)
-    return first_hit(reals, words, start, aim, view, entry, best, best32, best_slot, stacks, at)
+    reach = bound_of_parameter(parameter, entry) if is_near else np.float32(-1.0)
+    best = reach, parameter, slot, (0.0, 0.0, 0.0)
+    return first_hit(reals, words, start, (aim, view, entry, 0), best, stacks)
 
 
 @inlined
-def first_hit(reals, words, start, aim, view, entry, best, best32, best_slot, stacks, at):
-    """First hit of a ray below a reference: t, slot, and three weights.
+def _first_in_part(model, part, start, query, best, stacks):
+    """The best, with what is below *start* in a part that has a frame of its own."""
+    reals, words, frames, parts = model
+    _, _, entry, ((x, y, z), (dx, dy, dz)) = query
+    _, parameter, best_slot, _ = best
+    ratio = frames[part].scale / frames[len(parts) - 1].scale
+    origin = to_local(frames, parts, part, x, y, z)
+    direction = direction_to_local(frames, parts, part, dx, dy, dz)
+    _, found, slot, weights = _ray_in_part(
+        reals, words, start, origin, direction, parameter * ratio, best_slot, stacks
+    )
+    if slot == best_slot:
+        return best
+    return bound_of_parameter(found / ratio, entry), found / ratio, slot, weights
 
-    The weights are barycentric coordinates times some number; 0 where nothing better than known was found.
 
-    *start*: the reference to walk from, the part's root for all of it. *aim*, *view*: as `aim_and_view` gives
-    them; *entry* as `approach`. *best* and *best_slot*: what is known already; nothing farther is looked at;
-    *best32*: the same for boxes. *stacks* float32, from *at* on: `STACK_SIZE` bounds, then as many
-    references.
-    """
-    zero32 = splat32(np.float32(0.0))
-    weight_a, weight_b, weight_c = 0.0, 0.0, 0.0
-    bottom = at
-    reference = start
-    while True:
-        if reference >= 0:
-            base = NODE_STRIDE * reference
-            bounds, leaving, is_open = open_boxes(words, base, aim, zero32, best32)
-            if bits(is_open):
-                reference, at = descend_in_order(words, base, bounds, leaving, is_open, stacks, at)
-                continue
-        else:
-            block = ~reference
-            found, first, a, b, c = first_in_block(reals, BLOCK_STRIDE * block, view, entry, best)
-            slot = LANES * block + first
-            if first >= 0 and (found < best or slot < best_slot or best_slot == NO_SLOT):
-                best, best_slot = found, slot
-                weight_a, weight_b, weight_c = a, b, c
-                best32 = bound_of_parameter(best, entry)
-        # The next that is still open.
-        at = next_open(stacks, bottom, at, best32)
-        if at == NOTHING_WAITS:
-            return best, best_slot, weight_a, weight_b, weight_c
-        reference = load_int(stacks, at + STACK_SIZE)
+first_hit_in_scene = over_parts(_open_children, _first_in_leaf, _first_in_part, in_order)
+"""The same over all parts of a scene; what else is known are origin and direction in the scene's frame."""

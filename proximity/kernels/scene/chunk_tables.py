@@ -10,7 +10,7 @@ import numpy as np
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
 from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS
 from proximity.kernels.layout import LANES, NO_PART, NO_SLOT, STACKS_SIZE
-from proximity.kernels.stack_arrays import bundle_here
+from proximity.kernels.stack_arrays import stack_bundle
 from proximity.native import inlined
 
 POINT_CHUNK = 64
@@ -61,43 +61,37 @@ class Workspace(NamedTuple):
     recent: np.ndarray  # (RECENT_PARTS, 2) int64, parts asked last and slots found there, where walks start
 
 
-candidates_here = bundle_here(
+new_candidates = stack_bundle(
     Candidates,
     ("int64", POINT_CHUNK),
     ("int64", POINT_CHUNK, 2),
     ("int64", POINT_CHUNK * LANES, 3),
     ("float32", POINT_CHUNK, 3),
 )
-found_here = bundle_here(
+new_found = stack_bundle(
     Found,
     ("int64", POINT_CHUNK + 1, 2),
     ("float64", POINT_CHUNK),
     ("int64", POINT_CHUNK, 2),
     ("float64", POINT_CHUNK),
 )
-features_here = bundle_here(
-    Features,
-    ("int64", POINT_CHUNK),
-    ("float64", 3 * POINT_CHUNK),
-    ("float64", LANES_COLUMNS * POINT_CHUNK),
+new_features = stack_bundle(
+    Features, ("int64", POINT_CHUNK), ("float64", 3 * POINT_CHUNK), ("float64", LANES_COLUMNS * POINT_CHUNK)
 )
-workspace_here = bundle_here(
-    Workspace,
-    ("float32", STACKS_SIZE),
-    ("float64", CLOSEST_SIZE),
-    ("int64", RECENT_PARTS, 2),
+new_workspace = stack_bundle(
+    Workspace, ("float32", STACKS_SIZE), ("float64", CLOSEST_SIZE), ("int64", RECENT_PARTS, 2)
 )
 
 
 @inlined
-def forget(workspace):
-    """Say in a workspace that nothing has been found yet."""
+def reset_recent(workspace):
+    """Mark the parts asked last as unknown."""
     for k in range(RECENT_PARTS):
         workspace.recent[k, 0] = NO_PART
 
 
 @inlined
-def begin(found, workspace):
-    """Say in the tables that nothing has been found yet."""
+def reset_found(found, workspace):
+    """Mark what has been found, and the parts asked last, as unknown."""
     found.nearest[POINT_CHUNK, 0], found.nearest[POINT_CHUNK, 1] = NO_PART, NO_SLOT
-    forget(workspace)
+    reset_recent(workspace)

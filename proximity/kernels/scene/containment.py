@@ -11,25 +11,8 @@ parts whose surface passes through their cell.
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import (
-    to_local,
-)
-from proximity.kernels.layout import (
-    FRAME_GRID_LOWER,
-    FRAME_GRID_RATE,
-    FRAME_SCALE,
-    LANES,
-    NO_GRID,
-    NO_PART,
-    NO_SLOT,
-    PART_GRID,
-    PART_GRID_X,
-    PART_GRID_Y,
-    PART_GRID_Z,
-    PART_ROOT,
-    PART_SIGN,
-    SIGN_NONE,
-)
+from proximity.kernels.geometry.frames import to_local
+from proximity.kernels.layout import LANES, NO_GRID, NO_PART, NO_SLOT, SIGN_NONE
 from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part
 from proximity.kernels.scene.chunk_tables import RECENT_PARTS
 from proximity.kernels.scene.part_grid import (
@@ -60,14 +43,14 @@ def _state_in_grid(words, frames, parts, part, px, py, pz):
     """State of the cell of a part's sign grid that contains *p*, local."""
     return cell_state(
         words,
-        parts[part, PART_GRID],
-        frames[part, FRAME_GRID_LOWER],
-        frames[part, FRAME_GRID_LOWER + 1],
-        frames[part, FRAME_GRID_LOWER + 2],
-        frames[part, FRAME_GRID_RATE],
-        parts[part, PART_GRID_X],
-        parts[part, PART_GRID_Y],
-        parts[part, PART_GRID_Z],
+        parts[part].grid,
+        frames[part].grid_lower[0],
+        frames[part].grid_lower[1],
+        frames[part].grid_lower[2],
+        frames[part].grid_rate,
+        parts[part].grid_x,
+        parts[part].grid_y,
+        parts[part].grid_z,
         px,
         py,
         pz,
@@ -77,9 +60,9 @@ def _state_in_grid(words, frames, parts, part, px, py, pz):
 @inlined
 def state_in_part(reals, words, frames, parts, part, px, py, pz):
     """`CELL_INSIDE`, `CELL_OUTSIDE` or `CELL_CROSSED` (ask the surface) for *p* in the part's local frame."""
-    if parts[part, PART_SIGN] == SIGN_NONE:
+    if parts[part].sign == SIGN_NONE:
         return CELL_OUTSIDE
-    if parts[part, PART_GRID] != NO_GRID:
+    if parts[part].grid != NO_GRID:
         return _state_in_grid(words, frames, parts, part, px, py, pz)
     is_inside, _ = is_inside_by_winding(reals, words, parts, part, px, py, pz)
     return CELL_INSIDE if is_inside else CELL_OUTSIDE
@@ -94,7 +77,7 @@ def depth_in_part(model, part, p, state, workspace):
     reals, words, frames, parts = model
     px, py, pz = p
     # Faces that pass by a cell may have marked it: mostly, not always, the surface is within its diagonal.
-    rate = frames[part, FRAME_GRID_RATE]
+    rate = frames[part].grid_rate
     reach_sq = np.inf if state == CELL_INSIDE else 3.001 / (rate * rate)
     slot, seen = np.int64(NO_SLOT), np.int64(NOTHING_SEEN)
     recent, last = workspace.recent, part % RECENT_PARTS
@@ -102,12 +85,10 @@ def depth_in_part(model, part, p, state, workspace):
         known_sq, known = best_of_block(reals, recent[last, 1], px, py, pz)
         if known_sq <= reach_sq:
             reach_sq, slot, seen = known_sq, known, ~(known // LANES)
-    root, stacks = parts[part, PART_ROOT], workspace.stacks
-    found_sq, slot = closest_in_part(reals, words, root, px, py, pz, reach_sq, slot, seen, stacks, 0)
+    root, stacks = parts[part].root, workspace.stacks
+    found_sq, slot = closest_in_part(reals, words, root, p, reach_sq, slot, seen, stacks)
     if slot == NO_SLOT:
-        found_sq, slot = closest_in_part(
-            reals, words, root, px, py, pz, np.inf, slot, NOTHING_SEEN, stacks, 0
-        )
+        found_sq, slot = closest_in_part(reals, words, root, p, np.inf, slot, NOTHING_SEEN, stacks)
     if slot >= 0:
         recent[last, 0], recent[last, 1] = part, slot
         if state == CELL_CROSSED:
@@ -159,7 +140,7 @@ def note_candidates(model, chunk, candidates):
             part = np.int64(load_int(words, at + trailing_zeros(containing)))
             containing &= containing - 1
             state = np.int64(CELL_UNKNOWN)
-            if parts[part, PART_GRID] != NO_GRID:
+            if parts[part].grid != NO_GRID:
                 px, py, pz = to_local(frames, parts, part, x, y, z)
                 state = np.int64(_state_in_grid(words, frames, parts, part, px, py, pz))
             pairs[pair_count, 0], pairs[pair_count, 1], pairs[pair_count, 2] = k, part, state
@@ -283,7 +264,7 @@ def _ask_for_depth(model, chunk, k, part, state, found, workspace):
             return
     depth_sq, slot = depth_in_part(model, part, (px, py, pz), state, workspace)
     if slot >= 0:
-        ratio = frames[part, FRAME_SCALE] / frames[len(parts) - 1, FRAME_SCALE]
+        ratio = frames[part].scale / frames[len(parts) - 1].scale
         depth_sq /= ratio * ratio
         is_lower = depth_sq == depths[k] and deeper[k, 0] != NO_PART and part < deeper[k, 0]
         if depth_sq > depths[k] or is_lower:

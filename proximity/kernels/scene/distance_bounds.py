@@ -10,7 +10,7 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.contact_columns import BOUNDED, EXACT, INSIDE, SIGNED
+from proximity.kernels.contact_record import BOUNDED, EXACT, INSIDE, SIGNED
 from proximity.kernels.geometry.closest_feature import (
     CLOSEST_ARM,
     CLOSEST_LENGTH,
@@ -20,26 +20,9 @@ from proximity.kernels.geometry.closest_feature import (
     over_face,
     read_corners,
 )
-from proximity.kernels.geometry.frames import (
-    is_alone,
-    part_of_slot,
-    to_local,
-)
-from proximity.kernels.layout import (
-    FRAME_BOX_LOWER,
-    FRAME_BOX_UPPER,
-    FRAME_SCALE,
-    NO_GRID,
-    NO_PART,
-    NO_SLOT,
-    PART_GRID,
-    PART_IS_HIDDEN,
-    PART_ROOT,
-    PART_SIGN,
-    SIGN_NONE,
-    SIGN_WINDING,
-)
-from proximity.kernels.point.budgeted_walk import DOWN, known_sq, nearest_with_budget
+from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
+from proximity.kernels.layout import NO_GRID, NO_PART, NO_SLOT, SIGN_NONE, SIGN_WINDING
+from proximity.kernels.point.budgeted_walk import DOWN, NO_TOLERANCE, known_sq, nearest_with_budget
 from proximity.kernels.scene.containment import state_in_part
 from proximity.kernels.scene.part_grid import containing_bits, lowest_part, sought, turns_of
 from proximity.kernels.sign.inside_grid import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE
@@ -53,11 +36,11 @@ SPARE_DEPTH_STEPS = 64
 
 
 @inlined
-def nearest_from_face(model, point, part, slot, limit_sq, tolerance, exact_within, budget, workspace):
+def nearest_from_face(model, point, part, slot, limit_sq, tolerance, budget, workspace):
     """`nearest_with_budget` for the whole scene, starting from a face known, if any; with its part.
 
-    *model*: its four arrays; *point*: (x, y, z). *limit_sq*, *exact_within*: in the scene's scaled
-    frame; nothing farther than the limit is looked at.
+    *model*: its four arrays; *point*: (x, y, z). *limit_sq*, and the length in *tolerance*: in the
+    scene's scaled frame; nothing farther than the limit is looked at.
     """
     reals, words, frames, parts = model
     x, y, z = point
@@ -70,16 +53,7 @@ def nearest_from_face(model, point, part, slot, limit_sq, tolerance, exact_withi
             slot = np.int64(NO_SLOT)
     walk_row = np.int64(0) if is_alone(parts) else len(parts) - 1
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        model,
-        parts[walk_row, PART_ROOT],
-        walk_row,
-        point,
-        best_sq,
-        slot,
-        tolerance,
-        exact_within,
-        budget,
-        workspace,
+        model, parts[walk_row].root, walk_row, point, (best_sq, slot), tolerance, budget, workspace
     )
     if slot >= 0:
         part = part_of_slot(words, parts, slot)
@@ -93,10 +67,7 @@ def beyond_all(frames, x, y, z):
     total = 0.0
     for axis in range(3):
         value = x if axis == 0 else (y if axis == 1 else z)
-        gap = max(
-            abs(value - frames[scene, FRAME_BOX_LOWER + axis]),
-            abs(frames[scene, FRAME_BOX_UPPER + axis] - value),
-        )
+        gap = max(abs(value - frames[scene].box_lower[axis]), abs(frames[scene].box_upper[axis] - value))
         total += gap * gap
     return sqrt(total) * (1.0 + 1e-12)
 
@@ -121,7 +92,7 @@ def fill_closest(reals, words, parts, frames, part, slot, x, y, z, closest):
         py - closest[CLOSEST_ARM + 1],
         pz - closest[CLOSEST_ARM + 2],
     )
-    return closest[CLOSEST_LENGTH] / frames[part, FRAME_SCALE]
+    return closest[CLOSEST_LENGTH] / frames[part].scale
 
 
 @inlined
@@ -133,7 +104,7 @@ def _depth_in_box(frames, part, x, y, z, is_open):
     nearest, total = np.inf, 0.0
     for axis in range(3):
         value = x if axis == 0 else (y if axis == 1 else z)
-        lower, upper = frames[part, FRAME_BOX_LOWER + axis], frames[part, FRAME_BOX_UPPER + axis]
+        lower, upper = frames[part].box_lower[axis], frames[part].box_upper[axis]
         rounding = 1e-15 * (abs(lower) + abs(upper) + abs(value))
         above, below = abs(upper - value) + rounding, abs(value - lower) + rounding
         nearest = min(nearest, above, below)
@@ -155,12 +126,12 @@ def _depth_in(model, other, point, budget, workspace, closest):
         return False, 0.0, 0.0, np.int64(NO_SLOT), np.int64(0)
     if state == CELL_INSIDE:
         if budget == 0:
-            most = _depth_in_box(frames, other, x, y, z, parts[other, PART_GRID] == NO_GRID)
+            most = _depth_in_box(frames, other, x, y, z, parts[other].grid == NO_GRID)
             return True, 0.0, most, np.int64(NO_SLOT), np.int64(1)
     else:
         budget = max(budget, FEWEST_DEPTH_STEPS)
     best_sq, slot, lower_sq, work = nearest_with_budget(
-        model, parts[other, PART_ROOT], other, point, np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+        model, parts[other].root, other, point, (np.inf, np.int64(NO_SLOT)), NO_TOLERANCE, budget, workspace
     )
     is_exact = lower_sq >= best_sq
     is_inside = True
@@ -170,7 +141,7 @@ def _depth_in(model, other, point, budget, workspace, closest):
         else:
             is_inside, steps = is_inside_by_winding(reals, words, parts, other, px, py, pz)
             work += steps
-    scale = frames[len(parts) - 1, FRAME_SCALE]
+    scale = frames[len(parts) - 1].scale
     upper = sqrt(best_sq) / scale
     lower = upper if is_exact else sqrt(lower_sq) / scale * DOWN
     if slot == NO_SLOT:
@@ -187,7 +158,7 @@ def is_in_box_with_holes(words, frames, parts, x, y, z):
         while containing:
             part = lowest_part(words, parts, at, containing)
             containing &= containing - 1
-            if parts[part, PART_SIGN] == SIGN_WINDING and parts[part, PART_GRID] == NO_GRID:
+            if parts[part].sign == SIGN_WINDING and parts[part].grid == NO_GRID:
                 return True
     return False
 
@@ -196,18 +167,12 @@ def is_in_box_with_holes(words, frames, parts, x, y, z):
 def may_pass_hole(frames, parts, x, y, z, reach):
     """Whether within *reach* of a point there may be a hole by which one gets in or out of a part."""
     for part in range(len(parts) - 1):
-        if (
-            parts[part, PART_SIGN] != SIGN_WINDING
-            or parts[part, PART_GRID] != NO_GRID
-            or parts[part, PART_IS_HIDDEN]
-        ):
+        if parts[part].sign != SIGN_WINDING or parts[part].grid != NO_GRID or parts[part].is_hidden:
             continue
         is_near = True
         for axis in range(3):
             value = x if axis == 0 else (y if axis == 1 else z)
-            gap = max(
-                frames[part, FRAME_BOX_LOWER + axis] - value, value - frames[part, FRAME_BOX_UPPER + axis]
-            )
+            gap = max(frames[part].box_lower[axis] - value, value - frames[part].box_upper[axis])
             is_near &= not gap > reach
         if is_near:
             return True
@@ -234,7 +199,7 @@ def _deepest_containing(model, point, part, slot, nearest, work, budget, workspa
         while containing:
             other = lowest_part(words, parts, at, containing)
             containing &= containing - 1
-            if parts[other, PART_SIGN] == SIGN_NONE:
+            if parts[other].sign == SIGN_NONE:
                 continue
             if other == part and is_exact and slot >= 0:
                 px, py, pz = to_local(frames, parts, part, x, y, z)
@@ -267,14 +232,12 @@ def bounds_at(model, point, part, slot, is_outside, tolerance, exact_within, bud
 
     *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face to start from, or `NO_SLOT`.
     *is_outside*: True where it is known that no part contains the point. *tolerance*, *exact_within* (m), of
-    a point that is outside: see `near_enough_sq`; others are asked exactly, as far as the budget goes.
+    a point that is outside: see `budgeted_walk`; others are asked exactly, as far as the budget goes.
     Returns what `bounds_of_nearest` does.
     """
     _, _, frames, parts = model
-    nearest = nearest_from_face(
-        model, point, part, slot, np.inf, tolerance if is_outside else 0.0,
-        exact_within * frames[len(parts) - 1, FRAME_SCALE], budget, workspace,
-    )  # fmt: skip
+    accuracy = tolerance if is_outside else 0.0, exact_within * frames[len(parts) - 1].scale
+    nearest = nearest_from_face(model, point, part, slot, np.inf, accuracy, budget, workspace)
     return bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, closest)
 
 
@@ -289,7 +252,7 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, clos
     x, y, z = point
     best_sq, part, slot, lower_sq, work = nearest
     scene = len(parts) - 1
-    scale = frames[scene, FRAME_SCALE]
+    scale = frames[scene].scale
     is_exact = lower_sq >= best_sq
     upper = sqrt(best_sq) / scale
     if slot >= 0:
@@ -320,7 +283,7 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, clos
             distance = -depth_upper
     else:
         distance = upper
-        if slot >= 0 and parts[part, PART_SIGN] != SIGN_NONE:
+        if slot >= 0 and parts[part].sign != SIGN_NONE:
             bits = SIGNED
     bits |= EXACT if lower == upper else BOUNDED
     return distance, lower, upper, clear, part, slot, bits, work

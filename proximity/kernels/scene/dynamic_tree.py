@@ -10,20 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.layout import (
-    ENTRY,
-    LANES,
-    NODE_PARTS,
-    NODE_STRIDE,
-    PART_ROOT,
-    SCENE_DYNAMIC_COUNT,
-    SCENE_ENTRY_COUNT,
-    SCENE_STATIC_ROOT,
-    SCENE_SUPER_NODE,
-)
+from proximity.kernels.layout import ENTRY, LANES, NODE_PARTS, NODE_STRIDE
 from proximity.kernels.scene.placement import box_in_scene, copy_rows, update_scene_box
-from proximity.kernels.stack_arrays import words_here
-from proximity.kernels.tree.wide_node import clear_node, node_box, write_lane
+from proximity.kernels.stack_arrays import stack_f32
+from proximity.kernels.tree.collapse import clear_node, node_box, write_lane
 from proximity.native import bundle, entry, inlined, kernel
 
 CURVE_CELLS = 2**20
@@ -99,7 +89,7 @@ def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry
 
     *static_root*: a node, or -1. *dynamic* (L,): parts. *order* (L,): their positions along the curve.
     """
-    box = words_here(6)
+    box = stack_f32(6)
     used, below, count = region + 1, -1, len(dynamic)
     while count > LANES - 1:
         node_count = (count + LANES - 1) // LANES
@@ -120,9 +110,9 @@ def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry
 
 
 @entry(
-    "float32[:], float64[:, :], int64[:, :], int64[:], int, float32[:, :]",
+    "float32[:], Frame[:], Part[:], int64[:], int, float32[:, :]",
     DynamicParts,
-    "int, int, int, float64[:, :], int64[:, :] -> float",
+    "int, int, int, Frame[:], Part[:] -> float",
 )
 def bring_up_to_date(
     words, frames, parts, versions, published, boxes, dynamic, steps, region, since, to_frames, to_parts
@@ -144,18 +134,10 @@ def bring_up_to_date(
             if versions[part] > published:
                 box_in_scene(frames, parts, part, boxes[part])
         _mend_order(boxes, rows, order, keys, steps)
-        write_dynamic(
-            words,
-            region,
-            parts[scene, SCENE_STATIC_ROOT],
-            boxes,
-            rows,
-            order,
-            parts[scene, SCENE_ENTRY_COUNT],
-        )
+        write_dynamic(words, region, parts[scene].static_root, boxes, rows, order, parts[scene].entry_count)
     # Nothing stands between a question and a static tree that is alone.
-    is_static = scene > 1 and len(rows) == 0 and parts[scene, SCENE_STATIC_ROOT] >= 0
-    parts[scene, PART_ROOT] = parts[scene, SCENE_STATIC_ROOT] if is_static else region
-    parts[scene, SCENE_SUPER_NODE], parts[scene, SCENE_DYNAMIC_COUNT] = region, len(rows)
+    is_static = scene > 1 and len(rows) == 0 and parts[scene].static_root >= 0
+    parts[scene].root = parts[scene].static_root if is_static else region
+    parts[scene].super_node, parts[scene].dynamic_count = region, len(rows)
     copy_rows(frames, parts, versions, since, to_frames, to_parts)
     return reach

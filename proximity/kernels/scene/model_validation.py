@@ -12,9 +12,7 @@ Each function returns the kind of the first fault that it finds, or `SOUND`, and
 import numpy as np
 
 from proximity.kernels.geometry.box import FAR
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-)
+from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.layout import (
     ALL_LANES,
     BLOCK_STRIDE,
@@ -26,33 +24,8 @@ from proximity.kernels.layout import (
     NO_GRID,
     NODE_CHILDREN,
     NODE_STRIDE,
-    PART_BLOCK_COUNT,
-    PART_BLOCK_NOTES,
-    PART_CORNER_COUNT,
-    PART_CORNER_NORMALS,
-    PART_CORNERS,
-    PART_FACE_COUNT,
-    PART_FACES,
-    PART_FIRST_BLOCK,
-    PART_GRID,
-    PART_GRID_X,
-    PART_GRID_Y,
-    PART_GRID_Z,
-    PART_IS_DYNAMIC,
-    PART_IS_FUSED,
-    PART_IS_HIDDEN,
-    PART_MOMENTS,
-    PART_NEIGHBORS,
-    PART_NODE_COUNT,
-    PART_ROOT,
-    PART_SLOT_FACES,
-    SCENE_ENTRIES,
-    SCENE_ENTRY_COUNT,
-    SCENE_FIRST_NODE,
-    SCENE_GRID,
-    SCENE_STATIC_ROOT,
 )
-from proximity.kernels.scene.static_tree import last_up_to
+from proximity.kernels.scene.static_tree import part_of_node
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.native import entry, inlined, kernel
@@ -92,7 +65,7 @@ def _lanes(words, base):
     return used, unused
 
 
-@entry("float32[:], int64[:, :], int32[:], int32[:], int32[:], uint8[:], int64[:] -> int")
+@entry("float32[:], Part[:], int32[:], int32[:], int32[:], uint8[:], int64[:] -> int")
 def fault_in_trees(words, parts, firsts, counts, levels, reached, fault):
     """Look through the trees of all parts.
 
@@ -108,9 +81,9 @@ def fault_in_trees(words, parts, firsts, counts, levels, reached, fault):
 
 @kernel
 def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
-    root, end = parts[part, PART_ROOT], parts[part, PART_ROOT] + parts[part, PART_NODE_COUNT]
-    first_block = parts[part, PART_FIRST_BLOCK]
-    last_block = first_block + parts[part, PART_BLOCK_COUNT] - 1
+    root, end = parts[part].root, parts[part].root + parts[part].node_count
+    first_block = parts[part].first_block
+    last_block = first_block + parts[part].block_count - 1
     # What is below a node has been seen when its turn comes.
     inner = np.int64(0)
     for node in range(end - 1, root - 1, -1):
@@ -144,16 +117,16 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
         if last - first + 1 != count:
             return _note(fault, NOT_IN_A_ROW, part, node - root, 0, 0)
         firsts[node], counts[node], levels[node] = first, count, level + 1
-    if inner != end - root - 1 or counts[root] != parts[part, PART_BLOCK_COUNT]:
+    if inner != end - root - 1 or counts[root] != parts[part].block_count:
         return _note(fault, NOT_REACHED, part, 0, 0, 0)
     return SOUND
 
 
-@entry("float64[:], float32[:], int64[:, :], uint8[:], int64[:] -> int")
+@entry("float64[:], float32[:], Part[:], uint8[:], int64[:] -> int")
 def fault_in_parts(reals, words, parts, seen, fault):
     """Look through slots, faces, corners, moments and sign grids. *seen* (F,) uint8: F of the largest."""
     for part in range(len(parts) - 1):
-        for face in range(parts[part, PART_FACE_COUNT]):
+        for face in range(parts[part].face_count):
             seen[face] = 0
         kind = _fault_in_slots(reals, words, parts, part, seen, fault)
         if kind == SOUND:
@@ -172,14 +145,14 @@ def fault_in_parts(reals, words, parts, seen, fault):
 @kernel
 def _fault_in_slots(reals, words, parts, part, seen, fault):
     """Every face is in one slot; where a slot has a face, its lane has a triangle, and else it is NaN."""
-    first, face_count = parts[part, PART_FIRST_BLOCK], parts[part, PART_FACE_COUNT]
+    first, face_count = parts[part].first_block, parts[part].face_count
     found = np.int64(0)
-    for block in range(first, first + parts[part, PART_BLOCK_COUNT]):
-        if load_int(words, parts[part, PART_BLOCK_NOTES] + block) & (2**FOLDED_AT - 1) != part:
+    for block in range(first, first + parts[part].block_count):
+        if load_int(words, parts[part].block_notes + block) & (2**FOLDED_AT - 1) != part:
             return _note(fault, BAD_NOTE, part, block - first, 0, 0)
         used = np.int64(0)
         for lane in range(LANES):
-            face = load_int(words, parts[part, PART_SLOT_FACES] + LANES * block + lane)
+            face = load_int(words, parts[part].slot_faces + LANES * block + lane)
             if face == NO_FACE:
                 continue
             if not 0 <= face < face_count:
@@ -205,11 +178,11 @@ def _fault_in_slots(reals, words, parts, part, seen, fault):
 
 @kernel
 def _fault_in_faces(words, parts, part, fault):
-    corner_count, face_count = parts[part, PART_CORNER_COUNT], parts[part, PART_FACE_COUNT]
+    corner_count, face_count = parts[part].corner_count, parts[part].face_count
     for k in range(3 * face_count):
         corner, neighbor = (
-            load_int(words, parts[part, PART_FACES] + k),
-            load_int(words, parts[part, PART_NEIGHBORS] + k),
+            load_int(words, parts[part].faces + k),
+            load_int(words, parts[part].neighbors + k),
         )
         if not 0 <= corner < corner_count:
             return _note(fault, BAD_CORNER_ID, part, k // 3, corner, corner_count)
@@ -220,19 +193,19 @@ def _fault_in_faces(words, parts, part, fault):
 
 @kernel
 def _fault_in_corners(reals, parts, part, fault):
-    for k in range(3 * parts[part, PART_CORNER_COUNT]):
-        if not abs(reals[parts[part, PART_CORNERS] + k]) <= LARGEST_LOCAL:
+    for k in range(3 * parts[part].corner_count):
+        if not abs(reals[parts[part].corners + k]) <= LARGEST_LOCAL:
             return _note(fault, BAD_CORNER, part, k // 3, 0, 0)
-        if not abs(reals[parts[part, PART_CORNER_NORMALS] + k]) <= LARGEST_LOCAL:
+        if not abs(reals[parts[part].corner_normals + k]) <= LARGEST_LOCAL:
             return _note(fault, BAD_NORMAL, part, k // 3, 0, 0)
     return SOUND
 
 
 @kernel
 def _fault_in_moments(words, parts, part, fault):
-    root = parts[part, PART_ROOT]
-    for node in range(root, root + parts[part, PART_NODE_COUNT]):
-        at = parts[part, PART_MOMENTS] + MOMENT_STRIDE * node
+    root = parts[part].root
+    for node in range(root, root + parts[part].node_count):
+        at = parts[part].moments + MOMENT_STRIDE * node
         finite = np.int64(ALL_LANES)
         for k in range(0, MOMENT_STRIDE, LANES):
             finite &= bits(absolute(load(words, at + k)) < splat32(np.float32(np.inf)))
@@ -244,10 +217,10 @@ def _fault_in_moments(words, parts, part, fault):
 @kernel
 def _fault_in_grid(words, parts, part, fault):
     """No cell is of an unknown state, which has both of its bits set."""
-    at = parts[part, PART_GRID]
+    at = parts[part].grid
     if at == NO_GRID:
         return SOUND
-    cells = parts[part, PART_GRID_X] * parts[part, PART_GRID_Y] * parts[part, PART_GRID_Z]
+    cells = parts[part].grid_x * parts[part].grid_y * parts[part].grid_z
     for k in range((cells + CELLS_PER_WORD - 1) // CELLS_PER_WORD):
         word = load_int(words, at + k)
         if word & (word >> 1) & 0x55555555:
@@ -255,12 +228,12 @@ def _fault_in_grid(words, parts, part, fault):
     return SOUND
 
 
-@entry("float32[:], int64[:, :], int64[:] -> int")
+@entry("float32[:], Part[:], int64[:] -> int")
 def fault_in_lists(words, parts, fault):
     """Look through the lists of the grid over the scene, which is the last thing in *words*."""
     scene = len(parts) - 1
-    base = parts[scene, SCENE_GRID]
-    cells = parts[scene, PART_GRID_X] * parts[scene, PART_GRID_Y] * parts[scene, PART_GRID_Z]
+    base = parts[scene].grid
+    cells = parts[scene].grid_x * parts[scene].grid_y * parts[scene].grid_z
     if cells == 0:
         return SOUND
     size, last = len(words) - base, cells + 1
@@ -282,35 +255,31 @@ def _root_of_child(words, parts, reference):
     """The part and the reference that a leaf of the static tree leads to; part -1 where there is none."""
     scene = len(parts) - 1
     if reference >= 0:
-        is_node = reference < parts[scene, SCENE_FIRST_NODE]
-        return last_up_to(parts, PART_ROOT, reference) if is_node else np.int64(-1), reference
+        is_node = reference < parts[scene].first_node
+        return part_of_node(parts, reference) if is_node else np.int64(-1), reference
     number = ~reference
     if number < ENTRY:
-        end = parts[scene - 1, PART_FIRST_BLOCK] + parts[scene - 1, PART_BLOCK_COUNT]
+        end = parts[scene - 1].first_block + parts[scene - 1].block_count
         return part_of_slot(words, parts, LANES * number) if number < end else np.int64(-1), reference
-    if number - ENTRY >= parts[scene, SCENE_ENTRY_COUNT]:
+    if number - ENTRY >= parts[scene].entry_count:
         return np.int64(-1), reference
-    at = parts[scene, SCENE_ENTRIES] + 2 * (number - ENTRY)
+    at = parts[scene].entries + 2 * (number - ENTRY)
     part, reference = np.int64(load_int(words, at)), np.int64(load_int(words, at + 1))
     if not 0 <= part < scene:
         return np.int64(-1), reference
-    node, block = reference - parts[part, PART_ROOT], ~reference - parts[part, PART_FIRST_BLOCK]
-    is_own = (
-        0 <= node < parts[part, PART_NODE_COUNT]
-        if reference >= 0
-        else 0 <= block < parts[part, PART_BLOCK_COUNT]
-    )
+    node, block = reference - parts[part].root, ~reference - parts[part].first_block
+    is_own = 0 <= node < parts[part].node_count if reference >= 0 else 0 <= block < parts[part].block_count
     return part if is_own else np.int64(-1), reference
 
 
-@entry("float32[:], int64[:, :], int32[:], int32[:], int32[:], uint8[:], int64[:] -> int")
+@entry("float32[:], Part[:], int32[:], int32[:], int32[:], uint8[:], int64[:] -> int")
 def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
     """Look through the tree over parts that stand still: each block of them is below it, and once.
 
     *firsts*, *counts*: as `fault_in_trees` fills them. *levels* (N,), *covered* (B,): zeros; N nodes.
     """
     scene = len(parts) - 1
-    root = parts[scene, SCENE_STATIC_ROOT]
+    root = parts[scene].static_root
     node_count = len(levels) if root >= 0 else 0
     if node_count:
         levels[0] = 1
@@ -332,9 +301,9 @@ def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
                 levels[child] = levels[node] + 1
                 continue
             part, start = _root_of_child(words, parts, reference)
-            if part < 0 or parts[part, PART_IS_DYNAMIC] or parts[part, PART_IS_HIDDEN]:
+            if part < 0 or parts[part].is_dynamic or parts[part].is_hidden:
                 return _note(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
-            if ~reference < ENTRY and not parts[part, PART_IS_FUSED]:
+            if ~reference < ENTRY and not parts[part].is_fused:
                 return _note(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
             first, count = (firsts[start], counts[start]) if start >= 0 else (np.int32(~start), np.int32(1))
             for block in range(first, first + count):
@@ -347,23 +316,23 @@ def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
 @kernel
 def _fault_in_cover(parts, covered, fault):
     for part in range(len(parts) - 1):
-        if parts[part, PART_IS_DYNAMIC] or parts[part, PART_IS_HIDDEN]:
+        if parts[part].is_dynamic or parts[part].is_hidden:
             continue
-        first = parts[part, PART_FIRST_BLOCK]
-        for block in range(first, first + parts[part, PART_BLOCK_COUNT]):
+        first = parts[part].first_block
+        for block in range(first, first + parts[part].block_count):
             if not covered[block]:
                 return _note(fault, NOT_COVERED, part, block - first, 0, 0)
     return SOUND
 
 
-@entry("float32[:], int64[:, :], int, float64[:, 3], int32[:, 3], float, int32[:], int64[:] -> int")
+@entry("float32[:], Part[:], int, float64[:, 3], int32[:, 3], float, int32[:], int64[:] -> int")
 def fault_in_mesh(words, parts, part, vertices, faces, largest, corners, fault):
     """Compare a part's faces with the mesh that they were made of: (V, 3) float64 and (F, 3) int32.
 
     Vertices at one position are one corner, and corners are numbered in the order of their first vertices:
     whoever deforms the part counts on it. *corners* (V,) int32: scratch.
     """
-    vertex_count, faces_at = len(vertices), parts[part, PART_FACES]
+    vertex_count, faces_at = len(vertices), parts[part].faces
     for vertex in range(vertex_count):
         corners[vertex] = -1
     for face in range(len(faces)):
@@ -384,6 +353,6 @@ def fault_in_mesh(words, parts, part, vertices, faces, largest, corners, fault):
         for axis in range(3):
             if corner >= 0 and not abs(vertices[vertex, axis]) <= largest:
                 return _note(fault, BAD_VERTEX, part, vertex, 0, 0)
-    if known != parts[part, PART_CORNER_COUNT]:
+    if known != parts[part].corner_count:
         return _note(fault, BAD_CORNER_ORDER, part, vertex_count, known, 0)
     return SOUND

@@ -11,33 +11,8 @@ Callers take a point's parts in *turns*, up to `LANES` at a time: first the list
 import numpy as np
 
 from proximity.kernels.geometry.box import point_boxes_distance_sq
-from proximity.kernels.geometry.frames import (
-    LENGTH_ROUNDING,
-    to_local,
-)
-from proximity.kernels.layout import (
-    FRAME_BOX_LOWER,
-    FRAME_BOX_UPPER,
-    FRAME_CENTRE,
-    FRAME_GRID_LOWER,
-    FRAME_GRID_RATE,
-    FRAME_ROTATION,
-    FRAME_SCALE,
-    FRAME_TRANSLATION,
-    LANES,
-    NO_GRID,
-    NODE_PARTS,
-    NODE_STRIDE,
-    PART_GRID,
-    PART_GRID_X,
-    PART_GRID_Y,
-    PART_GRID_Z,
-    PART_IS_DYNAMIC,
-    PART_IS_HIDDEN,
-    SCENE_DYNAMIC_COUNT,
-    SCENE_GRID,
-    SCENE_SUPER_NODE,
-)
+from proximity.kernels.geometry.frames import LENGTH_ROUNDING, to_local
+from proximity.kernels.layout import LANES, NO_GRID, NODE_PARTS, NODE_STRIDE
 from proximity.kernels.sign.inside_grid import CELL_SLACK, CELLS_PER_WORD
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import bits, load_int, splat32, trailing_zeros
@@ -52,15 +27,15 @@ def list_of(words, frames, parts, x, y, z):
     scene = len(parts) - 1
     if scene == 1:
         return np.int64(0), np.int64(0)
-    nx, ny, nz = parts[scene, PART_GRID_X], parts[scene, PART_GRID_Y], parts[scene, PART_GRID_Z]
-    rate = frames[scene, FRAME_GRID_RATE]
-    fx = (x - frames[scene, FRAME_GRID_LOWER]) * rate
-    fy = (y - frames[scene, FRAME_GRID_LOWER + 1]) * rate
-    fz = (z - frames[scene, FRAME_GRID_LOWER + 2]) * rate
+    nx, ny, nz = parts[scene].grid_x, parts[scene].grid_y, parts[scene].grid_z
+    rate = frames[scene].grid_rate
+    fx = (x - frames[scene].grid_lower[0]) * rate
+    fy = (y - frames[scene].grid_lower[1]) * rate
+    fz = (z - frames[scene].grid_lower[2]) * rate
     # A scene of which no part is listed has no cells.
     if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):
         return np.int64(0), np.int64(0)
-    base = parts[scene, SCENE_GRID]
+    base = parts[scene].grid
     at = base + (np.int64(fz) * ny + np.int64(fy)) * nx + np.int64(fx)
     return base + load_int(words, at), base + load_int(words, at + 1)
 
@@ -74,7 +49,7 @@ def turns_of_list(first, last):
 @inlined
 def dynamic_turn_count(parts):
     """Turns that the dynamic parts take."""
-    return (parts[len(parts) - 1, SCENE_DYNAMIC_COUNT] + LANES - 1) // LANES
+    return (parts[len(parts) - 1].dynamic_count + LANES - 1) // LANES
 
 
 @inlined
@@ -83,8 +58,8 @@ def listed_bits(words, frames, parts, at, last, x, y, z):
     containing = np.int64(0)
     for lane in range(min(LANES, last - at)):
         part = load_int(words, at + lane)
-        may_contain = parts[part, PART_IS_DYNAMIC] == 0 and parts[part, PART_IS_HIDDEN] == 0
-        if parts[part, PART_GRID] == NO_GRID:
+        may_contain = parts[part].is_dynamic == 0 and parts[part].is_hidden == 0
+        if parts[part].grid == NO_GRID:
             may_contain = may_contain and _is_in_box(frames, part, x, y, z)
         containing |= np.int64(may_contain) << lane
     return containing
@@ -93,9 +68,9 @@ def listed_bits(words, frames, parts, at, last, x, y, z):
 @inlined
 def _is_in_box(frames, part, x, y, z):
     return (
-        frames[part, FRAME_BOX_LOWER] <= x <= frames[part, FRAME_BOX_UPPER]
-        and frames[part, FRAME_BOX_LOWER + 1] <= y <= frames[part, FRAME_BOX_UPPER + 1]
-        and frames[part, FRAME_BOX_LOWER + 2] <= z <= frames[part, FRAME_BOX_UPPER + 2]
+        frames[part].box_lower[0] <= x <= frames[part].box_upper[0]
+        and frames[part].box_lower[1] <= y <= frames[part].box_upper[1]
+        and frames[part].box_lower[2] <= z <= frames[part].box_upper[2]
     )
 
 
@@ -106,8 +81,8 @@ def dynamic_bits(words, parts, turn, sx, sy, sz):
     *sx sy sz*: float32x8 splats, scene's scaled frame.
     """
     scene = len(parts) - 1
-    node, mask = parts[scene, SCENE_SUPER_NODE], np.int64(-1)
-    if parts[scene, SCENE_DYNAMIC_COUNT] < LANES:
+    node, mask = parts[scene].super_node, np.int64(-1)
+    if parts[scene].dynamic_count < LANES:
         mask ^= 1  # all are in the super node, beside the static tree
     else:
         node += 1 + turn
@@ -137,7 +112,7 @@ def containing_bits(words, frames, parts, first, last, turn, x, y, z, sx, sy, sz
     *x y z* are of the scene's frame, *sx sy sz* float32x8 splats of its scaled frame.
     """
     if len(parts) == 2:
-        return np.int64(parts[0, PART_IS_HIDDEN] == 0), np.int64(0)
+        return np.int64(parts[0].is_hidden == 0), np.int64(0)
     lists = turns_of_list(first, last)
     if turn < lists:
         at = first + LANES * turn
@@ -151,10 +126,7 @@ def lowest_part(words, parts, at, containing):
     return np.int64(load_int(words, at + trailing_zeros(containing))) if len(parts) > 2 else np.int64(0)
 
 
-@entry(
-    "float64[:, :], int64[:, :], int, uint32[:], float64[:], float, int, int, int -> int32[:]",
-    makes_arrays=True,
-)
+@entry("Frame[:], Part[:], int, uint32[:], float64[:], float, int, int, int -> int32[:]", makes_arrays=True)
 def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
     """Return the cells (int32, rising) of a grid over the scene in which a part may contain a point.
 
@@ -164,8 +136,8 @@ def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
     size = np.array([nx, ny, nz])
     first, count = np.empty(3, np.int64), np.empty(3, np.int64)
     for axis in range(3):
-        low = np.floor((frames[part, FRAME_BOX_LOWER + axis] - lower[axis]) * rate - CELL_SLACK)
-        high = np.floor((frames[part, FRAME_BOX_UPPER + axis] - lower[axis]) * rate + CELL_SLACK)
+        low = np.floor((frames[part].box_lower[axis] - lower[axis]) * rate - CELL_SLACK)
+        high = np.floor((frames[part].box_upper[axis] - lower[axis]) * rate + CELL_SLACK)
         first[axis] = np.int64(min(max(low, 0.0), size[axis] - 1.0))
         count[axis] = np.int64(min(max(high, 0.0), size[axis] - 1.0)) - first[axis] + 1
     cells = np.empty(count[0] * count[1] * count[2], np.int32)
@@ -174,7 +146,7 @@ def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
     for own in range(3):
         half[own] = 0.0
         for axis in range(3):
-            half[own] += abs(frames[part, FRAME_ROTATION + 3 * axis + own]) * (0.5 + CELL_SLACK) / rate
+            half[own] += abs(frames[part].rotation[3 * axis + own]) * (0.5 + CELL_SLACK) / rate
     for iz in range(first[2], first[2] + count[2]):
         for iy in range(first[1], first[1] + count[1]):
             for ix in range(first[0], first[0] + count[0]):
@@ -192,24 +164,24 @@ def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
 def _is_occupied(frames, parts, part, grid, x, y, z, half):
     """Whether a part's own grid has a cell that is not outside within *half* (3,), m, along its axes."""
     px, py, pz = to_local(frames, parts, part, x, y, z)
-    scale = frames[part, FRAME_SCALE]
+    scale = frames[part].scale
     reach = abs(x) + abs(y) + abs(z)
     for axis in range(3):
-        reach += abs(frames[part, FRAME_TRANSLATION + axis]) + abs(frames[part, FRAME_CENTRE + axis])
+        reach += abs(frames[part].translation[axis]) + abs(frames[part].centre[axis])
     slack = LENGTH_ROUNDING * (reach + 1.0 / scale)
-    rate = frames[part, FRAME_GRID_RATE]
+    rate = frames[part].grid_rate
     low_x, high_x = _range(
-        px - frames[part, FRAME_GRID_LOWER], (half[0] + slack) * scale, rate, parts[part, PART_GRID_X]
+        px - frames[part].grid_lower[0], (half[0] + slack) * scale, rate, parts[part].grid_x
     )
     low_y, high_y = _range(
-        py - frames[part, FRAME_GRID_LOWER + 1], (half[1] + slack) * scale, rate, parts[part, PART_GRID_Y]
+        py - frames[part].grid_lower[1], (half[1] + slack) * scale, rate, parts[part].grid_y
     )
     low_z, high_z = _range(
-        pz - frames[part, FRAME_GRID_LOWER + 2], (half[2] + slack) * scale, rate, parts[part, PART_GRID_Z]
+        pz - frames[part].grid_lower[2], (half[2] + slack) * scale, rate, parts[part].grid_z
     )
     for iz in range(low_z, high_z):
         for iy in range(low_y, high_y):
-            row = (iz * parts[part, PART_GRID_Y] + iy) * parts[part, PART_GRID_X]
+            row = (iz * parts[part].grid_y + iy) * parts[part].grid_x
             if _any_in_row(grid, row + low_x, row + high_x):
                 return True
     return False

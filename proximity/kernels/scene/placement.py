@@ -5,28 +5,13 @@ from math import isfinite
 import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
-from proximity.kernels.layout import (
-    FRAME_ANGULAR_VELOCITY,
-    FRAME_BOX_LOWER,
-    FRAME_BOX_UPPER,
-    FRAME_CENTRE,
-    FRAME_COLUMNS,
-    FRAME_OWN_LOWER,
-    FRAME_OWN_UPPER,
-    FRAME_ROTATION,
-    FRAME_SCALE,
-    FRAME_TRANSLATION,
-    FRAME_VELOCITY,
-    LANES,
-    PART_COLUMNS,
-    PART_IS_DYNAMIC,
-    PART_IS_FUSED,
-    PART_IS_HIDDEN,
-    PART_IS_TURNED,
-)
-from proximity.kernels.tree.wide_node import clear_box
+from proximity.kernels.layout import FRAME, field_at
+from proximity.kernels.stack_arrays import reals_of
+from proximity.kernels.tree.collapse import clear_box
 from proximity.native import entry, inlined, kernel
-from proximity.native.simd import lane, load, maximum, minimum, store
+from proximity.native.simd import lane, load, maximum, minimum
+
+BOX_AT = field_at(FRAME, "box_lower")
 
 
 @inlined
@@ -84,14 +69,14 @@ def _write_pose(frames, row, matrix, rounding):
     """
     is_other = False
     for i in range(3):
-        is_other = is_other or frames[row, FRAME_TRANSLATION + i] != matrix[i, 3]
+        is_other = is_other or frames[row].translation[i] != matrix[i, 3]
         for j in range(3):
-            is_other = is_other or frames[row, FRAME_ROTATION + 3 * i + j] != matrix[i, j]
+            is_other = is_other or frames[row].rotation[3 * i + j] != matrix[i, j]
     if not is_other:
         return False
     is_off = _off_exact(matrix) > rounding
     for i in range(3):
-        frames[row, FRAME_TRANSLATION + i] = matrix[i, 3]
+        frames[row].translation[i] = matrix[i, 3]
         for j in range(3):
             value = matrix[i, j]
             if is_off:
@@ -101,38 +86,37 @@ def _write_pose(frames, row, matrix, rounding):
                     for m in range(3):
                         product += matrix[i, m] * matrix[k, m]
                     value -= 0.5 * product * matrix[k, j]
-            frames[row, FRAME_ROTATION + 3 * i + j] = value
+            frames[row].rotation[3 * i + j] = value
     return True
 
 
-@entry("float64[:, :], int64[:, :], int")
+@entry("Frame[:], Part[:], int")
 def update_box(frames, parts, row):
     """Fill a row's box in the scene's frame, and whether it is turned, from its pose and its own box."""
     is_turned, is_shifted = False, False
     for i in range(3):
-        is_shifted = is_shifted or frames[row, FRAME_TRANSLATION + i] != 0.0
+        is_shifted = is_shifted or frames[row].translation[i] != 0.0
         for j in range(3):
-            is_turned = is_turned or frames[row, FRAME_ROTATION + 3 * i + j] != (1.0 if i == j else 0.0)
-    parts[row, PART_IS_TURNED] = is_turned
+            is_turned = is_turned or frames[row].rotation[3 * i + j] != (1.0 if i == j else 0.0)
+    parts[row].is_turned = is_turned
     for axis in range(3):
         if not is_turned and not is_shifted:
-            frames[row, FRAME_BOX_LOWER + axis] = frames[row, FRAME_OWN_LOWER + axis]
-            frames[row, FRAME_BOX_UPPER + axis] = frames[row, FRAME_OWN_UPPER + axis]
+            frames[row].box_lower[axis] = frames[row].own_lower[axis]
+            frames[row].box_upper[axis] = frames[row].own_upper[axis]
             continue
         # Around the middle, so that a part far from its own origin keeps a tight box.
-        middle, half = frames[row, FRAME_TRANSLATION + axis], 0.0
+        middle, half = frames[row].translation[axis], 0.0
         for other in range(3):
-            turn = frames[row, FRAME_ROTATION + 3 * axis + other]
-            lower, upper = frames[row, FRAME_OWN_LOWER + other], frames[row, FRAME_OWN_UPPER + other]
+            turn = frames[row].rotation[3 * axis + other]
+            lower, upper = frames[row].own_lower[other], frames[row].own_upper[other]
             middle += turn * (0.5 * lower + 0.5 * upper)
             half += abs(turn) * (0.5 * upper - 0.5 * lower)
-        frames[row, FRAME_BOX_LOWER + axis] = middle - half
-        frames[row, FRAME_BOX_UPPER + axis] = middle + half
+        frames[row].box_lower[axis] = middle - half
+        frames[row].box_upper[axis] = middle + half
 
 
 @entry(
-    "float64[:, :], int64[:, :], int64[:], int, int64[:], float64[:, 4, 4], float64[:, 3], "
-    "float64[:, 3], float -> int",
+    "Frame[:], Part[:], int64[:], int, int64[:], float64[:, 4, 4], float64[:, 3], float64[:, 3], float -> int"
 )
 def move_parts(frames, parts, versions, version, rows, matrices, velocities, angular_velocities, rounding):
     """Write poses and velocities of *rows* and mark them with *version*; how many have become dynamic.
@@ -145,11 +129,11 @@ def move_parts(frames, parts, versions, version, rows, matrices, velocities, ang
         versions[row] = version
         if _write_pose(frames, row, matrices[k], rounding):
             update_box(frames, parts, row)
-            freed += not parts[row, PART_IS_DYNAMIC]
-            parts[row, PART_IS_DYNAMIC], parts[row, PART_IS_FUSED] = 1, 0
+            freed += not parts[row].is_dynamic
+            parts[row].is_dynamic, parts[row].is_fused = 1, 0
         for axis in range(3):
-            frames[row, FRAME_VELOCITY + axis] = velocities[k, axis] if len(velocities) else 0.0
-            frames[row, FRAME_ANGULAR_VELOCITY + axis] = (
+            frames[row].velocity[axis] = velocities[k, axis] if len(velocities) else 0.0
+            frames[row].angular_velocity[axis] = (
                 angular_velocities[k, axis] if len(angular_velocities) else 0.0
             )
     return freed
@@ -159,12 +143,12 @@ def move_parts(frames, parts, versions, version, rows, matrices, velocities, ang
 def box_in_scene(frames, parts, part, box):
     """The box of a part in the scene's scaled frame, (6,) float32, widened; of a hidden part: empty."""
     scene = len(parts) - 1
-    scale = frames[scene, FRAME_SCALE]
+    scale = frames[scene].scale
     for axis in range(3):
-        centre = frames[scene, FRAME_CENTRE + axis]
-        box[axis] = round_down((frames[part, FRAME_BOX_LOWER + axis] - centre) * scale) - BOX_MARGIN
-        box[axis + 3] = round_up((frames[part, FRAME_BOX_UPPER + axis] - centre) * scale) + BOX_MARGIN
-    if parts[part, PART_IS_HIDDEN]:
+        centre = frames[scene].centre[axis]
+        box[axis] = round_down((frames[part].box_lower[axis] - centre) * scale) - BOX_MARGIN
+        box[axis + 3] = round_up((frames[part].box_upper[axis] - centre) * scale) + BOX_MARGIN
+    if parts[part].is_hidden:
         clear_box(box)
 
 
@@ -177,20 +161,19 @@ def update_scene_box(frames, parts):
     scene = len(parts) - 1
     reach = 0.0
     # The upper corner follows the lower one.
-    least = most = load(frames[0], FRAME_BOX_LOWER)
+    rows = reals_of(frames)
+    least = most = load(rows[0], BOX_AT)
     for part in range(1, scene):
-        box = load(frames[part], FRAME_BOX_LOWER)
+        box = load(rows[part], BOX_AT)
         least, most = minimum(least, box), maximum(most, box)
     for axis in range(3):
-        lower, upper = lane(least, axis), lane(most, FRAME_BOX_UPPER - FRAME_BOX_LOWER + axis)
-        frames[scene, FRAME_BOX_LOWER + axis] = frames[scene, FRAME_OWN_LOWER + axis] = lower
-        frames[scene, FRAME_BOX_UPPER + axis] = frames[scene, FRAME_OWN_UPPER + axis] = upper
+        lower, upper = lane(least, axis), lane(most, 3 + axis)
+        frames[scene].box_lower[axis] = frames[scene].own_lower[axis] = lower
+        frames[scene].box_upper[axis] = frames[scene].own_upper[axis] = upper
         if scene == 1:
-            frames[scene, FRAME_CENTRE + axis] = (
-                frames[0, FRAME_CENTRE + axis] + frames[0, FRAME_TRANSLATION + axis]
-            )
-            frames[scene, FRAME_SCALE] = frames[0, FRAME_SCALE]
-        centre, scale = frames[scene, FRAME_CENTRE + axis], frames[scene, FRAME_SCALE]
+            frames[scene].centre[axis] = frames[0].centre[axis] + frames[0].translation[axis]
+            frames[scene].scale = frames[0].scale
+        centre, scale = frames[scene].centre[axis], frames[scene].scale
         reach = max(reach, abs(lower - centre) * scale, abs(upper - centre) * scale)
     return reach if scene > 1 else 0.0
 
@@ -201,7 +184,5 @@ def copy_rows(frames, parts, versions, since, to_frames, to_parts):
     scene = len(parts) - 1
     for row in range(scene + 1):
         if row == scene or versions[row] > since:
-            for column in range(0, FRAME_COLUMNS, LANES):
-                store(to_frames[row], column, load(frames[row], column))
-            for column in range(PART_COLUMNS):
-                to_parts[row, column] = parts[row, column]
+            to_frames[row] = frames[row]
+            to_parts[row] = parts[row]

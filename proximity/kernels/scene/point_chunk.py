@@ -16,15 +16,14 @@ from proximity.kernels.geometry.closest_lanes import (
 from proximity.kernels.geometry.frames import LENGTH_ROUNDING, can_be_asked, to_local
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import offset_of
-from proximity.kernels.layout import FEATURE_FACE, FRAME_SCALE, LANES, NO_PART, NO_SLOT
-from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block
+from proximity.kernels.layout import FEATURE_FACE, LANES, NO_PART, NO_SLOT
+from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, nearest_in_scene
 from proximity.kernels.scene.chunk_tables import POINT_CHUNK
 from proximity.kernels.scene.containment import deepest_of_certain, note_candidates
-from proximity.kernels.scene.nearest_part import nearest_in_scene
 from proximity.kernels.sign.side import closest_of_lane, has_normals, is_beyond
 from proximity.native import inlined
 
-FEWEST_IN_LANES = 4
+FEWEST_IN_LANES = 3
 """Points from which on it is sooner to work out eight at a time what is closest."""
 
 
@@ -43,18 +42,18 @@ def row_of(order, i):
 @inlined
 def nearest_from_block(model, point, limit_sq, part, slot, stacks):
     """`nearest_in_scene`, starting from the block of what the point before has found, if anything."""
-    reals, words, frames, parts = model
+    reals, _, frames, parts = model
     x, y, z = point
     best_sq, seen = limit_sq, np.int64(NOTHING_SEEN)
     if slot >= 0:
         seen = ~(slot // LANES)
         px, py, pz = to_local(frames, parts, part, x, y, z)
-        ratio = frames[part, FRAME_SCALE] / frames[len(parts) - 1, FRAME_SCALE]
+        ratio = frames[part].scale / frames[len(parts) - 1].scale
         best_sq, slot = best_of_block(reals, slot, px, py, pz)
         best_sq /= ratio * ratio
         if not best_sq <= limit_sq:
             best_sq, part, slot = limit_sq, np.int64(NO_PART), np.int64(NO_SLOT)
-    return nearest_in_scene(reals, words, frames, parts, x, y, z, best_sq, part, slot, seen, stacks)
+    return nearest_in_scene(model, point, best_sq, part, slot, seen, stacks)
 
 
 @inlined
@@ -71,7 +70,7 @@ def begin_chunk(model, chunk, order, first, limits, reaches, candidates, found, 
         rows[k], certain[k] = row_of(order, first + k), 0
         fetch_row(points, order, first + k + POINT_CHUNK)
     if len(limits):
-        scale = frames[len(parts) - 1, FRAME_SCALE]
+        scale = frames[len(parts) - 1].scale
         for k in range(count):
             reaches[k] = reach_sq(limit_of(limits, rows[k]) * scale)
     if len(parts) <= 2:
@@ -86,7 +85,7 @@ def begin_chunk(model, chunk, order, first, limits, reaches, candidates, found, 
 
 @inlined
 def nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace):
-    """Fill what is nearest to each point, but to those that are inside for certain.
+    """Find the nearest face of each point; skip points already known to be inside.
 
     See `deepest_of_chunk`. Where there is no answer the nearest part is `NO_PART`, and the distance nan or
     inf. What the last chunk ended with, behind the nearest, is where the first walk may start from.
@@ -138,7 +137,7 @@ def signs_of_chunk(model, chunk, candidates, found, features, workspace):
                 signed = -abs(signed)
             elif not signed < 0.0:
                 depths[k] = -1.0
-            distances[k] = signed / frames[part, FRAME_SCALE]
+            distances[k] = signed / frames[part].scale
 
 
 @inlined

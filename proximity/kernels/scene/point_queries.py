@@ -31,28 +31,25 @@ from proximity.kernels.geometry.frames import (
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.layout import (
     FEATURE_NONE,
-    FRAME_SCALE,
     IN_MILLIMETRES,
     NO_FACE,
     NO_PART,
     NO_ROW,
     NO_SLOT,
-    PART_ROOT,
-    PART_SIGN,
     SIGN_NONE,
     STACKS_SIZE,
+    ModelArrays,
 )
-from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part
 from proximity.kernels.scene.chunk_tables import (
     POINT_CHUNK,
     Chunk,
-    begin,
-    candidates_here,
-    features_here,
-    forget,
-    found_here,
-    workspace_here,
+    new_candidates,
+    new_features,
+    new_found,
+    new_workspace,
+    reset_found,
+    reset_recent,
 )
 from proximity.kernels.scene.containment import deepest_of_chunk, is_contained
 from proximity.kernels.scene.point_chunk import (
@@ -65,8 +62,8 @@ from proximity.kernels.scene.point_chunk import (
     signs_of_chunk,
 )
 from proximity.kernels.sign.side import closest_of_lane, signed_of_slot
-from proximity.kernels.stack_arrays import longs_here, reals_here, words_here
-from proximity.native import HANDFUL, entry, inlined, kernel
+from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64
+from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
 
 SHORTEST_ARM = 1e-150
 """Local units; the square of less would vanish."""
@@ -89,12 +86,12 @@ NO_INSIDE = 0
 """Returned by `contains_batch` where no part has an inside."""
 
 
-@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", handful=HANDFUL)
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
 def distance_batch(model, points, order, limits, distances):
     """Fill unsigned distances (N, 1), m. *limits* are not looked at."""
-    stacks = words_here(STACKS_SIZE)
+    stacks = stack_f32(STACKS_SIZE)
     _, _, frames, parts = model
-    scale = frames[len(parts) - 1, FRAME_SCALE]
+    scale = frames[len(parts) - 1].scale
     limit_sq = reach_sq(np.inf)
     part, slot = np.int64(NO_PART), np.int64(NO_SLOT)
     for i in range(len(order) if len(order) else len(points)):
@@ -126,36 +123,31 @@ def _units_code(frames, order, answers):
 def signed_alone(model, points, distances):
     """Fill signed distances (N, 1), m, to one part, of points as they come: without tables that many need."""
     reals, words, frames, parts = model
-    stacks, closest = words_here(STACKS_SIZE), reals_here(CLOSEST_SIZE)
+    stacks, closest = stack_f32(STACKS_SIZE), stack_f64(CLOSEST_SIZE)
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         distances[row, 0] = np.nan
         if can_be_asked(frames, parts, x, y, z):
-            px, py, pz = to_local(frames, parts, 0, x, y, z)
+            p = px, py, pz = to_local(frames, parts, 0, x, y, z)
             _, slot = closest_in_part(
-                reals, words, parts[0, PART_ROOT], px, py, pz, np.inf, NO_SLOT, NOTHING_SEEN, stacks, 0
+                reals, words, parts[0].root, p, np.inf, np.int64(NO_SLOT), NOTHING_SEEN, stacks
             )
             signed = signed_of_slot(reals, words, parts, 0, slot, px, py, pz, closest)
-            distances[row, 0] = signed / frames[0, FRAME_SCALE]
+            distances[row, 0] = signed / frames[0].scale
 
 
-@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", handful=HANDFUL)
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
 def signed_batch(model, points, order, limits, distances):
     """Fill signed distances (N, 1), m. *limits* are not looked at."""
     reals, words, frames, parts = model
     if is_alone(parts) and not len(order):
         signed_alone(model, points, distances)
         return _units_code(frames, order, distances)
-    rows, reaches, no_limits = longs_here(POINT_CHUNK), reals_here(POINT_CHUNK), reals_here(0)
-    candidates, found, features, workspace = (
-        candidates_here(),
-        found_here(),
-        features_here(),
-        workspace_here(),
-    )
+    rows, reaches, no_limits = stack_i64(POINT_CHUNK), stack_f64(POINT_CHUNK), stack_f64(0)
+    candidates, found, features, workspace = (new_candidates(), new_found(), new_features(), new_workspace())
     for k in range(POINT_CHUNK):
         reaches[k] = np.inf
-    begin(found, workspace)
+    reset_found(found, workspace)
     total = len(order) if len(order) else len(points)
     for first in range(0, total, POINT_CHUNK):
         chunk = Chunk(points, rows, min(POINT_CHUNK, total - first))
@@ -170,25 +162,20 @@ def signed_batch(model, points, order, limits, distances):
                     row, slot = rows[k], found.deeper[k, 1]
                     px, py, pz = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
                     depth = signed_of_slot(reals, words, parts, part, slot, px, py, pz, workspace.closest)
-                    found.distances[k] = -abs(depth) / frames[part, FRAME_SCALE]
+                    found.distances[k] = -abs(depth) / frames[part].scale
         for k in range(chunk.point_count):
             distances[rows[k], 0] = found.distances[k]
     return _units_code(frames, order, distances)
 
 
-@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 12] -> int", handful=HANDFUL)
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 12] -> int", rows_with_gil=ROWS_WITH_GIL)
 def closest_batch(model, points, order, limits, answers):
     """Fill answers (N, `POINT_ANSWER_WIDTH`); see the columns above. *limits*, m: (1,) or (N,)."""
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
-    rows, reaches = longs_here(POINT_CHUNK), reals_here(POINT_CHUNK)
-    candidates, found, features, workspace = (
-        candidates_here(),
-        found_here(),
-        features_here(),
-        workspace_here(),
-    )
-    begin(found, workspace)
+    rows, reaches = stack_i64(POINT_CHUNK), stack_f64(POINT_CHUNK)
+    candidates, found, features, workspace = (new_candidates(), new_found(), new_features(), new_workspace())
+    reset_found(found, workspace)
     closest, local, table = workspace.closest, features.local_points, features.table
     total = len(order) if len(order) else len(points)
     for first in range(0, total, POINT_CHUNK):
@@ -232,7 +219,7 @@ def _write_nothing(answers, choices, row, distance):
 def _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row):
     """Write the answer of a closest feature, in the scene's frame."""
     length = closest[CLOSEST_LENGTH]
-    distance = length / frames[part, FRAME_SCALE]
+    distance = length / frames[part].scale
     if not distance <= limit:
         _write_nothing(answers, choices, row, np.inf)
         return
@@ -253,19 +240,19 @@ def _write_answer(frames, parts, part, face, feature, inside, closest, limit, an
     choices[row, POINT_ANSWER_PART] = part
     choices[row, POINT_ANSWER_FACE] = face
     choices[row, POINT_ANSWER_FEATURE] = feature
-    choices[row, POINT_ANSWER_IS_SIGNED] = parts[part, PART_SIGN] != SIGN_NONE
+    choices[row, POINT_ANSWER_IS_SIGNED] = parts[part].sign != SIGN_NONE
 
 
 @inlined
 def _has_inside(parts):
     """Whether some part has one."""
     part, count = 0, len(parts) - 1
-    while part < count and parts[part, PART_SIGN] == SIGN_NONE:
+    while part < count and parts[part].sign == SIGN_NONE:
         part += 1
     return part < count
 
 
-@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], bool[:, 1] -> int", handful=HANDFUL)
+@entry(ModelArrays, "float64[:, 3], int64[:], float64[:], bool[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
 def contains_batch(model, points, order, limits, inside):
     """Fill whether each point is inside some part (N, 1). Points that are not finite are not.
 
@@ -273,8 +260,8 @@ def contains_batch(model, points, order, limits, inside):
     """
     if not _has_inside(model.parts):
         return NO_INSIDE
-    workspace = workspace_here()
-    forget(workspace)
+    workspace = new_workspace()
+    reset_recent(workspace)
     for i in range(len(order) if len(order) else len(points)):
         row = row_of(order, i)
         fetch_row(points, order, i + POINT_CHUNK)

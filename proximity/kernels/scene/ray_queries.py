@@ -7,30 +7,10 @@ the least of them into metres.
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import (
-    direction_to_local,
-    is_alone,
-    to_local,
-)
+from proximity.kernels.geometry.frames import is_alone
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import (
-    BLOCK_STRIDE,
-    ENTRY,
-    FRAME_SCALE,
-    LANES,
-    NO_PART,
-    NO_ROW,
-    NO_SLOT,
-    NODE_STRIDE,
-    PART_IS_FUSED,
-    PART_ROOT,
-    SCENE_ALL_FUSED,
-    SCENE_ENTRIES,
-    STACK_SIZE,
-    STACKS_SIZE,
-)
-from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.layout import LANES, NO_ROW, NO_SLOT, STACKS_SIZE, ModelArrays
 from proximity.kernels.ray.hit_rows import (
     DISTANCE_WIDTH,
     HIT_OFFSETS_SIZE,
@@ -56,23 +36,29 @@ from proximity.kernels.ray.ray_lanes import (
     make_ready,
     view_of,
 )
-from proximity.kernels.ray.walk import bound_of_parameter, first_hit, first_in_block, open_boxes, ray_in_part
-from proximity.kernels.stack_arrays import longs_here, reals_here, words_here
-from proximity.kernels.tree.traversal import NOTHING_WAITS, descend_in_order, next_open
-from proximity.native import HANDFUL, entry, inlined, kernel
-from proximity.native.simd import (
-    bits,
-    load,
-    load_int,
-    splat,
-    splat32,
-    square_root,
-    store,
-)
+from proximity.kernels.ray.walk import first_hit, first_hit_in_scene
+from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64
+from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
+from proximity.native.simd import load, splat, square_root, store
 
 FAR_MARGIN = 2.0**-46
 """Further margin of the boxes of parts, times the origin's distance from the scene: a ray from afar
 is rounded for each part on its own."""
+
+
+@inlined
+def _before_walk(aims, views, k, scale):
+    """What is known of ray *k* before its walk, see `first_hit`."""
+    parameter = views[RAY_CHUNK * VIEW_REACH + k] * scale
+    return aims[RAY_CHUNK * AIM_BOUND + k], parameter, np.int64(NO_SLOT), (0.0, 0.0, 0.0)
+
+
+@inlined
+def _keep_hit(views, slots, k, best):
+    """Keep slot and parameter of a hit, and its weights in place of the view."""
+    _, views[RAY_CHUNK * VIEW_REACH + k], slots[k], weights = best
+    for corner in range(3):
+        views[RAY_CHUNK * (VIEW_WEIGHTS + corner) + k] = weights[corner]
 
 
 @kernel
@@ -80,102 +66,27 @@ def _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks):
     """Fill the first hits of the rays in the tables, where all leaves are blocks in the frame of the rays.
 
     *root*: the reference to walk from; *scale*: of the frame. Slots, or `NO_SLOT`; the parameters, in that
-    frame, replace the longest ones, and the weights replace the view.
+    frame, replace the longest ones.
     """
     for k in range(count):
-        best, slots[k], u, v, w = first_hit(
-            reals, words, root, aim_of(aims, k), view_of(views, k), views[RAY_CHUNK * VIEW_START + k],
-            views[RAY_CHUNK * VIEW_REACH + k] * scale, aims[RAY_CHUNK * AIM_BOUND + k], np.int64(NO_SLOT),
-            stacks, 0,
-        )  # fmt: skip
-        _keep_hit(views, k, best, u, v, w)
-
-
-@inlined
-def _keep_hit(views, k, best, u, v, w):
-    views[RAY_CHUNK * VIEW_REACH + k] = best
-    (
-        views[RAY_CHUNK * VIEW_WEIGHTS + k],
-        views[RAY_CHUNK * (VIEW_WEIGHTS + 1) + k],
-        views[RAY_CHUNK * (VIEW_WEIGHTS + 2) + k],
-    ) = u, v, w
+        query = aim_of(aims, k), view_of(views, k), views[RAY_CHUNK * VIEW_START + k], 0
+        best = first_hit(reals, words, root, query, _before_walk(aims, views, k, scale), stacks)
+        _keep_hit(views, slots, k, best)
 
 
 @kernel
-def _hits_of_parts(reals, words, frames, parts, count, origins, rows, aims, views, slots, stacks):
+def _hits_of_parts(model, count, origins, rows, aims, views, slots, stacks):
     """The same, where parts may have frames of their own.
 
     *rows*: of *origins*. Ties go to the lower part, then to the lower slot.
     """
+    scale = model.frames[len(model.frames) - 1].scale
     for k in range(count):
-        best, slots[k], u, v, w = _first_hit_in_scene(
-            reals, words, frames, parts, origins, aims, views, rows[k], k, stacks
-        )
-        _keep_hit(views, k, best, u, v, w)
-
-
-@inlined
-def _first_hit_in_scene(reals, words, frames, parts, origins, aims, views, row, k, stacks):
-    """First hit of ray *k*: parameter (scene's scaled frame), slot, weights.
-
-    Parts in the scene's own frame are walked as if they were one tree; the others in frames of their own.
-    """
-    scene = len(parts) - 1
-    scale = frames[scene, FRAME_SCALE]
-    aim, view, entry, best32 = (
-        aim_of(aims, k),
-        view_of(views, k),
-        views[RAY_CHUNK * VIEW_START + k],
-        aims[RAY_CHUNK * AIM_BOUND + k],
-    )
-    best, best_slot = views[RAY_CHUNK * VIEW_REACH + k] * scale, np.int64(NO_SLOT)
-    b0, b1, b2 = 0.0, 0.0, 0.0
-    # The ray in the frame of the part that was met last.
-    last_part, ratio = np.int64(NO_PART), 1.0
-    lx, ly, lz, ux, uy, uz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    entries = parts[scene, SCENE_ENTRIES]
-    zero32 = splat32(np.float32(0.0))
-    bottom = 2 * STACK_SIZE
-    at = bottom
-    reference = parts[scene, PART_ROOT]
-    while True:
-        if reference >= 0:
-            base = NODE_STRIDE * reference
-            bounds, leaving, is_open = open_boxes(words, base, aim, zero32, best32)
-            if bits(is_open):
-                reference, at = descend_in_order(words, base, bounds, leaving, is_open, stacks, at)
-                continue
-        elif ~reference < ENTRY:
-            block = ~reference
-            found, first, a, b, c = first_in_block(reals, BLOCK_STRIDE * block, view, entry, best)
-            slot = LANES * block + first
-            if first >= 0 and (found < best or slot < best_slot or best_slot == NO_SLOT):
-                best, best_slot = found, slot
-                b0, b1, b2 = a, b, c
-                best32 = bound_of_parameter(best, entry)
-        else:
-            entry_at = entries + 2 * (~reference - ENTRY)
-            part, start = load_int(words, entry_at), load_int(words, entry_at + 1)
-            if parts[part, PART_IS_FUSED]:
-                reference = start
-                continue
-            if part != last_part:
-                last_part, ratio = part, frames[part, FRAME_SCALE] / scale
-                x, y, z = origins[row, 0], origins[row, 1], origins[row, 2]
-                lx, ly, lz = to_local(frames, parts, part, x, y, z)
-                dx, dy, dz = direction_of(views, k)
-                ux, uy, uz = direction_to_local(frames, parts, part, dx, dy, dz)
-            found, slot, a, b, c = ray_in_part(
-                reals, words, start, (lx, ly, lz), (ux, uy, uz), best * ratio, best_slot, stacks, 0
-            )
-            if slot != best_slot:
-                best, best_slot = found / ratio, slot
-                b0, b1, b2 = a, b, c
-                best32 = bound_of_parameter(best, entry)
-        at = next_open(stacks, bottom, at, best32)
-        if at == NOTHING_WAITS:
-            return best, best_slot, b0, b1, b2
-        reference = load_int(stacks, at + STACK_SIZE)
+        row = rows[k]
+        ray = (origins[row, 0], origins[row, 1], origins[row, 2]), direction_of(views, k)
+        query = aim_of(aims, k), view_of(views, k), views[RAY_CHUNK * VIEW_START + k], ray
+        best = first_hit_in_scene(model, query, _before_walk(aims, views, k, scale), stacks)
+        _keep_hit(views, slots, k, best)
 
 
 @inlined
@@ -187,7 +98,7 @@ def _is_still(directions, row):
 @entry(
     ModelArrays,
     "float64[:, 3], float64[:, 3], int64[:], float64[:], float64[:, :] -> int",
-    handful=HANDFUL,
+    rows_with_gil=ROWS_WITH_GIL,
 )
 def cast_batch(model, origins, directions, order, limits, answers):
     """Fill answers (N, `ANSWER_WIDTH`) for rays (N, 3) each; see the columns above.
@@ -199,16 +110,16 @@ def cast_batch(model, origins, directions, order, limits, answers):
     """
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
-    stacks, aims, views = words_here(STACKS_SIZE), words_here(AIM_SIZE), reals_here(VIEW_SIZE)
-    rows, offsets, slots = longs_here(RAY_CHUNK), longs_here(RAY_CHUNK), longs_here(RAY_CHUNK)
+    stacks, aims, views = stack_f32(STACKS_SIZE), stack_f32(AIM_SIZE), stack_f64(VIEW_SIZE)
+    rows, offsets, slots = stack_i64(RAY_CHUNK), stack_i64(RAY_CHUNK), stack_i64(RAY_CHUNK)
     is_single, fills_all_columns = is_alone(parts), answers.shape[1] != DISTANCE_WIDTH
     walk_row = np.int64(0) if is_single else len(parts) - 1
     scale, root, is_one_tree = (
-        frames[walk_row, FRAME_SCALE],
-        parts[walk_row, PART_ROOT],
-        is_single or parts[walk_row, SCENE_ALL_FUSED],
+        frames[walk_row].scale,
+        parts[walk_row].root,
+        is_single or parts[walk_row].all_fused,
     )
-    owners, hit_offsets, hits = longs_here(RAY_CHUNK), longs_here(HIT_OFFSETS_SIZE), reals_here(HITS_SIZE)
+    owners, hit_offsets, hits = stack_i64(RAY_CHUNK), stack_i64(HIT_OFFSETS_SIZE), stack_f64(HITS_SIZE)
     zero_row = np.int64(NO_ROW)
     total = len(order) if len(order) else len(origins)
     for begin in range(0, total, RAY_CHUNK):
@@ -227,7 +138,7 @@ def cast_batch(model, origins, directions, order, limits, answers):
         if is_one_tree:
             _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks)
         else:
-            _hits_of_parts(reals, words, frames, parts, count, origins, rows, aims, views, slots, stacks)
+            _hits_of_parts(model, count, origins, rows, aims, views, slots, stacks)
         if fills_all_columns:
             for at in range(0, count, LANES):
                 fill_hits(reals, words, frames, parts, slots, at, views, owners, hit_offsets, hits)

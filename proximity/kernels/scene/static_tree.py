@@ -10,26 +10,11 @@ Source: Benthin, Woop, Wald, Áfra 2017, "Improved two-level BVHs using partial 
 import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-)
+from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.geometry.rows import copy_numbers, copy_row
-from proximity.kernels.layout import (
-    ENTRY,
-    FRAME_CENTRE,
-    FRAME_ROTATION,
-    FRAME_SCALE,
-    FRAME_TRANSLATION,
-    LANES,
-    NODE_CHILDREN,
-    NODE_STRIDE,
-    PART_IS_DYNAMIC,
-    PART_IS_FUSED,
-    PART_IS_HIDDEN,
-    PART_ROOT,
-)
+from proximity.kernels.layout import ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.tree.binned_sah import BOX_STRIDE
-from proximity.kernels.tree.wide_node import clear_box, node_box, write_lane
+from proximity.kernels.tree.collapse import clear_box, node_box, write_lane
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
@@ -41,15 +26,15 @@ def scene_box(frames, part, scene, lower, upper, box):
     *lower*, *upper*: (3,) float64. *box*: (6,) float32.
     """
     for axis in range(3):
-        middle, half = frames[part, FRAME_TRANSLATION + axis], 0.0
+        middle, half = frames[part].translation[axis], 0.0
         for other in range(3):
-            low = lower[other] / frames[part, FRAME_SCALE] + frames[part, FRAME_CENTRE + other]
-            high = upper[other] / frames[part, FRAME_SCALE] + frames[part, FRAME_CENTRE + other]
-            turn = frames[part, FRAME_ROTATION + 3 * axis + other]
+            low = lower[other] / frames[part].scale + frames[part].centre[other]
+            high = upper[other] / frames[part].scale + frames[part].centre[other]
+            turn = frames[part].rotation[3 * axis + other]
             middle += turn * (0.5 * low + 0.5 * high)
             half += abs(turn) * (0.5 * high - 0.5 * low)
-        low = (middle - half - frames[scene, FRAME_CENTRE + axis]) * frames[scene, FRAME_SCALE]
-        high = (middle + half - frames[scene, FRAME_CENTRE + axis]) * frames[scene, FRAME_SCALE]
+        low = (middle - half - frames[scene].centre[axis]) * frames[scene].scale
+        high = (middle + half - frames[scene].centre[axis]) * frames[scene].scale
         box[axis] = round_down(low) - BOX_MARGIN
         box[axis + 3] = round_up(high) + BOX_MARGIN
 
@@ -63,7 +48,7 @@ def _lane_box(words, frames, part, base, k, scene, lower, upper, box):
     scene_box(frames, part, scene, lower, upper, box)
 
 
-@entry("float32[:], float64[:, :], int64[:, :], int -> float32[:], int32[:, :]", makes_arrays=True)
+@entry("float32[:], Frame[:], Part[:], int -> float32[:], int32[:, :]", makes_arrays=True)
 def gather_entries(words, frames, parts, target):
     """Return boxes (E * `BOX_STRIDE`,) float32 and references (E, 2) int32 of about *target* entries.
 
@@ -78,9 +63,9 @@ def gather_entries(words, frames, parts, target):
     count = 0
     total = 0.0
     for part in range(scene):
-        if parts[part, PART_IS_DYNAMIC] or parts[part, PART_IS_HIDDEN]:
+        if parts[part].is_dynamic or parts[part].is_hidden:
             continue
-        base = NODE_STRIDE * parts[part, PART_ROOT]
+        base = NODE_STRIDE * parts[part].root
         for k in range(LANES):
             if words[base + k] <= words[base + 24 + k]:
                 _lane_box(words, frames, part, base, k, scene, lower, upper, box)
@@ -121,13 +106,13 @@ def gather_entries(words, frames, parts, target):
 
 
 @inlined
-def last_up_to(parts, column, number):
-    """The last part with no more than *number* in a column that rises from part to part."""
+def part_of_node(parts, node):
+    """The part that a node is of: the last whose root is not behind it."""
     # Halving without a branch, which nobody could predict.
     low, count = np.int64(0), np.int64(len(parts) - 1)
     while count > 1:
         half = count // 2
-        low += half if parts[low + half, column] <= number else 0
+        low += half if parts[low + half].root <= node else 0
         count -= half
     return low
 
@@ -136,13 +121,13 @@ def last_up_to(parts, column, number):
 def _part_of_child(words, parts, reference, entries_at):
     """The part that a leaf of the static tree is of: an entry, or a part's own node or block."""
     if reference >= 0:
-        return last_up_to(parts, PART_ROOT, reference)
+        return part_of_node(parts, reference)
     if ~reference < ENTRY:
         return part_of_slot(words, parts, LANES * ~reference)
     return np.int64(load_int(words, entries_at + 2 * (~reference - ENTRY)))
 
 
-@entry("float32[:], int64[:, :], int, int, int, int -> bool", makes_arrays=True)
+@entry("float32[:], Part[:], int, int, int, int -> bool", makes_arrays=True)
 def thin_out(words, parts, first, count, target, entries_at):
     """Copy a static tree of *count* nodes from node *first* to node *target*, without parts that have left.
 
@@ -163,7 +148,7 @@ def thin_out(words, parts, first, count, target, entries_at):
                 node_box(words, reference, box)
             else:
                 part = _part_of_child(words, parts, reference, entries_at)
-                if not parts[part, PART_IS_DYNAMIC] and not parts[part, PART_IS_HIDDEN]:
+                if not parts[part].is_dynamic and not parts[part].is_hidden:
                     continue
                 clear_box(box)
             write_lane(words, base, lane, box, reference)
@@ -177,7 +162,7 @@ def _half_area(box):
     return dx * (dy + dz) + dy * dz
 
 
-@entry("float32[:], int32[:, :], int64[:, :], int")
+@entry("float32[:], int32[:, :], Part[:], int")
 def name_leaves(nodes, entries, parts, first_node):
     """Have a tree over entries refer to what its leaves are, and number its nodes from *first_node* on.
 
@@ -191,7 +176,7 @@ def name_leaves(nodes, entries, parts, first_node):
             reference = np.int64(load_int(nodes, at))
             if reference >= 0:
                 reference += first_node
-            elif parts[entries[~reference, 0], PART_IS_FUSED]:
+            elif parts[entries[~reference, 0]].is_fused:
                 reference = np.int64(entries[~reference, 1])
             else:
                 reference = ~(ENTRY + ~reference)

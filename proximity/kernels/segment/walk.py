@@ -1,4 +1,4 @@
-"""The segment walk over one part's tree: the smallest distance between a segment and the triangles.
+"""The segment walk over one part, and over a scene: the smallest distance to the triangles.
 
 As the walk for a point (see `point.walk`), with a bound for segments. The answer is the smallest computed
 squared distance and among equals the lowest slot; of several crossings the one that is first along the
@@ -9,17 +9,20 @@ walk.
 import numpy as np
 
 from proximity.kernels.geometry.closest_feature import read_corners
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, NO_SLOT
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import (
     PLAN_END,
     PLAN_HIGH,
     PLAN_IS_FAR,
     PLAN_LOW,
+    PLAN_PART,
     PLAN_PER_LENGTH_SQ,
     PLAN_SLOPE_X,
     PLAN_SLOPE_Y,
     PLAN_START,
+    make_plan,
     ordered_axes,
 )
 from proximity.kernels.segment.triangle import (
@@ -27,18 +30,9 @@ from proximity.kernels.segment.triangle import (
     segment_on_triangle,
     segment_triangle_distance_sq,
 )
-from proximity.kernels.tree.traversal import NOTHING_WAITS, descend, next_open
+from proximity.kernels.traverse.depth_first import depth_first, over_parts
 from proximity.native import inlined, kernel
-from proximity.native.simd import (
-    bits,
-    horizontal_min,
-    load,
-    load_int,
-    select,
-    splat,
-    splat32,
-    trailing_zeros,
-)
+from proximity.native.simd import bits, horizontal_min, load, select, splat, splat32, trailing_zeros
 
 
 @inlined
@@ -95,32 +89,99 @@ def segment_in_block(reals, block, plan, best_sq, best_fraction, best_slot, witn
     return best_sq, best_fraction, best_slot
 
 
+@inlined
+def _open_children(words, base, query, reach):
+    plan, probe, is_far, _, _ = query
+    bounds = node_bounds_sq(words, base, plan, probe, is_far)
+    return bounds, bounds, bounds <= splat32(reach)
+
+
+@inlined
+def _nearer_in_leaf(reals, reference, query, best):
+    plan, _, _, witness, _ = query
+    best_sq, fraction, slot = segment_in_block(reals, ~reference, plan, best[1], best[2], best[3], witness)
+    return open_bound(plan, best_sq, fraction), best_sq, fraction, slot
+
+
+_walk_part = depth_first(_open_children, _nearer_in_leaf)
+
+
 @kernel
-def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, best_slot, witness, stacks, at):
+def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, best_slot, witness, stacks):
     """The same of all blocks below *start*.
 
-    *start*, *best_sq*, *best_slot*, *stacks*, *at*: as for `point.walk.closest_in_part`. *plan*, *probe*:
-    from `plan.make_plan`.
+    *start*, *best_sq*, *best_slot*: as for `point.walk.closest_in_part`. *plan*, *probe*: from
+    `plan.make_plan`.
     """
-    is_far = plan[PLAN_IS_FAR] != 0.0
-    best32 = open_bound(plan, best_sq, best_fraction)
-    bottom = at
-    reference = start
-    while True:
-        if reference >= 0:
-            base = NODE_STRIDE * reference
-            bounds = node_bounds_sq(words, base, plan, probe, is_far)
-            is_open = bounds <= splat32(best32)
-            if bits(is_open):
-                reference, at = descend(words, base, bounds, is_open, stacks, at)
-                continue
-        else:
-            best_sq, best_fraction, best_slot = segment_in_block(
-                reals, ~reference, plan, best_sq, best_fraction, best_slot, witness
-            )
-            best32 = open_bound(plan, best_sq, best_fraction)
-        # The next that is still open.
-        at = next_open(stacks, bottom, at, best32)
-        if at == NOTHING_WAITS:
-            return best_sq, best_fraction, best_slot
-        reference = load_int(stacks, at + STACK_SIZE)
+    query = plan, probe, plan[PLAN_IS_FAR] != 0.0, witness, 0
+    best = open_bound(plan, best_sq, best_fraction), best_sq, best_fraction, best_slot
+    _, best_sq, best_fraction, best_slot = _walk_part(reals, words, start, query, best, stacks)
+    return best_sq, best_fraction, best_slot
+
+
+@kernel
+def plan_in_part(frames, parts, part, segment, plan, probe):
+    """Make the plan of a segment (six coordinates, scene's frame) in the local frame of *part*, once."""
+    if plan[PLAN_PART] == part:
+        return
+    sx, sy, sz = to_local(frames, parts, part, segment[0], segment[1], segment[2])
+    ex, ey, ez = to_local(frames, parts, part, segment[3], segment[4], segment[5])
+    make_plan(plan, probe, sx, sy, sz, ex, ey, ez)
+    plan[PLAN_PART] = part
+
+
+@inlined
+def _nearer_in_part(model, part, start, query, best, stacks):
+    """The best, with what is below *start* in a part that has a frame of its own."""
+    reals, words, frames, parts = model
+    scene_plan, _, _, witness, (segment, plan, probe) = query
+    _, best_sq, fraction, slot = best
+    plan_in_part(frames, parts, part, segment, plan, probe)
+    ratio_sq = (frames[part].scale / frames[len(parts) - 1].scale) ** 2
+    best_sq, fraction, slot = segment_in_part(
+        reals, words, start, plan, probe, best_sq * ratio_sq, fraction, slot, witness, stacks
+    )
+    best_sq /= ratio_sq
+    return open_bound(scene_plan, best_sq, fraction), best_sq, fraction, slot
+
+
+_walk_scene = over_parts(_open_children, _nearer_in_leaf, _nearer_in_part)
+
+
+@kernel
+def segment_in_scene(model, segment, best_sq, known_slot, plans, probes, witness, stacks):
+    """Squared distance (scene's scaled frame), part and slot of the surface nearest to a segment.
+
+    *best_sq* is the limit. *known_slot*, or `NO_SLOT`: a triangle that may be near; it changes the cost, not
+    the answer. Ties go to the lower part, then to the lower slot; of crossings the first along the segment
+    counts. Scratch: *plans* (2, `PLAN_SIZE`), of which the first is left as the plan of some part, *probes*
+    (2, `PROBE_SIZE`), *witness*, *stacks*.
+    """
+    reals, words, frames, parts = model
+    scene = len(parts) - 1
+    plan, probe, scene_plan, scene_probe = plans[0], probes[0], plans[1], probes[1]
+    plan[PLAN_PART] = scene_plan[PLAN_PART] = NO_PART
+    fraction, slot = np.inf, np.int64(NO_SLOT)
+    found_part = np.int64(0)
+    if known_slot >= 0:
+        found_part = part_of_slot(words, parts, known_slot)
+        plan_in_part(frames, parts, found_part, segment, plan, probe)
+        ratio_sq = (frames[found_part].scale / frames[scene].scale) ** 2
+        best_sq, fraction, slot = segment_in_block(
+            reals, known_slot // LANES, plan, best_sq * ratio_sq, fraction, slot, witness
+        )
+        best_sq /= ratio_sq
+    if is_alone(parts):
+        plan_in_part(frames, parts, found_part, segment, plan, probe)
+        best_sq, _, slot = segment_in_part(
+            reals, words, parts[0].root, plan, probe, best_sq, fraction, slot, witness, stacks
+        )
+        return best_sq, found_part, slot
+    plan_in_part(frames, parts, scene, segment, scene_plan, scene_probe)
+    is_far = scene_plan[PLAN_IS_FAR] != 0.0
+    query = scene_plan, scene_probe, is_far, witness, (segment, plan, probe)
+    best = open_bound(scene_plan, best_sq, fraction), best_sq, fraction, slot
+    _, best_sq, _, slot = _walk_scene(model, query, best, stacks)
+    if slot >= 0:
+        found_part = part_of_slot(words, parts, slot)
+    return best_sq, found_part, slot

@@ -12,7 +12,7 @@ from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import FOLDED_AT, LANES
 from proximity.kernels.mesh.faces import face_normal
 from proximity.kernels.sign.winding_number import winding_number
-from proximity.native import entry, inlined, kernel, maker
+from proximity.native import allocating_kernel, entry, inlined, kernel
 from proximity.native.simd import load_int
 
 SHARPEST_COSINE = -0.9
@@ -55,7 +55,7 @@ def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, mome
     return marked_slots(is_over, neighbors, slot_faces)
 
 
-@maker
+@allocating_kernel
 def marked_slots(marks, neighbors, slot_faces):
     """Return which slots have faces that are marked, or next to one that is, a bit each: (blocks,) uint8."""
     slots = np.zeros(len(slot_faces) // LANES, np.uint8)

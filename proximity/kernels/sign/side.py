@@ -14,17 +14,7 @@ from proximity.kernels.geometry.closest_feature import (
 )
 from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS, LANES_FEATURE, LANES_WHICH
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import (
-    NO_GRID,
-    PART_BLOCK_NOTES,
-    PART_GRID,
-    PART_MOMENTS,
-    PART_ROOT,
-    PART_SIGN,
-    PART_SLOT_FACES,
-    SIGN_NONE,
-    SIGN_PSEUDONORMAL,
-)
+from proximity.kernels.layout import NO_GRID, SIGN_NONE, SIGN_PSEUDONORMAL
 from proximity.kernels.sign.folded_faces import is_folded
 from proximity.kernels.sign.winding_along_ray import winding_along_ray
 from proximity.kernels.sign.winding_number import winding_number
@@ -43,11 +33,11 @@ def is_inside_by_winding(reals, words, parts, part, px, py, pz):
 
     Of a part with holes the number is expanded; that takes no budget.
     """
-    root = parts[part, PART_ROOT]
-    if parts[part, PART_SIGN] == SIGN_PSEUDONORMAL or parts[part, PART_GRID] != NO_GRID:
+    root = parts[part].root
+    if parts[part].sign == SIGN_PSEUDONORMAL or parts[part].grid != NO_GRID:
         turns, steps = winding_along_ray(reals, words, root, px, py, pz)
         return turns > 0, steps
-    turns = winding_number(reals, words, root, parts[part, PART_MOMENTS], px, py, pz)
+    turns = winding_number(reals, words, root, parts[part].moments, px, py, pz)
     return turns > 0.5, np.int64(0)
 
 
@@ -60,16 +50,14 @@ def is_beyond(px, py, pz):
 @inlined
 def has_normals(words, parts, part, slot):
     """Whether the side of a face, and of its edges and corners, is decided by their normals."""
-    return parts[part, PART_SIGN] == SIGN_PSEUDONORMAL and not is_folded(
-        words, parts[part, PART_BLOCK_NOTES], slot
-    )
+    return parts[part].sign == SIGN_PSEUDONORMAL and not is_folded(words, parts[part].block_notes, slot)
 
 
 @inlined
 def closest_of_slot(reals, words, parts, part, slot, px, py, pz, closest):
     """Fill *closest* for a triangle found; return face, feature and whether *p* is inside the part."""
     read_corners(reals, slot, closest)
-    face = load_int(words, parts[part, PART_SLOT_FACES] + slot)
+    face = load_int(words, parts[part].slot_faces + slot)
     feature, which = closest_on_triangle(px, py, pz, closest)
     pseudo_normal(reals, words, parts, part, face, feature, which, closest)
     return face, feature, _is_inside(reals, words, parts, part, slot, px, py, pz, closest)
@@ -82,7 +70,7 @@ def closest_of_lane(reals, words, parts, part, slot, px, py, pz, table, k, close
     for column in range(CLOSEST_TRIANGLE):
         closest[column] = table[column * chunk + k]
     feature, which = np.int64(table[LANES_FEATURE * chunk + k]), np.int64(table[LANES_WHICH * chunk + k])
-    face = load_int(words, parts[part, PART_SLOT_FACES] + slot)
+    face = load_int(words, parts[part].slot_faces + slot)
     pseudo_normal(reals, words, parts, part, face, feature, which, closest)
     return face, feature, _is_inside(reals, words, parts, part, slot, px, py, pz, closest)
 
@@ -90,7 +78,7 @@ def closest_of_lane(reals, words, parts, part, slot, px, py, pz, table, k, close
 @inlined
 def _is_inside(reals, words, parts, part, slot, px, py, pz, closest):
     """The side by a filled closest feature; on the surface: outside."""
-    sign = parts[part, PART_SIGN]
+    sign = parts[part].sign
     length = closest[CLOSEST_LENGTH]
     if sign == SIGN_NONE or length == 0.0 or is_beyond(px, py, pz):
         return False

@@ -11,86 +11,28 @@ Source: the half-open rule for edges of Haines 1994, "Point in polygon strategie
 
 import numpy as np
 
-from proximity.kernels.layout import (
-    BLOCK_STRIDE,
-    NODE_CHILDREN,
-    NODE_STRIDE,
-    STACK_SIZE,
-)
-from proximity.kernels.stack_arrays import words_here
+from proximity.kernels.layout import BLOCK_STRIDE, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.stack_arrays import stack_f32
+from proximity.kernels.traverse.depth_first import through_all
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
-    compress,
     count_bits,
     horizontal_min,
     load,
-    load_int,
     maximum,
     minimum,
     select,
     splat,
     splat32,
-    store,
     widen,
 )
 
 
-@inlined
-def winding_along_ray(reals, words, root, px, py, pz):
-    """Winding number around *p*, local, of a closed part with that root; the nodes and leaves it took."""
-    base = NODE_STRIDE * root
-    is_used = load(words, base) <= load(words, base + 24)
-    none = splat32(np.float32(np.inf))
-    axis, sign, least = 0, 1.0, np.inf
-    for k in range(3):
-        p = px if k == 0 else (py if k == 1 else pz)
-        below = p - horizontal_min(select(is_used, load(words, base + 8 * k), none))
-        above = -horizontal_min(select(is_used, -load(words, base + 24 + 8 * k), none)) - p
-        if below < least:
-            axis, sign, least = k, -1.0, below
-        if above < least:
-            axis, sign, least = k, 1.0, above
-    return _turns_ahead(reals, words, root, axis, sign, px, py, pz)
-
-
 @kernel
-def _turns_ahead(reals, words, root, axis, sign, px, py, pz):
-    """How often the ray from *p* along an axis, towards *sign*, leaves less how often it enters; steps."""
-    u_axis, v_axis = (axis + 1) % 3, (axis + 2) % 3
-    own = px if axis == 0 else (py if axis == 1 else pz)
-    along = splat(own)
-    across_u = splat(px if u_axis == 0 else (py if u_axis == 1 else pz))
-    across_v = splat(px if v_axis == 0 else (py if v_axis == 1 else pz))
-    ahead = 8 * axis + (24 if sign > 0.0 else 0)
-    stack = words_here(STACK_SIZE)
-    turns, steps = np.int64(0), np.int64(0)
-    reference, waiting = root, 0
-    while True:
-        steps += 1
-        if reference < 0:
-            turns += _turns_of_block(
-                reals, BLOCK_STRIDE * ~reference, axis, u_axis, v_axis, sign, along, across_u, across_v
-            )
-        else:
-            base = NODE_STRIDE * reference
-            far = widen(load(words, base + ahead))
-            is_met = (far >= along) if sign > 0.0 else (far <= along)
-            is_met = is_met & (widen(load(words, base + 8 * u_axis)) <= across_u)
-            is_met = is_met & (widen(load(words, base + 8 * v_axis)) <= across_v)
-            is_met = is_met & (widen(load(words, base + 24 + 8 * u_axis)) >= across_u)
-            is_met = is_met & (widen(load(words, base + 24 + 8 * v_axis)) >= across_v)
-            store(stack, waiting, compress(load(words, base + NODE_CHILDREN), is_met))
-            waiting += count_bits(bits(is_met))
-        if waiting == 0:
-            return turns, steps
-        waiting -= 1
-        reference = load_int(stack, waiting)
-
-
-@kernel
-def _turns_of_block(reals, base, axis, u_axis, v_axis, sign, along, across_u, across_v):
+def _turns_of_block(reals, base, ray):
     """How many of a block's faces the ray leaves by, less those by which it enters."""
+    axis, u_axis, v_axis, sign, along, across_u, across_v = ray
     zero, to_sign = splat(0.0), splat(sign)
     au, av = load(reals, base + 8 * u_axis) - across_u, load(reals, base + 8 * v_axis) - across_v
     bu, bv = load(reals, base + 24 + 8 * u_axis) - across_u, load(reals, base + 24 + 8 * v_axis) - across_v
@@ -119,3 +61,54 @@ def _turn_of_edge(av, bv, cross):
     is_up = (av <= zero) & (bv > zero) & (cross > zero)
     is_down = (av > zero) & (bv <= zero) & (cross < zero)
     return select(is_up, one, select(is_down, splat(-1.0), zero))
+
+
+@inlined
+def _open_children(words, node, ray, total):
+    """The children that the ray may meet; a step more."""
+    axis, u_axis, v_axis, sign, along, across_u, across_v = ray
+    base = NODE_STRIDE * node
+    far = widen(load(words, base + 8 * axis + (24 if sign > 0.0 else 0)))
+    is_met = (far >= along) if sign > 0.0 else (far <= along)
+    is_met = is_met & (widen(load(words, base + 8 * u_axis)) <= across_u)
+    is_met = is_met & (widen(load(words, base + 8 * v_axis)) <= across_v)
+    is_met = is_met & (widen(load(words, base + 24 + 8 * u_axis)) >= across_u)
+    is_met = is_met & (widen(load(words, base + 24 + 8 * v_axis)) >= across_v)
+    return (total[0], total[1] + 1), is_met
+
+
+@inlined
+def _turn_by_leaf(reals, reference, ray, total):
+    return total[0] + _turns_of_block(reals, BLOCK_STRIDE * ~reference, ray), total[1] + 1
+
+
+_walk_ahead = through_all(_open_children, _turn_by_leaf)
+
+
+@kernel
+def _turns_ahead(reals, words, root, axis, sign, px, py, pz):
+    """How often the ray from *p* along an axis, towards *sign*, leaves less how often it enters; steps."""
+    u_axis, v_axis = (axis + 1) % 3, (axis + 2) % 3
+    own = px if axis == 0 else (py if axis == 1 else pz)
+    across_u = px if u_axis == 0 else (py if u_axis == 1 else pz)
+    across_v = px if v_axis == 0 else (py if v_axis == 1 else pz)
+    ray = axis, u_axis, v_axis, sign, splat(own), splat(across_u), splat(across_v)
+    return _walk_ahead(reals, words, root, ray, (np.int64(0), np.int64(0)), stack_f32(STACK_SIZE))
+
+
+@inlined
+def winding_along_ray(reals, words, root, px, py, pz):
+    """Winding number around *p*, local, of a closed part with that root; the nodes and leaves it took."""
+    base = NODE_STRIDE * root
+    is_used = load(words, base) <= load(words, base + 24)
+    none = splat32(np.float32(np.inf))
+    axis, sign, least = 0, 1.0, np.inf
+    for k in range(3):
+        p = px if k == 0 else (py if k == 1 else pz)
+        below = p - horizontal_min(select(is_used, load(words, base + 8 * k), none))
+        above = -horizontal_min(select(is_used, -load(words, base + 24 + 8 * k), none)) - p
+        if below < least:
+            axis, sign, least = k, -1.0, below
+        if above < least:
+            axis, sign, least = k, 1.0, above
+    return _turns_ahead(reals, words, root, axis, sign, px, py, pz)

@@ -24,13 +24,12 @@ import numpy as np
 
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
-from proximity.kernels.stack_arrays import reals_here, words_here
-from proximity.native import entry, kernel
+from proximity.kernels.stack_arrays import stack_f32, stack_f64
+from proximity.kernels.traverse.depth_first import through_all
+from proximity.native import entry, inlined, kernel
 from proximity.native.simd import (
     absolute,
     bits,
-    compress,
-    count_bits,
     fma,
     lane,
     like,
@@ -178,7 +177,7 @@ def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
 @kernel
 def _sum_of_angles(cosine, sine, turns):
     """The sum of all lanes' angles: lane by lane with the one that is four, two and one further."""
-    workspace = reals_here(48)
+    workspace = stack_f64(48)
     for step in (4, 2, 1):
         for at in (0, 8):
             store(workspace, at, cosine)
@@ -192,45 +191,6 @@ def _sum_of_angles(cosine, sine, turns):
             load(workspace, step + 16),
         )
     return atan2(lane(sine, 0) + 0.0, lane(cosine, 0)) + 2.0 * pi * lane(turns, 0)
-
-
-@kernel
-def winding_number(reals, words, root, moments, px, py, pz):
-    """Winding number of the part around *p* (local frame): about 1 inside a closed part, about 0 outside."""
-    stack = words_here(STACK_SIZE)
-    x, y, z = splat(px), splat(py), splat(pz)
-    cosine, sine, turns = splat(1.0), splat(0.0), splat(0.0)
-    fluxes = splat(0.0)
-    reference, waiting = root, 0
-    while True:
-        if reference < 0:
-            cosine, sine, turns = _turned_by_block(
-                reals, BLOCK_STRIDE * ~reference, x, y, z, cosine, sine, turns
-            )
-        else:
-            base = NODE_STRIDE * reference
-            at = moments + MOMENT_STRIDE * reference
-            dx, dy, dz = (
-                widen(load(words, at)) - x,
-                widen(load(words, at + 8)) - y,
-                widen(load(words, at + 16)) - z,
-            )
-            distance_sq = dot(dx, dy, dz, dx, dy, dz)
-            is_used = load(words, base) <= load(words, base + 24)
-            is_far = is_used & (distance_sq > widen(load(words, at + 48)))
-            if bits(is_far):
-                fluxes = fluxes + select(is_far, _flux(words, at, dx, dy, dz, distance_sq), splat(0.0))
-            is_near = is_used & ~is_far
-            store(stack, waiting, compress(load(words, base + NODE_CHILDREN), is_near))
-            waiting += count_bits(bits(is_near))
-        if waiting == 0:
-            break
-        waiting -= 1
-        reference = load_int(stack, waiting)
-    total = 2.0 * _sum_of_angles(cosine, sine, turns)
-    for i in range(LANES):
-        total += lane(fluxes, i)
-    return total / (4.0 * pi)
 
 
 @kernel
@@ -249,6 +209,44 @@ def _flux(words, at, dx, dy, dz, distance_sq):
     return (flux - splat(3.0) * dot(dx, dy, dz, spread_x, spread_y, spread_z) * inverse_sq) * (
         inverse_sq * inverse
     )
+
+
+@inlined
+def _open_children(words, node, query, total):
+    """Add the flux of the children that are far; the near ones are open."""
+    (x, y, z), moments = query
+    cosine, sine, turns, fluxes = total
+    base, at = NODE_STRIDE * node, moments + MOMENT_STRIDE * node
+    dx, dy, dz = (widen(load(words, at)) - x, widen(load(words, at + 8)) - y, widen(load(words, at + 16)) - z)
+    distance_sq = dot(dx, dy, dz, dx, dy, dz)
+    is_used = load(words, base) <= load(words, base + 24)
+    is_far = is_used & (distance_sq > widen(load(words, at + 48)))
+    if bits(is_far):
+        fluxes = fluxes + select(is_far, _flux(words, at, dx, dy, dz, distance_sq), splat(0.0))
+    return (cosine, sine, turns, fluxes), is_used & ~is_far
+
+
+@inlined
+def _turn_by_leaf(reals, reference, query, total):
+    (x, y, z), _ = query
+    cosine, sine, turns, fluxes = total
+    cosine, sine, turns = _turned_by_block(reals, BLOCK_STRIDE * ~reference, x, y, z, cosine, sine, turns)
+    return cosine, sine, turns, fluxes
+
+
+_walk_near = through_all(_open_children, _turn_by_leaf)
+
+
+@kernel
+def winding_number(reals, words, root, moments, px, py, pz):
+    """Winding number of the part around *p* (local frame): about 1 inside a closed part, about 0 outside."""
+    query = (splat(px), splat(py), splat(pz)), moments
+    total = splat(1.0), splat(0.0), splat(0.0), splat(0.0)
+    cosine, sine, turns, fluxes = _walk_near(reals, words, root, query, total, stack_f32(STACK_SIZE))
+    winding = 2.0 * _sum_of_angles(cosine, sine, turns)
+    for i in range(LANES):
+        winding += lane(fluxes, i)
+    return winding / (4.0 * pi)
 
 
 @entry("float64[:], float32[:], int, int, float64[:, 3], float64[:]")

@@ -19,15 +19,12 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.geometry.closest_feature import CLOSEST_ARM, CLOSEST_LENGTH
-from proximity.kernels.geometry.frames import (
-    direction_to_scene,
-    rounding_at,
-)
+from proximity.kernels.geometry.frames import direction_to_scene, rounding_at
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import FRAME_SCALE, LANES
+from proximity.kernels.layout import LANES
 from proximity.kernels.point.budgeted_walk import DOWN
 from proximity.kernels.scene.distance_bounds import fill_closest, nearest_from_face
-from proximity.kernels.tracking.part_drift import drift_until
+from proximity.kernels.tracking.part_drift import part_travel
 from proximity.native import inlined, kernel
 from proximity.native.simd import horizontal_min, load, minimum, select, splat, square_root
 
@@ -157,11 +154,11 @@ def advance_conservatively(
     end, speed, vectors = path.parameters[len(path.parameters) - 1], sphere.speed, scratch.vectors
     work = np.int64(0)
     expected = np.inf
-    drift_at_end, _ = drift_until(drift, speed, end - start)
+    drift_at_end, _ = part_travel(drift, speed, end - start)
     if not speed + drift_at_end > 0.0:
         return Advance(end, expected, part, slot, work)
-    scale = model.frames[len(model.frames) - 1, FRAME_SCALE]
-    drift_now, faster = drift_until(drift, speed, 0.0)
+    scale = model.frames[len(model.frames) - 1].scale
+    drift_now, faster = part_travel(drift, speed, 0.0)
     free = _free_until(start, clearance, speed + drift_now, start + faster)
     for _ in range(MOST_STEPS):
         if not free < end:
@@ -172,7 +169,7 @@ def advance_conservatively(
         point_on_path(path, current, vectors)
         x, y, z = vectors[0], vectors[1], vectors[2]
         elapsed = current - start
-        drift_now, faster = drift_until(drift, speed, elapsed)
+        drift_now, faster = part_travel(drift, speed, elapsed)
         rate = speed + drift_now
         known = _clearance_in_balls(sphere, x, y, z) - drift_now * elapsed
         if known > NEAR * speed * elapsed and known > TOUCH:
@@ -181,8 +178,8 @@ def advance_conservatively(
         # What is farther than this at present is not reached before the end.
         limit = ((speed + drift_at_end) * (end - current) + sphere.radius + drift_at_end * elapsed) * scale
         best_sq, part, slot, lower_sq, steps = nearest_from_face(
-            model, (x, y, z), part, slot, limit * limit * (1.0 + 1e-12), tolerance,
-            (sphere.radius + EXACT_WITHIN) * scale, budget - work, scratch.workspace,
+            model, (x, y, z), part, slot, limit * limit * (1.0 + 1e-12),
+            (tolerance, (sphere.radius + EXACT_WITHIN) * scale), budget - work, scratch.workspace,
         )  # fmt: skip
         work += steps
         clear = sqrt(lower_sq) / scale * DOWN
@@ -222,8 +219,8 @@ def touches(model, point, radius, part, slot, budget, workspace):
     *part*, *slot*: a face to start from, which is best the one that is expected to be touched.
     """
     # Any face within the radius will do: with a tolerance of the whole distance the first found is enough.
-    limit = radius * model.frames[len(model.frames) - 1, FRAME_SCALE]
+    limit = radius * model.frames[len(model.frames) - 1].scale
     _, _, slot, _, work = nearest_from_face(
-        model, point, part, slot, limit * limit, 1.0, 0.0, budget, workspace
+        model, point, part, slot, limit * limit, (1.0, 0.0), budget, workspace
     )
     return slot >= 0, work

@@ -15,35 +15,33 @@ than 0.1 m/s; what 95 % of the errors stay below, mm: holding the pose 8.54, the
 acceleration 2.7 to 4.3; one-euro filters 2.6 to 2.9; alpha-beta-gamma 3.1 to 4.0; parabolas 3.7 to 3.9. The
 acceleration of one frame says little about the next.
 
-A finger has a row in two arrays: ``reals`` (float64) and ``ints`` (int64). Rows of zeros know no pose yet.
-Each row holds two *estimates*: the present one, and the one before the last jump, which goes on when the
-jump was one of a pose or two gone astray. Times are whole nanoseconds: a float would lose them in weeks.
+A finger has two *estimates*, a row of records: the present one, and the one before the last jump, which goes
+on when the jump was one of a pose or two gone astray. Zeros know no pose yet. Times are whole nanoseconds: a
+float would lose them in weeks.
 """
 
 import math
 
-from proximity.kernels.contact_columns import JUMPED, PREDICTED, TRACKED
-from proximity.native import entry, inlined, kernel
+from proximity.kernels.contact_record import JUMPED, PREDICTED, TRACKED
+from proximity.native import entry, inlined, kernel, record
 
-# --- columns of ``reals`` (float64) ---
-ESTIMATE_POSITION = 0  # m, the last pose
-ESTIMATE_VELOCITY = 3  # m/s; zero while it is not known
-ESTIMATE_VELOCITY_ERROR = 6  # m/s, how far off it may be
-ESTIMATE_SURPRISE = 7  # m/s, share of the error that the poses show and acceleration does not explain
-ESTIMATE_WEIGHTS = 8  # sums of weight times age to the power 0, 1, 2, 3; ages are negative, s
-ESTIMATE_SQUARES = 12  # sums of squared weight times age to the power 0, 1, 2
-ESTIMATE_MOMENTS = 15  # sums of weight times position, seen from the last pose, m
-ESTIMATE_AGE_MOMENTS = 18  # sums of weight times age times position
-ESTIMATE_SLACK_USED = 21  # m of `JUMP_SLACK` that the last poses have used up
-ESTIMATE_REALS = 24
-MOTION_REALS = 2 * ESTIMATE_REALS
-
-# --- columns of ``ints`` (int64) ---
-ESTIMATE_POSE_NS = 0  # instant of the last pose
-ESTIMATE_POSE_COUNT = 1  # poses that the estimate has taken in, up to `ENOUGH`
-ESTIMATE_IS_KNOWN = 2  # 1 where the velocity is known
-ESTIMATE_INTS = 4
-MOTION_INTS = 2 * ESTIMATE_INTS
+ESTIMATE = record(
+    "Estimate",
+    position="(3,)f8",  # m, the last pose
+    velocity="(3,)f8",  # m/s; zero while it is not known
+    velocity_error="f8",  # m/s, how far off it may be
+    surprise="f8",  # m/s, share of the error that the poses show and acceleration does not explain
+    weights="(4,)f8",  # sums of weight times age to the power 0, 1, 2, 3; ages are negative, s
+    squares="(3,)f8",  # sums of squared weight times age to the power 0, 1, 2
+    moments="(3,)f8",  # sums of weight times position, seen from the last pose, m
+    age_moments="(3,)f8",  # sums of weight times age times position
+    slack_used="f8",  # m of `JUMP_SLACK` that the last poses have used up
+    pose_ns="i8",  # instant of the last pose
+    pose_count="i8",  # poses that the estimate has taken in, up to `ENOUGH`
+    is_known="i8",  # 1 where the velocity is known
+)
+ESTIMATES = 2
+"""Records of a finger: see above."""
 
 # --- bits of the answer, beside TRACKED, PREDICTED (the velocity is known) and JUMPED of a contact ---
 STARTED = 1 << 16
@@ -101,38 +99,23 @@ def instant_defect(pose_ns, last_ns, oldest_ns, latest_ns):
 
 
 @inlined
-def _start(reals, ints, row, x, y, z, t_ns, max_speed):
-    """Start the present estimate anew at a pose."""
-    for column in range(ESTIMATE_REALS):
-        reals[row, column] = 0.0
-    reals[row, ESTIMATE_POSITION] = x
-    reals[row, ESTIMATE_POSITION + 1] = y
-    reals[row, ESTIMATE_POSITION + 2] = z
-    reals[row, ESTIMATE_VELOCITY_ERROR] = max_speed
-    reals[row, ESTIMATE_WEIGHTS] = 1.0
-    reals[row, ESTIMATE_SQUARES] = 1.0
-    ints[row, ESTIMATE_POSE_NS] = t_ns
-    ints[row, ESTIMATE_POSE_COUNT] = 1
-    ints[row, ESTIMATE_IS_KNOWN] = 0
+def _start(estimate, t_ns, x, y, z, max_speed):
+    """Start an estimate anew at a pose."""
+    estimate.position[0], estimate.position[1], estimate.position[2] = x, y, z
+    estimate.velocity_error, estimate.surprise, estimate.slack_used = max_speed, 0.0, 0.0
+    for axis in range(3):
+        estimate.velocity[axis] = estimate.moments[axis] = estimate.age_moments[axis] = 0.0
+        estimate.weights[axis + 1] = estimate.squares[axis] = 0.0
+    estimate.weights[0] = estimate.squares[0] = 1.0
+    estimate.pose_ns, estimate.pose_count, estimate.is_known = t_ns, 1, 0
 
 
 @inlined
-def _copy_track(reals, ints, row, to, source):
-    """Copy one estimate over another; number 0 is the present one, 1 the one before a jump."""
-    for column in range(ESTIMATE_REALS):
-        reals[row, to * ESTIMATE_REALS + column] = reals[row, source * ESTIMATE_REALS + column]
-    for column in range(ESTIMATE_INTS):
-        ints[row, to * ESTIMATE_INTS + column] = ints[row, source * ESTIMATE_INTS + column]
-
-
-@inlined
-def _slack_used(reals, ints, row, track, t_ns, x, y, z, max_speed):
+def _slack_used(estimate, t_ns, x, y, z, max_speed):
     """Slack, m, that a finger at the last pose of that estimate has used when it is at this one now."""
-    first = track * ESTIMATE_REALS
-    elapsed = 1e-9 * (t_ns - ints[row, track * ESTIMATE_INTS + ESTIMATE_POSE_NS])
-    used = max(reals[row, first + ESTIMATE_SLACK_USED] - SLACK_RATE * elapsed, 0.0)
-    first += ESTIMATE_POSITION
-    dx, dy, dz = x - reals[row, first], y - reals[row, first + 1], z - reals[row, first + 2]
+    elapsed = 1e-9 * (t_ns - estimate.pose_ns)
+    used = max(estimate.slack_used - SLACK_RATE * elapsed, 0.0)
+    dx, dy, dz = x - estimate.position[0], y - estimate.position[1], z - estimate.position[2]
     step_sq, reach = dx * dx + dy * dy + dz * dz, max_speed * elapsed
     if step_sq <= reach * reach:
         return used
@@ -142,79 +125,77 @@ def _slack_used(reals, ints, row, track, t_ns, x, y, z, max_speed):
 
 
 @inlined
-def _continues(ints, row, track, t_ns):
+def _continues(estimate, t_ns):
     """Whether that estimate has a pose, before *t_ns* and not too long ago."""
-    last_ns = ints[row, track * ESTIMATE_INTS + ESTIMATE_POSE_NS]
-    return ints[row, track * ESTIMATE_INTS + ESTIMATE_POSE_COUNT] > 0 and t_ns - MAX_GAP_NS <= last_ns < t_ns
+    return estimate.pose_count > 0 and t_ns - MAX_GAP_NS <= estimate.pose_ns < t_ns
 
 
 @inlined
-def _age(sums, row, weight, dt):
+def _age(estimate, weight, dt):
     """Let all that the sums hold be *dt* older, and weigh less."""
-    s0, s1 = sums[row, ESTIMATE_WEIGHTS], sums[row, ESTIMATE_WEIGHTS + 1]
-    s2, s3 = sums[row, ESTIMATE_WEIGHTS + 2], sums[row, ESTIMATE_WEIGHTS + 3]
-    sums[row, ESTIMATE_WEIGHTS] = weight * s0
-    sums[row, ESTIMATE_WEIGHTS + 1] = weight * (s1 - dt * s0)
-    sums[row, ESTIMATE_WEIGHTS + 2] = weight * (s2 - dt * (2.0 * s1 - dt * s0))
-    sums[row, ESTIMATE_WEIGHTS + 3] = weight * (s3 - dt * (3.0 * s2 - dt * (3.0 * s1 - dt * s0)))
-    s0, s1, s2 = sums[row, ESTIMATE_SQUARES], sums[row, ESTIMATE_SQUARES + 1], sums[row, ESTIMATE_SQUARES + 2]
+    sums = estimate.weights
+    s0, s1, s2, s3 = sums[0], sums[1], sums[2], sums[3]
+    sums[0] = weight * s0
+    sums[1] = weight * (s1 - dt * s0)
+    sums[2] = weight * (s2 - dt * (2.0 * s1 - dt * s0))
+    sums[3] = weight * (s3 - dt * (3.0 * s2 - dt * (3.0 * s1 - dt * s0)))
+    sums = estimate.squares
+    s0, s1, s2 = sums[0], sums[1], sums[2]
     weight *= weight
-    sums[row, ESTIMATE_SQUARES] = weight * s0
-    sums[row, ESTIMATE_SQUARES + 1] = weight * (s1 - dt * s0)
-    sums[row, ESTIMATE_SQUARES + 2] = weight * (s2 - dt * (2.0 * s1 - dt * s0))
+    sums[0] = weight * s0
+    sums[1] = weight * (s1 - dt * s0)
+    sums[2] = weight * (s2 - dt * (2.0 * s1 - dt * s0))
 
 
 @inlined
-def _follow(reals, row, x, y, z, dt, max_acceleration):
-    """Take in the next pose of the present estimate; the velocity's error that noise alone may cause, m/s."""
+def _follow(estimate, x, y, z, dt, max_acceleration):
+    """Take in the next pose; the velocity's error that noise alone may cause, m/s."""
     # Much like exp(-dt / MEMORY), but the same number wherever it is computed.
     weight = 1.0 / (1.0 + dt * (0.125 / MEMORY))
     weight *= weight
     weight *= weight
     weight = max(weight * weight, LEAST_WEIGHT)
-    s0, s1 = reals[row, ESTIMATE_WEIGHTS], reals[row, ESTIMATE_WEIGHTS + 1]
-    _age(reals, row, weight, dt)
+    weights, squares = estimate.weights, estimate.squares
+    s0, s1 = weights[0], weights[1]
+    _age(estimate, weight, dt)
 
     # See all from the new pose, and measure how far it is from where the old velocity leads.
     miss_sq = 0.0
     for axis in range(3):
         value = x if axis == 0 else (y if axis == 1 else z)
-        step = value - reals[row, ESTIMATE_POSITION + axis]
-        miss = step - dt * reals[row, ESTIMATE_VELOCITY + axis]
+        step = value - estimate.position[axis]
+        miss = step - dt * estimate.velocity[axis]
         miss_sq += miss * miss
-        moment = reals[row, ESTIMATE_MOMENTS + axis] - s0 * step
-        turn = reals[row, ESTIMATE_AGE_MOMENTS + axis] - s1 * step - dt * moment
-        reals[row, ESTIMATE_MOMENTS + axis] = weight * moment
-        reals[row, ESTIMATE_AGE_MOMENTS + axis] = weight * turn
-        reals[row, ESTIMATE_POSITION + axis] = value
-    reals[row, ESTIMATE_WEIGHTS] += 1.0
-    reals[row, ESTIMATE_SQUARES] += 1.0
+        moment = estimate.moments[axis] - s0 * step
+        turn = estimate.age_moments[axis] - s1 * step - dt * moment
+        estimate.moments[axis] = weight * moment
+        estimate.age_moments[axis] = weight * turn
+        estimate.position[axis] = value
+    weights[0] += 1.0
+    squares[0] += 1.0
 
-    s0, s1 = reals[row, ESTIMATE_WEIGHTS], reals[row, ESTIMATE_WEIGHTS + 1]
-    s2, s3 = reals[row, ESTIMATE_WEIGHTS + 2], reals[row, ESTIMATE_WEIGHTS + 3]
+    s0, s1, s2, s3 = weights[0], weights[1], weights[2], weights[3]
     per_spread = 1.0 / (s0 * s2 - s1 * s1)
     for axis in range(3):
-        reals[row, ESTIMATE_VELOCITY + axis] = (
-            s0 * reals[row, ESTIMATE_AGE_MOMENTS + axis] - s1 * reals[row, ESTIMATE_MOMENTS + axis]
-        ) * per_spread
+        estimate.velocity[axis] = (s0 * estimate.age_moments[axis] - s1 * estimate.moments[axis]) * per_spread
 
     # Variance: squared weight times (s0 age - s1) squared, summed.
-    variance = s1 * s1 * reals[row, ESTIMATE_SQUARES] - 2.0 * s0 * s1 * reals[row, ESTIMATE_SQUARES + 1]
-    noise_error = NOISE * math.sqrt(variance + s0 * s0 * reals[row, ESTIMATE_SQUARES + 2]) * per_spread
+    variance = s1 * s1 * squares[0] - 2.0 * s0 * s1 * squares[1]
+    noise_error = NOISE * math.sqrt(variance + s0 * s0 * squares[2]) * per_spread
     lag = 0.5 * (s1 * s2 - s0 * s3) * per_spread
 
     # What neither acceleration nor noise explains is a pose gone astray, perhaps: as much of it as went
     # into the velocity counts as error, and fades as the pose does.
-    explained = (reals[row, ESTIMATE_VELOCITY_ERROR] + 0.5 * max_acceleration * dt) * dt + 2.0 * NOISE
+    explained = (estimate.velocity_error + 0.5 * max_acceleration * dt) * dt + 2.0 * NOISE
     surprise = min(max(math.sqrt(miss_sq) - explained, 0.0) * (-s1 * per_spread), MOST_SURPRISE)
-    surprise = max(surprise, reals[row, ESTIMATE_SURPRISE] * weight * (1.0 + dt / MEMORY))
-    reals[row, ESTIMATE_SURPRISE] = surprise
-    reals[row, ESTIMATE_VELOCITY_ERROR] = max_acceleration * lag + noise_error + surprise
+    surprise = max(surprise, estimate.surprise * weight * (1.0 + dt / MEMORY))
+    estimate.surprise = surprise
+    estimate.velocity_error = max_acceleration * lag + noise_error + surprise
     return noise_error
 
 
-@entry("float64[:, :], int64[:, :], int, int, float, float, float, float, float -> int")
-def observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration):
+@entry("Estimate[:, 2], int, int, float, float, float, float, float -> int")
+def observe(motions, row, t_ns, x, y, z, max_speed, max_acceleration):
     """Take in the pose of a finger at *t_ns*; what is known then, as bits.
 
     A position that is not finite changes nothing and answers 0. A pose that the finger cannot have reached at
@@ -224,91 +205,82 @@ def observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration):
     """
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         return 0
-    status = TRACKED
-    if ints[row, ESTIMATE_POSE_COUNT] > 0 and t_ns == ints[row, ESTIMATE_POSE_NS]:
-        return status | REPEATED | (PREDICTED if ints[row, ESTIMATE_IS_KNOWN] == 1 else 0)
-    if not _continues(ints, row, 0, t_ns):
-        _start(reals, ints, row, x, y, z, t_ns, max_speed)
-        ints[row, ESTIMATE_INTS + ESTIMATE_POSE_COUNT] = 0
+    status, present, before = TRACKED, motions[row, 0], motions[row, 1]
+    if present.pose_count > 0 and t_ns == present.pose_ns:
+        return status | REPEATED | (PREDICTED if present.is_known == 1 else 0)
+    if not _continues(present, t_ns):
+        _start(present, t_ns, x, y, z, max_speed)
+        before.pose_count = 0
         return status | STARTED
-    slack_used = _slack_used(reals, ints, row, 0, t_ns, x, y, z, max_speed)
+    slack_used = _slack_used(present, t_ns, x, y, z, max_speed)
     if not slack_used <= JUMP_SLACK:
         status |= JUMPED
         slack_used = math.inf
         # Poses that follow each other are not astray: nothing goes back.
-        if ints[row, ESTIMATE_POSE_COUNT] < ENOUGH and _continues(ints, row, 1, t_ns):
-            slack_used = _slack_used(reals, ints, row, 1, t_ns, x, y, z, max_speed)
+        if present.pose_count < ENOUGH and _continues(before, t_ns):
+            slack_used = _slack_used(before, t_ns, x, y, z, max_speed)
         if not slack_used <= JUMP_SLACK:
             # A pose by itself is nothing to go back to; the estimate before it may be.
-            if ints[row, ESTIMATE_POSE_COUNT] > 1:
-                _copy_track(reals, ints, row, 1, 0)
-            _start(reals, ints, row, x, y, z, t_ns, max_speed)
-            reals[row, ESTIMATE_SLACK_USED] = JUMP_SLACK
+            if present.pose_count > 1:
+                motions[row, 1] = present
+            _start(present, t_ns, x, y, z, max_speed)
+            present.slack_used = JUMP_SLACK
             return status | STARTED
-        _copy_track(reals, ints, row, 0, 1)
-    reals[row, ESTIMATE_SLACK_USED] = slack_used
+        motions[row, 0] = before
+    present.slack_used = slack_used
 
-    noise_error = _follow(reals, row, x, y, z, 1e-9 * (t_ns - ints[row, ESTIMATE_POSE_NS]), max_acceleration)
-    ints[row, ESTIMATE_POSE_NS] = t_ns
-    ints[row, ESTIMATE_POSE_COUNT] = min(ints[row, ESTIMATE_POSE_COUNT] + 1, ENOUGH)
-    ints[row, ESTIMATE_IS_KNOWN] = 1 if noise_error <= MAX_NOISE_SPEED else 0
-    if ints[row, ESTIMATE_IS_KNOWN] == 0:
+    noise_error = _follow(present, x, y, z, 1e-9 * (t_ns - present.pose_ns), max_acceleration)
+    present.pose_ns = t_ns
+    present.pose_count = min(present.pose_count + 1, ENOUGH)
+    present.is_known = 1 if noise_error <= MAX_NOISE_SPEED else 0
+    if present.is_known == 0:
         for axis in range(3):
-            reals[row, ESTIMATE_VELOCITY + axis] = 0.0
-    if ints[row, ESTIMATE_IS_KNOWN] == 0 or ints[row, ESTIMATE_POSE_COUNT] < ENOUGH:
+            present.velocity[axis] = 0.0
+    if present.is_known == 0 or present.pose_count < ENOUGH:
         # Whatever the finger does, at that speed it may be going the other way.
-        reals[row, ESTIMATE_VELOCITY_ERROR] = max_speed + _speed(reals, row)
-    return status | (PREDICTED if ints[row, ESTIMATE_IS_KNOWN] == 1 else 0)
+        present.velocity_error = max_speed + _speed(present)
+    return status | (PREDICTED if present.is_known == 1 else 0)
 
 
 @kernel
-def observe_with_velocity(reals, ints, row, t_ns, x, y, z, vx, vy, vz, max_speed, max_acceleration):
-    """Like `observe` where the caller knows the velocity, m/s: it is taken at its word.
+def observe_with_velocity(motions, row, t_ns, x, y, z, velocity, max_speed, max_acceleration):
+    """Like `observe` where the caller knows the velocity, (x, y, z) m/s: it is taken at its word.
 
     A velocity that is not finite is not known: the poses tell it.
     """
-    status = observe(reals, ints, row, t_ns, x, y, z, max_speed, max_acceleration)
+    status = observe(motions, row, t_ns, x, y, z, max_speed, max_acceleration)
+    vx, vy, vz = velocity
     if status == 0 or not (math.isfinite(vx) and math.isfinite(vy) and math.isfinite(vz)):
         return status
-    reals[row, ESTIMATE_VELOCITY] = vx
-    reals[row, ESTIMATE_VELOCITY + 1] = vy
-    reals[row, ESTIMATE_VELOCITY + 2] = vz
-    reals[row, ESTIMATE_VELOCITY_ERROR] = 0.0
-    ints[row, ESTIMATE_IS_KNOWN] = 1
+    present = motions[row, 0]
+    present.velocity[0], present.velocity[1], present.velocity[2] = vx, vy, vz
+    present.velocity_error, present.is_known = 0.0, 1
     return status | PREDICTED
 
 
 @inlined
-def _speed(reals, row):
-    vx, vy, vz = (
-        reals[row, ESTIMATE_VELOCITY],
-        reals[row, ESTIMATE_VELOCITY + 1],
-        reals[row, ESTIMATE_VELOCITY + 2],
-    )
+def _speed(estimate):
+    vx, vy, vz = estimate.velocity[0], estimate.velocity[1], estimate.velocity[2]
     return math.sqrt(vx * vx + vy * vy + vz * vz)
 
 
 @inlined
-def predict(reals, row, h, max_speed, max_acceleration):
+def predict(estimate, h, max_speed, max_acceleration):
     """Predicted displacement of a finger *h* seconds after its last pose: dx, dy, dz, and *rho*, all m.
 
     The finger will be within *rho* of that position if it accelerates by at most *max_acceleration* (m/s²)
     and moves no faster than *max_speed* (m/s); where it does so already, the acceleration alone tells. Behind
     the pose, *h* < 0, counts as at it. The position is a little short of straight ahead, and *rho* counts
-    that. A row of zeros has no position.
+    that. Zeros have no position.
     """
     if not h > 0.0:
         return 0.0, 0.0, 0.0, 0.0
     ahead = min(h, MOTION_HORIZON)
     ahead -= ahead * ahead * (0.5 / COAST)
-    vx, vy, vz = (
-        reals[row, ESTIMATE_VELOCITY],
-        reals[row, ESTIMATE_VELOCITY + 1],
-        reals[row, ESTIMATE_VELOCITY + 2],
-    )
-    speed = _speed(reals, row)
+    vx, vy, vz = estimate.velocity[0], estimate.velocity[1], estimate.velocity[2]
+    speed = _speed(estimate)
     # The bound holds about the position straight ahead; the one reported is so much short of it.
-    rho = (reals[row, ESTIMATE_VELOCITY_ERROR] + 0.5 * max_acceleration * h) * h + speed * (h - ahead)
+    rho = (estimate.velocity_error + 0.5 * max_acceleration * h) * h + speed * (h - ahead)
     if speed <= max_speed:
         rho = min(rho, max_speed * h + speed * ahead)
     return vx * ahead, vy * ahead, vz * ahead, rho

@@ -11,19 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import (
-    ALL_LANES,
-    FRAME_ANGULAR_VELOCITY,
-    FRAME_BOX_LOWER,
-    FRAME_BOX_UPPER,
-    FRAME_OWN_LOWER,
-    FRAME_OWN_UPPER,
-    FRAME_ROTATION,
-    FRAME_TRANSLATION,
-    FRAME_VELOCITY,
-    LANES,
-    PART_IS_HIDDEN,
-)
+from proximity.kernels.layout import ALL_LANES, FRAME, LANES, field_at
+from proximity.kernels.stack_arrays import reals_of
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
@@ -56,7 +45,8 @@ AT_ONCE = 1e-12
 """s or m: what comes within so little is here, so that a look from one coming to the next gets on."""
 
 POSE_COLUMNS = 12
-"""Numbers of a part's pose: rotation and translation."""
+"""Numbers of a part's pose: rotation and translation, the first in a row of ``frames``."""
+VELOCITY_AT = field_at(FRAME, "velocity")
 LAST_EIGHT = POSE_COLUMNS - LANES
 
 
@@ -85,19 +75,19 @@ def movers_workspace(part_count):
 def velocity_of_part(frames, part, x, y, z):
     """Velocity of a part at a point of the scene's frame, m/s."""
     rx, ry, rz = (
-        x - frames[part, FRAME_TRANSLATION],
-        y - frames[part, FRAME_TRANSLATION + 1],
-        z - frames[part, FRAME_TRANSLATION + 2],
+        x - frames[part].translation[0],
+        y - frames[part].translation[1],
+        z - frames[part].translation[2],
     )
     wx, wy, wz = (
-        frames[part, FRAME_ANGULAR_VELOCITY],
-        frames[part, FRAME_ANGULAR_VELOCITY + 1],
-        frames[part, FRAME_ANGULAR_VELOCITY + 2],
+        frames[part].angular_velocity[0],
+        frames[part].angular_velocity[1],
+        frames[part].angular_velocity[2],
     )
     return (
-        frames[part, FRAME_VELOCITY] + wy * rz - wz * ry,
-        frames[part, FRAME_VELOCITY + 1] + wz * rx - wx * rz,
-        frames[part, FRAME_VELOCITY + 2] + wx * ry - wy * rx,
+        frames[part].velocity[0] + wy * rz - wz * ry,
+        frames[part].velocity[1] + wz * rx - wx * rz,
+        frames[part].velocity[2] + wx * ry - wy * rx,
     )
 
 
@@ -105,25 +95,23 @@ def velocity_of_part(frames, part, x, y, z):
 def gather_movers(frames, parts, movers):
     """Fill the columns of parts that have a velocity; how many there are, and whether any stands."""
     size = len(movers) // MOVER_COLUMNS
-    count, stands = 0, False
+    rows, count, stands = reals_of(frames), 0, False
     for part in range(len(parts) - 1):
         # Both velocities follow each other; behind them is what does not count.
-        is_still = bits(load(frames[part], FRAME_VELOCITY) == splat(0.0)) & SIX_LANES == SIX_LANES
-        if (is_still and stands) or parts[part, PART_IS_HIDDEN]:
+        is_still = bits(load(rows[part], VELOCITY_AT) == splat(0.0)) & SIX_LANES == SIX_LANES
+        if (is_still and stands) or parts[part].is_hidden:
             continue
         if is_still:
             stands = True
             continue
         arm_sq, turn_sq = 0.0, 0.0
         for axis in range(3):
-            arm = max(abs(frames[part, FRAME_OWN_LOWER + axis]), abs(frames[part, FRAME_OWN_UPPER + axis]))
+            arm = max(abs(frames[part].own_lower[axis]), abs(frames[part].own_upper[axis]))
             arm_sq += arm * arm
-            turn_sq += (
-                frames[part, FRAME_ANGULAR_VELOCITY + axis] * frames[part, FRAME_ANGULAR_VELOCITY + axis]
-            )
-            movers[(MOVER_VELOCITY + axis) * size + count] = frames[part, FRAME_VELOCITY + axis]
-            movers[(MOVER_LOWER + axis) * size + count] = frames[part, FRAME_BOX_LOWER + axis]
-            movers[(MOVER_UPPER + axis) * size + count] = frames[part, FRAME_BOX_UPPER + axis]
+            turn_sq += frames[part].angular_velocity[axis] * frames[part].angular_velocity[axis]
+            movers[(MOVER_VELOCITY + axis) * size + count] = frames[part].velocity[axis]
+            movers[(MOVER_LOWER + axis) * size + count] = frames[part].box_lower[axis]
+            movers[(MOVER_UPPER + axis) * size + count] = frames[part].box_upper[axis]
         movers[MOVER_TURN * size + count] = sqrt(arm_sq) * sqrt(turn_sq)
         count += 1
     for k in range(count, count + LANES):
@@ -180,7 +168,7 @@ def gather_near(movers, velocity, point, off, speed, unit, extent):
 
 
 @inlined
-def drift_until(drift, speed, elapsed):
+def part_travel(drift, speed, elapsed):
     """The drift a unit until *elapsed* units have passed, and the unit from which a faster part may be there.
 
     *speed*: m a unit, of the point, as `gather_near` had it.
@@ -211,11 +199,11 @@ def _near_at(columns, size, first):
 
 
 @inlined
-def free_for(drift, speed, clearance):
-    """Units in which nothing *clearance* m away is reached, whatever moves; see `drift_until`."""
+def contact_free_time(drift, speed, clearance):
+    """Units in which nothing *clearance* m away is reached, whatever moves; see `part_travel`."""
     free = 0.0
     for _ in range(MOST_COMINGS):
-        fastest, faster = drift_until(drift, speed, free)
+        fastest, faster = part_travel(drift, speed, free)
         rate = speed + fastest
         left = clearance / rate * ROUNDED_DOWN if rate > 0.0 else (np.inf if clearance > 0.0 else 0.0)
         if left <= faster:
@@ -229,12 +217,12 @@ def _corner_displacement_sq(frames, before, part, x, y, z):
     """Squared displacement of a point of the part from its pose *before* to the present one, m²."""
     total = 0.0
     for axis in range(3):
-        at = FRAME_ROTATION + 3 * axis
+        at, turn = 3 * axis, frames[part].rotation
         shift = (
-            (frames[part, at] - before[part, 3 * axis]) * x
-            + (frames[part, at + 1] - before[part, 3 * axis + 1]) * y
-            + (frames[part, at + 2] - before[part, 3 * axis + 2]) * z
-            + (frames[part, FRAME_TRANSLATION + axis] - before[part, 9 + axis])
+            (turn[at] - before[part, at]) * x
+            + (turn[at + 1] - before[part, at + 1]) * y
+            + (turn[at + 2] - before[part, at + 2]) * z
+            + (frames[part].translation[axis] - before[part, 9 + axis])
         )
         total += shift * shift
     return total
@@ -247,18 +235,18 @@ def displacement_of_parts(frames, before):
     The displacement of a point is a convex function of where on the part it is, so that a corner of the box
     goes farthest.
     """
-    farthest_sq = 0.0
+    rows, farthest_sq = reals_of(frames), 0.0
     for part in range(len(before)):
         # Rotation and translation, which follow each other, by two vectors that overlap.
-        is_first_same = load(frames[part], FRAME_ROTATION) == load(before[part], 0)
-        is_last_same = load(frames[part], FRAME_ROTATION + LAST_EIGHT) == load(before[part], LAST_EIGHT)
+        is_first_same = load(rows[part], 0) == load(before[part], 0)
+        is_last_same = load(rows[part], LAST_EIGHT) == load(before[part], LAST_EIGHT)
         if bits(is_first_same & is_last_same) == ALL_LANES:
             continue
         for corner in range(8):
-            x = frames[part, FRAME_OWN_LOWER + 3 * (corner & 1)]
-            y = frames[part, FRAME_OWN_LOWER + 1 + 3 * ((corner >> 1) & 1)]
-            z = frames[part, FRAME_OWN_LOWER + 2 + 3 * (corner >> 2)]
+            x = frames[part].own_lower[3 * (corner & 1)]
+            y = frames[part].own_lower[1 + 3 * ((corner >> 1) & 1)]
+            z = frames[part].own_lower[2 + 3 * (corner >> 2)]
             farthest_sq = max(farthest_sq, _corner_displacement_sq(frames, before, part, x, y, z))
         for k in range(POSE_COLUMNS):
-            before[part, k] = frames[part, FRAME_ROTATION + k]
+            before[part, k] = rows[part, k]
     return np.sqrt(farthest_sq) * (1.0 + 1e-12)

@@ -8,26 +8,8 @@ from math import isfinite, sqrt
 
 import numpy as np
 
-from proximity.kernels.contact_columns import (
-    CONTACT_FOUND,
-    INSIDE,
-    ON_PATH,
-    PREDICTED,
-    RECORD_BEND,
-    RECORD_BEND_RATE,
-    RECORD_CONTACT_BEND,
-    RECORD_CONTACT_BEND_ERROR,
-    RECORD_CONTACT_BEND_RATE,
-    RECORD_LOWER,
-    RECORD_POSITION,
-    RECORD_SIGNED_DISTANCE,
-    RECORD_TIME_TO_CONTACT,
-    RECORD_TIME_TO_CONTACT_LOWER,
-    RECORD_VELOCITY,
-)
-from proximity.kernels.geometry.frames import (
-    rounding_at,
-)
+from proximity.kernels.contact_record import CONTACT_FOUND, INSIDE, ON_PATH, PREDICTED
+from proximity.kernels.geometry.frames import rounding_at
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.point.budgeted_walk import DOWN
 from proximity.kernels.scene.distance_bounds import bounds_at
@@ -40,13 +22,7 @@ from proximity.kernels.tracking.conservative_advancement import (
 )
 from proximity.kernels.tracking.part_drift import Drift, gather_near, velocity_of_part
 from proximity.kernels.tracking.prediction import STILL, count_steps, steps_left
-from proximity.kernels.tracking.track import (
-    SETTING_DISPLACEMENT,
-    TRACK_PART,
-    TRACK_RADIUS,
-    TRACK_SLOT,
-    vector_at,
-)
+from proximity.kernels.tracking.track import vector
 from proximity.native import inlined, kernel
 
 PROBES = 3
@@ -135,9 +111,9 @@ def _bounds_at_vectors(model, settings, finger, part, slot, scratch):
     vectors = scratch.vectors
     _, lower, upper, _, part, slot, _, steps = bounds_at(
         model, (vectors[0], vectors[1], vectors[2]), part, slot, False, 0.0, 0.0,
-        steps_left(settings, finger.numbers), scratch.workspace, scratch.closest,
+        steps_left(settings, finger.record), scratch.workspace, scratch.closest,
     )  # fmt: skip
-    count_steps(settings, finger.numbers, steps)
+    count_steps(settings, finger.record, steps)
     return lower, upper, part, slot
 
 
@@ -147,24 +123,24 @@ def _write_contact_now(record, speed, is_certain):
 
     *speed*: along its path, m/s.
     """
-    record[RECORD_CONTACT_BEND] = record[RECORD_BEND]
-    record[RECORD_CONTACT_BEND_ERROR] = 0.0 if is_certain else np.inf
-    record[RECORD_CONTACT_BEND_RATE] = 0.0
+    record.contact_bend = record.bend
+    record.contact_bend_error = 0.0 if is_certain else np.inf
+    record.contact_bend_rate = 0.0
     if speed > 0.0:
-        record[RECORD_TIME_TO_CONTACT] = 0.0 if is_certain else record[RECORD_TIME_TO_CONTACT]
-        record[RECORD_TIME_TO_CONTACT_LOWER] = 0.0
+        record.time_to_contact = 0.0 if is_certain else record.time_to_contact
+        record.time_to_contact_lower = 0.0
     return CONTACT_FOUND if is_certain else 0
 
 
 @kernel
 def _advance_on_path(model, settings, finger, path, drift, start, clearance, part, slot, scratch):
     """Advance a fingertip along its path; returns an `Advance`, whose steps are counted."""
-    sphere = Sphere(finger.track[TRACK_RADIUS], 1.0, finger.balls, settings[SETTING_DISPLACEMENT])
-    budget = steps_left(settings, finger.numbers)
+    sphere = Sphere(finger.track.radius, 1.0, finger.balls, settings.displacement)
+    budget = steps_left(settings, finger.record)
     advance = advance_conservatively(
         model, path, sphere, drift, start, clearance, part, slot, 0.0, budget, scratch
     )
-    count_steps(settings, finger.numbers, advance.steps)
+    count_steps(settings, finger.record, advance.steps)
     return advance
 
 
@@ -179,21 +155,21 @@ def predict_contact_on_path(model, settings, finger, path, path_bends, bend, mov
     if not (whole > 0.0 and isfinite(whole)):
         return flags
     flags |= ON_PATH
-    record, radius, vectors = finger.record, finger.track[TRACK_RADIUS], scratch.vectors
-    x, y, z = vector_at(record, RECORD_POSITION)
+    record, radius, vectors = finger.record, finger.track.radius, scratch.vectors
+    x, y, z = vector(record.position)
     current, bend, bend_per_metre = _locate(path, path_bends, bend, x, y, z)
     point_on_path(path, current, vectors)
-    vx, vy, vz = vector_at(record, RECORD_VELOCITY)
+    vx, vy, vz = vector(record.velocity)
     speed = dot(vectors[3], vectors[4], vectors[5], vx, vy, vz)
     if abs(speed) <= STILL:
         speed = 0.0
-    record[RECORD_BEND], record[RECORD_BEND_RATE] = bend, speed * bend_per_metre
+    record.bend, record.bend_rate = bend, speed * bend_per_metre
     ox, oy, oz = x - vectors[0], y - vectors[1], z - vectors[2]
     off = sqrt(dot(ox, oy, oz, ox, oy, oz)) * (1.0 + 1e-12)
 
     # How far the path's point is from everything; the finger itself may be a little beside it.
-    part, slot = finger.marks[TRACK_PART], finger.marks[TRACK_SLOT]
-    lower = record[RECORD_LOWER] + radius - off
+    part, slot = finger.track.part, finger.track.slot
+    lower = record.lower + radius - off
     if flags & INSIDE or lower <= radius:
         lower, upper, part, slot = _bounds_at_vectors(model, settings, finger, part, slot, scratch)
         if lower <= radius:
@@ -207,7 +183,7 @@ def predict_contact_on_path(model, settings, finger, path, path_bends, bend, mov
             model, settings, finger, path, path_bends, movers, standing, advance, scratch
         )
         flags |= is_found
-    if speed > 0.0 and flags & PREDICTED and record[RECORD_SIGNED_DISTANCE] > 0.0:
+    if speed > 0.0 and flags & PREDICTED and record.signed_distance > 0.0:
         near = np.int64(0)
         if movers.moving_count:
             near, _ = gather_near(
@@ -219,8 +195,8 @@ def predict_contact_on_path(model, settings, finger, path, path_bends, bend, mov
                 model, settings, finger, path, Drift(movers.columns, near, 0.0), current, lower - radius,
                 advance.part, advance.slot, scratch,
             )  # fmt: skip
-        record[RECORD_TIME_TO_CONTACT_LOWER] = max(advance.free - current, 0.0) / speed * DOWN
-        record[RECORD_TIME_TO_CONTACT] = max(advance.expected - current, 0.0) / speed
+        record.time_to_contact_lower = max(advance.free - current, 0.0) / speed * DOWN
+        record.time_to_contact = max(advance.expected - current, 0.0) / speed
     return flags
 
 
@@ -233,15 +209,15 @@ def _decide_contact(model, settings, finger, path, path_bends, movers, standing,
     record, whole = finger.record, path.parameters[len(path.parameters) - 1]
     flag = _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch)
     for _ in range(ROUNDS):
-        if flag or steps_left(settings, finger.numbers) <= 0:
+        if flag or steps_left(settings, finger.record) <= 0:
             break
         before = advance.free
         advance = _advance_on_path(
             model, settings, finger, path, standing, before, 0.0, advance.part, advance.slot, scratch
         )
         if not advance.free < whole:
-            record[RECORD_CONTACT_BEND] = record[RECORD_CONTACT_BEND_ERROR] = np.nan
-            record[RECORD_CONTACT_BEND_RATE] = np.nan
+            record.contact_bend = record.contact_bend_error = np.nan
+            record.contact_bend_rate = np.nan
             break
         flag = _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch)
         if not advance.free > before:
@@ -265,36 +241,36 @@ def _speed_of_contact(frames, path, advance, vectors):
 @kernel
 def _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch):
     """Write the contact: free up to one parameter, expected at another, confirmed beyond that; its flag."""
-    record, radius, parameters = finger.record, finger.track[TRACK_RADIUS], path.parameters
+    record, radius, parameters = finger.record, finger.track.radius, path.parameters
     free, expected, part, slot, _ = advance
-    least = max(_first_at(parameters, path_bends, free), record[RECORD_BEND])
+    least = max(_first_at(parameters, path_bends, free), record.bend)
     if not expected < np.inf:
         # Nothing beyond is known: not farther than this, to be safe; nor which way a surface faces.
-        record[RECORD_CONTACT_BEND] = least
-        record[RECORD_CONTACT_BEND_ERROR] = np.inf
+        record.contact_bend = least
+        record.contact_bend_error = np.inf
         return 0
     speed = 0.0
     if movers.moving_count and slot >= 0:
         speed = _speed_of_contact(model.frames, path, advance, scratch.vectors)
     bend, slope = _interpolate(parameters, path_bends, expected)
-    record[RECORD_CONTACT_BEND], record[RECORD_CONTACT_BEND_ERROR] = bend, np.inf
-    record[RECORD_CONTACT_BEND_RATE] = speed * slope
+    record.contact_bend, record.contact_bend_error = bend, np.inf
+    record.contact_bend_rate = speed * slope
     margin = max(2.0 * (expected - free), 2.0 * TOUCH)
     for _ in range(PROBES):
         beyond = min(expected + margin, parameters[len(parameters) - 1])
         point_on_path(path, beyond, scratch.vectors)
         is_touch, steps = touches(
-            model, vector_at(scratch.vectors, 0), radius, part, slot, steps_left(settings, finger.numbers),
+            model, vector(scratch.vectors), radius, part, slot, steps_left(settings, finger.record),
             scratch.workspace,
         )  # fmt: skip
-        count_steps(settings, finger.numbers, steps)
+        count_steps(settings, finger.record, steps)
         if not is_touch and radius < margin:
             # So small a sphere may be through the surface already: then it is inside.
             _, upper, _, _ = _bounds_at_vectors(model, settings, finger, part, slot, scratch)
             is_touch = upper <= radius
         if is_touch:
             most, _ = _interpolate(parameters, path_bends, beyond)
-            record[RECORD_CONTACT_BEND_ERROR] = max(bend - least, most - bend)
+            record.contact_bend_error = max(bend - least, most - bend)
             return CONTACT_FOUND
         margin *= 4.0
     return 0

@@ -11,47 +11,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.contact_columns import (
-    IN_RANGE,
-    INSIDE,
-    PREDICTED,
-    RECORD_APPROACH_SPEED,
-    RECORD_LOWER,
-    RECORD_PART_VELOCITY,
-    RECORD_POINT_ON_PART,
-    RECORD_POSITION,
-    RECORD_PREDICTED_DISTANCE,
-    RECORD_PREDICTED_LOWER,
-    RECORD_PREDICTED_UPPER,
-    RECORD_SIGNED_DISTANCE,
-    RECORD_TIME_TO_CONTACT,
-    RECORD_TIME_TO_CONTACT_LOWER,
-    RECORD_UPPER,
-    RECORD_VELOCITY,
-    RECORD_WORK,
-)
-from proximity.kernels.geometry.frames import (
-    rounding_at,
-)
+from proximity.kernels.contact_record import IN_RANGE, INSIDE, PREDICTED
+from proximity.kernels.geometry.frames import rounding_at
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.scene.distance_bounds import bounds_at, is_in_box_with_holes, may_pass_hole
 from proximity.kernels.tracking.conservative_advancement import Sphere, advance_conservatively
 from proximity.kernels.tracking.motion import predict
-from proximity.kernels.tracking.part_drift import ROUNDED_UP, Drift, drift_until, free_for, gather_near
-from proximity.kernels.tracking.track import (
-    SETTING_BUDGET,
-    SETTING_DISPLACEMENT,
-    SETTING_HAS_HOLES,
-    SETTING_HORIZON,
-    SETTING_MAX_ACCELERATION,
-    SETTING_MAX_SPEED,
-    SETTING_PREDICTION_STEPS_LEFT,
-    SETTING_WORKING_RANGE,
-    TRACK_PART,
-    TRACK_RADIUS,
-    TRACK_SLOT,
-    vector_at,
+from proximity.kernels.tracking.part_drift import (
+    ROUNDED_UP,
+    Drift,
+    contact_free_time,
+    gather_near,
+    part_travel,
 )
+from proximity.kernels.tracking.track import vector
 from proximity.native import inlined
 
 STILL = 1e-6
@@ -81,17 +54,17 @@ class RelativeMotion(NamedTuple):
 
 
 @inlined
-def steps_left(settings, numbers):
+def steps_left(settings, record):
     """Steps that a finger may still take: of its budget, and of what all fingers have for predictions."""
-    own = max(np.int64(settings[SETTING_BUDGET]) - np.int64(numbers[RECORD_WORK]), FEWEST_PREDICTION_STEPS)
-    return min(own, np.int64(settings[SETTING_PREDICTION_STEPS_LEFT]))
+    own = max(np.int64(settings.budget) - np.int64(record.work), FEWEST_PREDICTION_STEPS)
+    return min(own, np.int64(settings.prediction_steps_left))
 
 
 @inlined
-def count_steps(settings, numbers, steps):
+def count_steps(settings, record, steps):
     """Take note of steps that a finger's prediction took."""
-    numbers[RECORD_WORK] += steps
-    settings[SETTING_PREDICTION_STEPS_LEFT] -= steps
+    record.work += steps
+    settings.prediction_steps_left -= steps
 
 
 @inlined
@@ -99,39 +72,31 @@ def relative_motion(frames, settings, movers, finger, flags):
     """Return the `RelativeMotion` of a finger and its nearest part."""
     record = finger.record
     part_velocity = (0.0, 0.0, 0.0)
-    if movers.moving_count and finger.marks[TRACK_SLOT] >= 0:
-        part_velocity = vector_at(record, RECORD_PART_VELOCITY)
+    if movers.moving_count and finger.track.slot >= 0:
+        part_velocity = vector(record.part_velocity)
     ux, uy, uz = part_velocity
     own_speed = sqrt(dot(ux, uy, uz, ux, uy, uz)) * ROUNDED_UP
     least = own_speed if movers.any_stands else 0.0
-    vx, vy, vz = (
-        record[RECORD_VELOCITY] - ux,
-        record[RECORD_VELOCITY + 1] - uy,
-        record[RECORD_VELOCITY + 2] - uz,
-    )
+    vx, vy, vz = (record.velocity[0] - ux, record.velocity[1] - uy, record.velocity[2] - uz)
     speed = sqrt(dot(vx, vy, vz, vx, vy, vz)) * ROUNDED_UP
     if not flags & PREDICTED:
-        speed = settings[SETTING_MAX_SPEED] + own_speed
+        speed = settings.max_speed + own_speed
     near, fastest = np.int64(0), 0.0
     if movers.moving_count:
-        x, y, z = vector_at(record, RECORD_POSITION)
-        off = finger.track[TRACK_RADIUS] + rounding_at(frames, x, y, z)
-        near, fastest = gather_near(
-            movers, part_velocity, (x, y, z), off, speed, 1.0, settings[SETTING_HORIZON]
-        )
+        x, y, z = vector(record.position)
+        off = finger.track.radius + rounding_at(frames, x, y, z)
+        near, fastest = gather_near(movers, part_velocity, (x, y, z), off, speed, 1.0, settings.horizon)
     drift = Drift(movers.columns, near, least)
     return RelativeMotion(part_velocity, (vx, vy, vz), speed, drift, max(fastest, least))
 
 
 @inlined
-def predict_distance(model, settings, finger, motions, i, motion, ahead, flags, scratch):
-    """Write the distance of a finger, row *i* of *motions*, *ahead* seconds after its pose, with bounds."""
-    record, radius = finger.record, finger.track[TRACK_RADIUS]
+def predict_distance(model, settings, finger, motion, ahead, flags, scratch):
+    """Write the distance of a finger *ahead* seconds after its pose, with bounds."""
+    record, radius = finger.record, finger.track.radius
     ahead = max(ahead, 0.0)
     # The finger's position then, relative to the part.
-    dx, dy, dz, uncertainty = predict(
-        motions, i, ahead, settings[SETTING_MAX_SPEED], settings[SETTING_MAX_ACCELERATION]
-    )
+    dx, dy, dz, uncertainty = predict(finger.estimate, ahead, settings.max_speed, settings.max_acceleration)
     ux, uy, uz = motion.part_velocity
     dx, dy, dz = dx - ux * ahead, dy - uy * ahead, dz - uz * ahead
     length = sqrt(dot(dx, dy, dz, dx, dy, dz))
@@ -141,41 +106,41 @@ def predict_distance(model, settings, finger, motions, i, motion, ahead, flags, 
     # Here the fastest part of all counts: readers learn from this spread how fast anything may come when they
     # are late.
     spread = uncertainty + motion.fastest * ahead
-    if settings[SETTING_HAS_HOLES] != 0.0:
-        x, y, z = vector_at(record, RECORD_POSITION)
+    if settings.has_holes != 0.0:
+        x, y, z = vector(record.position)
         if may_pass_hole(model.frames, model.parts, x + dx, y + dy, z + dz, spread + length):
             # Through a hole the side changes away from the surface: what is left is how far that is.
             upper = max(upper, -lower)
             lower = -upper
-    record[RECORD_PREDICTED_DISTANCE] = distance - radius
+    record.predicted_distance = distance - radius
     # Far from everything, and as fast as no number tells: nothing is known.
-    record[RECORD_PREDICTED_LOWER] = lower - spread - radius if spread < np.inf else -np.inf
-    record[RECORD_PREDICTED_UPPER] = upper + spread - radius
+    record.predicted_lower = lower - spread - radius if spread < np.inf else -np.inf
+    record.predicted_upper = upper + spread - radius
 
 
 @inlined
 def _distance_after(model, settings, finger, displacement, length, uncertainty, flags, scratch):
     """Distance, lower and upper bound, m, of a fingertip's centre after a displacement of that *length*."""
-    record, radius = finger.record, finger.track[TRACK_RADIUS]
-    part, slot = finger.marks[TRACK_PART], finger.marks[TRACK_SLOT]
-    x, y, z = vector_at(record, RECORD_POSITION)
+    record, radius = finger.record, finger.track.radius
+    part, slot = finger.track.part, finger.track.slot
+    x, y, z = vector(record.position)
     dx, dy, dz = displacement
-    distance = record[RECORD_SIGNED_DISTANCE] + radius
-    lower, upper = record[RECORD_LOWER] + radius, record[RECORD_UPPER] + radius
+    distance = record.signed_distance + radius
+    lower, upper = record.lower + radius, record.upper + radius
     stays_outside = not flags & INSIDE
-    if stays_outside and settings[SETTING_HAS_HOLES] != 0.0:
+    if stays_outside and settings.has_holes != 0.0:
         stays_outside = not is_in_box_with_holes(
             model.words, model.frames, model.parts, x + dx, y + dy, z + dz
         )
     if not (length > 0.0 and slot >= 0):
         # No face is known to ask: a distance changes by no more than the displacement.
         return distance, lower - length, upper + length
-    left = steps_left(settings, finger.numbers)
+    left = steps_left(settings, finger.record)
     # Where the finger will be is not certain; the surface need not be known better than that.
     is_cheap = length <= CHEAP * lower or (length <= uncertainty and length < lower)
     if stays_outside and (is_cheap or not flags & IN_RANGE or left <= 0):
         # The point that is nearest now is, there, as far as the surface at most; hardly farther, so near.
-        px, py, pz = vector_at(record, RECORD_POINT_ON_PART)
+        px, py, pz = vector(record.point_on_part)
         ax, ay, az = x + dx - px, y + dy - py, z + dz - pz
         distance = sqrt(dot(ax, ay, az, ax, ay, az))
         return distance, lower - length, distance
@@ -183,7 +148,7 @@ def _distance_after(model, settings, finger, displacement, length, uncertainty, 
         model, (x + dx, y + dy, z + dz), part, slot, stays_outside and length < lower, CHEAP, radius, left,
         scratch.workspace, scratch.closest,
     )  # fmt: skip
-    count_steps(settings, finger.numbers, steps)
+    count_steps(settings, finger.record, steps)
     return distance, lower, upper
 
 
@@ -191,39 +156,39 @@ def _distance_after(model, settings, finger, displacement, length, uncertainty, 
 def predict_time_to_contact(model, settings, finger, motion, path, flags, scratch):
     """Write the time to contact of a finger that keeps its velocity. *path*: scratch of two corners."""
     record = finger.record
-    x, y, z = vector_at(record, RECORD_POSITION)
-    horizon, speed, drift = settings[SETTING_HORIZON], motion.speed, motion.drift
+    x, y, z = vector(record.position)
+    horizon, speed, drift = settings.horizon, motion.speed, motion.drift
     # What may touch already is not free for a moment, however slow.
-    clearance = max(record[RECORD_LOWER] - rounding_at(model.frames, x, y, z), 0.0)
-    if record[RECORD_SIGNED_DISTANCE] <= 0.0:
-        record[RECORD_TIME_TO_CONTACT], record[RECORD_TIME_TO_CONTACT_LOWER] = 0.0, 0.0
+    clearance = max(record.lower - rounding_at(model.frames, x, y, z), 0.0)
+    if record.signed_distance <= 0.0:
+        record.time_to_contact, record.time_to_contact_lower = 0.0, 0.0
         return
     # Nobody waits for what is beyond the working range.
-    if speed * horizon > settings[SETTING_WORKING_RANGE]:
-        horizon = max(settings[SETTING_WORKING_RANGE] / speed, 0.1 * horizon)
-    fastest, _ = drift_until(drift, speed, horizon)
-    free = free_for(drift, speed, clearance)
+    if speed * horizon > settings.working_range:
+        horizon = max(settings.working_range / speed, 0.1 * horizon)
+    fastest, _ = part_travel(drift, speed, horizon)
+    free = contact_free_time(drift, speed, clearance)
     if free >= horizon or speed + fastest < STILL:
-        record[RECORD_TIME_TO_CONTACT], record[RECORD_TIME_TO_CONTACT_LOWER] = np.inf, min(free, horizon)
+        record.time_to_contact, record.time_to_contact_lower = np.inf, min(free, horizon)
         return
-    closing = record[RECORD_APPROACH_SPEED]
-    expected = record[RECORD_SIGNED_DISTANCE] / closing if closing > 0.0 and flags & PREDICTED else np.inf
+    closing = record.approach_speed
+    expected = record.signed_distance / closing if closing > 0.0 and flags & PREDICTED else np.inf
     if flags & PREDICTED and flags & IN_RANGE and not flags & INSIDE:
         vx, vy, vz = motion.velocity
         corners, parameters = path
         corners[0, 0], corners[0, 1], corners[0, 2] = x, y, z
         corners[1, 0], corners[1, 1], corners[1, 2] = x + vx * horizon, y + vy * horizon, z + vz * horizon
         parameters[0], parameters[1] = 0.0, horizon
-        sphere = Sphere(finger.track[TRACK_RADIUS], speed, finger.balls, settings[SETTING_DISPLACEMENT])
-        budget = min(steps_left(settings, finger.numbers), STRIDE)
+        sphere = Sphere(finger.track.radius, speed, finger.balls, settings.displacement)
+        budget = min(steps_left(settings, finger.record), STRIDE)
         advance = advance_conservatively(
-            model, path, sphere, drift, 0.0, clearance, finger.marks[TRACK_PART], finger.marks[TRACK_SLOT],
+            model, path, sphere, drift, 0.0, clearance, finger.track.part, finger.track.slot,
             LOOK_TOLERANCE, budget, scratch,
         )  # fmt: skip
         free = max(free, advance.free)
         # Where the path has not been followed to its end, or to a touch, there is still the nearest face.
         if free >= horizon or advance.expected < np.inf:
             expected = advance.expected
-        count_steps(settings, finger.numbers, advance.steps)
-    record[RECORD_TIME_TO_CONTACT_LOWER] = free
-    record[RECORD_TIME_TO_CONTACT] = max(expected, free) if expected < horizon else np.inf
+        count_steps(settings, finger.record, advance.steps)
+    record.time_to_contact_lower = free
+    record.time_to_contact = max(expected, free) if expected < horizon else np.inf

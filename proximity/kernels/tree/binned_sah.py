@@ -13,7 +13,7 @@ Source: Wald 2007, "On fast construction of SAH-based bounding volume hierarchie
 import numpy as np
 
 from proximity.kernels.geometry.rows import copy_numbers, copy_row
-from proximity.native import inlined, kernel, maker
+from proximity.native import allocating_kernel, inlined, kernel
 from proximity.native.simd import halves_swapped, lane, load, minimum, splat32, store
 
 BOX_STRIDE = 8
@@ -198,7 +198,7 @@ def _write_leaf(links, node, first, count):
     links[node, LINK_FIRST], links[node, LINK_COUNT] = first, count
 
 
-@maker
+@allocating_kernel
 def halve(boxes, order, leaf_shift):
     """Return the boxes (N * `BOX_STRIDE`) and the links (N, 4) of a binary tree; node 0 is its root.
 

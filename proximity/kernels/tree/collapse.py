@@ -1,4 +1,4 @@
-"""Collapse of a binary tree to an eight-wide one with the least total surface.
+"""Nodes of eight children, and the collapse of a binary tree to them with the least total surface.
 
 A node of the binary tree becomes a wide node or goes; what is below it then belongs to the wide node above.
 The cost of a subtree in one to eight lanes of the node above follows from those of its two halves, from the
@@ -21,9 +21,8 @@ from proximity.kernels.tree.binned_sah import (
     thickness,
     unpack,
 )
-from proximity.kernels.tree.wide_node import clear_node, write_lane
-from proximity.native import inlined, kernel, maker
-from proximity.native.simd import load, minimum
+from proximity.native import allocating_kernel, entry, inlined, kernel
+from proximity.native.simd import horizontal_min, load, minimum, splat32, store
 
 EVEN_DEPTH = MAX_DEPTH // 2 - 10
 """From this level on leaves are shared out by count, whatever the binary tree: any ends ten levels later. So
@@ -34,7 +33,41 @@ NO_REFERENCE = -1
 """Offset of the reference to the root, which has none; the binary node of leaves in a row."""
 
 
-@maker
+@inlined
+def write_lane(words, base, lane, box, reference):
+    """Write a child of the node at word *base*: its box, lower and upper, and what it is."""
+    for axis in range(3):
+        words[base + 8 * axis + lane] = box[axis]
+        words[base + 24 + 8 * axis + lane] = box[axis + 3]
+    words.view(np.int32)[base + NODE_CHILDREN + lane] = reference
+
+
+@entry("float32[:], int")
+def clear_node(words, node):
+    """Make all lanes of a node unused."""
+    base = NODE_STRIDE * node
+    for k in range(0, NODE_STRIDE, LANES):
+        filling = np.inf if k < 24 else (-np.inf if k < NODE_CHILDREN else 0.0)
+        store(words, base + k, splat32(np.float32(filling)))
+
+
+@kernel
+def node_box(words, node, box):
+    """The box around all children of a node; unused lanes add nothing."""
+    base = NODE_STRIDE * node
+    for axis in range(3):
+        box[axis] = horizontal_min(load(words, base + 8 * axis))
+        box[axis + 3] = -horizontal_min(-load(words, base + 24 + 8 * axis))
+
+
+@inlined
+def clear_box(box):
+    """Make a box one that contains nothing."""
+    for axis in range(3):
+        box[axis], box[axis + 3] = np.inf, -np.inf
+
+
+@allocating_kernel
 def _levels(links):
     """Return the nodes of a binary tree, each behind its parent, and what leaves each has.
 
@@ -134,7 +167,7 @@ def _give_lanes(boxes, children, count, lanes):
                 lanes[other] += 1
 
 
-@maker
+@allocating_kernel
 def _leaves_in_order(links, starts, leaf_count, order):
     """Return the nodes that are leaves, in order, the faces in that order, and each leaf's first position
     there.
@@ -173,7 +206,7 @@ def _wait(waiting, at, node, first, number, depth, reference_at):
     waiting[at, 3], waiting[at, 4] = depth, reference_at
 
 
-@maker
+@allocating_kernel
 def widen_tree(boxes, links, order):
     """Return the wide nodes, and the order of faces and each leaf's first position in it, leaves in a row.
 

@@ -11,7 +11,7 @@ Source: Bittner, Hapala, Havran 2013, "Fast insertion-based optimization of boun
 import numpy as np
 
 from proximity.kernels.tree.binned_sah import BOX_STRIDE, LINK_LEFT, LINK_RIGHT, NO_CHILD, half_area
-from proximity.native import inlined, kernel, maker
+from proximity.native import allocating_kernel, inlined, kernel
 from proximity.native.simd import load, minimum, store
 
 LARGEST_SEARCH = 1024
@@ -106,7 +106,7 @@ def _best_position(boxes, links, parents, moved, beside, keys, nodes):
     return position
 
 
-@maker
+@allocating_kernel
 def _at_rank(values, rank):
     """Return what would be at that place if *values* (N,), float32 and not negative, were sorted.
 
@@ -131,7 +131,7 @@ def _at_rank(values, rank):
     return values[0]  # never: some value has that rank
 
 
-@maker
+@allocating_kernel
 def improve(boxes, links):
     """Put the largest subtrees of a binary tree where they add least; see `binned_sah.halve`.
 

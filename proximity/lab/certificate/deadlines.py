@@ -1,110 +1,143 @@
-"""Tick times against sample periods: percentiles, missed deadlines, and their confidence.
+"""Tick times against sample periods: percentiles, missed deadlines and their confidence; periods as text.
 
 A percentile is reported where the ticks support it: beyond it must lie at least one of them.
 """
 
-from dataclasses import dataclass
+import math
+import re
+from typing import Any
 
 import numpy as np
 from scipy.stats import beta
 
 from proximity.errors import ServiceError
 from proximity.service import Histogram
+from proximity.service.loop import LONGEST_PERIOD, SHORTEST_PERIOD
 
 SURE = 0.95
-MILLION = 1_000_000
 SHARES = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
-FEWEST_TICKS = 1000
-"""That p99.9 asks for."""
+FEWEST_TICKS = 1000  # that p99.9 asks for
+TAIL_POINTS = 120  # of a plot
+PERIODS = {
+    0.040: "the paper's delay, 25 Hz",
+    0.005: "the paper's wall, 200 Hz",
+    0.003: "Kazerooni's bound",
+    0.001: "1 kHz",
+    0.0002: "5 kHz",
+}
+"""Sample periods, s, and who asks for them."""
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+RATES = {"hz": 1.0, "khz": 1e3}
+WRITTEN = re.compile(r"\s*([0-9.eE+-]+)\s*([a-zA-Zµμ]+)\s*")
+
+Times = np.ndarray | Histogram
+"""Durations in nanoseconds: each, or counted."""
 
 
-@dataclass(frozen=True, slots=True)
-class Period:
-    """A haptic sample period, and who asks for it."""
-
-    seconds: float
-    source: str
-
-    @property
-    def ns(self) -> float:
-        """The same in nanoseconds."""
-        return 1e9 * self.seconds
+def periods_of(asked: float) -> dict[float, str]:
+    """Return the periods to compare with, the longest first: the known ones, and the one asked for."""
+    if any(abs(asked - period) <= 1e-9 * asked for period in PERIODS):
+        return PERIODS
+    return dict(sorted({**PERIODS, asked: "as asked"}.items(), reverse=True))
 
 
-PERIODS = (
-    Period(0.040, "the paper's delay, 25 Hz"),
-    Period(0.005, "the paper's wall, 200 Hz"),
-    Period(0.003, "Kazerooni's bound"),
-    Period(0.001, "1 kHz"),
-    Period(0.0002, "5 kHz"),
-)
+def count_of(times: Times) -> int:
+    """Return how many durations there are."""
+    return times.count if isinstance(times, Histogram) else len(times)
 
 
-@dataclass(frozen=True, slots=True)
-class Misses:
-    """Number of ticks that took longer than a period."""
+def percentiles(times: Times) -> dict[str, float | None]:
+    """Return p50, p99, p999 and max, ns; None for what so few ticks do not tell.
 
-    count: int
-    tick_count: int
+    Of a histogram to within a 32nd, never less.
+    """
+    count, found = count_of(times), {}
+    for name, share in SHARES.items():
+        is_supported = share >= 100.0 or round(count * (100.0 - share), 6) >= 100.0
+        counted = times.percentile(share) if isinstance(times, Histogram) else np.percentile(times, share)
+        found[name] = float(counted) if is_supported else None
+    return found
 
-    @property
-    def per_million(self) -> float:
-        """Misses per million of the ticks measured."""
-        return MILLION * self.count / self.tick_count
 
-    @property
-    def per_million_upper(self) -> float:
-        """Not more than that, with 95 % certainty, if ticks are independent: see `upper_share`."""
-        return MILLION * upper_share(self.count, self.tick_count)
+def tail(times: dict[str, float | None]) -> tuple[str, float]:
+    """Return "p999" and its value, or "max" where so few times tell none."""
+    value = times["p999"]
+    return ("max", times["max"] or 0.0) if value is None else ("p999", value)
+
+
+def over_count(times: Times, period: float) -> int:
+    """Return how many durations are longer than a period, s; of a histogram to within the width of a bin."""
+    if isinstance(times, Histogram):
+        rows = times.rows()
+        return sum(count for _, upper_ns, count in rows if min(upper_ns, times.max_ns) > 1e9 * period)
+    return int((times > 1e9 * period).sum())
 
 
 def upper_share(count: int, total: int) -> float:
-    """Return a share that the true one does not exceed, with 95 % certainty.
+    """Return a share that the true one does not exceed, with 95 % certainty, if ticks are independent.
 
-    Notes
-    -----
     Source: Clopper & Pearson 1934, one-sided. For a count of zero it is the rule of three, 3 / total.
     """
     return 1.0 if count >= total else float(beta.ppf(SURE, count + 1, total - count))
 
 
-def misses(times_ns: np.ndarray, period: Period) -> Misses:
-    """Return how many ticks alone took longer than a period."""
-    return Misses(int((times_ns > period.ns).sum()), len(times_ns))
-
-
-def percentiles(times_ns: np.ndarray) -> dict[str, float | None]:
-    """Return p50, p99, p999 and max, ns; None for what so few ticks do not tell."""
+def missed(count: int, total: int) -> dict[str, float]:
+    """Return missed deadlines, per million, and what the true rate does not exceed."""
     return {
-        name: float(np.percentile(times_ns, share)) if is_supported(share, len(times_ns)) else None
-        for name, share in SHARES.items()
+        "missed": count,
+        "missed_per_million": 1e6 * count / total,
+        "missed_per_million_upper_95": 1e6 * upper_share(count, total),
     }
 
 
-def misses_of(histogram: Histogram, period: Period) -> Misses:
-    """Return how many durations of a histogram are longer than a period, to within the width of a bin."""
-    over = sum(
-        count for _, upper_ns, count in histogram.rows() if min(upper_ns, histogram.max_ns) > period.ns
-    )
-    return Misses(over, histogram.count)
+def against(times: Times, periods: dict[float, str]) -> list[dict[str, Any]]:
+    """Return for each period the shares of it that percentiles take, and the deadlines missed."""
+    found = percentiles(times)
+    return [
+        {
+            "period_s": period,
+            "source": source,
+            "share": {
+                name: None if value is None else value / (1e9 * period) for name, value in found.items()
+            },
+            **missed(over_count(times, period), count_of(times)),
+        }
+        for period, source in periods.items()
+    ]
 
 
-def percentiles_of(histogram: Histogram) -> dict[str, float | None]:
-    """Return what `percentiles` does, of a histogram: to within a 32nd, never less."""
-    return {
-        name: float(histogram.percentile(share)) if is_supported(share, histogram.count) else None
-        for name, share in SHARES.items()
-    }
+def curve(times: Times) -> list[list[int]]:
+    """Return times, ns, and how many took longer: some hundred points, for a plot."""
+    if isinstance(times, Histogram):
+        rows = list(times.rows())
+        left = times.count - np.cumsum([0, *(count for _, _, count in rows)])
+        return [[lower, int(count)] for (lower, _, _), count in zip(rows, left[:-1], strict=True)]
+    ordered, count = np.sort(times), len(times)
+    ranks = np.unique(np.round(count * (1.0 - np.geomspace(1.0, 1.0 / count, TAIL_POINTS))))
+    return [[int(ordered[row]), count - row] for row in np.minimum(ranks.astype(int), count - 1).tolist()]
 
 
-def is_supported(share: float, tick_count: int) -> bool:
-    """Return whether at least one tick is expected beyond a percentile; of the longest it is always
-    reported.
-    """
-    return share >= 100.0 or round(tick_count * (100.0 - share), 6) >= 100.0
+def parse_period(text: str) -> float:
+    """Return a period, s, of a number with s, ms, us, Hz or kHz: ``1ms``, ``200us``, ``1kHz``."""
+    found, seconds = WRITTEN.fullmatch(text), math.nan
+    try:
+        number = math.nan if found is None else float(found[1])
+    except ValueError:
+        number = math.nan
+    unit = "" if found is None else found[2]
+    if unit in UNITS:
+        seconds = number * UNITS[unit]
+    elif unit.lower() in RATES and number > 0.0:
+        seconds = 1.0 / (number * RATES[unit.lower()])
+    # Room for what a period loses on its way through a rate.
+    if not SHORTEST_PERIOD * (1.0 - 1e-9) <= seconds <= LONGEST_PERIOD * (1.0 + 1e-9):
+        raise ServiceError(
+            f"{text!r} is not a period, expected a time or a rate such as 1ms, 200us or 1kHz, "
+            f"{SHORTEST_PERIOD * 1e6:g}us to {LONGEST_PERIOD:g}s"
+        )
+    return seconds
 
 
-def check_tick_count(tick_count: int) -> None:
-    """Refuse fewer ticks than the certificate needs."""
-    if tick_count < FEWEST_TICKS:
-        raise ServiceError(f"{tick_count} ticks are too few for p99.9, expected {FEWEST_TICKS} or more")
+def shown_period(seconds: float) -> str:
+    """Return a period as people write it."""
+    return f"{1e3 * seconds:g} ms" if seconds < 1.0 else f"{seconds:g} s"

@@ -1,11 +1,11 @@
-"""Measurement of tick times in motions from a recorded hand to the worst positions.
+"""Tick times in motions from a recorded hand to the worst positions, and the service's own loop.
 
 Each tick is timed on its own: by the processor's time of the thread, and by the clock on the wall, which
 others on the machine share in. Where processors are lent by a host, the first has some of that as well.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -13,16 +13,15 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import RecordingError
-from proximity.lab.certificate.search.work import UNLIMITED, Goal, Manner
-from proximity.lab.certificate.search.worst_positions import Found
 from proximity.lab.certificate.service_inputs import Paths, SwayingParts, fed_service_input, with_own_scene
 from proximity.lab.certificate.subject import Subject
 from proximity.lab.certificate.tick_times import TickLog, tick_all, without_collector
+from proximity.lab.certificate.work import UNLIMITED, SearchGoal, StartMode
+from proximity.lab.certificate.worst_positions import Progress, SearchResult
 from proximity.message import ContactFlag
 from proximity.recording import Recording
 from proximity.service import MonotonicClock, RealTime, RecordingInput, Report, Service
 from proximity.tracker.replay import motions
-from proximity.tracker.tracker import Tracker
 from proximity.transport import open_publisher
 
 TICKS_PER_UPDATE = 500  # ticks between two looks of who waits
@@ -31,15 +30,18 @@ REPEATS = 3
 """Runs of a motion: every tick is the same in each, and its shortest time is what its work takes when nobody
 interrupts. The times that are reported are those of the first."""
 EXACT_STEPS = 30_000_000
-"""Nodes and leaves that ticks without a budget may visit: some seconds, and fewer ticks of dear scenes."""
+"""Nodes and leaves that ticks without a budget may visit: some seconds, and fewer ticks of costly scenes."""
 FEWEST_EXACT = 20
-ON_PATHS, MOVING = "worst, on paths", "worst, parts moving"
+PASSING, ON_PATHS, MOVING = "worst, passing", "worst, on paths", "worst, parts moving"
+ANEW, EXACT = "worst, anew", "worst, exact"
 ADDRESS = "mailbox:proximity-certificate"
 """Where the loop publishes: inside this process, sealed as for others."""
 
+Results = Mapping[SearchGoal, SearchResult]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Case:
+class MotionTiming:
     """A motion, and what its ticks took."""
 
     name: str
@@ -47,94 +49,95 @@ class Case:
     thread_ns: np.ndarray  # (T,) int64, of the processor for this thread
     wall_ns: np.ndarray  # (T,) int64, from call to answer
     best_ns: np.ndarray  # (T,) int64, as `thread_ns`, of each tick the shortest of several runs
-    most_work: int  # nodes and leaves of the dearest tick, all fingers
+    most_work: int  # nodes and leaves of the costliest tick, all fingers
     shares: dict[str, float]  # of finger-ticks: exact, bounded, skipped
     counts: bool = True  # False: to compare with; a service never does so
 
 
 def measure(
     subject: Subject,
-    found: tuple[Found, ...],
+    found: Results,
     tick_count: int,
     seed: int,
-    progress: Callable[[str, float], None] = lambda _, __: None,
-) -> tuple[Case, ...]:
-    """Return what ticks take in each motion.
+    progress: Progress = lambda _, __: None,
+) -> tuple[MotionTiming, ...]:
+    """Return what ticks take in each motion."""
+    rows = motion_rows(subject, found, tick_count, seed)
+    total, done, timings = sum(map(len, rows.values())), 0, []
+    for name, positions in rows.items():
 
-    *progress*: called with what is done, and which share of all is.
-    """
-    rng, rate, fingers = np.random.default_rng([seed, 100]), 1.0 / subject.period, subject.fingers
-    worst = {each.goal: np.array([worst.position for worst in each.positions]) for each in found}
-    cold, stays = (worst[Goal(manner, True)] for manner in (Manner.COLD, Manner.STAYS))
-    hands = -(-fingers // motions.FINGERS_PER_HAND)
-    wandering = motions.wandering_hands(subject.scene, tick_count, hands, seed=seed, rate=rate)
-    motion_rows: dict[str, np.ndarray] = {"random": np.ascontiguousarray(wandering[:, :fingers])}
+        def show(ticks: int, name: str = name, done: int = done) -> None:
+            progress(f"timing: {name}", (done + ticks) / total)
+
+        ticked = with_own_scene(subject) if name == MOVING else subject
+        timings.append(_timing(ticked, name, positions, show, seed))
+        done += len(positions)
+    return tuple(timings)
+
+
+def motion_rows(subject: Subject, found: Results, tick_count: int, seed: int) -> dict[str, np.ndarray]:
+    """Return the fingers of each motion, (T, N, 3) m."""
+    fingers, rows = subject.fingers, {}
     if subject.recording is not None:
         if not subject.recording.is_present.any():
             raise RecordingError(
                 f"{subject.recording.path}: no finger is tracked at any tick, expected at least one"
             )
-        motion_rows = {
-            "recording": motions.repeated(subject.recording.positions, tick_count),
-            **motion_rows,
-        }
-    motion_rows["worst, at rest"] = motions.resting(stays, fingers, tick_count)
-    motion_rows["worst, passing"] = worst_passing(subject, found, tick_count, rng)
+        rows["recording"] = motions.repeated(subject.recording.positions, tick_count)
+    hands = -(-fingers // motions.FINGERS_PER_HAND)
+    wandering = motions.wandering_hands(
+        subject.scene, tick_count, hands, seed=seed, rate=1.0 / subject.period
+    )
+    rows["random"] = np.ascontiguousarray(wandering[:, :fingers])
+    stays, cold, exact = (
+        SearchGoal(mode, has_budget)
+        for mode, has_budget in ((StartMode.STAYS, True), (StartMode.COLD, True), (StartMode.COLD, False))
+    )
+    rows["worst, at rest"] = motions.resting(_positions(found, stays), fingers, tick_count)
+    rows[PASSING] = worst_passing(subject, found, tick_count, seed)
     if subject.corners is not None:
-        motion_rows[ON_PATHS] = motion_rows["worst, passing"]
+        rows[ON_PATHS] = rows[PASSING]
     if subject.moves:
-        motion_rows[MOVING] = motion_rows["worst, passing"]
-    motion_rows["worst, anew"] = motions.resting(cold, fingers, tick_count)
-    exact = worst[Goal(Manner.COLD, False)]
-    costliest = next(each for each in found if each.goal == Goal(Manner.COLD, False)).worst.work
-    exact_count = int(np.clip(EXACT_STEPS // max(1, fingers * costliest), FEWEST_EXACT, tick_count))
-    motion_rows["worst, exact"] = motions.resting(exact, fingers, exact_count)
-    total, done, cases = sum(map(len, motion_rows.values())), 0, []
-    for name, positions in motion_rows.items():
-        ticked = with_own_scene(subject) if name == MOVING else subject
-        cases.append(_case(ticked, name, positions, partial(_progress_of, progress, name, done, total), seed))
-        done += len(positions)
-    return tuple(cases)
+        rows[MOVING] = rows[PASSING]
+    rows[ANEW] = motions.resting(_positions(found, cold), fingers, tick_count)
+    costliest = max(1, fingers * found[exact].positions[0].work)
+    exact_count = int(np.clip(EXACT_STEPS // costliest, FEWEST_EXACT, tick_count))
+    rows[EXACT] = motions.resting(_positions(found, exact), fingers, exact_count)
+    return rows
 
 
-def worst_passing(
-    subject: Subject, found: tuple[Found, ...], tick_count: int, rng: np.random.Generator
-) -> np.ndarray:
-    """Return fingers that pass through the worst positions of moving fingers, (T, N, 3).
-
-    *subject*: how many fingers there are, and how often they are ticked.
-    """
-    (moves,) = (each for each in found if each.goal == Goal(Manner.MOVES, True))
-    positions = np.array([worst.position for worst in moves.positions])
+def worst_passing(subject: Subject, found: Results, tick_count: int, seed: int) -> np.ndarray:
+    """Return fingers that pass through the worst positions of moving fingers, (T, N, 3) m."""
+    positions = _positions(found, SearchGoal(StartMode.MOVES, True))
+    rng = np.random.default_rng([seed, 100])
     return motions.passing(positions, subject.fingers, tick_count, rng, rate=1.0 / subject.period)
 
 
-def _progress_of(
-    progress: Callable[[str, float], None], name: str, before: int, total: int, done: int
-) -> None:
-    progress(f"timing: {name}", (before + done) / total)
+def _positions(found: Results, goal: SearchGoal) -> np.ndarray:
+    return np.array([worst.position for worst in found[goal].positions])
 
 
-def _case(
+def _timing(
     subject: Subject, name: str, positions: np.ndarray, progress: Callable[[int], None], seed: int
-) -> Case:
-    is_exact, forgets = name == "worst, exact", name in ("worst, exact", "worst, anew")
-    settings = {"budget": UNLIMITED} if is_exact else {}
-    repeats = 1 if is_exact else REPEATS
-    paths, parts = _reported(subject, name, positions.shape[1], seed)
-    logs = []
+) -> MotionTiming:
+    is_exact, fingers = name == EXACT, positions.shape[1]
+    repeats, settings = (1, {"budget": UNLIMITED}) if is_exact else (REPEATS, {})
+    given, logs = _given(subject, name, fingers, seed), []
     for repeat in range(repeats):
-        tracker = subject.tracker(fingers=positions.shape[1], **settings)
-        before = partial(_forget, tracker) if forgets else None
-        begun = repeat * len(positions)
-        reported = partial(_report_share, progress, begun, repeats)
-        logs.append(_run(subject, tracker, positions, before, reported, paths, parts))
+        tracker, begun = subject.tracker(fingers=fingers, **settings), repeat * len(positions)
+        if name in (EXACT, ANEW):
+            given["before"] = lambda _, tracker=tracker: tracker.reset()
+
+        def show(done: int, begun: int = begun) -> None:
+            progress((begun + done) // repeats)
+
+        logs.append(_run(partial(tick_all, tracker, **given), positions, show))
     # A tick without a finger costs nothing, and would make the others look better.
     counted = ~np.isnan(positions).any(axis=2).all(axis=1)
     kinds = (ContactFlag.EXACT, ContactFlag.BOUNDED, ContactFlag.SKIPPED)
-    return Case(
+    return MotionTiming(
         name,
-        positions.shape[1],
+        fingers,
         np.array(logs[0].thread_ns)[counted],
         np.array(logs[0].wall_ns)[counted],
         np.min([log.thread_ns for log in logs], axis=0)[counted],
@@ -144,51 +147,32 @@ def _case(
     )
 
 
-def _reported(
-    subject: Subject, name: str, fingers: int, seed: int
-) -> tuple[Paths | None, SwayingParts | None]:
-    """Inputs of a motion's ticks besides poses: paths wherever they may come, if parts move as well."""
-    paths = parts = None
+def _given(subject: Subject, name: str, fingers: int, seed: int) -> dict[str, Any]:
+    """What ticks of a motion are given besides poses: paths wherever they may come, if parts move as well."""
+    period_ns = round(1e9 * subject.period)
+    given: dict[str, Any] = {"period_ns": period_ns}
     if subject.corners is not None and name in (ON_PATHS, MOVING):
         paths = Paths(subject.corners, fingers, np.random.default_rng([seed, 101]))
+        given |= {"paths_at": paths.at, "bends": paths.bends}
     if name == MOVING:
-        parts = SwayingParts(subject.scene, round(1e9 * subject.period))
-    return paths, parts
+        parts = SwayingParts(subject.scene, period_ns)
+        given |= {"before": parts.report_due, "move": parts.move}
+    return given
 
 
 def _run(
-    subject: Subject,
-    tracker: Tracker,
-    positions: np.ndarray,
-    before: Callable[[int], object] | None,
-    progress: Callable[[int], None],
-    paths: Paths | None,
-    parts: SwayingParts | None,
+    tick_through: Callable[..., None], positions: np.ndarray, progress: Callable[[int], None]
 ) -> TickLog:
-    """All ticks of a motion once, and before them a few that are not counted."""
-    log, period_ns = TickLog(), round(1e9 * subject.period)
-    reported: dict[str, Any] = {"period_ns": period_ns, "before": before}
-    if paths is not None:
-        reported |= {"paths_at": paths.at, "bends": paths.bends}
-    if parts is not None:
-        reported |= {"before": parts.report_due, "move": parts.move}
-    rehearsal = positions[: min(REHEARSAL, len(positions) // 10)]
+    """Times of all ticks of a motion, after a few that are not counted."""
+    log, rehearsal = TickLog(), positions[: min(REHEARSAL, len(positions) // 10)]
     progress(0)
     with without_collector():
-        tick_all(tracker, rehearsal, TickLog(), first=-REHEARSAL, **reported)
+        tick_through(rehearsal, TickLog(), first=-REHEARSAL)
         for first in range(0, len(positions), TICKS_PER_UPDATE):
             chunk = positions[first : first + TICKS_PER_UPDATE]
-            tick_all(tracker, chunk, log, first=first, **reported)
+            tick_through(chunk, log, first=first)
             progress(first + len(chunk))
     return log
-
-
-def _report_share(progress: Callable[[int], None], before: int, repeats: int, done: int) -> None:
-    progress((before + done) // repeats)
-
-
-def _forget(tracker: Tracker, _: int) -> None:
-    tracker.reset()
 
 
 class ProcessorClock(MonotonicClock):
@@ -199,20 +183,18 @@ class ProcessorClock(MonotonicClock):
         self.stopwatch_ns = time.thread_time_ns
 
 
-def run_loop(subject: Subject, found: tuple[Found, ...], seconds: float, seed: int) -> Report:
+def run_loop(subject: Subject, found: Results, seconds: float, seed: int) -> Report:
     """Return what the service's own loop did with fingers that pass through the worst positions.
 
-    Where the subject may be given paths, or moves of parts, it is.
-
-    *subject*: what is served, how often, and whether the system is asked for priority.
+    Paths, and moves of parts, come with them where the subject may be given any.
     """
     ticks, period_ns = max(1, round(seconds / subject.period)), round(1e9 * subject.period)
-    positions = worst_passing(subject, found, ticks + 1, np.random.default_rng([seed, 100]))
+    positions = worst_passing(subject, found, ticks + 1, seed)
     times_ns = np.arange(len(positions), dtype=np.int64) * period_ns
-    hand = Recording(times_ns, positions, _fingers(subject.fingers), "worst positions")
-    answers, pose_input = fed_service_input(
-        with_own_scene(subject), RecordingInput(hand, repeat=True), np.random.default_rng([seed, 101])
-    )
+    fingers = tuple(divmod(k, motions.FINGERS_PER_HAND) for k in range(subject.fingers))
+    hand = RecordingInput(Recording(times_ns, positions, fingers, "worst positions"), repeat=True)
+    rng = np.random.default_rng([seed, 101])
+    answers, pose_input = fed_service_input(with_own_scene(subject), hand, rng)
     service = Service(
         answers,
         pose_input,
@@ -222,7 +204,3 @@ def run_loop(subject: Subject, found: tuple[Found, ...], seconds: float, seed: i
         real_time=RealTime(core=subject.core) if subject.real_time else None,
     )
     return service.run(tick_count=ticks)
-
-
-def _fingers(count: int) -> tuple[tuple[int, int], ...]:
-    return tuple(divmod(k, motions.FINGERS_PER_HAND) for k in range(count))

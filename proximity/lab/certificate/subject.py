@@ -3,6 +3,7 @@
 It comes from a scene file of the service, whose settings hold, or from a file of parts, with the tracker's.
 """
 
+import hashlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -16,6 +17,7 @@ from proximity.errors import ServiceError
 from proximity.pose import Pose
 from proximity.recording import Recording, read_recording
 from proximity.scene.loader import load
+from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 from proximity.service.config import (
     PartFiles,
@@ -34,6 +36,9 @@ from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 RADIUS, WORKING_RANGE = 0.007, 0.12
 """m; as the tracker's own."""
 FINGER_COUNT = 5
+OF_TRACKER = (
+    "radius", "budget", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration",
+)  # fmt: skip
 SCENE_SUFFIX = ".toml"
 
 
@@ -70,10 +75,9 @@ class Subject:
         return sum(part.solid.mesh.face_count for part in self.scene.parts)
 
     def tracker(self, fingers: int | None = None, **settings: Any) -> Tracker:
-        """Return a tracker as the service would have it.
+        """Return a tracker as the service would have it, for another number of fingers if given.
 
-        *fingers*: as many as the subject has, where not given. If it is another number, radii that are given
-        one by one do not fit: the largest holds for all.
+        Radii that are given one by one then do not fit: the largest holds for all.
         """
         count = self.fingers if fingers is None else fingers
         reported = {**self.settings, **settings}
@@ -93,13 +97,9 @@ def read_subject(
     real_time: bool | None = None,
     sample: Callable[[], Path] | None = None,
 ) -> Subject:
-    """Return what a file describes.
+    """Return what a scene file of the service (``.toml``), or a file of parts, describes.
 
-    *path*: a scene file of the service (``.toml``), or parts as `load` reads them. *recording*: of a hand,
-    fitted to the parts; instead of the scene file's. *fingers*: instead of what the scene file says; five
-    where nobody says. *period*: instead of the scene file's; 1 ms where nobody says. *real_time*: instead of
-    what the scene file says; False if neither is given. *sample*: tells of a recording for when there is
-    none.
+    What is given holds instead of what the scene file says. *sample* gives a recording where there is none.
     """
     if fingers is not None and fingers < 1:
         raise ServiceError(f"{fingers} fingers cannot be tracked, expected 1 or more")
@@ -133,18 +133,7 @@ def _of_scene_file(settings: SceneFile, recording: Recording | None, period: flo
     own = read_input(settings) if recording is None else None
     service, count = settings.service, finger_count(settings, own)
     make_tracker(settings, scene, count)  # refuses, with the line, what no tracker takes
-    reported = {
-        name: getattr(settings.fingers, name)
-        for name in (
-            "radius",
-            "budget",
-            "working_range",
-            "tolerance",
-            "horizon",
-            "max_speed",
-            "max_acceleration",
-        )
-    }
+    reported = {name: getattr(settings.fingers, name) for name in OF_TRACKER}
     ticks = service.period if period is None else period
     return Subject(
         scene,
@@ -171,3 +160,23 @@ def _corners(settings: SceneFile, count: int) -> np.ndarray | None:
         return None
     gloves = read_gloves(settings, count)
     return Finger().path_world(Pose())[None] if gloves is None else gloves.corners
+
+
+def fingerprint(scene: Scene) -> str:
+    """Return the SHA-256 of all that a tick's answer and cost depend on, 64 hexadecimal digits.
+
+    Corners, faces, poses and surfaces of the parts count; names, files and the order of the parts do not.
+    """
+    return hashlib.sha256(b"".join(sorted(map(_part_digest, scene.parts)))).hexdigest()
+
+
+def _part_digest(part: Part) -> bytes:
+    mesh = part.solid.mesh
+    surface = [-1.0 if part.stiffness is None else part.stiffness, part.damping, float(part.is_hidden)]
+    rows = mesh.vertices, mesh.faces, part.pose.rotation, part.pose.translation, surface
+    digest = hashlib.sha256()
+    for array, kind in zip(rows, ("<f8", "<i4", "<f8", "<f8", "<f8"), strict=True):
+        # A zero has one sign here; lengths keep the arrays apart.
+        plain = np.ascontiguousarray(np.asarray(array) + 0, dtype=kind)
+        digest.update(np.int64(plain.size).tobytes() + plain.tobytes())
+    return digest.digest()

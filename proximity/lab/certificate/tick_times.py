@@ -1,8 +1,7 @@
 """Times of single ticks, wall and thread apart, and the work that they report.
 
-Nothing is subtracted: what the clocks themselves cost is measured and reported (`clock_cost`). Thread time is
-what the processor spent on this thread: others on a shared machine do not count, but what they left in its
-caches does.
+Nothing is subtracted of what the clocks themselves cost. Thread time is what the processor spent on this
+thread: others on a shared machine do not count, but what they left in its caches does.
 """
 
 import gc
@@ -14,29 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from proximity.message import ContactFlag
-from proximity.system.garbage_collector import collector_paused
-from proximity.system.time_units import NS_PER_US
+from proximity.system.memory import collector_paused
 from proximity.tracker.tracker import Tracker
 
-PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
 LOGGED_FINGERS = 50  # with more, what ticks say is looked at less often
-CLOCK_CALLS = 20_000
-
-
-@dataclass(frozen=True, slots=True)
-class Figures:
-    """Percentiles of times."""
-
-    p50: float
-    p90: float
-    p99: float
-    p999: float
-    maximum: float
-
-
-def figures_of(nanoseconds: np.ndarray) -> Figures:
-    """Return percentiles in microseconds."""
-    return Figures(*(np.percentile(nanoseconds, PERCENTILES) / NS_PER_US).tolist())
 
 
 @dataclass(slots=True, eq=False)
@@ -54,20 +34,6 @@ class TickLog:
         is_tracked = (flags & ContactFlag.TRACKED) != 0
         return float(((flags & flag) != 0)[is_tracked].mean()) if is_tracked.any() else 0.0
 
-    def is_whole(self) -> np.ndarray:
-        """Return which ticks had all their fingers, (T,)."""
-        return np.asarray(((np.stack(self.flags) & ContactFlag.TRACKED) != 0).all(axis=1))
-
-    def remark(self) -> str:
-        """Return steps a tick, and what was known of the fingers, in words."""
-        work = np.stack(self.work).sum(axis=1)
-        p50, p99, most = np.percentile(work, (50, 99, 100))
-        kinds = (ContactFlag.IN_RANGE, ContactFlag.INSIDE, ContactFlag.SKIPPED, ContactFlag.BOUNDED)
-        shares = ", ".join(
-            f"{self.share(kind):.1%} {(kind.name or '').lower().replace('_', ' ')}" for kind in kinds
-        )
-        return f"steps a tick: p50 {p50:.0f}, p99 {p99:.0f}, most {most:.0f}; fingers: {shares}"
-
 
 def tick_all(
     tracker: Tracker,
@@ -84,11 +50,10 @@ def tick_all(
     bends: np.ndarray | None = None,
     move: Callable[[int], object] | None = None,
 ) -> None:
-    """Tick through a motion as the service does, and time each call.
+    """Tick through positions, and velocities, (T, N, 3), as the service does, and time each call.
 
-    *positions*: (T, N, 3) m; *velocities*: (T, N, 3) m/s. *before*: of the number of a tick; called before
-    it, and not timed. *paths_at*: gives the paths of fingers at positions, not timed; with *bends* (N,), and
-    without *velocities*. *move*: of the number of a tick; called before it, and timed with it.
+    *before* and *move* are called with the number of each tick before it; *move* is timed with it. *paths_at*
+    gives the paths of fingers at positions, not timed; with *bends* (N,), and without *velocities*.
     """
     contacts, thread, wall = tracker.contacts, time.thread_time_ns, time.perf_counter_ns
     work, flags = contacts["work"], contacts["flags"]
@@ -129,26 +94,6 @@ def _arrays_of_ticks(
     if paths_at is not None and len(positions):
         given["paths"] = np.array(paths_at(positions[0]))
     return given
-
-
-def time_calls(calls: list[Callable[[], object]], log: TickLog) -> None:
-    """Time each of some calls once."""
-    thread, wall = time.thread_time_ns, time.perf_counter_ns
-    for call in calls:
-        thread_start = thread()
-        start = wall()
-        call()
-        end = wall()
-        thread_end = thread()
-        log.thread_ns.append(thread_end - thread_start)
-        log.wall_ns.append(end - start)
-
-
-def clock_cost() -> tuple[Figures, Figures]:
-    """Return what an empty call seems to take, µs: thread and wall."""
-    log = TickLog()
-    time_calls([lambda: None] * CLOCK_CALLS, log)
-    return figures_of(np.array(log.thread_ns)), figures_of(np.array(log.wall_ns))
 
 
 @contextmanager

@@ -9,6 +9,10 @@ Forces are along the finger's path, as its one degree of freedom has them.
 """
 
 import math
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
 
 from proximity.decaff.controller.cable_stretch import CableRule
 from proximity.decaff.controller.controller import FingerController
@@ -16,8 +20,6 @@ from proximity.decaff.controller.controller_states import FrameMark
 from proximity.decaff.drum.drum_command import DrumCommand
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.lab.engine.delayed_link import DelayedLink
-from proximity.lab.engine.engine_press import EnginePress
-from proximity.lab.engine.engine_readers import ControllerReader, PolicyReader, Reader
 from proximity.lab.engine.engine_setup import Distances, EngineSetup
 from proximity.lab.engine.finger_placement import PlacedFinger
 from proximity.lab.engine.recorded_press import RecordedPress
@@ -30,9 +32,10 @@ from proximity.lab.engine.simulated_service import (
 )
 from proximity.lab.paper.trajectories import Intent
 from proximity.lab.simulation.closed_loop import LEAD, DecaffLoop, real_wall, soft_wall
-from proximity.lab.simulation.controller_in_loop import START_NS
 from proximity.lab.simulation.devices import Decaff, Sensing
+from proximity.lab.simulation.frame_readers import START_NS, ControllerReader, PolicyReader
 from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.metrics import force_error, onset, work
 from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.sweeps import Stretch, with_transmission
 from proximity.lab.simulation.target_policies import DistanceSample, Holding, TargetPolicy
@@ -40,6 +43,57 @@ from proximity.service.contact_source import TrackedContacts
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Counts, Subscriber
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EnginePress:
+    """Result of a press; positions of `response` count from the true surface, along the finger's path."""
+
+    finger: PlacedFinger
+    setup: EngineSetup
+    response: Response
+    real: Response  # on the real wall, at the same instants
+    states: Counter[str]  # samples of the servo in each state of the controller
+    switched_at: float  # s, when the controller first served a force; nan: it did not
+    counts: Counts  # frames, as the subscriber counts them
+    reported_contact: (
+        float  # m past the true surface, the position of contact in the last frame before the touch
+    )
+    reported_error: float  # m, the bound that this frame gave for it, on the polyline that the tracker had
+    advances: int  # samples at which the drum was sent nearer although nothing fresh was known
+
+    @property
+    def error(self) -> "ForceError":
+        """Against the real wall."""
+        return ForceError.of(self)
+
+
+@dataclass(frozen=True, slots=True)
+class ForceError:
+    """A press on a part against the same on the real wall, from the touch on."""
+
+    share: float  # rms of the difference of the forces over the rms of the real one
+    rms: float  # N, of the difference
+    largest: float  # N, of it
+    onset: float  # s, by how much the force begins later
+    penetration: float  # m, how far the pad's far side was past the real surface, before the release
+    work: float  # J, of the finger until the release, less the real one
+
+    @classmethod
+    def of(cls, press: EnginePress) -> "ForceError":
+        """Compare."""
+        response, real = press.response, press.real
+        off = response.force[response.zero :] - real.force[response.zero :]
+        before_release = response.times < response.press.release_time
+        past = response.link - np.maximum(real.link, 0.0)
+        return cls(
+            force_error(response, real),
+            math.sqrt(float(np.square(off).mean())),
+            float(np.abs(off).max()),
+            onset(response) - onset(real),
+            float(past[before_release].max()),
+            work(response) - work(real),
+        )
 
 
 def press_on_part(
@@ -69,7 +123,7 @@ class Engine:
 
     reported_contact: float
     reported_error: float
-    reader: Reader
+    reader: ControllerReader | PolicyReader
 
     def __init__(self, finger: PlacedFinger, setup: EngineSetup, loop: DecaffLoop, real: Response) -> None:
         self._finger, self._setup, self._loop, self._real = finger, setup, loop, real
@@ -112,7 +166,7 @@ class Engine:
         if reading.is_valid and contact is not None and not self._has_touched:
             self._note(float(contact["contact_bend"]), float(contact["contact_bend_error"]))
         frame = FrameMark.of(reading.header)
-        return self.reader.command(distance_sample, self._now_ns, reading.state, contact, frame)
+        return self.reader.read(distance_sample, self._now_ns, reading.state, contact, frame)
 
     def _tick(self, time: float) -> None:
         position, speed = self._loop.link_at(time)

@@ -8,8 +8,7 @@ from proximity.decaff.drum.drum_model import Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, move, servo_for, settling_time
 from proximity.decaff.glove.glove import Glove, tip_drums
 from proximity.lab.figures import style
-from proximity.lab.figures.captions import caption, gears_words, hand_words
-from proximity.lab.figures.tables import Table
+from proximity.lab.figures.style import Table, caption, gears_words, hand_words
 from proximity.lab.simulation.arrival import (
     ARRIVED_WITHIN,
     GRID,

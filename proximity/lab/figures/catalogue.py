@@ -20,7 +20,7 @@ from proximity.lab.figures import (
     stability_plots,
     style,
 )
-from proximity.lab.figures.tables import Table
+from proximity.lab.figures.style import Table
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,7 @@ from proximity.lab.engine.engine_loop import press_on_part
 from proximity.lab.engine.engine_setup import EngineSetup
 from proximity.lab.engine.finger_placement import place_finger
 from proximity.lab.figures import style
-from proximity.lab.figures.captions import caption, drum_words, hand_words
-from proximity.lab.figures.tables import Table
+from proximity.lab.figures.style import Table, caption, drum_words, hand_words
 from proximity.lab.simulation.closed_loop import ideal_drum
 from proximity.lab.simulation.devices import Decaff
 from proximity.lab.simulation.hand import Hand

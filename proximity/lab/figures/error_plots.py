@@ -8,8 +8,7 @@ import numpy as np
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.glove import Glove
 from proximity.lab.figures import style
-from proximity.lab.figures.captions import caption, drum_words, hand_words
-from proximity.lab.figures.tables import Table
+from proximity.lab.figures.style import Table, caption, drum_words, hand_words
 from proximity.lab.simulation import sweeps
 from proximity.lab.simulation.closed_loop import ideal_drum
 from proximity.lab.simulation.devices import Decaff

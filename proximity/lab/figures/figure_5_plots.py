@@ -6,12 +6,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from proximity.lab.figures import style
-from proximity.lab.figures.captions import caption
-from proximity.lab.figures.tables import Table
+from proximity.lab.figures.style import Table, caption
 from proximity.lab.paper import figure_5
-from proximity.lab.paper.figure_5 import DELAY, FIGURES, GAIN_SHARE, PENETRATED, PRESS, SIMULATED
-from proximity.lab.paper.reacting_operator import critical_gain, react
-from proximity.lab.paper.spring_damper import FINGER
+from proximity.lab.paper.figure_5 import (
+    DELAY,
+    FIGURES,
+    GAIN_SHARE,
+    PENETRATED,
+    PRESS,
+    SIMULATED,
+    critical_gain,
+    react,
+)
+from proximity.lab.paper.walls import FINGER
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

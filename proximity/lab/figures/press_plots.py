@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from proximity.lab.figures import style
-from proximity.lab.figures.captions import COINCIDE, caption, hand_words
-from proximity.lab.figures.tables import Table
+from proximity.lab.figures.style import COINCIDE, Table, caption, hand_words
 from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.simulated_press import Simulation, Wall, describe
 

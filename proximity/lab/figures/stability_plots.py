@@ -6,8 +6,7 @@ import numpy as np
 
 from proximity.decaff.drum.sampled_mass import Gains, SampledMass, maximum_stiffness
 from proximity.lab.figures import style
-from proximity.lab.figures.captions import caption
-from proximity.lab.figures.tables import Table
+from proximity.lab.figures.style import Table, caption
 from proximity.lab.stability.sampled_wall import boundary
 
 if TYPE_CHECKING:

@@ -1,20 +1,31 @@
-"""Style of all figures: for a column or a page of a journal, readable without colours.
+"""What all figures share: tables of what is drawn, strokes, captions, and how they are rendered and written.
+
+A figure is for a column or a page of a journal, readable without colours. What is drawn is read from a table,
+so that the file beside a figure holds exactly what the figure shows; columns are in SI units, which their
+names end in: ``time_s``, ``force_N``.
 
 A kind of wall has the same stroke in every figure. Colours are Okabe and Ito's, which people who are blind
 to some tell apart; dashes and marks tell the strokes apart in grey. Nothing here touches matplotlib's state
 beyond the block that draws. Matplotlib is imported when it is needed.
 """
 
+import csv
 import io
 import os
-from collections.abc import Callable, Iterable
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from proximity.decaff.drum.drum_model import Drum
+from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.errors import ArgumentError
-from proximity.lab.figures.tables import Table
+from proximity.lab.simulation.hand import Hand
 from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
 
@@ -27,6 +38,10 @@ SAMPLING = 1e-4  # s, of the curves
 PAGE_WIDTH = 7.0  # inches, of both columns
 FORMATS = ("png", "svg", "pdf")
 DOTS_PER_INCH = 300
+CAPTION_SIZE = 5.5  # points
+LETTERS_AN_INCH = 23  # of that size, about
+CAPTION_COLOUR = "0.35"
+COINCIDE = "Where fewer curves are seen, several lie on one another."
 
 Stroke = dict[str, Any]
 
@@ -77,6 +92,36 @@ LOOK = {
     "svg.hashsalt": "proximity",
     "pdf.fonttype": 42,
 }
+
+
+class Table:
+    """Columns of equal length, by name."""
+
+    def __init__(self, columns: Mapping[str, ArrayLike]) -> None:
+        self.columns = {name: np.asarray(values) for name, values in columns.items()}
+        lengths = {name: len(values) for name, values in self.columns.items()}
+        if len(set(lengths.values())) > 1:
+            raise ArgumentError(f"columns have lengths {lengths}, expected one length")
+
+    @classmethod
+    def of_rows(cls, names: Sequence[str], rows: Iterable[Sequence[float | str]]) -> "Table":
+        """Return a table of what was found row by row."""
+        return cls(dict(zip(names, zip(*rows, strict=True), strict=True)))
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Return a column."""
+        return self.columns[name]
+
+    def where(self, **values: float | str) -> "Table":
+        """Return the rows in which some columns have some values."""
+        is_meant = np.logical_and.reduce([self.columns[name] == value for name, value in values.items()])
+        return Table({name: column[is_meant] for name, column in self.columns.items()})
+
+    def write_csv(self, stream: TextIO) -> None:
+        """Write a line of names and a line a row; reading a number gives the same number."""
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows(zip(*(column.tolist() for column in self.columns.values()), strict=True))
 
 
 def load_figure() -> "type[Figure]":
@@ -135,14 +180,42 @@ def write_table(path: str | os.PathLike[str], table: Table) -> None:
 
 def letter_panels(panels: "Iterable[Axes]", captions: Iterable[str]) -> None:
     """Put (a), (b) and so on, and what they show, above panels."""
-    for letter, panel, caption in zip("abcdefgh", panels, captions, strict=False):
-        panel.set_title(f"({letter}) {caption}", loc="left")
+    for letter, panel, title in zip("abcdefgh", panels, captions, strict=False):
+        panel.set_title(f"({letter}) {title}", loc="left")
 
 
 def legend_above(figure: "Figure", panel: "Axes", columns: int) -> None:
     """Put a panel's legend above all panels, where it covers nothing."""
     handles, names = panel.get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper center", ncols=columns)
+
+
+def caption(figure: "Figure", *lines: str) -> None:
+    """Put text below a figure."""
+    most = int(LETTERS_AN_INCH * figure.get_figwidth())
+    wrapped = [part for line in lines for part in textwrap.wrap(line, most)]
+    figure.supxlabel("\n".join(wrapped), fontsize=CAPTION_SIZE, color=CAPTION_COLOUR)
+
+
+def hand_words(hand: Hand) -> str:
+    """Return who presses: pad and finger, and the hand behind them."""
+    return (
+        f"Pad {hand.pad_stiffness:g} N/m, {hand.pad_damping:g} N·s/m (the paper's); finger "
+        f"{1e3 * hand.finger_mass:g} g, hand {hand.stiffness:g} N/m, {hand.damping:g} N·s/m (ours)"
+    )
+
+
+def gears_words(drum: Drum) -> str:
+    """Return what drums have in common that differ in their gear, which is their name."""
+    return f"{drum.motor.name}, total gearing as named, on a lever of {1e3 * drum.lever:.0f} mm"
+
+
+def drum_words(drum: Drum) -> str:
+    """Return what a drum is, and how it acts at the fingertip."""
+    return (
+        f"drum {drum.words}: {1e3 * drum.mass:.0f} g, servo at {1e-3 * SERVO_RATE:g} kHz, encoder "
+        f"{1e6 * drum.resolution:.1f} µm with the wall at random within a count (ours)"
+    )
 
 
 def _look(own: dict[str, Any]) -> AbstractContextManager[None]:

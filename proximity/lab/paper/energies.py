@@ -14,9 +14,8 @@ from numpy.polynomial.legendre import leggauss
 from scipy.integrate import quad
 
 from proximity.errors import ArgumentError
-from proximity.lab.paper.spring_damper import SpringDamper
 from proximity.lab.paper.trajectories import Press
-from proximity.lab.paper.walls import contact_force
+from proximity.lab.paper.walls import SpringDamper, contact_force
 
 QUADRATURE_POINTS = 8  # exact up to the power 15; power, of a motion of the fourth, has 7
 

@@ -25,8 +25,8 @@ SHORT_HOLD = 1e-3  # s: what comes after the touch does not matter
 
 def arrival_time(drum: Drum, servo: Servo, distance: float) -> float:
     """Return how long a drum is about to take from rest to rest, s: full speed-up, full braking, settling."""
-    swing = 2.0 * math.sqrt(positive("distance", distance, "metres") / drum.acceleration)
-    return swing + SETTLING_SAMPLES * servo.period
+    swing = 2.0 * math.sqrt(positive("distance", distance, "metres") / servo.acceleration)
+    return swing + SETTLING_SAMPLES * (servo.period + drum.motor.latency / 1.5)
 
 
 def look_ahead(speed: float, sensing: Sensing, arrival: float) -> float:
@@ -52,9 +52,3 @@ def needed_look_ahead(hand: Hand, glove: Decaff, speed: float) -> float:
     # A drum that swings past its position is there for a moment on its path: it must be there from then on.
     later = [count for count in range(early + 1, early + 1 + SWING) if not is_in_place(count)]
     return (max(later, default=late) + 1) * GRID
-
-
-def age_on_curve(error: float, curvature: float, speed: float) -> float:
-    """Return how old one distance may be on a curved path, s: latency and the time between measurements."""
-    travel = math.sqrt(2.0 * positive("error", error, "metres") / positive("curvature", curvature, "1/m"))
-    return travel / positive("speed", speed, "metres a second")

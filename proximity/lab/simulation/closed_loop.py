@@ -119,7 +119,7 @@ class DecaffLoop:
         self._drum, self._servo = glove.drum.as_array(), glove.servo.as_array()
         self._sensing, self._holding = glove.sensing.as_array(), glove.holding.as_array()
         self._noise = glove.sensing.noises(self.response.record.shape[1] * self.response.step)
-        self.drive = np.zeros(drum_kernels.DRIVE_SIZE)
+        self.drive = glove.drum.drive(self.response.step)
         self._command = np.zeros(drum_kernels.COMMAND_SIZE)
         self._message = np.zeros(loop_kernels.MESSAGE_SIZE)
         drum_kernels.rest_drum(self._drum, self.drive, glove.holding.retracted)
@@ -235,6 +235,7 @@ def _body(hand: Hand, link: Link, cable: TipCable | None = None) -> np.ndarray:
     if cable is not None:
         body[press_kernels.BODY_CABLE_STIFFNESS] = cable.stiffness
         body[press_kernels.BODY_CABLE_DAMPING] = cable.damping(link.mass)
+        body[press_kernels.BODY_PLAY] = cable.play
         body[press_kernels.BODY_CAPSTAN], body[press_kernels.BODY_DRAG] = cable.capstan, cable.drag
     return body
 

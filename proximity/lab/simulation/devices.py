@@ -35,7 +35,6 @@ COUPLED_MOTOR = DRUMS["gear14"]
 """Of a traditional glove, which turns with the finger: with more gearing it would be felt more."""
 COUPLED_DEVICE = Link(mass=Link().mass + COUPLED_MOTOR.mass, damping=0.05)
 """Link and rotor of a traditional glove, which hang on the finger; the damping is assumed."""
-MASSLESS_MOTOR = Link(mass=0.005, damping=0.05)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from proximity.lab.simulation.press_kernels import (
     BODY_LINK_MASS,
     BODY_PAD_DAMPING,
     BODY_PAD_STIFFNESS,
+    BODY_PLAY,
     RECORD_CONTACT,
     RECORD_DRUM,
     RECORD_FINGER,
@@ -102,15 +103,19 @@ def cable_forces(
     if not body[BODY_CABLE_STIFFNESS] > 0.0:
         force = stiffness * (finger - thimble) + damping * (speed - link_speed)
         return force, force, link_speed
-    stretch = body[BODY_CABLE_STIFFNESS] * (thimble - link)
-    free = stiffness * (finger - thimble) + damping * speed - stretch + body[BODY_CABLE_DAMPING] * link_speed
+    slack, own = thimble - link, body[BODY_CABLE_DAMPING]
+    if slack < 0.0 and body[BODY_PLAY] > 0.0:  # the finger goes back: first through the backlash
+        slack = min(0.0, slack + body[BODY_PLAY])
+        own = own if slack < 0.0 or not damping > 0.0 else 0.0
+    stretch = body[BODY_CABLE_STIFFNESS] * slack
+    free = stiffness * (finger - thimble) + damping * speed - stretch + own * link_speed
     # Capstan: e^(mu angle) - 1 where the tension grows, 1 - e^(-mu angle) where it falls.
     share = body[BODY_CAPSTAN] / (1.0 if free * stretch > 0.0 else 1.0 + body[BODY_CAPSTAN])
     rubbing = max(body[BODY_DRAG], share * abs(stretch))
     left = free - rubbing if free > rubbing else (free + rubbing if free < -rubbing else 0.0)
-    thimble_speed = left / (damping + body[BODY_CABLE_DAMPING])
+    thimble_speed = left / (damping + own)
     force = stiffness * (finger - thimble) + damping * (speed - thimble_speed)
-    return force, stretch + body[BODY_CABLE_DAMPING] * (thimble_speed - link_speed), thimble_speed
+    return force, stretch + own * (thimble_speed - link_speed), thimble_speed
 
 
 @entry("float64[:], int, float, float64[:, :]")

@@ -13,6 +13,7 @@ import numpy as np
 from proximity.lab.simulation.closed_loop import real_wall
 from proximity.lab.simulation.response import Response
 
+FELT_SWING = 0.005  # N, p-p: about the least that is felt at 250 Hz, 1 µm of a fingertip; assumed
 ONSET_FORCE = 0.1  # N, from which on a finger feels a wall; assumed
 REST_TIME = 0.090  # s of the hold, that count as rest
 REST_END = 0.010  # s before the release, where they end

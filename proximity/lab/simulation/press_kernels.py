@@ -24,7 +24,8 @@ BODY_CABLE_STIFFNESS = 9  # N/m, at the fingertip; 0: the pad presses on the lin
 BODY_CABLE_DAMPING = 10  # N s/m
 BODY_CAPSTAN = 11  # share of its tension by which the cable rubs in its sheath, as the tension grows
 BODY_DRAG = 12  # N, by which it rubs at least
-BODY_SIZE = 13
+BODY_PLAY = 13  # m at the fingertip, of the cable's backlash: so far the finger goes back without the link
+BODY_SIZE = 14
 
 LEAST_DAMPING = 1.0  # N s/m, of a surface that goes back: its spring alone would be there at once
 TOUCHING = 1e-9  # m; so near is touching: the positions of an approach add up with rounding

@@ -11,8 +11,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from proximity.decaff.drum.drum_model import Drum
-from proximity.decaff.drum.servo import servo_for
 from proximity.decaff.glove.default_bend import CONTACT_BEND
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError
@@ -102,11 +100,6 @@ def with_latency(glove: Decaff, latency: float, rate: float | None = None) -> De
     """Return the same glove, reported later."""
     sensing = replace(glove.sensing, latency=latency, rate=rate or glove.sensing.rate)
     return replace(glove, sensing=sensing)
-
-
-def with_drum(glove: Decaff, drum: Drum, rate: float) -> Decaff:
-    """Return the same glove with another drum, and the servo that suits it."""
-    return replace(glove, drum=drum, servo=servo_for(drum, rate))
 
 
 class Stretch(StrEnum):

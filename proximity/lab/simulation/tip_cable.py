@@ -21,12 +21,14 @@ class TipCable:
     capstan: float = 0.0  # share of its tension by which it rubs
     drag: float = 0.0  # N, by which it rubs where nothing pulls
     loss: float = LOSS
+    play: float = 0.0  # m, that the finger goes back before the link follows
 
     def __post_init__(self) -> None:
         positive("stiffness", self.stiffness, "newtons a metre")
         not_negative("capstan", self.capstan, "shares")
         not_negative("drag", self.drag, "newtons")
         not_negative("loss", self.loss, "shares")
+        not_negative("play", self.play, "metres")
 
     @classmethod
     def of(
@@ -35,7 +37,8 @@ class TipCable:
         """Return the cable of a glove."""
         capstan = math.expm1(not_negative("friction", friction, "shares") * not_negative("wrap", wrap, "rad"))
         tension_a_newton = float(glove.cable_tension(bend, 1.0))
-        return cls(float(glove.tip_stiffness(bend)), capstan, capstan * PRELOAD / tension_a_newton)
+        drag, play = capstan * PRELOAD / tension_a_newton, float(glove.tip_play(bend))
+        return cls(float(glove.tip_stiffness(bend)), capstan, drag, play=play)
 
     def damping(self, mass: float) -> float:
         """Return the damping of the cable itself, N s/m."""

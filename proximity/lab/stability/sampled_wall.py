@@ -13,18 +13,15 @@ import math
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from proximity.checks import finite, positive, whole
 from proximity.decaff.drum.sampled_mass import (
     Gains,
     SampledMass,
-    characteristic,
     damping_window,
     edge_at,
     root_between,
 )
-from proximity.decaff.drum.unit_circle import spectral_radius
 
 
 class Verdict(StrEnum):
@@ -34,11 +31,6 @@ class Verdict(StrEnum):
     TOO_STIFF = "too stiff for any damping"
     TOO_LITTLE_DAMPING = "too little damping"
     TOO_MUCH_DAMPING = "too much damping"
-
-
-def is_stable(device: SampledMass, stiffness: ArrayLike, damping: ArrayLike) -> np.ndarray:
-    """Return whether disturbances die out, (...) bool, by the roots."""
-    return spectral_radius(characteristic(device, stiffness, damping)) < 1.0
 
 
 def boundary(device: SampledMass, count: int = 400) -> tuple[np.ndarray, np.ndarray]:

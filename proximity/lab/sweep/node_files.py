@@ -4,6 +4,7 @@ Jobs of one node share the memory of a compiled scene. All nodes see the study's
 """
 
 import contextlib
+import hashlib
 import os
 import stat
 import tempfile
@@ -15,7 +16,6 @@ from pathlib import Path
 
 import proximity
 from proximity.errors import MeshFormatError, ServiceError
-from proximity.lab.sweep.content import file_digest
 from proximity.recording import Recording, read_recording
 from proximity.scene.loader import load
 from proximity.scene.scene import Scene
@@ -32,6 +32,12 @@ LARGEST_CACHE_BYTES = 16 << 30
 """Of compiled scenes on a node; the ones used longest ago go first."""
 
 _open_scenes: OrderedDict[tuple[str, str], Scene] = OrderedDict()
+
+
+def file_digest(path: str) -> str:
+    """Return the SHA-256 of a file, 64 hexadecimal digits: two files of equal content have one."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @dataclass(frozen=True, slots=True)

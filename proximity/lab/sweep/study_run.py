@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from proximity.errors import ServiceError
-from proximity.lab.sweep.batch import Finding, run_batch
+from proximity.lab.sweep.condition_run import Finding, run_batch
 from proximity.lab.sweep.design import Condition
 from proximity.lab.sweep.row_files import RowFiles, locked
 from proximity.lab.sweep.study_file import Study

@@ -4,7 +4,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from proximity.native.simd.lanes import LANES
+LANES = 8
+"""Lanes of every vector type."""
 
 absolute = np.abs
 square_root = np.sqrt

@@ -10,7 +10,7 @@ from numba import types
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import lower_builtin, models, register_model
 
-from proximity.native.simd.lanes import LANES
+from proximity.native.simd.interpreted import LANES
 
 
 class Vector(types.Type):
@@ -44,12 +44,7 @@ def suffix(ty):
     return {f32x8: "v8f32", f64x8: "v8f64", types.float32: "f32", types.float64: "f64"}[ty]
 
 
-_ARITHMETIC = {
-    operator.add: "fadd",
-    operator.sub: "fsub",
-    operator.mul: "fmul",
-    operator.truediv: "fdiv",
-}
+_ARITHMETIC = {operator.add: "fadd", operator.sub: "fsub", operator.mul: "fmul", operator.truediv: "fdiv"}
 _COMPARISONS = {operator.lt: "<", operator.le: "<=", operator.gt: ">", operator.ge: ">=", operator.eq: "=="}
 _LOGIC = {operator.and_: "and_", operator.or_: "or_", operator.xor: "xor"}
 

@@ -14,13 +14,11 @@ from proximity import native
 from proximity.kernels import layout
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    FRAME_COLUMNS,
     LANES,
     NO_GRID,
     NODE_STRIDE,
-    PART_COLUMNS,
+    ModelArrays,
 )
-from proximity.kernels.model_arrays import ModelArrays
 from proximity.kernels.scene.placement import update_box
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.mesh.bvh import Bvh, LocalFrame
@@ -56,8 +54,8 @@ class Model:
 
     reals: np.ndarray  # float64
     words: np.ndarray  # float32
-    frames: np.ndarray  # (P + 1, FRAME_COLUMNS) float64
-    parts: np.ndarray  # (P + 1, PART_COLUMNS) int64
+    frames: np.ndarray  # (P + 1,) FRAME
+    parts: np.ndarray  # (P + 1,) PART
     packed: Any  # the four, as entry points take them
     epoch: int = 0  # of the scene: grows whenever part indices, faces or what is hidden change
     names: tuple[str, ...] = ()  # of the scene's parts, row by row
@@ -73,8 +71,8 @@ class Model:
     def part_alone(self, row: int) -> "Model":
         """Return a model of one part at the identity pose, in this model's memory."""
         frames, parts = self.frames[[row, row]], self.parts[[row, row]]
-        frames[:, layout.FRAME_VELOCITY :] = 0.0
-        parts[:, [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]] = 0
+        layout.columns_of(frames)[:, layout.field_at(layout.FRAME, "velocity") :] = 0.0
+        parts["is_dynamic"] = parts["is_hidden"] = 0
         for each in (0, 1):
             _write_pose(frames, parts, each, Pose())
         return finished(self.reals, self.words, frames, parts)
@@ -82,9 +80,9 @@ class Model:
     def folded_faces(self, row: int) -> np.ndarray:
         """Return the faces of a part over which the winding number tells the side, (K,) int32."""
         part = self.parts[row]
-        first, count = part[layout.PART_FIRST_BLOCK], part[layout.PART_BLOCK_COUNT]
-        notes = self.words[part[layout.PART_BLOCK_NOTES] + first :][:count].view(np.int32)
-        slots = self.words[part[layout.PART_SLOT_FACES] + LANES * first :][: LANES * count].view(np.int32)
+        first, count = part["first_block"], part["block_count"]
+        notes = self.words[part["block_notes"] + first :][:count].view(np.int32)
+        slots = self.words[part["slot_faces"] + LANES * first :][: LANES * count].view(np.int32)
         marks = (notes >> layout.FOLDED_AT).astype(np.uint8)
         folded: np.ndarray = slots[np.unpackbits(marks, bitorder="little") == 1]
         return folded
@@ -99,28 +97,28 @@ class Model:
     def part_views(self, row: int) -> PartArrays:
         """Return a part's arrays, numbered from zero, in this model's memory as far as may be."""
         part, frame = self.parts[row], self.frames[row]
-        node_count, block_count = int(part[layout.PART_NODE_COUNT]), int(part[layout.PART_BLOCK_COUNT])
-        root, first_block = int(part[layout.PART_ROOT]), int(part[layout.PART_FIRST_BLOCK])
+        node_count, block_count = int(part["node_count"]), int(part["block_count"])
+        root, first_block = int(part["root"]), int(part["first_block"])
         nodes = self.words[NODE_STRIDE * root :][: NODE_STRIDE * node_count]
         if root or first_block:
             nodes = _renumbered(nodes, -root, -first_block)
         blocks = self.reals[BLOCK_STRIDE * first_block :][: BLOCK_STRIDE * block_count]
-        slots = self.words[part[layout.PART_SLOT_FACES] + LANES * first_block :][: LANES * block_count]
-        notes = self.words[part[layout.PART_BLOCK_NOTES] + first_block :][:block_count].view(np.int32)
-        moments = self.words[part[layout.PART_MOMENTS] + MOMENT_STRIDE * root :][: MOMENT_STRIDE * node_count]
-        face_numbers, corner_numbers = 3 * part[layout.PART_FACE_COUNT], 3 * part[layout.PART_CORNER_COUNT]
+        slots = self.words[part["slot_faces"] + LANES * first_block :][: LANES * block_count]
+        notes = self.words[part["block_notes"] + first_block :][:block_count].view(np.int32)
+        moments = self.words[part["moments"] + MOMENT_STRIDE * root :][: MOMENT_STRIDE * node_count]
+        face_numbers, corner_numbers = 3 * part["face_count"], 3 * part["corner_count"]
         faces, neighbors = (
             self.words[part[column] :][:face_numbers].view(np.int32).reshape(-1, 3)
-            for column in (layout.PART_FACES, layout.PART_NEIGHBORS)
+            for column in ("faces", "neighbors")
         )
         corners, normals = (
             self.reals[part[column] :][:corner_numbers].reshape(-1, 3)
-            for column in (layout.PART_CORNERS, layout.PART_CORNER_NORMALS)
+            for column in ("corners", "corner_normals")
         )
-        has_grid = part[layout.PART_GRID] != NO_GRID
-        counts = (int(part[layout.PART_GRID_X]), int(part[layout.PART_GRID_Y]), int(part[layout.PART_GRID_Z]))
+        has_grid = part["grid"] != NO_GRID
+        counts = (int(part["grid_x"]), int(part["grid_y"]), int(part["grid_z"]))
         grid_words = -(-int(np.prod(counts)) // 16) if has_grid else 0
-        grid_at = int(part[layout.PART_GRID]) if has_grid else 0
+        grid_at = int(part["grid"]) if has_grid else 0
         return PartArrays(
             frame=LocalFrame.read(frame),
             bvh=Bvh(nodes, blocks, slots.view(np.int32)),
@@ -129,25 +127,22 @@ class Model:
             neighbors=neighbors,
             corners=corners,
             normals=normals,
-            lower=frame[layout.FRAME_OWN_LOWER_XYZ].copy(),
-            upper=frame[layout.FRAME_OWN_UPPER_XYZ].copy(),
-            sign=int(part[layout.PART_SIGN]),
+            lower=frame["own_lower"].copy(),
+            upper=frame["own_upper"].copy(),
+            sign=int(part["sign"]),
             grid=self.words[grid_at : grid_at + grid_words].view(np.uint32),
             grid_counts=counts,
-            grid_lower=tuple(frame[layout.FRAME_GRID_LOWER : layout.FRAME_GRID_LOWER + 3]),
-            grid_rate=float(frame[layout.FRAME_GRID_RATE]),
+            grid_lower=tuple(frame["grid_lower"]),
+            grid_rate=float(frame["grid_rate"]),
             folded=(notes >> layout.FOLDED_AT).astype(np.uint8),
         )
 
     def part_for_adoption(self) -> PartArrays:
         """Return the arrays of the only part, for another model that is to have this one's memory."""
         part, scene = self.parts
-        word_columns = [
-            layout.PART_SLOT_FACES, layout.PART_MOMENTS, layout.PART_FACES, layout.PART_NEIGHBORS,
-            layout.PART_GRID, layout.PART_BLOCK_NOTES,
-        ]  # fmt: skip
-        word_starts = [0, *part[word_columns].tolist(), int(scene[layout.SCENE_GRID])]
-        real_starts = [0, *part[[layout.PART_CORNERS, layout.PART_CORNER_NORMALS]].tolist()]
+        of_words = "slot_faces", "moments", "faces", "neighbors", "grid", "block_notes"
+        word_starts = [0, *(int(part[field]) for field in of_words), int(scene["grid"])]
+        real_starts = [0, int(part["corners"]), int(part["corner_normals"])]
         return replace(
             self.part_views(0), memory=PartMemory(self.reals, self.words, real_starts, word_starts)
         )
@@ -169,9 +164,8 @@ def assemble(
     finds.
     """
     count = len(pieces)
-    parts = np.zeros((count + 1, PART_COLUMNS), np.int64)
-    frames = np.zeros((count + 1, FRAME_COLUMNS))
-    parts[list(dynamic), layout.PART_IS_DYNAMIC], parts[list(hidden), layout.PART_IS_HIDDEN] = 1, 1
+    parts, frames = np.zeros(count + 1, layout.PART), np.zeros(count + 1, layout.FRAME)
+    parts["is_dynamic"][list(dynamic)], parts["is_hidden"][list(hidden)] = 1, 1
     node_ends = np.cumsum([0] + [piece.bvh.node_count for piece in pieces])
     block_ends = np.cumsum([0] + [piece.bvh.block_count for piece in pieces])
     nodes = (
@@ -185,24 +179,20 @@ def assemble(
         )
     )
     for row, (piece, pose) in enumerate(zip(pieces, poses, strict=True)):
-        frames[row, layout.FRAME_OWN_LOWER_XYZ] = piece.lower
-        frames[row, layout.FRAME_OWN_UPPER_XYZ] = piece.upper
+        frames["own_lower"][row] = piece.lower
+        frames["own_upper"][row] = piece.upper
         piece.frame.write(frames[row])
-        parts[row, [layout.PART_ROOT, layout.PART_FIRST_BLOCK]] = node_ends[row], block_ends[row]
-        parts[row, [layout.PART_NODE_COUNT, layout.PART_BLOCK_COUNT]] = (
-            piece.bvh.node_count,
-            piece.bvh.block_count,
-        )
-        parts[row, layout.PART_SIGN] = piece.sign
+        part = parts[row]
+        part["root"], part["node_count"] = node_ends[row], piece.bvh.node_count
+        part["first_block"], part["block_count"] = block_ends[row], piece.bvh.block_count
+        parts["sign"][row] = piece.sign
         _write_grid(frames, parts, row, piece.grid_counts, piece.grid_lower, piece.grid_rate)
         _write_pose(frames, parts, row, pose)
     choose_frame(frames, parts, _wanted_frame(pieces))
     static, entries = static_tree(nodes, frames, parts, int(node_ends[-1]) + 1)
-    parts[count, layout.SCENE_FIRST_NODE] = node_ends[-1]
+    parts["first_node"][count] = node_ends[-1]
     if count > 1:
-        parts[count, layout.SCENE_STATIC_CAPACITY] = (
-            int(SPARE * _nodes_at_most(nodes, frames, parts, static)) + LANES
-        )
+        parts["static_capacity"][count] = int(SPARE * _nodes_at_most(nodes, frames, parts, static)) + LANES
     plan = PartTreesPlan.of(parts)
     reals, words = _filled(pieces, frames, parts, nodes, plan.node_count)
     clear_first(words, parts)
@@ -214,10 +204,9 @@ def assemble(
 
 def _nodes_at_most(nodes: np.ndarray, frames: np.ndarray, parts: np.ndarray, static: np.ndarray) -> int:
     """Nodes of the static tree, now or once parts that are dynamic or hidden stand there as well."""
-    flags = [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]
-    if parts[:, flags].any():
+    if parts["is_dynamic"].any() or parts["is_hidden"].any():
         parts = parts.copy()
-        parts[:, flags] = 0
+        parts["is_dynamic"] = parts["is_hidden"] = 0
         everything, _ = static_tree(nodes, frames, parts, 0)
         return max(len(static), len(everything)) // NODE_STRIDE
     return len(static) // NODE_STRIDE
@@ -255,16 +244,14 @@ def _filled(
         )
     for row, piece in enumerate(pieces):
         part = parts[row]
-        part[[layout.PART_CORNERS, layout.PART_CORNER_NORMALS]] = real_starts[1 + 2 * row : 3 + 2 * row]
-        part[[layout.PART_FACES, layout.PART_NEIGHBORS, layout.PART_GRID]] = word_starts[
-            3 + 3 * row : 6 + 3 * row
-        ]
-        part[layout.PART_CORNER_COUNT], part[layout.PART_FACE_COUNT] = len(piece.corners), len(piece.faces)
+        part["corners"], part["corner_normals"] = real_starts[1 + 2 * row : 3 + 2 * row]
+        part["faces"], part["neighbors"], part["grid"] = word_starts[3 + 3 * row : 6 + 3 * row]
+        part["corner_count"], part["face_count"] = len(piece.corners), len(piece.faces)
         if not len(piece.grid):
-            part[layout.PART_GRID] = NO_GRID
-    parts[:, layout.PART_SLOT_FACES], parts[:, layout.PART_MOMENTS] = word_starts[1], word_starts[2]
-    parts[count, layout.PART_FACE_COUNT] = parts[:count, layout.PART_FACE_COUNT].sum()
-    parts[:, layout.PART_BLOCK_NOTES], parts[count, layout.SCENE_GRID] = word_starts[-2:]
+            part["grid"] = NO_GRID
+    parts["slot_faces"], parts["moments"] = word_starts[1], word_starts[2]
+    parts["face_count"][count] = parts["face_count"][:count].sum()
+    parts["block_notes"], parts["grid"][count] = word_starts[-2:]
     _write_grid(frames, parts, count, containing.counts, containing.lower, containing.rate)
     return reals, words
 
@@ -309,15 +296,16 @@ def _write_grid(
     frames: np.ndarray, parts: np.ndarray, row: int, counts: tuple[int, int, int], lower: Any, rate: float
 ) -> None:
     """Write what a row's grid is like: of a part its sign grid, of the scene that over it."""
-    parts[row, [layout.PART_GRID_X, layout.PART_GRID_Y, layout.PART_GRID_Z]] = counts
-    frames[row, layout.FRAME_GRID_LOWER : layout.FRAME_GRID_LOWER + 3] = lower
-    frames[row, layout.FRAME_GRID_RATE] = rate
+    part = parts[row]
+    part["grid_x"], part["grid_y"], part["grid_z"] = counts
+    frames["grid_lower"][row] = lower
+    frames["grid_rate"][row] = rate
 
 
 def _write_pose(frames: np.ndarray, parts: np.ndarray, row: int, pose: Pose) -> None:
     """Write a row's pose, and the box that follows from it."""
-    frames[row, layout.FRAME_ROTATION : layout.FRAME_ROTATION + 9] = pose.rotation.reshape(-1)
-    frames[row, layout.FRAME_TRANSLATION_XYZ] = pose.translation
+    frames["rotation"][row] = pose.rotation.reshape(-1)
+    frames["translation"][row] = pose.translation
     update_box(frames, parts, row)
 
 

@@ -38,12 +38,12 @@ def occupancy(pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray) -
     rows = [
         row
         for row, piece in enumerate(pieces)
-        if piece.sign != layout.SIGN_NONE and not parts[row, layout.PART_IS_DYNAMIC]
+        if piece.sign != layout.SIGN_NONE and not parts["is_dynamic"][row]
     ]
     if not rows:
         return NOTHING
-    lower = frames[rows, layout.FRAME_BOX_LOWER_XYZ].min(axis=0)
-    upper = frames[rows, layout.FRAME_BOX_UPPER_XYZ].max(axis=0)
+    lower = frames["box_lower"][rows].min(axis=0)
+    upper = frames["box_upper"][rows].max(axis=0)
     wanted = min(CELLS_PER_PART * len(rows), MOST_CELLS)
     while True:
         rate, counts = grid_size(upper - lower, wanted)

@@ -15,7 +15,7 @@ from proximity.kernels.layout import LANES, NODE_STRIDE
 from proximity.kernels.scene.dynamic_tree import DynamicParts, bring_up_to_date
 from proximity.kernels.scene.static_tree import gather_entries, name_leaves, thin_out
 from proximity.kernels.tree.builder import ENTRIES_SHIFT, build_tree
-from proximity.kernels.tree.wide_node import clear_node
+from proximity.kernels.tree.collapse import clear_node
 from proximity.mesh.bvh import LocalFrame
 from proximity.mesh.part_arrays import MOVING_MARGIN, common_frame
 from proximity.native import packed
@@ -45,23 +45,21 @@ class PartTreesPlan:
     def of(cls, parts: np.ndarray) -> "PartTreesPlan":
         """Return the plan that a model was made by; the scene's row has it.
 
-        *parts*: (P + 1, PART_COLUMNS).
+        *parts*: (P + 1,) PART.
         """
         row = parts[-1]
-        return cls(len(parts) - 1, int(row[layout.SCENE_FIRST_NODE]), int(row[layout.SCENE_STATIC_CAPACITY]))
+        return cls(len(parts) - 1, int(row["first_node"]), int(row["static_capacity"]))
 
     def copies_of(self, parts: np.ndarray) -> tuple[int, int]:
         """Return which copy of what moves a model uses, and which of the static tree.
 
-        *parts*: (P + 1, PART_COLUMNS).
+        *parts*: (P + 1,) PART.
         """
         if not self.capacity:
             return 0, 0
         row = parts[-1]
-        moving = int(row[layout.SCENE_SUPER_NODE] - self.region(0)) // self._region_nodes
-        return moving, int(row[layout.SCENE_ENTRIES] - self.entries_at(0)) // (
-            NODE_STRIDE * self._static_nodes
-        )
+        moving = int(row["super_node"] - self.region(0)) // self._region_nodes
+        return moving, int(row["entries"] - self.entries_at(0)) // (NODE_STRIDE * self._static_nodes)
 
     @property
     def entry_capacity(self) -> int:
@@ -106,9 +104,9 @@ class PartTreesPlan:
 def dynamic_rows(parts: np.ndarray) -> np.ndarray:
     """Return the rows of the parts that are dynamic, (L,) int64.
 
-    *parts*: (P + 1, PART_COLUMNS).
+    *parts*: (P + 1,) PART.
     """
-    return np.flatnonzero(parts[:-1, layout.PART_IS_DYNAMIC])
+    return np.flatnonzero(parts["is_dynamic"][:-1])
 
 
 def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> None:
@@ -121,12 +119,12 @@ def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> N
     frame = wanted
     if scene > 1:
         lower, upper = (
-            frames[:scene, layout.FRAME_BOX_LOWER_XYZ].min(axis=0),
-            frames[:scene, layout.FRAME_BOX_UPPER_XYZ].max(axis=0),
+            frames["box_lower"][:scene].min(axis=0),
+            frames["box_upper"][:scene].max(axis=0),
         )
         reach = np.maximum(np.abs(wanted.of(lower)), np.abs(wanted.of(upper))).max()
         frame = wanted if SMALLEST_REACH <= reach <= 1.0 else common_frame(lower, upper)
-    frames[scene, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
+    frames[scene]["rotation"], frames[scene]["translation"] = np.eye(3).reshape(-1), 0.0
     frame.write(frames[scene])
     note_fused(frames, parts)
 
@@ -134,10 +132,11 @@ def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> N
 def note_fused(frames: np.ndarray, parts: np.ndarray) -> None:
     """Say which parts are in the scene's frame themselves, and whether all are."""
     scene = len(parts) - 1
-    is_alike = frames[:scene, : layout.FRAME_SCALE + 1] == frames[scene, : layout.FRAME_SCALE + 1]
-    is_still = parts[:scene, layout.PART_IS_DYNAMIC] == 0
-    parts[:scene, layout.PART_IS_FUSED] = is_alike.all(axis=1) & is_still
-    parts[scene, layout.SCENE_ALL_FUSED] = scene == 1 or parts[:scene, layout.PART_IS_FUSED].all()
+    numbers = layout.columns_of(frames)[:, : layout.field_at(layout.FRAME, "scale") + 1]
+    is_alike = numbers[:scene] == numbers[scene]
+    is_still = parts["is_dynamic"][:scene] == 0
+    parts["is_fused"][:scene] = is_alike.all(axis=1) & is_still
+    parts["all_fused"][scene] = scene == 1 or parts["is_fused"][:scene].all()
 
 
 def static_tree(
@@ -151,7 +150,7 @@ def static_tree(
     nothing = np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
     if scene == 1:
         return nothing
-    still_count = int((parts[:scene, [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]] == 0).all(axis=1).sum())
+    still_count = int(((parts["is_dynamic"] | parts["is_hidden"])[:scene] == 0).sum())
     if not still_count:
         return nothing
     target = max(FEWEST_ENTRIES, ENTRIES_PER_PART * still_count)
@@ -176,11 +175,11 @@ def write_static(
         return False
     words[NODE_STRIDE * plan.static_node(copy) :][: len(nodes)] = nodes
     row = parts[-1]
-    row[layout.SCENE_ENTRY_COUNT], row[layout.SCENE_STATIC_NODE_COUNT] = (
+    row["entry_count"], row["static_node_count"] = (
         len(entries),
         len(nodes) // NODE_STRIDE,
     )
-    row[layout.SCENE_STATIC_ROOT] = plan.static_node(copy) if len(nodes) else NO_NODE
+    row["static_root"] = plan.static_node(copy) if len(nodes) else NO_NODE
     _write_entries(words, parts, copy, entries.reshape(-1).view(np.float32))
     return True
 
@@ -191,22 +190,22 @@ def thin_static(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
     *words*, *parts*: of the model; the scene's row of *parts* is reported.
     """
     row, target = parts[-1], PartTreesPlan.of(parts).static_node(copy)
-    entries_at, root = row[layout.SCENE_ENTRIES], row[layout.SCENE_STATIC_ROOT]
-    entries = words[entries_at : entries_at + 2 * row[layout.SCENE_ENTRY_COUNT]]
+    entries_at, root = row["entries"], row["static_root"]
+    entries = words[entries_at : entries_at + 2 * row["entry_count"]]
     if root != NO_NODE:
-        is_left = thin_out(words, parts, root, row[layout.SCENE_STATIC_NODE_COUNT], target, entries_at)
-        row[layout.SCENE_STATIC_ROOT] = target if is_left else NO_NODE
-    row[layout.SCENE_ALL_FUSED] = parts[:-1, layout.PART_IS_FUSED].all()
+        is_left = thin_out(words, parts, root, row["static_node_count"], target, entries_at)
+        row["static_root"] = target if is_left else NO_NODE
+    row["all_fused"] = parts["is_fused"][:-1].all()
     _write_entries(words, parts, copy, entries)
 
 
 def _write_entries(words: np.ndarray, parts: np.ndarray, copy: int, entries: np.ndarray) -> None:
     """Write the entries of a static tree, and behind them those of dynamic parts, which stand whole."""
     at, dynamic = PartTreesPlan.of(parts).entries_at(copy), dynamic_rows(parts)
-    whole = np.stack((dynamic, parts[dynamic, layout.PART_ROOT]), axis=1).astype(np.int32)
+    whole = np.stack((dynamic, parts["root"][dynamic]), axis=1).astype(np.int32)
     words[at : at + len(entries)] = entries
     words[at + len(entries) :][: whole.size] = whole.reshape(-1).view(np.float32)
-    parts[-1, layout.SCENE_ENTRIES] = at
+    parts["entries"][-1] = at
 
 
 def write_moving(
@@ -229,7 +228,7 @@ def dynamic_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
     """Return the dynamic parts' positions along the curve, (L,) int64; None where not each of them has
     one.
     """
-    dynamic, region = dynamic_rows(parts), int(parts[-1, layout.SCENE_SUPER_NODE])
+    dynamic, region = dynamic_rows(parts), int(parts["super_node"][-1])
     positions = np.arange(len(dynamic))
     if not PartTreesPlan.of(parts).capacity:
         return positions
@@ -246,7 +245,7 @@ def dynamic_order(words: np.ndarray, parts: np.ndarray) -> np.ndarray | None:
 def rewrite_entries(words: np.ndarray, parts: np.ndarray, copy: int) -> None:
     """Write the entries of dynamic parts anew, behind those of the static tree, which stay."""
     at = PartTreesPlan.of(parts).entries_at(copy)
-    _write_entries(words, parts, copy, words[at : at + 2 * parts[-1, layout.SCENE_ENTRY_COUNT]])
+    _write_entries(words, parts, copy, words[at : at + 2 * parts["entry_count"][-1]])
 
 
 def clear_first(words: np.ndarray, parts: np.ndarray) -> None:

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from proximity.kernels import layout
-from proximity.kernels.contact_columns import SURFACE_DEFORMABLE, SURFACE_RIGID
-from proximity.kernels.model_arrays import ModelArrays
+from proximity.kernels.contact_record import SURFACE_DEFORMABLE, SURFACE_RIGID
+from proximity.kernels.layout import ModelArrays
 from proximity.kernels.scene.dynamic_tree import SORT_STEPS, DynamicParts, bring_up_to_date
 from proximity.kernels.scene.placement import first_unfit, move_parts, update_box
 from proximity.mesh.bvh import LARGEST_COORDINATE, LocalFrame
@@ -46,26 +45,24 @@ is not to be paid at every tick of a part that goes to and fro."""
 def write_motion(frame: np.ndarray, velocity: np.ndarray, angular_velocity: np.ndarray) -> None:
     """Write into a part's row of frames how it moves.
 
-    *frame*: (FRAME_COLUMNS,); *velocity*, *angular_velocity*: (3,).
+    *frame*: of `FRAME`; *velocity*, *angular_velocity*: (3,).
     """
-    frame[_VELOCITY], frame[_ANGULAR_VELOCITY] = velocity, angular_velocity
+    frame["velocity"], frame["angular_velocity"] = velocity, angular_velocity
 
 
 def write_surface(frame: np.ndarray, stiffness: float | None, damping: float) -> None:
     """Write into a part's row of frames how it answers a touch.
 
-    *frame*: (FRAME_COLUMNS,).
+    *frame*: of `FRAME`.
     """
-    frame[layout.FRAME_SURFACE] = SURFACE_RIGID if stiffness is None else SURFACE_DEFORMABLE
-    frame[layout.FRAME_STIFFNESS], frame[layout.FRAME_DAMPING] = stiffness or 0.0, damping
+    frame["surface"] = SURFACE_RIGID if stiffness is None else SURFACE_DEFORMABLE
+    frame["stiffness"], frame["damping"] = stiffness or 0.0, damping
 
 
 # What is to be done about the static tree.
 _RIGHT = 0
 _THINNER = 1
 _NEW = 2
-_VELOCITY = slice(layout.FRAME_VELOCITY, layout.FRAME_VELOCITY + 3)
-_ANGULAR_VELOCITY = slice(layout.FRAME_ANGULAR_VELOCITY, layout.FRAME_ANGULAR_VELOCITY + 3)
 
 
 class _Copy:
@@ -145,12 +142,12 @@ class SceneState:
 
     def set_hidden(self, row: int, is_hidden: bool) -> bool:
         """Hide or show a part; whether that is a change."""
-        if self.parts[row, layout.PART_IS_HIDDEN] == is_hidden:
+        if self.parts["is_hidden"][row] == is_hidden:
             return False
         self._begin(row)
         self.epoch += 1
-        self.parts[row, layout.PART_IS_HIDDEN] = is_hidden
-        if not self.parts[row, layout.PART_IS_DYNAMIC]:
+        self.parts["is_hidden"][row] = is_hidden
+        if not self.parts["is_dynamic"][row]:
             self._need(_THINNER if is_hidden else _NEW)
         self._is_whole = True
         return True
@@ -165,8 +162,8 @@ class SceneState:
         self._begin(row)
         self.epoch += 1
         update_box(self.frames, self.parts, row)
-        if not self.parts[row, layout.PART_IS_DYNAMIC]:
-            self.parts[row, layout.PART_IS_DYNAMIC], self.parts[row, layout.PART_IS_FUSED] = 1, 0
+        if not self.parts["is_dynamic"][row]:
+            self.parts["is_dynamic"][row], self.parts["is_fused"][row] = 1, 0
             self._need(_THINNER)
         self._is_whole = True
 
@@ -178,19 +175,19 @@ class SceneState:
     def values(self, row: int) -> dict[str, Any]:
         """Return what is true of a part now, by names of fields."""
         frame = self.frames[row]
-        velocity, angular_velocity = frame[_VELOCITY].copy(), frame[_ANGULAR_VELOCITY].copy()
+        velocity, angular_velocity = frame["velocity"].copy(), frame["angular_velocity"].copy()
         velocity.flags.writeable = angular_velocity.flags.writeable = False
-        is_rigid = frame[layout.FRAME_SURFACE] == SURFACE_RIGID
+        is_rigid = frame["surface"] == SURFACE_RIGID
         return {
             "pose": Pose.known(
-                frame[layout.FRAME_ROTATION : layout.FRAME_ROTATION + 9].reshape(3, 3),
-                frame[layout.FRAME_TRANSLATION_XYZ],
+                frame["rotation"].reshape(3, 3),
+                frame["translation"],
             ),
             "velocity": velocity,
             "angular_velocity": angular_velocity,
-            "is_hidden": bool(self.parts[row, layout.PART_IS_HIDDEN]),
-            "stiffness": None if is_rigid else float(frame[layout.FRAME_STIFFNESS]),
-            "damping": float(frame[layout.FRAME_DAMPING]),
+            "is_hidden": bool(self.parts["is_hidden"][row]),
+            "stiffness": None if is_rigid else float(frame["stiffness"]),
+            "damping": float(frame["damping"]),
         }
 
     def _need(self, tree: int) -> None:

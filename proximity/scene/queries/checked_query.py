@@ -18,7 +18,7 @@ from proximity.checks import as_float64, as_points, copied, shown
 from proximity.errors import ArgumentError, ProximityError, UnitsWarning
 from proximity.kernels.geometry.frames import MILLIMETRES_FROM, MILLIMETRES_TO
 from proximity.kernels.geometry.morton_order import SORT_FROM
-from proximity.kernels.layout import FRAME_BOX_LOWER_XYZ, FRAME_BOX_UPPER_XYZ, IN_MILLIMETRES, NO_ROW
+from proximity.kernels.layout import IN_MILLIMETRES, NO_ROW
 from proximity.scene.model.assembly import Model
 from proximity.scene.queries.batches import (
     IN_ORDER,
@@ -109,7 +109,7 @@ def _warn_of_millimetres(model: Model, distances: np.ndarray) -> None:
 def size_of(model: Model) -> float:
     """Diagonal of the box of all parts, m."""
     box = model.frames[-1]
-    return float(np.linalg.norm(box[FRAME_BOX_UPPER_XYZ] - box[FRAME_BOX_LOWER_XYZ]))
+    return float(np.linalg.norm(box["box_upper"] - box["box_lower"]))
 
 
 def in_millimetres(what: str, distance: float, size: float, names: str) -> str:

@@ -38,6 +38,15 @@ from proximity.scene.solid import Solid
 
 LAYOUT = {name: value for name, value in vars(layout).items() if name.isupper() and isinstance(value, int)}
 LAYOUT |= {"MOMENT_STRIDE": MOMENT_STRIDE, "STATIC_COPIES": STATIC_COPIES, "REGION_COPIES": REGION_COPIES}
+_OF_SCENE = {*layout.SCENE_FIELDS, "super_node", "dynamic_count"}
+LAYOUT |= {
+    f"FRAME_{field.upper()}": layout.field_at(layout.FRAME, field) for field in layout.FRAME.names[:-1]
+}
+LAYOUT |= {
+    f"{'SCENE' if field in _OF_SCENE else 'PART'}_{field.upper()}": layout.field_at(layout.PART, field)
+    for field in layout.PART.names
+}
+LAYOUT["SCENE_GRID"] = LAYOUT["PART_GRID"]
 """Numbers by which the arrays of a model are laid out: a file with others is refused. What no number shows,
 say another meaning of a column, needs another `archive.FORMAT_VERSION`."""
 
@@ -83,8 +92,8 @@ def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> N
         "reals": model.reals,
         # Of this model's words nothing changes, but of those that later models of its scene are written to.
         "words": model.words.copy(),
-        "frames": model.frames,
-        "parts": model.parts,
+        "frames": layout.columns_of(model.frames),
+        "parts": layout.columns_of(model.parts),
         "vertices": np.concatenate([solid.mesh.vertices for _, solid in solids]),
         "faces": np.concatenate([solid.mesh.faces for _, solid in solids]),
         "source_faces": np.concatenate([_source_faces(part) for part in parts]),
@@ -132,8 +141,8 @@ def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledS
     model_arrays = (
         _array(arrays, "reals", np.float64),
         _array(arrays, "words", np.float32),
-        _array(arrays, "frames", np.float64, layout.FRAME_COLUMNS),
-        _array(arrays, "parts", np.int64, layout.PART_COLUMNS),
+        _array(arrays, "frames", np.float64, layout.FRAME_COLUMNS).view(layout.FRAME).reshape(-1),
+        _array(arrays, "parts", np.int64, layout.PART_COLUMNS).view(layout.PART).reshape(-1),
     )
     reals, words, frames, rows = model_arrays
     # What walks the trees counts on all of it, from here on.
@@ -185,8 +194,8 @@ def _write_rows(frames: np.ndarray, rows: np.ndarray, poses: np.ndarray, values:
     matrices[:, :3, :3], matrices[:, :3, 3] = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
     unfit = first_unfit_move(matrices, NO_VELOCITIES, NO_VELOCITIES)
     expect(unfit < 0, f"the pose of part {unfit} is no rigid transform, or leads too far away")
-    frames[:-1, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = poses
-    rows[:-1, layout.PART_IS_HIDDEN] = values["is_hidden"]
+    layout.columns_of(frames)[:-1, :12] = poses
+    rows["is_hidden"][:-1] = values["is_hidden"]
     for row in range(count):
         write_motion(frames[row], values["velocity"][row], values["angular_velocity"][row])
         write_surface(frames[row], values["stiffness"][row], values["damping"][row])
@@ -207,8 +216,8 @@ def _solids(
     faces = _slices(_array(arrays, "faces", np.int32, 3), face_counts)
     for row, number in enumerate(solid_of_part):
         is_alike = (face_counts[number], kernel_sign(reported[number][2])) == (
-            rows[row, layout.PART_FACE_COUNT],
-            rows[row, layout.PART_SIGN],
+            rows["face_count"][row],
+            rows["sign"][row],
         )
         expect(is_alike, f"{named(row, names)} has other faces, or another sign, than its solid")
         check_mesh(model.words, rows, row, vertices[number], faces[number], names)

@@ -73,16 +73,14 @@ def check_parts(
     """Check all but the scene's row; return, of each node, the first and the number of blocks below it."""
     _check_rows(parts, len(names), len(reals), len(words))
     _check_frames(frames, parts)
-    node_count, block_count = (
-        parts[:-1, [layout.PART_NODE_COUNT, layout.PART_BLOCK_COUNT]].sum(axis=0).tolist()
-    )
+    node_count, block_count = (int(parts[:-1][field].sum()) for field in ("node_count", "block_count"))
     firsts, counts, levels = (np.empty(node_count, np.int32) for _ in range(3))
     fault = np.zeros(model_validation.FAULT_SIZE, np.int64)
     levels[:] = 0
     reached = np.zeros(block_count, np.uint8)
     kind = model_validation.fault_in_trees(words, parts, firsts, counts, levels, reached, fault)
     _raise_at(kind, fault, parts, names)
-    seen = np.empty(parts[:-1, layout.PART_FACE_COUNT].max(), np.uint8)
+    seen = np.empty(parts["face_count"][:-1].max(), np.uint8)
     _raise_at(model_validation.fault_in_parts(reals, words, parts, seen, fault), fault, parts, names)
     return firsts, counts
 
@@ -102,14 +100,14 @@ def complete_model(
     row, plan = parts[-1], PartTreesPlan.of(parts)
     for part in range(len(parts) - 1):
         update_box(frames, parts, part)
-    frames[-1, layout.FRAME_ROTATION : layout.FRAME_CENTRE] = (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
-    row[[layout.PART_IS_TURNED, layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]] = 0
+    frames[-1]["rotation"], frames[-1]["translation"] = np.eye(3).reshape(-1), 0.0
+    row["is_turned"] = row["is_dynamic"] = row["is_hidden"] = 0
     note_fused(frames, parts)
     clear_first(words, parts)
     fault = np.zeros(model_validation.FAULT_SIZE, np.int64)
     if plan.capacity:
-        levels = np.zeros(row[layout.PART_BLOCK_COUNT], np.int32)
-        covered = np.zeros(parts[-2, layout.PART_FIRST_BLOCK] + parts[-2, layout.PART_BLOCK_COUNT], np.uint8)
+        levels = np.zeros(row["block_count"], np.int32)
+        covered = np.zeros(parts["first_block"][-2] + parts["block_count"][-2], np.uint8)
         kind = model_validation.fault_in_static_tree(words, parts, *below, levels, covered, fault)
         _raise_at(kind, fault, parts, names)
         rewrite_entries(words, parts, plan.copies_of(parts)[1])
@@ -117,7 +115,7 @@ def complete_model(
     order = dynamic_order(words, parts)
     if order is None:
         raise MeshFormatError("the tree over the parts that have moved does not have each of them once")
-    if not write_moving(words, frames, parts, int(row[layout.SCENE_SUPER_NODE]), order, 0) <= 1.0:
+    if not write_moving(words, frames, parts, int(row["super_node"]), order, 0) <= 1.0:
         raise MeshFormatError("its parts reach beyond the scene's frame")
 
 
@@ -148,9 +146,7 @@ def _raise_at(kind: int, fault: np.ndarray, parts: np.ndarray, names: tuple[str,
     part, *numbers = fault.tolist()
     row = parts[part]
     where = "the trees over the parts" if part == len(names) else named(part, names)
-    reported = _SENTENCES[int(kind)].format(
-        *numbers, nodes=row[layout.PART_NODE_COUNT], blocks=row[layout.PART_BLOCK_COUNT]
-    )
+    reported = _SENTENCES[int(kind)].format(*numbers, nodes=row["node_count"], blocks=row["block_count"])
     raise MeshFormatError(f"{where}: {reported}")
 
 
@@ -172,30 +168,25 @@ def _check_rows(parts: np.ndarray, count: int, real_count: int, word_count: int)
     _expect(0 < count < MOST_PARTS, f"it has {count} parts, expected 1 to {MOST_PARTS - 1}")
     _expect(len(parts) == count + 1, f"there are {count} parts, but the trees of {len(parts) - 1}")
     # So sums and products below do not overflow; columns that may be -1 are looked at by themselves.
-    sizes = parts.copy()
-    sizes[:, layout.PART_GRID][sizes[:, layout.PART_GRID] == NO_GRID] = 0
-    sizes[-1, layout.SCENE_STATIC_ROOT] = max(sizes[-1, layout.SCENE_STATIC_ROOT], NO_NODE + 1)
+    copies = parts.copy()
+    copies["grid"][copies["grid"] == NO_GRID] = 0
+    copies[-1]["static_root"] = max(copies[-1]["static_root"], NO_NODE + 1)
+    sizes = layout.columns_of(copies)
     _expect(((sizes >= 0) & (sizes <= max(real_count, word_count))).all(), "the table of parts has a number "
             f"that is below 0 or beyond the {max(real_count, word_count)} numbers in the file")  # fmt: skip
     rows = parts[:-1]
     _expect(
-        (rows[:, [layout.PART_IS_DYNAMIC, layout.PART_IS_HIDDEN]] <= 1).all(),
+        (rows["is_dynamic"] <= 1).all() and (rows["is_hidden"] <= 1).all(),
         "a flag of a part is neither 0 nor 1",
     )
-    _expect((rows[:, layout.PART_SIGN] <= layout.SIGN_WINDING).all(), "a part has no known kind of sign")
-    at_least_one = [
-        layout.PART_NODE_COUNT,
-        layout.PART_BLOCK_COUNT,
-        layout.PART_FACE_COUNT,
-        layout.PART_CORNER_COUNT,
-    ]
-    _expect((rows[:, at_least_one] > 0).all(), "a part has no nodes, blocks, faces or corners")
-    for first, size, what in ((layout.PART_ROOT, layout.PART_NODE_COUNT, "nodes"),
-                              (layout.PART_FIRST_BLOCK, layout.PART_BLOCK_COUNT, "blocks")):  # fmt: skip
-        starts = np.cumsum(rows[:, size]) - rows[:, size]
-        _expect((rows[:, first] == starts).all(), f"the {what} of the parts do not follow each other")
-    for column in (layout.PART_SLOT_FACES, layout.PART_MOMENTS, layout.PART_BLOCK_NOTES):
-        _expect((parts[:, column] == parts[0, column]).all(), "parts do not agree on where tables begin")
+    _expect((rows["sign"] <= layout.SIGN_WINDING).all(), "a part has no known kind of sign")
+    for size in ("node_count", "block_count", "face_count", "corner_count"):
+        _expect((rows[size] > 0).all(), "a part has no nodes, blocks, faces or corners")
+    for first, size, what in (("root", "node_count", "nodes"), ("first_block", "block_count", "blocks")):
+        starts = np.cumsum(rows[size]) - rows[size]
+        _expect((rows[first] == starts).all(), f"the {what} of the parts do not follow each other")
+    for table in ("slot_faces", "moments", "block_notes"):
+        _expect((parts[table] == parts[table][0]).all(), "parts do not agree on where tables begin")
     _check_scene_row(parts)
     _check_part_runs(parts, real_count, word_count)
 
@@ -203,56 +194,52 @@ def _check_rows(parts: np.ndarray, count: int, real_count: int, word_count: int)
 def _check_scene_row(parts: np.ndarray) -> None:
     """Check the scene's row."""
     row, plan, scene = parts[-1], PartTreesPlan.of(parts), len(parts) - 1
-    _expect(row[layout.SCENE_FIRST_NODE] == parts[:-1, layout.PART_NODE_COUNT].sum(),
+    _expect(row["first_node"] == parts["node_count"][:-1].sum(),
             "the trees over the parts do not begin behind those of the parts")  # fmt: skip
-    _expect(row[layout.PART_FACE_COUNT] == parts[:-1, layout.PART_FACE_COUNT].sum(),
-            f"the scene has {row[layout.PART_FACE_COUNT]} faces, but its parts do not")  # fmt: skip
+    _expect(row["face_count"] == parts["face_count"][:-1].sum(),
+            f"the scene has {row['face_count']} faces, but its parts do not")  # fmt: skip
     _expect(
         (plan.capacity > 0) == (scene > 1), f"there is a tree of {plan.capacity} nodes over {scene} parts"
     )
     if not plan.capacity:
-        _expect(
-            row[layout.SCENE_SUPER_NODE] == plan.first_node, "the empty node is not behind those of the part"
-        )
+        _expect(row["super_node"] == plan.first_node, "the empty node is not behind those of the part")
         return
     regions = [plan.region(copy) for copy in range(REGION_COPIES)]
-    _expect(row[layout.SCENE_SUPER_NODE] in regions, "the tree over moved parts is at none of its places")
+    _expect(row["super_node"] in regions, "the tree over moved parts is at none of its places")
     entries = [plan.entries_at(copy) for copy in range(STATIC_COPIES)]
-    _expect(
-        row[layout.SCENE_ENTRIES] in entries, "the entries of the tree over parts are at none of their places"
-    )
-    root, copy = row[layout.SCENE_STATIC_ROOT], entries.index(row[layout.SCENE_ENTRIES])
+    _expect(row["entries"] in entries, "the entries of the tree over parts are at none of their places")
+    root, copy = row["static_root"], entries.index(row["entries"])
     _expect(root in (NO_NODE, plan.static_node(copy)), "the tree over parts is at none of its places")
-    _expect((root == NO_NODE or row[layout.SCENE_STATIC_NODE_COUNT] > 0)
-            and row[layout.SCENE_STATIC_NODE_COUNT] <= plan.capacity
-            and row[layout.SCENE_ENTRY_COUNT] <= LANES * plan.capacity,
-            f"the tree over parts has {row[layout.SCENE_STATIC_NODE_COUNT]} nodes and "
-            f"{row[layout.SCENE_ENTRY_COUNT]} entries, "
+    _expect((root == NO_NODE or row["static_node_count"] > 0)
+            and row["static_node_count"] <= plan.capacity
+            and row["entry_count"] <= LANES * plan.capacity,
+            f"the tree over parts has {row['static_node_count']} nodes and "
+            f"{row['entry_count']} entries, "
             f"but there is room for {plan.capacity} nodes")  # fmt: skip
 
 
 def _check_part_runs(parts: np.ndarray, real_count: int, word_count: int) -> None:
     """Check that what the parts are made of lies one behind the other, as it is written."""
     rows, scene = parts[:-1], parts[-1]
-    node_count, block_count = rows[:, [layout.PART_NODE_COUNT, layout.PART_BLOCK_COUNT]].sum(axis=0).tolist()
+    node_count, block_count = int(rows["node_count"].sum()), int(rows["block_count"].sum())
     _expect(block_count < layout.ENTRY, f"there are {block_count} blocks, more than can be numbered")
-    coordinates = 3 * rows[:, layout.PART_CORNER_COUNT]
+    coordinates = 3 * rows["corner_count"]
     _check_runs(
-        np.r_[0, rows[:, [layout.PART_CORNERS, layout.PART_CORNER_NORMALS]].ravel()],
+        np.r_[0, np.stack((rows["corners"], rows["corner_normals"]), axis=1).ravel()],
         np.r_[BLOCK_STRIDE * block_count, np.stack((coordinates, coordinates), axis=1).ravel()],
         real_count,
         "coordinates",
     )
-    indices, grid_sizes = 3 * rows[:, layout.PART_FACE_COUNT], -(-_cells(rows) // CELLS_PER_WORD)
-    has_grid = rows[:, layout.PART_GRID] != NO_GRID
+    indices, grid_sizes = 3 * rows["face_count"], -(-_cells(rows) // CELLS_PER_WORD)
+    has_grid = rows["grid"] != NO_GRID
     _expect((grid_sizes[has_grid] > 0).all(), "a sign grid has no cells")
-    starts = rows[:, [layout.PART_FACES, layout.PART_NEIGHBORS, layout.PART_GRID]].copy()
+    starts = np.stack((rows["faces"], rows["neighbors"], rows["grid"]), axis=1)
     starts[~has_grid, 2] = starts[~has_grid, 1] + indices[~has_grid]
     sizes = np.stack((indices, indices, np.where(has_grid, grid_sizes, 0)), axis=1)
     holder_cells = int(_cells(parts[-1:])[0])
-    tail = [scene[layout.PART_BLOCK_NOTES], scene[layout.SCENE_GRID]]
+    tail = [scene["block_notes"], scene["grid"]]
     _check_runs(
-        np.r_[0, scene[[layout.PART_SLOT_FACES, layout.PART_MOMENTS]], starts.ravel(), tail],
+        np.r_[0, scene["slot_faces"], scene["moments"], starts.ravel(), tail],
         np.r_[
             NODE_STRIDE * (node_count + PartTreesPlan.of(parts).node_count),
             LANES * block_count,
@@ -274,7 +261,7 @@ def _check_runs(starts: np.ndarray, sizes: np.ndarray, count: int, what: str) ->
 
 def _cells(rows: np.ndarray) -> np.ndarray:
     """Cells of grids, (K,) int64."""
-    counts = rows[:, [layout.PART_GRID_X, layout.PART_GRID_Y, layout.PART_GRID_Z]]
+    counts = np.stack((rows["grid_x"], rows["grid_y"], rows["grid_z"]), axis=1)
     _expect((counts.astype(np.float64).prod(axis=1) < 2.0**31).all(), "a grid has more than 2^31 cells")
     return counts.prod(axis=1)
 
@@ -282,18 +269,18 @@ def _cells(rows: np.ndarray) -> np.ndarray:
 def _check_frames(frames: np.ndarray, parts: np.ndarray) -> None:
     """Check local frames, the boxes in them, and where grids lie."""
     _expect(len(frames) == len(parts), f"there are {len(frames)} frames for {len(parts) - 1} parts")
-    bad = np.argwhere(~np.isfinite(frames))
+    bad = np.argwhere(~np.isfinite(layout.columns_of(frames)))
     _expect(not len(bad), f"column {bad[0, 1]} of frame {bad[0, 0]} is not finite" if len(bad) else "")
-    centres, scales = frames[:, layout.FRAME_CENTRE : layout.FRAME_CENTRE + 3], frames[:, layout.FRAME_SCALE]
+    centres, scales = frames["centre"], frames["scale"]
     is_power = (np.frexp(scales)[0] == 0.5) & (scales >= SMALLEST_SCALE) & (scales <= LARGEST_SCALE)
     _expect(is_power.all(), "a local frame is not scaled by a power of two that can be computed with")
     _expect((np.abs(centres) <= 2.0 * LARGEST_COORDINATE).all(), "a local frame lies too far away")
-    lower = frames[:-1, layout.FRAME_OWN_LOWER : layout.FRAME_OWN_LOWER + 3]
-    upper = frames[:-1, layout.FRAME_OWN_UPPER : layout.FRAME_OWN_UPPER + 3]
+    lower = frames["own_lower"][:-1]
+    upper = frames["own_upper"][:-1]
     with np.errstate(over="ignore"):
         reach = np.abs((np.stack((lower, upper)) - centres[:-1]) * scales[:-1, None]).max()
     is_box = (lower <= upper).all() and reach <= model_validation.LARGEST_LOCAL
     _expect(is_box, "the box of a part is none, or lies outside of its local frame")
     has_grid = _cells(parts) > 0
-    has_grid[:-1] &= parts[:-1, layout.PART_GRID] != NO_GRID
-    _expect((frames[has_grid, layout.FRAME_GRID_RATE] > 0.0).all(), "a grid has cells of no size")
+    has_grid[:-1] &= parts["grid"][:-1] != NO_GRID
+    _expect((frames["grid_rate"][has_grid] > 0.0).all(), "a grid has cells of no size")

@@ -52,16 +52,14 @@ class MessageInput:
     def poll(self, now_ns: int) -> Iterator[Samples]:
         """Give what has arrived, oldest first; each is overwritten by the next."""
         for kind, records, offset_ns in self._inbox.messages():
-            fingers = records["finger"]
-            if len(fingers) != len(self._everybody) or (fingers != self._everybody).any():
-                is_served = fingers < len(self._everybody)
+            fingers: np.ndarray | None = None  # all, in order, as is usual
+            if not np.array_equal(records["finger"], self._everybody):
+                is_served = records["finger"] < len(self._everybody)
                 if not is_served.all():
                     what = "measurements" if kind is MEASURED else "poses"
                     self._leave_out(f"{what} of fingers that are not served", ~is_served)
                     records = records[is_served]
                 fingers = records["finger"].astype(np.int64)
-            else:
-                fingers = None
             samples = self._readers[kind](records)
             samples.fingers = fingers
             samples.pose_ns = records["measured_ns" if kind is MEASURED else "pose_ns"] + offset_ns
@@ -76,7 +74,7 @@ class MessageInput:
         poses = self._poses
         poses.positions = np.ascontiguousarray(records["position"])
         poses.velocities, poses.bends = records["velocity"], records["bend"]
-        poses.paths = records["corners"] if "corners" in records.dtype.names else None
+        poses.paths = records["corners"] if "corners" in (records.dtype.names or ()) else None
         return poses
 
     def _read_gloves(self, records: np.ndarray) -> FingerPoses:

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.layout import FRAME_OWN_LOWER, FRAME_OWN_UPPER, PART_IS_HIDDEN
 from proximity.message import ContactFlag
 from proximity.message.contact import BOUNDED_BIT, PREDICTED_BIT, TRACKED_BIT
 from proximity.scene.scene import Scene
@@ -45,10 +44,10 @@ class VisibleParts:
         self.epoch = model.epoch
         self._rows = {name: row for row, name in enumerate(model.names)}
         count = len(self._rows)
-        self._is_hidden = model.parts[:count, PART_IS_HIDDEN] != 0
+        self._is_hidden = model.parts["is_hidden"][:count] != 0
         corners = (
-            model.frames[:count, FRAME_OWN_LOWER : FRAME_OWN_LOWER + 3],
-            model.frames[:count, FRAME_OWN_UPPER : FRAME_OWN_UPPER + 3],
+            model.frames["own_lower"][:count],
+            model.frames["own_upper"][:count],
         )
         self._radii = np.linalg.norm(np.abs(corners).max(axis=0), axis=1)
 

@@ -99,11 +99,6 @@ class GuidedPages:
         """Address of the pages that watch and stop."""
         return f"http://{LOOPBACK[0]}:{self._port}/#token={self._tokens[1]}"
 
-    @property
-    def is_watched(self) -> bool:
-        """Whether a watching page is there."""
-        return self._watching > 0
-
     def present(self, step: Step) -> None:
         """Show a step, and go on; `wait` takes its answer.
 

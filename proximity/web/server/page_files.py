@@ -50,12 +50,6 @@ class PageFiles:
             self._packed[key] = gzip.compress(content, LEVEL, mtime=0)
         return kind, self._packed[key]
 
-    @property
-    def compressed_size(self) -> int:
-        """Bytes of all files that a browser loads, compressed."""
-        sizes = [self.get(name) for name in self._known if name != "/index.html"]
-        return sum(len(found[1]) for found in sizes if found is not None)
-
     @cached_property
     def headers(self) -> dict[str, str]:
         """What every answer says besides its content."""

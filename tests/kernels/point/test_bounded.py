@@ -18,29 +18,18 @@ from budgeted import (
     eightfold,
     guarded_room,
     known,
-    model_of,
-    piece_of,
     points_at,
     scene_named,
     walk,
     without_budget,
 )
+from models import model_of, piece_of
 
 import oracle
-from proximity.kernels.layout import (
-    BLOCK_STRIDE,
-    FRAME_SCALE,
-    LANES,
-    MAX_DEPTH,
-    NO_SLOT,
-    NODE_CHILDREN,
-    NODE_STRIDE,
-    PART_MOMENTS,
-    PART_NODE_COUNT,
-    PART_ROOT,
-)
-from proximity.kernels.point.budgeted_walk import MOST_SWEPT_STEPS, MOST_WAITING, nearest_with_budget
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, MAX_DEPTH, NO_SLOT, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, nearest_with_budget
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.kernels.traverse.best_first import MOST_SWEPT_STEPS, MOST_WAITING
 from proximity.kernels.tree.normal_slab import MOMENT_AREA_NORMAL, MOMENT_SLAB_LARGEST, MOMENT_SLAB_LEAST
 from proximity.pose import Pose
 from proximity.scene.model.assembly import assemble
@@ -70,7 +59,7 @@ def test_bounds_hold_whatever_the_budget(name):
         points[4::12, :2] = 0.0
     # Of the small part where that is the question: the oracle is right beside the large one.
     size = float(name) if name in MINUTE_BESIDE_LARGE else abs(mesh[0]).max()
-    scale = model.frames[-1, FRAME_SCALE]
+    scale = model.frames["scale"][-1]
     used = np.flatnonzero(~np.isnan(model.reals[: BLOCK_STRIDE * block_count(model)].reshape(-1, 9, 8)[:, 0]))
     for point, distance in zip(points, oracle.closest(*mesh, points).distance, strict=True):
         exact = without_budget(model, point)
@@ -100,7 +89,7 @@ def test_with_ease_bounds_hold_and_no_more_than_its_share_is_missed(name, tolera
     rng = np.random.default_rng(8)
     model, mesh = scene_named(name)
     points = points_at(mesh, rng, 40)
-    size, scale = abs(mesh[0]).max(), model.frames[-1, FRAME_SCALE]
+    size, scale = abs(mesh[0]).max(), model.frames["scale"][-1]
     steps, exact_steps = 0, 0
     for point, distance in zip(points, oracle.closest(*mesh, points).distance, strict=True):
         for exact_within in (0.0, 0.5 * distance, 2.0 * distance):
@@ -165,7 +154,7 @@ def test_each_node_and_each_leaf_is_one_step():
 
     # So far away nothing can be left out, and every step is needed.
     ball = model_of(shapes.sphere(1.0, 3))
-    whole = int(ball.parts[0, PART_NODE_COUNT]) + block_count(ball)
+    whole = int(ball.parts["node_count"][0]) + block_count(ball)
     for budget in (whole - 1, whole, whole + 1, 4 * whole, UNLIMITED):
         found = walk(ball, (1e20, 2e20, 1e20), budget)
         assert found.work == min(whole, budget)
@@ -216,8 +205,8 @@ def test_unused_lanes_of_a_minute_part_stay_closed():
     sheet = shapes.grid(5, 7)
     model = model_of(large, (size * sheet[0], sheet[1]))
     frame = model.frames[1]
-    for corner in large[0] * model.frames[0, FRAME_SCALE]:  # as if it were of the sheet's frame
-        point = corner / frame[FRAME_SCALE] + frame[12:15]
+    for corner in large[0] * model.frames["scale"][0]:  # as if it were of the sheet's frame
+        point = corner / frame["scale"] + frame["centre"]
         exact = without_budget(model, point)
         for budget in range(1, 60):
             found = walk(model, point, budget)
@@ -244,7 +233,7 @@ def test_room_suffices_where_all_is_open(best_sq):
         2 * MOST_SWEPT_STEPS,
     ]:
         found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), best_sq, NO_SLOT, 0.0, 0.0, budget, workspace
+            arrays, 0, 0, (0.0, 0.0, 0.0), (best_sq, NO_SLOT), NO_TOLERANCE, budget, workspace
         )
 
         assert found == (best_sq, NO_SLOT, 0.0, budget)
@@ -264,7 +253,7 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
     total = depth + 7 * depth + 1
     for budget in [1, depth - 1, depth, 4 * depth, 4 * total, MOST_SWEPT_STEPS, UNLIMITED]:
         found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
         )
 
         assert found == (np.inf, NO_SLOT, 0.0 if budget < total else np.inf, min(budget, total))
@@ -273,7 +262,7 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
 
 def test_room_suffices_for_sweeps_after_the_deepest_descent():
     depth, below = 2 * MAX_DEPTH + 1, eightfold(5)
-    count = int(below[3][0, PART_NODE_COUNT])
+    count = int(below[3]["node_count"][0])
     eight = (
         below[1][: count * NODE_STRIDE].view(np.int32).reshape(-1, NODE_STRIDE)[:, NODE_CHILDREN:][:, :LANES]
     )
@@ -283,7 +272,7 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
     for budget in range(4 * MOST_SWEPT_STEPS // 3, 4 * MOST_SWEPT_STEPS // 3 + 60, 7):
         workspace, whole = guarded_room()
         found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
         )
 
         assert found == (np.inf, NO_SLOT, 0.0, budget)
@@ -293,14 +282,14 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
 def test_opening_a_node_does_not_lower_the_bound():
     """What is known of a node holds for its children, also where their boxes say less."""
     arrays = by_hand(3, [[1] * LANES, [2] * LANES, [~0] * LANES])
-    words, at = arrays[1], int(arrays[3][0, PART_MOMENTS]) + MOMENT_STRIDE
+    words, at = arrays[1], int(arrays[3]["moments"][0]) + MOMENT_STRIDE
     words[:48].reshape(6, LANES)[:3, 1:], words[:48].reshape(6, LANES)[3:, 1:] = np.inf, -np.inf
     words[at + MOMENT_AREA_NORMAL : at + MOMENT_AREA_NORMAL + LANES] = 2.0
     words[at + MOMENT_SLAB_LEAST : at + MOMENT_SLAB_LEAST + 2 * LANES] = 1.0  # in the plane 2 x = 1
     workspace, _ = guarded_room()
     for budget, expected in [(1, 0.0), (2, 0.25), (3, 0.25), (7, 0.25)]:
         found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), np.inf, NO_SLOT, 0.0, 0.0, budget, workspace
+            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
         )
 
         assert found == (np.inf, NO_SLOT, pytest.approx(expected, rel=1e-6), budget)
@@ -312,7 +301,7 @@ def test_opening_a_node_does_not_lower_the_bound():
 def test_copies_of_one_triangle_give_the_lowest_slot_or_bounds():
     vertices = np.array([[0.1, 0, 0], [0, 0.3, 0], [0, 0, 0.7]])
     model = model_of((vertices, np.tile([0, 1, 2], (10_000, 1))))
-    whole = int(model.parts[0, PART_NODE_COUNT]) + block_count(model)
+    whole = int(model.parts["node_count"][0]) + block_count(model)
     for point in ([0.0, 0.0, 0.0], [0.05, 0.15, 0.0], [1.0, 1.0, 1.0], [1e6, 0, 0]):
         exact = without_budget(model, point)
         assert exact[1] == 0
@@ -353,9 +342,7 @@ def gap_of(model, point, budget):
 def without_slabs(model):
     """The same model with slabs that say nothing."""
     words, part = model.words.copy(), model.parts[0]
-    moments = words[part[PART_MOMENTS] + MOMENT_STRIDE * part[PART_ROOT] :][
-        : MOMENT_STRIDE * part[PART_NODE_COUNT]
-    ]
+    moments = words[part["moments"] + MOMENT_STRIDE * part["root"] :][: MOMENT_STRIDE * part["node_count"]]
     moments.reshape(-1, MOMENT_STRIDE)[:, MOMENT_SLAB_LEAST : MOMENT_SLAB_LEAST + LANES] = -np.inf
     moments.reshape(-1, MOMENT_STRIDE)[:, MOMENT_SLAB_LARGEST : MOMENT_SLAB_LARGEST + LANES] = np.inf
     return replace(model, words=words)
@@ -402,7 +389,7 @@ def test_first_bounds_are_below_exact_distances(reach):
     rng = np.random.default_rng(7)
     ends = np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, -1.0]])
     model = model_of((ends, np.repeat([[0, 0, 0], [1, 1, 1]], 9, axis=0)))
-    assert model.frames[0, FRAME_SCALE] == 1.0
+    assert model.frames["scale"][0] == 1.0
     for point in rng.uniform(-1, 1, (1500, 3)) * reach:
         exact = min(
             sum((Fraction(x) - Fraction(y)) ** 2 for x, y in zip(point, end, strict=True)) for end in ends

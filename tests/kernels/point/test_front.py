@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 import shapes
-from budgeted import SCENES, WORKSPACE, model_of, points_at, scene_named, without_budget
+from budgeted import SCENES, WORKSPACE, points_at, scene_named, without_budget
+from models import model_of
 from scene_parts import part_of
 
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-)
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, PART_ROOT
+from proximity.kernels.geometry.frames import part_of_slot
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.point import coherent_search as frontiers
 from proximity.kernels.point.coherent_search import (
     FRONTIER_BEGINS,
@@ -19,7 +18,6 @@ from proximity.kernels.point.coherent_search import (
     LONG_WALK,
     nearest_from_last_answer,
 )
-from proximity.kernels.tracking.track import TRACK_FRONTIER_COUNT
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
@@ -142,14 +140,14 @@ def test_the_front_holds_every_face():
         searcher.at((0.02 + 1e-4 * turn, 0.0, 1.5))
     held = set()
     opened = {int(searcher.row[frontiers.FRONTIER_NODES + k]) for k in range(searcher.count)}
-    assert int(model.parts[0, PART_ROOT]) in opened
+    assert int(model.parts["root"][0]) in opened
     for node in opened:
         words = model.words[NODE_STRIDE * node :][:NODE_STRIDE]
         for lane in np.flatnonzero(words[:LANES] <= words[24 : 24 + LANES]):
             child = int(words.view(np.int32)[NODE_CHILDREN + lane])
             if child not in opened:
                 held |= set(map(tuple, faces_below(model, child)))
-    assert held == set(map(tuple, faces_below(model, int(model.parts[0, PART_ROOT]))))
+    assert held == set(map(tuple, faces_below(model, int(model.parts["root"][0]))))
 
 
 @pytest.mark.internals
@@ -215,7 +213,7 @@ def ticked(scene, tracker, places, between=lambda step: None):
         is_there = np.isfinite(place).all(axis=1)
         assert np.abs(found["signed_distance"] - true)[is_there].max() <= 1e-12
         assert (found["lower"] == found["upper"])[is_there].all()
-        kept += int((tracker._arrays["marks"][:, TRACK_FRONTIER_COUNT] > 0).sum())
+        kept += int((tracker._arrays["tracks"]["frontier_count"] > 0).sum())
     return kept
 
 

@@ -5,23 +5,14 @@ import pytest
 import shapes
 from scene_parts import some_parts
 
-from proximity.kernels.geometry.frames import (
-    part_of_slot,
-    to_local,
-)
-from proximity.kernels.layout import (
-    FRAME_SCALE,
-    LANES,
-    NO_PART,
-    NO_SLOT,
-    PART_BLOCK_COUNT,
-    PART_FIRST_BLOCK,
-    PART_ROOT,
-    STACKS_SIZE,
-)
-from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part, slot_distance_sq
-from proximity.kernels.scene.nearest_part import (
+from proximity.kernels.geometry.frames import part_of_slot, to_local
+from proximity.kernels.layout import LANES, NO_PART, NO_SLOT, STACKS_SIZE
+from proximity.kernels.point.walk import (
+    NOTHING_SEEN,
+    best_of_block,
+    closest_in_part,
     nearest_in_scene,
+    slot_distance_sq,
 )
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.scene.scene import Scene
@@ -50,26 +41,18 @@ def some_points(rng, count):
 @pytest.mark.parametrize("name", MESHES)
 def test_walk_from_a_block_that_was_seen_ends_as_one_from_nothing(name):
     model, stacks = model_of(name), np.empty(STACKS_SIZE, np.float32)
-    root, count = model.parts[0, PART_ROOT], model.parts[0, PART_BLOCK_COUNT]
+    root, count = model.parts["root"][0], model.parts["block_count"][0]
     rng = np.random.default_rng(7)
 
     for point in some_points(rng, 30):
         local = to_local(model.frames, model.parts, 0, *map(float, point))
         cold = closest_in_part(
-            model.reals,
-            model.words,
-            root,
-            *local,
-            np.inf,
-            np.int64(NO_SLOT),
-            np.int64(NOTHING_SEEN),
-            stacks,
-            0,
+            model.reals, model.words, root, local, np.inf, np.int64(NO_SLOT), np.int64(NOTHING_SEEN), stacks
         )
-        for block in rng.integers(0, count, 4) + model.parts[0, PART_FIRST_BLOCK]:
+        for block in rng.integers(0, count, 4) + model.parts["first_block"][0]:
             slot = LANES * block
             best_sq, best = best_of_block(model.reals, slot, *local)
-            warm = closest_in_part(model.reals, model.words, root, *local, best_sq, best, ~block, stacks, 0)
+            warm = closest_in_part(model.reals, model.words, root, local, best_sq, best, ~block, stacks)
             assert warm == cold
 
 
@@ -79,7 +62,7 @@ def test_best_of_a_block_is_the_lowest_of_its_nearest_triangles(name):
 
     for point in some_points(np.random.default_rng(8), 10):
         local = to_local(model.frames, model.parts, 0, *map(float, point))
-        for block in range(model.parts[0, PART_BLOCK_COUNT]):
+        for block in range(model.parts["block_count"][0]):
             each = [slot_distance_sq(model.reals, LANES * block + k, *local) for k in range(LANES)]
             assert best_of_block(model.reals, LANES * block + 3, *local) == (
                 np.nanmin(each),
@@ -92,19 +75,19 @@ def test_scene_is_walked_from_any_block_to_the_same_end(count):
     model, stacks = Scene(some_parts(count)).snapshot(), np.empty(STACKS_SIZE, np.float32)
     arrays = (model.reals, model.words, model.frames, model.parts)
     rng = np.random.default_rng(count)
-    scale = model.frames[-1 if count > 1 else 0, FRAME_SCALE]
+    scale = model.frames["scale"][-1 if count > 1 else 0]
 
     for point in rng.uniform(-6.0, 6.0, (40, 3)):
         place = tuple(map(float, point))
         nothing = (np.inf, np.int64(NO_PART), np.int64(NO_SLOT), np.int64(NOTHING_SEEN))
-        cold = nearest_in_scene(*arrays, *place, *nothing, stacks)
+        cold = nearest_in_scene(arrays, place, *nothing, stacks)
         part = int(rng.integers(count))
-        block = model.parts[part, PART_FIRST_BLOCK] + int(rng.integers(model.parts[part, PART_BLOCK_COUNT]))
+        block = model.parts["first_block"][part] + int(rng.integers(model.parts["block_count"][part]))
         best_sq, slot = best_of_block(
             model.reals, LANES * block, *to_local(model.frames, model.parts, part, *place)
         )
-        ratio = model.frames[part, FRAME_SCALE] / scale
-        warm = nearest_in_scene(*arrays, *place, best_sq / ratio**2, part, slot, ~block, stacks)
+        ratio = model.frames["scale"][part] / scale
+        warm = nearest_in_scene(arrays, place, best_sq / ratio**2, part, slot, ~block, stacks)
         assert warm == cold
 
 
@@ -113,7 +96,7 @@ def test_each_slot_belongs_to_the_part_that_has_its_block(count):
     model = Scene(some_parts(count)).snapshot()
 
     for part in range(count):
-        first, blocks = model.parts[part, [PART_FIRST_BLOCK, PART_BLOCK_COUNT]]
+        first, blocks = model.parts["first_block"][part], model.parts["block_count"][part]
         for slot in (LANES * first, LANES * (first + blocks) - 1):
             assert part_of_slot(model.words, model.parts, slot) == part
 
@@ -123,4 +106,4 @@ def test_parts_of_a_scene_asked_alone_are_part_0():
     scene.closest((0.0, 0.0, 0.0))
     model = scene.parts[3].solid.snapshot()
 
-    assert part_of_slot(model.words, model.parts, LANES * model.parts[0, PART_FIRST_BLOCK]) == 0
+    assert part_of_slot(model.words, model.parts, LANES * model.parts["first_block"][0]) == 0

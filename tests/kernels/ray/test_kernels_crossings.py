@@ -9,7 +9,7 @@ import oracle
 import proximity
 from proximity import ContactFlag
 from proximity.kernels.ray import edge_contact, self_intersections
-from proximity.scene.model import part_arrays
+from proximity.mesh import part_arrays
 from proximity.scene.scene import Scene
 from proximity.scene.sign import SignMethod
 from proximity.scene.solid import Solid

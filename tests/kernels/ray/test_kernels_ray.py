@@ -1,10 +1,6 @@
 """The ray walk of a part and of a scene: against the oracle, watertight, and where nothing must go wrong."""
 
-import os
-import subprocess
-import sys
 from fractions import Fraction
-from pathlib import Path
 
 import numba
 import numpy as np
@@ -12,50 +8,21 @@ import pytest
 import shapes
 from hypothesis import given
 from hypothesis import strategies as st
-from project import IMPORT_PATHS, ROOT
+from models import model_of
 
 import oracle
-from proximity.kernels.geometry.frames import (
-    direction_to_local,
-    to_local,
-)
-from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE, PART_IS_FUSED
+from proximity.kernels.geometry.frames import direction_to_local, to_local
+from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE
 from proximity.kernels.ray import hit_rows, ray_lanes, walk
 from proximity.kernels.scene import ray_queries
-from proximity.mesh.part_arrays import common_frame, part_arrays
-from proximity.native.mode import INTERPRETED, MODE
 from proximity.native.simd import bits, lane, splat32
 from proximity.pose import Pose
-from proximity.scene.model.assembly import assemble
 
 TEN_KILOMETRES = np.array([10_000.0, -7_000.0, 3_000.0])
 ALL_ROWS = np.empty(0, np.int64)
 
 
 # ---------------------------------------------------------------------------------------------- helpers
-
-
-def pieces_of(mesh, frame=None):
-    """One part's arrays, without neighbours: rays do not ask for them."""
-    vertices, faces = mesh
-    faces = np.ascontiguousarray(faces, dtype=np.int32)
-    return part_arrays(np.ascontiguousarray(vertices, dtype=np.float64), faces, np.zeros_like(faces), frame)
-
-
-def model_of(mesh):
-    """One part."""
-    return assemble([pieces_of(mesh)], [Pose()])
-
-
-def scene_of(meshes, poses=None, *, is_fused=False):
-    """Several parts; *is_fused*: in one frame, so that they are walked as one tree."""
-    frame = None
-    if is_fused:
-        vertices = np.concatenate([vertices for vertices, _ in meshes])
-        frame = common_frame(vertices.min(axis=0), vertices.max(axis=0))
-    model = assemble([pieces_of(mesh, frame) for mesh in meshes], poses or [Pose()] * len(meshes))
-    assert not is_fused or (model.parts[:-1, PART_IS_FUSED] == 1).all()
-    return model
 
 
 class Hits:
@@ -167,11 +134,7 @@ def test_answers_agree_with_one_another():
     assert (hits.part[missed] == NO_PART).all() and (hits.part[found] == 0).all()
 
 
-@given(
-    st.integers(0, 2**32 - 1),
-    st.sampled_from([-300, -20, 0, 3, 300]),
-    st.sampled_from([1e-9, 1.0, 1e60]),
-)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([-300, -20, 0, 3, 300]), st.sampled_from([1e-9, 1.0, 1e60]))
 def test_length_of_direction_and_size_of_part_change_nothing(seed, exponent, size):
     rng = np.random.default_rng(seed)
     vertices, faces = CLOSED["gear"][0]
@@ -210,7 +173,7 @@ def test_distance_from_afar_is_right():
 
 @pytest.mark.parametrize("away", [1e20, 1e90, 1e150, 1e300, 1.7e308])
 def test_rays_from_beyond_everything_end(away):
-    scene = scene_of([CLOSED["sphere"][0], shapes.moved(CLOSED["box"][0], (5.0, 0.0, 0.0))])
+    scene = model_of(CLOSED["sphere"][0], shapes.moved(CLOSED["box"][0], (5.0, 0.0, 0.0)))
     hits = Hits(scene, away * np.sign(directions_of(20, 4)), directions_of(20, 4))
     assert np.isinf(hits.distance).all()
 
@@ -380,7 +343,7 @@ def test_of_equal_faces_the_lowest_slot_is_taken():
 @pytest.mark.parametrize("is_fused", [False, True])
 def test_of_equal_parts_the_lowest_is_taken(is_fused):
     meshes = [shapes.moved(shapes.cube(), (0.0, 0.0, 5.0)), *[CLOSED["fine box"][0]] * 9]
-    hits = Hits(scene_of(meshes, is_fused=is_fused), [0.1, 0.2, -3.0], [[0.0, 0.0, 1.0], [0.01, 0.02, 1.0]])
+    hits = Hits(model_of(*meshes, is_fused=is_fused), [0.1, 0.2, -3.0], [[0.0, 0.0, 1.0], [0.01, 0.02, 1.0]])
     assert (hits.part == 1).all()
 
 
@@ -442,7 +405,7 @@ def _parts(count, offset):
 def test_a_scene_answers_as_all_its_faces_do(offset, is_fused):
     meshes, poses = _parts(14, offset)
     placed = [(pose.point(vertices), faces) for (vertices, faces), pose in zip(meshes, poses, strict=True)]
-    scene = scene_of(placed, is_fused=True) if is_fused else scene_of(meshes, poses)
+    scene = model_of(*placed, is_fused=True) if is_fused else model_of(*meshes, poses=poses)
     vertices, faces = shapes.join(*placed)
     first_face = np.cumsum([0] + [len(faces) for _, faces in meshes])
     origins = offset + 5.0 * directions_of(150, 17)
@@ -468,7 +431,7 @@ def test_a_scene_answers_as_all_its_faces_do(offset, is_fused):
 def test_no_ray_slips_out_of_a_part_of_a_scene(is_fused):
     meshes, poses = _parts(14, TEN_KILOMETRES)
     placed = [(pose.point(vertices), faces) for (vertices, faces), pose in zip(meshes, poses, strict=True)]
-    scene = scene_of(placed, is_fused=True) if is_fused else scene_of(meshes, poses)
+    scene = model_of(*placed, is_fused=True) if is_fused else model_of(*meshes, poses=poses)
     for (name, (_, inside)), pose, (vertices, faces) in zip(CLOSED.items(), poses, meshes, strict=False):
         corners = vertices[faces]
         targets = pose.point(np.concatenate([vertices, (corners[:, 0] + corners[:, 1]) / 2]))
@@ -479,21 +442,19 @@ def test_no_ray_slips_out_of_a_part_of_a_scene(is_fused):
         assert seen.any() and (hits.distance[seen] <= reach[seen] * (1 + 1e-9) + 1e-9).all(), name
 
 
-def test_a_scene_of_one_part_answers_as_the_part():
+def test_a_part_beside_another_answers_as_it_does_alone():
     mesh = CLOSED["torus"][0]
     origins, directions = 3.0 * directions_of(100, 19), directions_of(100, 20)
-    alone, scene = Hits(model_of(mesh), origins, directions), Hits(scene_of([mesh]), origins, directions)
-    assert np.array_equal(alone.reals, scene.reals, equal_nan=True)
-    far_part = scene_of([mesh, shapes.moved(shapes.cube(), (1e5, 0.0, 0.0))])
-    with_other = Hits(far_part, origins, directions)
-    ours = with_other.part != 1
-    assert np.array_equal(alone.face[ours], with_other.face[ours])
-    np.testing.assert_allclose(alone.reals[ours], with_other.reals[ours], rtol=1e-12, atol=1e-13)
+    alone = Hits(model_of(mesh), origins, directions)
+    both = Hits(model_of(mesh, shapes.moved(shapes.cube(), (1e5, 0.0, 0.0))), origins, directions)
+    ours = both.part != 1
+    assert np.array_equal(alone.face[ours], both.face[ours])
+    np.testing.assert_allclose(alone.reals[ours], both.reals[ours], rtol=1e-12, atol=1e-13)
 
 
 def test_a_scene_looks_no_farther_than_the_limit():
     meshes, poses = _parts(14, np.zeros(3))
-    scene = scene_of(meshes, poses)
+    scene = model_of(*meshes, poses=poses)
     origins = 5.0 * directions_of(100, 22)
     free = Hits(scene, origins, -origins)
     for row in np.flatnonzero(np.isfinite(free.distance))[:20]:
@@ -525,39 +486,6 @@ def test_agrees_with_embree_on_a_real_part(shared_data):
     agree = np.isclose(np.minimum(theirs, 1e30), np.minimum(hits.distance, 1e30), rtol=1e-4, atol=1e-5 * size)
     differ = np.isfinite(hits.distance) != (theirs < 1e30)
     assert (agree | differ).mean() > 0.998 and differ.sum() <= 4
-
-
-UNCOMPILED = """
-import sys
-import numpy as np
-import test_kernels_ray as tests
-from proximity.native import MODE
-assert MODE == "interpreted"
-np.seterr(all="ignore")
-np.save(sys.argv[1], tests.a_few_rays())
-"""
-
-
-def a_few_rays():
-    """Rays at a part and at a scene, from near and afar: everything that the kernels can do, once."""
-    rows = []
-    meshes = [gear(), shapes.moved(shapes.cube(), (1.0, 0.5, 0.2))]
-    turned = [Pose(), Pose(shapes.rotation(1), np.array([0.3, 0.2, 0.1]))]
-    for model in (model_of(meshes[0]), scene_of(meshes, is_fused=True), scene_of(meshes, turned)):
-        origins = np.concatenate([0.1 * directions_of(4, 25), 9.0 * directions_of(4, 26), np.eye(3)])
-        directions = np.concatenate([directions_of(4, 27), -origins[4:8], -np.eye(3)])
-        hits = Hits(model, origins, directions)
-        rows.append(np.hstack([hits.reals, hits.choices]))
-    return np.concatenate(rows)
-
-
-@pytest.mark.skipif(MODE == INTERPRETED, reason="there is nothing compiled to compare with")
-def test_uncompiled_kernels_answer_the_same(tmp_path):
-    paths = os.pathsep.join([*IMPORT_PATHS, str(Path(__file__).parent)])
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths}
-    saved = tmp_path / "rays.npy"
-    subprocess.run([sys.executable, "-c", UNCOMPILED, str(saved)], check=True, env=environment, cwd=ROOT)
-    assert np.array_equal(np.load(saved), a_few_rays(), equal_nan=True)
 
 
 # ------------------------------------------------------------------------------------- eight at a time
@@ -593,7 +521,7 @@ def one_made_ready(frames, parts, origin, way, drift):
 def test_eight_rays_are_made_ready_as_each_is(reach, drift, is_turned):
     rng = np.random.default_rng(7)
     pose = Pose(shapes.rotation(3), np.array([0.3, -0.2, 0.1])) if is_turned else Pose()
-    model = assemble([pieces_of(shapes.sphere(subdivisions=1))], [pose])
+    model = model_of(shapes.sphere(subdivisions=1), poses=[pose])
     origins = reach * rng.normal(size=(ray_lanes.RAY_CHUNK, 3))
     directions = rng.normal(size=(ray_lanes.RAY_CHUNK, 3))
     directions -= rng.integers(0, 2, (ray_lanes.RAY_CHUNK, 1)) * origins / reach
@@ -639,7 +567,7 @@ def test_a_ray_that_cannot_be_asked_does_not_disturb_the_seven_beside_it(place, 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 63, 64, 65, 130])
 def test_any_number_of_rays_is_answered_as_one_by_one(count):
-    model = scene_of([shapes.moved(shapes.sphere(0.4, 2), (x, 0, 0)) for x in range(4)], is_fused=True)
+    model = model_of(*(shapes.moved(shapes.sphere(0.4, 2), (x, 0, 0)) for x in range(4)), is_fused=True)
     rng = np.random.default_rng(count)
     origins, directions = rng.normal((1.5, 0.0, 0.0), size=(count, 3)), rng.normal(size=(count, 3))
     together = Hits(model, origins, directions, limit=3.0)

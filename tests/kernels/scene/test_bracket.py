@@ -6,11 +6,11 @@ import shapes
 from scene_parts import part_of, some_parts
 
 import oracle
-from proximity.kernels import contact_columns
+from proximity.kernels import contact_record
 from proximity.kernels.geometry.closest_feature import CLOSEST_LENGTH, CLOSEST_SIZE
-from proximity.kernels.layout import NO_SLOT, PART_SLOT_FACES
-from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
+from proximity.kernels.layout import NO_SLOT
 from proximity.kernels.scene import distance_bounds
+from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 
@@ -45,7 +45,7 @@ class Asked:
         )
 
     def face(self, part, slot):
-        return self.model.words.view(np.int32)[self.model.parts[part, PART_SLOT_FACES] + slot]
+        return self.model.words.view(np.int32)[self.model.parts["slot_faces"][part] + slot]
 
     def triangle(self, part, slot):
         """Corners in the scene's frame."""
@@ -80,8 +80,8 @@ def test_with_plenty_of_steps_both_bounds_are_the_distance_of_the_scene(asked):
     for point, true in zip(where, asked.scene.signed_distance(where), strict=True):
         distance, lower, upper, _, part, slot, bits, _ = asked.at(point)
         assert distance == lower == upper == pytest.approx(true, rel=1e-12, abs=1e-13)
-        assert bits & contact_columns.EXACT and not bits & contact_columns.BOUNDED
-        assert bool(bits & contact_columns.INSIDE) == (true < 0.0)
+        assert bits & contact_record.EXACT and not bits & contact_record.BOUNDED
+        assert bool(bits & contact_record.INSIDE) == (true < 0.0)
         assert asked.closest[CLOSEST_LENGTH] > 0.0 and slot != NO_SLOT and part >= 0
 
 
@@ -95,7 +95,7 @@ def test_bounds_hold_for_any_budget(asked, budget):
         assert lower <= true[row] + 1e-13 and true[row] <= upper + 1e-13
         assert lower <= distance <= upper
         assert clear <= bare[row] + 1e-13
-        assert bool(bits & contact_columns.EXACT) == (lower == upper) != bool(bits & contact_columns.BOUNDED)
+        assert bool(bits & contact_record.EXACT) == (lower == upper) != bool(bits & contact_record.BOUNDED)
         assert work <= budget + 12 * distance_bounds.FEWEST_DEPTH_STEPS
         gaps.append(upper - lower)
     assert (np.array(gaps) > 0.0).any() == (budget < 50)
@@ -119,7 +119,7 @@ def test_inside_a_part_the_gap_is_that_of_the_walk(budget):
     _, lower, upper, _, _, _, bits, _ = ball.at((0.001, 0.002, 0.0), budget=budget)
     _, least, most, *_ = ball.at((0.001, 0.002, 0.0), budget=budget, is_outside=True)
 
-    assert bits & contact_columns.INSIDE and most - least > 0.0
+    assert bits & contact_record.INSIDE and most - least > 0.0
     assert (lower, upper) == pytest.approx((-most, -least), rel=1e-14)
 
 
@@ -166,7 +166,7 @@ def test_inside_several_parts_the_deepest_counts_and_its_face_is_told():
     distance, lower, upper, clear, part, slot, bits, _ = nested.at((0.0, 0.0, 0.25))
 
     assert distance == lower == upper == -1.75
-    assert part == 1 and bits == contact_columns.EXACT | contact_columns.SIGNED | contact_columns.INSIDE
+    assert part == 1 and bits == contact_record.EXACT | contact_record.SIGNED | contact_record.INSIDE
     assert clear <= 0.25 and clear == pytest.approx(0.25)
     assert np.allclose(nested.triangle(part, slot)[:, 2], 2.0)
 
@@ -175,7 +175,7 @@ def test_of_a_sheet_the_side_is_not_known():
     sheet = Asked(Scene([part_of(shapes.grid())]))
     for height in (0.5, -0.5):
         distance, *_, bits, _ = sheet.at((1.3, 1.2, height))
-        assert (distance, bits) == (0.5, contact_columns.EXACT)
+        assert (distance, bits) == (0.5, contact_record.EXACT)
 
 
 def test_with_all_parts_hidden_nothing_is_near():
@@ -184,7 +184,7 @@ def test_with_all_parts_hidden_nothing_is_near():
     distance, lower, upper, clear, _, slot, bits, _ = Asked(scene).at((0.5, 0.5, 0.5))
 
     assert distance == lower == upper == clear == np.inf
-    assert slot == NO_SLOT and bits == contact_columns.EXACT
+    assert slot == NO_SLOT and bits == contact_record.EXACT
 
 
 def test_a_witness_of_a_slot_is_as_far_as_its_triangle(asked):
@@ -206,7 +206,7 @@ def test_no_face_is_farther_than_the_farthest_corner(asked):
 
 
 def test_within_a_limit_only_nearer_faces_are_found(asked):
-    scale = asked.model.frames[-1, 15]
+    scale = asked.model.frames["scale"][-1]
     for point in points(50):
         distance = float(unsigned(asked.scene, point))
         for limit, is_found in ((0.99 * distance, False), (1.01 * distance, True)):
@@ -251,7 +251,7 @@ def test_parts_within_parts_are_not_all_searched_when_the_budget_is_spent(kind, 
                 work
                 <= budget + distance_bounds.SPARE_DEPTH_STEPS + count + distance_bounds.FEWEST_DEPTH_STEPS + 4
             )
-            assert bits & contact_columns.INSIDE and lower >= -2.5 * nested.scene.bounds[1].max()
+            assert bits & contact_record.INSIDE and lower >= -2.5 * nested.scene.bounds[1].max()
             if slot >= 0:
                 face = oracle.closest(nested.triangle(part, slot), [[0, 1, 2]], point)
                 assert face.distance == pytest.approx(-distance)

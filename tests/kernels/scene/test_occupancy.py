@@ -5,10 +5,7 @@ import pytest
 import shapes
 from scene_parts import some_pose
 
-from proximity.kernels import layout
-from proximity.kernels.geometry.frames import (
-    to_local,
-)
+from proximity.kernels.geometry.frames import to_local
 from proximity.kernels.scene.containment import state_in_part
 from proximity.kernels.scene.part_grid import dynamic_turn_count, list_of
 from proximity.kernels.sign.inside_grid import CELL_OUTSIDE
@@ -35,7 +32,7 @@ def holders(model, point):
     arrays = (model.reals, model.words, model.frames, model.parts)
     found = []
     for part in range(len(model.parts) - 1):
-        box = model.frames[part, layout.FRAME_BOX_LOWER : layout.FRAME_BOX_LOWER + 6].reshape(2, 3)
+        box = model.frames["box_lower"][part], model.frames["box_upper"][part]
         if (point < box[0]).any() or (point > box[1]).any():
             continue
         local = to_local(model.frames, model.parts, part, *map(float, point))
@@ -66,9 +63,9 @@ def points_around(scene, rng, count):
 def corners_of_cells(model, rng, count):
     """Corners of the grid's cells, and the numbers next to them."""
     row, frame = model.parts[-1], model.frames[-1]
-    counts = row[[layout.PART_GRID_X, layout.PART_GRID_Y, layout.PART_GRID_Z]]
-    lower = frame[layout.FRAME_GRID_LOWER : layout.FRAME_GRID_LOWER + 3]
-    corners = lower + rng.integers(0, counts + 1, (count, 3)) / frame[layout.FRAME_GRID_RATE]
+    counts = np.array([row["grid_x"], row["grid_y"], row["grid_z"]])
+    lower = frame["grid_lower"]
+    corners = lower + rng.integers(0, counts + 1, (count, 3)) / frame["grid_rate"]
     return np.concatenate([corners, np.nextafter(corners, np.inf), np.nextafter(corners, -np.inf)])
 
 
@@ -122,7 +119,7 @@ def test_parts_in_one_place_have_fewer_cells_instead_of_longer_tables():
     scene = Scene([placed(f"part {k}", solid, Pose(translation=(1e-3 * k, 0, 0))) for k in range(count)])
     row = scene.snapshot().parts[-1]
 
-    cells = int(np.prod(row[[layout.PART_GRID_X, layout.PART_GRID_Y, layout.PART_GRID_Z]]))
+    cells = int(row["grid_x"] * row["grid_y"] * row["grid_z"])
 
     assert cells < part_grid.CELLS_PER_PART * count / 8
     assert listed(scene.snapshot(), (0.65, 0.5, 0.5)) == list(range(count))
@@ -144,7 +141,7 @@ def test_a_scene_of_sheets_alone_has_no_cells():
         [placed(f"sheet {k}", Solid(*shapes.grid()), Pose(translation=(0, 0, k))) for k in range(3)]
     )
 
-    assert scene.snapshot().parts[-1, layout.PART_GRID_X] == 0
+    assert scene.snapshot().parts["grid_x"][-1] == 0
     assert scene.signed_distance((0.5, 0.5, 0.25)) == 0.25
 
 
@@ -153,7 +150,7 @@ def test_a_part_asked_alone_is_listed_nowhere_though_its_scene_has_lists():
     scene = scene_of(np.random.default_rng(6), 4)
     solid = scene.parts[1].solid
     model = solid.snapshot()
-    assert model.parts[1, layout.PART_GRID_X] > 0  # the part's own sign grid
+    assert model.parts["grid_x"][1] > 0  # the part's own sign grid
 
     assert list_of(model.words, model.frames, model.parts, 0.1, 0.1, 0.1) == (0, 0)
     assert solid.contains((0.1, 0.1, 0.1))

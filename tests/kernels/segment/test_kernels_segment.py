@@ -1,10 +1,6 @@
 """Segments against boxes, triangles, one part and a scene: bounds that hold, and every degenerate case."""
 
-import os
-import subprocess
-import sys
 from fractions import Fraction
-from pathlib import Path
 
 import numba
 import numpy as np
@@ -12,11 +8,11 @@ import pytest
 import shapes
 from hypothesis import given
 from hypothesis import strategies as st
+from models import model_of
 from nodes import node_of
-from project import IMPORT_PATHS, ROOT
 
 import oracle
-from proximity.kernels.layout import LANES, NO_FACE, NO_PART, NO_SLOT, PART_FIRST_BLOCK, PART_IS_FUSED
+from proximity.kernels.layout import LANES, NO_FACE, NO_PART, NO_SLOT
 from proximity.kernels.scene import segment_queries
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import (
@@ -33,11 +29,8 @@ from proximity.kernels.segment.plan import (
 )
 from proximity.kernels.segment.triangle import WITNESS_SIZE
 from proximity.kernels.segment.walk import segment_in_block
-from proximity.mesh.part_arrays import common_frame, part_arrays
-from proximity.native.mode import INTERPRETED, MODE
 from proximity.native.simd import bits, lane, splat32
 from proximity.pose import Pose
-from proximity.scene.model.assembly import assemble
 
 ALL_ROWS = np.empty(0, np.int64)
 ROUNDING = 2.0**-52
@@ -57,24 +50,6 @@ MESHES = {
 
 
 # ---------------------------------------------------------------------------------------------- helpers
-
-
-def pieces_of(mesh, frame=None):
-    """One part's arrays, without neighbours: segments do not ask for them."""
-    vertices, faces = mesh
-    faces = np.ascontiguousarray(faces, dtype=np.int32)
-    return part_arrays(np.ascontiguousarray(vertices, dtype=np.float64), faces, np.zeros_like(faces), frame)
-
-
-def model_of(*meshes, poses=None, is_fused=False):
-    """Several parts; *is_fused*: in one frame, so that they are walked as one tree."""
-    frame = None
-    if is_fused:
-        vertices = np.concatenate([vertices for vertices, _ in meshes])
-        frame = common_frame(vertices.min(axis=0), vertices.max(axis=0))
-    model = assemble([pieces_of(mesh, frame) for mesh in meshes], poses or [Pose()] * len(meshes))
-    assert not is_fused or (model.parts[:-1, PART_IS_FUSED] == 1).all()
-    return model
 
 
 class Found:
@@ -538,7 +513,9 @@ def test_lowest_slot_wins_among_equals():
     model = model_of((vertices, np.repeat(faces, 30, axis=0)))
     plan = np.zeros(PLAN_SIZE)
     found = Found(model, [(0.2, 0.2, 1.0), (0.2, 0.2, -1.0)], [(0.3, 0.3, 2.0), (0.2, 0.2, 1.0)])
-    first = int(model.words.view(np.int32)[model.parts[0, 4] + LANES * model.parts[0, PART_FIRST_BLOCK]])
+    first = int(
+        model.words.view(np.int32)[model.parts["slot_faces"][0] + LANES * model.parts["first_block"][0]]
+    )
 
     assert (found.face == first).all() and found.distance.tolist() == [1.0, 0.0]
     make_plan(plan, np.zeros(PROBE_SIZE, np.float32), 0.0, 0.0, 1.5, 0.1, 0.0, 1.0)
@@ -550,35 +527,3 @@ def test_lowest_slot_wins_among_equals():
     assert segment_in_block(model.reals, 1, plan, best_sq, np.inf, 3, witness)[2] == 3
     assert segment_in_block(model.reals, 1, plan, best_sq, np.inf, 20, witness)[2] == 8
     assert segment_in_block(model.reals, 1, plan, 0.5 * best_sq, np.inf, 20, witness)[2] == 20
-
-
-# ------------------------------------------------------------------------------------------- uncompiled
-
-UNCOMPILED = """
-import sys
-import numpy as np
-import test_kernels_segment as tests
-np.seterr(all="ignore")
-np.save(sys.argv[1], tests.a_few_segments())
-"""
-
-
-def a_few_segments():
-    """At a part and at scenes, near and far, beside, across and without length: every branch, once."""
-    rng = np.random.default_rng(27)
-    starts, ends = rng.normal(size=(2, 6, 3))
-    starts[3], starts[4], ends[5] = 1e4 * starts[3], ends[4], -20.0 * starts[5]
-    meshes = [shapes.cube(), shapes.moved(shapes.tetrahedron(), (1.0, 0.5, 0.2))]
-    turned = [Pose(), Pose(shapes.rotation(1), (0.3, 0.2, 0.1))]
-    models = [model_of(meshes[0]), model_of(*meshes, is_fused=True), model_of(*meshes, poses=turned)]
-    found = [Found(model, starts, ends) for model in models]
-    return np.concatenate([np.hstack([each.reals, each.choices]) for each in found])
-
-
-@pytest.mark.skipif(MODE == INTERPRETED, reason="there is nothing compiled to compare with")
-def test_uncompiled_kernels_answer_the_same(tmp_path):
-    paths = os.pathsep.join([*IMPORT_PATHS, str(Path(__file__).parent)])
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths}
-    saved = tmp_path / "segments.npy"
-    subprocess.run([sys.executable, "-c", UNCOMPILED, str(saved)], check=True, env=environment, cwd=ROOT)
-    assert np.array_equal(np.load(saved), a_few_segments())

@@ -118,10 +118,7 @@ def test_side_is_right_over_the_fold(count):
     moved = Scene([part_of((vertices, faces), "folded"), other])
     moved.move("folded", Pose(shapes.rotation(3), np.array([0.1, 0.2, 0.3])))
 
-    for one, own in (
-        (Solid(vertices, faces), points),
-        (moved, moved.parts[0].pose.point(points)),
-    ):
+    for one, own in ((Solid(vertices, faces), points), (moved, moved.parts[0].pose.point(points))):
         assert np.array_equal(one.signed_distance(own) < 0.0, is_inside)
         assert np.array_equal(one.closest(own).signed_distance < 0.0, is_inside)
         assert np.array_equal(one.contains(own), is_inside)

@@ -6,7 +6,7 @@ import pytest
 import shapes
 
 import oracle
-from proximity.kernels.layout import PART_MOMENTS, PART_ROOT, SIGN_PSEUDONORMAL
+from proximity.kernels.layout import SIGN_PSEUDONORMAL
 from proximity.kernels.sign.inside_grid import (
     CELL_CROSSED,
     CELL_INSIDE,
@@ -52,7 +52,7 @@ class Grid:
 
     def _build_anew(self, piece, rate):
         model = assemble([piece], [Pose()])
-        root, moments = int(model.parts[0, PART_ROOT]), int(model.parts[0, PART_MOMENTS])
+        root, moments = int(model.parts["root"][0]), int(model.parts["moments"][0])
         extent = self.corners.max(axis=0) - self.lower
         self.rate, self.counts = rate, np.floor(extent * rate).astype(np.int64) + 1
         counts = (int(n) for n in self.counts)

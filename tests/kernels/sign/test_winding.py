@@ -5,7 +5,6 @@ import pytest
 import shapes
 
 import oracle
-from proximity.kernels.layout import PART_MOMENTS, PART_ROOT
 from proximity.kernels.sign.winding_number import turned, winding_number
 from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import build_topology
@@ -29,8 +28,8 @@ def model_of(vertices, faces):
 def turns(mesh, points):
     """Winding numbers at points in the mesh's own frame."""
     model = model_of(*mesh)
-    scale, centre = model.frames[0, 15], model.frames[0, 12:15]
-    places = (int(model.parts[0, PART_ROOT]), int(model.parts[0, PART_MOMENTS]))
+    scale, centre = model.frames["scale"][0], model.frames["centre"][0]
+    places = (int(model.parts["root"][0]), int(model.parts["moments"][0]))
     local = (np.asarray(points, float) - centre) * scale
     return np.array([winding_number(model.reals, model.words, *places, *point) for point in local])
 

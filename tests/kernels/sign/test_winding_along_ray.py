@@ -6,7 +6,6 @@ import shapes
 from test_winding import CLOSED, model_of, points_about
 
 import oracle
-from proximity.kernels.layout import PART_BLOCK_COUNT, PART_MOMENTS, PART_NODE_COUNT, PART_ROOT
 from proximity.kernels.sign.winding_along_ray import _turns_ahead, winding_along_ray
 from proximity.kernels.sign.winding_number import winding_number
 
@@ -24,8 +23,8 @@ DIRECTIONS = [(axis, sign) for axis in range(3) for sign in (1.0, -1.0)]
 def asked(mesh, points):
     """Winding numbers at points in the mesh's own frame: rounded, by the best ray, and by all six."""
     model = model_of(*mesh)
-    scale, centre = model.frames[0, 15], model.frames[0, 12:15]
-    root, moments = int(model.parts[0, PART_ROOT]), int(model.parts[0, PART_MOMENTS])
+    scale, centre = model.frames["scale"][0], model.frames["centre"][0]
+    root, moments = int(model.parts["root"][0]), int(model.parts["moments"][0])
     arrays = model.reals, model.words, root
     for point in (np.asarray(points, float) - centre) * scale:
         expected = round(winding_number(*arrays, moments, *point))
@@ -78,8 +77,8 @@ def test_fans_of_thin_triangles_take_a_fraction_of_the_steps(rng):
     mesh = fans()
     assert shapes.volume(*mesh) == pytest.approx(0.01 * (4.0 - 128 * 0.01 * np.sin(2.0 * np.pi / 256)))
     model = model_of(*mesh)
-    root, moments = int(model.parts[0, PART_ROOT]), int(model.parts[0, PART_MOMENTS])
-    scale, centre = model.frames[0, 15], model.frames[0, 12:15]
+    root, moments = int(model.parts["root"][0]), int(model.parts["moments"][0])
+    scale, centre = model.frames["scale"][0], model.frames["centre"][0]
     points = rng.uniform((-1.0, -1.0, -0.0001), (1.0, 1.0, 0.0099), (200, 3))
     points = points[np.hypot(points[:, 0], points[:, 1]) > 0.11]
     steps = []
@@ -90,4 +89,4 @@ def test_fans_of_thin_triangles_take_a_fraction_of_the_steps(rng):
             winding_number(model.reals, model.words, root, moments, *(point - centre) * scale)
         )
         steps.append(taken)
-    assert np.mean(steps) < 0.2 * (model.parts[0, PART_NODE_COUNT] + model.parts[0, PART_BLOCK_COUNT])
+    assert np.mean(steps) < 0.2 * (model.parts["node_count"][0] + model.parts["block_count"][0])

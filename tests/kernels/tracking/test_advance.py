@@ -6,9 +6,7 @@ import shapes
 from ticking import block, line, plate, sheet, solid
 
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
-from proximity.kernels.layout import NO_SLOT
-from proximity.kernels.model_arrays import ModelArrays
-from proximity.kernels.point.budgeted_walk import WORKSPACE_SIZE
+from proximity.kernels.layout import NO_SLOT, ModelArrays
 from proximity.kernels.scene.distance_bounds import fill_closest
 from proximity.kernels.tracking import conservative_advancement as advancing
 from proximity.kernels.tracking.conservative_advancement import (
@@ -24,6 +22,7 @@ from proximity.kernels.tracking.conservative_advancement import (
 )
 from proximity.kernels.tracking.part_drift import Drift, movers_workspace
 from proximity.kernels.tracking.track import Scratch
+from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.scene.scene import Scene
 
 pytestmark = pytest.mark.internals

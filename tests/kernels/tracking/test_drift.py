@@ -5,19 +5,19 @@ import pytest
 import shapes
 from scene_parts import part_of
 
-from proximity.kernels.layout import FRAME_ROTATION
+from proximity.kernels.layout import columns_of
 from proximity.kernels.tracking.part_drift import (
     MOVER_COLUMNS,
     MOVER_LOWER,
     POSE_COLUMNS,
     Drift,
     Movers,
+    contact_free_time,
     displacement_of_parts,
-    drift_until,
-    free_for,
     gather_movers,
     gather_near,
     movers_workspace,
+    part_travel,
     velocity_of_part,
 )
 from proximity.pose import Pose
@@ -65,7 +65,7 @@ def near_of(scene, u=(0.0, 0.0, 0.0), x=(0.0, 0.0, 0.0), off=0.0, speed=0.0, uni
 
 def drift(scene, u=(0.0, 0.0, 0.0)):
     """What no part exceeds at any time."""
-    return drift_until(near_of(scene, u), 0.0, 1e9)[0]
+    return part_travel(near_of(scene, u), 0.0, 1e9)[0]
 
 
 def fastest_corner(scene, u):
@@ -164,13 +164,13 @@ def test_a_part_counts_from_when_it_can_have_come():
     near = near_of(scene, x=(0.5, 0.5, 0.5), speed=1.0)
 
     assert near.near_count == 2
-    drift, faster = drift_until(near, 1.0, 0.0)
+    drift, faster = part_travel(near, 1.0, 0.0)
     assert drift == 0.0
     assert faster == pytest.approx(0.5 / 2.0)
-    drift, faster = drift_until(near, 1.0, faster)
+    drift, faster = part_travel(near, 1.0, faster)
     assert 1.0 <= drift <= TIGHT
     assert faster == pytest.approx(1.5 / 5.0)
-    assert drift_until(near, 1.0, faster) == (pytest.approx(4.0), np.inf)
+    assert part_travel(near, 1.0, faster) == (pytest.approx(4.0), np.inf)
 
 
 def test_only_parts_that_may_come_in_time_are_gathered():
@@ -192,7 +192,7 @@ def test_what_moves_is_never_nearer_than_gap_and_drift_allow(seed):
     x, u = rng.normal(size=3) * 10.0, rng.normal(size=3)
     near = near_of(scene, u, x, extent=1.0)
     for gone in np.append(0.0, rng.uniform(0.0, 1.0, 20)):
-        drift, faster = drift_until(near, 0.0, gone)
+        drift, faster = part_travel(near, 0.0, gone)
         assert faster > gone
         for part in scene.parts:
             arms = part.pose.rotation @ part.solid.mesh.vertices.T
@@ -230,16 +230,16 @@ def test_a_clearance_lasts_until_what_has_come_by_then_may_use_it_up():
         (0.7, 0.3),  # the second part comes
         (2.0, 0.4),
     ):
-        assert free_for(near, 1.0, clearance) == pytest.approx(expected)
+        assert contact_free_time(near, 1.0, clearance) == pytest.approx(expected)
     nothing, slow = Drift(near.columns, 0, 0.0), Drift(near.columns, 0, 0.5)
-    assert free_for(nothing, 0.0, 0.1) == np.inf
-    assert free_for(nothing, 0.0, 0.0) == 0.0
-    assert free_for(slow, 0.5, 0.1) == pytest.approx(0.1)
+    assert contact_free_time(nothing, 0.0, 0.1) == np.inf
+    assert contact_free_time(nothing, 0.0, 0.0) == 0.0
+    assert contact_free_time(slow, 0.5, 0.1) == pytest.approx(0.1)
 
 
 def test_nothing_moves_nothing_counts():
     assert near_of(scene_of([((0, 0, 0), (0, 0, 0))] * 9))[1:] == (0, 0.0)
-    assert drift_until(Drift(movers_workspace(9), 0, 0.25), 1.0, 1.0) == (0.25, np.inf)
+    assert part_travel(Drift(movers_workspace(9), 0, 0.25), 1.0, 1.0) == (0.25, np.inf)
 
 
 # --- how far they have moved --------------------------------------------------------------------------------
@@ -247,7 +247,7 @@ def test_nothing_moves_nothing_counts():
 
 def before(scene):
     model = scene.snapshot()
-    return model.frames[: len(model.parts) - 1, FRAME_ROTATION : FRAME_ROTATION + POSE_COLUMNS].copy()
+    return columns_of(model.frames)[:-1, :POSE_COLUMNS].copy()
 
 
 def test_displacement_of_parts_is_how_far_the_farthest_corner_went_and_is_taken_once():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fingers import MS, Finger
 
-from proximity.kernels.contact_columns import JUMPED, PREDICTED, TRACKED
+from proximity.kernels.contact_record import JUMPED, PREDICTED, TRACKED
 from proximity.kernels.tracking import motion
 from proximity.kernels.tracking.motion import (
     COAST,
@@ -87,7 +87,7 @@ def test_rows_of_other_fingers_are_left_alone():
     finger.see_all(times, [(0, 0, 0), (0.001, 0, 0), (1, 1, 1), (0.003, 0, 0), (0.004, 0, 0), (2, 0, 0)])
 
     for row in (0, 2):
-        assert (finger.reals[row] == 7.0).all() and (finger.ints[row] == 7).all()
+        assert finger.motions[row].tobytes() == Finger().motions[row].tobytes()
 
 
 def test_noise_of_poses_each_millisecond_is_halved():
@@ -113,7 +113,7 @@ def test_noise_of_poses_in_quick_succession_is_no_surprise():
     for t_ns in range(0, 200 * MS, MS // 10):
         finger.see(t_ns, rng.normal(scale=5e-5, size=3))
 
-        assert finger.reals[1, motion.ESTIMATE_SURPRISE] == 0.0
+        assert finger.motions["surprise"][1, 0] == 0.0
 
 
 def test_velocity_of_the_caller_is_taken_at_its_word():

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 import shapes
-from budgeted import piece_of
+from models import piece_of
 
 import oracle
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE

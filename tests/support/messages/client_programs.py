@@ -12,12 +12,11 @@ from pathlib import Path
 import numpy as np
 from compiling_c import WARNINGS, compiler, run
 
-from proximity.message import CONTACT, Flaw, State
+from proximity.message import CONTACT, Defect, State
 from proximity.message.clients import write_client
 
 DRIVERS = Path(__file__).parents[1] / "clients"
-FLAWS = [None, Flaw.SHORT, Flaw.MAGIC, Flaw.VERSION, Flaw.SIZE, Flaw.CHECKSUM, Flaw.OLD, Flaw.FUTURE]
-FLAWS += [Flaw.CONTENT]
+DEFECTS = [None, *Defect]
 LANGUAGES = ("cpp", "javascript", "csharp")
 PATIENCE = 60.0
 
@@ -88,7 +87,7 @@ class Events:
         data, at, answers = (folder / "answers").read_bytes(), 0, []
         for kind in self.kinds:
             if kind == "offer":
-                answers.append(FLAWS[data[at]])
+                answers.append(DEFECTS[data[at]])
                 at += 1
                 continue
             state, is_new, now_ns, age_ns, count = struct.unpack_from("<BBqqI", data, at)

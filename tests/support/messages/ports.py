@@ -1,11 +1,11 @@
-"""Ports for tests that send datagrams."""
+"""Ports for tests that send datagrams, or open connections."""
 
 import socket
 
 
-def free_port(host="127.0.0.1"):
+def free_port(host="127.0.0.1", kind=socket.SOCK_DGRAM):
     """A port that nobody listens at."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+    with socket.socket(family, kind) as probe:
         probe.bind((host, 0))
         return probe.getsockname()[1]

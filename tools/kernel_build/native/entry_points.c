@@ -15,11 +15,12 @@
 
 enum { MOST_AXES = 4, MOST_VALUES = 24, MOST_WORDS = 96 };
 enum { INT, FLOAT, BOOL, ARRAY, BUNDLE };
+enum { RECORD_SIZE = 256 }; /* factor of the size in the number of a type of records */
 enum { ANSWERED = -1 }; /* what a query returns that has answered all rows */
 
 typedef struct {
     int kind;
-    int number; /* of an array the number of its dtype, of a bundle that of its kind */
+    int number; /* of an array that of its dtype, see type_number; of a bundle that of its kind */
     int axes;
     int64_t lengths[MOST_AXES]; /* -1: any */
 } Value;
@@ -28,8 +29,8 @@ typedef struct {
     Wrapper wrapper;
     char *name;
     int argument_count, result_count, argument_words;
-    Py_ssize_t handful; /* rows of the first array up to which the interpreter stays locked */
-    int is_lenient;     /* arguments that do not fit are answered by NotImplemented */
+    Py_ssize_t rows_with_gil; /* rows of the first array up to which the interpreter stays locked */
+    int may_decline;          /* arguments that do not fit are answered by NotImplemented */
     /* Of a query: rows are its second, and perhaps its third argument. */
     int row_arrays, width, dtype;
     Py_ssize_t few;     /* rows from which on Python takes over */
@@ -57,7 +58,7 @@ static int refuse(const char *name, Py_ssize_t k, const Value *value, PyObject *
 {
     static const char *kinds[] = {"int", "float", "bool", "array", "bundle of arrays"};
     if (value->kind == ARRAY && PyArray_Check(given)) {
-        PyObject *wanted = (PyObject *)PyArray_DescrFromType(value->number);
+        PyObject *wanted = (PyObject *)PyArray_DescrFromType(value->number % RECORD_SIZE);
         PyErr_Format(PyExc_TypeError,
                      "%s: argument %zd is an array with %d axes and dtype %S, expected %d axes, dtype %S, C "
                      "order and the lengths that its signature says",
@@ -71,6 +72,12 @@ static int refuse(const char *name, Py_ssize_t k, const Value *value, PyObject *
     return 0;
 }
 
+static inline int type_number(PyArrayObject *array)
+{
+    int number = PyArray_TYPE(array);
+    return number == NPY_VOID ? number + RECORD_SIZE * (int)PyArray_ITEMSIZE(array) : number;
+}
+
 /* The words of an array; 0 where it is not as declared. */
 static inline int array_words(const Value *value, PyObject *given, int64_t *words)
 {
@@ -78,7 +85,7 @@ static inline int array_words(const Value *value, PyObject *given, int64_t *word
         return 0;
     }
     PyArrayObject *array = (PyArrayObject *)given;
-    if (PyArray_TYPE(array) != value->number || PyArray_NDIM(array) != value->axes ||
+    if (type_number(array) != value->number || PyArray_NDIM(array) != value->axes ||
         !PyArray_CHKFLAGS(array, NPY_ARRAY_C_CONTIGUOUS | NPY_ARRAY_ALIGNED) || !PyArray_ISNOTSWAPPED(array)) {
         return 0;
     }
@@ -98,7 +105,7 @@ static inline int take(const Entry *entry, Py_ssize_t k, PyObject *given, int64_
     double real;
     switch (value->kind) {
     case ARRAY:
-        if ((!entry->is_lenient || PyArray_CheckExact(given)) && array_words(value, given, words)) {
+        if ((!entry->may_decline || PyArray_CheckExact(given)) && array_words(value, given, words)) {
             return 1;
         }
         break;
@@ -213,7 +220,7 @@ static int ask(const Entry *entry, int64_t *words, Py_ssize_t rows)
 {
     void *unused[2] = {NULL, NULL};
     int status;
-    if (rows <= entry->handful) {
+    if (rows <= entry->rows_with_gil) {
         status = entry->wrapper(&unused[0], &unused[1], (int64_t)words);
     } else {
         Py_BEGIN_ALLOW_THREADS
@@ -239,7 +246,7 @@ static PyObject *call(PyObject *self, PyObject *const *arguments, Py_ssize_t cou
     }
     for (Py_ssize_t k = 0; k < count; k++) {
         if (!take(entry, k, arguments[k], words + at)) {
-            if (entry->is_lenient && PyErr_ExceptionMatches(PyExc_TypeError)) {
+            if (entry->may_decline && PyErr_ExceptionMatches(PyExc_TypeError)) {
                 PyErr_Clear();
                 Py_RETURN_NOTIMPLEMENTED;
             }
@@ -380,10 +387,10 @@ static PyObject *described(PyObject *arguments)
 {
     const char *instructions, *name;
     PyObject *taken, *given;
-    Py_ssize_t handful;
-    int is_lenient;
+    Py_ssize_t rows_with_gil;
+    int may_decline;
     if (!PyArg_ParseTuple(arguments, "ssO!O!np", &instructions, &name, &PyTuple_Type, &taken, &PyTuple_Type,
-                          &given, &handful, &is_lenient)) {
+                          &given, &rows_with_gil, &may_decline)) {
         return NULL;
     }
     Entry *entry = calloc(1, sizeof(Entry));
@@ -393,8 +400,8 @@ static PyObject *described(PyObject *arguments)
     int words = 0;
     entry->wrapper = wrapper_named(instructions, name);
     entry->name = strdup(name);
-    entry->handful = handful;
-    entry->is_lenient = is_lenient;
+    entry->rows_with_gil = rows_with_gil;
+    entry->may_decline = may_decline;
     entry->argument_count = (int)PyTuple_Size(taken);
     entry->result_count = (int)PyTuple_Size(given);
     int is_right = entry->wrapper != NULL && entry->name != NULL &&

@@ -11,7 +11,7 @@ from typing import Any
 from proximity.lab.experiment.analysis.findings import MEANING, Findings, shown
 from proximity.lab.experiment.analysis.plots import draw_plots
 from proximity.lab.experiment.design import CHOICES, Kind, Procedure
-from proximity.lab.figures.html_page import filled_in
+from proximity.lab.figures.pages import filled_in
 from proximity.lab.figures.style import write_bytes
 
 HERE = Path(__file__).parent

@@ -1,0 +1,170 @@
+"""Depth-first loops over trees, as factories of inlined kernels.
+
+A walk goes straight to one child of a node and leaves the other open ones waiting. *best* is a tuple: first
+the float32 number with which bounds are compared, then whatever a query has found so far. A query is three
+functions:
+
+- ``open_children(words, base, query, reach)``: bounds of the node at *base*, what else their order goes by,
+and
+  which children are within *reach*;
+- ``leaf(reals, reference, query, best)``: *best* with what the block ``~reference`` has;
+- ``into_part(model, part, start, query, best, stacks)``, of scenes: *best* with what is below the reference
+  *start* of a part that has a frame of its own.
+
+*stacks* (float32) holds `STACK_SIZE` bounds and then as many references (int32 bits), twice: for a part's
+tree, and behind it for the scene's.
+"""
+
+import numpy as np
+
+from proximity.kernels.layout import ENTRY, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
+from proximity.native import inlined
+from proximity.native.simd import (
+    bits,
+    compress,
+    count_bits,
+    fma,
+    load,
+    load_int,
+    lowest_lane,
+    nearest_lane,
+    splat32,
+    store,
+)
+
+EXIT_WEIGHT = np.float32(2.0**-3)
+"""Weight of the parameter of leaving a box beside that of entering it: any from 2^-2 to 2^-6 does as well."""
+EMPTY = -1
+"""Position on a stack that is empty."""
+
+
+@inlined
+def _push(words, base, bounds, which, stacks, at):
+    """Leave children of the node at *base* waiting; *at* behind them."""
+    store(stacks, at, compress(bounds, which))
+    store(stacks, at + STACK_SIZE, compress(load(words, base + NODE_CHILDREN), which))
+    return at + count_bits(bits(which))
+
+
+@inlined
+def _pop(stacks, bottom, at, reach):
+    """Position of the last that waits and whose bound is not above *reach*, or `EMPTY`."""
+    while at > bottom:
+        at -= 1
+        if stacks[at] <= reach:
+            return at
+    return EMPTY
+
+
+@inlined
+def to_nearest(words, base, bounds, _, is_open, stacks, at):
+    """Go to the child of the node at *base* with the lowest bound, which is open; the other open ones wait.
+
+    Returns its reference, and *at*. The others are not sorted: that cost more than it saved.
+    """
+    nearest, it = lowest_lane(bounds)
+    at = _push(words, base, bounds, is_open & ~it, stacks, at)
+    return load_int(words, base + NODE_CHILDREN + nearest), at
+
+
+@inlined
+def in_order(words, base, bounds, leaving, is_open, stacks, at):
+    """As `to_nearest`, of boxes left at *leaving*; of those that wait the nearest is taken up next.
+
+    A ray that has hit something seldom needs the others: in a gear it visits 8 % fewer nodes and 15 % fewer
+    blocks. Points gain 1 and 2 %, less than it costs. All in order, by a sorting network: no faster.
+
+    Boxes that share a plane are entered there at once, or the ray starts in all of them: of such the one that
+    is left first comes first (in a gear, 9 % fewer blocks and 2 % fewer nodes).
+    """
+    order = fma(leaving, splat32(EXIT_WEIGHT), bounds)
+    nearest, it = nearest_lane(order, is_open)
+    others = is_open & ~it
+    _, second = nearest_lane(order, others)
+    at = _push(words, base, bounds, others & ~second, stacks, at)
+    at = _push(words, base, bounds, others & second, stacks, at)
+    return load_int(words, base + NODE_CHILDREN + nearest), at
+
+
+def depth_first(open_children, leaf, descend=to_nearest):
+    """Return a walk over one part's tree, below the reference *start*; it returns the best."""
+
+    @inlined
+    def walk(reals, words, start, query, best, stacks):
+        reference, at = start, 0
+        while True:
+            if reference >= 0:
+                base = NODE_STRIDE * reference
+                bounds, leaving, is_open = open_children(words, base, query, best[0])
+                if bits(is_open):
+                    reference, at = descend(words, base, bounds, leaving, is_open, stacks, at)
+                    continue
+            else:
+                best = leaf(reals, reference, query, best)
+            at = _pop(stacks, 0, at, best[0])
+            if at == EMPTY:
+                return best
+            reference = load_int(stacks, at + STACK_SIZE)
+
+    return walk
+
+
+def over_parts(open_children, leaf, into_part, descend=to_nearest):
+    """Return a walk over the tree of a scene; it returns the best.
+
+    Parts in the scene's own frame are walked as if they were one tree; the others by a walk of their own.
+    """
+
+    @inlined
+    def walk(model, query, best, stacks):
+        reals, words, _, parts = model
+        scene, bottom = len(parts) - 1, 2 * STACK_SIZE
+        reference, at = parts[scene].root, bottom
+        while True:
+            if reference >= 0:
+                base = NODE_STRIDE * reference
+                bounds, leaving, is_open = open_children(words, base, query, best[0])
+                if bits(is_open):
+                    reference, at = descend(words, base, bounds, leaving, is_open, stacks, at)
+                    continue
+            elif ~reference < ENTRY:
+                best = leaf(reals, reference, query, best)
+            else:
+                entry = parts[scene].entries + 2 * (~reference - ENTRY)
+                part, start = load_int(words, entry), load_int(words, entry + 1)
+                if parts[part].is_fused:
+                    reference = start
+                    continue
+                best = into_part(model, part, start, query, best, stacks)
+            at = _pop(stacks, bottom, at, best[0])
+            if at == EMPTY:
+                return best
+            reference = load_int(stacks, at + STACK_SIZE)
+
+    return walk
+
+
+def through_all(open_children, leaf):
+    """Return a walk over one part's tree that adds up a *total*, whatever it is, and needs no bounds.
+
+    ``open_children(words, node, query, total)`` returns the total with what the node itself adds, and which
+    of its children are walked; ``leaf`` is as above. *stack* (float32) holds `STACK_SIZE` references.
+    """
+
+    @inlined
+    def walk(reals, words, root, query, total, stack):
+        reference, waiting = root, 0
+        while True:
+            if reference < 0:
+                total = leaf(reals, reference, query, total)
+            else:
+                total, is_open = open_children(words, reference, query, total)
+                children = load(words, NODE_STRIDE * reference + NODE_CHILDREN)
+                store(stack, waiting, compress(children, is_open))
+                waiting += count_bits(bits(is_open))
+            if waiting == 0:
+                return total
+            waiting -= 1
+            reference = load_int(stack, waiting)
+
+    return walk

@@ -1,1 +1,0 @@
-"""A certificate as JSON, as a page and as pictures."""

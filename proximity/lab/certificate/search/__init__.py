@@ -1,1 +1,0 @@
-"""The search for the positions in a scene where a tick takes longest."""

@@ -1,0 +1,89 @@
+"""Cost of a position: the nodes and leaves that a tick visits for a finger there.
+
+This counts work, not time, so that it is the same on every run and a search can maximise it. The work of
+predicting a moving finger's contact is included.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from proximity.lab.certificate.subject import Subject
+from proximity.message import ContactFlag
+
+GROUP = 5
+"""Fingers of a probe: a hand's, so that each has the whole budget of a tick."""
+UNLIMITED = 2**31 - 1
+"""A budget that is never spent."""
+APPROACH_SPEED = 0.5
+"""m/s, of a finger that moves."""
+DIRECTION = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
+"""Direction in which a moving finger comes: the same for all, so that each position has one cost."""
+PERIOD_NS = 1_000_000
+NOWHERE = -1.0
+"""Worth of a position out of the working range: nothing is searched for there."""
+
+
+class StartMode(StrEnum):
+    """Motion of a finger before the tick at a position."""
+
+    COLD = "cold"  # the first tick: nothing is known of it
+    STAYS = "stays"  # it was there at the tick before
+    MOVES = "moves"  # it comes at 0.5 m/s
+
+
+@dataclass(frozen=True, slots=True)
+class SearchGoal:
+    """Quantity that the search maximises."""
+
+    mode: StartMode
+    has_budget: bool  # as the ticks have it; otherwise what an exact answer costs
+
+    def __str__(self) -> str:
+        return f"{self.mode}, {'within the budget' if self.has_budget else 'exact'}"
+
+
+GOALS = tuple(SearchGoal(mode, has_budget) for has_budget in (True, False) for mode in StartMode)
+
+
+class Probe:
+    """Ticks fingers at positions, a group at a time, to learn what these cost."""
+
+    def __init__(self, subject: Subject, goal: SearchGoal) -> None:
+        budget = subject.budget if goal.has_budget else UNLIMITED
+        self._tracker = subject.tracker(fingers=GROUP, budget=budget)
+        self._mode = goal.mode
+        self.steps = 0  # nodes and leaves visited so far, preparation included
+
+    def contacts(self, positions: np.ndarray) -> np.ndarray:
+        """Return the contacts of fingers at positions (K, 3), m, with the work of each, (K,)."""
+        found = []
+        for first in range(0, len(positions), GROUP):
+            group = positions[first : first + GROUP]
+            tips = np.full((GROUP, 3), np.nan)
+            tips[: len(group)] = group
+            found.append(self._tick(tips)[: len(group)].copy())
+        return np.concatenate(found)
+
+    def _tick(self, tips: np.ndarray) -> np.ndarray:
+        self._tracker.reset()
+        if self._mode is not StartMode.COLD:
+            step = APPROACH_SPEED * 1e-9 * PERIOD_NS if self._mode is StartMode.MOVES else 0.0
+            self.steps += int(self._tracker.tick(tips - step * DIRECTION, 0, 0)["work"].sum())
+        contacts = self._tracker.tick(tips, PERIOD_NS, PERIOD_NS)
+        self.steps += int(contacts["work"].sum())
+        return contacts
+
+
+def in_range(contacts: np.ndarray) -> np.ndarray:
+    """Return which fingers are within the working range, (K,)."""
+    return np.asarray((contacts["flags"] & np.uint32(ContactFlag.IN_RANGE)) != 0)
+
+
+def worth(contacts: np.ndarray) -> np.ndarray:
+    """Return what the search maximises, (K,): work; at equal work (a spent budget), wider bounds."""
+    lower, upper = contacts["lower"], contacts["upper"]
+    size = np.abs(lower) + np.abs(upper)
+    share = np.divide(upper - lower, size, out=np.zeros_like(lower), where=size > 0.0)
+    return np.where(in_range(contacts), contacts["work"] + 0.5 * np.minimum(share, 1.0), NOWHERE)

@@ -1,0 +1,163 @@
+"""Search for the worst positions of a scene: where a tick visits the most nodes and leaves.
+
+From the costliest of many starting positions, a random local search climbs: work is a sum of steps and has no
+slope. The same seed gives the same positions on every run. It is a search, not a proof: what it finds is a
+lower bound of the worst; within the budget, the budget is the upper one.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from proximity.lab.certificate.starting_positions import starting_positions
+from proximity.lab.certificate.subject import Subject
+from proximity.lab.certificate.work import GOALS, NOWHERE, Probe, SearchGoal, in_range, worth
+
+START_COUNTS = (4000, 4000, 1000)
+"""Positions at random, near surfaces, and samples for two medial positions each."""
+CLIMBS = 24  # for each goal
+FIRST_RADIUS = 0.02  # share of the scene's diagonal: where neighbours of a position are looked for first
+APART = 0.03  # share of the diagonal by which starts are apart at least: the costliest are often neighbours
+MOST_STEPS = 25_000_000
+"""Nodes and leaves visited for a goal, a few seconds; then the search for it ends with what it has."""
+POSITIONS_PER_CHECK = 100  # between two looks at how many steps are left
+NEIGHBOURS = 20  # that are looked at in a round of a climb
+SHRINK = 0.5  # of the ball in which they lie, after a round without a costlier one
+ROUNDS = 60
+SMALLEST = 1e-7  # m: nothing that a hand does is smaller
+
+Progress = Callable[[str, float], None]
+"""Called with what is done, and which share of all is."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorstPosition:
+    """A position where a tick costs much, and what it costs."""
+
+    position: np.ndarray  # (3,) m, scene's frame
+    work: int  # nodes and leaves
+    lower: float  # m, of the signed distance of the fingertip
+    upper: float  # m
+    origin: str  # what the climb began at: "random", "near the surface", "medial", "centre"
+    start_work: int  # there
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchResult:
+    """Result of the search for one goal."""
+
+    goal: SearchGoal
+    positions: tuple[WorstPosition, ...]  # the costliest first; at least one
+    typical_work: float  # median over the random positions within the working range; nan if there was none
+    start_count: int  # positions that were looked at before climbing
+    is_complete: bool  # False: the steps were spent before all positions were looked at
+
+
+def search(
+    subject: Subject,
+    seed: int,
+    *,
+    counts: tuple[int, int, int] | None = None,
+    most_steps: float = MOST_STEPS,
+    progress: Progress = lambda _, __: None,
+) -> dict[SearchGoal, SearchResult]:
+    """Return the worst positions for each of `GOALS`, from *counts* starts, or `START_COUNTS`."""
+    rng = np.random.default_rng([seed, 0])
+    positions, origins = starting_positions(subject, START_COUNTS if counts is None else counts, rng)
+    found: dict[SearchGoal, SearchResult] = {}
+    for number, goal in enumerate(GOALS):
+        progress(f"searching: {goal}", number / len(GOALS))
+        rng = np.random.default_rng([seed, 1 + number])
+        found[goal] = _search_one(subject, goal, positions, origins, rng, most_steps)
+        # What is costly in one mode may be in another.
+        worst = found[goal].positions
+        positions = np.concatenate([positions, [each.position for each in worst]])
+        origins = np.concatenate([origins, [each.origin for each in worst]])
+    return found
+
+
+def _search_one(
+    subject: Subject,
+    goal: SearchGoal,
+    positions: np.ndarray,
+    origins: np.ndarray,
+    rng: np.random.Generator,
+    most_steps: float,
+) -> SearchResult:
+    probe = Probe(subject, goal)
+    contacts, rows = _look(probe, positions, origins == "centre", rng, 0.5 * most_steps)
+    work, begun = contacts["work"], origins[rows]
+    typical = work[(begun == "random") & in_range(contacts)]
+    diagonal = float(np.linalg.norm(np.diff(subject.scene.bounds, axis=0)))
+    climbed = []
+    for k in _apart(positions[rows], worth(contacts), APART * diagonal):
+        start, radius = positions[rows[k]], FIRST_RADIUS * diagonal
+        position, gained = ascend(probe, start, radius, rng, most_steps=most_steps)
+        (at,) = probe.contacts(position[None])
+        bounds = int(at["work"]), float(at["lower"]), float(at["upper"])
+        climbed.append((gained[-1], WorstPosition(position, *bounds, str(begun[k]), int(work[k]))))
+    climbed.sort(key=lambda pair: -pair[0])
+    return SearchResult(
+        goal,
+        tuple(each for _, each in climbed),
+        float(np.median(typical)) if len(typical) else float("nan"),
+        len(rows),
+        len(rows) == len(positions),
+    )
+
+
+def ascend(
+    probe: Probe, start: np.ndarray, radius: float, rng: np.random.Generator, *, most_steps: float
+) -> tuple[np.ndarray, list[float]]:
+    """Return where a climb from a position (3,) ends, m, and its worth at the start and after each round.
+
+    Neighbours are drawn in a ball that shrinks when none costs more, until the probe has made *most_steps*.
+    """
+    position = np.asarray(start, np.float64)
+    gained = [float(worth(probe.contacts(position[None]))[0])]
+    for _ in range(ROUNDS):
+        if radius < SMALLEST or probe.steps >= most_steps:
+            break
+        around = position + radius * _in_ball(NEIGHBOURS, rng)
+        found = worth(probe.contacts(around))
+        best = int(np.argmax(found))
+        if found[best] > gained[-1]:
+            position = around[best]
+        else:
+            radius *= SHRINK
+        gained.append(max(float(found[best]), gained[-1]))
+    return position, gained
+
+
+def _in_ball(count: int, rng: np.random.Generator) -> np.ndarray:
+    """Points in the unit ball, denser toward its centre: small steps are tried as well."""
+    directions = rng.normal(size=(count, 3))
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.asarray(directions / lengths * rng.uniform(0.0, 1.0, (count, 1)))
+
+
+def _look(
+    probe: Probe, positions: np.ndarray, is_centre: np.ndarray, rng: np.random.Generator, most_steps: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Contacts at positions, and which these are: all, or as many as the steps allow, centres first."""
+    order = rng.permutation(len(positions))
+    order = np.concatenate([order[is_centre[order]], order[~is_centre[order]]])
+    found: list[np.ndarray] = []
+    for first in range(0, len(order), POSITIONS_PER_CHECK):
+        if found and probe.steps >= most_steps:
+            break
+        found.append(probe.contacts(positions[order[first : first + POSITIONS_PER_CHECK]]))
+    contacts = np.concatenate(found)
+    return contacts, order[: len(contacts)]
+
+
+def _apart(positions: np.ndarray, worths: np.ndarray, distance: float) -> Iterator[int]:
+    """The costliest of some positions that lie apart, at most `CLIMBS`; at least one."""
+    chosen: list[int] = []
+    for k in np.argsort(-worths, kind="stable").tolist():
+        if len(chosen) == CLIMBS or (chosen and worths[k] == NOWHERE):
+            break
+        if all(np.linalg.norm(positions[k] - positions[other]) >= distance for other in chosen):
+            chosen.append(k)
+    yield from chosen

@@ -1,1 +1,0 @@
-"""A finger as a chain of links."""

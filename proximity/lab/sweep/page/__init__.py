@@ -1,1 +1,0 @@
-"""The page of a study: effects of its factors, plots, worst conditions."""

@@ -1,4 +1,0 @@
-"""How wide vectors are."""
-
-LANES = 8
-"""Lanes of every vector type."""

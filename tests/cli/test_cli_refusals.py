@@ -1,0 +1,173 @@
+"""What no command takes: each line of `REFUSED` ends with code 2, says these words, and changes no file."""
+
+import shlex
+
+import pytest
+from experiments import write_design
+from project import MESHES
+from sealed_frames import sealed
+
+SCENE = """
+[service]
+publish = "mailbox:a"
+real_time = false
+[[parts]]
+file = "box.stl"
+[input]
+recording = "hand.csv"
+"""
+REFUSED = """
+query box.stl 1 2 | a point is three numbers, but 2 were given
+query box.stl 1 2 nan | 'nan' is not finite, expected a number
+query box.stl 1 -inf 3 | '-inf' is not finite, expected a number
+query box.stl 1 1e400 3 | '1e400' is beyond 1.8e+308, the largest number
+query box.stl 1 2 3 --ray 0 nan 1 | 'nan' is not finite, expected a number
+query box.stl 1,2,3 | '1,2,3' is not a number; separate numbers by spaces only: 1 2 3
+query box.stl 1,5 2 3 | '1,5' has a decimal comma, expected a decimal point: 1.5
+query box.stl --json | give a point, or --points FILE
+query box.stl 1 2 3 --points - | points are given as arguments already
+query box.stl 1 2 3 --segment | points are taken in pairs (start, end), but there are 1
+query box.stl 1 2 3 --segment --ray 0 0 1 | give one of them, not both
+query box.stl 1 2 3 --json --csv | give one of them, not both
+query box.stl 1 2 3 --workers 0 | 0 threads: expected 1 or more, or -1
+query box.stl 1 2 3 --workers two | Invalid value for '--workers'
+query box.stl 1 2 3 --unpacked-limit 0 | 0: expected more than 0
+query box.stl 1 2 3 --foo | No such option
+query box.stl 1 2 3 -x | No such option
+query 30 10 5 box.stl | is not a number; FILE comes first, before X Y Z
+query box.stl --points none.csv | none.csv: cannot be read (No such file or directory)
+query none.stl 1 2 3 | none.stl: there is no such file
+check none.stl | none.stl: there is no such file
+compile box.stl part.stl | part.stl does not end in .prox
+compile box.stl none/box.prox | none/box.prox: cannot be written (No such file or directory)
+picture box.stl -o box.jpg | box.jpg does not end in .png
+picture box.stl -o box.png --size wide | 'wide': expected width and height, for example 1400x800
+picture box.stl -o box.png --slice 3 | '3': expected an axis and a position, for example z=3
+picture box.stl -o box.png --slice z=nan | 'nan' is not finite
+picture box.stl -o box.png --points none.csv | none.csv
+picture box.stl | Missing option
+replay box.stl hand.csv --rate 0 | 0 ticks a second: expected 1 to 1e+06
+replay box.stl hand.csv --scale -1 | -1 times the size: expected 1e-06 to 1e+06
+replay box.stl hand.csv --latency -1 | -1 ms: expected 0 to 1000
+replay box.stl hand.csv --budget 0 | 0 nodes and leaves: expected 1 to
+replay box.stl hand.csv --limit 0 | 0 seconds: expected 0.001 to 1e+09
+replay box.stl hand.csv --range inf | inf: expected a length above zero
+replay box.stl hand.csv --radius 0.101 --units m | 0.101: 101 mm by --units, expected at most 100 mm
+replay box.stl hand.csv --place 0 1e300 0 | 1e+300: expected coordinates of at most 1e+09 mm
+replay box.stl none.csv | none.csv: cannot be read (No such file or directory)
+replay none.stl hand.csv | none.stl
+replay box.stl hand.csv --out a.txt | a.txt: expected a name that ends in .npz, .npy, .csv
+replay box.stl hand.csv --turn inf 0 0 | a rotation of inf degrees about x, expected finite numbers
+serve cell.toml --limit 0 | 0 seconds: expected
+serve cell.toml --limit nan | nan seconds: expected
+serve cell.toml --ticks 0 | 0 ticks: expected 1 or more
+serve cell.toml --port 8787 | 8787: expected --web, of whose page it is the port
+serve cell.toml --rate 0 | service.rate_hz is 0, expected a number from 1 to 100000 (Hz)
+serve cell.toml --rate nan | service.rate_hz is nan, expected a number from 1 to 100000 (Hz)
+serve cell.toml --publish decaff | decaff: expected an address such as iox2://
+serve cell.toml --log none/run.frames | none/run.frames: cannot be opened (No such file or directory)
+record iox9://a a.frames | iox9://a: no transport is called 'iox9'
+record mailbox:a none/a.frames | none/a.frames: cannot be opened (No such file or directory)
+record mailbox:a box.stl | box.stl: not a frame log, expected a file that begins with
+record mailbox:a a.frames --limit 0 | 0 seconds: expected more than 0, up to 1e+09
+record mailbox:a a.frames --limit nan | nan seconds: expected more than 0, up to 1e+09
+export none.frames --csv a | none.frames: cannot be read (No such file or directory)
+export hand.csv --csv a | hand.csv: no frame was found in its
+export run.frames --csv none/a | none/a: cannot be written (No such file or directory)
+export run.frames --csv ./run.frames | run.frames is the log itself
+export run.frames --csv a --parquet b | expected one of --csv and --parquet
+export run.frames --parquet - | Parquet is not written to standard output
+watch decaff | decaff: expected an address such as iox2://NAME
+view box.stl --rate 0 | 0 Hz: expected 1 to 100000
+view box.stl --radius 0 | 0 mm: expected more than 0, up to 1000
+view box.stl --port 70000 | 70000: expected 0 to 65535
+view box.stl --rerun a.rrd | expected one log of frames (.frames) among FILES
+demo --seconds 0 | 0 seconds: expected more than 0, up to 1e+09
+demo --seconds nan | nan seconds: expected more than 0, up to 1e+09
+drum mailbox:a --limit 1 --max-age 5 | requires --glove
+drum mailbox:a --rate 100 | expected 150 to 5000
+drum mailbox:a --rate nan | expected 150 to 5000
+drum mailbox:a --arm | requires --motor
+drum mailbox:a --limit 1 --log none/drum.csv | drum.csv: cannot be written (No such file or directory)
+drum mailbox:a --glove none.json | none.json: cannot be read (No such file or directory)
+header --out none/x.h | x.h: cannot be written (No such file or directory)
+client cpp --out file | file: is not a folder and cannot be created (File exists)
+client rust --out new | 'rust' is not one of
+controller --out new --cable stiff | 'stiff': expected a stiffness in N/m
+controller --out file | file: is not a folder and cannot be created (File exists)
+controller --out new --rate 100 | 100 Hz: expected 150 to 20000
+controller --out new --calibration none.json | none.json
+calibrate glove.json --drum gear5 | drum is 'gear5', expected one of gear14, gear51, gear111
+calibrate glove.json --seed 3 | requires --simulate
+calibrate glove.json --simulate --counts udp://127.0.0.1:1 | a simulated glove has its own counts
+calibrate glove.json --skip 'pose 1' | 'pose 1': expected 'free drum' or 'held drum'
+calibrate glove.json --simulate --motor canopen://can0 | a simulated glove has its own drum
+calibrate glove.json --arm | requires --motor
+calibrate glove.json --port 8080 | requires --page
+calibrate glove.json --no-browser | requires --page
+calibrate glove.json --page --port 70000 | expected 0 to 65535
+calibrate glove.json --phalanges 45 -26 20 | one of phalanges is -0.026
+bench box.stl --gate soon | 'soon' is not a period, expected a time or a rate such as 1ms, 200us or 1kHz
+bench box.stl --ticks 10 | 10 ticks are too few for p99.9, expected 1000 or more
+bench box.stl --seconds 0 | the loop cannot run for 0 s
+bench box.stl --fingers 0 | 0 fingers cannot be tracked, expected 1 or more
+bench box.stl --out cell.pdf | cell.pdf does not end in .html or .json
+bench box.stl --recording no.csv | no.csv
+bench box.stl --seed -2 | -2 is not a seed
+figures 5d 5z | no figure '5z', expected some of 5a, 5b, 5c, 5d, 5e, 5f, 5g, 5h
+simulate --wall soft | 'soft': expected one of real, coupled, decaff
+simulate --wall coupled --drum gear51 | a coupled wall has none
+simulate --stiffness 5 | a decaff wall has none
+simulate --out press.gif | press.gif does not end in .png, .svg, .pdf, .csv
+simulate --wall coupled --stiffness 5 | expected both or neither
+simulate --latency-ms -3 | -3 ms: expected 0 to 1000
+simulate --wall real --cable 1212 | a real wall has none
+simulate --stretch torque | there is no --cable that stretches
+simulate --scene box.stl --stretch torque | there is no --cable that stretches
+simulate --cable 1212 --stretch much | 'much': expected one of left, torque, sensor
+simulate --cable stiff | 'stiff': expected a stiffness in N/m, or the file of a calibration
+simulate --cable 5 | 5 N/m at the fingertip: expected 10 to 1e+06
+simulate --cable nan | nan N/m at the fingertip: expected 10 to 1e+06
+simulate --cable box.stl | box.stl
+simulate --part box | only a press on a part has that: expected --scene FILE as well
+simulate --scene box.stl --wall real | on a part of a scene there is only decaff
+simulate --scene box.stl --damping 2 | a part that has it has a --stiffness as well
+simulate --scene box.stl --part lid | lid
+simulate --scene none.stl | none.stl
+study report | expected proximity study report DIR
+study some.toml elsewhere | expected proximity study STUDY, or report DIR
+study report nowhere | nowhere: holds no results of a study, expected the folder of
+study nowhere.toml | nowhere.toml: cannot be read (No such file or directory)
+experiment run design.toml p01 --address mailbox:a --arm | a motor moves only with both --motor and --arm
+experiment plan design.toml --slot -1 | -1: the design has 2 participants, expected 0 to 1
+experiment plan design.toml --slot 2 | 2: the design has 2 participants, expected 0 to 1
+experiment report none | no experiment is here, expected a folder that `run` wrote
+experiment forget none p01 | no experiment is here
+experiment plan missing.toml | missing.toml: cannot be read (No such file or directory)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The folder that commands run in, with a file of each kind."""
+    for name in ("box.stl", "hand.csv"):
+        (tmp_path / name).write_bytes((MESHES / name).read_bytes())
+    for name, text in {"cell.toml": SCENE, "file": "", "part.stl": "precious"}.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "run.frames").write_bytes(sealed([0]))
+    write_design(tmp_path).rename(tmp_path / "design.toml")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("line", REFUSED.strip().splitlines())
+def test_refusal_says_what_was_expected_and_changes_no_file(run, folder, line):
+    command, _, words = line.rpartition(" | ")
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+
+    result = run(*shlex.split(command), stdin="")
+
+    assert (result.code, result.out) == (2, "")
+    assert words in result.words
+    assert result.err.startswith(("proximity: ", "Usage: proximity ")) or "Usage: proximity " in result.err
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before

@@ -1,0 +1,73 @@
+"""From position to force, compared with reference values, and against a detector in plain numpy."""
+
+import math
+
+import numpy as np
+import pytest
+
+from proximity.decaff.controller.steady_force import Handover, SteadyForce, SteadyRule
+from proximity.errors import ArgumentError
+
+RATE = 3000.0
+ANY_SPEED = SteadyRule(slow_speed=math.inf)  # as in the reference's table, whose rule does not ask for it
+
+
+def steady_at(force, speed=0.0, rule=ANY_SPEED):
+    watch = SteadyForce(RATE, rule)
+    speeds = np.broadcast_to(speed, np.shape(force))
+    return [watch.take(float(one), float(pace)) for one, pace in zip(force, speeds, strict=True)]
+
+
+def oracle(force, rule=ANY_SPEED):
+    """The rule in plain numpy: two one-pole low-passes, then windows."""
+    share = 1.0 - math.exp(-2.0 * math.pi * rule.cutoff / RATE)
+    filtered = np.zeros((2, len(force) + 1))
+    for k, one in enumerate(force):
+        filtered[0, k + 1] = filtered[0, k] + share * (one - filtered[0, k])
+        filtered[1, k + 1] = filtered[1, k] + share * (filtered[0, k + 1] - filtered[1, k])
+    size, smooth, found = round(rule.window * RATE), filtered[1, 1:], []
+    for k in range(len(force)):
+        past = smooth[max(0, k - size + 1) : k + 1]
+        if k < size:
+            found.append(False)
+            continue
+        varies = past.max() - past.min() >= max(rule.ripple, rule.ripple_share * past.max())
+        drifts = abs(smooth[k] - smooth[k - size]) >= rule.slope * size / RATE
+        found.append(bool(not varies and not drifts and past.min() > rule.least))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_watch_agrees_with_plain_numpy(seed):
+    rng = np.random.default_rng(seed)
+    knots = np.cumsum(rng.normal(0.0, 0.06, 12)) + 0.4
+    force = np.interp(np.arange(1500), np.linspace(0, 1499, 12), knots) + rng.normal(0.0, 0.01, 1500)
+
+    found = steady_at(force)
+    assert found == oracle(force)
+    assert 0 < sum(found) < len(found)
+
+
+def test_finger_must_be_slow_for_a_window():
+    force, speed = np.full(900, 0.8), np.zeros(900)
+    speed[400] = 0.01
+    found = steady_at(force, speed, SteadyRule())
+
+    assert found[399] and not any(found[400:549])
+    assert found[555]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: SteadyRule(window=0.0), "window is 0.0, expected a positive number of seconds"),
+        (lambda: SteadyRule(ripple=-0.1), "ripple is -0.1, expected a number of newtons of 0 or more"),
+        (lambda: SteadyForce(0.0), "rate is 0.0, expected a positive number of hertz"),
+        (lambda: Handover(lost_time=-1.0), "lost_time is -1.0, expected a number of seconds of 0 or more"),
+    ],
+)
+def test_what_cannot_be_is_named(make, message):
+    with pytest.raises(ArgumentError) as caught:
+        make()
+
+    assert message in str(caught.value)

@@ -1,0 +1,671 @@
+"""glTF: its scene graph, numbers and extensions, as programs write them."""
+
+import base64
+import copy
+import json
+import subprocess
+import sys
+import urllib.parse
+
+import mesh_files
+import numpy as np
+import pytest
+import shapes
+from mesh_reading import corners, volume, world, write
+from mesh_reading import read as read_file
+from mesh_reading import refusal as refusal_of
+
+import proximity
+from proximity import formats
+from proximity.formats import worker
+from proximity.formats.gltf import primitives
+from proximity.formats.gltf.primitives import DRACO
+
+VERTICES, FACES = shapes.cube()
+DOCUMENT, BLOB = mesh_files.gltf_document([[(VERTICES, FACES)]], [{"mesh": 0, "name": "cube"}])
+
+
+def read(tmp_path, header, blob=BLOB):
+    return read_file(tmp_path, "part.glb", mesh_files.glb(header, blob))
+
+
+def refusal(tmp_path, header, blob=BLOB):
+    return refusal_of(write(tmp_path, "part.glb", mesh_files.glb(header, blob)))
+
+
+def changed(**changes):
+    return copy.deepcopy({**DOCUMENT, **changes})
+
+
+def with_arrays(header, *arrays, blob=BLOB):
+    """Append buffer views of arrays; return their indices and the new bytes."""
+    views = header["bufferViews"]
+    first = len(views)
+    for array in arrays:
+        views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": len(array.tobytes())})
+        blob += array.tobytes()
+    header["buffers"][0]["byteLength"] = len(blob)
+    return range(first, len(views)), blob
+
+
+# Triangles
+
+
+def test_fan_is_read_all_of_it_facing_one_way(tmp_path):
+    pentagon = [[np.cos(0.4 * np.pi * k), np.sin(0.4 * np.pi * k), 0] for k in range(5)]
+    header, blob = mesh_files.gltf_document([[(pentagon, [0, 1, 2, 3, 4])]], [{"mesh": 0}])
+    header["meshes"][0]["primitives"][0]["mode"] = 6
+    (geometry,) = read(tmp_path, header, blob).geometries
+    assert geometry.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
+
+
+# Numbers and bytes
+
+
+def test_whole_numbers_may_be_written_with_a_point(tmp_path):
+    text = json.dumps(DOCUMENT)
+    for entry in ("count", "byteLength", "byteOffset", "componentType", "bufferView", "POSITION", "mesh"):
+        for value in (*range(200), 5125, 5126):
+            text = text.replace(f'"{entry}": {value},', f'"{entry}": {value}.0,')
+            text = text.replace(f'"{entry}": {value}}}', f'"{entry}": {value}.0}}')
+    assert text.count(".0") > 12
+    assert len(read(tmp_path, json.loads(text)).geometries[0].faces) == 12
+
+
+def test_arrays_may_begin_at_odd_bytes(tmp_path):
+    header = changed()
+    blob = b"\1" + BLOB[:96] + b"\1\1" + BLOB[96:]
+    header["bufferViews"][0] |= {"byteOffset": 0, "byteLength": 97}
+    header["accessors"][0]["byteOffset"] = 1
+    header["bufferViews"][1]["byteOffset"] = 99
+    header["buffers"][0]["byteLength"] = len(blob)
+    (geometry,) = read(tmp_path, header, blob).geometries
+    assert np.array_equal(corners(geometry), VERTICES[FACES])
+
+
+TEXT = base64.b64encode(BLOB).decode()
+LINES = "\r\n".join(TEXT[k : k + 76] for k in range(0, len(TEXT), 76))
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "data:;base64," + TEXT.rstrip("="),
+        "data:application/octet-stream;base64," + LINES,
+        "data:application/gltf-buffer;base64," + urllib.parse.quote(LINES, safe=""),
+        "DATA:application/octet-stream;charset=binary;BASE64," + TEXT,
+        "data:application/octet-stream," + urllib.parse.quote_from_bytes(BLOB),
+    ],
+    ids=["no padding", "lines", "percent-encoded", "capitals", "no base64"],
+)
+def test_data_uri_is_read_as_programs_write_it(tmp_path, uri):
+    path = tmp_path / "part.gltf"
+    path.write_text(json.dumps({**DOCUMENT, "buffers": [{"byteLength": len(BLOB), "uri": uri}]}))
+    assert np.array_equal(corners(formats.read_geometries(path).geometries[0]), VERTICES[FACES])
+
+
+def sparse_document(base_is_there=True):
+    """The cube, with two corners replaced by where they are; before that they are somewhere else."""
+    header = changed()
+    moved = np.float32(VERTICES)
+    moved[[3, 6]] = 9.0
+    (rows, values), blob = with_arrays(
+        header, np.array([3, 6], np.uint8), np.float32(VERTICES[[3, 6]]), blob=moved.tobytes() + BLOB[96:]
+    )
+    header["accessors"][0]["sparse"] = {
+        "count": 2,
+        "indices": {"bufferView": rows, "componentType": 5121},
+        "values": {"bufferView": values},
+    }
+    if not base_is_there:
+        del header["accessors"][0]["bufferView"]
+    return header, blob
+
+
+def test_sparse_positions_replace_those_below(tmp_path):
+    (geometry,) = read(tmp_path, *sparse_document()).geometries
+    assert np.array_equal(corners(geometry), VERTICES[FACES])
+
+
+def test_sparse_positions_without_others_stand_among_zeros(tmp_path):
+    (geometry,) = read(tmp_path, *sparse_document(base_is_there=False)).geometries
+    expected = np.zeros_like(VERTICES)
+    expected[[3, 6]] = VERTICES[[3, 6]]
+    assert np.array_equal(geometry.vertices, expected)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("count",), 3, "the sparse part of accessor 0 (primitive 0 of mesh 0) has 3 entries, which do not"),
+        (("count",), 10**15, "the sparse part of accessor 0 (primitive 0 of mesh 0) has 1000000000000000"),
+        (("indices", "componentType"), 5126, "the sparse part of accessor 0 (primitive 0 of mesh 0) has"),
+        (("values",), 7, "the sparse part of accessor 0 (primitive 0 of mesh 0) has no indices or no values"),
+        (("values", "bufferView"), None, "the buffer view of the sparse part of accessor 0 (primitive 0 of"),
+    ],
+)
+def test_sparse_positions_that_are_not_there_are_refused(tmp_path, path, value, message):
+    header, blob = sparse_document()
+    entry = header["accessors"][0]["sparse"]
+    for key in path[:-1]:
+        entry = entry[key]
+    entry[path[-1]] = value
+    assert refusal(tmp_path, header, blob).startswith(message)
+
+
+def test_sparse_position_of_no_vertex_is_refused(tmp_path):
+    header, blob = sparse_document()
+    header["accessors"][0]["count"] = 6
+    assert refusal(tmp_path, header, blob) == (
+        "the sparse part of accessor 0 (primitive 0 of mesh 0) replaces entry 6, but there are 6"
+    )
+
+
+def test_zeros_of_which_only_the_count_is_there_are_bounded(tmp_path):
+    header, blob = sparse_document(base_is_there=False)
+    header["accessors"][0]["count"] = 10**12
+    assert refusal(tmp_path, header, blob).startswith(
+        "accessor 0 (primitive 0 of mesh 0) has 1000000000000 entries, but no buffer view, and the file "
+    )
+
+
+@pytest.mark.parametrize(
+    ("component_type", "dtype", "is_normalized", "unit"),
+    [
+        (5120, "i1", False, 1.0),
+        (5121, "u1", False, 1.0),
+        (5122, "<i2", True, 1 / 32767),
+        (5123, "<u2", True, 1 / 65535),
+        (5120, "i1", True, 1 / 127),
+    ],
+)
+def test_quantised_positions_are_scaled_by_their_node(tmp_path, component_type, dtype, is_normalized, unit):
+    header = changed(
+        nodes=[{"mesh": 0, "scale": [0.02 / (100 * unit)] * 3, "translation": [0.5, 0, 0]}],
+        extensionsUsed=["KHR_mesh_quantization"],
+        extensionsRequired=["KHR_mesh_quantization"],
+    )
+    stored = np.zeros((8, 4), dtype)  # rows of 4 or 8 bytes, as the extension asks for
+    stored[:, :3] = 100 * VERTICES
+    (view,), blob = with_arrays(header, stored)
+    header["bufferViews"][view]["byteStride"] = stored.strides[0]
+    header["accessors"][0] |= {
+        "bufferView": view,
+        "componentType": component_type,
+        "normalized": is_normalized,
+        "min": [0, 0, 0],
+        "max": [100, 100, 100],
+    }
+    contents = read(tmp_path, header, blob)
+    assert contents.notes == ()
+    expected = 0.02 * VERTICES[FACES] + (0.5, 0, 0)
+    assert np.allclose(corners(contents.geometries[0]), expected, rtol=1e-12, atol=1e-15)
+
+
+def test_smallest_normalised_number_is_minus_one(tmp_path):
+    header = changed()
+    (view,), blob = with_arrays(header, np.int8(-128 * VERTICES))
+    header["accessors"][0] |= {"bufferView": view, "componentType": 5120, "normalized": True}
+    assert read(tmp_path, header, blob).geometries[0].vertices.min() == -1.0
+
+
+SAYS = "says that its min is (0, 0, 0.5)"
+
+
+@pytest.mark.parametrize(
+    ("bounds", "note"),
+    [
+        (
+            {"min": [0, 0, 0.5], "max": [9, 1, 1]},
+            "says that its min is (0, 0, 0.5), but it is (0, 0, 0) (and 1 more)",
+        ),
+        ({"min": [None, None, None]}, "has a min that is not 3 finite numbers"),
+    ],
+)
+def test_wrong_bounds_of_positions_are_a_note(tmp_path, bounds, note):
+    """Was: refused. The data are the truth, and every other program reads it."""
+    header = changed()
+    header["accessors"][0] |= bounds
+    contents = read(tmp_path, header)
+    expected = f"accessor 0 (primitive 0 of mesh 0) {note}: the positions were taken as they are"
+    assert contents.notes == (expected,)
+    assert np.array_equal(corners(contents.geometries[0]), VERTICES[FACES])
+
+
+# The scene
+
+SHIFTED = VERTICES + 0.1  # no binary fraction: single precision in the way would show
+
+
+def gltf_nodes_of_a_gripper():
+    quarter = [0.0, 0.0, float(np.sqrt(0.5)), float(np.sqrt(0.5))]
+    return [
+        {"name": "arm", "translation": [10, 0, 0], "rotation": quarter, "children": [1, 2]},
+        {"name": "jaw", "mesh": 0, "translation": [1, 0, 0]},
+        {"name": "jaw", "mesh": 0, "translation": [-1, 0, 0]},
+        {"mesh": 0},
+    ]
+
+
+@pytest.mark.parametrize("name", ["robot.glb", "robot.gltf", "apart.gltf"])
+def test_scene_graph_keeps_names_and_poses_and_is_in_metres(tmp_path, name):
+    header, blob = mesh_files.gltf_document([[(SHIFTED, FACES)]], gltf_nodes_of_a_gripper())
+    if name == "robot.gltf":
+        header["buffers"][0]["uri"] = (
+            "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+        )
+    elif name == "apart.gltf":
+        header["buffers"][0]["uri"] = "the%20buffer.bin"
+        (tmp_path / "the buffer.bin").write_bytes(blob)
+    data = mesh_files.glb(header, blob) if name.endswith("glb") else json.dumps(header).encode()
+    contents = read_file(tmp_path, name, data, units="in")
+    assert (contents.units, contents.units_declared) == ("m", True)
+    first, second, third = contents.geometries
+    assert [first.name, second.name, third.name] == ["jaw", "jaw_2", name.split(".")[0]]
+    assert contents.notes == ("2 of its meshes are called 'jaw'; from the second on they are numbered",)
+    assert np.allclose(
+        first.pose.matrix, [[0, -1, 0, 10], [1, 0, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-15
+    )
+    assert np.allclose(second.pose.translation, [10, -1, 0], atol=1e-15) and third.pose.is_identity
+    assert np.array_equal(first.vertices, np.float32(SHIFTED).astype(np.float64))
+
+
+def test_instances_of_one_mesh_share_their_arrays(tmp_path):
+    document = mesh_files.gltf_document([[(SHIFTED, FACES)]], gltf_nodes_of_a_gripper())
+    first, second, third = read_file(tmp_path, "robot.glb", mesh_files.glb(*document)).geometries
+    assert first.vertices is second.vertices is third.vertices and first.faces is third.faces
+
+
+def test_primitives_of_a_mesh_are_one_body(tmp_path):
+    document = mesh_files.gltf_document([[(SHIFTED, FACES[:6]), (SHIFTED, FACES[6:])]], [{"mesh": 0}])
+    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries
+    assert geometry.source_faces.tolist() == list(range(12))
+    assert volume(geometry) == pytest.approx(1.0, rel=1e-6)
+
+
+def test_quantised_normals_do_no_harm(tmp_path):
+    # Was: refused, as if the positions were.
+    document = mesh_files.gltf_document(
+        [[(SHIFTED, FACES)]], [{"mesh": 0}], extensionsRequired=["KHR_mesh_quantization"]
+    )
+    assert len(read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries[0].faces) == 12
+
+
+def test_what_is_left_out_of_a_scene_is_said(tmp_path):
+    header, blob = mesh_files.gltf_document(
+        [[(SHIFTED, FACES), (SHIFTED, FACES)]],
+        [{"mesh": 0, "skin": 0}, {"mesh": 0}],
+        animations=[{}],
+        skins=[{}],
+    )
+    header["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 0}]
+    header["meshes"][0]["primitives"][1]["mode"] = 1
+    header["scenes"].append({"nodes": []})
+    contents = read_file(tmp_path, "part.glb", mesh_files.glb(header, blob) + b"\0\0")
+    assert len(contents.geometries) == 2 and len(contents.geometries[0].faces) == 12
+    assert contents.notes[:6] == (
+        "2 bytes after its end were ignored",
+        "points and lines were ignored: they enclose nothing",
+        "it holds several scenes, the default one was read",
+        "its animations were not applied",
+        "its morph targets were not applied, the meshes are in their basic shape",
+        "its skins were not applied, the meshes are in their rest position",
+    )
+
+
+@pytest.mark.parametrize(
+    "node",
+    [
+        {"scale": [0.5, 0.5, 0.5], "translation": [1, 2, 3]},
+        {"scale": [1, 2, 3], "rotation": [0.5, 0.5, 0.5, 0.5]},
+        {"scale": [-1, 1, 1]},
+        {"scale": [-2, -2, -2], "translation": [0, 0, 1]},
+        {"matrix": [1, 0, 0, 0, 0.5, 1, 0, 0, 0, 0, 1, 0, 7, 0, 0, 1]},
+    ],
+    ids=["scale", "uneven scale", "mirror", "point mirror", "shear"],
+)
+def test_what_is_not_rigid_goes_into_the_vertices(tmp_path, node):
+    """In the world everything stands where the file says; the pose is rigid, and faces look outward."""
+    document = mesh_files.gltf_document([[(SHIFTED, FACES)]], [{"mesh": 0, **node}])
+    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries
+    matrix = np.eye(4)
+    if "matrix" in node:
+        matrix = np.reshape(node["matrix"], (4, 4)).T
+    else:
+        turn = np.eye(3)[[2, 0, 1]] if "rotation" in node else np.eye(3)
+        matrix[:3, :3] = turn * node["scale"]
+        matrix[:3, 3] = node.get("translation", 0)
+    points = np.float32(SHIFTED).astype(np.float64)
+    assert np.allclose(world(geometry), points @ matrix[:3, :3].T + matrix[:3, 3], rtol=1e-14, atol=1e-14)
+    assert volume(geometry) == pytest.approx(abs(np.linalg.det(matrix[:3, :3])), rel=1e-6)
+
+
+def test_rotation_in_single_precision_is_rigid_and_changes_no_vertex(tmp_path):
+    angle = 0.3
+    turn = np.eye(4)
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    document = mesh_files.gltf_document(
+        [[(SHIFTED, FACES)]], [{"mesh": 0, "matrix": [float(x) for x in np.float32(turn.T).ravel()]}]
+    )
+    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries
+    assert np.array_equal(geometry.vertices, np.float32(SHIFTED).astype(np.float64))
+    assert np.allclose(geometry.pose.rotation, turn[:3, :3], atol=1e-7)
+
+
+def test_primitive_without_indices_takes_vertices_three_by_three(tmp_path):
+    header, blob = mesh_files.gltf_document([[(SHIFTED[FACES.ravel()], FACES), (SHIFTED, [])]], [{"mesh": 0}])
+    del header["meshes"][0]["primitives"][0]["indices"]
+    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(header, blob)).geometries
+    assert np.array_equal(geometry.faces, np.arange(36).reshape(12, 3))
+
+
+def test_triangle_strip_is_read(tmp_path):
+    square = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
+    header, blob = mesh_files.gltf_document([[(square, [0, 1, 2, 3])]], [{"mesh": 0}])
+    header["meshes"][0]["primitives"][0]["mode"] = 5
+    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(header, blob)).geometries
+    assert geometry.source_faces.tolist() == [0, 1]
+    a, b, c = geometry.vertices[geometry.faces].transpose(1, 0, 2)
+    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+
+
+def test_bounds_of_gltf_positions_may_be_rounded(tmp_path):
+    header, blob = mesh_files.gltf_document([[(VERTICES + 0.1, FACES)]], [{"mesh": 0}])
+    header["accessors"][0] |= {"min": [0.1, 0.1, 0.1], "max": [1.1, 1.10000002, 1.0999999]}
+    assert read(tmp_path, header, blob).notes == ()
+
+
+def test_gltf_without_scenes_places_what_is_nobodys_child(tmp_path):
+    header = changed()
+    del header["scenes"]
+    contents = read(tmp_path, header)
+    assert [geometry.name for geometry in contents.geometries] == ["cube"]
+
+
+def test_node_scaled_to_nothing_is_left_out_and_the_others_stay(tmp_path):
+    nodes = [
+        {"name": "away", "scale": [0, 0, 0], "children": [1]},
+        {"mesh": 0, "name": "below"},
+        {"mesh": 0, "name": "line", "scale": [0, 2, 0]},
+        {"mesh": 0, "name": "stays"},
+    ]
+    contents = read(tmp_path, changed(nodes=nodes, scenes=[{"nodes": [0, 2, 3]}]))
+    assert [geometry.name for geometry in contents.geometries] == ["stays"]
+    assert contents.notes == ("scaled to nothing in the file, and left out: 'below', 'line'",)
+
+
+def test_flattened_node_is_a_sheet_where_the_file_has_it(tmp_path):
+    half = float(np.sqrt(0.5))
+    nodes = [
+        {"mesh": 0, "scale": [1, 0, 3], "rotation": [half, 0, 0, half], "translation": [0, 0, 7]},
+        {"mesh": 0, "name": "solid"},
+    ]
+    contents = read(tmp_path, changed(nodes=nodes, scenes=[{"nodes": [0, 1]}]))
+    assert contents.notes == ("flattened to a sheet by a scale of 0 in the file: node 0",)
+    sheet, solid = contents.geometries
+    x, _, z = VERTICES.T
+    assert np.allclose(sheet.pose.point(sheet.vertices), np.c_[x, -3 * z, 0 * z + 7], atol=1e-6)
+    assert np.array_equal(corners(solid), VERTICES[FACES])
+
+
+def test_ground_plane_without_thickness_can_be_touched(tmp_path):
+    square = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 1]])
+    nodes = [{"mesh": 0, "scale": [2, 0, 2]}]
+    path = tmp_path / "ground.glb"
+    path.write_bytes(mesh_files.glb(*mesh_files.gltf_document([[(square, [[0, 2, 1], [1, 2, 3]])]], nodes)))
+    assert proximity.load(path).closest([1.0, 0.25, 1.0]).signed_distance == pytest.approx(0.25)
+
+
+def invisible(is_visible=False):
+    return {"KHR_node_visibility": {"visible": is_visible}}
+
+
+def test_hidden_node_is_a_hidden_part_and_so_is_all_below_it(tmp_path):
+    nodes = [
+        {"name": "group", "extensions": invisible(), "children": [1]},
+        {"name": "lid", "mesh": 0, "extensions": invisible(True), "translation": [5, 0, 0]},
+        {"name": "box", "mesh": 0, "extensions": invisible(True)},
+    ]
+    header = changed(
+        nodes=nodes,
+        scenes=[{"nodes": [0, 2]}],
+        extensionsUsed=["KHR_node_visibility"],
+        extensionsRequired=["KHR_node_visibility"],
+    )
+    path = tmp_path / "part.glb"
+    path.write_bytes(mesh_files.glb(header, BLOB))
+    scene = proximity.load(path)
+    assert [(part.name, part.is_hidden) for part in scene.parts] == [("lid", True), ("box", False)]
+    assert "hidden in the file, and so in the scene: 'lid'" in scene.report.notes
+    above_lid = [5.5, 0.5, 1.25]
+    assert scene.signed_distance(above_lid) > 4
+    scene.show("lid")
+    assert scene.signed_distance(above_lid) == pytest.approx(0.25)
+    checked = subprocess.run(
+        [sys.executable, "-m", "proximity", "check", path], capture_output=True, text=True, check=True
+    )
+    assert "hidden in the file, and so in the scene: 'lid'" in checked.stdout
+
+
+def test_hidden_part_stays_hidden_when_its_name_is_given_twice(tmp_path):
+    two = np.concatenate([VERTICES, VERTICES + 3])
+    faces = np.concatenate([FACES, FACES + 8])
+    nodes = [
+        {"mesh": 0, "name": "a", "extensions": invisible()},
+        {"mesh": 0, "name": "a.1", "extensions": invisible()},
+    ]
+    path = tmp_path / "part.glb"
+    path.write_bytes(mesh_files.glb(*mesh_files.gltf_document([[(two, faces)]], nodes)))
+    parts = proximity.load(path).parts
+    assert len(parts) == 4 and len({part.name for part in parts}) == 4
+    assert all(part.is_hidden for part in parts)
+
+
+# Morph targets
+
+
+def morphed(mesh_weights=None, node_weights=None, targets=None):
+    header = changed(nodes=[{"mesh": 0}, {"mesh": 0}], scenes=[{"nodes": [0, 1]}])
+    shift = np.zeros((8, 3), np.float32)
+    shift[4:, 0] = 2.0
+    lift = np.full((8, 3), 0.5, np.float32)
+    (first, second), blob = with_arrays(header, shift, lift)
+    header["accessors"] += [
+        {"bufferView": view, "componentType": 5126, "type": "VEC3", "count": 8} for view in (first, second)
+    ]
+    header["meshes"][0]["primitives"][0]["targets"] = targets or [{"POSITION": 2}, {"POSITION": 3}]
+    if mesh_weights:
+        header["meshes"][0]["weights"] = mesh_weights
+    if node_weights:
+        header["nodes"][1]["weights"] = node_weights
+    return header, blob
+
+
+def test_morph_targets_are_applied_with_the_weights_of_mesh_and_node(tmp_path):
+    contents = read(tmp_path, *morphed([1, 0], [0.5, 1]))
+    first, second = (geometry.vertices for geometry in contents.geometries)
+    assert contents.notes[0] == "its morph targets were applied with the weights of the file"
+    shift = np.zeros((8, 3))
+    shift[4:, 0] = 2.0
+    assert np.array_equal(first, VERTICES + shift)
+    assert np.array_equal(second, VERTICES + 0.5 * shift + 0.5)
+
+
+def test_morph_target_may_be_sparse_nothing_or_of_normals_only(tmp_path):
+    header, blob = morphed([1, 1, 1], targets=[{"POSITION": 2}, {"POSITION": 3}, {"NORMAL": 3}])
+    (rows, values), blob = with_arrays(header, np.uint16([7]), np.float32([0, 0, 4]), blob=blob)
+    header["accessors"][2] = {
+        "componentType": 5126,
+        "type": "VEC3",
+        "count": 8,
+        "sparse": {
+            "count": 1,
+            "indices": {"bufferView": rows, "componentType": 5123},
+            "values": {"bufferView": values},
+        },
+    }
+    del header["accessors"][3]["bufferView"]
+    expected = VERTICES.copy()
+    expected[7, 2] += 4
+    assert np.array_equal(read(tmp_path, header, blob).geometries[0].vertices, expected)
+
+
+@pytest.mark.parametrize(
+    ("weights", "targets", "message"),
+    [
+        ([1, 0, 1], None, "primitive 0 of mesh 0 has 2 morph targets, but 3 weights"),
+        ([1, 0], [{"POSITION": 9}], "it refers to accessors 9, but holds 4"),
+        ([1], [{"POSITION": 1}], "accessor 1 (a morph target of primitive 0 of mesh 0) has type 'SCALAR' of"),
+        (["much"], None, "the weights of node 0 is not 1 finite numbers"),
+    ],
+)
+def test_morph_targets_that_do_not_fit_are_refused(tmp_path, weights, targets, message):
+    assert refusal(tmp_path, *morphed(weights, targets=targets)).startswith(message)
+
+
+def test_morph_weight_beyond_all_numbers_is_refused_without_a_warning(tmp_path):
+    path = tmp_path / "part.glb"
+    path.write_bytes(mesh_files.glb(*morphed([1.7e308, 0])))
+    with pytest.raises(proximity.MeshError, match=r"vertex 4 of 'part' is not finite: \(inf, "):
+        formats.read_geometries(path)
+
+
+def test_morph_target_of_other_length_is_refused(tmp_path):
+    header, blob = morphed([1, 0])
+    header["accessors"][2]["count"] = 7
+    assert refusal(tmp_path, header, blob) == (
+        "a morph target of primitive 0 of mesh 0 moves 7 vertices, but there are 8"
+    )
+
+
+# Packed geometry
+
+
+def packed_document(stream, position_id=0):
+    header = changed(extensionsUsed=[DRACO], extensionsRequired=[DRACO])
+    for accessor in header["accessors"]:
+        del accessor["bufferView"]
+    (view,), blob = with_arrays(header, np.frombuffer(stream, np.uint8), blob=b"")
+    header["bufferViews"] = header["bufferViews"][view:]
+    header["meshes"][0]["primitives"][0]["extensions"] = {
+        DRACO: {"bufferView": 0, "attributes": {"POSITION": position_id}}
+    }
+    return header, blob
+
+
+def draco_stream(**options):
+    packer = pytest.importorskip("DracoPy")
+    return packer.encode(np.float32(VERTICES), np.uint32(FACES), quantization_bits=10, **options)
+
+
+@pytest.mark.parametrize("options", [{}, {"preserve_order": True}, {"compression_level": 10}])
+def test_geometry_packed_by_draco_is_read(tmp_path, options):
+    header, blob = packed_document(draco_stream(**options))
+    header["nodes"] = [{"mesh": 0, "name": "a"}, {"mesh": 0, "name": "b", "translation": [2, 0, 0]}]
+    header["scenes"] = [{"nodes": [0, 1]}]
+    path = tmp_path / "part.glb"
+    path.write_bytes(mesh_files.glb(header, blob))
+    scene = proximity.load(path)
+    assert [part.solid.mesh.face_count for part in scene.parts] == [12, 12]
+    assert np.allclose(scene.bounds, [[0, 0, 0], [3, 1, 1]], atol=1e-6)
+    assert scene.signed_distance([2.5, 0.5, 0.5]) == pytest.approx(-0.5, abs=1e-3)
+
+
+def test_positions_beside_packed_ones_are_taken(tmp_path):
+    """The extension is then an offer, not needed."""
+    header = changed(extensionsUsed=[DRACO])
+    header["meshes"][0]["primitives"][0]["extensions"] = {DRACO: {"bufferView": 99}}
+    assert np.array_equal(corners(read(tmp_path, header).geometries[0]), VERTICES[FACES])
+
+
+def test_damaged_draco_stream_is_refused(tmp_path):
+    stream = draco_stream()
+    message = "its geometry stored by KHR_draco_mesh_compression cannot be unpacked ("
+    for damaged in (b"DRACO", stream[: len(stream) // 2], b"\0" * 100):
+        assert refusal(tmp_path, *packed_document(damaged)).startswith(message)
+    assert refusal(tmp_path, *packed_document(stream, position_id=5)).startswith(message)
+
+
+def test_draco_attribute_that_holds_no_positions_is_refused(tmp_path):
+    stream = draco_stream(generic_attributes={5: np.zeros((8, 2), np.float32)})
+    assert refusal(tmp_path, *packed_document(stream, position_id=5)) == (
+        "its positions stored by KHR_draco_mesh_compression are not 3 numbers each"
+    )
+
+
+@pytest.mark.parametrize(("name", "value"), [("_DRACO_SECONDS", 0), ("_DRACO_BYTES", 1 << 20)])
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory")
+def test_draco_stream_that_takes_too_much_is_refused(tmp_path, monkeypatch, name, value):
+    stream = draco_stream()
+    monkeypatch.setattr(primitives, name, value)
+    assert "cannot be unpacked (" in refusal(tmp_path, *packed_document(stream))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_crash_of_the_draco_decoder_is_a_sentence(tmp_path, monkeypatch):
+    pytest.importorskip("DracoPy")
+    (tmp_path / "worker.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    monkeypatch.setattr(worker, "__file__", str(tmp_path / "worker.py"))
+    assert "(the decoder crashed, signal 11)" in refusal(tmp_path, *packed_document(b"DRACO"))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory")
+def test_draco_stream_that_claims_a_billion_faces_is_refused(tmp_path):
+    draco_stream()  # skips without the decoder
+    # A sequential mesh: counts of faces and vertices as numbers of seven bits a byte
+    claimed = b"DRACO\2\2\1\0\0\0" + b"\x80\x94\xeb\xdc\x03" * 2 + b"\1" + b"\0" * 4000
+    assert "cannot be unpacked (" in refusal(tmp_path, *packed_document(claimed))
+
+
+def test_draco_without_its_decoder_is_refused_before_buffers_with_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "DracoPy", None)
+    header, blob = packed_document(b"")
+    header["buffers"] = [{"byteLength": 10, "uri": "not there.bin"}]
+    words = r"part.glb: geometry stored by KHR_draco_mesh_compression needs DracoPy, which is not installed: "
+    with pytest.raises(proximity.MissingLibraryError, match=words + r'pip install "cad-proximity\[gltf\]"$'):
+        read(tmp_path, header, blob)
+
+
+@pytest.mark.parametrize("name", ["EXT_meshopt_compression", "KHR_meshopt_compression"])
+def test_file_packed_by_meshopt_is_refused_by_name_and_not_for_its_empty_buffer(tmp_path, name):
+    header = changed(extensionsUsed=[name])
+    header["buffers"].append({"byteLength": 10, "extensions": {name: {"fallback": True}}})
+    assert refusal(tmp_path, header) == (
+        f"its geometry is stored by {name}, which is not supported; export it without, or unpack it by: "
+        "gltfpack -noq -kn"
+    )
+
+
+def test_meshopt_with_the_unpacked_numbers_beside_is_read(tmp_path):
+    header = changed(extensionsUsed=["EXT_meshopt_compression"])
+    assert len(read(tmp_path, header).geometries) == 1
+
+
+@pytest.mark.parametrize("name", ["KHR_technique_webgl", "KHR_techniques_webgl"])
+def test_required_extension_for_shaders_changes_no_shape(tmp_path, name):
+    # Was: refused, as an extension that is not read.
+    header = changed(extensionsUsed=[name], extensionsRequired=[name])
+    assert len(read(tmp_path, header).geometries[0].faces) == 12
+
+
+def test_files_after_public_reports_are_read(shared_data):
+    reports = shared_data / "reports"
+    if not reports.is_dir():
+        pytest.skip("the files after public reports are not here")
+    scenes = {path.stem.removeprefix("gltf_"): proximity.load(path) for path in reports.glob("gltf_*.gltf")}
+    box = [[0, 0, 0], [0.02, 0.01, 0.005]]
+    for name in (
+        "sparse",
+        "quantized",
+        "wrong_min",
+        "zero_scale_node",
+        "data_uri_newlines",
+        "data_uri_no_padding",
+    ):
+        assert np.allclose(scenes[name].bounds, box, atol=1e-8), name
+        assert [part.solid.mesh.face_count for part in scenes[name].parts] == [12], name
+    assert np.allclose(scenes["morph_weights"].bounds, np.add(box, [0.01, 0, 0]), atol=1e-8)
+    assert [part.is_hidden for part in scenes["visibility"].parts] == [True, False]
+    assert scenes["fan"].parts[0].solid.mesh.face_count == 2
+    noted = {name for name, scene in scenes.items() if scene.report.notes}
+    assert noted == {"morph_weights", "visibility", "wrong_min", "zero_scale_node"}

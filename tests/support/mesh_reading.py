@@ -1,0 +1,43 @@
+"""Writing a file of a test, reading it, and what is looked at in what was read."""
+
+import numpy as np
+import pytest
+
+from proximity import formats
+from proximity.errors import MeshFormatError
+from proximity.formats.dialects import DialectError
+
+
+def write(folder, name, data):
+    """The path of a file with that content, bytes or text."""
+    path = folder / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    return path
+
+
+def read(folder, name, data, **options):
+    return formats.read_geometries(write(folder, name, data), **options)
+
+
+def refusal(path, **options):
+    """What the refusal of a file says after its path."""
+    with pytest.raises(MeshFormatError) as caught:
+        formats.read_geometries(path, **options)
+    assert not isinstance(caught.value, DialectError)
+    return str(caught.value).removeprefix(f"{path}: ")
+
+
+def volume(geometry):
+    a, b, c = geometry.vertices[geometry.faces].transpose(1, 0, 2)
+    return np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0
+
+
+def world(geometry):
+    """Vertices where the file places them."""
+    return geometry.pose.point(geometry.vertices)
+
+
+def corners(geometry):
+    """Corners of all faces where the file places them, in its order."""
+    return world(geometry)[geometry.faces]

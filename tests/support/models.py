@@ -1,0 +1,27 @@
+"""Models of plain meshes, as kernels take them."""
+
+import numpy as np
+
+from proximity.mesh.bvh import LocalFrame
+from proximity.mesh.part_arrays import common_frame, part_arrays
+from proximity.pose import Pose
+from proximity.scene.model.assembly import assemble
+
+
+def piece_of(mesh, frame: LocalFrame | None = None):
+    """The arrays of one part, its faces as they are: nothing is welded, dropped or turned."""
+    faces = np.ascontiguousarray(mesh[1], dtype=np.int32)
+    return part_arrays(np.asarray(mesh[0], dtype=np.float64), faces, np.full_like(faces, -1), frame)
+
+
+def model_of(*meshes, poses=None, frame=None, is_fused=False):
+    """The model of meshes at poses, as they lie where none are given.
+
+    *is_fused*: in one frame, so that they are walked as one tree.
+    """
+    if is_fused:
+        vertices = np.concatenate([vertices for vertices, _ in meshes])
+        frame = common_frame(vertices.min(axis=0), vertices.max(axis=0))
+    model = assemble([piece_of(mesh, frame) for mesh in meshes], poses or [Pose()] * len(meshes))
+    assert not is_fused or (model.parts["is_fused"][:-1] == 1).all()
+    return model
