@@ -277,6 +277,12 @@ def test_condition_whose_trials_were_all_ended_is_named(shipped, entries, tmp_pa
     )
 
 
+def test_simulated_participant_is_the_same_on_every_run(shipped, entries):
+    own = [entry for entry in entries if entry["participant"] == "1"]
+
+    assert simulated_trials(shipped, 1) == own != simulated_trials(shipped, 1, seed=1)
+
+
 def test_right_answers_are_counted_by_level():
     rows = [{"level": level, "is_right": right} for level, right in ((0.1, True), (0.1, False), (0.2, True))]
 
