@@ -97,11 +97,10 @@ paper
 """,
     "proximity.lab.experiment": """
 analysis
-visit
-drum_display · observers
 session
-dataset · display
-design_file · methods · trial_log
+drum_display · observers
+dataset · methods
+display · design_file · trial_log
 plan
 design
 """,

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from experiments import SMALL, write_design
+from experiments import SHIPPED, SMALL, simulate, write_design
 from scipy import integrate, stats
 
 from proximity.errors import MissingLibraryError
@@ -18,11 +18,10 @@ from proximity.lab.experiment.analysis.comparison import (
     mixed_model,
     within_f,
 )
-from proximity.lab.experiment.analysis.findings import find
+from proximity.lab.experiment.analysis.findings import Score, counts_of, exclude, find, scores_of
 from proximity.lab.experiment.analysis.plots import draw_plots
 from proximity.lab.experiment.analysis.psychometric import Shape, fit, shared_shape, threshold_mean
 from proximity.lab.experiment.analysis.report import write_report
-from proximity.lab.experiment.analysis.scores import Score, counts_of, exclude, scores_of
 from proximity.lab.experiment.analysis.simulation import (
     false_positives,
     power,
@@ -38,8 +37,6 @@ LEVELS = (0.06, 0.09, 0.13, 0.19, 0.28, 0.41, 0.60, 0.88)
 
 @pytest.fixture(scope="module")
 def shipped():
-    from test_experiment_design import SHIPPED
-
     return read_design(SHIPPED)
 
 
@@ -93,7 +90,7 @@ def test_thresholds_of_adaptive_methods_are_not_biased(shipped, method):
     """Adaptive trials do not tell the shape: with a free one, thresholds may be 0.14 too low in log10."""
     from proximity.lab.experiment.design import Procedure
 
-    task = replace(shipped.task("stiffness"), procedure=Procedure(method))
+    task = replace(shipped.task("stiffness"), method=Procedure(method))
     design = replace(shipped, tasks=(task,))
     off = []
     for slot in range(8):
@@ -185,10 +182,8 @@ def test_no_difference_is_found_where_there_is_none(shipped):
 
 def test_false_positives_would_be_seen(shipped):
     """The counterpart: with thresholds twice as high, nearly every experiment finds that."""
-    from proximity.lab.experiment.analysis import simulation
-
     twice = with_effect(shipped, 2.0)
-    scores = simulation.simulated_scores(twice, 12)
+    scores = scores_of(twice, [one for slot in range(12) for one in simulated_trials(twice, slot)])
     assert compare("stiffness", [one.name for one in twice.conditions], scores).p < 0.05
 
 
@@ -213,7 +208,7 @@ def test_what_is_real_is_tested_against_chance_with_holms_adjustment():
         for name, values in columns.items()
         for i, value in enumerate(values)
     ]
-    found = {one.condition: one.p_zero for one in compare("t", list(columns), scores).means}
+    found = {one.condition: one.p for one in compare("t", list(columns), scores).means}
 
     alone = {name: stats.ttest_1samp(columns[name], 0.0).pvalue for name in ("a", "b")}
     assert found["b"] == pytest.approx(2.0 * alone["b"]) and found["b"] < 1e-4
@@ -228,37 +223,35 @@ def altered(entries, condition, **changes):
     return [entry | changes if condition(entry) else entry for entry in entries]
 
 
-def test_who_fails_catch_trials_is_left_out(shipped, entries):
-    kept, left_out = exclude(
-        shipped,
-        altered(entries, lambda e: e["stage"] == "catch" and e["participant"] == "3", is_right=False),
-    )
+@pytest.mark.parametrize(
+    ("which", "changes", "expected"),
+    [
+        (lambda e: e["participant"] == "3" and e["stage"] == "catch", {"is_right": False},
+         ("3", None, "0% of the catch trials right, the rule is 75% or more")),
+        (lambda e: e["participant"] == "0" and e["number"] % 2 == 0, {"stopped": "x"},
+         ("0", None, "limits ended 50% of the trials, the rule is 20% or fewer")),
+        (lambda e: e["participant"] == "2" and e["number"] == 100, {"response_time": 31.0},
+         ("2", 100, "answered after more than 30 s")),
+        (lambda e: e["number"] == 101, {"stopped": "emergency stop"}, None),
+    ],
+    ids=["catch trials", "limits", "late", "stopped"],
+)  # fmt: skip
+def test_rules_leave_out_participants_and_trials(shipped, entries, which, changes, expected):
+    kept, left_out = exclude(shipped, altered(entries, which, **changes))
 
-    assert [(one.participant, one.trial) for one in left_out] == [("3", None)]
-    assert left_out[0].why == "0% of the catch trials right, the rule is 75% or more"
-    assert "3" not in {entry["participant"] for entry in kept}
-
-
-def test_late_answers_and_stopped_trials_are_left_out(shipped, entries):
-    late = altered(entries, lambda e: e["number"] == 100, response_time=31.0)
-    stopped = altered(late, lambda e: e["number"] == 101, stopped="emergency stop")
-    kept, left_out = exclude(shipped, stopped)
-
-    assert {(one.trial, one.why) for one in left_out} == {(100, "answered after more than 30 s")}
-    assert not {100, 101} & {entry["number"] for entry in kept}
+    assert [(one.participant, one.trial, one.why) for one in left_out] == [expected] * (expected is not None)
     assert {entry["stage"] for entry in kept} == {"main"}
-
-
-def test_who_is_stopped_too_often_is_left_out(shipped, entries):
-    _, left_out = exclude(
-        shipped, altered(entries, lambda e: e["participant"] == "0" and e["number"] % 2 == 0, stopped="x")
-    )
-
-    assert [one.why for one in left_out] == ["limits ended 50% of the trials, the rule is 20% or fewer"]
+    if expected is not None and expected[1] is None:
+        assert expected[0] not in {entry["participant"] for entry in kept}
+    else:
+        assert not [entry for entry in kept if which(entry)]
 
 
 def test_condition_whose_trials_were_all_ended_is_named(shipped, entries, tmp_path):
-    of_real = [entry for entry in entries if (entry["task"], entry["condition"]) == ("real", "coupled1ms")]
+    lenient = replace(shipped.exclusions, stopped_trials=1.0)
+    shipped = replace(shipped, tasks=(shipped.task("real"),), exclusions=lenient)
+    entries = [entry for entry in entries if entry["task"] == "real"]
+    of_real = [entry for entry in entries if entry["condition"] == "coupled1ms"]
     limit = {"stopped": "4.3 N are beyond the limit of 4 N", "is_right": None}
     all_of_them = [entry | limit if entry in of_real else entry for entry in entries]
     some = altered(all_of_them, lambda e: e["participant"] not in ("3", "7"), stopped="", is_right=True)
@@ -284,12 +277,14 @@ def test_condition_whose_trials_were_all_ended_is_named(shipped, entries, tmp_pa
     )
 
 
+def test_simulated_participant_is_the_same_on_every_run(shipped, entries):
+    own = [entry for entry in entries if entry["participant"] == "1"]
+
+    assert simulated_trials(shipped, 1) == own != simulated_trials(shipped, 1, seed=1)
+
+
 def test_right_answers_are_counted_by_level():
-    rows = [
-        {"level": 0.1, "is_right": True},
-        {"level": 0.1, "is_right": False},
-        {"level": 0.2, "is_right": True},
-    ]
+    rows = [{"level": level, "is_right": right} for level, right in ((0.1, True), (0.1, False), (0.2, True))]
 
     assert counts_of(rows) == {0.1: (1, 2), 0.2: (1, 1)}
 
@@ -317,25 +312,24 @@ trials = 1
 
 
 def test_findings_of_people_are_not_called_simulated(shipped, entries):
+    entries = [entry for entry in entries if entry["task"] == "real"]
     people = altered(entries, lambda entry: True, is_simulated=False)
     some = altered(entries, lambda entry: entry["participant"] != "3", is_simulated=False)
 
-    assert find(shipped, people).said_of_simulated == ""
+    assert find(shipped, people).simulated_note == ""
     count = len({entry["participant"] for entry in entries})
-    assert find(shipped, some).said_of_simulated == f"1 of {count} participants are simulated observers."
+    assert find(shipped, some).simulated_note == f"1 of {count} participants are simulated observers."
 
 
 def test_report_has_page_plots_tables_and_methods(tmp_path):
     from proximity.lab.experiment.dataset import Dataset
-    from proximity.lab.experiment.visit import run_visit
 
     text = SMALL.replace("participants = 2", "participants = 4").replace(
         "[[questions]]", OTHER_TASKS + "[[questions]]", 1
     )
     dataset = Dataset(tmp_path / "data", read_design(write_design(tmp_path, text)))
     for name in ("p01", "p02", "p03", "p04"):
-        observer = Observer(dataset.design, dataset.admit(name, Observer.name))
-        run_visit(dataset, name, observer, observer)
+        simulate(dataset, name)
     files = write_report(find(dataset.design, dataset.trials()), tmp_path / "report")
 
     names = {path.name for path in files}

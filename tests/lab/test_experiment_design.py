@@ -2,17 +2,15 @@
 
 from collections import Counter
 from dataclasses import replace
-from importlib.resources import files
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from experiments import SMALL, write_design
+from experiments import SHIPPED, SMALL, write_design
 
 from proximity.errors import ServiceError
-from proximity.lab.experiment.design import Kind
 from proximity.lab.experiment.design_file import read_design
-from proximity.lab.experiment.display import interval_of, intervals_of
+from proximity.lab.experiment.display import interval_of, trial_at
 from proximity.lab.experiment.observers import DISTANCE_RATE, Observer, unstable_walls
 from proximity.lab.experiment.plan import (
     PlannedTrial,
@@ -23,11 +21,8 @@ from proximity.lab.experiment.plan import (
     plan,
     trials_of,
 )
-from proximity.lab.experiment.session import Trial
 from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.sweeps import best_coupled_wall
-
-SHIPPED = files("proximity.lab.experiment") / "decaff_against_coupled.toml"
 
 
 @pytest.mark.parametrize("count", range(1, 8))
@@ -62,8 +57,7 @@ def test_coupled_walls_of_the_shipped_design_are_tuned_as_those_of_simulate():
 def test_plan_is_the_same_every_time_and_differs_between_participants():
     design = read_design(SHIPPED)
 
-    assert plan(design, 3) == plan(design, 3)
-    assert plan(design, 3) != plan(design, 7)  # of the same row
+    assert plan(design, 3) == plan(design, 3) != plan(design, 7)  # of the same row
 
 
 def test_levels_and_intervals_are_balanced_in_every_block():
@@ -144,21 +138,19 @@ def test_coupled_walls_that_shake_are_named(tmp_path):
     ]
 
 
-def test_one_table_where_several_are_expected_is_said(tmp_path):
-    text = SMALL[: SMALL.index("[[questions]]")] + '[questions]\nkey = "hours"\n'
-    with pytest.raises(ServiceError, match=r"questions are not a list of tables, expected \[\[questions\]\]"):
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (SMALL[: SMALL.index("[[questions]]")] + '[questions]\nkey = "hours"\n',
+         r"questions are not a list of tables, expected \[\[questions\]\]"),
+        ("title='t'\nseed=1\nparticipants=1\nconsent='c'\n",
+         r"\[\[conditions\]\] is missing, expected at least one"),
+        ("\n", "the file is empty, expected a design in TOML"),
+    ],
+)  # fmt: skip
+def test_file_that_is_no_design_is_refused(tmp_path, text, sentence):
+    with pytest.raises(ServiceError, match=sentence):
         read_design(write_design(tmp_path, text))
-
-
-def test_without_conditions_that_is_said(tmp_path):
-    text = "title='t'\nseed=1\nparticipants=1\nconsent='c'\n"
-    with pytest.raises(ServiceError, match=r"\[\[conditions\]\] is missing, expected at least one"):
-        read_design(write_design(tmp_path, text))
-
-
-def test_empty_file_is_no_design(tmp_path):
-    with pytest.raises(ServiceError, match="the file is empty, expected a design in TOML"):
-        read_design(write_design(tmp_path, "\n"))
 
 
 def test_every_display_of_the_shipped_design_has_the_same_surface():
@@ -170,6 +162,17 @@ def test_every_display_of_the_shipped_design_has_the_same_surface():
     assert surfaces == {(100.0 * 1.19, 1.0)}
 
 
+@pytest.mark.parametrize("odd", [0, 1])
+def test_interval_that_differs_is_where_the_plan_has_it(odd):
+    design = read_design(SHIPPED)
+    stiffer = trial_at(design, PlannedTrial(0, 1, "stiffness", "decaff", Stage.MAIN, odd, 0.5), 0.5)
+    real = trial_at(design, PlannedTrial(0, 1, "real", "decaff", Stage.MAIN, odd, 0.0), 0.0)
+
+    assert [one.stiffness for one in stiffer.intervals] == [150.0, 100.0][:: 1 - 2 * odd]
+    assert [one.wall for one in real.intervals] == ["real", "decaff"][:: 1 - 2 * odd]
+    assert stiffer.record(odd + 1, [])["is_right"] and not stiffer.record(2 - odd, [])["is_right"]
+
+
 @pytest.mark.parametrize(("name", "least", "most"), [("decaff", 0.5, 0.9), ("coupled10ms", 0.97, 1.0)])
 def test_simulated_participant_tells_the_real_wall_by_what_the_hand_feels(name, least, most):
     """A hard wall is the real one; that the design expects the opposite of it changes nothing."""
@@ -179,11 +182,10 @@ def test_simulated_participant_tells_the_real_wall_by_what_the_hand_feels(name, 
     right = []
     for number in range(60):
         planned = PlannedTrial(number, 1, "real", name, Stage.MAIN, number % 2, 0.0)
-        intervals = intervals_of(design, planned, 0.0)
-        observer, trial = Observer(design, 0), Trial(planned, 0.0, intervals, Kind.REAL, "")
+        observer, trial = Observer(design, 0), trial_at(design, planned, 0.0)
         felt = []
-        for index, interval in enumerate(intervals):
-            observer.begin(trial, index)
+        for index, interval in enumerate(trial.intervals):
+            observer.wait_ready(trial, index)
             felt.append(observer.present(interval, 6.0, 8.0))
         right.append(observer.answer(trial, felt) == planned.odd + 1)
 

@@ -1,5 +1,6 @@
 """Sessions: methods, the log, what a crash costs, limits, and the folder of data."""
 
+import csv
 import getpass
 import json
 import re
@@ -12,17 +13,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from experiments import SMALL, write_design
+from experiments import SMALL, simulate, write_design
 
 from proximity.errors import RecordingError
 from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design_file import read_design
-from proximity.lab.experiment.display import FRAME, Interval, Presentation, cut_at_limits
+from proximity.lab.experiment.display import FRAME, TRIAL_FIELDS, Interval, Presentation
 from proximity.lab.experiment.methods import QuestPlus, Staircase
-from proximity.lab.experiment.observers import Observer
-from proximity.lab.experiment.session import Session
+from proximity.lab.experiment.observers import Observer, cut_at_limits
+from proximity.lab.experiment.session import Monitor, RefusedError, Session, StoppedError
 from proximity.lab.experiment.trial_log import TrialLog, read_log
-from proximity.lab.experiment.visit import Monitor, RefusedError, StoppedError, run_visit
 from proximity.lab.simulation.simulated_press import Wall
 
 LEVELS = (0.1, 0.2, 0.4, 0.8)
@@ -38,11 +38,6 @@ def dataset(tmp_path, design):
     return Dataset(tmp_path / "data", design)
 
 
-def done_by(dataset, name, **more):
-    observer = Observer(dataset.design, dataset.admit(name, Observer.name))
-    run_visit(dataset, name, observer, observer, **more)
-
-
 def without_times(entries):
     ignored = {"at", "response_time", "previous", "sha256"}
     steps = [one for one in entries if one["event"] != "begin"]
@@ -56,7 +51,7 @@ def test_staircase_falls_after_three_right_answers_and_rises_after_one_wrong():
     staircase, seen = Staircase(LEVELS), []
     for is_right in (True, True, True, True, True, True, False, True, False):
         seen.append(staircase.level())
-        staircase.take(is_right)
+        staircase.update(is_right)
 
     assert seen == [0.8, 0.8, 0.8, 0.4, 0.4, 0.4, 0.2, 0.4, 0.4]
     assert staircase.level() == 0.8
@@ -67,7 +62,7 @@ def test_staircase_settles_where_79_percent_are_right():
     staircase, asked = Staircase(levels), []
     for _ in range(4000):
         asked.append(staircase.level())
-        staircase.take(bool(rng.random() < 0.5 + 0.5 * asked[-1]))  # 79.4 % at 0.588
+        staircase.update(bool(rng.random() < 0.5 + 0.5 * asked[-1]))  # 79.4 % at 0.588
 
     assert np.median(asked[200:]) == pytest.approx(0.588, rel=0.15)
 
@@ -78,7 +73,7 @@ def test_quest_asks_near_the_threshold_and_repeats_itself():
         seen = []
         for _ in range(count):
             seen.append(quest.level())
-            quest.take(bool(rng.random() < (0.98 if seen[-1] > 0.2 else 0.55)))
+            quest.update(bool(rng.random() < (0.98 if seen[-1] > 0.2 else 0.55)))
         return seen
 
     seen = asked(30)
@@ -97,7 +92,7 @@ def test_methods_go_on_from_a_log(tmp_path):
             entries.append({"event": "trial", "level": whole.trial().level, "is_right": is_right})
         else:
             entries.append({"event": "text"})
-        whole.take(is_right=is_right)
+        whole.advance(is_right=is_right)
     resumed = Session(design, 0)
     resumed.replay(entries[:9])
 
@@ -109,7 +104,7 @@ def test_methods_go_on_from_a_log(tmp_path):
 
 
 def test_whole_session_is_in_log_tables_and_frames(dataset):
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     folder = dataset.folder / "sub-p01"
     entries = dataset.entries("p01")
     trials = [one for one in entries if one["event"] == "trial"]
@@ -125,8 +120,16 @@ def test_whole_session_is_in_log_tables_and_frames(dataset):
         for name in ("task-questionnaire", "task-stiffness_run-1", "task-which_run-1")
         for ending in ("json", "tsv")
     ]
-    table = (folder / "beh" / "sub-p01_task-which_run-1_beh.tsv").read_text().splitlines()
-    assert len(table) == 5 and table[0].startswith("number\tcondition\tstage\tlevel")
+    with (folder / "beh" / "sub-p01_task-which_run-1_beh.tsv").open() as stream:
+        rows = list(csv.DictReader(stream, delimiter="\t"))
+    assert list(rows[0]) == list(TRIAL_FIELDS) and len(rows) == 4
+    for row, one in zip(rows, [one for one in trials if one["task"] == "which"], strict=True):
+        with np.load(folder / "frames" / f"sub-p01_trial-{one['number']:04d}.npz") as frames:
+            felt = [Presentation(frames[name]) for name in ("interval_1", "interval_2")]
+        for column, name in (("onset", "onset"), ("depth", "depth"), ("peak_force", "peak")):
+            expected = [getattr(each, name) for each in felt]
+            assert [float(text) for text in row[column].split()] == pytest.approx(expected, rel=1e-6)
+        assert row["odd"] in "12" and row["is_right"] == str(int(row["answer"] == row["odd"]))
     assert "finished" in (dataset.folder / "participants.tsv").read_text()
 
 
@@ -134,7 +137,7 @@ def test_whole_session_is_in_log_tables_and_frames(dataset):
 def test_killed_session_goes_on_and_nothing_is_lost_or_done_twice(tmp_path, design):
     """The process is killed as often as it takes, wherever it happens to be."""
     reference = Dataset(tmp_path / "reference", design)
-    done_by(reference, "p01")
+    simulate(reference, "p01")
     data, path = tmp_path / "killed", tmp_path / "design.toml"
     command = [sys.executable, "-m", "proximity", "experiment", "simulate", str(path), "--data", str(data),
                "--participant", "p01"]  # fmt: skip
@@ -199,7 +202,7 @@ def test_edited_log_is_refused_in_one_sentence(tmp_path, edit):
 
 
 def test_finished_log_that_was_shortened_is_refused(dataset):
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     path = dataset.log_path("p01")
     path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:-1]))
 
@@ -224,7 +227,7 @@ def test_force_beyond_the_limit_ends_the_trial_whatever_the_design_says(tmp_path
         "latency = 0.003", "latency = 0.01"
     )
     dataset = Dataset(tmp_path / "data", read_design(write_design(tmp_path, text)))
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     trials = [one for one in dataset.trials() if one["task"] == "stiffness" and one["condition"] == "late"]
 
     assert trials and all(one["stopped"].endswith("are beyond the limit of 4 N") for one in trials)
@@ -263,12 +266,11 @@ def test_emergency_stop_ends_the_visit_and_the_session_goes_on_later(dataset):
                 monitor.stop.set()
             return super().present(interval, limit_force, limit_seconds)
 
-    observer = Stopping(dataset.design, dataset.admit("p01", Observer.name))
     with pytest.raises(StoppedError):
-        run_visit(dataset, "p01", observer, observer, monitor)
+        simulate(dataset, "p01", Stopping, monitor)
     last = dataset.entries("p01")[-1]
     assert last["stopped"] == "emergency stop" and last["answer"] is None
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     assert sorted(one["number"] for one in dataset.trials()) == list(range(23))
 
 
@@ -280,9 +282,8 @@ def test_who_does_not_consent_leaves_nothing(dataset):
     report = dataset.folder / "derivatives" / "report.html"
     report.parent.mkdir()
     report.touch()
-    observer = Refusing(dataset.design, dataset.admit("p01", Observer.name))
     with pytest.raises(RefusedError):
-        run_visit(dataset, "p01", observer, observer)
+        simulate(dataset, "p01", Refusing)
     assert "p01" not in (dataset.folder / "participants.tsv").read_text()
     assert not (dataset.folder / "sub-p01").exists() and report.exists()
 
@@ -301,7 +302,7 @@ def test_hand_feels_every_wall(design, wall, stiffness):
 
 
 def test_nothing_personal_is_in_the_data(dataset):
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     personal = {getpass.getuser(), socket.gethostname(), str(Path.home()), str(dataset.folder.parent)}
     dates = re.compile(rb"20[2-9]\d-\d\d-\d\d|20[2-9]\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])")
     files = [path for path in dataset.folder.rglob("*") if path.is_file() and path.suffix != ".npz"]
@@ -320,50 +321,46 @@ def test_nothing_personal_is_in_the_data(dataset):
 @pytest.mark.parametrize("name", ["Anna", "anna", "p1 ", "../p1", "p12345", ""])
 def test_only_pseudonyms_take_part(dataset, name):
     with pytest.raises(RecordingError, match="expected a pseudonym such as p07"):
-        dataset.admit(name, Observer.name)
+        dataset.register(name, Observer.name)
 
 
 def test_forgotten_participant_is_nowhere_and_the_place_is_free(dataset):
-    done_by(dataset, "p01")
-    done_by(dataset, "p02")
+    simulate(dataset, "p01")
+    simulate(dataset, "p02")
     report = dataset.folder / "derivatives" / "report" / "scores.csv"
     report.parent.mkdir(parents=True)
     report.write_text("p01,1\n")
     with pytest.raises(RecordingError, match="all 2 places of the design are taken"):
-        dataset.admit("p03", Observer.name)
-    dataset.forget("p01")
+        dataset.register("p03", Observer.name)
+    dataset.remove("p01")
 
     assert not [path for path in dataset.folder.rglob("*") if "p01" in path.name]
     assert not [path for path in dataset.folder.rglob("*") if path.is_file() and b"p01" in path.read_bytes()]
-    assert dataset.admit("p03", Observer.name) == 0
+    assert dataset.register("p03", Observer.name) == 0
     with pytest.raises(RecordingError, match="no participant 'p01', expected one of: p02, p03"):
-        dataset.forget("p01")
+        dataset.remove("p01")
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "sentence"),
+    ("first", "second", "there", "new"),
     [
-        (
-            Observer.name,
-            "simulated drum",
-            "has data of simulated observers, expected another folder for people",
-        ),
-        ("drum with a motor", Observer.name, "has data of people, expected another folder for simulated"),
+        (Observer.name, "simulated drum", "simulated observers", "people"),
+        ("drum with a motor", Observer.name, "people", "simulated"),
     ],
 )
-def test_people_and_simulated_observers_are_not_mixed(dataset, first, second, sentence):
-    dataset.admit("p01", first)
+def test_people_and_simulated_observers_are_not_mixed(dataset, first, second, there, new):
+    dataset.register("p01", first)
 
     for name in ("p01", "p02"):
-        with pytest.raises(RecordingError, match=sentence):
-            dataset.admit(name, second)
+        with pytest.raises(RecordingError, match=f"has data of {there}, expected another folder for {new}"):
+            dataset.register(name, second)
     assert [row["participant_id"] for row in dataset.participants()] == ["p01"]
 
 
 def test_data_say_whether_participants_are_simulated(tmp_path, dataset):
     people = Dataset(tmp_path / "people", dataset.design)
     for folder, apparatus in ((dataset, Observer.name), (people, "simulated drum")):
-        folder.admit("p01", apparatus)
+        folder.register("p01", apparatus)
         assert folder.participants()[0]["apparatus"] == apparatus
     said = "All participants are simulated observers."
     assert said in (dataset.folder / "dataset_description.json").read_text()
@@ -371,7 +368,7 @@ def test_data_say_whether_participants_are_simulated(tmp_path, dataset):
 
 
 def test_apparatus_that_the_table_lacks_is_that_of_the_log(dataset):
-    done_by(dataset, "p01")
+    simulate(dataset, "p01")
     table = dataset.folder / "participants.tsv"
     table.write_text(re.sub(r"\t(apparatus|simulated observer)", "", table.read_text()))
 

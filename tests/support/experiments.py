@@ -1,5 +1,12 @@
 """Small experiments for tests: designs as text, and simulated sessions."""
 
+from importlib.resources import files
+
+from proximity.lab.experiment.observers import Observer
+from proximity.lab.experiment.session import run_visit
+
+SHIPPED = files("proximity.lab.experiment") / "decaff_against_coupled.toml"
+
 SMALL = """
 title = "Small"
 seed = 7
@@ -55,3 +62,9 @@ def write_design(folder, text=SMALL):
     path = folder / "design.toml"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def simulate(dataset, name, make=Observer, monitor=None):
+    """Do what is left of a simulated participant's session."""
+    observer = make(dataset.design, dataset.register(name, Observer.name))
+    run_visit(dataset, name, observer, observer, monitor)

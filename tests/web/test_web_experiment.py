@@ -7,11 +7,11 @@ import pytest
 from experiments import SMALL, write_design
 from test_web_guided import Client
 
-from proximity.cli.lab.participant_page import PageRespondent
+from proximity.cli.lab.participant_session import PageRespondent
 from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design_file import read_design
 from proximity.lab.experiment.observers import Observer
-from proximity.lab.experiment.visit import Monitor, StoppedError, run_visit
+from proximity.lab.experiment.session import Monitor, StoppedError, run_visit
 from proximity.web.guided import GuidedPages
 
 RATING = SMALL.replace(
@@ -25,7 +25,7 @@ def visit(tmp_path):
     dataset = Dataset(tmp_path / "data", read_design(write_design(tmp_path, RATING)))
     monitor, ended = Monitor(), []
     with GuidedPages("Small", has_stop=True, on_stop=monitor.stop.set) as pages:
-        observer = Observer(dataset.design, dataset.admit("p01", Observer.name))
+        observer = Observer(dataset.design, dataset.register("p01", Observer.name))
         respondent = PageRespondent(pages, monitor, "Small")
 
         def run():

@@ -13,23 +13,11 @@ from proximity.cli.device.drum import ARM, LEAST_RATE_HZ, MAX_AGE, MOST_RATE_HZ,
 from proximity.cli.options import GLOVES, check_range
 from proximity.cli.program import EXIT_INTERRUPTED, Command, Group
 
-HELP = "\n\n".join(
-    (
-        "Compare walls in an experiment with people: DECAFF, coupled walls, real surfaces.",
-        "Participants are pseudonyms. The data are a folder as BIDS lays it out. A session that ends early, "
-        "even by a crash, goes on with the same command: only the trial at hand is lost.",
-    )
+HELP = (
+    "Compare walls in an experiment with people: DECAFF, coupled walls, real surfaces.\n\n"
+    "Participants are pseudonyms. The data are a folder as BIDS lays it out. A session that ends early, even "
+    "by a crash, goes on with the same command: only the trial at hand is lost."
 )
-EXAMPLES = {
-    "new": "proximity experiment new comparison.toml",
-    "plan": "proximity experiment plan comparison.toml --slot 3",
-    "run": "proximity experiment run comparison.toml p07 --address iox2://decaff --data people",
-    "simulate": "proximity experiment simulate comparison.toml --data simulated",
-    "report": "proximity experiment report simulated",
-    "power": "proximity experiment power comparison.toml --participants 8 --participants 12 --effect 1.5",
-    "check": "proximity experiment check comparison.toml --repetitions 100",
-    "forget": "proximity experiment forget people p07",
-}
 SHIPPED = "decaff_against_coupled.toml"
 
 experiment = typer.Typer(name="experiment", cls=Group, help=HELP, no_args_is_help=True, add_completion=False)
@@ -40,12 +28,13 @@ PARTICIPANT = Annotated[str, typer.Argument(metavar="PARTICIPANT", help="Pseudon
 OUT = Annotated[Path, typer.Option("--data", metavar="DIR", help="Folder of the data; made where missing.")]
 
 
-def _command(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    example = f"\nExample:\n  {EXAMPLES[name]}\n"
-    return experiment.command(name, cls=Command, epilog=example, no_args_is_help=True)
+def _command(example: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A command that is called as its example, whose first word is the command's name."""
+    epilog = f"\nExample:\n  proximity experiment {example}\n"
+    return experiment.command(example.partition(" ")[0], cls=Command, epilog=epilog, no_args_is_help=True)
 
 
-@_command("new")
+@_command("new comparison.toml")
 def new(path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write.")]) -> None:
     """Write the design that is shipped: DECAFF against coupled walls of 1, 3 and 10 ms."""
     from importlib.resources import files
@@ -60,7 +49,7 @@ def new(path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write
     typer.echo(f"{path}: written")
 
 
-@_command("plan")
+@_command("plan comparison.toml --slot 3")
 def plan(
     design: DESIGN,
     slot: Annotated[
@@ -99,7 +88,7 @@ def plan(
         output.report(sentence)
 
 
-@_command("run")
+@_command("run comparison.toml p07 --address iox2://decaff --data people")
 def run(
     design: DESIGN,
     participant: PARTICIPANT,
@@ -122,7 +111,7 @@ def run(
     arm: ARM = False,
 ) -> None:
     """Do a session with a person, on the drum of a service's finger, simulated or with a motor."""
-    from proximity.cli.lab.session import Drums, run_session
+    from proximity.cli.lab.participant_session import Drums, run_session
     from proximity.lab.experiment.dataset import Dataset, check_pseudonym
     from proximity.lab.experiment.design_file import read_design
 
@@ -140,7 +129,7 @@ def run(
     typer.echo(f"{data}: {participant} is done")
 
 
-@_command("simulate")
+@_command("simulate comparison.toml --data simulated")
 def simulate(
     design: DESIGN,
     data: OUT = Path("experiment"),
@@ -153,20 +142,20 @@ def simulate(
     from proximity.lab.experiment.dataset import Dataset
     from proximity.lab.experiment.design_file import read_design
     from proximity.lab.experiment.observers import Observer
-    from proximity.lab.experiment.visit import run_visit
+    from proximity.lab.experiment.session import run_visit
 
     read = read_design(design)
     dataset, started = Dataset(data, read), time.monotonic()
     names = [participant] if participant else [f"p{n:02d}" for n in range(1, read.participants + 1)]
     for name in names:
-        observer = Observer(read, dataset.admit(name, Observer.name))
+        observer = Observer(read, dataset.register(name, Observer.name))
         with progress.spinner(f"{name} presses and answers"):
             run_visit(dataset, name, observer, observer)
         output.report(f"{name} is done ({time.monotonic() - started:.0f} s)")
     typer.echo(f"{data}: {len(names)} participants")
 
 
-@_command("report")
+@_command("report simulated")
 def report(
     data: DATA,
     out: Annotated[
@@ -190,11 +179,11 @@ def report(
     for missing in findings.missing:
         output.report(f"not analysed: {missing}")
     if findings.simulated:
-        output.report(findings.said_of_simulated)
+        output.report(findings.simulated_note)
     typer.echo(f"{files[0]}: written, with {len(files) - 1} files beside it")
 
 
-@_command("power")
+@_command("power comparison.toml --participants 8 --participants 12 --effect 1.5")
 def power(
     design: DESIGN,
     participants: Annotated[
@@ -229,7 +218,7 @@ def power(
     results_console().print(shown)
 
 
-@_command("check")
+@_command("check comparison.toml --repetitions 100")
 def check(
     design: DESIGN, repetitions: Annotated[int, typer.Option("--repetitions", metavar="N", min=1)] = 100
 ) -> None:
@@ -250,10 +239,10 @@ def check(
     )
 
 
-@_command("forget")
+@_command("forget people p07")
 def forget(data: DATA, participant: PARTICIPANT) -> None:
     """Delete all data of a participant, and the reports made with them."""
     from proximity.lab.experiment.dataset import Dataset
 
-    Dataset(data).forget(participant)
+    Dataset(data).remove(participant)
     typer.echo(f"{data}: all data of {participant} are deleted, and reports with them")

@@ -16,7 +16,8 @@ import io
 import json
 import re
 import shutil
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,26 +26,12 @@ import numpy as np
 from proximity.errors import RecordingError
 from proximity.lab.experiment.design import SIMULATED, Design
 from proximity.lab.experiment.design_file import read_design
+from proximity.lab.experiment.display import TRIAL_FIELDS
 from proximity.lab.experiment.trial_log import Entry, TrialLog, read_log
 from proximity.system.whole_file import whole_file
 
 PSEUDONYM = re.compile(r"[a-z]{0,3}[0-9]{1,4}")
 DERIVED = "derivatives"  # folder of reports: made from the data, and removed with any participant
-COLUMNS = {  # of the table of a run, with what they hold
-    "number": "Number of the trial in the session, from 0.",
-    "condition": "Wall of the trial.",
-    "stage": "practice, main or catch.",
-    "level": "Level of the stimulus.",
-    "odd": "Interval that differs from the other, 1 or 2.",
-    "answer": "What the participant answered.",
-    "is_right": "1 if the answer names the odd interval.",
-    "response_time": "s, from the end of the last interval to the answer.",
-    "stopped": "Why the trial ended early; n/a: it did not.",
-    "onset": "s from the surface to the force, of each interval, separated by blanks.",
-    "depth": "m past the surface, of each interval.",
-    "peak_force": "N, of each interval.",
-    "at": "s since the begin of the visit.",
-}
 PARTICIPANT_COLUMNS = {
     "participant_id": "Pseudonym.",
     "slot": "Place in the plan, from 0.",
@@ -55,18 +42,13 @@ PARTICIPANT_COLUMNS = {
 
 
 class Dataset:
-    """The folder of an experiment.
-
-    *design*: of the experiment; None: the one that lies in the folder.
-    """
+    """The folder of an experiment; *design*: that of the experiment, or None for the one that lies there."""
 
     folder: Path
     design: Design
 
     def __init__(self, folder: Path, design: Design | None = None) -> None:
         self.folder, kept = folder, folder / "design.toml"
-        if design is None and not kept.is_file():
-            raise RecordingError(f"{folder}: no experiment is here, expected a folder that `run` wrote")
         if kept.is_file():
             self.design = read_design(kept)
             if design is not None and design.sha256 != self.design.sha256:
@@ -74,33 +56,35 @@ class Dataset:
                     f"{folder}: was begun with another design, kept there as design.toml; expected that one, "
                     "or a new folder"
                 )
-        elif design is not None:
+        elif design is None:
+            raise RecordingError(f"{folder}: no experiment is here, expected a folder that `run` wrote")
+        else:
             self.design = design
-            self._write("participants.json", _as_json(_described(PARTICIPANT_COLUMNS)))
+            self._write_json("participants.json", _described(PARTICIPANT_COLUMNS))
             self._write_participants([])
-            self._write("design.toml", design.text)  # last: with it the folder counts
+            self._write("design.toml", design.file_text)  # last: with it the folder counts
 
     def participants(self) -> list[dict[str, str]]:
         """Return the rows of ``participants.tsv``."""
         text = (self.folder / "participants.tsv").read_text(encoding="utf-8")
         rows = list(csv.DictReader(io.StringIO(text), delimiter="\t"))
-        rows = [row | {"participant_id": row["participant_id"].removeprefix("sub-")} for row in rows]
-        # Folders of earlier versions have the apparatus in the logs only.
-        return [row if "apparatus" in row else row | {"apparatus": self._logged(row)} for row in rows]
+        for row in rows:
+            row["participant_id"] = row["participant_id"].removeprefix("sub-")
+            if "apparatus" not in row:  # folders of earlier versions have it in the logs only
+                log = read_log(self.log_path(row["participant_id"]))
+                begun = (str(entry["apparatus"]) for entry in log if entry["event"] == "begin")
+                row["apparatus"] = next(begun, "n/a")
+        return rows
 
-    def admit(self, pseudonym: str, apparatus: str) -> int:
+    def register(self, pseudonym: str, apparatus: str) -> int:
         """Return the slot of a participant; a new one gets the first that is free.
 
         *apparatus*: what displays the surfaces; `design.SIMULATED` where the participant is no person.
         """
         check_pseudonym(pseudonym)
-        rows = self.participants()
-        if any((row["apparatus"] == SIMULATED) != (apparatus == SIMULATED) for row in rows):
-            there, new = (
-                ("people", "simulated observers")
-                if apparatus == SIMULATED
-                else ("simulated observers", "people")
-            )
+        rows, is_simulated = self.participants(), apparatus == SIMULATED
+        if any((row["apparatus"] == SIMULATED) != is_simulated for row in rows):
+            there, new = ("people", "simulated observers")[:: 1 if is_simulated else -1]
             raise RecordingError(f"{self.folder}: has data of {there}, expected another folder for {new}")
         for row in rows:
             if row["participant_id"] == pseudonym:
@@ -111,9 +95,8 @@ class Dataset:
                 f"{self.folder}: all {self.design.participants} places of the design are taken, expected a "
                 "participant who has begun"
             )
-        begun = {"participant_id": pseudonym, "slot": str(free[0]), "state": "begun"}
-        rows.append(begun | {"apparatus": apparatus, "log_sha256": "n/a"})
-        self._write_participants(rows)
+        values = (pseudonym, str(free[0]), "begun", apparatus, "n/a")
+        self._write_participants([*rows, dict(zip(PARTICIPANT_COLUMNS, values, strict=True))])
         return free[0]
 
     def log_path(self, pseudonym: str) -> Path:
@@ -122,13 +105,11 @@ class Dataset:
         folder.mkdir(parents=True, exist_ok=True)
         return folder / f"sub-{pseudonym}_log.jsonl"
 
-    def keep_frames(self, pseudonym: str, number: int, frames: dict[str, np.ndarray]) -> str:
+    def write_frames(self, pseudonym: str, number: int, frames: dict[str, np.ndarray]) -> str:
         """Write the frames of a trial, and return the hash of the file."""
-        folder, content = self._folder_of(pseudonym) / "frames", io.BytesIO()
-        folder.mkdir(parents=True, exist_ok=True)
+        content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, **frames)
-        with whole_file(folder / f"sub-{pseudonym}_trial-{number:04d}.npz") as stream:
-            stream.write(content.getvalue())
+        self._write(f"sub-{pseudonym}/frames/sub-{pseudonym}_trial-{number:04d}.npz", content.getvalue())
         return hashlib.sha256(content.getvalue()).hexdigest()
 
     def finish(self, pseudonym: str, log: TrialLog) -> None:
@@ -153,27 +134,25 @@ class Dataset:
 
     def write_tables(self, pseudonym: str) -> None:
         """Write the tables of a participant from the log."""
-        entries, folder = self.entries(pseudonym), Path(f"sub-{pseudonym}") / "beh"
-        trials = [entry for entry in entries if entry["event"] == "trial"]
-        for task, run in sorted({(entry["task"], entry["run"]) for entry in trials}):
-            rows = [entry for entry in trials if (entry["task"], entry["run"]) == (task, run)]
-            name = f"sub-{pseudonym}_task-{task}_run-{run}_beh"
-            about = {"TaskName": task, "Instructions": self.design.task(task).question, **_described(COLUMNS)}
-            self._write(folder / f"{name}.tsv", _as_tsv(COLUMNS, rows))
-            self._write(folder / f"{name}.json", _as_json(about))
+        entries = self.entries(pseudonym)
+        runs: dict[tuple[str, int], list[Entry]] = defaultdict(list)
+        for entry in entries:
+            if entry["event"] == "trial":
+                runs[entry["task"], entry["run"]].append(entry)
+        for (task, run), rows in runs.items():
+            about = {"TaskName": task, "Instructions": self.design.task(task).question}
+            name = f"sub-{pseudonym}/beh/sub-{pseudonym}_task-{task}_run-{run}_beh"
+            self._write(f"{name}.tsv", _as_tsv(TRIAL_FIELDS, rows))
+            self._write_json(f"{name}.json", about | _described(TRIAL_FIELDS))
         answers = [entry for entry in entries if entry["event"] == "question"]
         if answers:
-            name, columns = f"sub-{pseudonym}_task-questionnaire_beh", ("key", "answer")
             texts = {question.key: question.text for question in self.design.questions}
-            self._write(folder / f"{name}.tsv", _as_tsv(columns, answers))
-            self._write(
-                folder / f"{name}.json", _as_json({"TaskName": "questionnaire", "key": {"Levels": texts}})
-            )
+            name = f"sub-{pseudonym}/beh/sub-{pseudonym}_task-questionnaire_beh"
+            self._write(f"{name}.tsv", _as_tsv(("key", "answer"), answers))
+            self._write_json(f"{name}.json", {"TaskName": "questionnaire", "key": {"Levels": texts}})
 
     def trials(self) -> list[Entry]:
-        """Return the trials of all participants, each with its participant and whether that one is
-        simulated.
-        """
+        """Return the trials of all participants, with ``participant`` and ``is_simulated`` in each."""
         return [
             {"participant": row["participant_id"], "is_simulated": row["apparatus"] == SIMULATED} | entry
             for row in self.participants()
@@ -181,18 +160,14 @@ class Dataset:
             if entry["event"] == "trial"
         ]
 
-    def forget(self, pseudonym: str, *, keeps_reports: bool = False) -> None:
-        """Delete all of a participant.
-
-        *keeps_reports*: keep the reports in the folder: none has data of the participant.
-        """
+    def remove(self, pseudonym: str, *, leaves_reports: bool = False) -> None:
+        """Delete all of a participant; *leaves_reports*: none in the folder has data of the participant."""
         rows = self.participants()
         left = [row for row in rows if row["participant_id"] != pseudonym]
         if len(left) == len(rows):
             known = ", ".join(row["participant_id"] for row in rows) or "nobody"
             raise RecordingError(f"{self.folder}: no participant {pseudonym!r}, expected one of: {known}")
-        reports = () if keeps_reports else (self.folder / DERIVED,)
-        for folder in (self._folder_of(pseudonym), *reports):
+        for folder in (self._folder_of(pseudonym), *(() if leaves_reports else (self.folder / DERIVED,))):
             if folder.exists():
                 shutil.rmtree(folder)
         self._write_participants(left)
@@ -201,25 +176,26 @@ class Dataset:
         check_pseudonym(pseudonym)
         return self.folder / f"sub-{pseudonym}"
 
-    def _logged(self, row: dict[str, str]) -> str:
-        """The apparatus that a participant began with, as the log has it."""
-        entries = read_log(self.log_path(row["participant_id"]))
-        return next((str(entry["apparatus"]) for entry in entries if entry["event"] == "begin"), "n/a")
-
     def _write_participants(self, rows: list[dict[str, str]]) -> None:
         listed = [row | {"participant_id": f"sub-{row['participant_id']}"} for row in rows]
         self._write("participants.tsv", _as_tsv(PARTICIPANT_COLUMNS, listed))
-        is_simulated = any(row["apparatus"] == SIMULATED for row in rows)
-        self._write("dataset_description.json", _as_json(_description(self.design, is_simulated)))
+        made = {"Name": "proximity experiment", "CodeURL": "n/a"}
+        if any(row["apparatus"] == SIMULATED for row in rows):
+            made["Description"] = "All participants are simulated observers."
+        about = {"Name": self.design.title, "BIDSVersion": "1.9.0", "DatasetType": "raw"}
+        self._write_json("dataset_description.json", about | {"GeneratedBy": [made]})
 
-    def _write(self, name: str | Path, text: str) -> None:
+    def _write_json(self, name: str, value: Any) -> None:
+        self._write(name, json.dumps(value, indent=1, ensure_ascii=False) + "\n")
+
+    def _write(self, name: str, content: str | bytes) -> None:
         path = self.folder / name
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as failed:
             raise RecordingError(f"{path.parent}: cannot be made ({failed.strerror})") from failed
         with whole_file(path) as stream:
-            stream.write(text.encode())
+            stream.write(content if isinstance(content, bytes) else content.encode())
 
 
 def check_pseudonym(pseudonym: str) -> None:
@@ -231,27 +207,15 @@ def check_pseudonym(pseudonym: str) -> None:
         )
 
 
-def _description(design: Design, is_simulated: bool) -> dict[str, Any]:
-    made = {"Name": "proximity experiment", "CodeURL": "n/a"}
-    if is_simulated:
-        made["Description"] = "All participants are simulated observers."
-    return {"Name": design.title, "BIDSVersion": "1.9.0", "DatasetType": "raw", "GeneratedBy": [made]}
-
-
-def _described(columns: dict[str, str]) -> dict[str, Any]:
+def _described(columns: Mapping[str, str]) -> dict[str, Any]:
     return {name: {"Description": text} for name, text in columns.items()}
-
-
-def _as_json(value: Any) -> str:
-    return json.dumps(value, indent=1, ensure_ascii=False) + "\n"
 
 
 def _as_tsv(columns: Iterable[str], rows: Iterable[dict[str, Any]]) -> str:
     names, text = tuple(columns), io.StringIO()
     writer = csv.writer(text, delimiter="\t", lineterminator="\n")
     writer.writerow(names)
-    for row in rows:
-        writer.writerow(_cell(row.get(name)) for name in names)
+    writer.writerows([_cell(row.get(name)) for name in names] for row in rows)
     return text.getvalue()
 
 

@@ -1,15 +1,41 @@
 """Design of an experiment: walls, tasks with their methods, questionnaires, limits and exclusions.
 
-`design_file` reads one from TOML; ``decaff_against_coupled.toml`` beside it explains every key.
+A field is a key of the design's file, and says how it is read; `design_file` reads the whole of it.
+``decaff_against_coupled.toml`` beside this explains every key.
 """
 
-from dataclasses import dataclass, field
-from enum import StrEnum
+# ruff: noqa: RUF009 -- the calls make fields
 
-from proximity.lab.simulation.simulated_press import Wall
+import re
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from proximity.lab.simulation.simulated_press import (
+    LONGEST_LATENCY,
+    MOST_DAMPED,
+    SPEEDS_ALLOWED,
+    STIFFEST,
+    Wall,
+)
+from proximity.service.config.table_fields import REQUIRED, Range, Table
 
 SIMULATED = "simulated observer"
 """Apparatus of a participant who is no person."""
+
+NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9]*")
+"""A label as file names of BIDS have it."""
+COUNT = Range("", 1, 1000)
+NONE_OR_MORE = Range("", 0, 1000)
+LATENCY = Range("s", 0.0, LONGEST_LATENCY)
+STIFFNESS = Range("N/m", 0.0, STIFFEST, is_above=True)
+DAMPING = Range("N s/m", 0.0, MOST_DAMPED)
+LEVEL = Range("", 0.0, 1e3, is_above=True)
+SHARE = Range("", 0.0, 1.0)
+FORCE = Range("N", 0.0, 20.0, is_above=True)  # no drum gives more, whatever a design says
+DURATION = Range("s", 0.1, 600.0)
+DEVIATION = Range("", 0.0, 2.0)
 
 
 class Kind(StrEnum):
@@ -52,129 +78,168 @@ CHOICES = (Kind.STIFFER, Kind.REAL)
 """Tasks of two intervals, with an answer that is right or wrong."""
 
 
-@dataclass(frozen=True, slots=True)
+def _key(read: Callable[[Table, str, Any], Any], default: Any) -> Any:
+    """A field that *read* reads from a table, given its key and its default."""
+    known = MISSING if default is REQUIRED else default
+    return field(default=known, metadata={"read": lambda table, key: read(table, key, default)})
+
+
+def _number(accepted: Range, default: Any = REQUIRED) -> Any:
+    return _key(lambda table, key, default: table.number(key, default, accepted), default)
+
+
+def _whole(accepted: Range, default: Any = REQUIRED) -> Any:
+    return _key(lambda table, key, default: table.whole(key, default, accepted), default)
+
+
+def _text(meaning: str, default: Any = REQUIRED) -> Any:
+    return _key(lambda table, key, default: table.text(key, default, meaning=meaning), default)
+
+
+def _word(words: type[StrEnum], default: Any = REQUIRED) -> Any:
+    def read(table: Table, key: str, default: Any) -> Any:
+        word = table.one_of(key, default, tuple(words))
+        return next(iter(words)) if word is REQUIRED else words(word)
+
+    return _key(read, default)
+
+
+def _read_name(table: Table, key: str, default: Any) -> str:
+    name = table.text(key, default, meaning="a name")
+    if isinstance(name, str) and not NAME.fullmatch(name):
+        table.complain(key, f"is {name!r}, expected letters and digits: it becomes part of file names")
+    return str(name)
+
+
+def _read_levels(table: Table, key: str, default: Any) -> tuple[float, ...]:
+    levels = table.number_or_numbers(key, 0.0, None, LEVEL)
+    return tuple(sorted(levels)) if isinstance(levels, tuple) else (levels,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
     """A wall that is compared with others, and how simulated observers are expected to do on it."""
 
-    name: str
-    wall: Wall
-    latency: float = 0.001  # s, of forces or of distances
+    name: str = _key(_read_name, REQUIRED)
+    wall: Wall = _word(Wall)
+    latency: float = _number(LATENCY, 0.001)  # s, of forces or of distances
     # N/m, gain of a coupled wall that displays a rigid surface; of others what simulated observers rate it as
-    stiffness: float = 1500.0
-    damping: float = 2.0  # N s/m, gain of a coupled wall; of a surface whose task gives none
-    threshold: float = 0.2  # expected: level at which an answer is right half-way between chance and always
-    correct: float = 0.5  # expected: probability to tell the wall from the real one
+    stiffness: float = _number(STIFFNESS, 1500.0)
+    damping: float = _number(DAMPING, 2.0)  # gain of a coupled wall; of a surface whose task gives none
+    threshold: float = _number(LEVEL, 0.2)  # expected: level half-way between chance and always right
+    correct: float = _number(SHARE, 0.5)  # expected: probability to tell the wall from the real one
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
     """A task, done on every condition."""
 
-    name: str
-    kind: Kind
-    procedure: Procedure
-    trials: int  # a condition, without practice and catch trials
-    levels: tuple[float, ...]
-    varied: Varied
-    stiffness: float | None  # N/m, of the surface that is displayed; None: rigid
-    damping: float | None  # N s/m, of that surface on every condition; None: that of the condition
-    speed: float  # m/s, of the approach that is asked for
-    practice: int
-    catch: int  # trials that nobody fails who attends
-    catch_level: float
-    blocks: int
-    question: str
-    instructions: str
+    name: str = _key(_read_name, REQUIRED)
+    kind: Kind = _word(Kind)
+    varied: Varied = _word(Varied, Varied.STIFFNESS)
+    method: Procedure = _word(Procedure, Procedure.CONSTANT)
+    levels: tuple[float, ...] = _key(_read_levels, (0.0,))
+    stiffness: float | None = _number(STIFFNESS, None)  # of the surface that is displayed; None: rigid
+    damping: float | None = _number(DAMPING, None)  # of that surface; None: that of the condition
+    trials: int = _whole(COUNT)  # a condition, without practice and catch trials
+    speed: float = _number(Range("m/s", *SPEEDS_ALLOWED), 0.2)  # of the approach that is asked for
+    practice: int = _whole(NONE_OR_MORE, 0)
+    catch: int = _whole(NONE_OR_MORE, 0)  # trials that nobody fails who attends
+    catch_level: float = _number(LEVEL, 0.0)  # 0: the largest of the levels, once it is read
+    blocks: int = _whole(COUNT, 1)
+    question: str = _text("what is asked", "")
+    instructions: str = _text("what is to be done", "")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
     """A question of a questionnaire: a number or one of several choices, never free text."""
 
-    key: str
-    text: str
-    lowest: float = 0.0
-    highest: float = 100.0
-    choices: tuple[str, ...] = ()
-    is_after: bool = False
+    key: str = _key(_read_name, REQUIRED)
+    text: str = _text("what is asked")
+    range: tuple[float, float] = _key(
+        lambda table, key, default: table.numbers(key, default, 2, Range("", -1e9, 1e9)), (0.0, 100.0)
+    )
+    choices: tuple[str, ...] = _key(
+        lambda table, key, default: table.texts(key, default, meaning="an answer to choose"), ()
+    )
+    when: str = _key(lambda table, key, default: table.one_of(key, default, ("before", "after")), "before")
 
     def fits(self, answer: object) -> bool:
         """Whether an answer is one that the question takes."""
         if self.choices:
             return answer in self.choices
-        return (
-            isinstance(answer, int | float)
-            and not isinstance(answer, bool)
-            and self.lowest <= answer <= self.highest
-        )
+        if isinstance(answer, bool) or not isinstance(answer, int | float):
+            return False
+        return self.range[0] <= answer <= self.range[1]
 
     @property
     def expected(self) -> str:
         """The answers that it takes, in words."""
-        return " or ".join(self.choices) or f"a number from {self.lowest:g} to {self.highest:g}"
+        return " or ".join(self.choices) or "a number from {:g} to {:g}".format(*self.range)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
     """Bounds of every interval, whatever the rest of the design says."""
 
-    force: float = 5.0  # N at the fingertip; beyond, the trial ends
-    seconds: float = 10.0  # longest interval
+    force: float = _number(FORCE, 5.0)  # N at the fingertip; beyond, the trial ends
+    seconds: float = _number(DURATION, 10.0)  # longest interval
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
     """Times that a session is planned with, and its breaks."""
 
-    trial_seconds: float = 8.0
-    question_seconds: float = 10.0
-    break_minutes: float = 1.0
-    break_every: int = 4  # blocks
+    trial_seconds: float = _number(DURATION, 8.0)
+    question_seconds: float = _number(DURATION, 10.0)
+    break_minutes: float = _number(Range("min", 0.0, 60.0), 1.0)
+    break_every: int = _whole(COUNT, 4)  # blocks
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Exclusions:
     """Rules by which data are left out, written before there are any."""
 
-    catch_correct: float = 0.0  # share of catch trials that must be right, else the participant is out
-    longest_response: float = 1e9  # s, else the trial is out
-    stopped_trials: float = 1.0  # share of trials that limits may end, else the participant is out
+    catch_correct: float = _number(SHARE, 0.0)  # of catch trials that must be right, else all is out
+    longest_response: float = _number(Range("s", 0.0, 1e9, is_above=True), 1e9)  # else the trial is out
+    stopped_trials: float = _number(SHARE, 1.0)  # that limits may end, else all is out
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Observers:
     """Simulated participants: spread among them, their psychometric function, and their hand."""
 
-    spread: float = 0.1  # standard deviation of a participant's log10 threshold
-    interaction: float = 0.0  # the same, of each condition of a participant
+    spread: float = _number(DEVIATION, 0.1)  # standard deviation of a participant's log10 threshold
+    interaction: float = _number(DEVIATION, 0.0)  # the same, of each condition of a participant
     # Deviation of the logarithm of what is felt, which answers follow; 0: they follow the thresholds.
-    felt_noise: float = 0.0
-    width: float = 0.6  # log10 units from 5 to 95 % of the psychometric function
-    lapse: float = 0.02
-    rating_noise: float = 0.1  # standard deviation of the log10 of a rating
-    speed_noise: float = 0.2  # of the approach, as a share
+    felt_noise: float = _number(DEVIATION, 0.0)
+    width: float = _number(Range("", 0.01, 5.0), 0.6)  # log10 units, 5 to 95 % of the psychometric function
+    lapse: float = _number(Range("", 0.0, 0.2), 0.02)
+    rating_noise: float = _number(DEVIATION, 0.1)  # standard deviation of the log10 of a rating
+    speed_noise: float = _number(SHARE, 0.2)  # of the approach, as a share
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
     """An experiment, as its file has it."""
 
-    title: str
-    seed: int
-    participants: int
-    consent: str
+    title: str = _text("what the experiment is called")
+    seed: int = _whole(Range("", 0, 2**31 - 1))
+    participants: int = _whole(Range("", 1, 10_000))
+    consent: str = _text("what a participant agrees to")
+    welcome: str = _text("what is shown", "")
+    pause: str = _text("what is shown", "")
+    goodbye: str = _text("what is shown", "")
+    limits: Limits
+    schedule: Schedule
+    exclusions: Exclusions
+    observers: Observers
     conditions: tuple[Condition, ...]
     tasks: tuple[Task, ...]
-    welcome: str = ""
-    pause: str = ""
-    goodbye: str = ""
-    questions: tuple[Question, ...] = ()
-    limits: Limits = field(default_factory=Limits)
-    schedule: Schedule = field(default_factory=Schedule)
-    exclusions: Exclusions = field(default_factory=Exclusions)
-    observers: Observers = field(default_factory=Observers)
-    sha256: str = ""  # of the file
-    text: str = ""
+    questions: tuple[Question, ...]
+    sha256: str  # of the file
+    file_text: str
 
     def condition(self, name: str) -> Condition:
         """Return a condition by its name."""

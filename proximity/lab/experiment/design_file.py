@@ -2,11 +2,12 @@
 
 import hashlib
 import os
-import re
-from enum import StrEnum
+from dataclasses import fields, replace
 from typing import Any
 
 from proximity.lab.experiment.design import (
+    DAMPING,
+    STIFFNESS,
     Condition,
     Design,
     Exclusions,
@@ -20,77 +21,26 @@ from proximity.lab.experiment.design import (
     Varied,
 )
 from proximity.lab.experiment.plan import latin_square
-from proximity.lab.simulation.simulated_press import (
-    LONGEST_LATENCY,
-    MOST_DAMPED,
-    SPEEDS_ALLOWED,
-    STIFFEST,
-    Wall,
-)
-from proximity.service.config.table_fields import REQUIRED, Range, Table
-from proximity.service.config.toml_document import Document, read_document
-
-TABLES = (
-    "title", "seed", "participants", "consent", "welcome", "pause", "goodbye", "limits", "schedule",
-    "exclusions", "observers", "conditions", "tasks", "questions",
-)  # fmt: skip
-CONDITION_KEYS = ("name", "wall", "latency", "stiffness", "damping", "threshold", "correct")
-TASK_KEYS = (
-    "name", "kind", "method", "trials", "levels", "varied", "stiffness", "damping", "speed", "practice",
-    "catch",
-    "catch_level", "blocks", "question", "instructions",
-)  # fmt: skip
-QUESTION_KEYS = ("key", "text", "range", "choices", "when")
-NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9]*")
-"""A label as file names of BIDS have it."""
+from proximity.lab.simulation.simulated_press import Wall
+from proximity.service.config.table_fields import REQUIRED, Table
+from proximity.service.config.toml_document import Document, Path, read_document
 
 MIN_ADAPTIVE = 3  # levels
-COUNT = Range("", 1, 1000)
-NONE_OR_MORE = Range("", 0, 1000)
-SECONDS = Range("s", 0.0, LONGEST_LATENCY)
-STIFFNESS = Range("N/m", 0.0, STIFFEST, is_above=True)
-DAMPING = Range("N s/m", 0.0, MOST_DAMPED)
-SPEED = Range("m/s", *SPEEDS_ALLOWED)
-LEVEL = Range("", 0.0, 1e3, is_above=True)
-SHARE = Range("", 0.0, 1.0)
-FORCE = Range("N", 0.0, 20.0, is_above=True)  # no drum gives more, whatever a design says
-ANY = Range("", -1e9, 1e9)
-NUMBERS = {  # of tables with a default each
-    "limits": (Limits, {"force": FORCE, "seconds": Range("s", 0.1, 600.0)}),
-    "schedule": (Schedule, {
-        "trial_seconds": Range("s", 0.1, 600.0), "question_seconds": Range("s", 0.1, 600.0),
-        "break_minutes": Range("min", 0.0, 60.0), "break_every": COUNT,
-    }),
-    "exclusions": (Exclusions, {
-        "catch_correct": SHARE, "longest_response": Range("s", 0.0, 1e9, is_above=True),
-        "stopped_trials": SHARE,
-    }),
-    "observers": (Observers, {
-        "spread": Range("", 0.0, 2.0), "interaction": Range("", 0.0, 2.0),
-        "felt_noise": Range("", 0.0, 2.0), "width": Range("", 0.01, 5.0),
-        "lapse": Range("", 0.0, 0.2), "rating_noise": Range("", 0.0, 2.0), "speed_noise": SHARE,
-    }),
-}  # fmt: skip
+TABLES = {"limits": Limits, "schedule": Schedule, "exclusions": Exclusions, "observers": Observers}
+LISTS = {"conditions": Condition, "tasks": Task, "questions": Question}
+OF_FILE = ("sha256", "file_text")  # fields of a design that are no keys
 
 
 def read_design(path: str | os.PathLike[str]) -> Design:
     """Return the design in a file."""
     document = read_document(path, "a design")
-    top = Table(document, (), document.data, TABLES)
-    design = Design(
-        title=top.text("title", REQUIRED, meaning="what the experiment is called"),
-        seed=top.whole("seed", REQUIRED, Range("", 0, 2**31 - 1)),
-        participants=top.whole("participants", REQUIRED, Range("", 1, 10_000)),
-        consent=top.text("consent", REQUIRED, meaning="what a participant agrees to"),
-        conditions=tuple(_condition(table) for table in _tables(document, "conditions", CONDITION_KEYS)),
-        tasks=tuple(_task(table) for table in _tables(document, "tasks", TASK_KEYS)),
-        questions=tuple(_question(table) for table in _tables(document, "questions", QUESTION_KEYS)),
-        **{key: top.text(key, "", meaning="what is shown") for key in ("welcome", "pause", "goodbye")},
-        **{name: _numbers(document, name) for name in NUMBERS},
-        text=document.text,
-        sha256=sha256_of(document.text),
-    )
+    values = _read(Design, document, (), document.data)[1]
+    for name, record in TABLES.items():
+        values[name] = record(**_read(record, document, (name,), document.data.get(name, {}))[1])
+    for name, record in LISTS.items():
+        values[name] = tuple(_listed(document, name, record))
     document.raise_complaints()
+    design = Design(**values, sha256=sha256_of(document.text), file_text=document.text)
     _check_together(document, design)
     document.raise_complaints()
     return design
@@ -101,119 +51,64 @@ def sha256_of(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _numbers(document: Document, name: str) -> Any:
-    """One of the tables that consist of numbers."""
-    make, ranges = NUMBERS[name]
-    table, default = Table(document, (name,), document.data.get(name, {}), tuple(ranges)), make()
-    return make(
-        **{
-            key: (table.whole if accepted is COUNT else table.number)(key, getattr(default, key), accepted)
-            for key, accepted in ranges.items()
-        }
-    )
+def _read(record: Any, document: Document, path: Path, content: Any) -> tuple[Table, dict[str, Any]]:
+    """The table of a record, and the fields that it has, by name."""
+    keys = [one for one in fields(record) if one.name not in OF_FILE]
+    table = Table(document, path, content, [one.name for one in keys])
+    return table, {one.name: one.metadata["read"](table, one.name) for one in keys if one.metadata}
 
 
-def _tables(document: Document, name: str, known: tuple[str, ...]) -> list[Table]:
-    listed = document.data.get(name, [])
+def _listed(document: Document, name: str, record: Any) -> list[Any]:
+    """The records in a list of tables."""
+    listed, found = document.data.get(name, []), []
     if not isinstance(listed, list):
         document.complain((name,), f"{name} are not a list of tables, expected [[{name}]] above each")
         return []
     if not listed and name != "questions":
         document.complain((), f"[[{name}]] is missing, expected at least one")
-    return [Table(document, (name, index), content, known) for index, content in enumerate(listed)]
+    for index, content in enumerate(listed):
+        table, values = _read(record, document, (name, index), content)
+        one = record(**values)
+        if isinstance(one, Condition):
+            _check_condition(table, one)
+        elif isinstance(one, Task):
+            _check_task(table, one)
+            one = one if table.has("catch_level") else replace(one, catch_level=max(one.levels))
+        found.append(one)
+    return found
 
 
-def _named(table: Table, key: str = "name") -> str:
-    name = table.text(key, REQUIRED, meaning="a name")
-    if isinstance(name, str) and not NAME.fullmatch(name):
-        table.complain(key, f"is {name!r}, expected letters and digits: it becomes part of file names")
-    return str(name)
-
-
-def _chosen(table: Table, key: str, words: type[StrEnum], default: Any = REQUIRED) -> Any:
-    word = table.one_of(key, default, tuple(words))
-    return next(iter(words)) if word is REQUIRED else words(word)
-
-
-def _condition(table: Table) -> Condition:
-    wall = _chosen(table, "wall", Wall)
-    is_coupled = wall is Wall.COUPLED
-    if table.has("stiffness") and not is_coupled:
+def _check_condition(table: Table, one: Condition) -> None:
+    for key, accepted in (("stiffness", STIFFNESS), ("damping", DAMPING)):
+        if one.wall is Wall.COUPLED and not table.has(key):
+            table.number(key, REQUIRED, accepted)  # complains
+    if table.has("stiffness") and one.wall is not Wall.COUPLED:
         table.complain(
-            "stiffness", f"is a gain of a coupled wall, and this one is {wall}: expected it in a task"
+            "stiffness", f"is a gain of a coupled wall, and this one is {one.wall}: expected it in a task"
         )
-    return Condition(
-        name=_named(table),
-        wall=wall,
-        latency=table.number("latency", 0.001, SECONDS),
-        stiffness=table.number("stiffness", REQUIRED if is_coupled else 1500.0, STIFFNESS),
-        damping=table.number("damping", REQUIRED if is_coupled else 2.0, DAMPING),
-        threshold=table.number("threshold", 0.2, LEVEL),
-        correct=table.number("correct", 0.5, SHARE),
-    )
 
 
-def _task(table: Table) -> Task:
-    kind = _chosen(table, "kind", Kind)
-    varied = _chosen(table, "varied", Varied, Varied.STIFFNESS)
-    procedure = _chosen(table, "method", Procedure, Procedure.CONSTANT)
-    levels = table.number_or_numbers("levels", 0.0, None, LEVEL)
-    listed = tuple(sorted(levels)) if isinstance(levels, tuple) else (levels,)
-    if procedure is not Procedure.CONSTANT and (kind is not Kind.STIFFER or len(listed) < MIN_ADAPTIVE):
+def _check_task(table: Table, one: Task) -> None:
+    is_stiffer = one.kind is Kind.STIFFER
+    if one.method is not Procedure.CONSTANT and (not is_stiffer or len(one.levels) < MIN_ADAPTIVE):
         table.complain(
             "method",
-            f'is "{procedure}", expected a task of kind "stiffer" with {MIN_ADAPTIVE} levels or more for it',
+            f'is "{one.method}", expected a task of kind "stiffer" with {MIN_ADAPTIVE} levels or more for it',
         )
-    if kind is Kind.STIFFER and not table.has("levels"):
-        table.complain("levels", f"are missing, expected shares by which the {varied} differs")
-    stiffness = table.number("stiffness", None, STIFFNESS)
-    if stiffness is None and varied is Varied.STIFFNESS and table.has("levels"):
+    if is_stiffer and not table.has("levels"):
+        table.complain("levels", f"are missing, expected shares by which the {one.varied} differs")
+    if one.stiffness is None and one.varied is Varied.STIFFNESS and table.has("levels"):
         table.complain("levels", "are shares of the stiffness, expected tasks.stiffness beside them")
-    damping = table.number("damping", None, DAMPING)
-    if damping is not None and stiffness is None:
+    if one.damping is not None and one.stiffness is None:
         table.complain("damping", "is of a surface, expected tasks.stiffness beside it")
-    catch = table.whole("catch", 0, NONE_OR_MORE)
-    if catch and kind is not Kind.STIFFER:
-        table.complain("catch", f'is of tasks of kind "stiffer", and this one is "{kind}"')
-    return Task(
-        name=_named(table),
-        kind=kind,
-        procedure=procedure,
-        trials=table.whole("trials", REQUIRED, COUNT),
-        levels=listed,
-        varied=varied,
-        stiffness=stiffness,
-        damping=damping,
-        speed=table.number("speed", 0.2, SPEED),
-        practice=table.whole("practice", 0, NONE_OR_MORE),
-        catch=catch,
-        catch_level=table.number("catch_level", max(listed), LEVEL),
-        blocks=table.whole("blocks", 1, COUNT),
-        question=table.text("question", "", meaning="what is asked"),
-        instructions=table.text("instructions", "", meaning="what is to be done"),
-    )
-
-
-def _question(table: Table) -> Question:
-    lowest, highest = table.numbers("range", (0.0, 100.0), 2, ANY)
-    choices = table.texts("choices", (), meaning="an answer to choose")
-    return Question(
-        key=_named(table, "key"),
-        text=table.text("text", REQUIRED, meaning="what is asked"),
-        lowest=lowest,
-        highest=highest,
-        choices=choices,
-        is_after=table.one_of("when", "before", ("before", "after")) == "after",
-    )
+    if one.catch and not is_stiffer:
+        table.complain("catch", f'is of tasks of kind "stiffer", and this one is "{one.kind}"')
 
 
 def _check_together(document: Document, design: Design) -> None:
     """Complain of what does not fit together, though each of it could be."""
-    for name, labels in (
-        ("conditions", [one.name for one in design.conditions]),
-        ("tasks", [one.name for one in design.tasks]),
-        ("questions", [one.key for one in design.questions]),
-    ):
+    for name in LISTS:
+        labels = [one.key if isinstance(one, Question) else one.name for one in getattr(design, name)]
         for index, label in enumerate(labels):
             if label in labels[:index]:
                 document.complain((name, index), f"{name}[{index}] is called {label!r}, as an earlier one is")
@@ -226,7 +121,7 @@ def _check_together(document: Document, design: Design) -> None:
         )
     for index, task in enumerate(design.tasks):
         for what, count in (("levels", len(task.levels)), ("blocks", task.blocks)):
-            if task.trials % count and (what == "blocks" or task.procedure is Procedure.CONSTANT):
+            if task.trials % count and (what == "blocks" or task.method is Procedure.CONSTANT):
                 document.complain(
                     ("tasks", index, "trials"),
                     f"tasks[{index}].trials is {task.trials}, which cannot be balanced over {count} {what}, "

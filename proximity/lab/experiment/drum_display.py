@@ -38,25 +38,17 @@ SILENCE_S = 2.0  # beyond the longest interval, in which the drums must have end
 
 
 class CoupledController(FingerController):
-    """Coupled wall on a contact drum: what DECAFF is compared with, displayed by the same device.
+    """Coupled wall on a contact drum, what DECAFF is compared with: forces late, with gains of their own.
 
-    The drum waits at the surface, as for any deformable part; from the touch on it presses with a spring, and
-    a damper on the difference of two samples, on positions that are some latency old, whether or not that is
-    passive. What a traditional device has beside, its motor that the finger carries, is missing.
+    The drum waits at the surface, as for any deformable part; from the touch on it presses with a spring and
+    a damper on positions that are some latency old, whether or not that is passive. What a traditional device
+    has beside, its motor that the finger carries in free motion, is missing. Frames, faults, limits and the
+    emergency stop are the drum controller's own.
     """
 
-    def __init__(
-        self,
-        path: FingerPath,
-        rate: float,
-        limits: Limits,
-        *,
-        stiffness: float,
-        damping: float,
-        latency: float,
-    ) -> None:
+    def __init__(self, path: FingerPath, rate: float, limits: Limits, interval: Interval) -> None:
         super().__init__(path, rate, limits=limits)
-        self._stiffness, self._damping, self._latency_ns = stiffness, damping, round(latency / S_PER_NS)
+        self._interval, self._latency_ns = interval, round(interval.latency / S_PER_NS)
         self._depths: deque[tuple[int, float]] = deque()  # ns of the sample, m past the surface
         self._served = 0.0  # N, of the last sample
 
@@ -84,7 +76,7 @@ class CoupledController(FingerController):
             return 0.0
         speed = (depth - before) / (S_PER_NS * (at_ns - before_ns))
         incidence = float(self.frames.location.incidence) if self.frames.has_location else 1.0
-        return max(0.0, incidence**2 * (self._stiffness * depth + self._damping * speed))
+        return max(0.0, incidence**2 * (self._interval.spring * depth + self._interval.damping * speed))
 
 
 class DrumDisplay(DrumBench):
@@ -117,8 +109,7 @@ class DrumDisplay(DrumBench):
             for condition in design.conditions:
                 if task.stiffness is None or condition.wall is not Wall.DECAFF:
                     continue
-                level = max(*task.levels, task.catch_level)
-                asked = interval_of(task, condition, level)
+                asked = interval_of(task, condition, max(*task.levels, task.catch_level))
                 stiffness = asked.stiffness or 0.0
                 k, b = law.displayed(stiffness, asked.damping)
                 if k < (1.0 - SOFTER) * stiffness or b < asked.damping:
@@ -178,11 +169,7 @@ class DrumDisplay(DrumBench):
         watchdog_ns = Limits().watchdog_ns if finger.has_motor else SIMULATED_WATCHDOG_NS
         limits = Limits(continuous_force=force, peak_force=force, watchdog_ns=watchdog_ns)
         if interval.wall is Wall.COUPLED:
-            gain = interval.gain if interval.stiffness is None else interval.stiffness
-            finger.controller = CoupledController(
-                finger.path, self._rate, limits,
-                stiffness=gain, damping=interval.damping, latency=interval.latency,
-            )  # fmt: skip
+            finger.controller = CoupledController(finger.path, self._rate, limits, interval)
         else:
             finger.controller = FingerController(finger.path, self._rate, limits=limits, cable=self._cable)
 
@@ -203,9 +190,7 @@ class DrumDisplay(DrumBench):
             is_shown[:] = False  # a real surface is there, or nothing
         contacts["flags"][~is_shown] &= ~np.uint32(ContactFlag.TRACKED)
         if interval is not None:
-            stiffness = interval.stiffness
-            if stiffness is None and interval.wall is Wall.COUPLED:
-                stiffness = interval.gain
+            stiffness = interval.spring if interval.wall is Wall.COUPLED else interval.stiffness
             contacts["surface"] = Surface.RIGID if stiffness is None else Surface.DEFORMABLE
             contacts["stiffness"] = math.inf if stiffness is None else stiffness
             contacts["damping"] = interval.damping

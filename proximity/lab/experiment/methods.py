@@ -4,10 +4,9 @@ They are deterministic: fed with the same answers they choose the same levels, w
 after a crash.
 """
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -19,34 +18,22 @@ THRESHOLD_COUNT, WIDTHS, LAPSES = 30, (0.3, 0.6, 1.2), (0.0, 0.03, 0.06)
 SIGMAS_OF_WIDTH = 2.0 * 1.6448536269514722  # from 5 to 95 % of a normal distribution
 
 
-class Method(Protocol):
-    """Whatever chooses levels."""
-
-    def level(self) -> float:
-        """Return the level of the next trial."""
-        ...
-
-    def take(self, is_right: bool) -> None:
-        """Take the answer at that level."""
-        ...
-
-
 class Staircase:
     """Three right answers in a row make it harder, one that is wrong makes it easier."""
 
     def __init__(self, levels: Sequence[float]) -> None:
-        self._levels, self._at, self._right, self._wrong = tuple(levels), len(levels) - 1, 0, 0
+        self._levels, self._index, self._right, self._wrong = tuple(levels), len(levels) - 1, 0, 0
 
     def level(self) -> float:
         """Return the level of the next trial."""
-        return self._levels[self._at]
+        return self._levels[self._index]
 
-    def take(self, is_right: bool) -> None:
-        """Take the answer at that level."""
+    def update(self, is_right: bool) -> None:
+        """Go on from the answer at that level."""
         self._right, self._wrong = (self._right + 1, 0) if is_right else (0, self._wrong + 1)
         step = (self._wrong == UP) - (self._right == DOWN)
         if step:
-            self._at = min(max(self._at + step, 0), len(self._levels) - 1)
+            self._index = min(max(self._index + step, 0), len(self._levels) - 1)
             self._right = self._wrong = 0
 
 
@@ -58,7 +45,7 @@ class QuestPlus:
 
     def __init__(self, levels: Sequence[float]) -> None:
         logs = np.log10(levels)
-        self._levels = dict(zip(logs.tolist(), levels, strict=True))
+        self._levels = tuple(levels), logs
         with needed("experiments need", "experiment"):
             make = import_module("questplus").QuestPlus
         self._quest = make(
@@ -78,18 +65,18 @@ class QuestPlus:
     def level(self) -> float:
         """Return the level of the next trial."""
         self._chosen = self._chosen or self._quest.next_stim
-        at = self._chosen["intensity"]
-        return self._levels[min(self._levels, key=lambda log: math.fabs(log - at))]
+        levels, logs = self._levels
+        return levels[int(np.argmin(np.abs(logs - self._chosen["intensity"])))]
 
-    def take(self, is_right: bool) -> None:
-        """Take the answer at that level."""
+    def update(self, is_right: bool) -> None:
+        """Go on from the answer at that level."""
         self.level()
         self._quest.update(stim=self._chosen, outcome={"response": "right" if is_right else "wrong"})
         self._chosen = {}
 
 
-def method_for(procedure: Procedure, levels: Sequence[float]) -> Method | None:
-    """Return what chooses levels; None where the plan has chosen them."""
-    made: dict[Procedure, type[Staircase] | type[QuestPlus]]
-    made = {Procedure.STAIRCASE: Staircase, Procedure.QUEST: QuestPlus}
-    return made[procedure](levels) if procedure in made else None
+METHODS: dict[Procedure, Callable[[Sequence[float]], Staircase | QuestPlus]] = {
+    Procedure.STAIRCASE: Staircase,
+    Procedure.QUEST: QuestPlus,
+}
+"""What chooses levels, where the plan has not chosen them."""

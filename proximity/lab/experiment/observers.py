@@ -17,11 +17,17 @@ from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.lab.experiment.design import SIMULATED, Condition, Design, Kind, Question, Task
-from proximity.lab.experiment.display import FRAME, Interval, Presentation, cut_at_limits, interval_of
+from proximity.lab.experiment.design import SIMULATED, Design, Kind, Question
+from proximity.lab.experiment.display import (
+    FRAME,
+    Interval,
+    Presentation,
+    Trial,
+    interval_of,
+    stopped_by_force,
+)
 from proximity.lab.experiment.methods import SIGMAS_OF_WIDTH
 from proximity.lab.experiment.plan import Stage, Text, is_compared
-from proximity.lab.experiment.session import Trial
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall, soft_wall
 from proximity.lab.simulation.devices import CoupledWall, Decaff
 from proximity.lab.simulation.frame_readers import ControllerInLoop
@@ -64,42 +70,40 @@ class Observer:
 
     def choose(self, question: Question) -> Any:
         """Choose the first answer, or the middle of the range."""
-        return question.choices[0] if question.choices else (question.lowest + question.highest) / 2.0
+        return question.choices[0] if question.choices else sum(question.range) / 2.0
 
-    def begin(self, trial: Trial, interval: int) -> None:
+    def wait_ready(self, trial: Trial, interval: int) -> None:
         """Choose a speed for the hand."""
         self._speed = np.random.default_rng([*self._seeds, 3 + 2 * trial.planned.number, interval])
 
     def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
         """Press on a surface."""
         noise = 1.0 + self._design.observers.speed_noise * float(self._speed.choice(FASTER))
-        return cut_at_limits(
-            _pressed(interval._replace(speed=interval.speed * noise)), limit_force, limit_seconds
-        )
+        frames = _pressed(interval._replace(speed=interval.speed * noise))
+        return cut_at_limits(frames, limit_force, limit_seconds)
 
     def answer(self, trial: Trial, felt: list[Presentation]) -> Any:
         """Answer by what was felt; by the design's thresholds where nothing was, or it has no noise of it."""
-        task, rng = self._design.task(trial.planned.task), self._rng(trial)
-        if task.kind is Kind.RATING:
-            stiffness = trial.intervals[0].stiffness or trial.intervals[0].gain
+        rng = np.random.default_rng([*self._seeds, 2 + 2 * trial.planned.number])
+        if trial.task.kind is Kind.RATING:
             noise = self._design.observers.rating_noise * rng.standard_normal()
-            return round(10.0 ** (math.log10(stiffness) + noise), 1)
+            return round(10.0 ** (math.log10(trial.intervals[0].spring) + noise), 1)
         if len(trial.intervals) < 2:
             return None
         noise = self._design.observers.felt_noise
         if noise > 0.0 and felt:
-            impressions = [_impression(task.kind, one) + noise * rng.standard_normal() for one in felt]
+            impressions = [_impression(trial.task.kind, one) + noise * rng.standard_normal() for one in felt]
             return int(np.argmax(impressions)) + 1
         right = trial.planned.odd + 1
-        return right if rng.random() < self.probability(trial) else 3 - right
+        return right if rng.random() < self._probability(trial) else 3 - right
 
     def explain(self, why: str) -> None:
-        """Take note of it."""
+        """Go on."""
 
-    def probability(self, trial: Trial) -> float:
-        """Return the probability of the right answer to a trial of two intervals."""
+    def _probability(self, trial: Trial) -> float:
+        """Probability of the right answer to a trial of two intervals."""
         planned, expected = trial.planned, self._design.observers
-        if self._design.task(planned.task).kind is Kind.REAL:
+        if trial.task.kind is Kind.REAL:
             return self._design.condition(planned.condition).correct
         if planned.stage is Stage.CATCH:
             return 1.0 - expected.lapse
@@ -107,8 +111,33 @@ class Observer:
         share = float(ndtr((math.log10(trial.level) - self.thresholds[planned.condition]) / sigma))
         return 0.5 + (0.5 - expected.lapse) * share
 
-    def _rng(self, trial: Trial) -> np.random.Generator:
-        return np.random.default_rng([*self._seeds, 2 + 2 * trial.planned.number])
+
+def cut_at_limits(frames: np.ndarray, limit_force: float, limit_seconds: float) -> Presentation:
+    """Return (N,) FRAME until a limit is passed."""
+    above = np.flatnonzero(~(frames["force"] <= limit_force))
+    if len(above):
+        force = float(frames["force"][above[0]])
+        return Presentation(frames[: above[0]], stopped_by_force(force, limit_force))
+    return Presentation(frames[frames["time"] - frames["time"][0] <= limit_seconds])
+
+
+def unstable_walls(design: Design) -> list[str]:
+    """Return a sentence for each task on a coupled wall that shakes under a simulated hand."""
+    found = []
+    for task in design.tasks:
+        for condition in design.conditions:
+            if condition.wall is not Wall.COUPLED or not is_compared(design, task, condition.name):
+                continue
+            levels = {0.0, *task.levels, *([task.catch_level] if task.catch or task.practice else [])}
+            walls = (_coupled(interval_of(task, condition, level)) for level in sorted(levels))
+            first = next((wall for wall in walls if not rests_on(Hand(), wall)), None)
+            if first is not None:
+                found.append(
+                    f"{condition.name} in {task.name} is unstable at {first.stiffness:g} N/m with "
+                    f"{first.damping:g} N s/m, {1e3 * first.latency:g} ms late at {first.rate:g} Hz, under a "
+                    "simulated hand: it shakes, and limits may end its trials"
+                )
+    return found
 
 
 def _impression(kind: Kind, shown: Presentation) -> float:
@@ -145,45 +174,17 @@ def _response(interval: Interval) -> Response:
     if interval.wall is Wall.REAL:
         return real_wall(hand, press) if stiffness is None else soft_wall(hand, press, stiffness, damping)
     if interval.wall is Wall.COUPLED:
-        gain = interval.gain if stiffness is None else stiffness
-        return coupled_wall(hand, press, CoupledWall(gain, damping, DISTANCE_RATE, interval.latency))
+        return coupled_wall(hand, press, _coupled(interval))
     path = _finger_path()
     surface = None if stiffness is None else (stiffness, damping)
     controller = ControllerInLoop(FingerController(path, SERVO_RATE), path, surface)
     return decaff(hand, press, with_latency(Decaff(), interval.latency, DISTANCE_RATE), controller)
 
 
+def _coupled(interval: Interval) -> CoupledWall:
+    return CoupledWall(interval.spring, interval.damping, DISTANCE_RATE, interval.latency)
+
+
 @cache
 def _finger_path() -> FingerPath:
     return FingerPath(Glove())
-
-
-def unstable_walls(design: Design) -> list[str]:
-    """Return a sentence for each task on a coupled wall that shakes under a simulated hand."""
-    return [
-        sentence
-        for task in design.tasks
-        for condition in design.conditions
-        if condition.wall is Wall.COUPLED and is_compared(design, task, condition.name)
-        if (sentence := _said_of(task, condition))
-    ]
-
-
-def _said_of(task: Task, condition: Condition) -> str:
-    """A sentence about the surfaces of a condition in a task that shake; empty: all are stable."""
-    levels = {0.0, *task.levels, *([task.catch_level] if task.catch or task.practice else [])}
-    hand, shaking = Hand(), []
-    for level in sorted(levels):
-        interval = interval_of(task, condition, level)
-        gain = interval.gain if interval.stiffness is None else interval.stiffness
-        wall = CoupledWall(gain, interval.damping, DISTANCE_RATE, interval.latency)
-        if not rests_on(hand, wall):
-            shaking.append(wall)
-    if not shaking:
-        return ""
-    first = shaking[0]
-    return (
-        f"{condition.name} in {task.name} is unstable at {first.stiffness:g} N/m with "
-        f"{first.damping:g} N s/m, {1e3 * first.latency:g} ms late at {first.rate:g} Hz, under a simulated "
-        "hand: it shakes, and limits may end its trials"
-    )

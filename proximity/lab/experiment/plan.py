@@ -4,6 +4,8 @@ Conditions go by the rows of a Latin square in which each follows each other equ
 passes through the conditions go forth and back in turn. Only the levels of adaptive methods are left open.
 """
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -56,25 +58,17 @@ def latin_square(count: int) -> list[list[int]]:
 def plan(design: Design, slot: int) -> list[Step]:
     """Return what a participant is shown, in order.
 
-    *slot*: place among the participants, from 0: it chooses the row of the Latin square and the random
-    numbers.
+    *slot*: place among the participants, from 0: it chooses the row of the Latin square and random numbers.
     """
-    square = latin_square(len(design.conditions))
-    row = square[slot % len(square)]
-    steps: list[Step] = [Text("consent", design.consent)]
-    steps += [question for question in design.questions if not question.is_after]
-    if design.welcome:
-        steps.append(Text("welcome", design.welcome))
-    blocks = [
-        _Block(task, [design.conditions[i].name for i in (row if turn % 2 == 0 else row[::-1])], turn)
-        for task in design.tasks
-        for turn in range(task.blocks)
+    before, after = ([one for one in design.questions if one.when == when] for when in ("before", "after"))
+    return [
+        Text("consent", design.consent),
+        *before,
+        *([Text("welcome", design.welcome)] if design.welcome else []),
+        *_trials(design, slot),
+        *after,
+        *([Text("goodbye", design.goodbye)] if design.goodbye else []),
     ]
-    steps += _trials(design, blocks, np.random.default_rng([design.seed, slot]))
-    steps += [question for question in design.questions if question.is_after]
-    if design.goodbye:
-        steps.append(Text("goodbye", design.goodbye))
-    return steps
 
 
 def trials_of(steps: list[Step]) -> list[PlannedTrial]:
@@ -84,48 +78,8 @@ def trials_of(steps: list[Step]) -> list[PlannedTrial]:
 
 def minutes(design: Design, steps: list[Step]) -> float:
     """Return how long steps take, as the design's schedule has it."""
-    schedule = design.schedule
-    seconds = {PlannedTrial: schedule.trial_seconds, Question: schedule.question_seconds}
+    seconds = {PlannedTrial: design.schedule.trial_seconds, Question: design.schedule.question_seconds}
     return sum(step.seconds if isinstance(step, Text) else seconds[type(step)] for step in steps) / 60.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Block:
-    """One pass of a task through the conditions."""
-
-    task: Task
-    conditions: list[str]
-    turn: int
-
-
-def _trials(design: Design, blocks: list[_Block], rng: np.random.Generator) -> list[Step]:
-    """Instructions, practice, trials and breaks of all tasks."""
-    steps: list[Step] = []
-    number = block_number = 0
-    levels: dict[str, list[float | None]] = {}  # of the task at hand, by condition
-    for block in blocks:
-        task = block.task
-        compared = [name for name in block.conditions if is_compared(design, task, name)]
-        if block.turn == 0:
-            if task.instructions:
-                steps.append(Text("instructions", task.instructions))
-            levels = {name: _levels(task, rng) for name in sorted(compared)}
-            for i in range(task.practice):
-                name = compared[i % len(compared)]
-                odd = int(rng.integers(2)) if task.kind in CHOICES else 0
-                level = task.catch_level
-                steps.append(
-                    PlannedTrial(number, block.turn + 1, task.name, name, Stage.PRACTICE, odd, level)
-                )
-                number += 1
-        for name in compared:
-            if block_number and block_number % design.schedule.break_every == 0:
-                steps.append(Text("break", design.pause, 60.0 * design.schedule.break_minutes))
-            for stage, odd, chosen in _block_trials(block, levels[name], rng):
-                steps.append(PlannedTrial(number, block.turn + 1, task.name, name, stage, odd, chosen))
-                number += 1
-            block_number += 1
-    return steps
 
 
 def is_compared(design: Design, task: Task, name: str) -> bool:
@@ -133,27 +87,43 @@ def is_compared(design: Design, task: Task, name: str) -> bool:
     return task.kind is not Kind.REAL or design.condition(name).wall is not Wall.REAL
 
 
-def _levels(task: Task, rng: np.random.Generator) -> list[float | None]:
+def _trials(design: Design, slot: int) -> Iterator[Step]:
+    """Instructions, practice, trials and breaks of all tasks."""
+    rng, square = np.random.default_rng([design.seed, slot]), latin_square(len(design.conditions))
+    row = [design.conditions[i].name for i in square[slot % len(square)]]
+    numbers, block_numbers = itertools.count(), itertools.count()
+    for task in design.tasks:
+        forth = [name for name in row if is_compared(design, task, name)]
+        if task.instructions:
+            yield Text("instructions", task.instructions)
+        levels = {name: _levels(task, rng) for name in sorted(forth)}
+        for i in range(task.practice):
+            odd, name = int(rng.integers(2)) if task.kind in CHOICES else 0, forth[i % len(forth)]
+            yield PlannedTrial(next(numbers), 1, task.name, name, Stage.PRACTICE, odd, task.catch_level)
+        for turn in range(task.blocks):
+            for name in forth if turn % 2 == 0 else forth[::-1]:
+                block_number = next(block_numbers)
+                if block_number and block_number % design.schedule.break_every == 0:
+                    yield Text("break", design.pause, 60.0 * design.schedule.break_minutes)
+                for stage, odd, level in _block(task, turn, levels[name], rng):
+                    yield PlannedTrial(next(numbers), turn + 1, task.name, name, stage, odd, level)
+
+
+def _levels(task: Task, rng: np.random.Generator) -> Iterator[float | None]:
     """Levels of all trials of a task on one condition, shuffled; None where a method chooses them."""
-    if task.procedure is not Procedure.CONSTANT:
-        return [None] * task.trials
+    if task.method is not Procedure.CONSTANT:
+        return itertools.repeat(None)
     repeated: list[float] = np.repeat(task.levels, task.trials // len(task.levels)).tolist()
-    return [repeated[i] for i in rng.permutation(task.trials)]
+    return iter([repeated[i] for i in rng.permutation(task.trials)])
 
 
-def _block_trials(
-    block: _Block, levels: list[float | None], rng: np.random.Generator
-) -> list[tuple[Stage, int, float | None]]:
-    """Stage, odd interval and level of each trial of a block on one condition."""
-    task, count = block.task, block.task.trials // block.task.blocks
-    catch = task.catch // task.blocks + (block.turn < task.catch % task.blocks)
-    total = count + catch
+def _block(
+    task: Task, turn: int, levels: Iterator[float | None], rng: np.random.Generator
+) -> Iterator[tuple[Stage, int, float | None]]:
+    """Stage, odd interval and level of each trial of a pass on one condition."""
+    catch = task.catch // task.blocks + (turn < task.catch % task.blocks)
+    total = task.trials // task.blocks + catch
     caught = set(rng.permutation(total)[:catch].tolist())
     odds = rng.permutation(np.arange(total) % 2) if task.kind in CHOICES else np.zeros(total, np.int64)
-    left = iter(levels[block.turn * count :])
-    return [
-        (Stage.CATCH, int(odds[i]), task.catch_level)
-        if i in caught
-        else (Stage.MAIN, int(odds[i]), next(left))
-        for i in range(total)
-    ]
+    for i, odd in enumerate(odds.tolist()):
+        yield (Stage.CATCH, odd, task.catch_level) if i in caught else (Stage.MAIN, odd, next(levels))

@@ -9,7 +9,6 @@ import json
 import math
 import os
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from proximity.errors import RecordingError
@@ -24,10 +23,7 @@ START = "0" * 64  # hash before the first line
 
 
 class TrialLog:
-    """The log of one participant, opened to go on.
-
-    *path*: the file; a new one where there is none.
-    """
+    """The log of one participant, opened to go on; a new file where there is none."""
 
     entries: list[Entry]  # from the first
     head: str  # hash of the last
@@ -42,35 +38,33 @@ class TrialLog:
                 fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self.entries, whole = _read(path)
             os.truncate(path, whole)
-        except OSError as failed:
+        except BaseException as failed:
             self._stream.close()
-            taken = isinstance(failed, BlockingIOError)
-            why = "another program runs this participant" if taken else f"cannot be cut ({failed.strerror})"
+            if not isinstance(failed, OSError):
+                raise
+            is_taken = isinstance(failed, BlockingIOError)
+            why = (
+                "another program runs this participant" if is_taken else f"cannot be cut ({failed.strerror})"
+            )
             raise RecordingError(f"{path}: {why}") from failed
-        except RecordingError:
-            self._stream.close()
-            raise
         self.head = self.entries[-1]["sha256"] if self.entries else START
 
     def append(self, event: str, **content: Any) -> Entry:
         """Write an entry; when this returns it is on the disk."""
-        entry: Entry = {"event": event, **{key: _plain(value) for key, value in content.items()}}
+        entry: Entry = {"event": event} | {key: _plain(value) for key, value in content.items()}
         entry |= {"previous": self.head}
-        entry["sha256"] = _hash(entry)
+        self.head = entry["sha256"] = _hash(entry)
         self._stream.write(json.dumps(entry, allow_nan=False, ensure_ascii=False).encode() + b"\n")
         self._stream.flush()
         os.fsync(self._stream.fileno())
         self.entries.append(entry)
-        self.head = entry["sha256"]
         return entry
 
     def __enter__(self) -> "TrialLog":
         """Keep it open."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close it."""
         self._stream.close()
 

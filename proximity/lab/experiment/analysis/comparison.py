@@ -15,7 +15,6 @@ from itertools import combinations
 import numpy as np
 from scipy import integrate, stats
 
-from proximity.lab.experiment.analysis.scores import Score
 from proximity.system.extras import needed
 
 CAUCHY_SCALE = math.sqrt(0.5)  # of the prior of an effect's size, in standard deviations
@@ -23,29 +22,33 @@ FEWEST = 3  # participants
 
 
 @dataclass(frozen=True, slots=True)
-class Mean:
-    """A condition, over participants."""
+class Score:
+    """How one participant did in a task on a condition."""
 
+    participant: str
+    task: str
     condition: str
     value: float
-    lower: float  # of the 95 % confidence interval
-    upper: float
-    p_zero: float  # of a t test against 0, adjusted for the number of conditions (Holm)
-    participants: int
+    trials: int
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
-    """Two conditions, by the participants who did both."""
+class Effect:
+    """A condition, or what it differs by from an earlier one, over the participants who did it, or both."""
 
-    first: str
-    second: str
-    value: float  # second less first
+    condition: str
+    less: str  # the earlier one; empty: none
+    value: float
     lower: float  # of the 95 % confidence interval
     upper: float
-    p: float  # adjusted for the number of pairs (Holm)
-    bayes_factor_none: float  # how much likelier the data are if there is no difference
+    t: float  # against 0; nan: of too few, or of values that are all the same
+    p: float  # adjusted for the number of conditions, or of pairs (Holm)
     participants: int
+
+    @property
+    def bayes_factor_none(self) -> float:
+        """How much likelier the data are if the effect is 0."""
+        return bayes_factor_none(self.t, self.participants) if math.isfinite(self.t) else math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,32 +59,48 @@ class Comparison:
     f: float
     df: tuple[int, int]
     p: float
-    means: tuple[Mean, ...]
-    differences: tuple[Difference, ...]
+    means: tuple[Effect, ...]
+    differences: tuple[Effect, ...]
 
 
 def compare(task: str, conditions: Sequence[str], scores: Sequence[Score]) -> Comparison | None:
     """Return the comparison of conditions; None where there are too few participants."""
-    own = [score for score in scores if score.task == task]
-    participants = sorted({score.participant for score in own})
-    compared = [name for name in conditions if any(score.condition == name for score in own)]
+    values = {(one.participant, one.condition): one.value for one in scores if one.task == task}
+    participants = sorted({participant for participant, _ in values})
+    compared = [name for name in conditions if any(name == condition for _, condition in values)]
     if len(participants) < FEWEST:
         return None
-    table = np.full((len(participants), len(compared)), np.nan)
-    for score in own:
-        table[participants.index(score.participant), compared.index(score.condition)] = score.value
-    means = [_mean(name, table[:, i]) for i, name in enumerate(compared)]
-    pairs = [
-        _difference(compared[i], compared[j], table[:, j] - table[:, i])
-        for i, j in combinations(range(len(compared)), 2)
-    ]
+    table = np.array([[values.get((one, name), math.nan) for name in compared] for one in participants])
+    means = [_effect(name, "", column) for name, column in zip(compared, table.T, strict=True)]
+    pairs = combinations(range(len(compared)), 2)
+    differences = [_effect(compared[j], compared[i], table[:, j] - table[:, i]) for i, j in pairs]
     f, df, p = mixed_model(table) if len(compared) > 1 else (math.nan, (0, 0), math.nan)
-    adjusted = _holm([one.p_zero for one in means])
-    tested = tuple(replace(one, p_zero=own) for one, own in zip(means, adjusted, strict=True))
-    adjusted = _holm([one.p for one in pairs])
-    return Comparison(
-        task, f, df, p, tested, tuple(replace(one, p=own) for one, own in zip(pairs, adjusted, strict=True))
-    )
+    return Comparison(task, f, df, p, _adjusted(means), _adjusted(differences))
+
+
+def _effect(condition: str, less: str, values: np.ndarray) -> Effect:
+    there = values[np.isfinite(values)]
+    count, value, half, t, p = len(there), math.nan, math.nan, math.nan, math.nan
+    is_tested = count >= FEWEST and bool(there.std() > 0.0)
+    if is_tested or not less:
+        value = float(there.mean())
+    if is_tested or (not less and count > 1):
+        half = float(stats.sem(there) * stats.t.ppf(0.975, count - 1))
+    if is_tested:  # not by SciPy's test, which warns of values that are nearly the same
+        t = float(value / stats.sem(there))
+        p = 2.0 * float(stats.t.sf(abs(t), count - 1))
+    return Effect(condition, less, value, value - half, value + half, t, p, count)
+
+
+def _adjusted(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Effects with Holm's adjustment of p; those that are nan stay so, and do not count."""
+    tested = [one for one in effects if not math.isnan(one.p)]
+    if not tested:
+        return tuple(effects)
+    with needed("experiments need", "experiment"):
+        adjust = import_module("statsmodels.stats.multitest").multipletests
+    ps = iter(adjust([one.p for one in tested], method="holm")[1].tolist())
+    return tuple(one if math.isnan(one.p) else replace(one, p=next(ps)) for one in effects)
 
 
 def mixed_model(table: np.ndarray) -> tuple[float, tuple[int, int], float]:
@@ -135,43 +154,3 @@ def bayes_factor_none(t: float, count: int) -> float:
 
     some = integrate.quad(weight, 0.0, 1.0)[0] + integrate.quad(weight, 1.0, math.inf)[0]
     return float((1.0 + t * t / df) ** (-0.5 * count) / some)
-
-
-def _mean(condition: str, values: np.ndarray) -> Mean:
-    there = values[np.isfinite(values)]
-    tested, interval = _tested(there)
-    return Mean(condition, float(there.mean()), *interval, tested[1], len(there))
-
-
-def _difference(first: str, second: str, values: np.ndarray) -> Difference:
-    there = values[np.isfinite(values)]
-    (t, p), interval = _tested(there)
-    if math.isnan(t):
-        return Difference(first, second, math.nan, math.nan, math.nan, math.nan, math.nan, len(there))
-    factor = bayes_factor_none(t, len(there))
-    return Difference(first, second, float(there.mean()), *interval, p, factor, len(there))
-
-
-def _tested(values: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """t and p of values against 0, nan of too few or of equal ones; the 95 % interval of their mean."""
-    if len(values) < 2:
-        return (math.nan, math.nan), (math.nan, math.nan)
-    if not values.std() > 0.0:
-        return (math.nan, math.nan), (float(values.mean()), float(values.mean()))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of values that differ by rounding: t says so
-        found = stats.ttest_1samp(values, 0.0)
-    low, high = found.confidence_interval()
-    test = (float(found.statistic), float(found.pvalue)) if len(values) >= FEWEST else (math.nan, math.nan)
-    return test, (float(low), float(high))
-
-
-def _holm(ps: Sequence[float]) -> list[float]:
-    """p with Holm's adjustment; those that are nan stay so, and do not count."""
-    adjusted = np.array(ps, np.float64)
-    is_known = np.isfinite(adjusted)
-    if is_known.any():
-        with needed("experiments need", "experiment"):
-            multipletests = import_module("statsmodels.stats.multitest").multipletests
-        adjusted[is_known] = multipletests(adjusted[is_known], method="holm")[1]
-    return adjusted.tolist()

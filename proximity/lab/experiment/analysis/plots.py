@@ -1,57 +1,45 @@
 """Plots of an experiment, for a column or a page of a journal."""
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from proximity.lab.experiment.analysis.findings import Findings
-from proximity.lab.experiment.analysis.scores import MEANING, counts_of, shown
+from proximity.lab.experiment.analysis.findings import MEANING, Findings, counts_of, shown
 from proximity.lab.experiment.design import Kind, Task
 from proximity.lab.figures import style
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 HEIGHT = 2.4  # inches
 TICKS = tuple(digit * 10.0**power for power in range(-4, 5) for digit in (1, 2, 5))  # of logarithmic axes
 CURVE_POINTS = 120
+Draw = Callable[["Figure", Findings, Task, list[str]], None]
 JITTER = 0.12  # of a condition's width, by which the marks of participants lie apart
 
 
 def draw_plots(findings: Findings, form: str) -> dict[str, bytes]:
     """Return plots as files, by name: psychometric functions, and scores, of each task that was done."""
     plots = {}
-
-    def draw_functions(figure: "Figure", task: Task) -> None:
-        _name_simulated(figure, findings)
-        _draw_functions(figure, findings, task)
-
-    def draw_scores(figure: "Figure", task: Task) -> None:
-        _name_simulated(figure, findings)
-        _draw_scores(figure.subplots(), findings, task)
-
     for task in findings.design.tasks:
-        if not any(score.task == task.name for score in findings.scores):
-            continue
-        if task.kind is Kind.STIFFER:
-            size = (style.PAGE_WIDTH, HEIGHT)
-            plots[f"{task.name}_functions"] = style.render(draw_functions, task, size, form)
-        size = (style.COLUMN_WIDTH, HEIGHT)
-        plots[f"{task.name}_scores"] = style.render(draw_scores, task, size, form)
+        done = {score.condition for score in findings.scores if score.task == task.name}
+        names = [one.name for one in findings.design.conditions if one.name in done]
+        drawn = [("functions", style.PAGE_WIDTH, _draw_functions)] if task.kind is Kind.STIFFER else []
+        for name, width, draw in [*drawn, ("scores", style.COLUMN_WIDTH, _draw_scores)] if names else []:
+
+            def draw_all(figure: "Figure", task: Task, draw: Draw = draw, names: list[str] = names) -> None:
+                if findings.simulated:
+                    figure.suptitle(findings.simulated_note, fontsize=7, color="#b45309")
+                draw(figure, findings, task, names)
+
+            plots[f"{task.name}_{name}"] = style.render(draw_all, task, (width, HEIGHT), form)
     return plots
 
 
-def _name_simulated(figure: "Figure", findings: Findings) -> None:
-    """Say above the panels that participants are no people, if some are not."""
-    if findings.simulated:
-        figure.suptitle(findings.said_of_simulated, fontsize=7, color="#b45309")
-
-
-def _draw_functions(figure: "Figure", findings: Findings, task: Task) -> None:
+def _draw_functions(figure: "Figure", findings: Findings, task: Task, names: list[str]) -> None:
     """A panel a condition: each participant's function, all answers together, and the mean function."""
-    names = _conditions(findings, task)
     panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
     levels = np.geomspace(min(task.levels), max(task.levels), CURVE_POINTS)
     for index, (panel, name) in enumerate(zip(panels, names, strict=True)):
@@ -72,8 +60,7 @@ def _draw_functions(figure: "Figure", findings: Findings, task: Task) -> None:
             panel.errorbar(level, share, half, color=stroke["color"], marker="o", linewidth=0.8)
         panel.axhline(0.5, **style.GUIDE)
         panel.set_xscale("log")
-        ticks = [tick for tick in TICKS if 0.9 * levels[0] <= tick <= 1.1 * levels[-1]]
-        panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        panel.set_xticks(*_ticks(0.9 * levels[0], 1.1 * levels[-1]))
         panel.minorticks_off()
         panel.set_xlim(0.9 * min(task.levels), 1.1 * max(task.levels))
         panel.set_ylim(0.2, 1.02)
@@ -82,10 +69,9 @@ def _draw_functions(figure: "Figure", findings: Findings, task: Task) -> None:
     style.letter_panels(panels, names)
 
 
-def _draw_scores(panel: "Axes", findings: Findings, task: Task) -> None:
+def _draw_scores(figure: "Figure", findings: Findings, task: Task, names: list[str]) -> None:
     """Each participant's score on each condition, and means with confidence intervals."""
-    names = _conditions(findings, task)
-    by_participant: dict[str, dict[str, float]] = {}
+    panel, by_participant = figure.subplots(), dict[str, dict[str, float]]()
     for score in findings.scores:
         if score.task == task.name:
             by_participant.setdefault(score.participant, {})[score.condition] = shown(task.kind, score.value)
@@ -110,16 +96,14 @@ def _draw_scores(panel: "Axes", findings: Findings, task: Task) -> None:
         panel.set_ylim(0.0, 1.02)
     if task.kind in (Kind.STIFFER, Kind.RATING):
         panel.set_yscale("log")
-        low, high = panel.get_ylim()
-        ticks = [tick for tick in TICKS if low <= tick <= high]
-        panel.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+        panel.set_yticks(*_ticks(*panel.get_ylim()))
         panel.minorticks_off()
     panel.set_xticks(range(len(names)), names)
     panel.set_xlim(-0.5, len(names) - 0.5)
     panel.set_ylabel(MEANING[task.kind])
 
 
-def _conditions(findings: Findings, task: Task) -> list[str]:
-    """Conditions that a task was done on, in the design's order."""
-    done = {score.condition for score in findings.scores if score.task == task.name}
-    return [one.name for one in findings.design.conditions if one.name in done]
+def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
+    """Ticks of a logarithmic axis, and their labels."""
+    ticks = [tick for tick in TICKS if low <= tick <= high]
+    return ticks, [f"{tick:g}" for tick in ticks]

@@ -8,16 +8,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from proximity.lab.experiment.analysis.findings import Findings
+from proximity.lab.experiment.analysis.findings import MEANING, Findings, shown
 from proximity.lab.experiment.analysis.plots import draw_plots
-from proximity.lab.experiment.analysis.scores import MEANING, shown
 from proximity.lab.experiment.design import CHOICES, Kind, Procedure
 from proximity.lab.figures.pages import filled_in
 from proximity.lab.figures.style import write_bytes
 
 HERE = Path(__file__).parent
-Rows = list[Sequence[Any]]
-Tables = dict[str, tuple[tuple[str, ...], Rows]]
 METHODS = {
     Procedure.CONSTANT: "the method of constant stimuli",
     Procedure.STAIRCASE: "a 3-down-1-up staircase",
@@ -35,88 +32,8 @@ ASKED = {
 def write_report(findings: Findings, folder: Path) -> list[Path]:
     """Write a report, and return its files, the page first."""
     folder.mkdir(parents=True, exist_ok=True)
-    tables, paragraph = tables_of(findings), _paragraph(findings)
-    pictures = draw_plots(findings, "png")
-    files = {f"{name}.csv": _as_csv(names, rows) for name, (names, rows) in tables.items()}
-    files |= {f"{name}.png": content for name, content in pictures.items()}
-    files |= {f"{name}.pdf": content for name, content in draw_plots(findings, "pdf").items()}
-    files["methods.txt"] = (paragraph + "\n").encode()
-    page = {"report.html": _page(findings, paragraph, pictures).encode()}
-    for name, content in (page | files).items():
-        write_bytes(folder / name, content)
-    return [folder / name for name in page | files]
-
-
-def tables_of(findings: Findings) -> Tables:
-    """Return the tables of a report by name: their columns, and their rows."""
-    kinds = {task.name: task.kind for task in findings.design.tasks}
-    return {
-        "thresholds": (
-            ("participant", "task", "condition", "threshold", "lower", "upper", "width", "lapse", "trials"),
-            [
-                (*key, one.threshold, one.lower, one.upper, one.shape.width, one.shape.lapse, one.trials)
-                for key, one in sorted(findings.functions.items())
-            ],
-        ),
-        "scores": (
-            ("participant", "task", "condition", "score", "shown", "trials"),
-            [
-                (one.participant, one.task, one.condition, one.value, shown(kinds[one.task], one.value),
-                 one.trials)
-                for one in findings.scores
-            ],
-        ),
-        **_comparison_tables(findings, kinds),
-        "exclusions": (
-            ("participant", "trial", "why"),
-            [
-                (one.participant, "all" if one.trial is None else one.trial, one.why)
-                for one in findings.exclusions
-            ],
-        ),
-        "not_analysed": (
-            ("task", "condition", "participants", "why"),
-            [
-                (one.task, one.condition, " ".join(one.participants) or "all", one.why)
-                for one in findings.missing
-            ],
-        ),
-    }  # fmt: skip
-
-
-def _comparison_tables(findings: Findings, kinds: dict[str, Kind]) -> Tables:
-    """Those of the comparisons between conditions."""
-    found = [one for one in findings.comparisons.values() if one is not None]
-    return {
-        "means": (
-            ("task", "condition", "mean", "lower", "upper", "p_chance", "participants"),
-            [
-                (
-                    comparison.task,
-                    one.condition,
-                    *(shown(kinds[comparison.task], value) for value in (one.value, one.lower, one.upper)),
-                    one.p_zero if kinds[comparison.task] is Kind.REAL else "",
-                    one.participants,
-                )
-                for comparison in found
-                for one in comparison.means
-            ],
-        ),
-        "models": (("task", "F", "df1", "df2", "p"), [(one.task, one.f, *one.df, one.p) for one in found]),
-        "differences": (
-            ("task", "first", "second", "difference", "lower", "upper", "p_holm", "BF01", "participants"),
-            [
-                (comparison.task, one.first, one.second, one.value, one.lower, one.upper, one.p,
-                 one.bayes_factor_none, one.participants)
-                for comparison in found
-                for one in comparison.differences
-            ],
-        ),
-    }  # fmt: skip
-
-
-def _paragraph(findings: Findings) -> str:
-    """The methods in words, with the numbers filled in: a draft for a paper."""
+    tables, pictures = _tables(findings), draw_plots(findings, "png")
+    # Blanks and line ends of the template are joined: a draft for a paper.
     values = {
         "findings": findings,
         "asked": ASKED,
@@ -124,25 +41,64 @@ def _paragraph(findings: Findings) -> str:
         "choices": CHOICES,
         "version": version,
     }
-    return " ".join(filled_in(HERE / "methods.txt.j2", values, is_html=False).split())
+    paragraph = " ".join(filled_in(HERE / "methods.txt.j2", values, is_html=False).split())
+    encoded = {name: base64.b64encode(content).decode() for name, content in pictures.items()}
+    values |= {"kinds": _kinds(findings), "meaning": MEANING, "shown": shown, "paragraph": paragraph}
+    page = filled_in(HERE / "report.html.j2", values | {"pictures": encoded, "tables": list(tables)})
+    files = {"report.html": page.encode(), "methods.txt": (paragraph + "\n").encode()}
+    files |= {f"{name}.csv": _as_csv(columns, rows) for name, (columns, rows) in tables.items()}
+    files |= {f"{name}.png": content for name, content in pictures.items()}
+    files |= {f"{name}.pdf": content for name, content in draw_plots(findings, "pdf").items()}
+    for name, content in files.items():
+        write_bytes(folder / name, content)
+    return [folder / name for name in files]
 
 
-def _page(findings: Findings, paragraph: str, pictures: dict[str, bytes]) -> str:
-    values = {
-        "findings": findings,
-        "kinds": {task.name: task.kind for task in findings.design.tasks},
-        "meaning": MEANING,
-        "shown": shown,
-        "paragraph": paragraph,
-        "pictures": {name: base64.b64encode(content).decode() for name, content in pictures.items()},
-        "tables": list(tables_of(findings)),
-    }
-    return filled_in(HERE / "report.html.j2", values)
+def _kinds(findings: Findings) -> dict[str, Kind]:
+    return {task.name: task.kind for task in findings.design.tasks}
 
 
-def _as_csv(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
+def _tables(findings: Findings) -> dict[str, tuple[str, list[tuple[Any, ...]]]]:
+    """Tables of a report by name: their columns, and their rows."""
+    kinds = _kinds(findings)
+    found = [one for one in findings.comparisons.values() if one is not None]
+    means = [(one.task, kinds[one.task], mean) for one in found for mean in one.means]
+    differences = [(one.task, pair) for one in found for pair in one.differences]
+    return {
+        "thresholds": ("participant task condition threshold lower upper width lapse trials", [
+            (*key, one.threshold, one.lower, one.upper, one.shape.width, one.shape.lapse, one.trials)
+            for key, one in sorted(findings.functions.items())
+        ]),
+        "scores": ("participant task condition score shown trials", [
+            (one.participant, one.task, one.condition, one.value, shown(kinds[one.task], one.value),
+             one.trials)
+            for one in findings.scores
+        ]),
+        "means": ("task condition mean lower upper p_chance participants", [
+            (task, one.condition, *(shown(kind, value) for value in (one.value, one.lower, one.upper)),
+             one.p if kind is Kind.REAL else "", one.participants)
+            for task, kind, one in means
+        ]),
+        "models": ("task F df1 df2 p", [(one.task, one.f, *one.df, one.p) for one in found]),
+        "differences": ("task first second difference lower upper p_holm BF01 participants", [
+            (task, one.less, one.condition, one.value, one.lower, one.upper, one.p, one.bayes_factor_none,
+             one.participants)
+            for task, one in differences
+        ]),
+        "exclusions": ("participant trial why", [
+            (one.participant, "all" if one.trial is None else one.trial, one.why)
+            for one in findings.exclusions
+        ]),
+        "not_analysed": ("task condition participants why", [
+            (one.task, one.condition, " ".join(one.participants) or "all", one.why)
+            for one in findings.missing
+        ]),
+    }  # fmt: skip
+
+
+def _as_csv(columns: str, rows: Iterable[Sequence[Any]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
+    writer.writerow(columns.split())
     writer.writerows([f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in rows)
     return text.getvalue().encode()

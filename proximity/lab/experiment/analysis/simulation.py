@@ -3,24 +3,27 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from proximity.lab.experiment.analysis.comparison import compare, within_f
-from proximity.lab.experiment.analysis.findings import find
-from proximity.lab.experiment.analysis.scores import Score, exclude, scores_of
+from proximity.lab.experiment.analysis.comparison import Score, compare, within_f
+from proximity.lab.experiment.analysis.findings import exclude, find, scores_of
 from proximity.lab.experiment.design import CHOICES, Design, Kind
 from proximity.lab.experiment.observers import Observer
 from proximity.lab.experiment.plan import PlannedTrial
 from proximity.lab.experiment.session import Session
+from proximity.lab.experiment.trial_log import Entry
 
 SIGNIFICANT = 0.05
 Watch = Callable[[int, int], None]
 """Given how many are done, and of how many."""
+UNWATCHED: Watch = lambda done, total: None  # noqa: E731
 POOL = 200  # simulated participants that samples are drawn from
 PARTICIPANTS = (4, 8, 12, 16, 20, 24)
+
+
+ANSWERED = (*CHOICES, Kind.RATING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,41 +36,33 @@ class Power:
     share: float
 
 
-def simulated_trials(design: Design, slot: int, seed: int = 0) -> list[dict[str, Any]]:
-    """Return the trials of a simulated participant, as of `Dataset.trials`; nothing is pressed.
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """How well known thresholds are found again."""
 
-    *design*: of the experiment, and of what is expected of observers.
-    """
+    count: int
+    covered: int  # that lie in their credible intervals
+    bias: float  # of the geometric mean, as a share
+
+
+def simulated_trials(design: Design, slot: int, seed: int = 0) -> list[Entry]:
+    """Return the trials of a simulated participant, as of `Dataset.trials`; nothing is pressed."""
     session, observer = Session(design, slot), Observer(design, slot, seed)
-    entries: list[dict[str, Any]] = []
+    entries: list[Entry] = []
     while (step := session.step) is not None:
         is_right = None
         if isinstance(step, PlannedTrial):
             trial = session.trial()
-            answer = observer.answer(trial, []) if design.task(step.task).kind in ANSWERED else None
-            is_right = trial.is_right(answer)
-            entries.append(
-                {
-                    "participant": f"{slot}", "is_simulated": True, "number": step.number, "task": step.task,
-                    "condition": step.condition, "stage": str(step.stage), "level": trial.level,
-                    "answer": answer, "is_right": is_right, "response_time": 0.0, "stopped": "",
-                    "onset": [], "depth": [], "peak_force": [],
-                }
-            )  # fmt: skip
-        session.take(is_right=is_right)
+            record = trial.record(observer.answer(trial, []) if trial.task.kind in ANSWERED else None, [])
+            is_right = record["is_right"]
+            entries.append({"participant": f"{slot}", "is_simulated": True} | record)
+        session.advance(is_right=is_right)
     return entries
 
 
-ANSWERED = (*CHOICES, Kind.RATING)
-
-
-def _unwatched(done: int, total: int) -> None:
-    """Take no notice."""
-
-
-def simulated_scores(design: Design, count: int, seed: int = 0, watch: Watch = _unwatched) -> list[Score]:
-    """Return the scores of simulated participants."""
-    entries: list[dict[str, Any]] = []
+def _scores(design: Design, count: int, seed: int, watch: Watch) -> list[Score]:
+    """Scores of simulated participants."""
+    entries: list[Entry] = []
     for slot in range(count):
         entries += simulated_trials(design, slot, seed)
         watch(slot + 1, count)
@@ -95,13 +90,13 @@ def power(
     repetitions: int = 1000,
     *,
     pool: int = POOL,
-    watch: Watch = _unwatched,
+    watch: Watch = UNWATCHED,
 ) -> list[Power]:
     """Return how often an effect is found with so many participants.
 
     A pool of participants is simulated, and samples are drawn from it.
     """
-    scores = simulated_scores(design, pool, watch=watch)
+    scores = _scores(design, pool, 0, watch)
     rng, found = np.random.default_rng(design.seed), []
     for task in design.tasks:
         own = {(one.participant, one.condition): one.value for one in scores if one.task == task.name}
@@ -116,7 +111,7 @@ def power(
     return found
 
 
-def false_positives(design: Design, repetitions: int, watch: Watch = _unwatched) -> dict[str, float]:
+def false_positives(design: Design, repetitions: int, watch: Watch = UNWATCHED) -> dict[str, float]:
     """Return, for each task, the share of whole experiments that find a difference where there is none.
 
     Each has its own participants, and goes through the same mixed model as a report.
@@ -124,7 +119,7 @@ def false_positives(design: Design, repetitions: int, watch: Watch = _unwatched)
     equal, names = with_effect(design, 1.0), [one.name for one in design.conditions]
     counts = dict.fromkeys((task.name for task in design.tasks if task.kind in ANSWERED), 0)
     for repetition in range(repetitions):
-        scores = simulated_scores(equal, design.participants, 1 + repetition)
+        scores = _scores(equal, design.participants, 1 + repetition, UNWATCHED)
         for task in counts:
             found = compare(task, names, scores)
             counts[task] += found is not None and found.p < SIGNIFICANT
@@ -132,20 +127,8 @@ def false_positives(design: Design, repetitions: int, watch: Watch = _unwatched)
     return {task: count / repetitions for task, count in counts.items()}
 
 
-@dataclass(frozen=True, slots=True)
-class Recovery:
-    """How well known thresholds are found again."""
-
-    count: int
-    covered: int  # that lie in their credible intervals
-    bias: float  # of the geometric mean, as a share
-
-
 def recovery(design: Design, seed: int = 0) -> Recovery:
-    """Return how well the thresholds of a whole simulated experiment are found again.
-
-    *design*: of the experiment, and of what is expected of observers.
-    """
+    """Return how well the thresholds of a whole simulated experiment are found again."""
     entries = [entry for slot in range(design.participants) for entry in simulated_trials(design, slot, seed)]
     functions = find(design, entries).functions
     true = {key: 10.0 ** Observer(design, int(key[0]), seed).thresholds[key[2]] for key in functions}
