@@ -16,7 +16,7 @@ from proximity.cli.device.drum_loop import DrumsBeside
 from proximity.cli.device.motors import armable_motors
 from proximity.cli.output import report
 from proximity.cli.tables import Console
-from proximity.decaff.glove.glove_set import read_any_glove
+from proximity.decaff.glove.calibrated_glove import read_any_glove
 from proximity.decaff.motors.motor_set import home_all
 from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design import CHOICES, Kind, Question

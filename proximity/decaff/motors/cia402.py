@@ -7,7 +7,7 @@ ones.
 
 Source: CiA 402 (IEC 61800-7-201): state machine, objects 0x6040 to 0x60FF, modes cyclic synchronous position
 (8) and torque (10); CiA 301: mapping (0x1400 to 0x1A01), SYNC, consumer heartbeat (0x1016). The states are
-those of `canopen.profiles.p402`. Its path to operation waits for the drive and resets faults, so ours is used.
+those of `canopen.profiles.p402`. Its path to operation is not used: it waits for the drive and resets faults.
 """
 
 import math
@@ -17,8 +17,7 @@ from contextlib import suppress
 from typing import Any
 
 from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.motors.motor_address import MotorAddress, MotorSettings
-from proximity.decaff.motors.motor_driver import MotorCommand, MotorReading
+from proximity.decaff.motors.motor_driver import MotorAddress, MotorCommand, MotorReading, MotorSettings
 from proximity.errors import MotorError
 
 CONTROL, STATUS, MODE, MODE_SHOWN = 0x6040, 0x6041, 0x6060, 0x6061

@@ -40,11 +40,12 @@ LAYOUT = {name: value for name, value in vars(layout).items() if name.isupper() 
 LAYOUT |= {"MOMENT_STRIDE": MOMENT_STRIDE, "STATIC_COPIES": STATIC_COPIES, "REGION_COPIES": REGION_COPIES}
 _OF_SCENE = {*layout.SCENE_FIELDS, "super_node", "dynamic_count"}
 LAYOUT |= {
-    f"FRAME_{field.upper()}": layout.field_at(layout.FRAME, field) for field in layout.FRAME.names[:-1]
+    f"FRAME_{field.upper()}": layout.field_at(layout.FRAME, field)
+    for field in (layout.FRAME.names or ())[:-1]
 }
 LAYOUT |= {
     f"{'SCENE' if field in _OF_SCENE else 'PART'}_{field.upper()}": layout.field_at(layout.PART, field)
-    for field in layout.PART.names
+    for field in layout.PART.names or ()
 }
 LAYOUT["SCENE_GRID"] = LAYOUT["PART_GRID"]
 """Numbers by which the arrays of a model are laid out: a file with others is refused. What no number shows,
