@@ -36,10 +36,15 @@ class FrameBuilder:
         self._has_started = False
         self._missed = 0  # as the last frame reported
         self._epoch = 0
-        forget(self.contacts)
-        self.contacts["finger"] = np.arange(count)
+        self._is_filled = False  # whether a tick has written all its contacts
+        self._clear()
         self._header_buffer = memoryview(self.message.data)  # type: ignore[arg-type]
         self._records = self.contacts.view(np.ndarray).view(CONTACT_RECORD)
+
+    def begin(self) -> np.ndarray:
+        """Return the records for the contacts of a tick; until `finish` they are not those of one instant."""
+        self._is_filled = False
+        return self.contacts
 
     def finish(
         self, start_ns: int, publish_ns: int, missed: int, epoch: int, skipped_ns: int, is_late: bool = False
@@ -50,7 +55,7 @@ class FrameBuilder:
         what the contacts were made of something is too old already.
         """
         oldest_ns, tracked, uncertain = finger_kernels.overview(self._records)
-        self.tracked = tracked
+        self.tracked, self._is_filled = tracked, True
         pose_ns = oldest_ns if tracked else start_ns
         valid_until_ns = pose_ns + self._valid_for_ns
         self._has_started |= tracked > 0
@@ -69,10 +74,16 @@ class FrameBuilder:
         self._write(pose_ns - skipped_ns, start_ns - skipped_ns, publish_ns - skipped_ns)
 
     def stop(self, now_ns: int) -> None:
-        """Make the last frame one that says that no others will come."""
+        """Make the last frame one that says that no others will come; nothing of a failed tick is in it."""
         self.state = State.STOPPING
+        if not self._is_filled:
+            self._clear()
         pose_ns = int(self.message.header["pose_ns"]) or now_ns
         self._write(pose_ns, now_ns, now_ns)
+
+    def _clear(self) -> None:
+        forget(self.contacts)
+        self.contacts["finger"] = np.arange(self._count)
 
     def _write(self, pose_ns: int, start_ns: int, publish_ns: int) -> None:
         _HEADER.pack_into(

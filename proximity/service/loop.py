@@ -169,7 +169,7 @@ class Service:
             newest.update(samples, clock.now_ns())
         newest.drop_stale(start_ns)
         source = self._source
-        source.fill(frame_builder.contacts, newest.samples, start_ns)
+        source.fill(frame_builder.begin(), newest.samples, start_ns)
         publish_ns = clock.now_ns()
         self._skip_what_is_past(publish_ns)
         epoch = source.epoch + self._epoch_offset

@@ -107,6 +107,25 @@ def test_publisher_that_takes_too_long_makes_the_next_frame_late():
     assert outlet.states[:4] == [State.OK, State.OK, State.LATE, State.OK]
 
 
+def test_farewell_of_a_tick_that_failed_midway_holds_none_of_its_contacts():
+    def fail(tick):  # after the contacts were written
+        if tick == 2:
+            raise ZeroDivisionError
+
+    clock, outlet = ManualClock(), KeepingOutlet()
+    service = Service(
+        FakeAnswers(during=fail), ScriptedInput(steady), [publisher(outlet)], period=0.001, clock=clock
+    )
+
+    with pytest.raises(ZeroDivisionError):
+        service.run(tick_count=5)
+
+    assert outlet.states == [State.OK, State.OK, *FAREWELL]
+    last = outlet.records[-1]
+    assert not last["flags"].any() and (last["lower"] == -np.inf).all()
+    assert last["finger"].tolist() == [0, 1]
+
+
 def test_oversleeping_counts_the_deadlines_slept_through():
     report, outlet, _, _ = serve(ticks=3, clock=ManualClock(oversleeps=[0, 2 * MS + 1]))
 
