@@ -261,7 +261,7 @@ def test_a_move_is_not_forgotten_when_the_tick_is_interrupted(monkeypatch):
     assert ticked(scene, tracker, np.repeat(place[None], 10, axis=0))
     scene.move(scene.parts[1].name, Pose(translation=(-5.0, 0.0, 0.0)))
     with monkeypatch.context() as patch:
-        patch.setattr("proximity.tracker.tracker._tick", interrupted)
+        patch.setattr("proximity.tracker.tracker.tick", interrupted)
         with pytest.raises(KeyboardInterrupt):
             tracker.tick(place, 11 * 10**6, 11 * 10**6)
     assert tracker.tick(place, 12 * 10**6, 12 * 10**6)["signed_distance"] == scene.signed_distance(place)

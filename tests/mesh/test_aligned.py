@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from proximity.system.memory import ALIGNMENT, HUGE_PAGE, aligned_empty
+from proximity.mesh.part_memory import ALIGNMENT, HUGE_PAGE, aligned_empty
 
 SMAPS = Path("/proc/self/smaps")
 
