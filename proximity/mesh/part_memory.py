@@ -2,10 +2,10 @@
 
 So a solid's arrays are written once, where they stay: neither its sign nor a scene of it alone copies them.
 
-An array starts at a cache line and, where it is large, uses huge pages: a walk goes from one end of a model to
-the other, and the processor keeps in mind where some two thousand pages are: 8 MB of ordinary ones, all of a
-model of a million faces in huge ones. The usual source gives huge pages to most of a large array, to all or to
-none, by where it happens to begin. Near 304 k faces points and rays take 0.95 to 0.99 of the time, and the
+An array starts at a cache line and, where it is large, uses huge pages: a walk goes from one end of a model
+to the other, and the processor keeps in mind where some two thousand pages are: 8 MB of ordinary ones, all of
+a model of a million faces in huge ones. The usual source gives huge pages to most of a large array, to all or
+to none, by where it happens to begin. Near 304 k faces points and rays take 0.95 to 0.99 of the time, and the
 same in every process.
 """
 
