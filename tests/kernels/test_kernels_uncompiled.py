@@ -114,7 +114,7 @@ def answers(monkeypatch):
             if name != "sheet":
                 found[f"{name}, contains"] = thing.contains(points)
             ends = np.roll(points, 1, axis=0)
-            rays, lines = thing.cast(points, points - ends[::-1]), thing.closest_to_segments(points, ends)
+            rays, lines = thing.cast(points, ends - points), thing.closest_to_segments(points, ends)
             found |= {f"{name}, ray {field}": np.asarray(getattr(rays, field)) for field in RAY_FIELDS}
             found |= {f"{name}, segment {field}": np.asarray(getattr(lines, field)) for field in LINE_FIELDS}
         records = ticks()
