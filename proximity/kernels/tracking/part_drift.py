@@ -243,9 +243,9 @@ def displacement_of_parts(frames, before):
         if bits(is_first_same & is_last_same) == ALL_LANES:
             continue
         for corner in range(8):
-            x = frames[part].own_lower[3 * (corner & 1)]
-            y = frames[part].own_lower[1 + 3 * ((corner >> 1) & 1)]
-            z = frames[part].own_lower[2 + 3 * (corner >> 2)]
+            x = frames[part].own_upper[0] if corner & 1 else frames[part].own_lower[0]
+            y = frames[part].own_upper[1] if corner & 2 else frames[part].own_lower[1]
+            z = frames[part].own_upper[2] if corner & 4 else frames[part].own_lower[2]
             farthest_sq = max(farthest_sq, _corner_displacement_sq(frames, before, part, x, y, z))
         for k in range(POSE_COLUMNS):
             before[part, k] = rows[part, k]
