@@ -330,17 +330,17 @@ TWO = [np.eye(4), np.eye(4)]
         ),
         (
             (["part 0", "part 1"], TWO, np.zeros(3)),
-            SceneError,
+            ArgumentError,
             "velocities have shape (3,), expected (2, 3): one for each part named",
         ),
         (
             (["part 0", "part 1"], TWO, [[0, 0, 0], [0, np.inf, 0]]),
-            SceneError,
+            ArgumentError,
             "velocity of part 'part 1' is [0.0, inf, 0.0], expected 3 finite numbers, m/s",
         ),
         (
             (["part 0", "part 1"], TWO, [[1e9, 0, 0], [0, 1e300, 0]]),
-            SceneError,
+            ArgumentError,
             "velocity of part 'part 1' is [0.0, 1e+300, 0.0], expected at most 1e+09 m/s along each axis",
         ),
     ],
