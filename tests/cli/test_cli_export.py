@@ -10,7 +10,7 @@ import pytest
 from sealed_frames import PERIOD_NS, SESSION, frame, sealed
 
 from proximity.message import CONTACT, FRAME, State
-from proximity.recording import FrameReader, columns, frame_reader, frame_tables
+from proximity.recording import FrameReader, frame_reader, frame_tables
 
 COMMAND = ("export",)
 HEADER_COLUMNS = [
@@ -56,7 +56,7 @@ def lines_of(text):
 def column_of(path, name):
     """A column as it is in the log, by its name in a table."""
     runs = [run["contacts"].reshape(-1) for run in FrameReader(path)]
-    return np.concatenate([columns.scalar_columns(run)[name] for run in runs])
+    return np.concatenate([frame_tables.scalar_columns(run)[name] for run in runs])
 
 
 def test_csv_has_a_line_a_finger_and_every_digit(run, tmp_path):
@@ -68,7 +68,7 @@ def test_csv_has_a_line_a_finger_and_every_digit(run, tmp_path):
     assert (result.code, result.err) == (0, "")
     assert result.out == "run.csv: 2 frames, 6 lines\n"
     rows = lines_of((tmp_path / "run.csv").read_text())
-    names = list(columns.scalar_columns(np.zeros(0, CONTACT)))
+    names = list(frame_tables.scalar_columns(np.zeros(0, CONTACT)))
     assert list(rows[0]) == HEADER_COLUMNS + names
     assert len(names) == len(CONTACT.names) + 2 * 6
     for name in names:
@@ -97,7 +97,7 @@ def test_parquet_has_the_same_numbers(run, tmp_path, monkeypatch):
     assert file.metadata.num_row_groups == 3
     table = file.read()
     assert table.column_names[:10] == HEADER_COLUMNS
-    for name in columns.scalar_columns(np.zeros(0, CONTACT)):
+    for name in frame_tables.scalar_columns(np.zeros(0, CONTACT)):
         found, expected = table[name].to_numpy(), column_of(log, name)
         assert found.dtype == expected.dtype, name
         assert found.tobytes() == expected.tobytes(), name
