@@ -216,8 +216,7 @@ def test_within_a_limit_only_nearer_faces_are_found(asked):
                 0,
                 NO_SLOT,
                 (limit * scale) ** 2,
-                0.0,
-                0.0,
+                (0.0, 0.0),
                 PLENTY,
                 asked.workspace,
             )
