@@ -9,7 +9,6 @@ from proximity.native.declaration import (
     kernel,
     packed,
     query,
-    try_entry,
 )
 from proximity.native.mode import IS_AHEAD, IS_JIT, MODE
 from proximity.native.signature import bundle, record
@@ -28,5 +27,4 @@ __all__ = [
     "packed",
     "query",
     "record",
-    "try_entry",
 ]

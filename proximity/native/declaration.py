@@ -12,7 +12,6 @@ import numpy as np
 
 from proximity.native.mode import IS_AHEAD, IS_JIT, MODE, OBJECTS
 from proximity.native.signature import (
-    ANY_LENGTH,
     BUNDLES,
     Array,
     Bundle,
@@ -48,11 +47,6 @@ class Entry:
         )
         return MODE, self.name, takes, gives, self.rows_with_gil
 
-    def fits(self, arguments: tuple[Any, ...]) -> bool:
-        """Return whether these are arguments as declared."""
-        kinds = self.signature.arguments
-        return len(arguments) == len(kinds) and all(map(_is_of, kinds, arguments))
-
 
 def entry(
     *parts: Any, rows_with_gil: int = -1, makes_arrays: bool = False
@@ -70,7 +64,7 @@ def entry(
             raise ValueError(f"there are two entry points named {name}")
         compiled = _compiled(function) if makes_arrays else _compiled(function, _nrt=False)
         ENTRIES[name] = Entry(name, types, rows_with_gil, compiled)
-        return OBJECTS.make_entry(*ENTRIES[name].description(), False) if IS_AHEAD else compiled
+        return OBJECTS.make_entry(*ENTRIES[name].description()) if IS_AHEAD else compiled
 
     return declare
 
@@ -94,14 +88,6 @@ def inlined(function: Callable[..., Any]) -> Any:
     return _compiled(function, forceinline=True, _nrt=False)
 
 
-def try_entry(name: str) -> Any:
-    """Return an entry point that answers NotImplemented where an argument is not as declared."""
-    if IS_AHEAD:
-        return OBJECTS.make_entry(*ENTRIES[name].description(), True)
-    declared = ENTRIES[name]
-    return lambda *given: declared.compiled(*given) if declared.fits(given) else NotImplemented
-
-
 def query(name: str, width: int, few: int, ask: Callable[..., Any]) -> Any:
     """Return the function of a query: of a model, arrays of rows, a limit, and a number of workers.
 
@@ -115,7 +101,7 @@ def query(name: str, width: int, few: int, ask: Callable[..., Any]) -> Any:
     declared = ENTRIES[name]
     arguments = declared.signature.arguments
     dtype = np.dtype(arguments[-1].dtype).num  # type: ignore[union-attr]
-    return OBJECTS.make_query((*declared.description(), False), len(arguments) - 4, width, dtype, few, ask)
+    return OBJECTS.make_query(declared.description(), len(arguments) - 4, width, dtype, few, ask)
 
 
 def packed(arrays: Any) -> Any:
@@ -148,23 +134,6 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
 
         return compiled(function, **{"forceinline": False} | options)
     return function
-
-
-def _is_of(value: Array | Scalar | Bundle, given: Any) -> bool:
-    if isinstance(value, Bundle):
-        return isinstance(given, value.kind)
-    if isinstance(value, Scalar):
-        return isinstance(
-            given, (float, int, np.number, np.bool_) if value.kind == "float" else (int, np.integer, np.bool_)
-        )
-    return (
-        type(given) is np.ndarray
-        and given.dtype == dtype_of(value.dtype)
-        and given.flags.c_contiguous
-        and given.flags.aligned
-        and given.ndim == len(value.lengths)
-        and all(length in (ANY_LENGTH, axis) for length, axis in zip(value.lengths, given.shape, strict=True))
-    )
 
 
 def codes(value: Array | Scalar | Bundle) -> tuple[int, ...]:

@@ -20,4 +20,4 @@ def function_in_c(name: str, types: str) -> Any:
         raise ImportError("its sources were edited since it was compiled")
     declared = signature(types)
     takes, gives = (tuple(map(codes, each)) for each in (declared.arguments, declared.results))
-    return compiled.make_entry(C_CODE, name, takes, gives, -1, False)
+    return compiled.make_entry(C_CODE, name, takes, gives, -1)

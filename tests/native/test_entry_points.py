@@ -158,10 +158,3 @@ def test_compiled_code_of_its_own_cannot_be_called_from_python():
 
     with pytest.raises(TypeError, match=r"frames\.to_local is called by compiled code only"):
         to_local(None, None, 0, 0.0, 0.0, 0.0)
-
-
-def test_try_entries_answer_that_arguments_do_not_fit():
-    try_entry = native.try_entry("morton_order")
-
-    assert try_entry(np.zeros((1, 3))).tolist() == [0]
-    assert try_entry([[0.0, 0.0, 0.0]]) is NotImplemented

@@ -30,7 +30,6 @@ typedef struct {
     char *name;
     int argument_count, result_count, argument_words;
     Py_ssize_t rows_with_gil; /* rows of the first array up to which the interpreter stays locked */
-    int may_decline;          /* arguments that do not fit are answered by NotImplemented */
     /* Of a query: rows are its second, and perhaps its third argument. */
     int row_arrays, width, dtype;
     Py_ssize_t few;     /* rows from which on Python takes over */
@@ -105,7 +104,7 @@ static inline int take(const Entry *entry, Py_ssize_t k, PyObject *given, int64_
     double real;
     switch (value->kind) {
     case ARRAY:
-        if ((!entry->may_decline || PyArray_CheckExact(given)) && array_words(value, given, words)) {
+        if (array_words(value, given, words)) {
             return 1;
         }
         break;
@@ -246,10 +245,6 @@ static PyObject *call(PyObject *self, PyObject *const *arguments, Py_ssize_t cou
     }
     for (Py_ssize_t k = 0; k < count; k++) {
         if (!take(entry, k, arguments[k], words + at)) {
-            if (entry->may_decline && PyErr_ExceptionMatches(PyExc_TypeError)) {
-                PyErr_Clear();
-                Py_RETURN_NOTIMPLEMENTED;
-            }
             return NULL;
         }
         if (rows < 0 && entry->values[k].kind == ARRAY) {
@@ -388,9 +383,8 @@ static PyObject *described(PyObject *arguments)
     const char *instructions, *name;
     PyObject *taken, *given;
     Py_ssize_t rows_with_gil;
-    int may_decline;
-    if (!PyArg_ParseTuple(arguments, "ssO!O!np", &instructions, &name, &PyTuple_Type, &taken, &PyTuple_Type,
-                          &given, &rows_with_gil, &may_decline)) {
+    if (!PyArg_ParseTuple(arguments, "ssO!O!n", &instructions, &name, &PyTuple_Type, &taken, &PyTuple_Type,
+                          &given, &rows_with_gil)) {
         return NULL;
     }
     Entry *entry = calloc(1, sizeof(Entry));
@@ -401,7 +395,6 @@ static PyObject *described(PyObject *arguments)
     entry->wrapper = wrapper_named(instructions, name);
     entry->name = strdup(name);
     entry->rows_with_gil = rows_with_gil;
-    entry->may_decline = may_decline;
     entry->argument_count = (int)PyTuple_Size(taken);
     entry->result_count = (int)PyTuple_Size(given);
     int is_right = entry->wrapper != NULL && entry->name != NULL &&
