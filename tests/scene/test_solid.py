@@ -8,6 +8,7 @@ import pytest
 import shapes
 from hypothesis import given
 from hypothesis import strategies as st
+from query_rows import points_near
 
 import oracle
 from proximity.scene.sign import SignMethod
@@ -76,16 +77,7 @@ def solid_of(name):
 
 
 def some_points(name, count, seed=7):
-    """Far, around, near and on the surface, at corners and edges too."""
-    vertices, faces = mesh_of(name)
-    rng = np.random.default_rng(seed)
-    size = np.ptp(vertices, axis=0).max()
-    weights = rng.dirichlet((1.0, 1.0, 1.0), count)
-    weights[rng.random(count) < 0.2] = (0.0, 0.5, 0.5)
-    weights[rng.random(count) < 0.2] = (0.0, 0.0, 1.0)
-    on_surface = (vertices[faces[rng.integers(len(faces), size=count)]] * weights[:, :, None]).sum(axis=1)
-    step = rng.choice([0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.1, 0.3, 1.0, 30.0], (count, 1))
-    return on_surface + size * step * rng.normal(size=(count, 3))
+    return points_near(*mesh_of(name), count, seed)
 
 
 @st.composite

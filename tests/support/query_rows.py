@@ -49,7 +49,11 @@ def some_scene(count, *, is_turned=True, offset=(0.0, 0.0, 0.0), seed=1):
 
 def some_points(name, count, seed=7):
     """Far, around, near and on the surface, at corners and edges too."""
-    vertices, faces = mesh_of(name)
+    return points_near(*mesh_of(name), count, seed)
+
+
+def points_near(vertices, faces, count, seed=7):
+    """As `some_points`, of any mesh."""
     rng = np.random.default_rng(seed)
     size = np.ptp(vertices, axis=0).max()
     weights = rng.dirichlet((1.0, 1.0, 1.0), count)
