@@ -2,7 +2,7 @@
 
 The same hand presses on each, so that the forces compare. Times count from the contact: the instant at which
 the hand's intent reaches the surface, at 0. A drum learns of the wall by distances, late and now and then;
-who makes a target of them is a policy of `policies`, compiled with the loop, or any controller, asked at
+who makes a target of them is one of `target_policies`, compiled with the loop, or any controller, asked at
 every sample.
 """
 
