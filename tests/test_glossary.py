@@ -40,22 +40,8 @@ INSTEAD_IN_ENGINE = {
     "crossings": "self-intersections",
     "bracket": "bounds",
 }
-ENGINE = {
-    "errors.py",
-    "checks.py",
-    "pose.py",
-    "system",
-    "native",
-    "kernels",
-    "mesh",
-    "scene",
-    "tracker",
-}
-PREFIXES = {
-    "plan": ("PLAN_",),
-    "closest": ("CLOSEST_",),
-    "links": ("LINK_",),
-}
+ENGINE = {"errors.py", "checks.py", "pose.py", "system", "native", "kernels", "mesh", "scene", "tracker"}
+PREFIXES = {"plan": ("PLAN_",), "closest": ("CLOSEST_",), "links": ("LINK_",)}
 """Tables of the kernels, and what the names of their columns begin with."""
 FILES = sorted((ROOT / "proximity").rglob("*.py"))
 

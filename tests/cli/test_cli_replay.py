@@ -91,12 +91,7 @@ def test_json_has_the_same_numbers(run):
     assert report["ticks"]["tick_count"] == 5194
     assert report["nearest"]["signed_distance"] == pytest.approx(-2.867, abs=1e-3)
     assert report["touches"][0]["deepest"] == pytest.approx(1.178, abs=1e-3)
-    assert report["bounds"] == {
-        "checked_count": 12483,
-        "broken_count": 0,
-        "worst": 0.0,
-        "first_broken": None,
-    }
+    assert report["bounds"] == {"checked_count": 12483, "broken_count": 0, "worst": 0.0, "first_broken": None}
     assert sum(count for _, _, count in report["compute_us"]["histogram"]) == 5194
 
 
@@ -203,10 +198,7 @@ def test_notes_of_a_recording_are_told(run, tmp_path):
 
     lines = lines_of(run(BRACKET, path).out)
 
-    assert lines["note"] == [
-        "1 of 2 positions are nan: the finger is missing there",
-        "ignored columns: grip",
-    ]
+    assert lines["note"] == ["1 of 2 positions are nan: the finger is missing there", "ignored columns: grip"]
     assert lines["touch"] == ["thumb: 1 time, first at 0 s, 3.5 mm deep"]
 
 

@@ -12,12 +12,7 @@ from experiments import SHIPPED, SMALL, simulate, write_design
 from scipy import integrate, stats
 
 from proximity.errors import MissingLibraryError
-from proximity.lab.experiment.analysis.comparison import (
-    bayes_factor_none,
-    compare,
-    mixed_model,
-    within_f,
-)
+from proximity.lab.experiment.analysis.comparison import bayes_factor_none, compare, mixed_model, within_f
 from proximity.lab.experiment.analysis.findings import Score, counts_of, exclude, find, scores_of
 from proximity.lab.experiment.analysis.plots import draw_plots
 from proximity.lab.experiment.analysis.psychometric import Shape, fit, shared_shape, threshold_mean
@@ -216,9 +211,6 @@ def test_what_is_real_is_tested_against_chance_with_holms_adjustment():
     assert math.isnan(found["c"])  # all alike: nothing to test by
 
 
-# --- exclusions ---
-
-
 def altered(entries, condition, **changes):
     return [entry | changes if condition(entry) else entry for entry in entries]
 
@@ -303,8 +295,6 @@ def test_right_answers_are_counted_by_level():
 
     assert counts_of(rows) == {0.1: (1, 2), 0.2: (1, 1)}
 
-
-# --- other tasks, and the report ---
 
 OTHER_TASKS = """
 [[tasks]]

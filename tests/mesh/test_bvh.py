@@ -37,9 +37,6 @@ def random_triangles(rng, count, size=0.1):
     return rng.uniform(-1, 1, (count, 1, 3)) + size * rng.uniform(-1, 1, (count, 3, 3))
 
 
-# --- builds -----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("count", range(1, 21))
 def test_few_faces_make_a_tree_that_holds_together(count):
     bvh, depth, _, _ = built(random_triangles(np.random.default_rng(count), count))
@@ -175,9 +172,6 @@ def test_stack_is_enough_for_the_deepest_tree():
     assert STACK_SIZE >= (LANES - 1) * MAX_DEPTH + LANES
 
 
-# --- what the check finds ---------------------------------------------------------------------------------
-
-
 def spoilt(change):
     bvh, _, local, faces = built(random_triangles(np.random.default_rng(7), 200))
     nodes, slot_faces = bvh.nodes.copy(), bvh.slot_faces.copy()
@@ -219,9 +213,6 @@ def test_check_finds_a_spoilt_tree(change, message):
 
     with pytest.raises(AssertionError, match=message):
         bvh.check(local, faces)
-
-
-# --- the local frame --------------------------------------------------------------------------------------
 
 
 def assert_frame_is_exact(points):

@@ -182,9 +182,6 @@ def test_meanings_of_members_are_those_of_the_source():
         assert all(meanings.values()) or name == "surface"
 
 
-# --- its functions, against those of Python ---
-
-
 @given(st.binary(max_size=2000))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_checksum_is_that_of_zlib(library, data):

@@ -230,9 +230,6 @@ def test_higher_speed_allowed_is_no_jump():
     assert found[1]["velocity"] == pytest.approx([20.0, 0, 0])
 
 
-# --- parts that come and go ---------------------------------------------------------------------------------
-
-
 def two_blocks():
     return Scene([block("low", (0, 0, 0)), block("lower", (0, 0, -0.15))])
 
