@@ -45,7 +45,6 @@ MORE_TESTS_OF_PROCESSES = {
     "test_readme.py",
     "test_receiver_c.py",
     "test_stopping.py",
-    "test_study_cluster.py",
     "test_study_run.py",
 }
 """Files elsewhere that do so too."""
