@@ -11,30 +11,17 @@ import proximity
 from proximity import errors
 
 TREE = {
-    "ProximityError": Exception,
-    "MeshError": errors.ProximityError,
-    "MeshFormatError": errors.MeshError,
-    "NotWatertightError": errors.MeshError,
-    "ArgumentError": errors.ProximityError,
-    "PoseError": errors.ArgumentError,
-    "FileError": errors.ProximityError,
-    "MissingLibraryError": errors.ProximityError,
-    "SceneError": errors.ProximityError,
-    "RecordingError": errors.ProximityError,
-    "PublishError": errors.ProximityError,
-    "ServiceError": errors.ProximityError,
-    "DecaffError": errors.ProximityError,
-    "MotorError": errors.ProximityError,
-    "UnitsWarning": UserWarning,
-}
+    "ProximityError": Exception, "MeshError": errors.ProximityError, "MeshFormatError": errors.MeshError,
+    "NotWatertightError": errors.MeshError, "ArgumentError": errors.ProximityError,
+    "PoseError": errors.ArgumentError, "FileError": errors.ProximityError,
+    "MissingLibraryError": errors.ProximityError, "SceneError": errors.ProximityError,
+    "RecordingError": errors.ProximityError, "PublishError": errors.ProximityError,
+    "ServiceError": errors.ProximityError, "DecaffError": errors.ProximityError,
+    "MotorError": errors.ProximityError, "UnitsWarning": UserWarning,
+}  # fmt: skip
 NOT_VALUES = {
-    "FileError",
-    "MissingLibraryError",
-    "MotorError",
-    "ProximityError",
-    "PublishError",
-    "UnitsWarning",
-}
+    "FileError", "MissingLibraryError", "MotorError", "ProximityError", "PublishError", "UnitsWarning",
+}  # fmt: skip
 
 
 def test_tree_is_the_one_that_is_drawn():
@@ -142,18 +129,9 @@ def test_there_is_something_to_look_at():
     """Guards the collection above: a renamed base would empty it silently."""
     assert {"Solid.closest", "Scene.closest", "Scene.move", "Scene.from_mesh", "Pose.inverse"} <= set(METHODS)
     assert set(FUNCTIONS) == {
-        "clearance",
-        "from_trimesh",
-        "kernels_are_cached",
-        "load",
-        "open_publisher",
-        "open_subscriber",
-        "overlap",
-        "serve",
-        "start_service",
-        "view",
-        "warm_up",
-    }
+        "clearance", "from_trimesh", "kernels_are_cached", "load", "open_publisher", "open_subscriber",
+        "overlap", "serve", "start_service", "view", "warm_up",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CLASSES + FUNCTIONS + sorted(METHODS))

@@ -36,14 +36,9 @@ PERIOD_NS = 333_333
 REASONS = [None, Defect.SHORT, Defect.MAGIC, Defect.VERSION, Defect.SIZE, Defect.CHECKSUM]
 REASONS += [Defect.OLD, Defect.FUTURE, Defect.CONTENT]
 CORTEX_M7 = [
-    "-mcpu=cortex-m7",
-    "-mthumb",
-    "-mfpu=fpv5-d16",
-    "-mfloat-abi=hard",
-    "-O2",
-    "-fno-math-errno",
+    "-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-O2", "-fno-math-errno",
     "-fstack-usage",
-]
+]  # fmt: skip
 BUDGET = 216e6 / RATE * 0.2  # cycles a sample: a fifth of a core
 CYCLES_AN_INSTRUCTION = 2.0
 """Assumed of a Cortex-M7, which may do two at once: loads from flash, and double precision, take longer."""

@@ -239,12 +239,9 @@ def test_quantised_positions_are_scaled_by_their_node(tmp_path, component_type, 
     (view,), blob = with_arrays(header, stored)
     header["bufferViews"][view]["byteStride"] = stored.strides[0]
     header["accessors"][0] |= {
-        "bufferView": view,
-        "componentType": component_type,
-        "normalized": is_normalized,
-        "min": [0, 0, 0],
+        "bufferView": view, "componentType": component_type, "normalized": is_normalized, "min": [0, 0, 0],
         "max": [100, 100, 100],
-    }
+    }  # fmt: skip
     contents = read(tmp_path, header, blob)
     assert contents.notes == ()
     expected = 0.02 * VERTICES[FACES] + (0.5, 0, 0)

@@ -41,16 +41,9 @@ THREEMF = mesh_files.threemf(MODEL)
 STEP = step_text.box_step((1, 2, 3)).encode()
 
 WHOLE = {
-    "binary.stl": STL,
-    "ascii.stl": TEXT_STL,
-    "part.obj": OBJ,
-    "part.off": OFF,
-    "ascii.ply": PLY,
-    "binary.ply": BINARY_PLY,
-    "mixed.ply": MIXED_PLY,
-    "part.glb": GLB,
-    "part.3mf": THREEMF,
-}
+    "binary.stl": STL, "ascii.stl": TEXT_STL, "part.obj": OBJ, "part.off": OFF, "ascii.ply": PLY,
+    "binary.ply": BINARY_PLY, "mixed.ply": MIXED_PLY, "part.glb": GLB, "part.3mf": THREEMF,
+}  # fmt: skip
 
 
 def write(tmp_path, name, data):

@@ -136,13 +136,8 @@ def test_shares_and_misses_are_of_the_period(told):
 
 def test_gate_of_its_own_is_among_the_periods(told):
     assert [row["period_s"] for row in told["cases"][0]["periods"]] == [
-        0.04,
-        0.005,
-        0.003,
-        0.001,
-        0.0005,
-        0.0002,
-    ]
+        0.04, 0.005, 0.003, 0.001, 0.0005, 0.0002,
+    ]  # fmt: skip
     assert periods_of(0.001) == PERIODS
 
 

@@ -228,13 +228,10 @@ def assert_frame_is_exact(points):
 
 
 PLACES = {
-    "at the origin": (0.0, 0.0, 0.0),
-    "beside the origin": (0.7, -0.7, 0.1),
-    "1 m away": (1.0, -1.0, 1.0),
-    "10 km away": (1e4, -1e4, 1e4),
-    "10 km away along x": (1e4, 0.0, 0.0),
+    "at the origin": (0.0, 0.0, 0.0), "beside the origin": (0.7, -0.7, 0.1), "1 m away": (1.0, -1.0, 1.0),
+    "10 km away": (1e4, -1e4, 1e4), "10 km away along x": (1e4, 0.0, 0.0),
     "at odd places": (12345.678901, -0.3333333, 9.87654321e5),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("place", PLACES)

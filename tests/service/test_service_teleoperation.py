@@ -59,18 +59,10 @@ def approach(answers, distance_at, times_ms, *, error=0.0, lag_ms=0.0):
 
 def test_all_that_a_sensor_tells_is_in_the_contact():
     fields = {
-        "position": (1, 2, 3),
-        "velocity": (4, 5, 6),
-        "normal": (0, 0, 1),
-        "approach_speed": 0.2,
-        "bend": 0.4,
-        "bend_rate": 2.0,
-        "force": 1.5,
-        "force_is_valid": 1,
-        "surface": Surface.DEFORMABLE,
-        "stiffness": 800.0,
-        "damping": 3.0,
-    }
+        "position": (1, 2, 3), "velocity": (4, 5, 6), "normal": (0, 0, 1), "approach_speed": 0.2, "bend": 0.4,
+        "bend_rate": 2.0, "force": 1.5, "force_is_valid": 1, "surface": Surface.DEFORMABLE,
+        "stiffness": 800.0, "damping": 3.0,
+    }  # fmt: skip
     contact = answer(0.01, NOW + 2 * MS, measured_ns=NOW, error=0.001, **fields)
 
     for name, value in fields.items():

@@ -163,17 +163,8 @@ def other_value(rng, old, values):
 def change_array(rng, arrays, number):
     """Change one number of an array; each column of the tables of parts in turn, and each table of words."""
     names = [
-        "parts",
-        "words",
-        "words",
-        "frames",
-        "reals",
-        "words",
-        "faces",
-        "vertices",
-        "poses",
-        "source_faces",
-    ]
+        "parts", "words", "words", "frames", "reals", "words", "faces", "vertices", "poses", "source_faces",
+    ]  # fmt: skip
     name = names[number % len(names)]
     array = arrays[name]
     if name == "words":

@@ -263,12 +263,8 @@ def test_a_ball_tells_its_room_less_what_moved_and_nothing_when_it_gave_more():
     """Free of surface for 0.1 m about (1, 0, 0), when parts had moved 2 m; the sphere has 0.02 m."""
     balls = no_balls()
     balls[[3, 3 + BALL_COUNT, 3 + 2 * BALL_COUNT, 3 + 3 * BALL_COUNT, 3 + 4 * BALL_COUNT]] = (
-        1.0,
-        0.0,
-        0.0,
-        0.1,
-        2.0,
-    )
+        1.0, 0.0, 0.0, 0.1, 2.0,
+    )  # fmt: skip
 
     def clearance(x, moved=2.0):
         return advancing._clearance_in_balls(Sphere(0.02, 1.0, balls, moved), x, 0.0, 0.0)
