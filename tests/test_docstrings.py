@@ -1,11 +1,90 @@
-"""Documentation of what users see: every name, every parameter, in the form of STYLE."""
+"""What callers may catch, what a type checker knows of answers, and the form of docstrings."""
 
 import inspect
 import re
+import subprocess
+import sys
 
 import pytest
 
 import proximity
+from proximity import errors
+
+TREE = {
+    "ProximityError": Exception, "MeshError": errors.ProximityError, "MeshFormatError": errors.MeshError,
+    "NotWatertightError": errors.MeshError, "ArgumentError": errors.ProximityError,
+    "PoseError": errors.ArgumentError, "FileError": errors.ProximityError,
+    "MissingLibraryError": errors.ProximityError, "SceneError": errors.ProximityError,
+    "RecordingError": errors.ProximityError, "PublishError": errors.ProximityError,
+    "ServiceError": errors.ProximityError, "DecaffError": errors.ProximityError,
+    "MotorError": errors.ProximityError, "UnitsWarning": UserWarning,
+}  # fmt: skip
+NOT_VALUES = {
+    "FileError", "MissingLibraryError", "MotorError", "ProximityError", "PublishError", "UnitsWarning",
+}  # fmt: skip
+
+
+def test_tree_is_the_one_that_is_drawn():
+    defined = {name: value for name, value in vars(errors).items() if inspect.isclass(value)}
+
+    assert set(defined) == set(TREE)
+
+
+@pytest.mark.parametrize("name", TREE)
+def test_error_stands_below_its_parent_and_is_documented(name):
+    error = getattr(errors, name)
+
+    assert error.__bases__[0] is TREE[name]
+    assert error.__doc__.endswith(".")
+    assert str(error("one sentence")) == "one sentence"
+
+
+@pytest.mark.parametrize("name", [name for name in TREE if name not in NOT_VALUES])
+def test_bad_values_are_value_errors_too(name):
+    """So that callers who do not know the package still catch what they expect."""
+    assert issubclass(getattr(errors, name), ValueError)
+
+
+SNIPPET = """
+import numpy as np
+import numpy.typing as npt
+import proximity
+
+Reals = npt.NDArray[np.float64]
+scene = proximity.load("part.stl")
+points, ways = np.zeros((5, 3)), [[0, 0, 1]]
+
+hits = scene.closest(points, max_distance=[0.1])
+near: Reals = hits.point[hits.signed_distance < 0.01]
+depth: float = float(scene.closest((0.0, 0.0, 0.0)).signed_distance)
+reals: list[Reals] = [hits.signed_distance, hits.gradient, hits.barycentric]
+reals += [scene.signed_distance(points), scene.distance(points), scene.cast_distance(points, ways)]
+reals += [scene.cast(points, ways).normal, scene.closest_to_segments(points, ways).fraction]
+faces: npt.NDArray[np.int32] = hits.face_id
+flags: npt.NDArray[np.bool_] = hits.is_signed
+held: npt.NDArray[np.bool_] = scene.contains(points)
+
+wrong_face: Reals = hits.face_id
+wrong_point: str = hits.point
+wrong_flag: Reals = hits.is_signed
+wrong_distance: Reals = scene.contains(points)
+wrong_hit: npt.NDArray[np.int32] = scene.cast(points, ways).distance
+scene.closest(points, max_distance=object())
+"""
+
+
+def test_types_of_answers_are_known(tmp_path):
+    """Where a type were not known, what is wrong would pass."""
+    user = tmp_path / "user.py"
+    user.write_text(SNIPPET)
+
+    checked = [sys.executable, "-m", "mypy", "--strict", "--config-file=", f"--cache-dir={tmp_path}/cache"]
+    done = subprocess.run([*checked, str(user)], capture_output=True, text=True)
+
+    wrong = [k for k, line in enumerate(SNIPPET.splitlines(), 1) if "wrong_" in line or "object()" in line]
+    found = [line for line in done.stdout.splitlines() if ": error: " in line and "user.py" in line]
+    assert [int(line.split("user.py:")[1].split(":")[0]) for line in found] == wrong, done.stdout
+
 
 CLASSES = [name for name in proximity.__all__ if inspect.isclass(getattr(proximity, name))]
 FUNCTIONS = [name for name in proximity.__all__ if inspect.isfunction(getattr(proximity, name))]
@@ -50,18 +129,9 @@ def test_there_is_something_to_look_at():
     """Guards the collection above: a renamed base would empty it silently."""
     assert {"Solid.closest", "Scene.closest", "Scene.move", "Scene.from_mesh", "Pose.inverse"} <= set(METHODS)
     assert set(FUNCTIONS) == {
-        "clearance",
-        "from_trimesh",
-        "kernels_are_cached",
-        "load",
-        "open_publisher",
-        "open_subscriber",
-        "overlap",
-        "serve",
-        "start_service",
-        "view",
-        "warm_up",
-    }
+        "clearance", "from_trimesh", "kernels_are_cached", "load", "open_publisher", "open_subscriber",
+        "overlap", "serve", "start_service", "view", "warm_up",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CLASSES + FUNCTIONS + sorted(METHODS))

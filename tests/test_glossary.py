@@ -10,52 +10,20 @@ from pages import PAGES
 from project import ROOT
 
 INSTEAD = {
-    "told": "given, reported",
-    "foretell": "predict",
-    "shelf": "model",
-    "settled": "compiled",
-    "loose": "dynamic",
-    "holders": "containing parts",
-    "wearing": "glove set",
-    "doubt": "uncertainty, release",
-    "room": "workspace, scratch, clearance",
-    "sight": "distance sample",
-    "ease": "tolerance",
-    "patience": "adaptive tolerance",
-    "fronts": "frontiers",
-    "editing": "reload",
-    "saying": "announcement",
-    "making": "assembly",
-    "door": "interface, adapter",
-    "house": "package",
-}
+    "told": "given, reported", "foretell": "predict", "shelf": "model", "settled": "compiled",
+    "loose": "dynamic", "holders": "containing parts", "wearing": "glove set",
+    "doubt": "uncertainty, release", "room": "workspace, scratch, clearance", "sight": "distance sample",
+    "ease": "tolerance", "patience": "adaptive tolerance", "fronts": "frontiers", "editing": "reload",
+    "saying": "announcement", "making": "assembly", "door": "interface, adapter", "house": "package",
+}  # fmt: skip
 INSTEAD_IN_ENGINE = {
-    "place": "position, location, offset",
-    "places": "positions, locations, offsets",
-    "way": "path, direction, displacement",
-    "ways": "paths, directions, displacements",
-    "front": "coherent search, frontier",
-    "top": "static tree, trees over parts",
-    "folds": "folded faces",
-    "crossings": "self-intersections",
-    "bracket": "bounds",
-}
-ENGINE = {
-    "errors.py",
-    "checks.py",
-    "pose.py",
-    "system",
-    "native",
-    "kernels",
-    "mesh",
-    "scene",
-    "tracker",
-}
-PREFIXES = {
-    "plan": ("PLAN_",),
-    "closest": ("CLOSEST_",),
-    "links": ("LINK_",),
-}
+    "place": "position, location, offset", "places": "positions, locations, offsets",
+    "way": "path, direction, displacement", "ways": "paths, directions, displacements",
+    "front": "coherent search, frontier", "top": "static tree, trees over parts", "folds": "folded faces",
+    "crossings": "self-intersections", "bracket": "bounds",
+}  # fmt: skip
+ENGINE = {"errors.py", "checks.py", "pose.py", "system", "native", "kernels", "mesh", "scene", "tracker"}
+PREFIXES = {"plan": ("PLAN_",), "closest": ("CLOSEST_",), "links": ("LINK_",)}
 """Tables of the kernels, and what the names of their columns begin with."""
 FILES = sorted((ROOT / "proximity").rglob("*.py"))
 

@@ -128,12 +128,9 @@ OUTSIDE = {"__init__", "__main__"}
 NO_FILES = {f"proximity.scene.{name}" for name in ("solid", "scene", "scene_parts", "queries.queries")}
 KERNELS_MAY_IMPORT = {"math", "numpy", "typing"}  # typing: named tuples of arrays
 NUMBA_MAY_BE_IMPORTED_BY = {
-    "proximity.kernels.compiled_stack",
-    "proximity.native.jit",
-    "proximity.native.simd.compiled",
-    "proximity.native.simd.vectors",
-    "proximity.tracker.warm_up",
-}
+    "proximity.kernels.compiled_stack", "proximity.native.jit", "proximity.native.simd.compiled",
+    "proximity.native.simd.vectors", "proximity.tracker.warm_up",
+}  # fmt: skip
 # What numba compiles, and code of LLVM that it is given: imported only where numba compiles kernels.
 DECLARATIONS = {"bundle", "entry", "inlined", "kernel", "allocating_kernel"}
 

@@ -51,9 +51,6 @@ def signed_distance(parts, point):
     return min(distances)
 
 
-# ----------------------------------------------------------------------------------------------- the files
-
-
 @pytest.mark.parametrize("name", SOLID_NAMES + ASSEMBLY_NAMES)
 def test_file_is_what_the_script_makes(name, made):
     """Byte for byte; or, with other versions of the libraries, the same shape cut into other triangles."""
@@ -97,9 +94,6 @@ def test_pins_of_the_assembly_stand_in_a_group():
 def test_parts_of_the_assembly_fill_their_holes_and_do_not_overlap():
     total = sum(volume(vertices, faces) for _, vertices, faces in all_parts("assembly.glb"))
     assert total == pytest.approx(60 * 40 * 16 - 28 * 20 * 9, rel=1e-6)
-
-
-# ---------------------------------------------------------------------------------------- known distances
 
 
 @pytest.mark.parametrize(
@@ -147,9 +141,6 @@ def test_torus_file_holds_every_digit():
 def _signed(mesh, points):
     inside = oracle.winding_number(*mesh, points) > 0.5
     return oracle.closest(*mesh, points).distance * (1 - 2 * inside)
-
-
-# ------------------------------------------------------------------------------------------- large ones
 
 
 def test_plate_reaches_the_size_that_benchmarks_name():

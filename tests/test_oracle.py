@@ -28,9 +28,6 @@ def largest_error(vertices, faces, points):
     return (abs(found.distance - exact) / allowed).max()
 
 
-# ------------------------------------------------------------------------------------------ closest point
-
-
 def test_distance_to_a_cube_is_the_formula():
     points = around_cube(300, seed=1)
     expected = abs(oracle.box(points, [0, 0, 0], [1, 1, 1]))
@@ -84,8 +81,7 @@ def test_needles_agree_with_fractions(thickness, apex):
 
 
 @pytest.mark.parametrize(
-    "corners",
-    [[[1, 2, 3]] * 3, [[0, 0, 0], [1, 1, 1], [1, 1, 1]], [[0, 0, 0], [2, 2, 2], [1, 1, 1]]],
+    "corners", [[[1, 2, 3]] * 3, [[0, 0, 0], [1, 1, 1], [1, 1, 1]], [[0, 0, 0], [2, 2, 2], [1, 1, 1]]]
 )
 def test_faces_without_area_agree_with_fractions(corners):
     assert largest_error(np.array(corners, dtype=np.float64), [[0, 1, 2]], on_grid(5, 40, size=6)) <= 1.0
@@ -112,9 +108,6 @@ def test_no_face_is_spared_wrongly():
     found = oracle.closest(vertices, faces, points)
     np.testing.assert_array_equal(found.distance, alone.min(axis=0))
     np.testing.assert_array_equal(found.face_id, alone.argmin(axis=0))
-
-
-# ---------------------------------------------------------------------------------------- winding and rays
 
 
 def test_winding_number_of_a_cube_is_one_inside_and_zero_outside():
@@ -211,9 +204,6 @@ def test_ray_from_the_surface_hits_at_once_and_along_a_face_hits_its_rim():
     assert along.distance == 1.0
 
 
-# ----------------------------------------------------------------------------------------------- segments
-
-
 def test_segment_distance_to_a_cube_is_that_of_its_nearest_point():
     rng = np.random.default_rng(13)
     starts, ends = rng.uniform(-1.5, 2.5, (2, 200, 3))
@@ -265,9 +255,6 @@ def test_segment_without_length_is_a_point():
     found = oracle.segment_distance(CUBE_CORNERS, CUBE_FACES, points, points)
     np.testing.assert_array_equal(found.distance, oracle.closest(CUBE_CORNERS, CUBE_FACES, points).distance)
     np.testing.assert_allclose(found.point_on_segment, points, rtol=ROUNDING)
-
-
-# ------------------------------------------------------------------------------- solids of known formula
 
 
 def test_formulas_at_points_known_by_heart():

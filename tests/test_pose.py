@@ -191,18 +191,12 @@ def test_quaternion_turns_as_scipy_says(seed):
     [
         ((0, 0, 0, 0), "a quaternion is [0.0, 0.0, 0.0, 0.0], of norm 0, expected 4 numbers of norm 1"),
         ((0, 0, 0, 2), "a quaternion is [0.0, 0.0, 0.0, 2.0], of norm 2, expected 4 numbers of norm 1"),
-        (
-            (0, 0, np.nan, 1),
-            "a quaternion is [0.0, 0.0, nan, 1.0], of norm nan, expected 4 numbers of norm ",
-        ),
-        (
-            (0, 0, np.inf, 1),
-            "a quaternion is [0.0, 0.0, inf, 1.0], of norm inf, expected 4 numbers of norm ",
-        ),
+        ((0, 0, np.nan, 1), "a quaternion is [0.0, 0.0, nan, 1.0], of norm nan, expected 4 numbers of norm "),
+        ((0, 0, np.inf, 1), "a quaternion is [0.0, 0.0, inf, 1.0], of norm inf, expected 4 numbers of norm "),
         ((1, 0, 0), "a quaternion has shape (3,), expected (4,): x, y, z, w"),
         ("xyzw", "entries of a quaternion have dtype <U4, expected 4 numbers x, y, z, w"),
     ],
-)
+)  # fmt: skip
 def test_quaternion_that_is_none_is_refused(xyzw, message):
     with pytest.raises(ArgumentError, match=f"^{re.escape(message)}"):
         Pose.from_quaternion(xyzw)

@@ -28,8 +28,7 @@ def blocks(language, text=README):
 
 
 @pytest.mark.parametrize(
-    ("code", "text"),
-    [(code, text) for text in (README, *PAGES.values()) for code in blocks("python", text)],
+    ("code", "text"), [(code, text) for text in (README, *PAGES.values()) for code in blocks("python", text)]
 )
 def test_python_example_prints_what_the_page_shows(code, text, monkeypatch):
     monkeypatch.chdir(ROOT)

@@ -24,12 +24,8 @@ BENCH = Path(__file__).resolve().parents[2] / "bench"
 QUERY_COUNT = 40
 PATTERNS = ("near", "scattered", "center", "path", "rays")
 QUESTIONS = {
-    "cast": "rays",
-    "distance": "near",
-    "signed_distance": "near",
-    "closest": "near",
-    "contains": "near",
-}
+    "cast": "rays", "distance": "near", "signed_distance": "near", "closest": "near", "contains": "near",
+}  # fmt: skip
 
 # Warnings of the rivals are theirs; Warp and Open3D speak up when they are imported.
 pytestmark = pytest.mark.filterwarnings("ignore")

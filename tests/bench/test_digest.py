@@ -43,14 +43,10 @@ def test_ticks_are_digested_alike_on_every_run():
         ({"a": "1", "a/work": "2"}, 0, "2 cases compared: 0 with other answers, 0 with other work"),
         ({"a": "1", "a/work": "3"}, 0, "work differs: a/work"),
         ({"a": "2", "a/work": "2"}, 1, "ANSWERS DIFFER: a"),
-        (
-            {"a": "1", "b": "1"},
-            0,
-            "not compared: 2 cases that only one of the runs has, the first is a/work",
-        ),
+        ({"a": "1", "b": "1"}, 0, "not compared: 2 cases that only one of the runs has, the first is a/work"),
         ({"b": "1"}, 1, "0 cases compared"),
     ],
-)
+)  # fmt: skip
 def test_difference_is_named(now, code, message, capsys):
     assert digest.compare({"a": "1", "a/work": "2"}, now) == code
 

@@ -14,14 +14,10 @@ ROOT = Path(__file__).resolve().parents[2]
 BENCH = ROOT / "bench"
 
 MACHINE = {
-    "processor": "Fast(R) Processor 9 (family 1, avx2)",
-    "system": "Linux x86_64, 2 cores",
-    "python": "Python 3.11.7, numpy 2.4.6",
-    "threads": "one",
-    "commit": "abc1234",
-    "date": "2026-11-21 23:00 UTC",
-    "load": "0.1, 0.2, 0.3",
-}
+    "processor": "Fast(R) Processor 9 (family 1, avx2)", "system": "Linux x86_64, 2 cores",
+    "python": "Python 3.11.7, numpy 2.4.6", "threads": "one", "commit": "abc1234",
+    "date": "2026-11-21 23:00 UTC", "load": "0.1, 0.2, 0.3",
+}  # fmt: skip
 
 
 def comparison(section, contender, median, times_ours, wrong=0):

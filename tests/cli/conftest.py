@@ -11,14 +11,9 @@ import pytest
 from proximity import cli
 
 TERMINAL_SETTINGS = (
-    "FORCE_COLOR",
-    "NO_COLOR",
-    "GITHUB_ACTIONS",
-    "COLUMNS",
-    "TERMINAL_WIDTH",
-    "TTY_COMPATIBLE",
+    "FORCE_COLOR", "NO_COLOR", "GITHUB_ACTIONS", "COLUMNS", "TERMINAL_WIDTH", "TTY_COMPATIBLE",
     "TTY_INTERACTIVE",
-)
+)  # fmt: skip
 
 
 @pytest.fixture

@@ -149,9 +149,6 @@ def test_results_are_printed_as_json_and_a_task_is_measured_again(run, tmp_path)
     assert run(path, *SHORT, "--again", "chirp").words.count("there are no readings of 'chirp'") == 1
 
 
-# --- motors -------------------------------------------------------------------------------------------------
-
-
 def test_motor_is_only_read_until_it_is_armed(run, tmp_path, monkeypatch):
     monkeypatch.setattr("proximity.cli.device.motors.SHOWN_S", 0.1)
     with ODriveMotor("calibrate-unarmed") as motor:

@@ -24,8 +24,6 @@ from proximity.message import Mode
 from proximity.service import hosting
 from proximity.transport import open_publisher, open_subscriber
 
-# -------------------------------------------------------------------------------------------------- its drums
-
 
 def test_drums_that_cannot_receive_say_so(monkeypatch):
     queued_transport.register(monkeypatch)
@@ -40,9 +38,6 @@ def test_drums_that_cannot_receive_say_so(monkeypatch):
             DrumsBeside(DrumBench(250.0), subscriber, 250.0) as drums,
         ):
             drums._thread.join(60.0)
-
-
-# --------------------------------------------------------------------------------------------------- the demo
 
 
 REPORT = {
@@ -131,8 +126,7 @@ def test_demo_shows_lines_and_ends_with_what_was_done(run):
     ]
     assert re.fullmatch(r"watch       \d+ frames seen, 0 lost, 0 refused", lines[-2])
     assert re.fullmatch(
-        r"drums       [1-9]\d* frames seen, 0 touches held with 0\.00 N at most, 0 faults",
-        lines[-1],
+        r"drums       [1-9]\d* frames seen, 0 touches held with 0\.00 N at most, 0 faults", lines[-1]
     )
     assert result.service.is_stopped
 

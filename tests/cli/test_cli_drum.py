@@ -200,9 +200,6 @@ def test_silence_is_exit_code_1(run):
     assert all(text.endswith("STALE: no frame yet") for text in result.out.splitlines())
 
 
-# ------------------------------------------------------------------------------------- the glove that is worn
-
-
 def test_contact_becomes_a_drum_angle_by_the_calibrated_glove(tmp_path):
     """The potentiometer of this hand reads otherwise than the design, and its drum is mounted askew."""
     glove = read_glove(glove_files.write(tmp_path / "glove.json"))
@@ -239,15 +236,12 @@ def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_fr
 @pytest.mark.parametrize(
     ("name", "more", "message"),
     [
-        (
-            "old.json",
-            (),
-            r"old\.json: the calibration is of .*, 31 days ago, expected 30 at most: calibrate again",
-        ),
+        ("old.json", (),
+         r"old\.json: the calibration is of .*, 31 days ago, expected 30 at most: calibrate again"),
         ("far.json", (), r"far\.json: the table has counts from 60000 to 70000, expected 0 to 65535 of this"),
         ("none.json", (), r"none\.json: cannot be read \(No such file or directory\)"),
     ],
-)
+)  # fmt: skip
 def test_calibration_that_does_not_fit_is_refused_with_one_sentence(run, tmp_path, name, more, message):
     glove_files.write(tmp_path / "old.json", days_ago=31.0)
     glove_files.write(tmp_path / "far.json", counts=np.linspace(60_000, 70_000, 7))
@@ -255,9 +249,6 @@ def test_calibration_that_does_not_fit_is_refused_with_one_sentence(run, tmp_pat
 
     assert result.code == 2
     assert len(result.err.splitlines()) == 1 and re.search(message, result.err)
-
-
-# -------------------------------------------------------------------------------------- what drums cannot do
 
 
 def test_drum_without_bends_is_shown_as_if_fingers_bent_straight_and_that_is_said():
@@ -338,9 +329,6 @@ def test_doubts_are_said_on_stderr(run):
     assert len(result.err.splitlines()) == 1
 
 
-# -------------------------------------------------------------------------------------- drums that fail
-
-
 @pytest.mark.parametrize(
     ("failure", "ending"),
     [(ZeroDivisionError("of a drum"), ZeroDivisionError), (ArgumentError("of a drum"), SystemExit)],
@@ -366,9 +354,6 @@ def test_drums_that_fail_end_the_command_with_their_motors_off(service, monkeypa
         assert (action.state, action.mode) == (DrumState.FAULT, DriveMode.OFF)
         assert (action.force_cap, action.torque_cap, action.motor_speed_cap) == (0.0, 0.0, 0.0)
         assert finger.controller.fault == "the controllers ended: of a drum"
-
-
-# -------------------------------------------------------------------------------------- its log
 
 
 def test_log_has_a_line_a_finger_and_sample(run, service, tmp_path):

@@ -109,8 +109,6 @@ def test_power_is_a_table_and_check_says_both(experiment, tmp_path, monkeypatch)
     ]
 
 
-# --- with a person ---
-
 ADDRESS = "mailbox:experiment"
 PATH = FingerPath(Glove())
 WALL = PATH.position(0.5)

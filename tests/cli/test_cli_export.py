@@ -14,17 +14,9 @@ from proximity.recording import FrameReader, frame_reader, frame_tables
 
 COMMAND = ("export",)
 HEADER_COLUMNS = [
-    "session",
-    "sequence",
-    "state",
-    "frame_pose_ns",
-    "start_ns",
-    "publish_ns",
-    "valid_until_ns",
-    "period_ns",
-    "epoch",
-    "missed",
-]
+    "session", "sequence", "state", "frame_pose_ns", "start_ns", "publish_ns", "valid_until_ns", "period_ns",
+    "epoch", "missed",
+]  # fmt: skip
 
 
 @pytest.fixture(autouse=True)

@@ -116,8 +116,6 @@ def test_csv_of_a_press_needs_no_matplotlib(run, tmp_path, monkeypatch):
     assert "figures need matplotlib" in run("simulate", "--speed", 1, "--out", "press.png").err
 
 
-# --- on a part, with the engine ---
-
 BOX = MESHES / "box.stl"
 FAST = ("--scene", BOX, "--at", 20, 15, 25, "--speed", 1)
 

@@ -1,12 +1,14 @@
-"""Points from text, and what is said of text that holds none."""
+"""Points as they come in, and lengths as they are printed."""
 
 import io
 import sys
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from proximity.cli.lengths import distances_in_units, in_unit, in_units, rounded
 from proximity.cli.parts.points import parse_points, read_points
 from proximity.errors import ArgumentError
 
@@ -42,15 +44,7 @@ def test_text_is_read_as_people_write_it(text):
     assert points_of(text) == [1.0, 2.0, -30.0]
 
 
-@pytest.mark.parametrize(
-    "header",
-    [
-        "x_in,y_in,z_in",
-        "x (in),y (in),z (in)",
-        "%,°,µ",
-        "x in Inch,y,z",
-    ],
-)
+@pytest.mark.parametrize("header", ["x_in,y_in,z_in", "x (in),y (in),z (in)", "%,°,µ", "x in Inch,y,z"])
 def test_columns_may_be_in_the_unit_that_was_said(header):
     assert points_of(f"{header}\n1,2,3", "in") == [1.0, 2.0, 3.0]
 
@@ -66,18 +60,14 @@ def test_no_points_are_no_error(text):
         ("x,y,z\n1,2,3\n", []),
         ("Name,x,y,z\nA,1,2,3\n", []),
         ("1 2 3\n", []),
-        (
-            "Point,x,y,z\nA,1,2,3\n",
-            ["points.csv: only a column called name is copied to the answers, not 'Point'"],
-        ),
-        (
-            "x,y,z,a,b,c,d,e\n1,2,3,,,,,\n",
-            ["points.csv: only a column called name is copied to the answers, not 'a', 'b', 'c' and 2 more"],
-        ),
+        ("Point,x,y,z\nA,1,2,3\n",
+         ["points.csv: only a column called name is copied to the answers, not 'Point'"]),
+        ("x,y,z,a,b,c,d,e\n1,2,3,,,,,\n",
+         ["points.csv: only a column called name is copied to the answers, not 'a', 'b', 'c' and 2 more"]),
         ("x,y,z\n", ["points.csv holds no points"]),
         ("", ["points.csv holds no points"]),
     ],
-)
+)  # fmt: skip
 def test_what_is_not_used_is_noted(text, notes):
     said = []
 
@@ -145,32 +135,24 @@ def test_numbers_come_back_exactly(rows):
     ("text", "message"),
     [
         ("1 2 3\n1 2\n", "points.csv, line 2: 2 values, expected 3"),
-        (
-            "1,2,3,A\n",
-            "points.csv, line 1: 4 values, expected 3; a first line such as x,y,z,name allows names",
-        ),
+        ("1,2,3,A\n",
+         "points.csv, line 1: 4 values, expected 3; a first line such as x,y,z,name allows names"),
         (  # was: 4 values, expected 3
             "1,5;2,5;3,5\n",
             "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5",
         ),
-        (
-            "name;x;y;z\nA;1,5;2;3\n",
-            "points.csv, line 2: '1,5' has a decimal comma, expected a decimal point: 1.5",
-        ),
+        ("name;x;y;z\nA;1,5;2;3\n",
+         "points.csv, line 2: '1,5' has a decimal comma, expected a decimal point: 1.5"),
         ("1,5\t2\t3\n", "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5"),
         (
             "x,y,z\n1,2,1e400\n",  # was: infinity
             "points.csv, line 2: '1e400' is beyond 1.8e+308, the largest number",
         ),
         ("1 2 3#4\n", "points.csv, line 1: '3#4' is not a number"),
-        (
-            "1 2 3\n\udcff 1 2\n",
-            "points.csv, line 2: not text in UTF-8, expected a text file with three numbers on each line",
-        ),
-        (
-            "1" * 1_000_001 + "\n",
-            "points.csv, line 1: has 1000000 characters or more, expected three numbers",
-        ),
+        ("1 2 3\n\udcff 1 2\n",
+         "points.csv, line 2: not text in UTF-8, expected a text file with three numbers on each line"),
+        ("1" * 1_000_001 + "\n",
+         "points.csv, line 1: has 1000000 characters or more, expected three numbers"),
         ("x y z\na b c\n", "points.csv, line 2: 'a' is not a number"),
         ("a,x,y,z\n1,2,3\n", "points.csv, line 2: 3 values, expected 4"),
         (
@@ -202,17 +184,13 @@ def test_numbers_come_back_exactly(rows):
             "x [inch],y [inch],z [inch]\n1,2,3\n",
             "points.csv, line 1: column 'x [inch]' is in inches, expected mm; add --units in",
         ),
-        (
-            "x [\u00b5m],y,z\n1,2,3\n",
-            "points.csv, line 1: column 'x [\u00b5m]' is in um, expected mm; add --units um",
-        ),
-        (
-            "x (m) raw,y,z\n1,2,3\n",
-            "points.csv, line 1: column 'x (m) raw' is in m, expected mm; add --units m",
-        ),
+        ("x [\u00b5m],y,z\n1,2,3\n",
+         "points.csv, line 1: column 'x [\u00b5m]' is in um, expected mm; add --units um"),
+        ("x (m) raw,y,z\n1,2,3\n",
+         "points.csv, line 1: column 'x (m) raw' is in m, expected mm; add --units m"),
         (f"1 2 {'9' * 50}z\n", f"points.csv, line 1: '{'9' * 37}...' is not a number"),
     ],
-)
+)  # fmt: skip
 def test_line_that_is_no_point_is_named(text, message):
     with pytest.raises(ArgumentError) as refusal:
         points_of(text)
@@ -246,3 +224,44 @@ def test_file_in_another_encoding_is_refused(tmp_path, encoding):
 
     with pytest.raises(ArgumentError, match=r"points\.csv, line 1: not text in UTF-8, expected a text file "):
         read(str(path))
+
+
+def test_three_millimetres_are_three():
+    # Was: 3.000000000000001.
+    assert in_unit(0.0030000000000000005, 0.001) == 3.0
+    assert in_units(np.array([[-0.0130000000000000012, 0.0, -0.0]]), 0.001).tolist() == [[-13.0, 0.0, 0.0]]
+
+
+def test_distance_ends_where_its_coordinates_end():
+    x = np.array([-13.0, -11.0, -10.7, 10.1, 10.0001, 12.34, 10.0, np.nan, np.inf])
+    nothing = np.zeros(len(x))
+    points = np.column_stack((x * 0.001, nothing, nothing))
+    surface = np.column_stack((np.sign(x) * 0.01, nothing, nothing))
+    distances = np.abs(points[:, 0]) - np.abs(surface[:, 0])
+    distances[-1] = np.inf
+
+    result = distances_in_units(distances, 0.001, points, surface)
+
+    np.testing.assert_array_equal(result, [3.0, 1.0, 0.7, 0.1, 0.0001, 2.34, 0.0, np.nan, np.inf])
+
+
+def test_distance_of_small_parts_keeps_its_digits():
+    points = np.array([[1.23e-9, 0.0, 0.0]])
+
+    assert distances_in_units(np.array([1.2e-10]), 1.0, points, np.zeros((1, 3))).tolist() == [1.2e-10]
+
+
+def test_zero_has_no_sign():
+    assert [str(value) for value in rounded(np.array([-0.0, 0.0])).tolist()] == ["0.0", "0.0"]
+
+
+def test_length_beyond_the_range_of_the_unit_is_infinite():
+    assert in_unit(1e308, 0.001) == np.inf
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False, max_value=1e308, min_value=-1e308))
+def test_rounded_number_is_near_and_short(value):
+    (result,) = rounded(np.array([value])).tolist()
+
+    assert float(f"{result:.15g}") == result
+    assert result == pytest.approx(value, rel=5.1e-15, abs=1e-323)

@@ -55,12 +55,7 @@ def run_python(code, **options):
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        ["--help"],
-        ["query", "--help"],
-        ["watch", "--help"],
-        ["query", "part.stl", "1", "--no"],
-    ],
+    [["--help"], ["query", "--help"], ["watch", "--help"], ["query", "part.stl", "1", "--no"]],
     ids=" ".join,
 )
 def test_help_and_version_import_nothing_heavy(arguments):
@@ -186,15 +181,7 @@ def test_first_answers_come_while_points_are_still_written():
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["check", "ball.stl"],
-        ["--help"],
-        ["query"],
-    ],
-    ids=" ".join,
-)
+@pytest.mark.parametrize("arguments", [["check", "ball.stl"], ["--help"], ["query"]], ids=" ".join)
 def test_reader_that_has_gone_before_lines_for_people_ends_as_any_other(arguments):
     # Was: 1, which is what `check --strict` answers of a part without an inside.
     reading, writing = os.pipe()
@@ -333,9 +320,6 @@ def test_completion_works_in_bash(tmp_path):
     )
 
     assert result.stdout.strip() == "completed: check", result.stderr
-
-
-# --- two small commands: a key for datagrams, and the header of messages for C ---
 
 
 def test_key_is_made_once(run, tmp_path):

@@ -83,20 +83,12 @@ def test_json_has_the_same_numbers(run):
 
     assert report["recording"]["gap_count"] == 6
     assert report["placement"] == {
-        "is_fitted": False,
-        "position": [0.0, 0.0, 0.0],
-        "turn_degrees": [0.0, 0.0, 0.0],
-        "scale": 1.0,
-    }
+        "is_fitted": False, "position": [0.0, 0.0, 0.0], "turn_degrees": [0.0, 0.0, 0.0], "scale": 1.0,
+    }  # fmt: skip
     assert report["ticks"]["tick_count"] == 5194
     assert report["nearest"]["signed_distance"] == pytest.approx(-2.867, abs=1e-3)
     assert report["touches"][0]["deepest"] == pytest.approx(1.178, abs=1e-3)
-    assert report["bounds"] == {
-        "checked_count": 12483,
-        "broken_count": 0,
-        "worst": 0.0,
-        "first_broken": None,
-    }
+    assert report["bounds"] == {"checked_count": 12483, "broken_count": 0, "worst": 0.0, "first_broken": None}
     assert sum(count for _, _, count in report["compute_us"]["histogram"]) == 5194
 
 
@@ -125,13 +117,9 @@ def test_options_reach_the_tracker(run):
     (rehearsed, tracker) = result.trackers
     assert tracker.all_settings == rehearsed.all_settings
     assert tracker.all_settings == {
-        "fingers": 5,
-        "radius": 0.007,
-        "period": 0.002,
-        "latency": 0.0025,
-        "budget": 40,
+        "fingers": 5, "radius": 0.007, "period": 0.002, "latency": 0.0025, "budget": 40,
         "working_range": 0.12,
-    }
+    }  # fmt: skip
     assert tracker.ticks[:2] == [(0, 2_500_000), (2_000_000, 4_500_000)]
 
 
@@ -203,10 +191,7 @@ def test_notes_of_a_recording_are_told(run, tmp_path):
 
     lines = lines_of(run(BRACKET, path).out)
 
-    assert lines["note"] == [
-        "1 of 2 positions are nan: the finger is missing there",
-        "ignored columns: grip",
-    ]
+    assert lines["note"] == ["1 of 2 positions are nan: the finger is missing there", "ignored columns: grip"]
     assert lines["touch"] == ["thumb: 1 time, first at 0 s, 3.5 mm deep"]
 
 

@@ -71,13 +71,8 @@ def test_beginning_and_end_are_told_in_words(run, scene_path):
     )
     lines = [(line[:16].strip(), line[16:]) for line in result.out.splitlines()]
     assert [label for label, _ in lines] == [
-        "ticks",
-        "states",
-        "compute",
-        "lateness",
-        "published",
-        "published",
-    ]
+        "ticks", "states", "compute", "lateness", "published", "published",
+    ]  # fmt: skip
     told = dict(lines)
     assert re.fullmatch(r"100 at 500 Hz, \d+ missed", told["ticks"])
     assert re.fullmatch(r"(\d+ \w+(, )?)+", told["states"])
@@ -155,16 +150,8 @@ def test_log_that_lacks_frames_ends_with_exit_code_2_behind_the_report(run, scen
 
 def test_options_hold_instead_of_what_the_file_says(run, scene_path, calls):
     options = (
-        "--rate",
-        250,
-        "--publish",
-        "mailbox:x",
-        "--publish",
-        "mailbox:y",
-        "--log",
-        "a",
-        "--no-realtime",
-    )
+        "--rate", 250, "--publish", "mailbox:x", "--publish", "mailbox:y", "--log", "a", "--no-realtime",
+    )  # fmt: skip
     run(scene_path, *options, "--limit", 2.5, "--ticks", 7)
 
     ((path, given),) = calls

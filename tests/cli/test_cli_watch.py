@@ -62,9 +62,6 @@ def bare(text):
     return re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", text)
 
 
-# ------------------------------------------------------------------------------------------------ one reading
-
-
 NAMED = replace(SEEN, part_names=("lid", "a name of many more letters"))
 SILENT = watch_view.Seen(ADDRESS, Counts(received=500), 0.0, 3.21)
 APPROACH = {
@@ -158,9 +155,6 @@ def test_bar_is_as_wide_as_its_ruler_and_grows_with_the_distance(width):
     assert full[1:3] == [width // 4, width // 2]
     assert full[0] == 0 and free[0].strip()
     assert free[4].endswith("»") and not free[3].endswith("»")
-
-
-# ------------------------------------------------------------------------------------------------- following
 
 
 def test_rate_is_of_the_last_second(monkeypatch):

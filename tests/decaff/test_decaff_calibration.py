@@ -57,9 +57,6 @@ def touches(bends):
     return HAND.counts(bends), HAND.drum_angle(bends) + MOUNTED
 
 
-# --- in use -------------------------------------------------------------------------------------------------
-
-
 def test_table_gives_the_bend_of_a_hand_that_is_not_as_designed():
     """Seven points are 0.16 mm of the fingertip's path off in between; the design alone is 3 mm off."""
     off = GLOVE.bend_of_counts(HAND.counts(BENDS)) - BENDS
@@ -134,9 +131,6 @@ def test_finger_is_the_measured_one():
     assert longer.finger.pad_radius == DESIGN.finger.pad_radius
 
 
-# --- refused when it does not fit any more ------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("counts", [12.0, 65000.0, math.nan])
 def test_reading_that_no_hand_gave_has_no_bend(counts):
     assert np.isnan(GLOVE.bend_of_counts(counts))
@@ -159,16 +153,12 @@ FLAT, FIST = (float(counts) for counts in HAND.counts([0.0, 1.0]))
     ("changes", "message"),
     [
         ({"counts": range(7)}, r"the table has 6 counts at bend 1, expected 43\d+, give or take 10\d+"),
-        (
-            {"counts": HAND.counts(TABLE_BENDS) / 16},
-            r"the table has 27\d+(\.\d+)? counts at bend 1, expected 43\d+, give or take 10\d+",
-        ),
-        (
-            {"counts": [FLAT, 26000, 26000.001, 35000, 38000, 41000, FIST]},
-            r"counts go up by 0\.001 from bend 0\.166667 to 0\.333333, expected about 43\d+",
-        ),
+        ({"counts": HAND.counts(TABLE_BENDS) / 16},
+         r"the table has 27\d+(\.\d+)? counts at bend 1, expected 43\d+, give or take 10\d+"),
+        ({"counts": [FLAT, 26000, 26000.001, 35000, 38000, 41000, FIST]},
+         r"counts go up by 0\.001 from bend 0\.166667 to 0\.333333, expected about 43\d+"),
     ],
-)
+)  # fmt: skip
 def test_table_that_cannot_be_of_this_glove_is_refused(changes, message):
     with pytest.raises(DecaffError, match=f"^{message}, from the design of this glove$"):
         CalibratedGlove(DESIGN, calibrated(**changes))
@@ -190,34 +180,25 @@ def test_table_of_a_glove_that_is_not_quite_as_designed_is_taken(pulley, mounted
     [
         ({"made": "2026"}, "the date is 2026, expected a date with a time zone"),
         ({"counts": [1, 2, 3]}, "counts have shape (3,), expected 7 increasing numbers"),
-        (
-            {"counts": [1, 2, 3, 3, 5, 6, 7]},
-            "the table is not monotone: counts go from 3 to 3 at its point 3, expected 7 increasing numbers",
-        ),
-        (
-            {"counts": [1, 2, 3, math.nan, 5, 6, 7]},
-            "counts are [1.0, 2.0, 3.0, nan, 5.0, 6.0, 7.0], expected 7 increasing numbers",
-        ),
+        ({"counts": [1, 2, 3, 3, 5, 6, 7]},
+         "the table is not monotone: counts go from 3 to 3 at its point 3, expected 7 increasing numbers"),
+        ({"counts": [1, 2, 3, math.nan, 5, 6, 7]},
+         "counts are [1.0, 2.0, 3.0, nan, 5.0, 6.0, 7.0], expected 7 increasing numbers"),
         ({"bends": np.linspace(0, 0.9, 7)}, "bends go from 0 to 0.9, expected 0 to 1"),
         ({"touch_offset": math.nan}, "touch_offset is nan, expected a number of radians"),
-        (
-            {"cable_compliance": -1},
-            "cable_compliance is -1, expected a number of metres a newton of 0 or more",
-        ),
+        ({"cable_compliance": -1},
+         "cable_compliance is -1, expected a number of metres a newton of 0 or more"),
         ({"touch_offset": 40}, "touch_offset is 40 radians, expected 0.5 at most, either way"),
         ({"cable_compliance": 1.0}, "cable_compliance is 1 metres a newton, expected 0.002 at most"),
         ({"phalanges": (0.1, 0.1)}, "phalanges are (0.1, 0.1), expected three numbers of metres"),
         ({"phalanges": (0.1, 0, 0.1)}, "one of phalanges is 0, expected a positive number of metres"),
     ],
-)
+)  # fmt: skip
 def test_numbers_that_contradict_themselves_are_refused(changes, message):
     with pytest.raises((ArgumentError, DecaffError)) as refused:
         calibrated(**changes)
 
     assert str(refused.value) == message
-
-
-# --- the file -----------------------------------------------------------------------------------------------
 
 
 def test_file_gives_back_what_was_written(tmp_path):
@@ -272,23 +253,19 @@ def test_folder_that_is_not_there_is_told(tmp_path):
     ("change", "message"),
     [
         ({"version": 2}, "has version 2, expected 1: calibrate again with this version"),
-        (
-            {"format": "hand"},
-            "is not a calibration of a glove, expected the format 'proximity glove calibration'",
-        ),
+        ({"format": "hand"},
+         "is not a calibration of a glove, expected the format 'proximity glove calibration'"),
         ({"latency_s": ...}, "lacks 'latency_s'"),
         ({"latency_ms": 1}, "has an unknown field 'latency_ms'"),
         ({"made": "yesterday"}, "the date is 'yesterday', expected a date such as 2026-11-21T19:30:00+00:00"),
-        (
-            {"made": "2026-11-21T19:30:00"},
-            "the date is 2026-11-21 19:30:00, expected a date with a time zone",
-        ),
+        ({"made": "2026-11-21T19:30:00"},
+         "the date is 2026-11-21 19:30:00, expected a date with a time zone"),
         ({"name": 7}, "the name is 7, expected text"),
         ({"simulated": "yes"}, "simulated is 'yes', expected true or false"),
         ({"phalanges_m": 7}, "phalanges are 7, expected three numbers of metres"),
         ({"counts": [[1], [2, 3]]}, "counts have rows of different lengths, expected 7 increasing numbers"),
     ],
-)
+)  # fmt: skip
 def test_file_that_was_changed_wrongly_is_refused(tmp_path, change, message):
     path = tmp_path / "c.json"
     write_calibration(path, calibrated())
@@ -308,24 +285,19 @@ def test_file_that_was_changed_wrongly_is_refused(tmp_path, change, message):
         (b"\xff\xfe{}", r"is not JSON \('utf-8' codec"),
         (b"[1, 2]", "is not a calibration of a glove"),
         (b"[" * 60000, "is not JSON"),
-        (
-            b'{"latency_s": 0.1, "name": "", "latency_s": 0.9}',
-            "has 'latency_s' twice, expected each field once",
-        ),
+        (b'{"latency_s": 0.1, "name": "", "latency_s": 0.9}',
+         "has 'latency_s' twice, expected each field once"),
         (b" " * (LARGEST_FILE + 1), f"has more than {LARGEST_FILE} bytes"),
         (b'{"format": "proximity glove calibration"}', "has version None, expected 1"),
     ],
     ids=["empty", "no text", "no object", "deep", "twice", "large", "bare"],
-)
+)  # fmt: skip
 def test_file_that_is_none_is_refused(tmp_path, data, message):
     path = tmp_path / "c.json"
     path.write_bytes(data)
 
     with pytest.raises(DecaffError, match=message):
         read_calibration(path)
-
-
-# --- from measurements --------------------------------------------------------------------------------------
 
 
 def test_touch_off_at_three_angles_finds_how_the_drum_is_mounted():
@@ -368,21 +340,17 @@ def test_compliance_and_backlash_are_found_again():
             "tension",
         ),
         (lambda: cable_compliance(HAND, [1, 2, 3]), "3 counts and 2 tensions, expected two of each"),
-        (
-            lambda: backlash(HAND, 20010, 20000),
-            "counts are 20010 closing and 20000 opening, expected at least as many opening",
-        ),
-        (
-            lambda: step_latency([0, 1, 2], [5, 5, 5], 1.0),
-            "no response follows the step at 1 s, expected one that begins after it",
-        ),
+        (lambda: backlash(HAND, 20010, 20000),
+         "counts are 20010 closing and 20000 opening, expected at least as many opening"),
+        (lambda: step_latency([0, 1, 2], [5, 5, 5], 1.0),
+         "no response follows the step at 1 s, expected one that begins after it"),
         (
             lambda: step_latency([0, 0], [1, 2], 0.0),
             "times and values of a step test do not match, expected two or more of each, with "
             "increasing times",
         ),
     ],
-)
+)  # fmt: skip
 def test_measurement_that_cannot_be_is_refused(measure, message):
     with pytest.raises(DecaffError) as refused:
         measure()

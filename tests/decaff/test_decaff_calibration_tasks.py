@@ -153,9 +153,6 @@ def test_touches_that_disagree_are_not_made_a_calibration(tmp_path):
         session.calibration("")
 
 
-# --- chirps -------------------------------------------------------------------------------------------------
-
-
 def record_of(chirp, plant, latency=1e-3, step=1e-9, rate=3000.0):
     torques = chirp.torques(rate)
     times = np.arange(len(torques)) / rate

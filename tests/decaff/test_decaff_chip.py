@@ -36,14 +36,9 @@ PERIOD_NS = 333_333
 REASONS = [None, Defect.SHORT, Defect.MAGIC, Defect.VERSION, Defect.SIZE, Defect.CHECKSUM]
 REASONS += [Defect.OLD, Defect.FUTURE, Defect.CONTENT]
 CORTEX_M7 = [
-    "-mcpu=cortex-m7",
-    "-mthumb",
-    "-mfpu=fpv5-d16",
-    "-mfloat-abi=hard",
-    "-O2",
-    "-fno-math-errno",
+    "-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-O2", "-fno-math-errno",
     "-fstack-usage",
-]
+]  # fmt: skip
 BUDGET = 216e6 / RATE * 0.2  # cycles a sample: a fifth of a core
 CYCLES_AN_INSTRUCTION = 2.0
 """Assumed of a Cortex-M7, which may do two at once: loads from flash, and double precision, take longer."""
@@ -52,9 +47,6 @@ CYCLES_AN_INSTRUCTION = 2.0
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
     return build(tmp_path_factory.mktemp("controller"))
-
-
-# --- datagrams ---
 
 
 class Glove3kHz:
@@ -241,9 +233,6 @@ def test_instant_that_no_clock_shows_is_refused(program, instant, shares_clock, 
     glove.check(program, tmp_path)
 
 
-# --- the servo ---
-
-
 @pytest.mark.parametrize("mode", [DriveMode.POSITION, DriveMode.FORCE])
 def test_encoder_without_a_number_for_a_sample_commands_no_force(program, mode, tmp_path):
     """The force was 100 N away from the finger, for that sample and the next."""
@@ -302,8 +291,6 @@ def test_bound_of_passivity_in_closed_form_is_colgates(damping):
     )
 
 
-# --- the start ---
-
 SIGN, HOME, DONE, WRONG_SIGN, STUCK, NO_ANGLE = range(6)  # enum decaff_start_state
 
 
@@ -333,9 +320,6 @@ def test_drum_starts_where_its_stop_or_index_is_or_without_power(
     assert (found, last) == (state, 0.0)
     assert off == pytest.approx(0.0, abs=0.002) or state != DONE
     assert most <= 0.1 * DRUMS[USUAL_GEAR].motor_torque(math.inf) + 1e-4
-
-
-# --- what is written ---
 
 
 def test_numbers_that_python_has_as_well_are_the_same():
@@ -381,9 +365,6 @@ def test_calibrated_fingers_have_paths_of_their_own(tmp_path):
     run(c_compiler(), *STRICT, "-c", tmp_path / "decaff_glove.c", "-o", tmp_path / "glove.o")
 
     assert (tmp_path / "decaff_glove.c").read_text().count("sizeof bends_") == 4
-
-
-# --- on a Cortex-M7 ---
 
 
 def test_cortex_m7_takes_it_with_little_code_and_stack(tmp_path):

@@ -52,9 +52,6 @@ def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0, mea
     return np.array(rows)
 
 
-# ----------------------------------------------------------------------------------------------- the plant
-
-
 def test_drums_are_one_motor_behind_three_gears():
     """Reference values, to their printed digits."""
     assert [drum.mass for drum in DRUMS.values()] == pytest.approx([0.015, 0.24, 1.5])
@@ -135,16 +132,9 @@ def test_force_that_is_not_measured_is_served_without_an_integral():
     assert seeing[-1, drum_kernels.DRIVE_INTEGRATED] > 0.0
 
 
-# ----------------------------------------------------------------------------------------------- the servo
-
-
 @pytest.mark.parametrize(
     ("name", "rate", "stiffness"),
-    [
-        ("gear12", 10_000, 43_350),
-        ("gear49", 3000, 62_424),
-        ("gear12", 500, 108),
-    ],
+    [("gear12", 10_000, 43_350), ("gear49", 3000, 62_424), ("gear12", 500, 108)],
 )
 def test_stiffness_of_servos(name, rate, stiffness):
     """The reference's factor of 0.0289 is 0.2 kp_max, 0.028894, rounded: 2.1e-4 too large."""
@@ -181,9 +171,6 @@ def test_speed_cap_is_kept():
     rows = driven(GEAR49, asked | {drum_kernels.COMMAND_SPEED_CAP: 0.05}, 300)
 
     assert rows[:, drum_kernels.DRIVE_REFERENCE_SPEED].max() == pytest.approx(0.05)
-
-
-# ------------------------------------------------------------------------------------------------- arrival
 
 
 @pytest.mark.parametrize(
@@ -229,9 +216,6 @@ def test_look_ahead_by_bisection_and_by_formula(name):
             assert -2.1e-3 <= found - arrival.look_ahead(speed, sensing, needs) < 5e-3
 
 
-# -------------------------------------------------------------------------------------------------- errors
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -240,16 +224,12 @@ def test_look_ahead_by_bisection_and_by_formula(name):
         (lambda: Gear(ratio=-4.0), "ratio is -4.0, expected a positive number of turns to a turn"),
         (lambda: servo_for(GEAR49, 0.0), "rate is 0.0, expected a positive number of hertz"),
         (lambda: replace(servo_for(GEAR49, 3e3), speed=math.nan), "speed is nan, expected a positive number"),
-        (
-            lambda: settling_time(GEAR49, servo_for(GEAR49, 3e3), 5e-5),
-            "distance is 5e-05, expected metres, far",
-        ),
-        (
-            lambda: arrival.needed_look_ahead(Hand(), Decaff(sensing=Sensing(latency=0.5)), 1.0),
-            "the drum is late at 1 m/s, even when known from 0.16 m away",
-        ),
+        (lambda: settling_time(GEAR49, servo_for(GEAR49, 3e3), 5e-5),
+         "distance is 5e-05, expected metres, far"),
+        (lambda: arrival.needed_look_ahead(Hand(), Decaff(sensing=Sensing(latency=0.5)), 1.0),
+         "the drum is late at 1 m/s, even when known from 0.16 m away"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_is_named(make, message):
     with pytest.raises(ArgumentError) as caught:
         make()

@@ -28,7 +28,6 @@ FINGER = GLOVE.finger
 BENDS = np.linspace(0.0, 1.0, 41)
 CARELESS = Linkage(base=(-0.015, 0.025), first_bar=0.060, second_bar=0.075)
 
-# --- the finger ---------------------------------------------------------------------------------------------
 
 # b, p_x, p_y, |dp/db| [mm], beta, phi [deg], dphi/db [rad]
 TABLE_9_1 = """
@@ -107,9 +106,6 @@ def test_line_of_65_corners_is_as_near_to_the_path_as_is_said():
     assert 0.015e-3 < off.max() < 0.03e-3
 
 
-# --- the linkage --------------------------------------------------------------------------------------------
-
-
 def test_rate_of_the_linkage_is_the_slope_of_its_angle():
     step = 1e-4
     before, after = (GLOVE.linkage.angle(FINGER, BENDS + side * step) for side in (-1, 1))
@@ -148,9 +144,6 @@ def test_bend_is_found_again_from_the_replica():
     assert (np.diff(GLOVE.replica_angle(bends)) > 0.0).all()
 
 
-# --- cable and potentiometer --------------------------------------------------------------------------------
-
-
 def test_stretched_cable_and_lost_backlash_leave_the_replica_behind():
     glove = Glove(cable=Cable(backlash=0.2e-3))
     tension = 4.0
@@ -173,8 +166,6 @@ def test_potentiometer_reads_whole_counts_and_stops_at_its_ends():
     assert np.abs(pot.angle(pot.read(BENDS)) - BENDS).max() <= 0.5 / pot.gain
     assert GLOVE.bend_of_counts(GLOVE.counts(0.5)) == pytest.approx(0.5, abs=0.5 * 8.8e-6 / 0.194)
 
-
-# --- drums --------------------------------------------------------------------------------------------------
 
 REPLICA = np.radians(np.linspace(0.0, 72.0, 37))
 DRUMS = {"arm": ArmDrum(), "eccentric": EccentricDrum()}
@@ -232,9 +223,6 @@ def test_drum_stands_where_the_finger_is_to_be_met(name):
     bends = np.linspace(0.0, 0.7, 15)
 
     np.testing.assert_allclose(glove.bend_of_drum(glove.drum_angle(bends)), bends, rtol=0, atol=1e-12)
-
-
-# --- where the pad touches ----------------------------------------------------------------------
 
 
 def disc(radius, x, y):
@@ -362,9 +350,6 @@ def test_motor_of_the_arm_carries_what_the_replica_does():
     np.testing.assert_allclose(GLOVE.gear.ratio * GLOVE.motor_torque(BENDS, 2.0), carried, rtol=1e-14)
 
 
-# --- refusals -----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -378,16 +363,12 @@ def test_motor_of_the_arm_carries_what_the_replica_does():
         (lambda: Potentiometer(bits=1.5), "bits is 1.5, expected a whole number of 1 or more"),
         (lambda: Cable(backlash=None), "backlash is None, expected a number of metres of 0 or more"),
         (lambda: Potentiometer(zero_share=1.0), "zero_share is 1.0, expected less than 1"),
-        (
-            lambda: ArmDrum(arm=0.008),
-            "the arm is 8 mm, expected more than the roller's radius and half of the link's width, 8 mm",
-        ),
-        (
-            lambda: Glove(drum=EccentricDrum(crank=0.010)),
-            "the drum cannot touch the replica of the flat hand, expected one that can",
-        ),
+        (lambda: ArmDrum(arm=0.008),
+         "the arm is 8 mm, expected more than the roller's radius and half of the link's width, 8 mm"),
+        (lambda: Glove(drum=EccentricDrum(crank=0.010)),
+         "the drum cannot touch the replica of the flat hand, expected one that can"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_built_is_refused(make, message):
     with pytest.raises(ArgumentError) as refused:
         make()

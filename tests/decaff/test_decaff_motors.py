@@ -165,10 +165,7 @@ def test_only_an_emergency_is_remembered():
             with opened_motors([shaft.url + PATIENT], [PATH], print) as (drum,):
                 drum.home()
         assert (shaft.mode, shaft.error) == ("off", 0)
-        with (
-            pytest.raises(KeyboardInterrupt),
-            opened_motors([shaft.url + PATIENT], [PATH], print) as (drum,),
-        ):
+        with pytest.raises(KeyboardInterrupt), opened_motors([shaft.url + PATIENT], [PATH], print) as (drum,):
             drum.home()
             raise KeyboardInterrupt
         assert (shaft.mode, shaft.error) == ("off", 0x2000000)

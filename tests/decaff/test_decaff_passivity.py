@@ -12,8 +12,6 @@ from proximity.decaff.drum import sampled_mass, unit_circle
 from proximity.decaff.drum.sampled_mass import SampledMass
 from proximity.errors import ArgumentError
 
-# ----------------------------------------------------------------------------------------------- passivity
-
 
 @pytest.mark.parametrize(
     ("stiffness", "damping", "rate_hz", "delay_samples", "expected"),
@@ -33,11 +31,7 @@ def test_damping_that_a_sampled_wall_needs(stiffness, damping, rate_hz, delay_sa
     assert not passivity.is_passive(found, stiffness, damping, 1.0 / rate_hz, delay_samples)
 
 
-@given(
-    st.floats(0.0, 1e5),
-    st.floats(-100.0, 100.0),
-    st.sampled_from([0, 1, 2, 5, 40]),
-)
+@given(st.floats(0.0, 1e5), st.floats(-100.0, 100.0), st.sampled_from([0, 1, 2, 5, 40]))
 def test_required_damping_is_the_supremum_over_frequencies(stiffness, damping, delay_samples):
     """Colgate's criterion itself, on a grid of the unit circle."""
     period = 0.001
@@ -111,9 +105,6 @@ def test_walls_that_are_none_are_refused():
         passivity.required_damping(-1.0, 1.0, 0.001)
     with pytest.raises(ArgumentError, match="damping is -inf, expected a number of newton seconds a metre"):
         passivity.sufficient_damping(1.0, -math.inf, 0.001)
-
-
-# ------------------------------------------------------------------------------------------------- energy
 
 
 def bounce_energy_ratios(phase_step, delay_samples):

@@ -85,9 +85,6 @@ def copied(folder, *names, replacing=()):
         (folder / name.rpartition("/")[2]).write_text(text, encoding="utf-8")
 
 
-# -------------------------------------------------------------------------------------------- what all have
-
-
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_example_is_short_and_listed(path):
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -108,9 +105,6 @@ def test_docstring_says_how_to_start_and_what_is_printed(path):
 
     assert f"python examples/{path.name}" in documentation or f"python {path.name}" in documentation
     assert "Start it" in documentation and "It prints" in documentation
-
-
-# ------------------------------------------------------------------------------------------------ geometry
 
 
 def test_clearances_are_a_table(tmp_path):
@@ -188,9 +182,6 @@ def test_distance_field_is_within_what_its_grid_allows(tmp_path):
     point = field["origin"] + field["spacing"] * np.array(row)
     expected = oracle.closest(mesh.vertices, mesh.faces, point).distance
     assert field["distance"][row] == pytest.approx(expected, rel=1e-6)
-
-
-# ---------------------------------------------------------------------------------------- hands and services
 
 
 def test_lid_of_the_vr_loop_stops_before_it_touches_a_finger(tmp_path):
@@ -322,9 +313,6 @@ class Recorded:
         pass
 
 
-# --------------------------------------------------------------------------- curl limits of an OpenXR runtime
-
-
 @pytest.fixture
 def runtime(monkeypatch):
     """Calls of a runtime in pyopenxr's own structures: itself, what came, and events to answer with."""
@@ -410,9 +398,6 @@ def test_curl_limits_reach_the_runtime_and_are_taken_back(runtime, monkeypatch, 
         [0.4, 0.0], [0.4, 0.35], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 0.0], [0.4, 0.0], [0.0, 0.0],
     ]  # fmt: skip
     assert capsys.readouterr().out.startswith("0.40 0.00 0.00")
-
-
-# --------------------------------------------------------------------------------------- notebook and study
 
 
 @pytest.mark.slow

@@ -51,12 +51,72 @@ def with_arrays(header, *arrays, blob=BLOB):
 # Triangles
 
 
-def test_fan_is_read_all_of_it_facing_one_way(tmp_path):
-    pentagon = [[np.cos(0.4 * np.pi * k), np.sin(0.4 * np.pi * k), 0] for k in range(5)]
-    header, blob = mesh_files.gltf_document([[(pentagon, [0, 1, 2, 3, 4])]], [{"mesh": 0}])
-    header["meshes"][0]["primitives"][0]["mode"] = 6
+PENTAGON = [[np.cos(0.4 * np.pi * k), np.sin(0.4 * np.pi * k), 0] for k in range(5)]
+SQUARE = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
+
+
+@pytest.mark.parametrize(
+    ("corners", "mode", "faces"),
+    [(PENTAGON, 6, [[0, 1, 2], [0, 2, 3], [0, 3, 4]]), (SQUARE, 5, [[0, 1, 2], [1, 3, 2]])],
+    ids=["fan", "strip"],
+)
+def test_fan_and_strip_are_read_all_of_them_facing_one_way(tmp_path, corners, mode, faces):
+    header, blob = mesh_files.gltf_document([[(corners, list(range(len(corners))))]], [{"mesh": 0}])
+    header["meshes"][0]["primitives"][0]["mode"] = mode
     (geometry,) = read(tmp_path, header, blob).geometries
-    assert geometry.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
+    assert sorted(sorted(face) for face in geometry.faces.tolist()) == sorted(map(sorted, faces))
+    assert geometry.source_faces.tolist() == list(range(len(faces)))
+    a, b, c = geometry.vertices[geometry.faces].transpose(1, 0, 2)
+    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+
+
+def with_entry(*path, to=None, **changes):
+    """The document with one entry replaced, or removed for None, and others beside."""
+    header = entry = changed(**changes)
+    for key in path[:-1]:
+        entry = entry[key]
+    if to is None:
+        del entry[path[-1]]
+    else:
+        entry[path[-1]] = to
+    return header
+
+
+PRIMITIVE = ("meshes", 0, "primitives", 0)
+SHADERS = ["KHR_technique_webgl", "KHR_techniques_webgl", "KHR_mesh_quantization"]
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        with_entry("scenes"),
+        with_entry("accessors", 0, "max", to=[1.00000002, 1.0, 0.9999999]),
+        *(with_entry("extensionsUsed", to=[name], extensionsRequired=[name]) for name in SHADERS),
+        with_entry("extensionsUsed", to=["EXT_meshopt_compression"]),
+        with_entry(*PRIMITIVE, "extensions", to={DRACO: {"bufferView": 99}}, extensionsUsed=[DRACO]),
+    ],
+    ids=["no scenes", "rounded bounds", *SHADERS, "meshopt offered", "Draco offered"],
+)
+def test_what_changes_no_shape_does_no_harm(tmp_path, header):
+    """Was: extensions of shaders, and quantised normals, were refused as if positions were meant."""
+    contents = read(tmp_path, header)
+    (geometry,) = contents.geometries
+    assert (geometry.name, contents.notes) == ("cube", ())
+    assert np.array_equal(corners(geometry), VERTICES[FACES])
+
+
+@pytest.mark.parametrize("has_indices", [True, False])
+def test_primitives_of_a_mesh_are_one_body_with_indices_or_corners_three_by_three(tmp_path, has_indices):
+    pieces = [(SHIFTED, FACES[:6]), (SHIFTED, FACES[6:])]
+    if not has_indices:
+        pieces = [(SHIFTED[FACES.ravel()], FACES), (SHIFTED, [])]
+    header, blob = mesh_files.gltf_document([pieces], [{"mesh": 0}])
+    if not has_indices:
+        del header["meshes"][0]["primitives"][0]["indices"]
+    (geometry,) = read(tmp_path, header, blob).geometries
+    assert geometry.source_faces.tolist() == list(range(12))
+    assert volume(geometry) == pytest.approx(1.0, rel=1e-6)
+    assert has_indices or np.array_equal(geometry.faces, np.arange(36).reshape(12, 3))
 
 
 # Numbers and bytes
@@ -122,51 +182,40 @@ def sparse_document(base_is_there=True):
     return header, blob
 
 
-def test_sparse_positions_replace_those_below(tmp_path):
-    (geometry,) = read(tmp_path, *sparse_document()).geometries
-    assert np.array_equal(corners(geometry), VERTICES[FACES])
-
-
-def test_sparse_positions_without_others_stand_among_zeros(tmp_path):
-    (geometry,) = read(tmp_path, *sparse_document(base_is_there=False)).geometries
-    expected = np.zeros_like(VERTICES)
-    expected[[3, 6]] = VERTICES[[3, 6]]
+@pytest.mark.parametrize("base_is_there", [True, False])
+def test_sparse_positions_replace_those_below_or_stand_among_zeros(tmp_path, base_is_there):
+    (geometry,) = read(tmp_path, *sparse_document(base_is_there)).geometries
+    expected = VERTICES * (base_is_there | np.isin(np.arange(8), (3, 6)))[:, None]
     assert np.array_equal(geometry.vertices, expected)
 
 
+SPARSE = "the sparse part of accessor 0 (primitive 0 of mesh 0) "
+
+
 @pytest.mark.parametrize(
-    ("path", "value", "message"),
+    ("path", "value", "message", "base_is_there"),
     [
-        (("count",), 3, "the sparse part of accessor 0 (primitive 0 of mesh 0) has 3 entries, which do not"),
-        (("count",), 10**15, "the sparse part of accessor 0 (primitive 0 of mesh 0) has 1000000000000000"),
-        (("indices", "componentType"), 5126, "the sparse part of accessor 0 (primitive 0 of mesh 0) has"),
-        (("values",), 7, "the sparse part of accessor 0 (primitive 0 of mesh 0) has no indices or no values"),
-        (("values", "bufferView"), None, "the buffer view of the sparse part of accessor 0 (primitive 0 of"),
+        (("sparse", "count"), 3, SPARSE + "has 3 entries, which do not", True),
+        (("sparse", "count"), 10**15, SPARSE + "has 1000000000000000", True),
+        (("sparse", "indices", "componentType"), 5126, SPARSE + "has", True),
+        (("sparse", "values"), 7, SPARSE + "has no indices or no values", True),
+        (("sparse", "values", "bufferView"), None, "the buffer view of " + SPARSE.strip(), True),
+        (("count",), 6, SPARSE + "replaces entry 6, but there are 6", True),
+        (
+            ("count",),
+            10**12,
+            "accessor 0 (primitive 0 of mesh 0) has 1000000000000 entries, but no buffer vi",
+            False,
+        ),
     ],
 )
-def test_sparse_positions_that_are_not_there_are_refused(tmp_path, path, value, message):
-    header, blob = sparse_document()
-    entry = header["accessors"][0]["sparse"]
+def test_sparse_positions_that_are_not_there_are_refused(tmp_path, path, value, message, base_is_there):
+    header, blob = sparse_document(base_is_there)
+    entry = header["accessors"][0]
     for key in path[:-1]:
         entry = entry[key]
     entry[path[-1]] = value
     assert refusal(tmp_path, header, blob).startswith(message)
-
-
-def test_sparse_position_of_no_vertex_is_refused(tmp_path):
-    header, blob = sparse_document()
-    header["accessors"][0]["count"] = 6
-    assert refusal(tmp_path, header, blob) == (
-        "the sparse part of accessor 0 (primitive 0 of mesh 0) replaces entry 6, but there are 6"
-    )
-
-
-def test_zeros_of_which_only_the_count_is_there_are_bounded(tmp_path):
-    header, blob = sparse_document(base_is_there=False)
-    header["accessors"][0]["count"] = 10**12
-    assert refusal(tmp_path, header, blob).startswith(
-        "accessor 0 (primitive 0 of mesh 0) has 1000000000000 entries, but no buffer view, and the file "
-    )
 
 
 @pytest.mark.parametrize(
@@ -190,12 +239,9 @@ def test_quantised_positions_are_scaled_by_their_node(tmp_path, component_type, 
     (view,), blob = with_arrays(header, stored)
     header["bufferViews"][view]["byteStride"] = stored.strides[0]
     header["accessors"][0] |= {
-        "bufferView": view,
-        "componentType": component_type,
-        "normalized": is_normalized,
-        "min": [0, 0, 0],
+        "bufferView": view, "componentType": component_type, "normalized": is_normalized, "min": [0, 0, 0],
         "max": [100, 100, 100],
-    }
+    }  # fmt: skip
     contents = read(tmp_path, header, blob)
     assert contents.notes == ()
     expected = 0.02 * VERTICES[FACES] + (0.5, 0, 0)
@@ -215,13 +261,11 @@ SAYS = "says that its min is (0, 0, 0.5)"
 @pytest.mark.parametrize(
     ("bounds", "note"),
     [
-        (
-            {"min": [0, 0, 0.5], "max": [9, 1, 1]},
-            "says that its min is (0, 0, 0.5), but it is (0, 0, 0) (and 1 more)",
-        ),
+        ({"min": [0, 0, 0.5], "max": [9, 1, 1]},
+         "says that its min is (0, 0, 0.5), but it is (0, 0, 0) (and 1 more)"),
         ({"min": [None, None, None]}, "has a min that is not 3 finite numbers"),
     ],
-)
+)  # fmt: skip
 def test_wrong_bounds_of_positions_are_a_note(tmp_path, bounds, note):
     """Was: refused. The data are the truth, and every other program reads it."""
     header = changed()
@@ -274,21 +318,6 @@ def test_instances_of_one_mesh_share_their_arrays(tmp_path):
     document = mesh_files.gltf_document([[(SHIFTED, FACES)]], gltf_nodes_of_a_gripper())
     first, second, third = read_file(tmp_path, "robot.glb", mesh_files.glb(*document)).geometries
     assert first.vertices is second.vertices is third.vertices and first.faces is third.faces
-
-
-def test_primitives_of_a_mesh_are_one_body(tmp_path):
-    document = mesh_files.gltf_document([[(SHIFTED, FACES[:6]), (SHIFTED, FACES[6:])]], [{"mesh": 0}])
-    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries
-    assert geometry.source_faces.tolist() == list(range(12))
-    assert volume(geometry) == pytest.approx(1.0, rel=1e-6)
-
-
-def test_quantised_normals_do_no_harm(tmp_path):
-    # Was: refused, as if the positions were.
-    document = mesh_files.gltf_document(
-        [[(SHIFTED, FACES)]], [{"mesh": 0}], extensionsRequired=["KHR_mesh_quantization"]
-    )
-    assert len(read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries[0].faces) == 12
 
 
 def test_what_is_left_out_of_a_scene_is_said(tmp_path):
@@ -350,36 +379,6 @@ def test_rotation_in_single_precision_is_rigid_and_changes_no_vertex(tmp_path):
     (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries
     assert np.array_equal(geometry.vertices, np.float32(SHIFTED).astype(np.float64))
     assert np.allclose(geometry.pose.rotation, turn[:3, :3], atol=1e-7)
-
-
-def test_primitive_without_indices_takes_vertices_three_by_three(tmp_path):
-    header, blob = mesh_files.gltf_document([[(SHIFTED[FACES.ravel()], FACES), (SHIFTED, [])]], [{"mesh": 0}])
-    del header["meshes"][0]["primitives"][0]["indices"]
-    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(header, blob)).geometries
-    assert np.array_equal(geometry.faces, np.arange(36).reshape(12, 3))
-
-
-def test_triangle_strip_is_read(tmp_path):
-    square = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
-    header, blob = mesh_files.gltf_document([[(square, [0, 1, 2, 3])]], [{"mesh": 0}])
-    header["meshes"][0]["primitives"][0]["mode"] = 5
-    (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(header, blob)).geometries
-    assert geometry.source_faces.tolist() == [0, 1]
-    a, b, c = geometry.vertices[geometry.faces].transpose(1, 0, 2)
-    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
-
-
-def test_bounds_of_gltf_positions_may_be_rounded(tmp_path):
-    header, blob = mesh_files.gltf_document([[(VERTICES + 0.1, FACES)]], [{"mesh": 0}])
-    header["accessors"][0] |= {"min": [0.1, 0.1, 0.1], "max": [1.1, 1.10000002, 1.0999999]}
-    assert read(tmp_path, header, blob).notes == ()
-
-
-def test_gltf_without_scenes_places_what_is_nobodys_child(tmp_path):
-    header = changed()
-    del header["scenes"]
-    contents = read(tmp_path, header)
-    assert [geometry.name for geometry in contents.geometries] == ["cube"]
 
 
 def test_node_scaled_to_nothing_is_left_out_and_the_others_stay(tmp_path):
@@ -538,6 +537,18 @@ def test_morph_target_of_other_length_is_refused(tmp_path):
     )
 
 
+def test_draco_stream_that_is_damaged_or_holds_no_positions_is_refused(tmp_path):
+    stream = draco_stream()
+    message = "its geometry stored by KHR_draco_mesh_compression cannot be unpacked ("
+    for damaged in (b"DRACO", stream[: len(stream) // 2], b"\0" * 100):
+        assert refusal(tmp_path, *packed_document(damaged)).startswith(message)
+    assert refusal(tmp_path, *packed_document(stream, position_id=5)).startswith(message)
+    pairs = draco_stream(generic_attributes={5: np.zeros((8, 2), np.float32)})
+    assert refusal(tmp_path, *packed_document(pairs, position_id=5)) == (
+        "its positions stored by KHR_draco_mesh_compression are not 3 numbers each"
+    )
+
+
 # Packed geometry
 
 
@@ -569,28 +580,6 @@ def test_geometry_packed_by_draco_is_read(tmp_path, options):
     assert [part.solid.mesh.face_count for part in scene.parts] == [12, 12]
     assert np.allclose(scene.bounds, [[0, 0, 0], [3, 1, 1]], atol=1e-6)
     assert scene.signed_distance([2.5, 0.5, 0.5]) == pytest.approx(-0.5, abs=1e-3)
-
-
-def test_positions_beside_packed_ones_are_taken(tmp_path):
-    """The extension is then an offer, not needed."""
-    header = changed(extensionsUsed=[DRACO])
-    header["meshes"][0]["primitives"][0]["extensions"] = {DRACO: {"bufferView": 99}}
-    assert np.array_equal(corners(read(tmp_path, header).geometries[0]), VERTICES[FACES])
-
-
-def test_damaged_draco_stream_is_refused(tmp_path):
-    stream = draco_stream()
-    message = "its geometry stored by KHR_draco_mesh_compression cannot be unpacked ("
-    for damaged in (b"DRACO", stream[: len(stream) // 2], b"\0" * 100):
-        assert refusal(tmp_path, *packed_document(damaged)).startswith(message)
-    assert refusal(tmp_path, *packed_document(stream, position_id=5)).startswith(message)
-
-
-def test_draco_attribute_that_holds_no_positions_is_refused(tmp_path):
-    stream = draco_stream(generic_attributes={5: np.zeros((8, 2), np.float32)})
-    assert refusal(tmp_path, *packed_document(stream, position_id=5)) == (
-        "its positions stored by KHR_draco_mesh_compression are not 3 numbers each"
-    )
 
 
 @pytest.mark.parametrize(("name", "value"), [("_DRACO_SECONDS", 0), ("_DRACO_BYTES", 1 << 20)])
@@ -634,18 +623,6 @@ def test_file_packed_by_meshopt_is_refused_by_name_and_not_for_its_empty_buffer(
         f"its geometry is stored by {name}, which is not supported; export it without, or unpack it by: "
         "gltfpack -noq -kn"
     )
-
-
-def test_meshopt_with_the_unpacked_numbers_beside_is_read(tmp_path):
-    header = changed(extensionsUsed=["EXT_meshopt_compression"])
-    assert len(read(tmp_path, header).geometries) == 1
-
-
-@pytest.mark.parametrize("name", ["KHR_technique_webgl", "KHR_techniques_webgl"])
-def test_required_extension_for_shaders_changes_no_shape(tmp_path, name):
-    # Was: refused, as an extension that is not read.
-    header = changed(extensionsUsed=[name], extensionsRequired=[name])
-    assert len(read(tmp_path, header).geometries[0].faces) == 12
 
 
 def test_files_after_public_reports_are_read(shared_data):

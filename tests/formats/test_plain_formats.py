@@ -29,11 +29,7 @@ POLYGON_FORMATS = {
     "big.ply": lambda vertices, polygons: mesh_files.ply_binary(vertices, polygons, ">"),
     "ints.ply": lambda vertices, polygons: mesh_files.ply_binary(vertices, polygons, ">", INTS),
 }
-ALL_FORMATS = {
-    **POLYGON_FORMATS,
-    "ascii.stl": mesh_files.stl_ascii,
-    "binary.stl": mesh_files.stl_binary,
-}
+ALL_FORMATS = {**POLYGON_FORMATS, "ascii.stl": mesh_files.stl_ascii, "binary.stl": mesh_files.stl_binary}
 
 
 def corners(contents):
@@ -166,19 +162,14 @@ def test_dialect_is_read_as_if_it_were_none(tmp_path, name, data):
     [
         ("padded.stl", BINARY_STL + bytes(49), ["49 bytes after the last face were ignored"]),
         ("zeros.ply", BINARY_PLY + bytes(30), ["30 bytes after the last row were ignored"]),
-        (
-            "more numbers.ply",
-            HEAD + each(rb"^(3 .*)$", rb"\1 9 9.5", ROWS),
-            ["the last 2 numbers of each row of element face were ignored"],
-        ),
+        ("more numbers.ply", HEAD + each(rb"^(3 .*)$", rb"\1 9 9.5", ROWS),
+         ["the last 2 numbers of each row of element face were ignored"]),
         ("lines.obj", OBJ + b"l 1 2", [NO_LINES, NO_END]),
-        (
-            "statements.obj",
-            b"$ Contributed\n" + OBJ.replace(b"f 1 3 4", b"t crease 2/1/0 0 1\nvw 0 0 1\nf 1 3 4"),
-            ["3 of its lines are no statements of OBJ and were ignored: line 1 begins with '$'"],
-        ),
+        ("statements.obj",
+         b"$ Contributed\n" + OBJ.replace(b"f 1 3 4", b"t crease 2/1/0 0 1\nvw 0 0 1\nf 1 3 4"),
+         ["3 of its lines are no statements of OBJ and were ignored: line 1 begins with '$'"]),
     ],
-)
+)  # fmt: skip
 def test_what_is_passed_over_is_said(tmp_path, name, data, notes):
     contents = read(tmp_path, name, data, units="m")
     assert np.array_equal(corners(contents), VERTICES[FACES])

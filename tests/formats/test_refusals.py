@@ -41,16 +41,9 @@ THREEMF = mesh_files.threemf(MODEL)
 STEP = step_text.box_step((1, 2, 3)).encode()
 
 WHOLE = {
-    "binary.stl": STL,
-    "ascii.stl": TEXT_STL,
-    "part.obj": OBJ,
-    "part.off": OFF,
-    "ascii.ply": PLY,
-    "binary.ply": BINARY_PLY,
-    "mixed.ply": MIXED_PLY,
-    "part.glb": GLB,
-    "part.3mf": THREEMF,
-}
+    "binary.stl": STL, "ascii.stl": TEXT_STL, "part.obj": OBJ, "part.off": OFF, "ascii.ply": PLY,
+    "binary.ply": BINARY_PLY, "mixed.ply": MIXED_PLY, "part.glb": GLB, "part.3mf": THREEMF,
+}  # fmt: skip
 
 
 def write(tmp_path, name, data):
@@ -377,17 +370,12 @@ def test_pipe_in_place_of_a_file_is_not_waited_for(tmp_path, name, read):
     ("code", "words"),
     [
         ("os.kill(os.getpid(), signal.SIGSEGV)", "OpenCASCADE crashed on it (signal 11)"),
-        (
-            f"sys.exit({worker.NOT_INSTALLED})",
-            "STEP files need the package cascadio, which cannot be imported",
-        ),
-        (
-            f"sys.exit({worker.TOO_MUCH})",
-            "OpenCASCADE takes more than 600 s or 8 GB to mesh",
-        ),
+        (f"sys.exit({worker.NOT_INSTALLED})",
+         "STEP files need the package cascadio, which cannot be imported"),
+        (f"sys.exit({worker.TOO_MUCH})", "OpenCASCADE takes more than 600 s or 8 GB to mesh"),
         ("sys.exit(1)", "OpenCASCADE could not read all of it"),
     ],
-)
+)  # fmt: skip
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_end_of_the_step_library_is_a_sentence(tmp_path, monkeypatch, code, words):
     script = write(tmp_path, "worker.py", f"import os, signal, sys; {code}".encode())
@@ -484,13 +472,10 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
         ("part.obj", TRIANGLE + "f " + "1 2 3 " * 70_000, "line 4 (face 0) has 210000 corners…at most 20000"),
         ("part.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n210000 " + "0 1 2 " * 70_000, "line 6…210000 corners"),
         ("part.obj", TRIANGLE + ("f " + "1 2 3 " * 6000 + "\n") * 12, "its polygons of more…216000 together"),
-        (
-            "part.obj",
-            TRIANGLE + "".join(f"o {k}\nf 1 2 3\n" for k in range(100_000)),
-            "it places 100000 parts",
-        ),
+        ("part.obj", TRIANGLE + "".join(f"o {k}\nf 1 2 3\n" for k in range(100_000)),
+         "it places 100000 parts"),
     ],
-)
+)  # fmt: skip
 def test_more_than_anybody_means_is_refused_with_its_number(tmp_path, name, text, words):
     assert says(refusal(write(tmp_path, name, text.encode() + b"\n")), words)
 

@@ -367,8 +367,7 @@ def test_worker_and_its_folder_go_with_a_parent_that_is_killed(tmp_path):
     folder.mkdir()
     code = "import sys; from proximity import formats; formats.read_geometries(sys.argv[1])"
     parent = subprocess.Popen(
-        [sys.executable, "-c", code, str(tmp_path / "ball.step")],
-        env=os.environ | {"TMPDIR": str(folder)},
+        [sys.executable, "-c", code, str(tmp_path / "ball.step")], env=os.environ | {"TMPDIR": str(folder)}
     )
     workers = wait_for(lambda: len(found := workers_in(folder)) == 1 and found)
     parent.send_signal(signal.SIGKILL)

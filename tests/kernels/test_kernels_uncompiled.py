@@ -68,14 +68,8 @@ def points_for(name):
     rng = np.random.default_rng(7)
     points = rng.uniform(-0.5, 1.5, (12, 3))
     special = [
-        [0, 0, 0],
-        [0.5, 0.5, 0.5],
-        [1, 1, 1],
-        [0.5, 0, 0.25],
-        [np.nan, 0, 0],
-        [np.inf, 0, 0],
-        [1e9, 3, -1e8],
-    ]
+        [0, 0, 0], [0.5, 0.5, 0.5], [1, 1, 1], [0.5, 0, 0.25], [np.nan, 0, 0], [np.inf, 0, 0], [1e9, 3, -1e8],
+    ]  # fmt: skip
     return np.concatenate([points, special]) + ([1e4, -1e4, 1e4] if name == "far away" else 0.0)
 
 

@@ -13,8 +13,6 @@ from proximity.lab.certificate.subject import fingerprint
 from proximity.scene.part import Part
 from proximity.service import Histogram
 
-# ------------------------------------------------------------------------------------------------- periods
-
 
 def test_percentile_that_so_few_ticks_do_not_tell_is_not_told():
     assert deadlines.percentiles(np.arange(999))["p999"] is None
@@ -53,9 +51,6 @@ def test_rule_of_three_holds_for_none_seen(total):
     assert upper == pytest.approx(3.0 / total, rel=0.003)
 
 
-# ---------------------------------------------------------------------------------------------------- gate
-
-
 @pytest.mark.parametrize(
     ("text", "seconds"),
     [
@@ -74,9 +69,6 @@ def test_what_is_no_period_is_refused(text):
         deadlines.parse_period(text)
 
 
-# ------------------------------------------------------------------------------------------------- feeling
-
-
 def test_forty_milliseconds_mean_what_the_paper_says():
     """As docs/science/paper.md has it: 4 mm at 0.1 m/s, 0.8 N, 6 mJ."""
     found = felt(0.040, 0.1)
@@ -89,9 +81,6 @@ def test_forty_milliseconds_mean_what_the_paper_says():
 def test_touch_just_after_a_tick_waits_for_the_next_and_its_answer():
     assert delay_of(0.001, 0.0002) == pytest.approx(0.0012)
     assert delay_of(0.001, 0.0011) == pytest.approx(0.0031)  # every other tick is left out
-
-
-# -------------------------------------------------------------------------------------------- fingerprint
 
 
 @pytest.fixture

@@ -22,8 +22,6 @@ from proximity.tracker.replay import motions
 VOID = {"meta", "br", "path", "use", "rect", "line", "circle"}
 SURFACE = np.random.default_rng(1).uniform(-0.05, 0.05, (40, 3))
 
-# ------------------------------------------------------------------------------------------------- verdict
-
 
 def test_scene_fits_as_long_as_its_slowest_motion_does():
     slow = certificate([timing("random", 100), timing("worst, anew", 999)])
@@ -96,9 +94,6 @@ def test_what_cannot_be_measured_is_refused(request_, sentence):
         check_request(*request_)
 
 
-# ------------------------------------------------------------------------------------------------ document
-
-
 @pytest.fixture(scope="module")
 def told():
     return document(certificate(), 0.0005, version="1.2.3")
@@ -141,13 +136,8 @@ def test_shares_and_misses_are_of_the_period(told):
 
 def test_gate_of_its_own_is_among_the_periods(told):
     assert [row["period_s"] for row in told["cases"][0]["periods"]] == [
-        0.04,
-        0.005,
-        0.003,
-        0.001,
-        0.0005,
-        0.0002,
-    ]
+        0.04, 0.005, 0.003, 0.001, 0.0005, 0.0002,
+    ]  # fmt: skip
     assert periods_of(0.001) == PERIODS
 
 
@@ -160,9 +150,6 @@ def test_delay_is_a_period_computing_and_waking(told):
     for felt in paper["speeds"]:
         assert felt["penetration"] == pytest.approx(felt["speed"] * paper["delay_s"])
         assert felt["force_error"] == pytest.approx(200.0 * felt["penetration"])
-
-
-# ---------------------------------------------------------------------------------------------------- page
 
 
 class Checked(HTMLParser):
@@ -224,9 +211,6 @@ def test_page_says_the_same_as_the_document(text, told):
     assert "Does not fit" in page(document(certificate(), 0.0002), SURFACE)
 
 
-# --------------------------------------------------------------------------------------------------- files
-
-
 def test_page_and_numbers_are_written_beside_each_other(told, tmp_path):
     written = report.write_report(tmp_path / "cell.html", told, ball_subject().scene)
 
@@ -263,9 +247,6 @@ def test_numbers_are_written_even_without_matplotlib_or_jinja(told, tmp_path, mo
 def test_report_that_cannot_be_written_is_refused_before_measuring(name, sentence, tmp_path):
     with pytest.raises(ServiceError, match=sentence):
         report.check_report_name(tmp_path / name)
-
-
-# ------------------------------------------------------------------------------------------------- motions
 
 
 def test_motions_are_timed_with_as_many_ticks_as_asked_for():
@@ -313,9 +294,6 @@ def test_loop_runs_as_long_as_said_and_counts_computing_apart():
     assert report.ticks + report.missed >= 50 and report.ticks <= 50
     assert report.compute.count == report.lateness.count == report.ticks
     assert report.publish_failures == {measurement.ADDRESS: 0}
-
-
-# ------------------------------------------------------------------------------------------------- wording
 
 
 def test_bound_on_misses_is_never_rounded_down():

@@ -157,12 +157,10 @@ def test_current_takes_its_time_and_the_motors_speed_its_voltage():
         (lambda: TipCable(0.0), "stiffness is 0.0, expected a positive number of newtons a metre"),
         (lambda: TipCable.of(Glove(), friction=-0.1), "friction is -0.1, expected a number of shares"),
         (lambda: replace(MOTOR, electrical_time=-1.0), "electrical_time is -1.0, expected a number"),
-        (
-            lambda: replace(MOTOR, current_bandwidth=0.0),
-            "current_bandwidth is 0.0, expected a positive number of hertz",
-        ),
+        (lambda: replace(MOTOR, current_bandwidth=0.0),
+         "current_bandwidth is 0.0, expected a positive number of hertz"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_is_named(make, message):
     with pytest.raises(ArgumentError) as caught:
         make()

@@ -23,11 +23,7 @@ from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Press
 from proximity.lab.simulation import metrics, press_kernels, sweeps
 from proximity.lab.simulation.closed_loop import DecaffLoop, coupled_wall, decaff, ideal_drum, real_wall
-from proximity.lab.simulation.devices import (
-    CoupledWall,
-    Link,
-    Sensing,
-)
+from proximity.lab.simulation.devices import CoupledWall, Link, Sensing
 from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.metrics import deviation, drum_lag, drum_offset
 from proximity.lab.simulation.sweeps import SPEEDS, with_latency
@@ -46,9 +42,6 @@ def with_sensing(**numbers):
 
 def error_of(target, speed, **numbers):
     return deviation(decaff(HAND, HAND.press(speed), with_sensing(**numbers), target)).error
-
-
-# ---------------------------------------------------------------------------------------- hand and real wall
 
 
 @pytest.mark.internals
@@ -118,9 +111,6 @@ def test_real_wall_is_the_exact_one():
     np.testing.assert_allclose(response.force[rows], 200.0 * position + 6.0 * velocity, atol=6e-3)
 
 
-# ---------------------------------------------------------------------------------------------- ideal drum
-
-
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_floor_without_that_sampling_lies_within_its_spread(speed):
     """1.4 / 4.2 / 8.8 / 17.4 %; the reference has 1.7 / 4.8 / 10.0 / 14.4."""
@@ -132,9 +122,6 @@ def test_floor_without_that_sampling_lies_within_its_spread(speed):
     # F = D/(1/k_h + 1/k_f + 1/K), with the contact's 50 kN/m.
     rest = HAND.steady_force(HAND.press(speed).depth, 50e3)
     assert found.steady_error == pytest.approx(rest - 0.8, abs=2e-5)
-
-
-# -------------------------------------------------------------------------------------------- coupled wall
 
 
 @pytest.mark.parametrize(
@@ -226,9 +213,6 @@ def test_best_coupled_wall_against_latency(latency_ms):
     assert 1e3 * fast.work_error == pytest.approx(work[1], abs=1.1)
 
 
-# ---------------------------------------------------------------------------------------------- DECAFF
-
-
 @pytest.mark.parametrize(
     ("target", "speed", "printed", "share"),
     [
@@ -286,9 +270,6 @@ def test_stale_distances_make_the_drum_chase_a_finger_that_leaves():
         assert leaving.max() > 3.0 or leaving.max() < 0.4
 
 
-# ----------------------------------------------------------------------------------------------- which drum
-
-
 @pytest.mark.parametrize(
     ("name", "rate", "errors", "travel"),
     [
@@ -307,9 +288,6 @@ def test_drums_and_servos(name, rate, errors, travel):
         if error is not None:
             assert 100.0 * found.error == pytest.approx(error, abs=100.0 * shift)
             assert 1e3 * found.penetration == pytest.approx(way, rel=0.12, abs=0.04)
-
-
-# ------------------------------------------------------------------------------------- rates and accuracy
 
 
 @pytest.mark.parametrize("rate", [25.0, 1000.0])
@@ -357,9 +335,6 @@ def test_noise_is_the_same_on_every_run():
     one, other = (decaff(HAND, HAND.press(1.0), with_sensing(noise=1e-4)).record for _ in range(2))
 
     np.testing.assert_array_equal(one, other)
-
-
-# ------------------------------------------------------------------------------------------- controllers
 
 
 @pytest.mark.parametrize("target", Target)
@@ -429,9 +404,6 @@ def test_what_cannot_be_is_named(make, message):
         make()
 
     assert message in str(caught.value)
-
-
-# --------------------------------------------------------------------------------------------- compiling
 
 
 PRESSES = """

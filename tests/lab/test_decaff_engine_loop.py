@@ -56,9 +56,6 @@ def run(finger, speed=0.5, hold=0.2, **setup):
     )
 
 
-# --- the position ---
-
-
 def test_finger_touches_where_it_was_asked_to(flat):
     point = flat.point(flat.contact_bend)
 
@@ -90,9 +87,6 @@ def test_place_that_no_finger_reaches_is_refused():
         place_finger(cavity, (0.0, math.nan, 0.0))
     with pytest.raises(ArgumentError, match="the finger touches nothing between flat hand and fist"):
         placed(cavity, place_finger(box_scene()).glove, Pose(translation=(1.0, 0.0, 0.0)))
-
-
-# --- what the engine costs ---
 
 
 @pytest.mark.parametrize("speed", [0.25, 1.0])
@@ -182,9 +176,6 @@ def test_service_that_is_always_late_leaves_the_drum_away(flat):
     assert press.response.contact.max() == 0.0
 
 
-# --- what fails ---
-
-
 @pytest.mark.parametrize("span", [(-0.02, 0.02), (0.02, 0.1)])
 @pytest.mark.parametrize("kind", ["blind", "silent"])
 def test_drum_never_advances_on_what_is_lost(flat, kind, span):
@@ -270,9 +261,6 @@ def test_setup_that_makes_no_sense_is_refused(make, sentence):
         make()
 
 
-# --- teleoperation, deformable parts ---
-
-
 @pytest.mark.parametrize(("speed", "switch"), [(0.1, 0.123), (1.0, 0.087)])
 def test_teleoperation_changes_to_force_when_that_is_steady(flat, speed, switch):
     """Reference: instants of the change, and bumps of some 20 mN at most."""
@@ -299,9 +287,6 @@ def test_deformable_part_gives_way_as_its_law_says(stiffness, damping, tilt):
     assert press.real.force[row] == pytest.approx(HAND.steady_force(depth, along * stiffness), rel=1e-6)
     assert press.response.force[row] == pytest.approx(press.real.force[row], rel=0.005)
     assert press.error.share < 0.08
-
-
-# --- a recorded hand ---
 
 
 def recording(depths, rate=100.0):

@@ -26,9 +26,6 @@ def radius(device, stiffness, damping):
     return float(unit_circle.spectral_radius(sampled_mass.characteristic(device, stiffness, damping)))
 
 
-# ------------------------------------------------------------------------------------------ the polynomial
-
-
 def test_polynomial_of_equation_1_is_the_printed_one():
     a, b = 0.07, 0.2
     found = sampled_mass.characteristic(UNIT[1], a * UNIT[1].stiffness_unit, b * UNIT[1].damping_unit)
@@ -70,9 +67,6 @@ def test_device_that_is_none_is_refused():
         SampledMass(delay_samples=1.5)
     with pytest.raises(ArgumentError, match="delay_samples is -1, expected a whole number of 0 or more"):
         SampledMass(delay_samples=-1)
-
-
-# --------------------------------------------------------------------------------- roots and Jury's table
 
 
 def is_within_by_jury(coefficients):
@@ -136,9 +130,6 @@ def test_polynomials_without_power_are_refused():
         unit_circle.spectral_radius([[1.0, 1.0], [1.0, math.nan]])
 
 
-# ------------------------------------------------------------------------------------------- the boundary
-
-
 def jury_limit(b):
     """Largest a of equation (1), from its active inequality in Jury's table."""
     p = 3.0 + b**2
@@ -198,9 +189,6 @@ def test_walls_with_no_damping_or_too_much_have_no_stiffness():
         sampled_mass.stiffness_limit(PAPER_WALL, math.nan)
 
 
-# --------------------------------------------------------------------------------------- largest stiffness
-
-
 @pytest.mark.parametrize(
     ("delay_samples", "stiffness", "damping", "paper_stiffness", "paper_damping"),
     [
@@ -223,12 +211,7 @@ def test_largest_stiffness_by_delay(delay_samples, stiffness, damping, paper_sti
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "low", "high"),
-    [
-        (100, 0.755, 115.3),
-        (3900, 48.396, 70.41),
-        (4000, 53.301, 65.58),
-    ],
+    ("stiffness", "low", "high"), [(100, 0.755, 115.3), (3900, 48.396, 70.41), (4000, 53.301, 65.58)]
 )
 def test_damping_window(stiffness, low, high):
     found = sampled_mass.damping_window(PAPER_WALL, stiffness)

@@ -22,9 +22,6 @@ COMPARISONS = {
 }
 
 
-# ------------------------------------------------------------------------------------------- trajectories
-
-
 def test_press_has_the_instants_of_the_paper():
     deep = PRESS.deeper(figure_5.PENETRATION)
 
@@ -38,10 +35,7 @@ def test_motion_is_smooth_and_its_derivatives_are_its_own(press):
     times = np.linspace(press.touch_time - 0.02, press.loss_time + 0.02, 40_001)
     motion, h = press.at(times), times[1] - times[0]
 
-    for values, rates in (
-        (motion.position, motion.velocity),
-        (motion.velocity, motion.acceleration),
-    ):
+    for values, rates in ((motion.position, motion.velocity), (motion.velocity, motion.acceleration)):
         differences = (values[2:] - values[:-2]) / (2.0 * h)
         np.testing.assert_allclose(differences, rates[1:-1], atol=2e-3 * np.abs(rates).max())
     peak = 1.5 * press.speed / press.rise_time  # 3 X / Ta²
@@ -85,9 +79,6 @@ def test_press_that_leaves_before_it_stops_is_refused():
         Press(depth=True)
 
 
-# ------------------------------------------------------------------------------------------------- forces
-
-
 def test_conventions_differ_by_the_inertia():
     force = {each: RealWall().force(TIMES, PRESS, each.value) for each in Convention}
     inertia = FINGER.mass * PRESS.at(TIMES).acceleration
@@ -116,8 +107,6 @@ def test_force_jumps_at_the_touch_and_would_pull_at_the_loss():
     assert walls.contact_force(motion, FINGER, can_pull=True)[2] == pytest.approx(-0.6, abs=1e-9)
     assert walls.contact_force(motion, FINGER)[2] == 0.0
 
-
-# ------------------------------------------------------------------------------------------------ figure 5
 
 # peak N, at ms after touch, steady N, last force ms, N at the real loss, mN·s after it, RMS error N
 TABLE = {
@@ -164,8 +153,6 @@ def test_unknown_figure_is_named():
 def test_wall_without_force_has_no_end():
     assert math.isnan(figure_5.compare(TIMES, 0.0 * TIMES, CURVES["5a"]).end_time)
 
-
-# ------------------------------------------------------------------------------------- the operator reacts
 
 CRITICAL = {1: 0.019157, 2: 0.061728, 5: 0.238095, 10: 0.555556, 20: 1.111111, 40: 1.904762}
 
@@ -260,9 +247,6 @@ def test_spring_that_is_none_is_refused():
 def test_wall_that_answers_before_is_refused():
     with pytest.raises(ArgumentError, match=r"delay is -0\.04, expected a number of seconds of 0 or more"):
         TraditionalWall(delay=-0.04)
-
-
-# ------------------------------------------------------------------------------------------------ energies
 
 
 @pytest.mark.parametrize(

@@ -44,9 +44,6 @@ def without_times(entries):
     return [{key: value for key, value in one.items() if key not in ignored} for one in steps]
 
 
-# --- methods ---
-
-
 def test_staircase_falls_after_three_right_answers_and_rises_after_one_wrong():
     staircase, seen = Staircase(LEVELS), []
     for is_right in (True, True, True, True, True, True, False, True, False):
@@ -98,9 +95,6 @@ def test_methods_go_on_from_a_log(tmp_path):
 
     assert len({one.get("level") for one in entries}) > 2
     assert resumed.trial().level == entries[9]["level"]
-
-
-# --- the log, and what a crash costs ---
 
 
 def test_whole_session_is_in_log_tables_and_frames(dataset):
@@ -218,9 +212,6 @@ def test_one_participant_is_run_by_one_program(tmp_path):
         TrialLog(tmp_path / "log.jsonl")
 
 
-# --- limits, and stops ---
-
-
 def test_force_beyond_the_limit_ends_the_trial_whatever_the_design_says(tmp_path):
     """A wall of 1000 N/m that is 10 ms late pushes back with more and more force."""
     text = SMALL.replace("stiffness = 200.0", "stiffness = 1000.0").replace(
@@ -296,9 +287,6 @@ def test_hand_feels_every_wall(design, wall, stiffness):
     assert not felt.stopped
     assert 0.5 < felt.peak < 1.1
     assert abs(felt.onset) < 0.02
-
-
-# --- the folder ---
 
 
 def test_nothing_personal_is_in_the_data(dataset):

@@ -42,9 +42,6 @@ def late(drum, latency):
     return replace(drum, motor=replace(drum.motor, latency=latency))
 
 
-# --- backlash of the cable ---
-
-
 def pressed(play, speed=0.1):
     glove = with_transmission(Decaff(GEAR51), TipCable(1200.0, play=play))
     return decaff(Hand(), Hand().press(speed), glove)
@@ -74,9 +71,6 @@ def test_service_loses_the_backlash_where_a_finger_turns():
     found = [plant.follow(finger) for finger in (0.05, 0.06, 0.06 - 0.5 * play, 0.06 - 3.0 * play, 0.055)]
     assert found == pytest.approx([0.05, 0.06, 0.06, 0.06 - 2.0 * play, 0.055])
     assert plant.follow(1.0) == plant.position  # the drum stops it
-
-
-# --- latency of the drum ---
 
 
 def swung(drum, torques, rate=SERVO_RATE):
@@ -159,9 +153,6 @@ def test_latency_that_no_servo_bears_is_refused(tmp_path):
         Motor(latency=0.021)
     with pytest.raises(DecaffError, match=r"drum_latency is 0\.021 seconds, expected 0\.02 at most"):
         glove_files.write(tmp_path / "glove.json", drum_latency=0.021)
-
-
-# --- from the calibration to all that use it ---
 
 
 def test_calibrated_drum_is_the_one_that_simulation_service_and_firmware_have(tmp_path):

@@ -55,11 +55,7 @@ def test_gear_of_4_on_a_hand_is_a_soft_and_light_drum():
 
 @pytest.mark.parametrize(
     ("ratio", "errors"),
-    [
-        (4.0, (11.0, 15.7, 23.1, 38.7)),
-        (10.0, (4.0, 6.7, 11.7, 21.7)),
-        (400.0 * LEVER, (1.7, 4.2, 8.7, 17.6)),
-    ],
+    [(4.0, (11.0, 15.7, 23.1, 38.7)), (10.0, (4.0, 6.7, 11.7, 21.7)), (400.0 * LEVER, (1.7, 4.2, 8.7, 17.6))],
 )
 def test_force_error_follows_from_the_total_gearing(ratio, errors):
     """Reference, at 0.1 to 1 m/s and 1 ms; where its encoder counts makes a few tenths."""
@@ -198,17 +194,15 @@ def test_builder_writes_his_own_drum_into_the_gloves_file(tmp_path):
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        (
-            {"motor": {"inertia": -1.0}},
-            "inertia is -1.0, expected a positive number of kilogram square metres",
-        ),
+        ({"motor": {"inertia": -1.0}},
+         "inertia is -1.0, expected a positive number of kilogram square metres"),
         ({"motor": {"weight": 1.0}}, "motor of the design has 'weight', expected some of name, inertia"),
         ({"engine": {}}, "the design has 'engine', expected some of finger, linkage"),
         ({"gear": "gear4"}, "drum is 'gear4', the gear of a drum that no hand can wear: expected 'gear51'"),
         ({"gear": {"ratio": "4"}}, "ratio of gear is '4', expected a number"),
         ({"cable": 3.0}, "cable of the design is 3.0, expected its fields"),
     ],
-)
+)  # fmt: skip
 def test_design_that_cannot_be_is_refused_with_the_file(tmp_path, parts, message):
     with pytest.raises(DecaffError, match=message) as refused:
         read_any_glove(written(tmp_path, **parts))

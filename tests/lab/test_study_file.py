@@ -22,9 +22,6 @@ def complaint(tmp_path, *arguments, **options):
     return str(refused.value).replace(f"{tmp_path}/", "")
 
 
-# -------------------------------------------------------------------------------------------- conditions
-
-
 def test_grid_has_every_combination_once(tmp_path):
     found = conditions(tmp_path, "number = [1, 2, 3]\nspeed = [0.5, 1.5]")
 
@@ -103,41 +100,26 @@ def test_conditions_of_one_file_follow_each_other(tmp_path):
     assert [one["scene"] for one in found] == ["a.stl", "a.stl", "b.stl", "b.stl"]
 
 
-# ---------------------------------------------------------------------------------------------- mistakes
-
-
 @pytest.mark.parametrize(
     ("factors", "said"),
     [
         ("number = 1\nspeeed = 2", "some.toml:6: [factors] has no key 'speeed': did you mean speed?"),
         ("number = 1\ncolour = 2", "some.toml:6: colour is a factor of the job draw, but not of count"),
-        (
-            "number = 1\nspeed = 20",
-            "some.toml:6: speed is 20, expected a number from 0 to 10 (m/s)",
-        ),
-        (
-            "number = [1, 2.5]",
-            "some.toml:5: number is 2.5, expected a whole number from 0 to 1e+06",
-        ),
+        ("number = 1\nspeed = 20", "some.toml:6: speed is 20, expected a number from 0 to 10 (m/s)"),
+        ("number = [1, 2.5]", "some.toml:5: number is 2.5, expected a whole number from 0 to 1e+06"),
         ("number = []", "some.toml:5: number is an empty list, expected at least one value"),
         ("number = [1, 1]", "some.toml:5: number has a value twice, expected values that differ"),
         ("speed = 1", "some.toml:4: factors.number is missing: the job count needs it in every condition"),
         ('number = 1\nwall = "hart"', 'some.toml:6: wall is \'hart\', expected "hard" or "soft"'),
-        (
-            'number = 1\nwall = "soft"\nstiffness = "rigit"',
-            "some.toml:7: stiffness is 'rigit', expected a number from 0 to 1e+06 (N/m) or \"rigid\"",
-        ),
+        ('number = 1\nwall = "soft"\nstiffness = "rigit"',
+         "some.toml:7: stiffness is 'rigit', expected a number from 0 to 1e+06 (N/m) or \"rigid\""),
         ("number = 1\nposition = [1, 2]", "some.toml:6: position is a list, expected three numbers (m)"),
-        (
-            "number = 1\nspeed = { from = 0, to = 1 }",
-            "some.toml:6: factors.speed.count is missing, expected a whole number from 1 to 1e+06",
-        ),
-        (
-            'number = 1\nspeed = { from = 0, to = 1, count = 3, spacing = "log" }',
-            'some.toml:6: factors.speed.spacing is "log", expected from and to above zero',
-        ),
+        ("number = 1\nspeed = { from = 0, to = 1 }",
+         "some.toml:6: factors.speed.count is missing, expected a whole number from 1 to 1e+06"),
+        ('number = 1\nspeed = { from = 0, to = 1, count = 3, spacing = "log" }',
+         'some.toml:6: factors.speed.spacing is "log", expected from and to above zero'),
     ],
-)
+)  # fmt: skip
 def test_factor_that_cannot_be_used_is_one_sentence(tmp_path, factors, said):
     assert complaint(tmp_path, factors) == said
 
@@ -158,27 +140,18 @@ def test_pattern_that_matches_nothing_and_file_that_is_not_there(tmp_path):
         ('design = "list"', "", 'some.toml:3: study.design is "list", expected [[conditions]] as well'),
         ("samples = 5", "", "some.toml:3: study.samples is of a Latin hypercube, expected design ="),
         ('design = "latin-hypercube"', "", "some.toml:1: study.samples is missing, expected a whole number"),
-        (
-            'measures = ["squares"]',
-            "",
-            "some.toml:3: study.measures has 'squares', expected some of square, cube",
-        ),
-        (
-            "",
-            "[[conditions]]\nnumber = 2",
-            'some.toml:6: study.design is "grid", expected design = "list" as well',
-        ),
+        ('measures = ["squares"]', "",
+         "some.toml:3: study.measures has 'squares', expected some of square, cube"),
+        ("", "[[conditions]]\nnumber = 2",
+         'some.toml:6: study.design is "grid", expected design = "list" as well'),
         ("", "[[exclude]]", "some.toml:6: [[exclude]] is empty, expected factors and their values"),
         ("", "[[exclude]]\nnumbr = 2", "some.toml:7: [exclude[0]] has no key 'numbr': did you mean number?"),
-        (
-            "",
-            "[exclude]\nnumber = 2",
-            "some.toml:6: exclude is no list of tables, expected [[exclude]] above each",
-        ),
+        ("", "[exclude]\nnumber = 2",
+         "some.toml:6: exclude is no list of tables, expected [[exclude]] above each"),
         ("", '[plot]\nx = "spede"', "some.toml:7: plot.x is 'spede', expected "),
         ("", "[plots]", "some.toml:6: the file has no key 'plots': did you mean plot?"),
     ],
-)
+)  # fmt: skip
 def test_table_that_cannot_be_used_is_one_sentence(tmp_path, head, tail, said):
     assert complaint(tmp_path, "number = 1", head=head, tail=tail).startswith(said)
 
@@ -209,12 +182,10 @@ def test_file_without_a_job_or_with_none_that_is_known(tmp_path):
     ("factors", "said"),
     [
         ("stiffness = [500, 8000]", "stiffness is a number, but damping is tuned"),
-        (
-            'damping = { from = 1, to = 3, count = 3 }\nstiffness = "tuned"',
-            "damping is a number, but stiffness is",
-        ),
+        ('damping = { from = 1, to = 3, count = 3 }\nstiffness = "tuned"',
+         "damping is a number, but stiffness is"),
     ],
-)
+)  # fmt: skip
 def test_gain_of_a_coupled_wall_without_the_other_is_one_sentence(tmp_path, factors, said):
     path = tmp_path / "walls.toml"
     path.write_text(f'[study]\njob = "press"\n[factors]\nwall = "coupled"\n{factors}\n')
@@ -235,9 +206,6 @@ def test_gain_in_a_row_without_the_other_is_named_by_its_line(tmp_path):
         read_study(path, _jobs())
     path.write_text(path.read_text().replace(one, "[[conditions]]\nspeed = 0.2\n"))
     assert len(list(read_study(path, _jobs()).conditions)) == 2
-
-
-# -------------------------------------------------------------------------------------- the documentation
 
 
 @pytest.mark.parametrize("job", _jobs().values(), ids=lambda job: job.name)

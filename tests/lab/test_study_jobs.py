@@ -51,9 +51,6 @@ def do(tmp_path):
     return run
 
 
-# ------------------------------------------------------------------------------------------------- press
-
-
 def test_press_with_all_defaults_is_that_of_simulate(do):
     press, simulated = do(PRESS), simulate(Setup())
 
@@ -111,9 +108,6 @@ def test_drum_without_its_deadband_hunts(do):
     assert do(PRESS, hold=0.5, seed=PHASE_SEED)["swing"] < 0.005
 
 
-# ------------------------------------------------------------------------------------------------- parts
-
-
 def test_check_counts_parts_repairs_and_signs(do):
     found = do(CHECK, scene="assembly.glb")
     scene = proximity.load(MESHES / "assembly.glb")
@@ -142,9 +136,6 @@ def test_certificate_holds_or_does_not(do):
     assert holds["faces"] == 12
     assert holds["fits"] in (0.0, 1.0)
     assert "1 ms" in holds["verdict"]
-
-
-# ------------------------------------------------------------------------------------------------- field
 
 
 def test_field_on_a_grid_is_the_signed_distance_there(do, tmp_path):
@@ -205,9 +196,6 @@ def test_format_that_cannot_be_written_is_refused(do, monkeypatch):
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(MissingLibraryError, match="this format needs zarr, which is not installed: pip inst"):
         do(FIELD, scene="box.stl", resolution=4, format="zarr")
-
-
-# --------------------------------------------------------------------------------- scenes of a node
 
 
 def test_scene_is_compiled_once_and_mapped_by_the_next_process(tmp_path, monkeypatch):

@@ -37,9 +37,6 @@ def random_triangles(rng, count, size=0.1):
     return rng.uniform(-1, 1, (count, 1, 3)) + size * rng.uniform(-1, 1, (count, 3, 3))
 
 
-# --- builds -----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("count", range(1, 21))
 def test_few_faces_make_a_tree_that_holds_together(count):
     bvh, depth, _, _ = built(random_triangles(np.random.default_rng(count), count))
@@ -175,9 +172,6 @@ def test_stack_is_enough_for_the_deepest_tree():
     assert STACK_SIZE >= (LANES - 1) * MAX_DEPTH + LANES
 
 
-# --- what the check finds ---------------------------------------------------------------------------------
-
-
 def spoilt(change):
     bvh, _, local, faces = built(random_triangles(np.random.default_rng(7), 200))
     nodes, slot_faces = bvh.nodes.copy(), bvh.slot_faces.copy()
@@ -221,9 +215,6 @@ def test_check_finds_a_spoilt_tree(change, message):
         bvh.check(local, faces)
 
 
-# --- the local frame --------------------------------------------------------------------------------------
-
-
 def assert_frame_is_exact(points):
     frame = local_frame(points.min(axis=0), points.max(axis=0))
     local = frame.of(points)
@@ -237,13 +228,10 @@ def assert_frame_is_exact(points):
 
 
 PLACES = {
-    "at the origin": (0.0, 0.0, 0.0),
-    "beside the origin": (0.7, -0.7, 0.1),
-    "1 m away": (1.0, -1.0, 1.0),
-    "10 km away": (1e4, -1e4, 1e4),
-    "10 km away along x": (1e4, 0.0, 0.0),
+    "at the origin": (0.0, 0.0, 0.0), "beside the origin": (0.7, -0.7, 0.1), "1 m away": (1.0, -1.0, 1.0),
+    "10 km away": (1e4, -1e4, 1e4), "10 km away along x": (1e4, 0.0, 0.0),
     "at odd places": (12345.678901, -0.3333333, 9.87654321e5),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("place", PLACES)

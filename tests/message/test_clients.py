@@ -39,9 +39,6 @@ def driver(request, tmp_path_factory):
     )
 
 
-# --- readers, against the Subscriber ---
-
-
 class Beside:
     """A `Subscriber` and the events that a client is to meet as well."""
 
@@ -217,9 +214,6 @@ def test_names_of_parts_are_those_of_a_subscriber_and_no_damage(driver, parts, k
     beside.check(driver, tmp_path)
 
 
-# --- keys and UDP ---
-
-
 @pytest.fixture
 def key(tmp_path):
     path = tmp_path / "some.key"
@@ -292,8 +286,6 @@ def test_frames_are_received(driver, has_key, key):
 
     assert rest == f"received 4 unverified {4 if has_key else 0}\n"
 
-
-# --- what cannot be used is said in a sentence ---
 
 NO_ADDRESS = '"here" is not an IPv4 address, expected one such as 127.0.0.1\n'
 REACHED = r"192\.0\.2\.1 can be reached by others, expected `from`, the (one|HOST:PORT) to listen to\n"

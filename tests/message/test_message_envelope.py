@@ -28,13 +28,9 @@ from proximity.message.fields import Field, dtype_of, reserved, struct_of
 
 KINDS = [FRAME, POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED]
 SIZES = {
-    "frame": (96, 328),
-    "poses": (48, 72),
-    "path_poses": (48, 1632),
-    "glove_poses": (48, 128),
-    "moves": (48, 216),
-    "measured": (48, 152),
-}
+    "frame": (96, 328), "poses": (48, 72), "path_poses": (48, 1632), "glove_poses": (48, 128),
+    "moves": (48, 216), "measured": (48, 152),
+}  # fmt: skip
 
 
 def some_message(kind=FRAME, count=3):

@@ -70,19 +70,14 @@ whole, size, real, text, pointer = (
     ctypes.c_int64, ctypes.c_size_t, ctypes.c_double, ctypes.c_char_p, ctypes.c_void_p,
 )  # fmt: skip
 FUNCTIONS = {
-    "crc32_of": (ctypes.c_uint32, text, size),
-    "check_frame": (ctypes.c_int, text, size),
+    "crc32_of": (ctypes.c_uint32, text, size), "check_frame": (ctypes.c_int, text, size),
     "check_poses": (ctypes.c_int, text, size),
     "seal_poses": (None, pointer, size, ctypes.c_uint64, ctypes.c_uint64),
-    "tag_of": (None, text, text, size, text),
-    "verified": (size, text, text, size),
-    "key_of_text": (ctypes.c_int, text, text),
-    "makes_sense": (ctypes.c_int, pointer, whole),
-    "state_at": (ctypes.c_int, pointer, whole),
-    "lower_at": (real, pointer, whole, real, real),
-    "clock_hear": (None, ctypes.c_uint64, whole, whole),
-    "clock_theirs": (whole, whole),
-}
+    "tag_of": (None, text, text, size, text), "verified": (size, text, text, size),
+    "key_of_text": (ctypes.c_int, text, text), "makes_sense": (ctypes.c_int, pointer, whole),
+    "state_at": (ctypes.c_int, pointer, whole), "lower_at": (real, pointer, whole, real, real),
+    "clock_hear": (None, ctypes.c_uint64, whole, whole), "clock_theirs": (whole, whole),
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -180,9 +175,6 @@ def test_meanings_of_members_are_those_of_the_source():
         meanings = meanings_of(values)
         assert list(meanings) == list(values.__members__)
         assert all(meanings.values()) or name == "surface"
-
-
-# --- its functions, against those of Python ---
 
 
 @given(st.binary(max_size=2000))

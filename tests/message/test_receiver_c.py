@@ -257,9 +257,6 @@ def test_more_fingers_than_there_is_room_for_are_refused(program, port):
     assert (counts["size"], counts["received"]) == (1, 1)
 
 
-# --- with a key ---
-
-
 @pytest.fixture
 def key(tmp_path):
     path = tmp_path / "frames.key"

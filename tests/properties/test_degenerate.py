@@ -25,9 +25,6 @@ def assert_is_right(vertices, faces, points=POINTS):
     return solid
 
 
-# ------------------------------------------------------------------------------------- where is the query
-
-
 @pytest.mark.parametrize("corner", shapes.cube()[0][[0, 5]].tolist())
 def test_query_on_a_corner(corner):
     hit = CUBE.closest(corner)
@@ -99,9 +96,6 @@ def test_query_a_hair_beside_every_feature_has_the_right_side(offset):
         assert (outside > 0.0).all() and (inside < 0.0).all()
 
 
-# ---------------------------------------------------------------------------------------------- segments
-
-
 def test_segment_along_an_edge():
     beside = CUBE.closest_to_segments((-1.0, 1.0, 2.0), (3.0, 1.0, 2.0))
     on_it = CUBE.closest_to_segments((-1.0, 1.0, 1.0), (3.0, 1.0, 1.0))
@@ -113,9 +107,6 @@ def test_segment_along_an_edge():
 
 def test_segment_within_a_face():
     assert CUBE.closest_to_segments((0.25, 0.25, 1.0), (0.75, 0.5, 1.0)).distance == 0.0
-
-
-# ------------------------------------------------------------------------------------------------- meshes
 
 
 @pytest.mark.parametrize(

@@ -47,9 +47,6 @@ def sequences(path):
     return [sequence for _, sequence, _ in read(path)[1]]
 
 
-# ------------------------------------------------------------------------------------------- reading back
-
-
 @pytest.mark.parametrize("chunk", [1, 700, 1 << 22])
 def test_sessions_and_finger_counts_may_follow_each_other(path, monkeypatch, chunk):
     monkeypatch.setattr(frame_reader, "READ_BYTES", chunk)
@@ -87,9 +84,6 @@ def test_memory_does_not_grow_with_the_log(path, monkeypatch):
 
     assert count == 5000
     assert peak < path.stat().st_size / 4
-
-
-# ----------------------------------------------------------------------------------------- torn and damaged
 
 
 @pytest.mark.parametrize("chunk", [SIZE - 1, 1 << 22])
@@ -187,9 +181,6 @@ def test_what_is_no_log_is_refused(path, content, message):
         list(FrameReader(path))
 
 
-# ---------------------------------------------------------------------------------------------- continuing
-
-
 def test_log_is_continued(path):
     append(path, sealed(range(3)))
     log = append(path, sealed(range(3, 5)))
@@ -262,8 +253,6 @@ def test_two_do_not_write_to_one_log(path):
     append(path, sealed([0]))
     assert sequences(path) == [0]
 
-
-# ------------------------------------------------------------------------------------------ killed, disk full
 
 WRITER = """
 import sys

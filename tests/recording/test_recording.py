@@ -1,15 +1,19 @@
 """Recordings: what is read, what is refused and by which line, what resampling may invent; logs."""
 
 import csv
+import sys
+from collections import Counter
 
 import make_recording
 import numpy as np
 import pytest
 
-from proximity.errors import ArgumentError, FileError, RecordingError
-from proximity.message import CONTACT
+from proximity.errors import ArgumentError, FileError, MissingLibraryError, RecordingError
+from proximity.message import CONTACT, FRAME, ContactFlag, Message
 from proximity.pose import Pose
 from proximity.recording import (
+    FrameLog,
+    FrameReader,
     Recording,
     check_log_name,
     contact_log,
@@ -17,6 +21,7 @@ from proximity.recording import (
     recording_reader,
     write_contacts,
 )
+from proximity.recording.rerun_log import ShownPart, write_rerun
 
 HEADER = "time_s,hand,finger,x_m,y_m,z_m\n"
 PLAIN = HEADER + "0.0,0,0,1,2,3\n0.0,0,1,4,5,6\n0.01,0,0,1.5,2,3\n0.02,0,0,2,2,3\n0.02,0,1,4,5,7\n"
@@ -38,9 +43,6 @@ def recording_of(times_s, points, *, fingers=((0, 1),)):
     """One finger, or several; points (T, 3) or (T, N, 3)."""
     times_ns = np.rint(np.array(times_s) * 1e9).astype(np.int64)
     return Recording(times_ns, np.array(points, dtype=float).reshape(len(times_s), -1, 3), fingers)
-
-
-# ---------------------------------------------------------------------------------------------- reading
 
 
 def test_samples_become_instants_and_fingers(read):
@@ -212,9 +214,6 @@ def test_recordings_of_real_hands_are_read(shared_data):
     assert counts["grab"] == 1870
 
 
-# ------------------------------------------------------------------------------------- resampling, placing
-
-
 def test_ticks_lie_on_the_line_between_two_samples():
     recording = recording_of([1.0, 1.010, 1.025], [[0, 0, 0], [1, 0, 0], [1, 3, 0]])
 
@@ -297,9 +296,6 @@ def test_fitting_puts_the_middle_of_the_hand_in_the_middle_of_the_box():
     np.testing.assert_array_equal(pose.rotation, turn)
 
 
-# -------------------------------------------------------------------------------------- the generated one
-
-
 def test_generated_recording_is_what_the_script_makes():
     """Byte for byte; or, with another libm, the same positions but for the last digit."""
     kept = (make_recording.FOLDER / make_recording.NAME).read_bytes()
@@ -321,9 +317,6 @@ def test_generated_recording_is_small_and_has_what_sensors_do():
     assert recording.gap_count() == 6  # all five once, the little finger once more
     steps = np.linalg.norm(np.diff(recording.positions, axis=0), axis=2)
     assert (steps > 0.05).any(axis=1).sum() == 2  # there and back
-
-
-# -------------------------------------------------------------------------------------------------- logs
 
 
 @pytest.fixture
@@ -395,3 +388,44 @@ def test_log_is_there_wholly_or_not_at_all(tmp_path, contacts, monkeypatch):
 def test_name_that_no_log_can_have_is_refused(tmp_path, name, message):
     with pytest.raises(RecordingError, match=message):
         check_log_name(tmp_path / name)
+
+
+FRAMES = 40
+
+
+@pytest.fixture
+def log(tmp_path):
+    message = Message(FRAME, 2)
+    message.records["finger"] = [0, 1]
+    message.records["flags"] = [ContactFlag.TRACKED, 0]
+    with FrameLog(tmp_path / "run.frames") as frames:
+        for number in range(FRAMES):
+            message.header["start_ns"] = 10**9 + number * 10**6
+            message.records["position"] = (number / 1e3, 0, 0)
+            message.records["point_on_part"] = (0, 0, 0) if number % 2 else np.nan
+            message.records["signed_distance"] = number / 1e3
+            frames.append(message.seal(1, number))
+    return tmp_path / "run.frames"
+
+
+def test_its_reader_finds_what_was_written(log, tmp_path):
+    chunks = pytest.importorskip("rerun.chunk", reason="rerun-sdk of 0.41 or later reads its own recordings")
+    part = ShownPart("lid", np.eye(3), np.array([[0, 1, 2]]))
+
+    assert write_rerun(tmp_path / "run.rrd", FrameReader(log), [part]) == FRAMES
+
+    rows = Counter()
+    for chunk in chunks.RrdReader(tmp_path / "run.rrd").stream().to_chunks():
+        rows[chunk.entity_path] += chunk.num_rows
+    assert rows["/parts/lid"] == 1
+    assert rows["/fingers/0/tip"] == rows["/fingers/0/signed_distance_mm"] == FRAMES
+    assert rows["/fingers/0/nearest"] == FRAMES // 2
+    assert not any(entity.startswith("/fingers/1") for entity in rows)  # it was not tracked
+
+
+def test_without_it_a_sentence_says_what_to_install(log, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+
+    with pytest.raises(MissingLibraryError, match=r'needs rerun-sdk.*pip install "cad-proximity\[rerun\]"$'):
+        write_rerun(tmp_path / "run.rrd", FrameReader(log))
+    assert not (tmp_path / "run.rrd").exists()

@@ -6,8 +6,6 @@ import judging
 import numpy as np
 import pytest
 import shapes
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import oracle
 from proximity.errors import ArgumentError, MeshError, SceneError
@@ -112,9 +110,6 @@ def assert_answers_as(found, expected, points):
     along, other_along = found.closest_to_segments(points, ends), expected.closest_to_segments(points, ends)
     room = judging.allowance(other_along.distance, points)
     assert (np.abs(along.distance - other_along.distance) <= room).all()
-
-
-# ----------------------------------------------------------------------------------------------- one part
 
 
 @pytest.mark.parametrize("change", CHANGES)
@@ -227,86 +222,6 @@ def test_vertices_that_meet_stay_corners_of_their_own():
     assert scene.signed_distance((0.0, 0.0, 0.0)) == pytest.approx(-1.0 / np.sqrt(3.0), rel=1e-14)
 
 
-# ----------------------------------------------------------------------------------------------- a scene
-
-
-def some_scene():
-    """Four parts, some at poses, one of them a sheet; their meshes by name."""
-    meshes = {
-        "torus": shapes.torus(n=12, m=6),
-        "soup": shapes.soup(*shapes.sphere(0.8, 1)),
-        "cube": shapes.cube(2.0),
-        "sheet": shapes.grid(2, 2),
-    }
-    poses = [
-        Pose(),
-        Pose(translation=(2.0, 1.0, 0.0)),
-        Pose(shapes.rotation(1), (-1.0, 0.5, 1.0)),
-        Pose(shapes.rotation(2), (0.0, 3.0, 0.0)),
-    ]
-    rows = (np.arange(len(faces), dtype=np.int32) for _, faces in meshes.values())
-    parts = [
-        Part(name, Solid(*meshes[name], name=name), pose, row)
-        for name, pose, row in zip(meshes, poses, rows, strict=True)
-    ]
-    return Scene(parts), meshes
-
-
-def made_anew(scene):
-    """A scene of the same shapes at the same poses."""
-    return Scene(
-        [
-            Part(
-                part.name,
-                Solid(part.solid.mesh.vertices, part.solid.mesh.faces),
-                part.pose,
-                part.source_faces,
-            )
-            for part in scene.parts
-        ]
-    )
-
-
-@settings(max_examples=25)
-@given(
-    seed=st.integers(0, 2**31),
-    steps=st.lists(
-        st.tuples(
-            st.sampled_from(["torus", "soup", "cube", "sheet"]),
-            st.sampled_from(["a move", *CHANGES]),
-        ),
-        min_size=1,
-        max_size=6,
-    ),
-)
-def test_any_sequence_of_deforming_and_moving_answers_as_a_scene_made_anew(seed, steps):
-    rng = np.random.default_rng(seed)
-    scene, meshes = some_scene()
-    for name, step in steps:
-        if step == "a move":
-            scene.move(name, Pose(shapes.rotation(int(rng.integers(2**31))), rng.uniform(-3.0, 3.0, 3)))
-        else:
-            scene.deform(name, CHANGES[step](meshes[name][0]))
-            scene.signed_distance((0.0, 0.0, 0.0))
-        row = [part.name for part in scene.parts].index(name)
-        assert_tree_holds_together(scene, row, scene.parts[row].solid.mesh.vertices)
-
-    anew = made_anew(scene)
-    points = np.concatenate(
-        [rng.uniform(-5.0, 5.0, (40, 3))]
-        + [part.pose.point(points_about(part.solid, 10, seed)) for part in scene.parts]
-    )
-    room = judging.allowance(anew.distance(points), points, *scene.bounds)
-    assert (np.abs(scene.distance(points) - anew.distance(points)) <= room).all()
-    assert (np.abs(scene.signed_distance(points) - anew.signed_distance(points)) <= room).all()
-    clear = np.abs(anew.signed_distance(points)) > room
-    assert np.array_equal(scene.contains(points)[clear], anew.contains(points)[clear])
-    assert np.allclose(scene.bounds, anew.bounds, rtol=1e-15, atol=0.0)
-
-
-# ------------------------------------------------------------------------------------- what was before stays
-
-
 @pytest.mark.parametrize("name", ["torus", "soup", "sheet"])
 def test_solid_that_was_there_before_keeps_its_shape(name):
     vertices, faces = MESHES[name]
@@ -393,9 +308,6 @@ def test_deformed_solid_tells_what_it_is():
     assert solid.bvh.check(scene.snapshot().part_arrays(0).corners, solid.mesh.faces) == 1
 
 
-# -------------------------------------------------------------------------------------------------- errors
-
-
 def spoilt(row, values):
     vertices = shapes.soup(*shapes.cube())[0]
     vertices[row] = values
@@ -406,15 +318,11 @@ def spoilt(row, values):
     ("vertices", "message"),
     [
         (np.zeros((35, 3)), r"vertices of part 'cube' have shape \(35, 3\), expected \(36, 3\), as its mesh"),
-        (
-            [[0.0, 1.0], [2.0]],
-            r"vertices of part 'cube' have rows of different lengths, expected numbers of shape \(36, 3\)",
-        ),
+        ([[0.0, 1.0], [2.0]],
+         r"vertices of part 'cube' have rows of different lengths, expected numbers of shape \(36, 3\)"),
         ("far", r"vertices of part 'cube' have dtype <U3, expected numbers of shape \(36, 3\)"),
-        (
-            spoilt(7, (1.0, np.nan, 0.5)),
-            r"vertex 7 of part 'cube' would be at \(1, nan, 0.5\), expected finite coordinates",
-        ),
+        (spoilt(7, (1.0, np.nan, 0.5)),
+         r"vertex 7 of part 'cube' would be at \(1, nan, 0.5\), expected finite coordinates"),
         (
             spoilt(3, (0.0, -1e150, 0.0)),
             r"vertex 3 of part 'cube' would be at \(0, -1e\+150, 0\), "
@@ -425,16 +333,12 @@ def spoilt(row, values):
             r"vertices 0 and 3 of part 'cube' are one corner, but would be at \(0, 0, 0\) and "
             r"\(0, 0.25, 0\): that tears the surface, expected one position for both",
         ),
-        (
-            1e-151 * spoilt(3, (0.0, 0.0, 0.0)),
-            r"part 'cube' would be 1e-151 m long, expected 0 or from 1e-150 m",
-        ),
-        (
-            -50.0 * spoilt(3, (0.0, 0.0, 0.0)),
-            "part 'cube' would be turned inside out: its faces would enclose a negative volume",
-        ),
+        (1e-151 * spoilt(3, (0.0, 0.0, 0.0)),
+         r"part 'cube' would be 1e-151 m long, expected 0 or from 1e-150 m"),
+        (-50.0 * spoilt(3, (0.0, 0.0, 0.0)),
+         "part 'cube' would be turned inside out: its faces would enclose a negative volume"),
     ],
-)
+)  # fmt: skip
 def test_vertices_that_cannot_be_used_are_refused_and_nothing_changes(vertices, message):
     scene = Scene(
         [Solid(*shapes.soup(*shapes.cube()), name="cube"), Solid(*shapes.octahedron(), name="other")]

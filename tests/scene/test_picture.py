@@ -37,9 +37,6 @@ def pixels_of(content):
     return np.asarray(image.convert("RGB")) / 255.0
 
 
-# ------------------------------------------------------------------------------------------- the whole page
-
-
 def test_picture_is_a_png_of_the_size_asked_for(bracket, tmp_path):
     points = np.array([[26.0, -14.0, 22.0], [30.0, 10.0, 2.0], [math.nan, 0.0, 0.0]]) / 1e3
 
@@ -126,12 +123,10 @@ def test_many_parts_and_long_names_are_cut_short(box):
         ({"view": "above"}, "no view 'above', expected one of iso, front, back, left, right, top, bottom"),
         ({"cut": ("w", 0.0)}, "a slice across 'w', expected one of x, y, z"),
         ({"cut": ("z", 3.0)}, "the slice at z = 3000 mm passes far from the parts: expected 0 to 20 mm"),
-        (
-            {"cut": ("z", 3.0), "unit": "cm", "metres": 0.01},
-            "the slice at z = 300 cm passes far from the parts: expected 0 to 2 cm",
-        ),
+        ({"cut": ("z", 3.0), "unit": "cm", "metres": 0.01},
+         "the slice at z = 300 cm passes far from the parts: expected 0 to 2 cm"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_drawn_is_refused(box, options, sentence):
     with pytest.raises(ArgumentError, match=sentence):
         sheet.draw(Picture(box, "box", **options))
@@ -144,9 +139,6 @@ def test_missing_pyvista_is_reported_with_what_to_install(box, monkeypatch):
         MissingLibraryError, match=r'pictures need PyVista.*pip install "cad-proximity\[picture\]"'
     ):
         sheet.draw(Picture(box, "box", size=SIZE))
-
-
-# -------------------------------------------------------------------------------------------------- the view
 
 
 @pytest.mark.parametrize("view", TO_VIEWER)
@@ -204,9 +196,6 @@ def test_points_are_seen_before_behind_and_through_the_part(box, height):
     right, down = camera.pixels(point)[0].astype(int)
     assert without[down, right]
     assert np.abs(image[down, right].astype(int) - plain[down, right]).max() > 10
-
-
-# ----------------------------------------------------------------------------------------- the colours
 
 
 def test_colours_are_red_inside_white_on_the_surface_and_blue_outside():

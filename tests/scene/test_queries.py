@@ -30,9 +30,6 @@ def ask_all(asked, points, **options):
     }
 
 
-# ------------------------------------------------------------------------------------------------ shapes
-
-
 @ASKED
 @pytest.mark.parametrize("shape", [(), (0,), (1,), (4,), (2, 2), (2, 0), (1, 2, 2)])
 def test_answers_have_the_shape_of_the_points(asked, shape):
@@ -196,9 +193,6 @@ def test_feature_says_what_was_nearest():
     assert hit.feature.tolist() == [Feature.FACE, Feature.EDGE, Feature.VERTEX]
 
 
-# ---------------------------------------------------------------------------------------- rows without sense
-
-
 @ASKED
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("count", [1, 5, 100])
@@ -230,9 +224,6 @@ def test_rows_that_are_all_not_finite_answer_nan(asked):
 
     assert np.isnan(answers["signed_distance"]).all()
     assert (answers["closest"].face_id == NO_FACE).all()
-
-
-# ----------------------------------------------------------------------------------------------- refusals
 
 
 @ASKED
@@ -436,8 +427,7 @@ def read_only(values):
     ],
 )
 @pytest.mark.parametrize(
-    "ask",
-    ["closest", "signed_distance", "contains", "cast_distance", "closest_to_segments"],
+    "ask", ["closest", "signed_distance", "contains", "cast_distance", "closest_to_segments"]
 )
 @ASKED
 def test_few_rows_are_read_as_they_lie(asked, ask, laid):
@@ -459,9 +449,6 @@ def test_few_rows_are_read_as_they_lie(asked, ask, laid):
 def columns(answer):
     """The arrays of an answer."""
     return [getattr(answer, name) for name in getattr(answer, "_fields", ())] or [answer]
-
-
-# -------------------------------------------------------------------------------------- rays and segments
 
 
 @pytest.mark.parametrize("ask", ["cast", "closest_to_segments"])

@@ -7,8 +7,6 @@ import judging
 import numpy as np
 import pytest
 import shapes
-from hypothesis import given
-from hypothesis import strategies as st
 from scene_parts import KINDS, part_of, some_parts
 
 import oracle
@@ -45,9 +43,6 @@ def assert_is_the_smallest_over_parts(scene, points):
     chosen = each[hit.part, np.arange(len(points))]
     assert np.abs(chosen - each.min(axis=0)).max() <= room
     return hit
-
-
-# ----------------------------------------------------------------------------------------- many parts
 
 
 @pytest.mark.parametrize("is_turned", [True, False], ids=["turned", "shifted"])
@@ -120,24 +115,6 @@ def test_one_solid_may_be_in_several_places():
 
     assert hit.signed_distance.tolist() == [-0.5, -0.25, 1.0]
     assert hit.part.tolist() == [0, 1, 2]
-
-
-@given(point=st.tuples(*[st.floats(-8.0, 8.0)] * 3), limit=st.floats(0.0, 8.0))
-def test_limit_never_changes_an_answer_within_it(point, limit):
-    free = TWENTY.closest(point)
-
-    hit = TWENTY.closest(point, max_distance=limit)
-
-    if abs(free.signed_distance) <= limit:
-        assert judging.same_bits(hit, free)
-    else:
-        assert (hit.signed_distance, hit.face_id, hit.part) == (np.inf, -1, -1)
-
-
-TWENTY = Scene(some_parts(20))
-
-
-# --------------------------------------------------------------------------- parts that touch or overlap
 
 
 def test_touching_parts_are_both_inside_and_their_common_face_is_the_surface():
@@ -240,9 +217,6 @@ def test_sheet_within_a_part_does_not_change_the_depth():
     assert (hit.signed_distance, hit.part, bool(hit.is_signed)) == (-1.4, 1, True)
 
 
-# ------------------------------------------------------------------------------------------------ moving
-
-
 def test_scenes_that_share_a_solid_move_apart():
     solid = Solid(*shapes.cube(), name="cube")
     first, second = Scene([solid]), Scene([solid])
@@ -271,9 +245,6 @@ def test_bounds_hold_the_turned_parts():
     scene = Scene([part_of(shapes.cube(), pose=Pose(QUARTER, (10.0, 0.0, 0.0)))])
 
     assert [corner.tolist() for corner in scene.bounds] == [[9.0, 0.0, 0.0], [10.0, 1.0, 1.0]]
-
-
-# ----------------------------------------------------------------------------------- far, tiny, and huge
 
 
 @pytest.mark.parametrize("is_turned", [True, False], ids=["turned", "shifted"])
@@ -343,9 +314,6 @@ def test_points_far_away_are_as_exact(far):
     assert not scene.contains(point)
 
 
-# ------------------------------------------------------------------------------------- parts and refusals
-
-
 def test_parts_keep_names_poses_and_order():
     scene = Scene([part_of(shapes.cube(), "lid"), Solid(*shapes.tetrahedron(), name="base")])
 
@@ -413,9 +381,6 @@ def test_what_could_not_be_saved_is_refused():
         Scene([part])
     with pytest.raises(SceneError, match=r"^report is 3, expected a LoadReport, or None$"):
         Scene([Solid(*shapes.cube())], report=3)
-
-
-# ---------------------------------------------------------------------------------------- arrays as a file
 
 
 def test_mesh_of_several_bodies_becomes_parts_that_lead_back():

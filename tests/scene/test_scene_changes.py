@@ -43,9 +43,6 @@ def assert_nothing_is_there(scene):
     assert np.isnan(scene.signed_distance((np.nan, 0.0, 0.0)))
 
 
-# ---------------------------------------------------------------------------------------------- hiding
-
-
 @pytest.mark.parametrize("is_loose", [False, True], ids=["still", "moved"])
 @pytest.mark.parametrize("count", [1, 9])
 def test_scene_with_every_part_hidden_answers_that_nothing_is_there(count, is_loose):
@@ -131,9 +128,6 @@ def test_bounds_are_those_of_hidden_parts_too():
     assert judging.same_bits(np.array(scene.bounds), np.array(before))
 
 
-# --------------------------------------------------------------------------------- coming and going
-
-
 def test_added_part_is_found_and_others_stay_as_they_are():
     scene = Scene(some_parts(6))
     rng = np.random.default_rng(5)
@@ -212,15 +206,13 @@ def test_faces_are_told_right_when_a_part_that_moved_is_the_only_one_left():
 @pytest.mark.parametrize(
     "change, message",
     [
-        (
-            lambda scene: scene.add(part_of(shapes.cube(), "part 1")),
-            "a part is named 'part 1' already, expected another name",
-        ),
+        (lambda scene: scene.add(part_of(shapes.cube(), "part 1")),
+         "a part is named 'part 1' already, expected another name"),
         (lambda scene: scene.add(part_of(shapes.cube(), 7)), "the part to add is named 7, expected text"),
         (lambda scene: scene.remove("lid"), "no part is named 'lid'; the scene has 'part 0', 'part 1'"),
         (lambda scene: scene.show(None), "no part is named None; the scene has 'part 0', 'part 1'"),
     ],
-)
+)  # fmt: skip
 def test_change_that_does_not_fit_is_refused(change, message):
     scene = Scene(some_parts(2))
 
@@ -239,9 +231,6 @@ def test_last_part_cannot_be_removed():
         scene.remove("part 0")
 
     assert scene.distance((0.0, 0.0, 0.0)) < np.inf
-
-
-# ------------------------------------------------------------------------------------------- surfaces
 
 
 def test_surface_is_rigid_unless_a_stiffness_is_given():

@@ -31,9 +31,6 @@ def matrices_of(rng, count, spread=5.0):
     return np.array([some_pose(rng, spread).matrix for _ in range(count)])
 
 
-# ------------------------------------------------------------------------------------- the same answers
-
-
 @pytest.mark.parametrize("count", [1, 2, 9, 100])
 def test_moved_scene_answers_to_the_bit_as_one_made_anew(count):
     rng = np.random.default_rng(count)
@@ -112,9 +109,6 @@ def test_parts_of_one_frame_are_walked_right_after_some_of_them_left_it():
     assert_right_by_brute_force(scene, points)
 
 
-# ------------------------------------------------------------------------------------------ what is left
-
-
 def test_velocities_are_those_of_the_last_move():
     scene = Scene(some_parts(3))
     scene.move("part 1", Pose(), velocity=VELOCITY, angular_velocity=ANGULAR_VELOCITY)
@@ -154,9 +148,6 @@ def test_parts_that_did_not_move_are_the_same_objects():
         after[2].pose.translation[0] = 1.0
     with pytest.raises(ValueError, match="read-only"):
         after[2].velocity[0] = 1.0
-
-
-# ------------------------------------------------------------------------------------ far away and back
 
 
 def test_part_that_leaves_the_scene_is_found():
@@ -230,9 +221,6 @@ def test_moves_in_single_precision_are_those_of_the_nearest_rotations():
         assert judging.same_bits(scene.part(name).pose.rotation, rotation)
 
 
-# --------------------------------------------------------------------------------- models that are held
-
-
 def test_names_may_come_from_somebody_who_asks_the_scene():
     scene = Scene(some_parts(3))
     scene.hide("part 1")
@@ -266,9 +254,6 @@ def test_names_of_the_last_move_are_looked_up_anew_once_parts_are_others():
         scene.move_many(names, far)
 
 
-# -------------------------------------------------------------------------------------------- refusals
-
-
 SCALED, MIRRORED, SHEARED = np.diag([2.0, 2, 2, 1]), np.diag([1.0, 1, -1, 1]), np.eye(4)
 SHEARED[3, 0] = 0.5
 FAR, NAN = np.eye(4), np.eye(4)
@@ -280,14 +265,12 @@ FAR[1, 3], NAN[2, 3] = 1e200, np.nan
     [
         (SCALED, "part 'part 2': a pose's rotation is not orthonormal"),
         (MIRRORED, "part 'part 2': a pose's rotation mirrors (determinant -1), expected +1"),
-        (
-            SHEARED,
-            "part 'part 2': the last row of a pose's matrix is [0.5, 0.0, 0.0, 1.0], expected [0, 0, 0, 1]",
-        ),
+        (SHEARED,
+         "part 'part 2': the last row of a pose's matrix is [0.5, 0.0, 0.0, 1.0], expected [0, 0, 0, 1]"),
         (NAN, "part 'part 2': a pose's translation is [0.0, 0.0, nan], expected finite numbers"),
         (FAR, "part 'part 2' would be moved by 1e+200 m, which is farther than can be computed with"),
     ],
-)
+)  # fmt: skip
 def test_pose_that_is_not_rigid_is_named_and_nothing_moves(matrix, message):
     scene = Scene(some_parts(3))
     points, others = some_questions(np.random.default_rng(10), 20)
@@ -318,33 +301,18 @@ TWO = [np.eye(4), np.eye(4)]
         ((["part 0", "lid"], TWO), SceneError, "no part is named 'lid'; the scene has 'part 0', 'part 1'"),
         ((["part 0", "part 0"], TWO), SceneError, "part 'part 0' is named twice, expected names that differ"),
         (("part 0", TWO), SceneError, "names are 'part 0', expected a list of names"),
-        (
-            (["part 0"], TWO),
-            PoseError,
-            "poses have shape (2, 4, 4), expected (1, 4, 4): one for each part named",
-        ),
-        (
-            (["part 0"], [Pose(), Pose()]),
-            PoseError,
-            "there are 2 poses for 1 parts, expected one for each part",
-        ),
-        (
-            (["part 0", "part 1"], TWO, np.zeros(3)),
-            ArgumentError,
-            "velocities have shape (3,), expected (2, 3): one for each part named",
-        ),
-        (
-            (["part 0", "part 1"], TWO, [[0, 0, 0], [0, np.inf, 0]]),
-            ArgumentError,
-            "velocity of part 'part 1' is [0.0, inf, 0.0], expected 3 finite numbers, m/s",
-        ),
-        (
-            (["part 0", "part 1"], TWO, [[1e9, 0, 0], [0, 1e300, 0]]),
-            ArgumentError,
-            "velocity of part 'part 1' is [0.0, 1e+300, 0.0], expected at most 1e+09 m/s along each axis",
-        ),
+        ((["part 0"], TWO), PoseError,
+         "poses have shape (2, 4, 4), expected (1, 4, 4): one for each part named"),
+        ((["part 0"], [Pose(), Pose()]), PoseError,
+         "there are 2 poses for 1 parts, expected one for each part"),
+        ((["part 0", "part 1"], TWO, np.zeros(3)), ArgumentError,
+         "velocities have shape (3,), expected (2, 3): one for each part named"),
+        ((["part 0", "part 1"], TWO, [[0, 0, 0], [0, np.inf, 0]]), ArgumentError,
+         "velocity of part 'part 1' is [0.0, inf, 0.0], expected 3 finite numbers, m/s"),
+        ((["part 0", "part 1"], TWO, [[1e9, 0, 0], [0, 1e300, 0]]), ArgumentError,
+         "velocity of part 'part 1' is [0.0, 1e+300, 0.0], expected at most 1e+09 m/s along each axis"),
     ],
-)
+)  # fmt: skip
 def test_moves_of_several_parts_that_do_not_fit_are_refused(given, error, message):
     scene = Scene(some_parts(2))
 
@@ -355,22 +323,18 @@ def test_moves_of_several_parts_that_do_not_fit_are_refused(given, error, messag
 @pytest.mark.parametrize(
     "values, message",
     [
-        (
-            {"velocity": (0, np.nan, 0)},
-            "velocity of part 'part 0' is [0.0, nan, 0.0], expected 3 finite numbers, m/s",
-        ),
+        ({"velocity": (0, np.nan, 0)},
+         "velocity of part 'part 0' is [0.0, nan, 0.0], expected 3 finite numbers, m/s"),
         (
             {"angular_velocity": (0, 0, -2e9)},
             "angular_velocity of part 'part 0' is [0.0, 0.0, -2000000000.0], "
             "expected at most 1e+09 rad/s along each axis",
         ),
         ({"velocity": (0, 1)}, "velocity of part 'part 0' has shape (2,), expected 3 finite numbers, m/s"),
-        (
-            {"angular_velocity": "abc"},
-            "entries of angular_velocity of part 'part 0' have dtype <U3, expected 3 finite numbers, rad/s",
-        ),
+        ({"angular_velocity": "abc"},
+         "entries of angular_velocity of part 'part 0' have dtype <U3, expected 3 finite numbers, rad/s"),
     ],
-)
+)  # fmt: skip
 def test_velocity_that_is_none_is_refused(values, message):
     scene = Scene(some_parts(2))
 

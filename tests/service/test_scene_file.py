@@ -65,9 +65,6 @@ def refusal(read):
     return message_of
 
 
-# ---------------------------------------------------------------------------------------------- what is read
-
-
 def test_short_file_means_the_defaults(read, folder):
     settings = read(PART + POSES)
 
@@ -201,179 +198,92 @@ def vars_of(settings):
     return {name: getattr(settings, name) for name in settings.__dataclass_fields__}
 
 
-# ------------------------------------------------------------------------------------------------- mistakes
-
 SENSOR = '[input]\nsensor = "mailbox:sensor"\n'
 RECORDED = '[input]\nrecording = "hand.csv"\n'
-
-
-MISTAKES = [
-    # no TOML
-    ("rate = \n", "1: invalid TOML at column "),
-    ("\n[service\nrate_hz = 1\n", "2: invalid TOML at column "),
-    ("[service]\nlog = 'a\n", "2: "),
-    ("[service]\npublish = [1,\n\n", "2: the file ends too early: "),
-    ("[service]\nrate_hz = 1\nrate_hz = 2\n", "3: invalid TOML at column 12: Cannot overwrite a value"),
+# A file, and how what is said of it begins: "\\n" ends a line, and names in braces stand for a table each.
+MISTAKES = r"""
+rate = \n | 1: invalid TOML at column
+\n[service\nrate_hz = 1\n | 2: invalid TOML at column
+[service]\nlog = 'a\n | 2:
+[service]\npublish = [1,\n\n | 2: the file ends too early:
+[service]\nrate_hz = 1\nrate_hz = 2\n | 3: invalid TOML at column 12: Cannot overwrite a value
+ | 1: the file is empty, expected a scene file in TOML
+# nothing\n | 1: [[parts]] is missing, expected at least one (and 1 more mistake, on line 1)
+{PART} | 1: [input] is missing, expected it to have recording, openxr, poses or sensor
+{POSES} | 1: [[parts]] is missing, expected at least one
+{PART}{POSES}[servise]\n | 5: the file has no key 'servise': did you mean service?
+service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
+[parts]\n{POSES} | 1: parts are not a list of tables, expected [[parts]] above each
+{PART}{POSES}[service]\nlattency = 1\n | 6: [service] has no key 'lattency': did you mean latency?
+{PART}{POSES}[service]\nrate_hz = 'fast'\n | 6: service.rate_hz is 'fast', expected a number from 1 to 100000
+{PART}{POSES}[service]\nrate_hz = 100001\n | 6: service.rate_hz is 100001, expected a number
+{PART}{POSES}[service]\nrate_hz = nan\n | 6: service.rate_hz is nan, expected a number
+{PART}{POSES}[service]\nlatency = -0.001\n | 6: service.latency is -0.001, expected a number from 0 to 1 (s)
+{PART}{POSES}[service]\nreal_time = 1\n | 6: service.real_time is 1, expected true or false
+{PART}{POSES}[service]\ncore = 1.5\n | 6: service.core is 1.5, expected a whole number from 0 to 4095
+{PART}{POSES}[service]\nlog = ''\n | 6: service.log is '', expected the file to write, as text in quotes
+{PART}{POSES}[service]\npublish = 3\n | 6: service.publish is 3, expected an address such as iox2://decaff, a
+{PART}{POSES}[service]\npublish = [\n'mailbox:a',\n'decaff',\n]\nrate_hz = 0\n | 6: service.publish cannot be
+{PART}{POSES}[service]\npublish = 'iox://a'\n | 6: service.publish is iox://a, but no transport is called 'io
+{PART}{POSES}[service]\npublish = ['mailbox:a', 'mailbox:a']\n | 6: service.publish has an address twice, exp
+{PART}{POSES}[fingers]\nradius = 0\n | 6: fingers.radius is 0, expected a number above 0 to 1e+06 (m)
+{PART}{POSES}[fingers]\ncount = 3\nradius = [1, 2]\n | 7: fingers.radius has 2 numbers, expected 3 (m)
+{PART}{POSES}[fingers]\nradius = []\n | 6: fingers.radius has 0 numbers, expected some (m)
+{PART}{POSES}[fingers]\nradius = [0.007, 0]\n | 6: fingers.radius has 0 at index 1, expected a number above 0
+[[parts]]\n{POSES} | 1: parts[0].file is missing, expected a file of parts, as text in quotes
+[[parts]]\nfil = 'box.stl'\n{POSES} | 2: [parts[0]] has no key 'fil': did you mean file?
+{PART}position = [1, 2]\n{POSES} | 3: parts[0].position has 2 numbers, expected 3 (m)
+{PART}position = [1, 2, '3']\n{POSES} | 3: parts[0].position has '3' at index 2, expected a number from -1e+0
+{PART}position = 1\n{POSES} | 3: parts[0].position is 1, expected 3 numbers (m) in brackets
+{PART}units = 'furlong'\n{POSES} | 3: parts[0].units cannot be used: there is no unit 'furlong', expected one
+{PART}kind = 'soft'\n{POSES} | 3: parts[0].kind is 'soft', expected "rigid" or "deformable"
+{PART}kind = 'deformable'\n{POSES} | 1: parts[0].stiffness is missing, expected a number above 0 to 1e+12 (N/
+{PART}stiffness = 100\n{POSES} | 3: parts[0].stiffness is of a deformable part, expected kind = "deformable"
+{PART}name = 'a'\n{PART}name = 'a'\n{POSES} | 6: parts[1].name is 'a', as of the part on line 3, expected nam
+{PART}[input]\n | 3: [input] has no source, expected recording, openxr, poses or sensor
+{PART}{POSES}recording = 'hand.csv'\n | 4: input.poses is given together with input.recording, expected only
+{PART}{SENSOR} | 1: [[parts]] cannot be used: distances are measured by input.sensor, there is no geometry
+{SENSOR}moves = 'mailbox:moves'\n | 3: input.moves cannot be used: distances are measured
+{SENSOR}changes = 'mailbox:c'\n | 3: input.changes cannot be used: distances are measured
+{PART}{POSES}changes = 'mailbox:poses'\n | 5: input.changes is input.poses, expected another address
+{PART}{POSES}parts_from = '.'\n | 5: input.parts_from requires input.changes
+{SENSOR}[fingers]\nradius = 0.01\n | 4: fingers.radius cannot be used: distances are measured
+{PART}{POSES}repeat = true\n | 5: input.repeat requires input.recording
+{PART}{RECORDED}fit = true\nposition = [0, 0, 0]\n | 6: input.position is given together with fit = true, exp
+{PART}{POSES}[service]\npublish = 'mailbox:poses'\n | 4: input.poses is mailbox:poses, which is also in servi
+{PART}{POSES}moves = 'mailbox:poses'\n | 5: input.moves is input.poses, expected another address
+"""
+TABLES = {"PART": PART, "POSES": POSES, "SENSOR": SENSOR, "RECORDED": RECORDED}
+LARGE_MISTAKES = [
     (f"a = {'9' * 5000}\n", "1: Exceeds the limit"),
     ("a = " + "[" * 100_000, "1: brackets are nested too deeply"),
-    ("", "1: the file is empty, expected a scene file in TOML"),
     (b"[service]\nlog = '\xff'\n", "2: not UTF-8, expected a scene file in TOML"),
-    # tables
-    ("# nothing\n", "1: [[parts]] is missing, expected at least one (and 1 more mistake, on line 1)"),
-    (PART, "1: [input] is missing, expected it to have recording, openxr, poses or sensor"),
-    (POSES, "1: [[parts]] is missing, expected at least one"),
-    (PART + POSES + "[servise]\n", "5: the file has no key 'servise': did you mean service?"),
-    ("service = 3\n" + PART + POSES, "1: service is 3, expected a table: [service]"),
-    ("[parts]\n" + POSES, "1: parts are not a list of tables, expected [[parts]] above each"),
-    # the service
-    (
-        PART + POSES + "[service]\nlattency = 1\n",
-        "6: [service] has no key 'lattency': did you mean latency?",
-    ),
-    (
-        PART + POSES + "[service]\nrate_hz = 'fast'\n",
-        "6: service.rate_hz is 'fast', expected a number from 1 to 100000 (Hz)",
-    ),
-    (PART + POSES + "[service]\nrate_hz = 100001\n", "6: service.rate_hz is 100001, expected a number"),
-    (PART + POSES + "[service]\nrate_hz = nan\n", "6: service.rate_hz is nan, expected a number"),
-    (
-        PART + POSES + "[service]\nrate_hz = 0x" + "f" * 9999,
-        "6: service.rate_hz is a number that is too large",
-    ),
-    (
-        PART + POSES + "[service]\nlatency = -0.001\n",
-        "6: service.latency is -0.001, expected a number from 0 to 1 (s)",
-    ),
-    (
-        PART + POSES + "[service]\nreal_time = 1\n",
-        "6: service.real_time is 1, expected true or false",
-    ),
-    (
-        PART + POSES + "[service]\ncore = 1.5\n",
-        "6: service.core is 1.5, expected a whole number from 0 to 4095",
-    ),
-    (
-        PART + POSES + "[service]\nlog = ''\n",
-        "6: service.log is '', expected the file to write, as text in quotes",
-    ),
-    (
-        PART + POSES + "[service]\npublish = 3\n",
-        "6: service.publish is 3, expected an address such as iox2://decaff, as text in quotes, or a list",
-    ),
-    (
-        PART + POSES + "[service]\npublish = [\n'mailbox:a',\n'decaff',\n]\nrate_hz = 0\n",
-        "6: service.publish cannot be used: decaff: expected an address such as iox2://NAME, "
-        "udp://HOST:PORT, zenoh://KEY or mailbox:NAME (and 1 more mistake, on line 10)",
-    ),
-    (
-        PART + POSES + "[service]\npublish = 'iox://a'\n",
-        "6: service.publish is iox://a, but no transport is called 'iox': expected mailbox, iox2, udp, zenoh",
-    ),
-    (
-        PART + POSES + "[service]\npublish = ['mailbox:a', 'mailbox:a']\n",
-        "6: service.publish has an address twice, expected different addresses",
-    ),
-    # fingers
-    (
-        PART + POSES + "[fingers]\nradius = 0\n",
-        "6: fingers.radius is 0, expected a number above 0 to 1e+06 (m)",
-    ),
-    (
-        PART + POSES + "[fingers]\ncount = 3\nradius = [1, 2]\n",
-        "7: fingers.radius has 2 numbers, expected 3 (m)",
-    ),
-    (PART + POSES + "[fingers]\nradius = []\n", "6: fingers.radius has 0 numbers, expected some (m)"),
-    (
-        PART + POSES + "[fingers]\nradius = [0.007, 0]\n",
-        "6: fingers.radius has 0 at index 1, expected a number above 0 to 1e+06 (m)",
-    ),
-    # parts
-    ("[[parts]]\n" + POSES, "1: parts[0].file is missing, expected a file of parts, as text in quotes"),
-    ("[[parts]]\nfil = 'box.stl'\n" + POSES, "2: [parts[0]] has no key 'fil': did you mean file?"),
-    (
-        PART + "position = [1, 2]\n" + POSES,
-        "3: parts[0].position has 2 numbers, expected 3 (m)",
-    ),
-    (
-        PART + "position = [1, 2, '3']\n" + POSES,
-        "3: parts[0].position has '3' at index 2, expected a number from -1e+06 to 1e+06 (m)",
-    ),
-    (PART + "position = 1\n" + POSES, "3: parts[0].position is 1, expected 3 numbers (m) in brackets"),
-    (
-        PART + "units = 'furlong'\n" + POSES,
-        "3: parts[0].units cannot be used: there is no unit 'furlong', expected one of m, dm, cm, mm",
-    ),
-    (PART + "kind = 'soft'\n" + POSES, '3: parts[0].kind is \'soft\', expected "rigid" or "deformable"'),
-    (
-        PART + "kind = 'deformable'\n" + POSES,
-        "1: parts[0].stiffness is missing, expected a number above 0 to 1e+12 (N/m)",
-    ),
-    (
-        PART + "stiffness = 100\n" + POSES,
-        '3: parts[0].stiffness is of a deformable part, expected kind = "deformable" beside it',
-    ),
-    (
-        PART + "name = 'a'\n" + PART + "name = 'a'\n" + POSES,
-        "6: parts[1].name is 'a', as of the part on line 3, expected names that differ",
-    ),
-    # the input
-    (PART + "[input]\n", "3: [input] has no source, expected recording, openxr, poses or sensor"),
-    (
-        PART + POSES + "recording = 'hand.csv'\n",
-        "4: input.poses is given together with input.recording, expected only one of recording, "
-        "openxr, poses or "
-        "sensor",
-    ),
-    (
-        PART + SENSOR,
-        "1: [[parts]] cannot be used: distances are measured by input.sensor, there is no geometry",
-    ),
-    (SENSOR + "moves = 'mailbox:moves'\n", "3: input.moves cannot be used: distances are measured"),
-    (SENSOR + "changes = 'mailbox:c'\n", "3: input.changes cannot be used: distances are measured"),
-    (
-        PART + POSES + "changes = 'mailbox:poses'\n",
-        "5: input.changes is input.poses, expected another address",
-    ),
-    (
-        PART + POSES + "parts_from = '.'\n",
-        "5: input.parts_from requires input.changes",
-    ),
-    (SENSOR + "[fingers]\nradius = 0.01\n", "4: fingers.radius cannot be used: distances are measured"),
-    (
-        PART + POSES + "repeat = true\n",
-        "5: input.repeat requires input.recording",
-    ),
-    (
-        PART + RECORDED + "fit = true\nposition = [0, 0, 0]\n",
-        "6: input.position is given together with fit = true, expected only one of them",
-    ),
-    (
-        PART + POSES + "[service]\npublish = 'mailbox:poses'\n",
-        "4: input.poses is mailbox:poses, which is also in service.publish",
-    ),
-    (
-        PART + POSES + "moves = 'mailbox:poses'\n",
-        "5: input.moves is input.poses, expected another address",
-    ),
-]
+    (PART + POSES + "[service]\nrate_hz = 0x" + "f" * 9999,
+     "6: service.rate_hz is a number that is too large"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "message"), MISTAKES, ids=[message[:50] for _, message in MISTAKES])
-def test_mistake_is_told_by_its_line(refusal, text, message):
+@pytest.mark.parametrize("line", MISTAKES.strip("\n").splitlines())
+def test_mistake_is_told_by_its_line(refusal, line):
+    text, _, message = line.partition(" | ")
+
+    assert refusal(text.format(**TABLES).replace("\\n", "\n")).startswith(message)
+
+
+@pytest.mark.parametrize(("text", "message"), LARGE_MISTAKES, ids=[message for _, message in LARGE_MISTAKES])
+def test_file_beyond_all_measure_is_told_by_its_line(refusal, text, message):
     assert refusal(text).startswith(message)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (
-            "[[parts]]\nfile = 'none.stl'\n" + POSES,
-            "2: parts[0].file is 'none.stl', but {}/none.stl is not there",
-        ),
+        ("[[parts]]\nfile = 'none.stl'\n" + POSES,
+         "2: parts[0].file is 'none.stl', but {}/none.stl is not there"),
         ("[[parts]]\nfile = '.'\n" + POSES, "2: parts[0].file is '.', but {}/. is a folder"),
         (PART + "[input]\nrecording = 'a.csv'\n", "4: input.recording is 'a.csv', but {}/a.csv is not there"),
     ],
-)
+)  # fmt: skip
 def test_file_that_is_not_there_is_named_with_the_place_where_it_was_looked_for(
     folder, refusal, text, message
 ):
@@ -406,8 +316,6 @@ def test_scene_file_that_cannot_be_read_is_named(tmp_path):
     with pytest.raises(ServiceError, match=r"cannot be read \(embedded null byte\)$"):
         read_scene_file("a\0b")
 
-
-# ----------------------------------------------------------------------------------------------------- lines
 
 TEXT = """\
 # a comment = "with things in it"
@@ -465,9 +373,6 @@ def test_statement_that_is_too_long_ends_the_telling_of_lines():
 
     assert Document("\nc = 1\n" + long, "a").line_of(("c",)) == 2
     assert Document(long, "a").line_of(("b",)) == 1
-
-
-# ---------------------------------------------------------------------------------------------- what is made
 
 
 def test_parts_of_several_files_are_named_and_placed(read):
@@ -568,17 +473,13 @@ def test_unchanged_files_are_read_once(read, folder, monkeypatch):
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        (
-            "radius = 7",
-            "fingers.radius is 7 m (7000 mm), expected at most 0.1 m: was it meant in millimetres?",
-        ),
-        (
-            "radius = [0.007, 0.2]",
-            "fingers.radius is 0.2 m (200 mm), expected at most 0.1 m: was it meant in ",
-        ),
+        ("radius = 7",
+         "fingers.radius is 7 m (7000 mm), expected at most 0.1 m: was it meant in millimetres?"),
+        ("radius = [0.007, 0.2]",
+         "fingers.radius is 0.2 m (200 mm), expected at most 0.1 m: was it meant in "),
         ("working_range = 120", "fingers.working_range is 120 m (120000 mm), expected at most 10 m: was it "),
     ],
-)
+)  # fmt: skip
 def test_length_that_cannot_be_meant_is_refused_with_its_line(refusal, line, said):
     assert refusal(f"[fingers]\ncount = 2\n{line}\n" + PART + POSES).startswith(f"3: {said}")
 

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 import shapes
-from fake_service import MS, QueueInlet, filled, hands_at
+from fake_service import MS, filled, hands_at
 
 import oracle
 from proximity.message import MOVES, ContactFlag, Message
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service import MovesInput, TrackedContacts
-from proximity.service.inputs import inbox
 from proximity.tracker.tracker import Tracker
 
 NOW = 5_000_000_000  # ns
@@ -21,13 +20,6 @@ VELOCITY, TURNING = np.array([0.1, -0.05, 0.2]), np.array([2.0, 1.0, -1.5])
 TIPS = np.array([[0.03, 0.01, 0.10], [-0.06, 0.0, 0.02], [0.0, 0.09, -0.02]])
 RADIUS = 0.007
 ROUNDING = 1e-9  # m
-
-
-@pytest.fixture
-def inlet(monkeypatch):
-    queue = QueueInlet()
-    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
-    return queue
 
 
 def scene():
@@ -179,7 +171,27 @@ def test_part_that_is_taken_out_while_it_moves_is_counted_once_and_the_others_go
     assert served.source.notes == ["queue:: 1 moves of parts that are invalid"]
 
 
-# --- parts that no question finds ---
+def test_part_is_carried_no_longer_than_it_is_believed_whatever_a_finger_says_of_its_instant(inlet):
+    """Poses may be some milliseconds ahead of the tick, when the part does not stand still yet."""
+    served = Served(inlet)
+    inlet.put(told(NOW))
+    served.tick(NOW + 99 * MS, NOW + 103 * MS)
+
+    assert not served.answers.is_late
+    turn, shift = world_from_box(NOW + 100 * MS)
+    np.testing.assert_allclose(served.scene.part("box").pose.rotation, turn, atol=1e-12)
+    np.testing.assert_allclose(served.scene.part("box").pose.translation, shift, atol=1e-12)
+
+
+def test_finger_that_is_not_predicted_is_free_for_no_time_beside_a_part_of_another_instant(inlet):
+    served = Served(inlet)
+    inlet.put(told(NOW - 20 * MS))
+    poses = hands_at(TIPS, [NOW - 15 * MS, NOW - MS, NOW - 40 * MS])  # the first: no velocity is known
+
+    contacts = filled(served.answers, poses, NOW)
+
+    assert not (contacts["flags"] & ContactFlag.PREDICTED).any() and (contacts["lower"] > 0.0).all()
+    assert (contacts["time_to_contact_lower"] > 0.0).tolist() == [False, True, False]
 
 
 def silent(inlet):

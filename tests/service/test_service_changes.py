@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import shapes
-from fake_service import QueueInlet
 from project import MESHES
 
 from proximity.errors import SceneError
@@ -18,14 +17,6 @@ from proximity.scene.solid import Solid
 from proximity.service import ChangesInput
 from proximity.service.hosting import scene_changes
 from proximity.service.hosting.scene_changes import NOT_ALLOWED, PartChanger, allowed_file
-from proximity.service.inputs import inbox
-
-
-@pytest.fixture
-def inlet(monkeypatch):
-    queue = QueueInlet()
-    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
-    return queue
 
 
 def scene(*names):
@@ -84,18 +75,14 @@ def test_parts_are_hidden_and_shown(inlet):
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
-        (
-            changes(("a", PartAction.HIDE), ("nobody", PartAction.HIDE)),
-            "no part is named 'nobody'; the scene has 'a', 'b'",
-        ),
+        (changes(("a", PartAction.HIDE), ("nobody", PartAction.HIDE)),
+         "no part is named 'nobody'; the scene has 'a', 'b'"),
         (changes(("a", PartAction.HIDE), ("b", 7)), "action 7 is none, expected 0 to 3"),
         (changes(("nobody", PartAction.REMOVE)), "no part is named 'nobody'; the scene has 'a', 'b'"),
         (deformation("nobody", np.zeros((8, 3))), "no part is named 'nobody'; the scene has 'a', 'b'"),
         (deformation("a", np.zeros((7, 3))), "vertices of part 'a' have shape (7, 3), expected (8, 3)"),
-        (
-            deformation("a", np.full((8, 3), np.nan)),
-            "vertex 0 of part 'a' would be at (nan, nan, nan), expected finite coordinates",
-        ),
+        (deformation("a", np.full((8, 3), np.nan)),
+         "vertex 0 of part 'a' would be at (nan, nan, nan), expected finite coordinates"),
         (Message(DEFORMATIONS, 0), "the message has no records, expected one for each 64 vertices of a part"),
         (addition(name=""), "a part to add has no name, expected one"),
         (addition(rotation=2.0 * np.eye(3)), "part 'lid': a pose's rotation is not orthonormal"),
@@ -190,9 +177,6 @@ def test_messages_behind_one_that_takes_long_wait_for_it(inlet):
 
     assert hidden(parts) == ["b"]
     assert changing.notes == ["queue:: 1 messages of changes were refused, first: it is needed"]
-
-
-# --- beside the loop ---
 
 
 class FakeAnswers:

@@ -73,9 +73,6 @@ def is_ok(reading):
     return reading.state is State.OK
 
 
-# ------------------------------------------------------------------------------------------ a recorded hand
-
-
 class Watching:
     """Reads in a thread, as a controller would, and notes what is used as valid and should not be."""
 
@@ -159,9 +156,6 @@ def test_service_killed_and_started_anew_is_read_again_and_every_frame_is_accoun
     took_ns = watching.first[session] - int(usable_ns)
     print(f"read {1e-6 * took_ns:.2f} ms after the first frame that can be used was published")
     assert took_ns < RECOVERS_WITHIN_NS
-
-
-# -------------------------------------------------------------------------------------------- a hand, live
 
 
 class Feeding:
@@ -318,10 +312,7 @@ def test_scene_file_that_is_replaced_is_taken_or_refused_between_two_frames(serv
 
     beside.write_text(text.replace("bracket.stl", "brocket.stl"))
     beside.replace(served.path)
-    until(
-        lambda: distance_is_of_its_scene(subscriber.wait(0.1)) or len(served.said) > said,
-        PATIENCE,
-    )
+    until(lambda: distance_is_of_its_scene(subscriber.wait(0.1)) or len(served.said) > said, PATIENCE)
     assert served.said[-1].startswith(
         f"the edit is refused, the previous scene stays in use: {served.path}:8: parts[0].file is "
         "'brocket.stl'"

@@ -60,13 +60,6 @@ def ways(tmp_path_factory):
     return read_gloves(read_scene_file(folder / "cell.toml"), 2)
 
 
-@pytest.fixture
-def inlet(monkeypatch):
-    queue = QueueInlet()
-    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
-    return queue
-
-
 def poses(bend=math.nan, counts=math.nan, **fields):
     """A message of two fingers in one place."""
     message = Message(GLOVE_POSES, 2)
@@ -198,11 +191,9 @@ REFUSED = [
     ('calibration = "box.stl"', "6: glove.calibration: .*box.stl: is not JSON"),
     ('calibration = "old.json"', "old.json: the calibration is of .*, 31 days ago, expected 30 at most: cal"),
     ('calibration = "far.json"', "expected 0 to 65535 of this potentiometer"),
-    (
-        'calibration = ["glove.json", "glove.json", "glove.json"]',
-        "6: glove.calibration: 3 calibrations for 2 fingers, expected one for all, or one for each",
-    ),
-]
+    ('calibration = ["glove.json", "glove.json", "glove.json"]',
+     "6: glove.calibration: 3 calibrations for 2 fingers, expected one for all, or one for each"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "message"), REFUSED)

@@ -6,13 +6,7 @@ from fake_service import MS, hands_at, polled
 
 from proximity.errors import ServiceError
 from proximity.kernels.contact_record import PREDICTED, TRACKED
-from proximity.kernels.tracking.motion import (
-    ESTIMATE,
-    ESTIMATES,
-    MAX_ACCELERATION,
-    MAX_SPEED,
-    observe,
-)
+from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES, MAX_ACCELERATION, MAX_SPEED, observe
 from proximity.recording import Recording
 from proximity.service import CallableInput, FingerPoses, RecordingInput
 from proximity.service.samples import NewestSamples
@@ -41,9 +35,6 @@ def played(source, instants_ms):
 
 def near(pairs):
     return [None if pair is None else pytest.approx(pair, abs=1e-9) for pair in pairs]
-
-
-# --- recordings ---
 
 
 def test_recording_gives_the_newest_pose_that_is_past_with_its_own_instant():
@@ -122,9 +113,6 @@ def test_latency_of_a_recording_that_cannot_be_is_refused(latency):
         RecordingInput(recording([0]), latency=latency)
 
 
-# --- callables ---
-
-
 def test_callable_may_tell_positions_of_now():
     asked = []
     source = CallableInput(lambda now_ns: asked.append(now_ns) or [[1, 2, 3], [4, 5, 6]], 2)
@@ -191,22 +179,15 @@ def fail(now_ns):
         (fail, "ValueError: no camera"),
         (lambda now_ns: [[0, 0, 0]], r"positions have shape (1, 3), expected (2, 3)"),
         (lambda now_ns: "up", "positions have dtype <U2, expected numbers of shape (2, 3)"),
-        (
-            lambda now_ns: (np.zeros((2, 3)), 0.5),
-            "instants are 0.5, expected whole nanoseconds",
-        ),
-        (
-            lambda now_ns: (np.zeros((2, 3)), [1, 2, 3]),
-            "ValueError: could not broadcast input array from shape (3,) into shape (2,)",
-        ),
+        (lambda now_ns: (np.zeros((2, 3)), 0.5), "instants are 0.5, expected whole nanoseconds"),
+        (lambda now_ns: (np.zeros((2, 3)), [1, 2, 3]),
+         "ValueError: could not broadcast input array from shape (3,) into shape (2,)"),
         (lambda now_ns: FingerPoses(3), "poses of 3 fingers, expected 2 fingers"),
-        (
-            hands_with(paths=np.zeros((2, 1, 3))),
-            "paths have shape (2, 1, 3), expected (2, K, 3) with K of 2 or more",
-        ),
+        (hands_with(paths=np.zeros((2, 1, 3))),
+         "paths have shape (2, 1, 3), expected (2, K, 3) with K of 2 or more"),
         (hands_with(bends=0.5), "bends have shape (), expected (2,)"),
     ],
-)
+)  # fmt: skip
 def test_callable_that_fails_is_counted_and_said_once(function, message, caplog):
     source = CallableInput(function, 2)
 
@@ -223,9 +204,6 @@ def test_callable_recovers():
 
     assert polled(source, NOW) is None
     assert polled(source, NOW + 1).pose_ns.tolist() == [NOW + 1]
-
-
-# --- what is kept of samples ---
 
 
 AHEAD = (

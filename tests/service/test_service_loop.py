@@ -39,9 +39,6 @@ def flagged(answers, flags):
     return answers
 
 
-# --- appointments ---
-
-
 def test_ticks_come_at_deadlines_and_not_after_pauses():
     clock = ManualClock()
 
@@ -54,15 +51,21 @@ def test_ticks_come_at_deadlines_and_not_after_pauses():
     assert outlet.states == [State.OK] * 5 + FAREWELL
 
 
-def test_waking_late_is_counted_apart_from_computing():
-    report, outlet, _, _ = serve(ticks=3, clock=ManualClock(oversleeps=[0, 200_000, 0]))
+@pytest.mark.parametrize(
+    ("slept_ns", "starts_ns", "missed", "states"),
+    [
+        ([0, 200_000, 0], [MS, 2 * MS + 200_000, 3 * MS], 0, [State.OK] * 3),
+        ([0, 2 * MS + 1, 0], [MS, 4 * MS + 1, 5 * MS], 2, [State.OK, State.LATE, State.OK]),
+    ],
+)
+def test_waking_late_is_counted_apart_from_computing_and_so_are_deadlines_slept_through(
+    slept_ns, starts_ns, missed, states
+):
+    report, outlet, _, _ = serve(ticks=3, clock=ManualClock(oversleeps=slept_ns))
 
-    assert report.lateness.max_ns == 200_000 and report.compute.max_ns == 0
-    assert [int(header["start_ns"]) for header in outlet.headers[:3]] == [
-        START + MS,
-        START + 2 * MS + 200_000,
-        START + 3 * MS,
-    ]
+    assert (report.lateness.max_ns, report.compute.max_ns, report.missed) == (max(slept_ns), 0, missed)
+    assert [int(header["start_ns"]) - START for header in outlet.headers[:3]] == starts_ns
+    assert outlet.states[:3] == states
 
 
 def test_answer_of_three_periods_and_a_half_skips_three_deadlines_and_hurries_after_none():
@@ -107,34 +110,28 @@ def test_publisher_that_takes_too_long_makes_the_next_frame_late():
     assert outlet.states[:4] == [State.OK, State.OK, State.LATE, State.OK]
 
 
-def test_farewell_of_a_tick_that_failed_midway_holds_none_of_its_contacts():
+def test_tick_that_fails_midway_still_says_stopping_closes_and_leaves_none_of_its_contacts():
     def fail(tick):  # after the contacts were written
         if tick == 2:
             raise ZeroDivisionError
 
-    clock, outlet = ManualClock(), KeepingOutlet()
+    outlet = KeepingOutlet()
     service = Service(
-        FakeAnswers(during=fail), ScriptedInput(steady), [publisher(outlet)], period=0.001, clock=clock
+        FakeAnswers(during=fail),
+        ScriptedInput(steady),
+        [publisher(outlet)],
+        period=0.001,
+        clock=ManualClock(),
     )
 
     with pytest.raises(ZeroDivisionError):
         service.run(tick_count=5)
 
     assert outlet.states == [State.OK, State.OK, *FAREWELL]
+    assert outlet.is_closed
     last = outlet.records[-1]
     assert not last["flags"].any() and (last["lower"] == -np.inf).all()
     assert last["finger"].tolist() == [0, 1]
-
-
-def test_oversleeping_counts_the_deadlines_slept_through():
-    report, outlet, _, _ = serve(ticks=3, clock=ManualClock(oversleeps=[0, 2 * MS + 1]))
-
-    assert report.missed == 2
-    assert outlet.states[:3] == [State.OK, State.LATE, State.OK]
-    assert report.lateness.max_ns == 2 * MS + 1
-
-
-# --- the header ---
 
 
 def test_header_tells_times_period_epoch_and_count():
@@ -168,15 +165,58 @@ def test_every_frame_is_whole_and_numbered():
     assert len({int(header["session"]) for header in outlet.headers}) == 1
 
 
-# --- states ---
+HOUR = 3600_000 * MS
 
 
-def test_state_is_starting_until_the_first_pose():
-    _, outlet, answers, _ = serve(lambda poll, now_ns: steady(poll, now_ns) if poll >= 3 else None, ticks=5)
+def both(now_ns, *, left=0.1, right=0.1, right_ns=None):
+    """Poses of two fingers now; nan: not there."""
+    return hands_at([[left, 0, 0], [right, 0, 0]], [now_ns, now_ns if right_ns is None else right_ns])
 
-    assert outlet.states[:5] == [State.STARTING] * 3 + [State.OK] * 2
-    assert len(answers.seen) == 5  # at the full rate all the same
-    assert outlet.records[0]["flags"].tolist() == [0, 0]
+
+@pytest.mark.parametrize(
+    ("poll", "states", "refused"),
+    [
+        (lambda poll, now: both(now) if poll >= 3 else None, [(3, State.STARTING), (2, State.OK)], (0, 0, 0)),
+        (lambda poll, now: both(now, left=np.nan if poll >= 2 else 0.1, right=np.nan if poll else 0.1),
+         [(1, State.OK), (1, State.DEGRADED), (1, State.STALE)], (0, 0, 0)),
+        (lambda poll, now: both(now, right_ns=START), [(100, State.OK), (5, State.DEGRADED)], (0, 0, 0)),
+        (lambda poll, now: both(now + (HOUR if 10 <= poll < 200 else 0)),
+         [(10, State.OK), (105, None), (85, State.STALE), (10, State.OK)], (2 * 190, 0, 0)),
+        (lambda poll, now: both(now - (HOUR if 10 <= poll < 200 else 0)),
+         [(10, State.OK), (105, None), (85, State.STALE), (10, State.OK)], (0, 0, 2 * 190)),
+        (lambda poll, now: both(now - (50 * MS if poll >= 10 else 0)), [(80, State.OK)], (0, 2 * 49, 0)),
+        (lambda poll, now: both(START), [(10, State.OK)], (0, 0, 0)),
+    ],
+    ids=["none yet", "lost", "one too old", "clock ahead", "clock behind", "clock put back", "the same"],
+)  # fmt: skip
+def test_state_follows_from_the_poses_that_come(poll, states, refused):
+    """None: whatever it is meanwhile. A clock that jumps ends in STALE, and recovers when it is right."""
+    count = sum(times for times, _ in states)
+
+    report, outlet, answers, _ = serve(poll, ticks=count, valid_for=1.0)
+
+    assert len(answers.seen) == count  # at the full rate all the same
+    expected = [state for times, state in states for _ in range(times)]
+    assert [told for told, state in zip(outlet.states, expected, strict=False) if state is not None] == [
+        state for state in expected if state is not None
+    ]
+    assert (report.future, report.backwards, report.too_old) == refused
+    for records, state in zip(outlet.records, expected, strict=False):
+        tracked = int((records["flags"] != 0).sum())
+        assert tracked == {State.OK: 2, State.DEGRADED: 1}.get(state, 0) or state is None
+
+
+def test_pose_that_comes_while_a_tick_is_kept_from_running_is_not_from_the_future():
+    clock = ManualClock()
+
+    def poll(poll, now_ns):
+        clock.spend(30 * MS * (poll == 1))
+        return both(clock.now_ns())
+
+    report, outlet, _, _ = serve(poll, ticks=3, clock=clock)
+
+    assert report.future == 0
+    assert outlet.states[:3] == [State.OK, State.LATE, State.OK]
 
 
 def test_state_goes_from_late_to_stale_as_the_only_pose_grows_old():
@@ -185,27 +225,6 @@ def test_state_goes_from_late_to_stale_as_the_only_pose_grows_old():
     # The pose is of the first tick: valid for 20 ms, worth something for 100.
     assert outlet.states[:110] == [State.OK] * 21 + [State.LATE] * 80 + [State.STALE] * 9
     assert np.isfinite(answers.seen[100][0]).all() and np.isnan(answers.seen[101][0][:, 0]).all()
-
-
-def test_finger_that_is_too_old_is_not_tracked_while_the_other_goes_on():
-    def poll(poll, now_ns):
-        return hands_at([[0.1, 0, 0], [0.2, 0, 0]], [now_ns, START])
-
-    _, outlet, _, _ = serve(poll, ticks=105, valid_for=1.0)
-
-    flags = np.array([records["flags"] for records in outlet.records[:105]])
-    assert (flags[:, 0] == ContactFlag.TRACKED).all()
-    assert flags[:100, 1].all() and not flags[100:, 1].any()
-    assert outlet.states[99:101] == [State.OK, State.DEGRADED]
-
-
-def test_state_is_degraded_where_a_finger_is_lost_and_stale_where_all_are():
-    def poll(poll, now_ns):
-        return hands_at([[0.1 if poll < 2 else np.nan, 0, 0], [0.1 if poll < 1 else np.nan, 0, 0]], now_ns)
-
-    _, outlet, _, _ = serve(poll, ticks=3)
-
-    assert outlet.states[:3] == [State.OK, State.DEGRADED, State.STALE]
 
 
 @pytest.mark.parametrize(
@@ -222,9 +241,6 @@ def test_state_is_degraded_where_a_finger_is_near_with_bounds_only(flags, state)
     assert outlet.states[0] == state
 
 
-# --- poses that cannot be ---
-
-
 def test_poses_from_the_future_or_going_back_are_left_out_and_counted():
     instants = [0, 4 * MS, 6 * MS, -MS, 0]  # ahead of the tick
 
@@ -236,54 +252,6 @@ def test_poses_from_the_future_or_going_back_are_left_out_and_counted():
     # Kept: 1 ms, 2 + 4 ms; from the future: 3 + 6; going back: 4 - 1 and 5, both before 6 ms.
     assert [positions[0, 0] for positions, *_ in answers.seen] == pytest.approx([0.1, 0.2, 0.2, 0.2, 0.2])
     assert report.future == 2 and report.backwards == 4
-
-
-def test_pose_that_comes_while_a_tick_is_kept_from_running_is_not_from_the_future():
-    clock = ManualClock()
-
-    def poll(poll, now_ns):
-        clock.spend(30 * MS * (poll == 1))
-        return hands_at([[0.1, 0, 0], [0.2, 0, 0]], clock.now_ns())
-
-    report, outlet, _, _ = serve(poll, ticks=3, clock=clock)
-
-    assert report.future == 0
-    assert outlet.states[:3] == [State.OK, State.LATE, State.OK]
-
-
-@pytest.mark.parametrize("jump", [-3600_000 * MS, 3600_000 * MS])
-def test_clock_of_the_input_that_jumps_ends_in_stale_and_recovers_when_it_is_right(jump):
-    def poll(poll, now_ns):
-        return hands_at([[0.1, 0, 0]] * 2, now_ns + (jump if 10 <= poll < 200 else 0))
-
-    report, outlet, _, _ = serve(poll, ticks=210)
-
-    assert outlet.states[:10] == [State.OK] * 10
-    assert outlet.states[115:200] == [State.STALE] * 85
-    assert outlet.states[200:210] == [State.OK] * 10
-    assert report.future + report.too_old == 2 * 190 and report.backwards == 0
-
-
-def test_clock_of_the_input_put_back_a_little_is_believed_as_soon_as_it_is_ahead():
-    def poll(poll, now_ns):
-        return hands_at([[0.1, 0, 0]] * 2, now_ns - (50 * MS if poll >= 10 else 0))
-
-    report, outlet, _, _ = serve(poll, ticks=80, valid_for=0.06)
-
-    assert report.backwards == 2 * 49
-    assert outlet.states[:80] == [State.OK] * 80
-
-
-def test_same_sample_again_and_again_is_one_pose():
-    poses = hands_at([[0.1, 0, 0]] * 2, START)
-
-    report, _, answers, _ = serve(lambda poll, now_ns: poses, ticks=10)
-
-    assert report.backwards == 0
-    assert {int(pose_ns[0]) for _, pose_ns, _ in answers.seen} == {START}
-
-
-# --- the end ---
 
 
 def test_input_that_is_over_ends_the_service_after_its_last_pose():
@@ -318,27 +286,6 @@ def test_event_stops_the_loop():
     assert outlet.states[5:] == FAREWELL
 
 
-def test_answer_that_raises_still_says_stopping_and_closes():
-    outlet = KeepingOutlet()
-
-    def fail(tick):
-        if tick == 2:
-            raise RuntimeError("no answer")
-
-    service = Service(
-        FakeAnswers(during=fail),
-        ScriptedInput(steady),
-        [publisher(outlet)],
-        period=0.001,
-        clock=ManualClock(),
-    )
-
-    with pytest.raises(RuntimeError, match="no answer"):
-        service.run()
-    assert outlet.states == [State.OK] * 2 + FAREWELL
-    assert outlet.is_closed
-
-
 def test_service_runs_once():
     service = Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001, clock=ManualClock())
     service.run(tick_count=1)
@@ -365,9 +312,6 @@ def test_report_tells_all_in_numbers_and_in_lines():
         "woken late: p50 0 µs, p99 0 µs, max 0 µs",
         "left out: 2 poses from the future, 0 older than the one before, 0 too old",
     ]
-
-
-# --- where frames go ---
 
 
 def test_publisher_that_fails_is_counted_and_the_others_go_on(caplog):
@@ -418,9 +362,6 @@ def test_log_has_every_frame_as_the_first_publisher_sealed_it():
     assert report.log_written == 23 and report.log_lost == 0
 
 
-# --- as fast as possible ---
-
-
 def test_waits_that_are_skipped_leave_frames_as_old_as_they_were():
     began = time.monotonic_ns()
     clock = SkippingClock()
@@ -437,9 +378,6 @@ def test_waits_that_are_skipped_leave_frames_as_old_as_they_were():
         assert header["start_ns"] - header["pose_ns"] == 2 * MS
         assert (records["pose_ns"] == header["pose_ns"]).all()
         assert (records["predicted_ns"] - records["pose_ns"] == 3 * MS).all()
-
-
-# --- exchanging who answers ---
 
 
 def test_replacement_answers_from_the_next_tick_on_and_the_epoch_grows():
@@ -488,9 +426,6 @@ def test_replacement_for_other_fingers_is_refused():
         service.replace(FakeAnswers(3))
 
 
-# --- doors ---
-
-
 @pytest.mark.parametrize(
     ("name", "value"), [("period", 0.0), ("valid_for", float("nan")), ("stale_after", "1"), ("period", 1e-7)]
 )
@@ -499,9 +434,6 @@ def test_times_that_cannot_be_are_refused(name, value):
 
     with pytest.raises(ServiceError, match=f"^{name} is .*, expected 1e-05 to 10 s$"):
         Service(FakeAnswers(), ScriptedInput(steady), [], **times)
-
-
-# --- memory ---
 
 
 def test_memory_does_not_grow_with_ticks():

@@ -3,24 +3,16 @@
 import numpy as np
 import pytest
 import shapes
-from fake_service import QueueInlet, filled
+from fake_service import filled
 
 from proximity.message import MOVES, Message
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service import MovesInput, TrackedContacts
-from proximity.service.inputs import inbox
 from proximity.tracker.tracker import Tracker
 
 NOW = 5_000_000_000  # ns
 MS = 1_000_000
-
-
-@pytest.fixture
-def inlet(monkeypatch):
-    queue = QueueInlet()
-    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
-    return queue
 
 
 def scene(*names):
@@ -198,9 +190,6 @@ def test_tick_sees_the_moves_that_have_arrived(inlet):
     assert first - second == pytest.approx(1.0, abs=1e-12)
     answers.close()
     assert inlet.is_closed and answers.notes == []
-
-
-# --- a mover that falls silent ---
 
 
 def moving(pose_ns=NOW, speed=0.5):

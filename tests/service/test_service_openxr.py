@@ -92,9 +92,6 @@ def test_failures_are_counted_and_the_next_pose_is_taken():
     given.close()
 
 
-# ------------------------------------------------------------------------------------------- the scene file
-
-
 def scene_file(tmp_path, text):
     path = tmp_path / "scene.toml"
     path.write_text(f'[[parts]]\nfile = "{MESHES / "box.stl"}"\n[input]\n{text}\n')
@@ -128,9 +125,6 @@ def test_missing_pyopenxr_is_reported_with_what_to_install(monkeypatch):
         MissingLibraryError, match=r'input.openxr needs pyopenxr.*pip install "cad-proximity\[openxr\]"'
     ):
         OpenXrHands()
-
-
-# ---------------------------------------------------------------------------------------- calls of pyopenxr
 
 
 @pytest.fixture

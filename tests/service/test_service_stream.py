@@ -13,14 +13,6 @@ from proximity.transport import open_publisher
 NOW = 7000 * MS
 
 
-@pytest.fixture
-def inlet(monkeypatch):
-    """A queue where the address would be."""
-    queue = QueueInlet()
-    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
-    return queue
-
-
 def poses(positions, pose_ns=NOW, *, fingers=None, kind=POSES):
     """A message with these poses, of the first fingers where not said."""
     message = Message(kind, len(positions))

@@ -9,7 +9,6 @@ from fake_service import MS, KeepingOutlet, ManualClock, Newest, QueueInlet, Scr
 from proximity.errors import ServiceError
 from proximity.message import MEASURED, ContactFlag, Message, Mode, Source, State, Surface
 from proximity.service import Measurements, MessageInput, SensedContacts, Service
-from proximity.service.inputs import inbox
 from proximity.transport import Subscriber
 
 NOW = 9000 * MS
@@ -58,23 +57,12 @@ def approach(answers, distance_at, times_ms, *, error=0.0, lag_ms=0.0):
         yield filled(answers, samples, NOW + round((time_ms + lag_ms) * MS))[0].copy()
 
 
-# --- what is told is passed on, what is not stays unknown ---
-
-
 def test_all_that_a_sensor_tells_is_in_the_contact():
     fields = {
-        "position": (1, 2, 3),
-        "velocity": (4, 5, 6),
-        "normal": (0, 0, 1),
-        "approach_speed": 0.2,
-        "bend": 0.4,
-        "bend_rate": 2.0,
-        "force": 1.5,
-        "force_is_valid": 1,
-        "surface": Surface.DEFORMABLE,
-        "stiffness": 800.0,
-        "damping": 3.0,
-    }
+        "position": (1, 2, 3), "velocity": (4, 5, 6), "normal": (0, 0, 1), "approach_speed": 0.2, "bend": 0.4,
+        "bend_rate": 2.0, "force": 1.5, "force_is_valid": 1, "surface": Surface.DEFORMABLE,
+        "stiffness": 800.0, "damping": 3.0,
+    }  # fmt: skip
     contact = answer(0.01, NOW + 2 * MS, measured_ns=NOW, error=0.001, **fields)
 
     for name, value in fields.items():
@@ -140,9 +128,6 @@ def test_force_that_is_no_number_is_not_valid():
     contact = answer(-0.001, force=np.nan, force_is_valid=1)
 
     assert contact["force"] == 0.0 and contact["force_is_valid"] == 0
-
-
-# --- speeds, predictions, times ---
 
 
 def test_speed_of_approach_is_estimated_from_distances():
@@ -246,9 +231,6 @@ def test_time_to_contact(distance, speed, time, free):
     assert contact["mode"] == (Mode.POSITION if time < np.inf else Mode.RETRACT)
 
 
-# --- the bend at contact ---
-
-
 def test_bend_at_contact_follows_from_bend_rate_and_time():
     contact = answer(0.01, approach_speed=0.1, bend=0.3, bend_rate=2.0)
 
@@ -276,16 +258,6 @@ def test_bend_at_contact_of_a_finger_that_touches_is_its_bend(distance, error):
     contact = answer(distance, bend=0.6, error=0.001)
 
     assert contact["contact_bend"] == 0.6 and contact["contact_bend_error"] == error
-
-
-# --- messages ---
-
-
-@pytest.fixture
-def inlet(monkeypatch):
-    queue = QueueInlet()
-    monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
-    return queue
 
 
 def test_normals_and_surfaces_that_cannot_be_are_unknown(inlet):
@@ -330,9 +302,6 @@ def test_speed_that_a_sensor_cannot_have_measured_is_not_believed_and_costs_no_f
     assert np.isfinite(contact["predicted_distance"])
 
 
-# --- the same checks, ages and safe behaviour as of geometry ---
-
-
 def test_measurements_age_as_poses_do():
     outlet = KeepingOutlet()
 
@@ -374,13 +343,7 @@ def test_subscriber_believes_a_distance_without_a_place_and_widens_it():
     assert (reading.contacts["upper"] >= 0.05 + 0.2 * 0.04).all()
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"latency": 2.0},
-        {"max_speed": math.nan},
-    ],
-)
+@pytest.mark.parametrize("fields", [{"latency": 2.0}, {"max_speed": math.nan}])
 def test_numbers_that_cannot_be_are_refused(fields):
     with pytest.raises(ServiceError, match=r"expected a latency of 0 to 1 s and the others above zero$"):
         SensedContacts(1, **fields)

@@ -36,13 +36,7 @@ from proximity.message import (
 from proximity.recording import FrameReader
 from proximity.service import realtime
 from proximity.service.config import PartFiles
-from proximity.service.hosting import (
-    RunningService,
-    scene_changes,
-    scene_service,
-    serve,
-    start_service,
-)
+from proximity.service.hosting import RunningService, scene_changes, scene_service, serve, start_service
 from proximity.transport import open_publisher, open_subscriber
 from proximity.transport.link import TRANSPORTS, Transport
 
@@ -168,9 +162,6 @@ def edit(path, before, after):
     text = path.read_text()
     assert before in text
     path.write_text(text.replace(before, after))
-
-
-# ------------------------------------------------------------------------------------------- in this process
 
 
 def test_poses_come_in_and_contacts_go_out(served):
@@ -403,9 +394,6 @@ def test_mistake_of_ours_in_an_edit_is_said(looking, monkeypatch):
     ]
 
 
-# ------------------------------------------------------------------------------------------------- its ends
-
-
 @pytest.mark.parametrize("number", [signal.SIGTERM])
 def test_signal_ends_it_with_a_word(scene_path, folder, number):
     before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
@@ -485,12 +473,10 @@ def test_what_begun_raises_ends_it(scene_path):
         ({"rate_hz": 0}, "service.rate_hz is 0, expected a number from 1 to 100000 (Hz)"),
         ({"publish": "decaff"}, "service.publish cannot be used: decaff: expected an address such as"),
         ({"rate": 5}, "[service] has no key 'rate': did you mean rate_hz?"),
-        (
-            {"publish": "mailbox:x/poses"},
-            "{path}:10: input.poses is mailbox:x/poses, which is also in service.publish",
-        ),
+        ({"publish": "mailbox:x/poses"},
+         "{path}:10: input.poses is mailbox:x/poses, which is also in service.publish"),
     ],
-)
+)  # fmt: skip
 def test_override_that_cannot_be_used_is_refused(scene_path, overrides, message):
     scene_path.write_text(SCENE.format(name="x"))
 
@@ -624,8 +610,6 @@ def test_listener_that_takes_its_time_delays_no_tick(scene_path):
     assert seen == ["first", "second"]
 
 
-# ------------------------------------------------------------------------------------ in a process of its own
-
 BEGUN = """
 import json, sys, time
 print(json.dumps({"event": "begun", "rate_hz": 500.0}), flush=True)
@@ -691,18 +675,13 @@ def test_child_that_ends_by_itself_has_a_report(child):
 @pytest.mark.parametrize(
     ("code", "message"),
     [
-        (
-            "import sys; sys.exit('proximity: a.toml:3: wrong')",
-            "cell.toml: the service has failed with exit code 1",
-        ),
-        (
-            "import sys; print('proximity: a.toml:3: wrong', file=sys.stderr); sys.exit(2)",
-            "a.toml:3: wrong",
-        ),
+        ("import sys; sys.exit('proximity: a.toml:3: wrong')",
+         "cell.toml: the service has failed with exit code 1"),
+        ("import sys; print('proximity: a.toml:3: wrong', file=sys.stderr); sys.exit(2)", "a.toml:3: wrong"),
         ("1 / 0", "cell.toml: the service has failed with exit code 1: ZeroDivisionError: division by zero"),
         ("pass", "cell.toml: the service has failed with exit code 0: it printed nothing"),
     ],
-)
+)  # fmt: skip
 def test_child_that_does_not_begin_is_told_by_its_own_words(child, code, message):
     with pytest.raises(ServiceError) as failed:
         child(code)
@@ -799,9 +778,6 @@ def test_service_stops_when_its_parent_is_killed(scene_path, folder):
         return latest["header"]["state"][-1] == State.STOPPING
 
     wait_until(has_stopped, "the service has stopped")
-
-
-# ------------------------------------------------------------------------- changes of parts, and descriptions
 
 
 @pytest.mark.parametrize("transport", ["udp", "iox2"])

@@ -97,8 +97,6 @@ def block_count(model):
     return int(model.parts["block_count"][:-1].sum())
 
 
-# --- scenes -----------------------------------------------------------------------------------------------
-
 SCENES = ["ball", "box far away", "parts of a file", "parts apart", "large and small", "minute"]
 MINUTE_BESIDE_LARGE = ["1e-15", "1e-18", "1e-21", "1e-22", "1e-24", "1e-30", "1e-60"]
 
@@ -162,9 +160,6 @@ def points_at(mesh, rng, count):
     kinds = [on, on + size * 10.0 ** rng.uniform(-9, 1, (count, 1)) * away, middle + 0.7 * extent * away]
     kinds += [middle + 0.01 * size * away, middle + 1e6 * extent * away]
     return np.concatenate([kind[i :: len(kinds)] for i, kind in enumerate(kinds)])
-
-
-# --- trees made by hand -----------------------------------------------------------------------------------
 
 
 def by_hand(node_count, children):

@@ -51,11 +51,7 @@ class FakeScene:
         )
         self.parts = (
             SimpleNamespace(
-                name=name,
-                solid=solid,
-                pose=Pose(),
-                source_faces=np.arange(100, 200),
-                repairs=FakeRepairs(),
+                name=name, solid=solid, pose=Pose(), source_faces=np.arange(100, 200), repairs=FakeRepairs()
             ),
         )
         self.bounds = np.full(3, -RADIUS), np.full(3, RADIUS)

@@ -53,9 +53,6 @@ class Witnesses:
     face_id: np.ndarray  # S int64
 
 
-# ---------------------------------------------------------------------------------------------- queries
-
-
 def closest(vertices, faces, points):
     """Nearest points of the surface, right to rounding of the coordinates on faces of any shape."""
     corners = _corners(vertices, faces)
@@ -159,9 +156,6 @@ def segment_distance(vertices, faces, starts, ends):
     )
 
 
-# ------------------------------------------------------------------------------- solids of known formula
-
-
 def sphere(points, radius):
     """Signed distance to a sphere around the origin."""
     return np.linalg.norm(points, axis=-1) - radius
@@ -193,9 +187,6 @@ def root(square):
     with localcontext() as context:
         context.prec, context.Emin, context.Emax = 60, -(10**6), 10**6
         return float((Decimal(square.numerator) / Decimal(square.denominator)).sqrt())
-
-
-# ------------------------------------------------------------------------------- pairs of query and face
 
 
 def _corners(vertices, faces):
@@ -248,9 +239,6 @@ def _first_of_each(query, distance, face):
     """Position of the nearest face of each query, the lowest face among equals."""
     order = np.lexsort((face, distance, query))
     return order[np.unique(query[order], return_index=True)[1]]
-
-
-# ------------------------------------------------------------- careful formulas, many pairs at once (K, 3)
 
 
 def _dot(u, v):

@@ -9,19 +9,66 @@ from proximity.pose import Pose
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
 
+
+def needles():
+    """A fan of slivers around a point, closed by a second fan below: heights down to 1e-9."""
+    angle = np.sort(np.random.default_rng(3).random(40)) * 2 * np.pi
+    angle[20:] = angle[19] + np.arange(20) * 1e-9
+    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(40)], axis=1)
+    i, j = np.arange(40), np.roll(np.arange(40), -1)
+    up, down = np.stack([i, j, np.full(40, 40)], axis=1), np.stack([j, i, np.full(40, 41)], axis=1)
+    return np.concatenate([ring, [[0.1, 0.2, 0.5], [0.1, 0.2, -0.25]]]), np.concatenate([up, down])
+
+
+def rod():
+    """A rod of 600 faces, each a thousand times as long as wide."""
+    angle = 2 * np.pi * np.arange(150) / 150
+    ring = np.stack([0.01 * np.cos(angle), 0.01 * np.sin(angle), np.full(150, -0.2)], axis=1)
+    vertices = np.concatenate([ring, ring + np.array([0.0, 0.0, 0.4]), [[0.0, 0.0, -0.2], [0.0, 0.0, 0.2]]])
+    a, b = np.arange(150), np.roll(np.arange(150), -1)
+    low, high = np.full(150, 300), np.full(150, 301)
+    sides = [[a, b, b + 150], [a, b + 150, a + 150], [low, b, a], [high, a + 150, b + 150]]
+    return vertices, np.concatenate([np.stack(side, axis=1) for side in sides])
+
+
+def overlapping_cubes():
+    """Two cubes that share a corner's volume, as one mesh: the surface meets itself."""
+    return shapes.join(shapes.cube(1.0, (0.0, 0.0, 0.0)), shapes.cube(1.0, (0.6, 0.5, 0.4)))
+
+
+def tray():
+    """A low box without its lid."""
+    vertices, faces = shapes.open_box()
+    return vertices * [1.0, 1.0, 0.3], faces
+
+
+def scattered_triangles():
+    """Eighty triangles of any shape anywhere."""
+    rng = np.random.default_rng(5)
+    corners = rng.uniform(-1.0, 1.0, (80, 1, 3)) + rng.normal(size=(80, 3, 3)) * rng.choice(
+        [1e-3, 0.3], (80, 1, 1)
+    )
+    return corners.reshape(-1, 3), np.arange(240).reshape(-1, 3)
+
+
 CLOSED = {
     "tetrahedron": shapes.tetrahedron,
     "cube": shapes.cube,
     "hollow cube": shapes.hollow_cube,
+    "octahedron": shapes.octahedron,
     "sphere": lambda: shapes.sphere(subdivisions=2),
     "torus": lambda: shapes.torus(n=16, m=8),
     "torus of loose faces": lambda: shapes.soup(*shapes.torus(n=16, m=8)),
+    "rod": rod,
 }
-MESHES = CLOSED | {
+OPEN = {
+    "tray": tray,
     "sheet": shapes.grid,
-    "open box": shapes.open_box,
     "Moebius strip": lambda: shapes.strip(16, half_turns=1),
+    "scattered triangles": scattered_triangles,
 }
+# Closed, but the one has corners that are as good as one, and the other meets itself.
+MESHES = CLOSED | OPEN | {"needles": needles, "overlapping cubes": overlapping_cubes}
 FAR = np.array([10_000.0, -7_000.0, 3_000.0])
 
 

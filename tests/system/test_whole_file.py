@@ -107,8 +107,6 @@ def test_device_is_written_to_as_it_is_or_refused():
         pytest.fail("it was opened")
 
 
-# --- what writers leave behind ----------------------------------------------------------------------------
-
 needs_locks = pytest.mark.skipif(os.name == "nt", reason="there are no such locks there")
 
 

@@ -53,9 +53,6 @@ def run_over(scene, recording, *, working_range=0.050, spoil=None, **options):
 DOWN_AND_UP = np.concatenate([np.linspace(0.020, 0.004, 17), np.linspace(0.005, 0.030, 26)])
 
 
-# ------------------------------------------------------------------------------------------------ running
-
-
 def test_every_instant_is_one_tick_of_a_fresh_tracker(scene):
     recording = recording_above_the_box(DOWN_AND_UP)
 
@@ -98,9 +95,6 @@ def test_log_that_does_not_fit_into_memory_is_refused(scene, monkeypatch):
         run_over(scene, recording_above_the_box(DOWN_AND_UP))
 
 
-# ---------------------------------------------------------------------------------------------- counting
-
-
 def test_answers_add_up(scene):
     heights = DOWN_AND_UP.copy()
     heights[30:35] = np.nan
@@ -134,9 +128,6 @@ def test_nearest_approach_and_touches_are_told(scene):
     assert (touch.finger, touch.count) == ("index", 2)
     assert touch.first_s in (0.002, 0.003)  # 5 mm above: on the surface but for rounding
     assert touch.deepest == pytest.approx(0.002, abs=1e-15)
-
-
-# ---------------------------------------------------------------------------------------------- judging
 
 
 def test_bounds_that_hold_are_found_to_hold(scene):
@@ -255,9 +246,6 @@ def test_touch_that_a_small_change_of_velocity_led_to_breaks_nothing(scene):
     judged = bounds_check.judge_certified_times(scene, run, RADIUS)
 
     assert judged.broken_count == 0 and judged.checked_count > 0
-
-
-# ---------------------------------------------------------------------------------------------- fitting
 
 
 def scattered(count, size, *, seed=5):

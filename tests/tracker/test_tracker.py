@@ -10,8 +10,6 @@ from proximity.pose import Pose
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
 
-# --- distance and surface -----------------------------------------------------------------------------------
-
 
 def test_above_a_plate_all_fields_are_known():
     found = contact([plate()], (0.01, 0.02, 0.05))
@@ -141,9 +139,6 @@ def test_exact_answers_are_those_of_the_scene():
     assert np.array_equal(found["flags"] & ContactFlag.INSIDE != 0, expected.signed_distance < 0)
     assert found["point_on_part"] == pytest.approx(expected.point, abs=1e-14)
     assert np.einsum("ij,ij->i", found["normal"], expected.gradient) == pytest.approx(1.0, abs=1e-9)
-
-
-# --- velocities ---------------------------------------------------------------------------------------------
 
 
 def test_velocity_is_told_by_the_poses():

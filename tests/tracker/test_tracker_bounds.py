@@ -75,16 +75,12 @@ def lied(log, name, change, flags=()):
         ("the normal goes to the point", "normal", lambda normal: -normal, ["EXACT"]),
         ("predicted lower <= true", "predicted_lower", lambda lower: lower + 0.5, []),
         ("true <= predicted upper", "predicted_upper", lambda upper: upper - 0.5, []),
-        (
-            "free until the time to contact, along the velocity",
-            "time_to_contact_lower",
-            lambda time: 1.1 * time + 0.05,
-            ["PREDICTED"],
-        ),
+        ("free until the time to contact, along the velocity", "time_to_contact_lower",
+         lambda time: 1.1 * time + 0.05, ["PREDICTED"]),
         ("free until the contact on the path", "contact_bend", lambda bend: bend + 0.2, ["ON_PATH"]),
         ("a contact that has an error is one", "contact_bend", lambda bend: bend - 0.2, ["CONTACT_FOUND"]),
     ],
-)
+)  # fmt: skip
 def test_a_lie_is_found(promise, field, change, flags):
     """In one trial or another it happens, and then it is told."""
     for seed in range(SEARCHED):
@@ -99,9 +95,6 @@ def test_a_trial_comes_again_with_its_number():
 
     assert str(first) == str(second)
     assert one.records.tobytes() == two.records.tobytes()
-
-
-# ------------------------------------------------------------------------------- what trials have found
 
 
 def ball(subdivisions=4):
@@ -169,9 +162,6 @@ def test_time_left_on_a_path_is_never_negative_at_its_end():
 
     assert (contacts["bend_rate"] > 0.0).all()
     assert (contacts["time_to_contact_lower"] >= 0.0).all()
-
-
-# -------------------------------------------------------------------------- the script that does the same
 
 
 def test_script_shows_one_trial_and_is_content(capsys):

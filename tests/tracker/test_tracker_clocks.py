@@ -33,19 +33,13 @@ def test_hand_on_one_clock_is_exact_and_nothing_is_noted(caplog):
 @pytest.mark.parametrize(
     ("pose_base", "now_base", "sentence"),
     [
-        (
-            EPOCH,
-            BOOT,
-            "poses from the future are not used (by 1794997000 s; t_pose_ns and now_ns may be of two",
-        ),
-        (
-            BOOT,
-            EPOCH,
-            "poses older than 1 s are not used (1794997000 s old; t_pose_ns and now_ns may be of two",
-        ),
+        (EPOCH, BOOT,
+         "poses from the future are not used (by 1794997000 s; t_pose_ns and now_ns may be of two"),
+        (BOOT, EPOCH,
+         "poses older than 1 s are not used (1794997000 s old; t_pose_ns and now_ns may be of two"),
         (BOOT // 1000, BOOT, "poses older than 1 s are not used (2997 s old"),
     ],
-)
+)  # fmt: skip
 def test_distance_is_never_exact_with_an_age_of_57_years(pose_base, now_base, sentence, caplog):
     flags, tracker = approach(lambda k: pose_base + k * MS, lambda k: now_base + k * MS)
 
@@ -100,9 +94,6 @@ def test_finger_of_another_clock_is_lost_and_the_other_goes_on():
     assert len(tracker.notes) == 1
     tracker.tick([(0, 0, 0.05), (np.nan,) * 3], [BOOT + MS, EPOCH], BOOT + MS)
     assert len(tracker.notes) == 1
-
-
-# --- millimetres --------------------------------------------------------------------------------------------
 
 
 def test_fingers_in_millimetres_are_noted_once(caplog):

@@ -186,12 +186,8 @@ def test_part_changed_is_told_once_for_each_change():
     found = ticks(Tracker(scene, fingers=1), [(x, 0, 0.06) for x in (-0.02, -0.01, 0.01, 0.02, -0.01)])
 
     assert [bool(flags_of(each) & ContactFlag.PART_CHANGED) for each in found] == [
-        False,
-        False,
-        True,
-        False,
-        True,
-    ]
+        False, False, True, False, True,
+    ]  # fmt: skip
 
 
 def test_first_tick_and_a_finger_found_again_have_no_part_to_change():
@@ -228,9 +224,6 @@ def test_higher_speed_allowed_is_no_jump():
 
     assert not flags_of(found[1]) & ContactFlag.JUMPED
     assert found[1]["velocity"] == pytest.approx([20.0, 0, 0])
-
-
-# --- parts that come and go ---------------------------------------------------------------------------------
 
 
 def two_blocks():

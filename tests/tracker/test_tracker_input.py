@@ -23,9 +23,6 @@ def tracker():
     return Tracker(Scene([plate()]), fingers=2)
 
 
-# --- the tracker itself -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("thing", [None, "part.stl", plate(), [plate()]])
 def test_something_else_than_a_scene_is_refused(thing):
     with pytest.raises(ArgumentError, match=f"looks at a Scene, not at a {type(thing).__name__}"):
@@ -39,11 +36,8 @@ def test_something_else_than_a_scene_is_refused(thing):
         ("fingers", True, "fingers is True, expected a whole number"),
         ("budget", 0, "budget is 0, expected a whole number of 1 or more"),
         ("budget", "all", "budget is 'all', expected a whole number"),
-        (
-            "radius",
-            -0.001,
-            "radius is -0.001, expected metres of 0 or more: one, or one for each of 3 fingers",
-        ),
+        ("radius", -0.001,
+         "radius is -0.001, expected metres of 0 or more: one, or one for each of 3 fingers"),
         ("radius", 7, r"radius is 7 m \(7000 mm\), expected at most 0.1 m: was it meant in millimetres\?"),
         ("radius", [0.007, 0.1001, 0.008], r"radius is 0.1001 m \(100.1 mm\), expected at most 0.1 m"),
         ("radius", "thick", "expected one radius in metres, or one a finger"),
@@ -57,7 +51,7 @@ def test_something_else_than_a_scene_is_refused(thing):
         ("max_speed", -3.0, "max_speed is -3.0, expected a positive number of metres a second"),
         ("max_acceleration", None, "max_acceleration is None, expected a positive number of m/s²"),
     ],
-)
+)  # fmt: skip
 def test_setting_that_cannot_be_used_is_named(setting, value, said):
     with pytest.raises(ArgumentError, match=said):
         Tracker(Scene([plate()]), **{"fingers": 3, setting: value})
@@ -97,8 +91,6 @@ def test_setting_of_a_tracker_is_not_changed_to_no_effect(setting):
     with pytest.raises(AttributeError, match=f"property '{setting}' of 'Tracker' object has no setter"):
         setattr(Tracker(Scene([plate()])), setting, 0.05)
 
-
-# --- arguments of a tick ------------------------------------------------------------------------------------
 
 REFUSED = {
     "positions have shape (3,), expected (2, 3)": {"positions": (0, 0, 0.05)},
@@ -265,9 +257,6 @@ def test_masked_finger_is_not_tracked(tracker):
     found = tracker.tick(np.ma.masked_array(TIPS, [[False] * 3, [True] * 3]), 0, 0)
 
     assert [bool(flags) for flags in found["flags"] & ContactFlag.TRACKED] == [True, False]
-
-
-# --- what sensors deliver -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("lost", [(np.nan,) * 3, (0, np.inf, 0), (1e200, 0, 0)])

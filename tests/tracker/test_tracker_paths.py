@@ -110,9 +110,6 @@ def test_rate_of_the_contact_at_a_turning_part_is_that_of_the_place_of_contact(s
     assert found["contact_bend_rate"] == pytest.approx((places[1] - places[0]) / dt, rel=1e-3)
 
 
-# --- time along the path ------------------------------------------------------------------------------------
-
-
 def test_time_to_contact_is_along_the_path_when_the_finger_goes_that_way():
     """A quarter circle down to a plate that the straight way misses."""
     angle = np.linspace(0.0, np.pi / 2, 2001)
@@ -153,9 +150,6 @@ def test_time_along_a_path_is_certified_for_a_part_that_moves(part_speed):
     assert found["time_to_contact_lower"] <= true
     assert found["contact_bend"] == pytest.approx(0.43, abs=1e-6)  # as the parts stand
     assert found["contact_bend_rate"] == pytest.approx(-part_speed / 0.1, rel=1e-6)
-
-
-# --- paths of all kinds -------------------------------------------------------------------------------------
 
 
 def test_without_a_path_the_fields_of_a_path_are_nan():

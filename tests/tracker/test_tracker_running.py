@@ -198,9 +198,6 @@ def test_parts_may_be_moved_by_another_thread_while_fingers_tick():
     assert moves[0] > 10
 
 
-# --- what happens within a tick -----------------------------------------------------------------------------
-
-
 def assert_counted(scene, tracker, tip, name, ticks):
     """Whether a part that comes from afar is seen to come."""
     for k in ticks:

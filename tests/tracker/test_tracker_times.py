@@ -10,8 +10,6 @@ from proximity.pose import Pose
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
 
-# --- prediction ---------------------------------------------------------------------------------------------
-
 
 def test_distance_is_predicted_for_when_the_controller_acts():
     """The pose is 4 ms old and the controller acts 3 ms later; a finger slows down a little, at most 4 %."""
@@ -40,11 +38,7 @@ def test_pose_from_after_the_controller_acts_is_predicted_for_its_own_instant():
 
 @pytest.mark.parametrize(
     ("settings", "gap", "age"),
-    [
-        ({}, 0.1, 0.001),
-        ({}, 0.06, 0.01),
-        ({"max_speed": 1.0, "max_acceleration": 500.0}, 0.0085, 0.001),
-    ],
+    [({}, 0.1, 0.001), ({}, 0.06, 0.01), ({"max_speed": 1.0, "max_acceleration": 500.0}, 0.0085, 0.001)],
 )
 def test_a_finger_that_turns_round_between_its_first_poses_stays_within_its_bounds(settings, gap, age):
     """As late as it can, and as fast as it may: its mean velocity says the opposite of what it does."""
@@ -115,9 +109,6 @@ def test_as_fast_as_parts_may_be_nothing_is_promised_that_does_not_hold(angular_
     assert (found["time_to_contact_lower"] <= 1e-9).all()
     # The ball may be anywhere by then, and the plate is still there.
     assert (found["predicted_lower"] <= 0.05 - RADIUS).all() and (found["predicted_upper"] >= 0.95).all()
-
-
-# --- time to contact ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -22,11 +22,8 @@ def test_address_is_taken_apart(text, scheme, location, options):
     address = parse(text)
 
     assert (address.text, address.scheme, address.location, address.options) == (
-        text,
-        scheme,
-        location,
-        options,
-    )
+        text, scheme, location, options,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("text", ["", "decaff", "mailbox:", "iox2://a#b"])

@@ -101,9 +101,6 @@ def test_everything_is_forgotten():
         assert np.isnan(contacts[name]).all(), name
 
 
-# --- the promise: against a tracker, fingers that do all they can, and parts that keep their velocities ---
-
-
 class Moving:
     """Up to three cubes that fly and turn, each with its velocities."""
 

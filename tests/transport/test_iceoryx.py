@@ -96,9 +96,6 @@ def test_shared_memory_that_is_full_is_told_and_the_name_stays_free(address, mon
     open_publisher(address).close()
 
 
-# --- names ---
-
-
 def test_one_subscriber_too_many_is_refused_until_another_leaves(address):
     inlets = [open_inlet(address) for _ in range(iceoryx_names.SUBSCRIBERS)]
     with pytest.raises(PublishError, match=r"iox2://.*: has 16 subscribers already, the maximum"):

@@ -73,9 +73,6 @@ def now_frame(**settings):
     return frame(time.monotonic_ns(), valid_for=LONG, **settings)
 
 
-# --- the file ---
-
-
 def test_key_is_random_never_written_over_and_its_owner_alone_may_read_it(tmp_path):
     paths = [tmp_path / "one.key", tmp_path / "two.key"]
     for path in paths:
@@ -153,9 +150,6 @@ def test_key_that_its_owner_may_only_read_is_taken_and_one_without_a_name_not(ke
         open_subscriber("udp://127.0.0.1:9100?key=")
 
 
-# --- what is sent ---
-
-
 def test_tag_is_keyed_blake2s_over_the_whole_message(key, port):
     data = np.arange(1000).astype(np.uint8)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
@@ -180,9 +174,6 @@ def test_largest_message_leaves_room_for_the_tag(key, port):
     finally:
         inlet.close()
         outlet.close()
-
-
-# --- what is believed ---
 
 
 def test_frames_with_the_key_are_believed_and_50_of_50_forged_ones_are_not(link):
@@ -245,9 +236,6 @@ def test_strangers_are_counted_as_strangers_and_a_flood_leaves_the_reader_its_ti
         inlet.close()
 
 
-# --- what was recorded and is sent again ---
-
-
 @pytest.mark.parametrize("silence", [0, 10**12])
 def test_session_before_the_newest_is_never_believed_again(silence):
     """Nor for being of another kind."""
@@ -265,9 +253,6 @@ def test_session_before_the_newest_is_never_believed_again(silence):
 
     assert taken == [1, 1, 0, 0, 0, 1, 1, 1]
     assert reader.counts.flawed == {Defect.OLD: 3}
-
-
-# --- poses into a service ---
 
 
 def test_forged_poses_do_not_reach_a_service(key, port, caplog):

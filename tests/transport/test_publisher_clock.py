@@ -103,9 +103,6 @@ def test_clock_that_drifts_is_followed():
     assert abs(clock.theirs(start + hour) - (start + AHEAD + round(hour * slow))) < MS
 
 
-# --- when it is certain ---
-
-
 @pytest.mark.parametrize(
     ("messages", "is_certain"),
     [
@@ -145,9 +142,6 @@ def test_settled_clock_stays_so_when_a_way_becomes_faster_or_slower():
 
     assert clock.is_certain
     assert clock.theirs(start + 10 * MS) == pytest.approx(start + 10 * MS + AHEAD + TRANSIT_NS, abs=MS)
-
-
-# --- another clock ---
 
 
 @pytest.mark.parametrize(
@@ -195,9 +189,6 @@ def test_instant_that_is_too_early_is_undone_by_those_that_follow(early, period,
     end = run(clock, start + period, SETTLING_NS + 3 * period, period=period)
 
     assert clock.is_certain and shows(clock, end, within=MS)
-
-
-# --- a way that becomes longer is not another clock ---
 
 
 @pytest.mark.parametrize("pause", [MS, 2 * JUMP_NS])

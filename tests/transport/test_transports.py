@@ -82,9 +82,6 @@ def link(ends):
     opened.close()
 
 
-# --- messages ---
-
-
 @all_schemes
 def test_messages_arrive_whole_and_in_order_by_whichever_thread(link):
     """Of any size; what was sent may be changed at once."""
@@ -199,8 +196,6 @@ def test_nothing_grows(link):
         gc.enable()
 
 
-# --- ends ---
-
 CLOSED = {
     "mailbox": (None, None),
     "udp": (r": cannot send \(", r": cannot receive \("),
@@ -264,9 +259,6 @@ def test_without_its_library_the_error_says_what_to_install(scheme, sentence, mo
 
     with pytest.raises(PublishError, match=sentence):
         open_publisher(f"{scheme}://decaff")
-
-
-# --- frames ---
 
 
 @pytest.mark.parametrize("scheme", ["mailbox", "udp", "iox2"])
@@ -342,9 +334,6 @@ def test_program_that_forgets_to_close_ends_without_a_word(ends, count):
         assert program.ended(let_go=True) == (0, "", "")
     for inlet in [open_inlet(ends[1]) for _ in range(count)]:
         inlet.close()
-
-
-# --- publishers ---
 
 
 @pytest.fixture

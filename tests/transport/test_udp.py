@@ -68,9 +68,6 @@ def datagram(data, port, source="127.0.0.1", source_port=0, count=1):
             sender.sendto(data, ("127.0.0.1", port))
 
 
-# --- addresses ---
-
-
 @pytest.mark.parametrize("host", ["localhost", pytest.param("[::1]", marks=needs_ipv6)])
 def test_host_may_be_a_name_or_of_ipv6(host, opened):
     address = f"udp://{host}:{free_port(host.strip('[]'))}"
@@ -137,9 +134,6 @@ def test_port_in_use_is_refused_even_with_who_would_share_it(opened, port):
             open_inlet(f"udp://127.0.0.1:{other.getsockname()[1]}")
 
 
-# --- whom to listen to, and where to send from ---
-
-
 def test_sender_is_bound_where_it_was_told(opened, port):
     inlet = opened(open_inlet, f"udp://0.0.0.0:{port}?from=127.0.0.1")
     source_port = free_port()
@@ -174,17 +168,10 @@ def test_flood_of_strangers_leaves_the_reader_its_time(opened, port):
 
 @pytest.mark.parametrize(
     ("place", "source", "shares_clock"),
-    [
-        ("127.0.0.1", "127.0.0.1", True),
-        ("127.0.0.1", "192.0.2.7", False),
-        ("0.0.0.0", "127.0.0.1", False),
-    ],
+    [("127.0.0.1", "127.0.0.1", True), ("127.0.0.1", "192.0.2.7", False), ("0.0.0.0", "127.0.0.1", False)],
 )
 def test_sender_elsewhere_has_a_clock_of_its_own(opened, port, place, source, shares_clock):
     assert opened(open_inlet, f"udp://{place}:{port}?from={source}").shares_clock is shares_clock
-
-
-# --- sizes ---
 
 
 def test_largest_datagram_travels_and_a_larger_message_is_refused(opened, port):
@@ -220,9 +207,6 @@ def test_empty_datagram_is_a_message_of_no_bytes(opened, port):
         subscriber.wait(0.01)
 
     assert subscriber.counts.flawed == {Defect.SHORT: 1}
-
-
-# --- what else goes wrong ---
 
 
 class Failing:

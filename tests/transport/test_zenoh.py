@@ -64,8 +64,6 @@ def test_port_in_use_is_refused():
     outlet.close()
 
 
-# --- a configuration of Zenoh's own: who may publish ---
-
 ACCESS = """{
   scouting: { multicast: { enabled: false } },
   transport: { auth: { usrpwd: { user: "service", password: "x", dictionary_file: "users" } } },

@@ -44,6 +44,12 @@ def assert_answer_holds_together(hit, vertices, faces, points):
     assert np.abs(back - hit.point).max() <= room
 
 
+def slant(hit, directions):
+    """One over the cosine between ray and normal: by that much a coordinate's rounding moves the hit."""
+    unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+    return 1.0 / np.maximum(np.abs((unit * hit.normal).sum(axis=-1)), 1e-12)
+
+
 def is_near(found, expected, room):
     """Where two distances differ by no more than *room*, or are both infinite."""
     both_miss = np.isinf(found) & np.isinf(expected)

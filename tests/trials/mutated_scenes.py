@@ -88,9 +88,6 @@ def bodies():
 SCENES = {make.__name__: make for make in (cell, crowd, alone, bodies)}
 
 
-# --- changes ---------------------------------------------------------------------------------------------
-
-
 def runs(arrays):
     """Where in the words each table lies, by name."""
     parts = arrays["parts"].view(layout.PART).reshape(-1)
@@ -100,10 +97,7 @@ def runs(arrays):
         "nodes": (0, layout.NODE_STRIDE * nodes),
         "trees over parts": (layout.NODE_STRIDE * nodes, row["slot_faces"]),
         "slots": (row["slot_faces"], row["slot_faces"] + layout.LANES * blocks),
-        "moments": (
-            row["moments"],
-            row["moments"] + compiled_scene.LAYOUT["MOMENT_STRIDE"] * nodes,
-        ),
+        "moments": (row["moments"], row["moments"] + compiled_scene.LAYOUT["MOMENT_STRIDE"] * nodes),
         "notes": (row["block_notes"], row["block_notes"] + blocks),
         "grid over parts": (parts["grid"][-1], len(arrays["words"])),
     }
@@ -169,17 +163,8 @@ def other_value(rng, old, values):
 def change_array(rng, arrays, number):
     """Change one number of an array; each column of the tables of parts in turn, and each table of words."""
     names = [
-        "parts",
-        "words",
-        "words",
-        "frames",
-        "reals",
-        "words",
-        "faces",
-        "vertices",
-        "poses",
-        "source_faces",
-    ]
+        "parts", "words", "words", "frames", "reals", "words", "faces", "vertices", "poses", "source_faces",
+    ]  # fmt: skip
     name = names[number % len(names)]
     array = arrays[name]
     if name == "words":
@@ -259,9 +244,6 @@ def changed(number, name, metadata, arrays):
         return metadata, arrays, change_metadata(rng, metadata)
     times = 1 if rng.random() < 0.8 else int(rng.integers(2, 5))
     return metadata, arrays, "; ".join(change_array(rng, arrays, number + 13 * k) for k in range(times))
-
-
-# --- questions -------------------------------------------------------------------------------------------
 
 
 def ask(asked, points):

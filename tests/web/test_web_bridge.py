@@ -428,13 +428,8 @@ def test_a_service_that_begins_anew_is_told_where_parts_are(bridge):
 
 def ask_slice(page, **changes):
     asked = {
-        "ticket": 5,
-        "origin": [0, 0, 0.05],
-        "u": [0.2, 0, 0],
-        "v": [0, 0.1, 0],
-        "width": 21,
-        "height": 11,
-    }
+        "ticket": 5, "origin": [0, 0, 0.05], "u": [0.2, 0, 0], "v": [0, 0.1, 0], "width": 21, "height": 11,
+    }  # fmt: skip
     page.send(json.dumps({"slice": asked | changes}))
 
 

@@ -174,18 +174,14 @@ def test_pages_are_told_that_it_is_over():
 @pytest.mark.parametrize(
     ("said", "reason"),
     [
-        (
-            {"answer": {"number": 1, "button": "other", "values": {}, "seconds": 1}},
-            "that is no answer to this step",
-        ),
-        (
-            {"answer": {"number": 1, "button": "take", "values": {}, "seconds": -1}},
-            "an answer takes no such time",
-        ),
+        ({"answer": {"number": 1, "button": "other", "values": {}, "seconds": 1}},
+         "that is no answer to this step"),
+        ({"answer": {"number": 1, "button": "take", "values": {}, "seconds": -1}},
+         "an answer takes no such time"),
         ({"answer": 1}, "an answer is no object"),
         ({"run": "rm"}, "a page may answer and stop, and no more than a person can"),
     ],
-)
+)  # fmt: skip
 def test_what_no_page_sends_ends_the_connection(pages, person, said, reason):
     pages.present(STEP)
     person.step("Pose 1")

@@ -217,8 +217,6 @@ def test_unused_lane_is_nan_and_disturbs_no_neighbour():
     assert (np.delete(distances, 3) == 4.0).all()
 
 
-# --- features by construction -----------------------------------------------------------------------------
-
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.25, 0.5, 0.0]])
 #       2
 #      . .
@@ -339,8 +337,6 @@ def test_edges_shorter_than_rounding_have_weights_within_a_triangle():
 
     assert (closest[:, CLOSEST_WEIGHT : CLOSEST_WEIGHT + 3] >= 0.0).all()
 
-
-# --- properties -------------------------------------------------------------------------------------------
 
 small_integers = npst.arrays(np.float64, (4, 3), elements=st.integers(-4, 4).map(lambda n: n / 4.0))
 

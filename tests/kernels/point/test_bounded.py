@@ -214,9 +214,6 @@ def test_unused_lanes_of_a_minute_part_stay_closed():
             assert found.work <= 4 + block_count(model)
 
 
-# --- trees made by hand -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("best_sq", [np.inf, 1.0, 0.0])
 def test_room_suffices_where_all_is_open(best_sq):
     """With every bound 0 and nothing found each step leaves eight more waiting, as long as asked."""
@@ -293,9 +290,6 @@ def test_opening_a_node_does_not_lower_the_bound():
         )
 
         assert found == (np.inf, NO_SLOT, pytest.approx(expected, rel=1e-6), budget)
-
-
-# --- adversaries ------------------------------------------------------------------------------------------
 
 
 def test_copies_of_one_triangle_give_the_lowest_slot_or_bounds():
@@ -378,9 +372,6 @@ def test_bracket_is_narrow_all_around_the_centre(cavity):
     points = ways / np.linalg.norm(ways, axis=1)[:, None] * rng.uniform(0.0, 0.1, (100, 1))
 
     assert max(gap_of(cavity, point, 600) for point in points) < 0.02
-
-
-# --- rounding ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("reach", [2.0, 2.5, 30.0, 1e3, 1e9, 1e17])

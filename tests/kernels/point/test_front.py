@@ -200,9 +200,6 @@ def test_where_more_nodes_are_near_than_it_holds_it_is_given_up():
     assert searcher.count == 0
 
 
-# --- in a tick --------------------------------------------------------------------------------------------
-
-
 def ticked(scene, tracker, places, between=lambda step: None):
     """Tick along *places* (N, F, 3); each exact answer is the scene's."""
     kept = 0

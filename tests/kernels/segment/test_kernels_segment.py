@@ -12,7 +12,7 @@ from models import model_of
 from nodes import node_of
 
 import oracle
-from proximity.kernels.layout import LANES, NO_FACE, NO_PART, NO_SLOT
+from proximity.kernels.layout import LANES, NO_SLOT
 from proximity.kernels.scene import segment_queries
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import (
@@ -30,7 +30,6 @@ from proximity.kernels.segment.plan import (
 from proximity.kernels.segment.triangle import WITNESS_SIZE
 from proximity.kernels.segment.walk import segment_in_block
 from proximity.native.simd import bits, lane, splat32
-from proximity.pose import Pose
 
 ALL_ROWS = np.empty(0, np.int64)
 ROUNDING = 2.0**-52
@@ -47,9 +46,6 @@ MESHES = {
     "torus": shapes.torus(),
     "hollow cube": shapes.hollow_cube(),
 }
-
-
-# ---------------------------------------------------------------------------------------------- helpers
 
 
 class Found:
@@ -114,9 +110,6 @@ def needles(aspect, count=40):
 @pytest.fixture(scope="module", params=sorted(MESHES))
 def mesh(request):
     return MESHES[request.param]
-
-
-# ------------------------------------------------------------------------------------------- boxes
 
 
 @numba.njit(error_model="numpy")
@@ -220,9 +213,6 @@ def test_boxes_behind_a_crossing_are_closed():
     assert (bounds <= limit).tolist() == [True] * 4 + [False] * 4
 
 
-# -------------------------------------------------------------------------------------------- plans
-
-
 def plan_of(start, end):
     plan = np.zeros(PLAN_SIZE)
     make_plan(plan, np.zeros(PROBE_SIZE, np.float32), *(float(x) for x in (*start, *end)))
@@ -269,9 +259,6 @@ def test_cut_never_takes_the_nearest_point():
                 p = rng.choice([-1.0, 1.0], 3)
                 t = np.clip((p - start) @ (end - start) / ((end - start) @ (end - start)), 0.0, 1.0)
                 assert plan[PLAN_LOW] - 1e-12 <= t <= plan[PLAN_HIGH] + 1e-12
-
-
-# -------------------------------------------------------------------------------- against the oracle
 
 
 @pytest.mark.parametrize("length", [1e-200, 1e-15, 1e-8, 1e-2, 1.0, 10.0])
@@ -364,9 +351,6 @@ def test_any_segment_and_any_triangles(start, end, corners):
     assert_right((np.array(corners), np.arange(3 * count).reshape(-1, 3)), start, end)
 
 
-# --------------------------------------------------------------------------------------------- crossing
-
-
 @pytest.mark.parametrize(
     "solid", [shapes.cube(2.0, (0, 0, 0)), shapes.sphere(), shapes.octahedron()], ids=["cube", "sphere", "8"]
 )
@@ -423,87 +407,11 @@ def test_first_crossing_of_a_scene_is_the_first_of_its_parts(count, is_fused):
     assert np.abs(found.fraction[hit] - first[hit]).max(initial=0.0) <= 1e-14
 
 
-# ----------------------------------------------------------------------------------- scenes, rows, ties
-
-
-def a_scene(is_fused=False):
-    meshes = [shapes.moved(shapes.torus(n=12, m=6), (0.7 * k, 0.0, 0.2 * k)) for k in range(9)]
-    poses = None if is_fused else [Pose(shapes.rotation(k), 0.5 * np.arange(3) * k) for k in range(9)]
-    turned = (
-        meshes
-        if is_fused
-        else [(v @ p.rotation.T + p.translation, f) for (v, f), p in zip(meshes, poses, strict=True)]
-    )
-    return model_of(*meshes, poses=poses, is_fused=is_fused), shapes.join(*turned)
-
-
-@pytest.mark.parametrize("is_fused", [False, True])
-def test_scene_answers_as_all_its_faces(is_fused):
-    model, (vertices, faces) = a_scene(is_fused)
-    rng = np.random.default_rng(24)
-    starts = rng.uniform(-8, 12, (150, 3))
-    ends = starts + rng.choice([0.1, 3.0, 30.0], (150, 1)) * rng.normal(size=(150, 3))
-    expected = oracle.segment_distance(vertices, faces, starts, ends)
-
-    found = Found(model, starts, ends)
-
-    off = np.abs(found.distance - expected.distance)
-    assert (off <= 1e-12 * expected.distance + 1e-15 * 40).all()
-    corners = vertices[faces[found.part * (len(faces) // 9) + found.face]]
-    place = (found.barycentric[:, :, None] * corners).sum(axis=1)
-    assert np.abs(place - found.on_solid).max() <= 4e-14
-    gap = np.linalg.norm(found.on_segment - found.on_solid, axis=1)
-    assert np.abs(gap - found.distance).max() <= 1e-14
-
-
-@pytest.mark.parametrize("is_fused", [False, True])
-def test_answers_depend_on_nothing_but_the_segment(is_fused):
-    model, _ = a_scene(is_fused)
-    rng = np.random.default_rng(25)
-    starts, ends = rng.integers(-2, 8, (2, 100, 3)) * 0.5
-
-    found = Found(model, starts, ends)
-
-    shuffled = Found(model, starts, ends, order=rng.permutation(100))
-    assert np.array_equal(found.reals, shuffled.reals) and np.array_equal(found.choices, shuffled.choices)
-    for row in range(0, 100, 9):
-        alone = Found(model, starts[row], ends[row])
-        assert np.array_equal(found.reals[row], alone.reals[0])
-        assert np.array_equal(found.choices[row], alone.choices[0])
-
-
 def test_order_may_name_some_rows_only():
     found = Found(model_of(shapes.cube()), np.full((3, 3), 2.0), np.full((3, 3), 3.0), order=np.array([1]))
 
     assert (found.reals[[0, 2]] == 7.0).all() and (found.choices[[0, 2]] == 7).all()
     assert found.distance[1] == pytest.approx(3.0**0.5)
-
-
-@pytest.mark.parametrize("is_fused", [False, True])
-def test_limit_changes_nothing_within_it(is_fused):
-    model, _ = a_scene(is_fused)
-    rng = np.random.default_rng(26)
-    starts = rng.uniform(-8, 12, (200, 3))
-    ends = starts + rng.normal(size=(200, 3))
-    free = Found(model, starts, ends)
-    for limit in (0.0, 0.5, free.distance[7], 3.0):
-        found = Found(model, starts, ends, limit=limit)
-        near = free.distance <= limit
-        assert np.array_equal(found.reals[near], free.reals[near])
-        assert np.array_equal(found.choices[near], free.choices[near])
-        assert np.isinf(found.distance[~near]).all() and np.isnan(found.reals[~near, 1:]).all()
-        assert (found.part[~near] == NO_PART).all() and (found.face[~near] == NO_FACE).all()
-
-
-def test_row_that_is_not_finite_answers_nan_and_the_others_go_on():
-    starts, ends = np.full((4, 3), 2.0), np.full((4, 3), 3.0)
-    starts[1, 1], ends[2, 0] = np.nan, np.inf
-
-    found = Found(model_of(shapes.cube()), starts, ends)
-
-    assert np.isnan(found.reals[1:3]).all()
-    assert (found.choices[1:3] == [NO_PART, NO_FACE]).all()
-    assert found.distance[[0, 3]] == pytest.approx([3.0**0.5] * 2)
 
 
 @pytest.mark.internals

@@ -97,9 +97,6 @@ def down(things=None, **settings):
     return Way([plate(half=0.3)] if things is None else things, line((0, 0, 0.1), (0, 0, -0.1)), **settings)
 
 
-# --- places on a way ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("parameter", "place", "direction"),
     [
@@ -137,9 +134,6 @@ def test_outward_is_from_the_surface_to_the_point_and_nothing_on_it():
         fill_closest(model, 0, slot, (0.0, 0.0, height), closest)
         outward_of(model, 0, closest, out)
         assert out.tolist() == pytest.approx(expected, abs=1e-12)
-
-
-# --- how far it is free -------------------------------------------------------------------------------------
 
 
 def test_straight_at_a_plate_the_way_is_free_until_just_before_the_touch():
@@ -244,9 +238,6 @@ def test_with_a_budget_of_one_step_something_is_certified():
     assert steps <= 24
 
 
-# --- balls --------------------------------------------------------------------------------------------------
-
-
 def test_second_time_balls_answer_and_certify_no_less_than_is_true():
     way = Way([solid(shapes.sphere(0.05, 4), "ball")], line((-0.2, 0, 0.04), (0.2, 0, 0.04)))
     first, second = way.go(), way.go()
@@ -272,12 +263,8 @@ def test_a_ball_tells_its_room_less_what_moved_and_nothing_when_it_gave_more():
     """Free of surface for 0.1 m about (1, 0, 0), when parts had moved 2 m; the sphere has 0.02 m."""
     balls = no_balls()
     balls[[3, 3 + BALL_COUNT, 3 + 2 * BALL_COUNT, 3 + 3 * BALL_COUNT, 3 + 4 * BALL_COUNT]] = (
-        1.0,
-        0.0,
-        0.0,
-        0.1,
-        2.0,
-    )
+        1.0, 0.0, 0.0, 0.1, 2.0,
+    )  # fmt: skip
 
     def clearance(x, moved=2.0):
         return advancing._clearance_in_balls(Sphere(0.02, 1.0, balls, moved), x, 0.0, 0.0)
@@ -298,9 +285,6 @@ def test_moved_parts_are_met_where_they_are_now():
 
     assert free <= 0.013
     assert expected == pytest.approx(0.013, abs=1e-6)
-
-
-# --- touches ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -28,12 +28,13 @@ pytestmark = pytest.mark.internals
 TIGHT = 1.0 + 1e-11
 
 
-def scene_of(motions):
-    """Cubes [0, 1]³ named by number, each turned and elsewhere, with velocity and angular velocity."""
+def scene_of(motions, corner=0.0):
+    """Cubes from (corner, corner, corner) on, named by number, each turned and elsewhere, with velocities."""
     return Scene(
         [
             part_of(
-                shapes.cube(), f"{row}", Pose(shapes.rotation(row), (3.0 * row, 1.0, -2.0)),
+                shapes.moved(shapes.cube(), [corner] * 3), f"{row}",
+                Pose(shapes.rotation(row), (3.0 * row, 1.0, -2.0)),
                 velocity=np.array(v, float), angular_velocity=np.array(w, float),
             )
             for row, (v, w) in enumerate(motions)
@@ -129,22 +130,20 @@ def test_parts_that_stand_move_relative_to_one_that_goes():
     assert drift(scene, (0, 2.0, 0)) == 0.0
 
 
-def test_of_a_part_that_turns_the_drift_is_that_of_the_corner_farthest_from_its_origin():
-    scene = scene_of([((0, 0, 0), (0, 0, 3.0))])
+@pytest.mark.parametrize(("corner", "farthest"), [(0.0, 1.0), (-0.7, 0.7), (-3.0, 3.0)])
+def test_of_a_part_that_turns_the_drift_is_that_of_the_corner_farthest_from_its_origin(corner, farthest):
+    speed = 3.0 * np.sqrt(3.0) * farthest
 
-    assert 3.0 * np.sqrt(3.0) <= drift(scene) <= 3.0 * np.sqrt(3.0) * TIGHT
+    assert speed * (1.0 - 1e-15) <= drift(scene_of([((0, 0, 0), (0, 0, 3.0))], corner)) <= speed * TIGHT
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_no_corner_is_ever_faster_than_the_drift(seed):
     rng = np.random.default_rng(seed)
-    scene = scene_of(rng.normal(size=(4, 2, 3)) * rng.choice([0.0, 0.1, 3.0], (4, 2, 1)))
+    scene = scene_of(rng.normal(size=(4, 2, 3)) * rng.choice([0.0, 0.1, 3.0], (4, 2, 1)), -0.2 * seed)
     for _ in range(5):
         u = rng.normal(size=3)
         assert fastest_corner(scene, u) <= drift(scene, u)
-
-
-# --- when they come -----------------------------------------------------------------------------------------
 
 
 def train(speeds, gap=1.0):
@@ -240,9 +239,6 @@ def test_a_clearance_lasts_until_what_has_come_by_then_may_use_it_up():
 def test_nothing_moves_nothing_counts():
     assert near_of(scene_of([((0, 0, 0), (0, 0, 0))] * 9))[1:] == (0, 0.0)
     assert part_travel(Drift(movers_workspace(9), 0, 0.25), 1.0, 1.0) == (0.25, np.inf)
-
-
-# --- how far they have moved --------------------------------------------------------------------------------
 
 
 def before(scene):

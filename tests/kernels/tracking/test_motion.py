@@ -30,9 +30,6 @@ def irregular_times(rng, count, start_ns=0):
     return start_ns + np.cumsum((1e5 * 500.0 ** rng.random(count)).astype(np.int64))
 
 
-# --- the velocity ---
-
-
 @pytest.mark.parametrize("start_ns", [0, 10**18])
 @pytest.mark.parametrize("seed", range(5))
 def test_steady_motion_has_its_velocity_at_any_times(seed, start_ns):
@@ -155,9 +152,6 @@ def test_velocity_that_was_nonsense_is_forgotten_soon(speed):
     assert finger.velocity_error < 0.5 and not finger.velocity.any()
 
 
-# --- poses that are no news ---
-
-
 @pytest.mark.parametrize("lost", [(np.nan, 0, 0), (0, np.nan, 0), (0, 0, np.nan), (np.inf, 0, 0)])
 def test_lost_finger_answers_nothing_and_is_remembered(lost):
     finger = Finger()
@@ -204,9 +198,6 @@ def test_longest_gap_is_still_bridged():
 
     assert finger.see_all(times, steady(times, (0.5, 0, 0)))[-1] == KNOWN
     np.testing.assert_allclose(finger.velocity, (0.5, 0, 0), atol=1e-9)
-
-
-# --- jumps ---
 
 
 def test_hand_that_jumps_starts_anew_there():
@@ -260,48 +251,26 @@ def test_poses_gone_astray_and_back_leave_the_velocity_as_it_was(start, strays):
     assert finger.velocity_error < 0.6
 
 
-def test_way_back_is_closed_by_three_poses_elsewhere():
-    finger = Finger()
-    times = np.arange(10) * 8 * MS
-    positions = np.zeros((10, 3))
-    positions[5:8] = FAR
-    statuses = finger.see_all(times, positions)
-
-    assert statuses[5:] == [TRACKED | STARTED | JUMPED, KNOWN, KNOWN, TRACKED | STARTED | JUMPED, KNOWN]
+ANEW = TRACKED | STARTED | JUMPED
 
 
-def test_jump_after_a_return_is_a_jump():
-    """Four centimetres are too far from the last pose, though not from the one before the stray."""
-    finger = Finger()
-    times = np.arange(8) * 8 * MS
-    positions = np.zeros((8, 3))
-    positions[5] = FAR
-    positions[7] = (0.04, 0, 0)
+@pytest.mark.parametrize(
+    ("times", "strays", "expected"),
+    [
+        (range(0, 80, 8), {5: FAR, 6: FAR, 7: FAR}, [ANEW, KNOWN, KNOWN, ANEW, KNOWN]),
+        (range(0, 64, 8), {5: FAR, 7: (0.04, 0, 0)}, [ANEW, KNOWN | JUMPED, ANEW]),
+        ([0, 8, 16, 24, 32, 40, 30, 41], {5: FAR, 6: FAR}, [ANEW]),
+        ([0, 8, 16, 24, 84, 144], {4: (1, 1, 1)}, [ANEW]),
+    ],
+    ids=["three poses elsewhere", "a jump after a return", "time runs backwards", "long ago"],
+)
+def test_way_back_is_closed(times, strays, expected):
+    """After a return four centimetres are too far from the last pose, though not from the one before."""
+    positions = np.zeros((len(times), 3))
+    for pose, stray in strays.items():
+        positions[pose] = stray
 
-    assert finger.see_all(times, positions)[5:] == [
-        TRACKED | STARTED | JUMPED,
-        KNOWN | JUMPED,
-        TRACKED | STARTED | JUMPED,
-    ]
-
-
-def test_way_back_is_closed_when_time_runs_backwards():
-    finger = Finger()
-    times = np.arange(5) * 8 * MS
-    finger.see_all(times, np.zeros((5, 3)))
-    finger.see(40 * MS, FAR)
-    finger.see(30 * MS, FAR)
-
-    assert finger.see(41 * MS, (0, 0, 0)) == TRACKED | STARTED | JUMPED
-
-
-def test_way_back_is_forgotten_with_time():
-    finger = Finger()
-    times = np.arange(4) * 8 * MS
-    finger.see_all(times, steady(times, (0.5, 0, 0)))
-    finger.see(times[-1] + 60 * MS, (1, 1, 1))
-
-    assert finger.see(times[-1] + 120 * MS, (0.1, 0.2, 0.3)) == TRACKED | STARTED | JUMPED
+    assert Finger().see_all(np.array(times) * MS, positions)[-len(expected) :] == expected
 
 
 def test_small_stray_widens_the_error_and_passes():
@@ -332,9 +301,6 @@ def test_places_beyond_all_numbers_jump_and_come_back():
     np.testing.assert_allclose(finger.velocity, (0.5, 0, 0), atol=1e-9)
 
 
-# --- where it will be ---
-
-
 def test_prediction_is_a_little_short_of_straight_ahead_and_ends_at_the_horizon():
     finger = Finger()
     times = np.arange(5) * 8 * MS
@@ -348,24 +314,19 @@ def test_prediction_is_a_little_short_of_straight_ahead_and_ends_at_the_horizon(
     assert finger.after(-1.0)[1] == finger.after(0.0)[1] == 0.0
 
 
-def test_bound_of_an_unknown_velocity_is_what_a_hand_can_move():
-    finger = Finger()
-    finger.see(0, (0, 0, 0))
-
-    for h in (0.001, 0.01, 0.1, 1.0):
-        step, rho = finger.after(h)
-        assert not step.any() and rho == MAX_SPEED * h
-
-
-def test_bound_far_ahead_is_that_of_a_finger_that_turns_at_full_speed():
-    finger, limits = Finger(), (0.6, MAX_ACCELERATION)
+def test_bound_far_ahead_is_what_a_hand_can_move_or_a_finger_that_turns_at_full_speed():
+    unknown, finger, limits = Finger(), Finger(), (0.6, MAX_ACCELERATION)
+    unknown.see(0, (0, 0, 0))
     times = np.arange(5) * 8 * MS
     for t_ns, position in zip(times, steady(times, (0.5, 0, 0)), strict=True):
         finger.see(t_ns, position, limits=limits)
 
-    for h in (0.05, 0.5):
-        step, rho = finger.after(h, limits)
-        assert rho == pytest.approx(0.6 * h + step[0])
+    for h in (0.001, 0.05, 0.5):
+        step, rho = unknown.after(h)
+        assert not step.any() and rho == MAX_SPEED * h
+        if h > 0.001:
+            step, rho = finger.after(h, limits)
+            assert rho == pytest.approx(0.6 * h + step[0])
 
 
 @pytest.mark.parametrize("is_steady", [True, False])

@@ -68,9 +68,6 @@ def cost(nodes, links):
     return half_areas(nodes.reshape(-1, BOX_STRIDE))[links[:, LINK_LEFT] != NO_CHILD].sum()
 
 
-# --- halving ----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.internals
 @pytest.mark.parametrize("leaf_shift", [0, FACES_SHIFT])
 @pytest.mark.parametrize("count", [1, 2, 8, 9, 17, 1000])
@@ -112,9 +109,6 @@ def test_what_no_plane_separates_is_halved_by_count():
     _, links, _, _ = halved(boxes)
 
     assert (links[links[:, LINK_LEFT] == NO_CHILD][:, LINK_COUNT] == LANES).all()
-
-
-# --- reinsertion ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.internals
@@ -164,9 +158,6 @@ def test_a_leaf_on_the_wrong_side_is_put_where_it_belongs():
     assert_binary_tree(flat, links, moved)
     widths = -(flat.reshape(-1, BOX_STRIDE)[:, 0] + flat.reshape(-1, BOX_STRIDE)[:, 4])
     assert (np.sort(widths)[-2:] > 5).tolist() == [False, True], "only the root spans both heaps"
-
-
-# --- widening ---------------------------------------------------------------------------------------------
 
 
 def wide_nodes(nodes):
@@ -296,9 +287,6 @@ def test_leaves_are_numbered_in_the_order_of_the_tree():
     assert leaves[0] == (0, len(leaf_first) - 1)
     assert sorted(new_order) == list(range(5000)) and leaf_first[-1] == 5000
     assert np.diff(leaf_first).min() >= 1 and np.diff(leaf_first).max() <= LANES
-
-
-# --- all together -----------------------------------------------------------------------------------------
 
 
 def test_ordinary_mesh_fills_its_nodes():

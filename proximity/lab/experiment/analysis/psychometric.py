@@ -82,7 +82,12 @@ def threshold_mean(counts: Counts, levels: Sequence[float], shape: Shape) -> flo
 
 def fit(counts: Counts, levels: Sequence[float], shape: Shape) -> Psychometric:
     """Return the psychometric function of answers."""
-    data = np.array([[np.log10(level), right, count] for level, (right, count) in sorted(counts.items())])
+    # psignifit refuses answers at one level, which an adaptive method may have asked alone; with
+    # levels that were not asked they tell the same, since the shape is given.
+    unasked = {level: (0, 0) for level in levels if level not in counts} if len(counts) == 1 else {}
+    data = np.array(
+        [[np.log10(level), right, count] for level, (right, count) in sorted((counts | unasked).items())]
+    )
     with needed("experiments need", "experiment"):
         fit = import_module("psignifit").psignifit
     with warnings.catch_warnings():

@@ -1,0 +1,53 @@
+"""``proximity client`` and ``controller``: sources that they write, what they leave alone, and refusals."""
+
+import pytest
+
+from proximity.decaff.controller.chip_sources import controller_sources
+from proximity.decaff.controller.settings import CableRule, ControllerSettings
+from proximity.decaff.glove.glove import DRUMS, Glove
+from proximity.message.clients import EXAMPLES, client_files
+
+SETTINGS = ControllerSettings(2000.0, DRUMS["gear14"])
+
+
+@pytest.mark.parametrize(
+    ("words", "sources"),
+    [
+        *((["client", language], client_files(language)) for language in ("csharp", "javascript", "cpp")),
+        (["controller", "--drum", "gear14", "--rate", 2000], controller_sources([Glove()], SETTINGS)),
+        (["controller", "--cable", 1212],
+         controller_sources([Glove()], ControllerSettings(cable=CableRule(1212.0)))),
+    ],
+    ids=lambda value: " ".join(map(str, value[:2])) if isinstance(value, list) else "",
+)  # fmt: skip
+def test_sources_are_written_and_examples_are_left_alone(run, words, sources, tmp_path):
+    folder = tmp_path / "a" / "b"
+    result = run(*words, "--out", folder)
+    files = {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir()}
+    assert (result.code, result.err, files) == (0, "", sources)
+    assert result.out.splitlines() == [f"{folder / name}: written" for name in sources]
+
+    for path in folder.iterdir():
+        path.write_text("mine")
+    again = run(*words, "--out", folder).out.splitlines()
+
+    kept = {path.name for path in folder.iterdir() if path.read_text(encoding="utf-8") == "mine"}
+    assert kept == EXAMPLES & set(files)
+    assert all(f"{folder / name}: left alone, it is there already" in again for name in kept)
+
+
+def test_stiffness_of_the_cable_is_a_number_in_the_sources(run, tmp_path):
+    run("controller", "--out", tmp_path, "--cable", 1212)
+
+    assert ".cable_stiffness = 1212.0,\n" in (tmp_path / "decaff_glove.c").read_text(encoding="ascii")
+
+
+def test_file_that_cannot_be_written_is_told(run, tmp_path):
+    (tmp_path / "decaff_client.hpp").mkdir()
+
+    result = run("client", "cpp", "--out", tmp_path)
+
+    assert result.code == 2
+    assert result.err == (
+        f"proximity: {tmp_path}/decaff_client.hpp: cannot be written (it is no regular file)\n"
+    )
