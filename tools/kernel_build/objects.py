@@ -35,7 +35,11 @@ def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
     binding.initialize_all_asmprinters()
     module = binding.parse_assembly(code)
     machine = binding.Target.from_triple(target.triple).create_target_machine(
-        cpu=instructions.cpu, features=instructions.features, opt=LEVEL, reloc="pic"
+        cpu=instructions.cpu,
+        features=instructions.features,
+        opt=LEVEL,
+        reloc="pic",
+        codemodel="small",  # as in any shared library; the default takes two instructions more a constant
     )
     module.triple, module.data_layout = target.triple, str(machine.target_data)
     options = binding.create_pipeline_tuning_options(LEVEL)

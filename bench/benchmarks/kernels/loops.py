@@ -99,7 +99,7 @@ def node_loop(words, bases, queries, found):
         is_open = bounds <= best32
         waiting = np.int64(-1)
         if bits(is_open):
-            _, waiting = to_nearest(words, bases[i], bounds, bounds, is_open, stacks, np.int64(0))
+            _, waiting = to_nearest(words, words, bases[i], bounds, bounds, is_open, stacks, np.int64(0))
         found[i] = waiting
 
 
