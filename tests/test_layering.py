@@ -35,7 +35,7 @@ signature · sources
     "proximity.kernels": """
 tracking
 scene
-point · ray · segment
+pair · point · ray · segment
 tree
 sign
 mesh · traverse

@@ -9,6 +9,7 @@ from proximity.checks import refuse_trimesh
 from proximity.kernels.mesh.faces import signed_volume
 from proximity.kernels.tree.refit import UNUSED
 from proximity.mesh.bvh import Bvh, LocalFrame
+from proximity.mesh.connected_faces import linked_components
 from proximity.mesh.diagnosis import Diagnosis, diagnose
 from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import Topology, build_topology, corners_of
@@ -179,6 +180,16 @@ class Solid(Queries):
         first[corner[used[::-1]]] = used[::-1]  # of several the last one stays
         assert (np.diff(first) > 0).all(), "corners are numbered in the order of their first vertices"
         return np.where(corner == UNUSED, np.int32(UNUSED), first[corner])
+
+    @cached_property
+    def surface_points(self) -> np.ndarray:
+        """A vertex of each connected surface, (S, 3) m."""
+        faces = self.first_vertices[self.mesh.faces]
+        begins, ends = np.concatenate([faces[:, :2], faces[:, 1:]]).T
+        used = np.unique(faces)
+        labels = linked_components(self.mesh.vertex_count, begins, ends)[used]
+        points: np.ndarray = self.mesh.vertices[used[np.unique(labels, return_index=True)[1]]]
+        return points
 
     @property
     def memory_bytes(self) -> int:

@@ -136,3 +136,92 @@ def test_it_is_what_brute_force_finds(seed):
     expected = brute_force_clearance(*solids)
     assert found.distance <= expected + 1e-15
     assert found.distance == pytest.approx(expected, rel=5e-3)
+
+
+def single(*corners, name):
+    return Solid(np.array(corners, dtype=float), [[0, 1, 2]], name=name)
+
+
+def nearest_by_projection(first, second, rounds=3000):
+    """The distance of two triangles: a point goes to and fro between the nearest points of both."""
+    one, other = (Solid(each, [[0, 1, 2]]) for each in (first, second))
+    point = first.mean(axis=0)
+    for _ in range(rounds):
+        point = one.closest(other.closest(point).point).point
+    return float(other.distance(point))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_triangles_are_as_far_apart_as_projection_to_and_fro_finds(seed):
+    rng = np.random.default_rng(seed)
+    first, second = rng.normal(size=(2, 3, 3))
+    second[:, 0] += rng.choice([0.0, 1.0, 3.0])
+
+    found = clearance(Scene([single(*first, name="a"), single(*second, name="b")]), "a", "b")
+
+    assert found.distance == pytest.approx(nearest_by_projection(first, second), abs=2e-3)
+    assert found.distance <= nearest_by_projection(first, second) + 1e-12
+    for solid, point in zip((first, second), found[1:3], strict=True):
+        assert Solid(solid, [[0, 1, 2]]).distance(point) == pytest.approx(0.0, abs=1e-14)
+    assert np.linalg.norm(found.point_on_second - found.point_on_first) == pytest.approx(
+        found.distance, abs=1e-14
+    )
+
+
+FLAT = ((0, 0, 0), (1, 0, 0), (0, 1, 0))
+
+
+@pytest.mark.parametrize(
+    ("other", "distance"),
+    [
+        (((0, 0, 0.5), (1, 0, 0.5), (0, 1, 0.5)), 0.5),  # parallel
+        (((2, 0, 0), (3, 0, 0), (2, 1, 0)), 1.0),  # in one plane, beside
+        (((0.1, 0.1, 0), (0.3, 0.1, 0), (0.1, 0.3, 0)), 0.0),  # in one plane, inside
+        (((-1, -1, 0), (4, -1, 0), (-1, 4, 0)), 0.0),  # in one plane, around
+        (((0.2, 0.2, -1), (0.2, 0.2, 1), (0.3, 0.3, 1)), 0.0),  # through the middle
+        (((5.0, -1, -1e-12), (5.0, 1, 1e-12), (6, 0, 0)), 4.0),  # crosses the plane, far outside
+        (((1, 0, 0), (2, 0, 1), (2, 0, -1)), 0.0),  # a corner in common
+        (((0, -1, 1), (1, -1, 1), (0.5, -2, 2)), 2**0.5),  # edges that are parallel
+        (((0.5, 0.5, 2**-30), (0.5, 0.5, 1), (1, 1, 1)), 2**-30),  # a corner over an edge
+        (((0.25, 0.25, 1), (0.25, 0.25, 1), (0.25, 0.25, 1)), 1.0),  # a point
+        (((-1, 0.25, 1), (2, 0.25, 1), (2, 0.25, 1)), 1.0),  # a line
+    ],
+)
+def test_distance_of_two_triangles_is_known(other, distance):
+    for place in ([0, 0, 0], [1e3, -2e3, 5e2]):
+        moved = [np.array(each, dtype=float) + place for each in (FLAT, other)]
+        found = clearance(Scene([single(*moved[0], name="a"), single(*moved[1], name="b")]), "a", "b")
+
+        assert found.distance == pytest.approx(distance, abs=1e-12 if place == [0, 0, 0] else 1e-11)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_moving_both_and_swapping_changes_nothing(seed):
+    rng = np.random.default_rng(seed)
+    solids = [
+        Solid(*shapes.torus(0.05, 0.02), name="a"),
+        Solid(*shapes.sphere(0.03, 2), name="b"),
+    ]
+    scene = Scene(solids)
+    scene.move("b", proximity.Pose(shapes.rotation(seed), rng.normal(size=3) * 0.1))
+    found = clearance(scene, "a", "b")
+    together = proximity.Pose(shapes.rotation(seed + 9), rng.normal(size=3))
+    moved = Scene(solids)
+    moved.move("a", together)
+    moved.move("b", together @ scene.part("b").pose)
+
+    assert clearance(scene, "b", "a").distance == found.distance
+    assert clearance(moved, "a", "b").distance == pytest.approx(found.distance, abs=1e-14)
+    for name, point, face in zip("ab", found[1:3], found[3:], strict=True):
+        part = scene.part(name)
+        corners = part.pose.point(part.solid.mesh.vertices[part.solid.mesh.faces[face]])
+        assert Solid(corners, [[0, 1, 2]]).distance(point) == pytest.approx(0.0, abs=1e-14)
+
+
+def test_parts_of_very_different_sizes_are_measured():
+    scene = Scene([Solid(*shapes.cube(1e3), name="a"), Solid(*shapes.cube(1e-4, (0, 0, 0)), name="b")])
+    scene.move("b", proximity.Pose(shapes.rotation(3), [0.0, 0.0, 501.0]))
+    lowest = (scene.part("b").pose.point(scene.part("b").solid.mesh.vertices))[:, 2].min()
+    top = scene.part("a").solid.mesh.vertices[:, 2].max()
+
+    assert clearance(scene, "a", "b").distance == pytest.approx(lowest - top, abs=1e-11)

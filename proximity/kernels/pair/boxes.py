@@ -1,0 +1,157 @@
+"""Boxes of two parts, and points of the second, in the local frame of the first.
+
+A box of the second part is taken there with a box around it. How far boxes are apart along the best
+connection so far bounds their distance, too: there turned boxes are no larger than they are.
+"""
+
+import numpy as np
+
+from proximity.kernels.layout import LANES
+from proximity.kernels.stack_arrays import stack_f64
+from proximity.native import inlined, kernel
+from proximity.native.simd import fma, load, maximum, minimum, splat, widen
+
+SHRINK = 1.0 - 2.0**-40
+"""Factor on squared distances of boxes: it makes up for their rounding."""
+
+
+@kernel
+def frames_between(frames, first, second, turn, offset):
+    """Fill the map from the local frame of part *second* to that of *first*: (9,) row by row, and (3,)."""
+    one, other = frames[first], frames[second]
+    ratio = one.scale / other.scale
+    moved = stack_f64(3)
+    for axis in range(3):
+        moved[axis] = other.translation[axis] - one.translation[axis]
+        for k in range(3):
+            moved[axis] += other.rotation[3 * axis + k] * other.centre[k]
+    for axis in range(3):
+        for k in range(3):
+            total = 0.0
+            for i in range(3):
+                total += one.rotation[3 * i + axis] * other.rotation[3 * i + k]
+            turn[3 * axis + k] = total * ratio
+        total = 0.0
+        for i in range(3):
+            total += one.rotation[3 * i + axis] * moved[i]
+        offset[axis] = (total - one.centre[axis]) * one.scale
+
+
+@inlined
+def mapped(turn, offset, x, y, z):
+    """Points (vectors of eight) of the second frame in the first."""
+    return (
+        fma(splat(turn[0]), x, fma(splat(turn[1]), y, fma(splat(turn[2]), z, splat(offset[0])))),
+        fma(splat(turn[3]), x, fma(splat(turn[4]), y, fma(splat(turn[5]), z, splat(offset[1])))),
+        fma(splat(turn[6]), x, fma(splat(turn[7]), y, fma(splat(turn[8]), z, splat(offset[2])))),
+    )
+
+
+@inlined
+def _reach_along(turn, row, hx, hy, hz):
+    """Half the side of the box around turned boxes with those half sides."""
+    return fma(splat(abs(turn[row])), hx, fma(splat(abs(turn[row + 1])), hy, splat(abs(turn[row + 2])) * hz))
+
+
+@inlined
+def boxes_at(words, base):
+    """The eight boxes at *base*: lower and upper corners, float64x8."""
+    return (
+        (widen(load(words, base)), widen(load(words, base + 8)), widen(load(words, base + 16))),
+        (widen(load(words, base + 24)), widen(load(words, base + 32)), widen(load(words, base + 40))),
+    )
+
+
+@inlined
+def mapped_boxes(words, base, turn, offset):
+    """The eight boxes at *base* of the second part, each with a box around it in the first frame.
+
+    Unused lanes, of which the sides are infinite, become anything.
+    """
+    (lx, ly, lz), (ux, uy, uz) = boxes_at(words, base)
+    half = splat(0.5)
+    hx, hy, hz = (ux - lx) * half, (uy - ly) * half, (uz - lz) * half
+    x, y, z = mapped(turn, offset, (lx + ux) * half, (ly + uy) * half, (lz + uz) * half)
+    rx, ry, rz = (
+        _reach_along(turn, 0, hx, hy, hz),
+        _reach_along(turn, 3, hx, hy, hz),
+        _reach_along(turn, 6, hx, hy, hz),
+    )
+    return (x - rx, y - ry, z - rz), (x + rx, y + ry, z + rz)
+
+
+@inlined
+def gaps_sq(one, other, slack):
+    """Squared distances between boxes, *slack* nearer along each axis."""
+    zero = splat(0.0)
+    gx = maximum(maximum(other[0][0] - one[1][0], one[0][0] - other[1][0]) - slack, zero)
+    gy = maximum(maximum(other[0][1] - one[1][1], one[0][1] - other[1][1]) - slack, zero)
+    gz = maximum(maximum(other[0][2] - one[1][2], one[0][2] - other[1][2]) - slack, zero)
+    return fma(gx, gx, fma(gy, gy, gz * gz)) * splat(SHRINK)
+
+
+@inlined
+def box_at(words, position, axis, box):
+    """Write the box at a child's position: lower and upper corner, and where it ends along an axis; (7,)."""
+    end = 0.0
+    for k in range(3):
+        low, high = np.float64(words[position + LANES * k]), np.float64(words[position + 24 + LANES * k])
+        box[k], box[k + 3] = low, high
+        end += max(axis[k] * low, axis[k] * high)
+    box[6] = end
+
+
+@inlined
+def mapped_box_at(words, position, turn, offset, axis, box):
+    """As `box_at`, of the second part: the box around it in the first frame, and where it begins."""
+    begin = 0.0
+    for row in range(3):
+        middle, reach = offset[row], 0.0
+        for k in range(3):
+            low, high = np.float64(words[position + LANES * k]), np.float64(words[position + 24 + LANES * k])
+            middle += turn[3 * row + k] * 0.5 * (low + high)
+            reach += abs(turn[3 * row + k]) * 0.5 * (high - low)
+        box[row], box[row + 3] = middle - reach, middle + reach
+        begin += axis[row] * middle
+    for k in range(3):
+        side = np.float64(words[position + 24 + LANES * k]) - np.float64(words[position + LANES * k])
+        begin -= abs(_axis_along(axis, turn, k)) * 0.5 * side
+    box[6] = begin
+
+
+@inlined
+def _axis_along(axis, turn, k):
+    """Component of an axis of the first frame along axis *k* of the second."""
+    return axis[0] * turn[k] + axis[1] * turn[3 + k] + axis[2] * turn[6 + k]
+
+
+@inlined
+def ends_of(boxes, axis):
+    """Where eight boxes end along an axis."""
+    (lx, ly, lz), (ux, uy, uz) = boxes
+    x, y, z = splat(axis[0]), splat(axis[1]), splat(axis[2])
+    return maximum(x * lx, x * ux) + (maximum(y * ly, y * uy) + maximum(z * lz, z * uz))
+
+
+@inlined
+def begins_of(words, base, turn, offset, axis):
+    """Where the eight boxes at *base* of the second part begin along an axis of the first frame."""
+    (lx, ly, lz), (ux, uy, uz) = boxes_at(words, base)
+    x = splat(_axis_along(axis, turn, 0))
+    y = splat(_axis_along(axis, turn, 1))
+    z = splat(_axis_along(axis, turn, 2))
+    begin = splat(axis[0] * offset[0] + axis[1] * offset[1] + axis[2] * offset[2])
+    return begin + (minimum(x * lx, x * ux) + (minimum(y * ly, y * uy) + minimum(z * lz, z * uz)))
+
+
+@inlined
+def farther(bounds, begins, ends, slack):
+    """The larger of squared distances and those along an axis."""
+    gap = maximum(begins - ends - slack, splat(0.0))
+    return maximum(bounds, gap * gap * splat(SHRINK))
+
+
+@inlined
+def lanes_of(box):
+    """A box, (6,), in all lanes."""
+    return (splat(box[0]), splat(box[1]), splat(box[2])), (splat(box[3]), splat(box[4]), splat(box[5]))
