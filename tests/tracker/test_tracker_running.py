@@ -10,9 +10,9 @@ import shapes
 from ticking import MS, RADIUS, block, line, plate, solid
 
 import proximity
+from proximity.kernels.scene.part_trees import REGION_COPIES
 from proximity.message import ContactFlag
 from proximity.pose import Pose
-from proximity.scene.model.part_trees import REGION_COPIES
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
 
