@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from proximity.errors import MeshError
-from proximity.kernels.geometry.box import LARGEST_COORDINATE, SMALLEST_SIZE, frame_of_box
+from proximity.kernels.geometry.local_frame import LARGEST_COORDINATE, SMALLEST_SIZE, frame_of_box
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     LANES,

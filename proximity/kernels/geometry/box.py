@@ -5,11 +5,9 @@ to float32 as well; the roundings of the squares are made up for on the other si
 nothing is skipped that could be nearer.
 """
 
-from math import frexp, ldexp
-
 import numpy as np
 
-from proximity.native import entry, inlined
+from proximity.native import inlined
 from proximity.native.simd import fma, load, maximum, minimum, narrow, select, splat, splat32, widen
 
 FAR = 2.0
@@ -24,9 +22,6 @@ LARGEST_BOUND = np.float32(3.4e38)
 LARGEST_REST = 3.3e38
 """Below `LARGEST_BOUND`, so that it is looked at as long as nothing is found."""
 SHRINK_FAR = 1.0 - 2.0**-48
-LARGEST_COORDINATE = 1e150
-SMALLEST_SIZE = 1e-150
-"""m; squares of squares must stay within float64."""
 
 
 @inlined
@@ -116,35 +111,3 @@ def round_up(value):
     if rounded < value:
         rounded += abs(rounded) * np.float32(1.2e-7) + np.float32(1e-38)
     return rounded
-
-
-@inlined
-def _power_above(value):
-    """The least power of two that is not below a positive number: its exponent."""
-    share, exponent = frexp(value)
-    return exponent - 1 if share == 0.5 else exponent
-
-
-@entry("float64[:], float64[:], float64[:] -> float")
-def frame_of_box(lower, upper, centre):
-    """Return the scale of the local frame of a box, (3,) m, and fill its centre; see `mesh.bvh.LocalFrame`.
-
-    0 where the box is too far away, or too small, to be computed with.
-    """
-    extent, largest, reach = 0.0, 0.0, 0.0
-    for axis in range(3):
-        extent = max(extent, upper[axis] - lower[axis])
-        largest = max(largest, abs(lower[axis]), abs(upper[axis]))
-    if largest > LARGEST_COORDINATE or 0.0 < extent < SMALLEST_SIZE:
-        return 0.0
-    grain = ldexp(1.0, _power_above(extent)) if extent > 0.0 else largest
-    for axis in range(3):
-        middle = 0.5 * lower[axis] + 0.5 * upper[axis]
-        centre[axis] = 0.0
-        # Nearer to the origin than two sizes the difference could round; farther, all bits of it fit.
-        if abs(middle) >= 2.0 * grain:
-            centre[axis] = np.rint(middle / grain) * grain if grain > 0.0 else middle
-        if extent == 0.0:
-            centre[axis] = lower[axis]
-        reach = max(reach, abs(lower[axis] - centre[axis]), abs(upper[axis] - centre[axis]))
-    return ldexp(1.0, -_power_above(reach)) if reach > 0.0 else 1.0

@@ -8,7 +8,7 @@ node only.
 
 import numpy as np
 
-from proximity.kernels.geometry.box import frame_of_box
+from proximity.kernels.geometry.local_frame import frame_of_box
 from proximity.kernels.layout import LANES, NODE_PARTS, NODE_STRIDE
 from proximity.kernels.scene.dynamic_tree import DynamicParts, bring_up_to_date
 from proximity.kernels.scene.static_tree import gather_entries, name_leaves, thin_out

@@ -10,7 +10,7 @@ from math import frexp
 import numpy as np
 
 from proximity.kernels.contact_record import SURFACE_DEFORMABLE, SURFACE_RIGID
-from proximity.kernels.geometry.box import LARGEST_COORDINATE
+from proximity.kernels.geometry.local_frame import LARGEST_COORDINATE
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     ENTRY,
