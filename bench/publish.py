@@ -2,8 +2,9 @@
 
 Runs `report.py`, `ticks.py`, `service.py`, `vr.py` and `growth.py` in turn, on a quiet machine if possible,
 keeps their JSON in ``bench/published``, and makes of it the pages in ``docs/performance`` and
-the README's table. The ticks of another machine are a ``ticks_NAME.json`` beside them. ``--from-json``
-measures nothing.
+the README's table. `report.py` and `ticks.py` run twice: ``NAME_v3.json`` is of kernels for AVX2, which most
+processors have, ``NAME.json`` of the best kernels for this one. The ticks of another machine are a
+``ticks_MACHINE.json`` beside them. ``--from-json`` measures nothing.
 """
 
 import argparse
@@ -21,16 +22,20 @@ from benchmarks.publication import sections
 from benchmarks.publication.vr_tables import draw_vr
 from benchmarks.support.project import BENCH, environment
 
-# Together a quarter of an hour on a quiet machine of two cores; twice that beside others (2026-11-21).
+# Together half an hour on a quiet machine of two cores; twice that beside others (2026-11-26).
 RUNS = {
-    "report": ["--rounds", "7"],
+    "report_v3": ["--rounds", "5"],
+    "report": ["--rounds", "5"],
+    "ticks_v3": [],
     "ticks": [],
     "service": ["publish", "minute"],
     "vr": [],
     "growth": [],
 }
 QUICK_RUNS = {
+    "report_v3": ["--quick", "--cases", "plate/near", "plate/rays"],
     "report": ["--quick", "--cases", "plate/near", "plate/rays"],
+    "ticks_v3": ["--small"],
     "ticks": ["--small"],
     "service": ["--small"],
     "vr": ["--small"],
@@ -81,14 +86,16 @@ def draw_pictures(documents: dict[str, dict], folder: Path) -> None:
 
 def _measured(name, words, folder):
     """Run a command with its output shown; return whether it wrote its figures."""
-    command = [sys.executable, str(BENCH / f"{name}.py"), *words, "--json", str(folder / f"{name}.json")]
-    print("---", *command[1:], flush=True)
+    script, _, kernels = name.partition("_")
+    command = [sys.executable, str(BENCH / f"{script}.py"), *words, "--json", str(folder / f"{name}.json")]
+    chosen = {"PROXIMITY_ISA": kernels} if kernels else {}
+    print("---", *(f"{variable}={value}" for variable, value in chosen.items()), *command[1:], flush=True)
     start = time.monotonic()
-    done = subprocess.run(command, env=environment(), check=False)
+    done = subprocess.run(command, env=environment() | chosen, check=False)
     print(f"--- {name}: {time.monotonic() - start:.0f} s", flush=True)
     if done.returncode in JUDGED and (folder / f"{name}.json").is_file():
         return True
-    print(f"{name}.py ended with {done.returncode}: nothing is published", file=sys.stderr)
+    print(f"{script}.py ended with {done.returncode}: nothing is published", file=sys.stderr)
     return False
 
 

@@ -19,7 +19,7 @@ from benchmarks.support.machine import describe_machine
 from benchmarks.support.output import open_console, print_machine, print_verdicts, refuse_unknown, write_json
 
 CASE_NAMES = [f"{mesh}/{pattern}" for mesh in cases.MESHES for pattern in cases.PATTERNS]
-DEFAULT_MESHES = ("featuretype", "cycloidal", "plate")
+DEFAULT_MESHES = ("featuretype", "cycloidal", "plate", "globe")
 DEFAULT_CASES = [f"{mesh}/{pattern}" for mesh in DEFAULT_MESHES for pattern in ("near", "rays")]
 QUICK_ROUNDS, QUICK_QUERIES = 3, 2000
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.kernels.mesh.edges import connected
+from proximity.mesh.connected_faces import linked_components
 from proximity.mesh.topology import EdgeRuns, Topology, build_topology, corners_of, edge_runs
 from proximity.mesh.triangle_mesh import TriangleMesh
 
@@ -70,7 +70,7 @@ def diagnose(mesh: TriangleMesh) -> Diagnosis:
 def _shell_count(edges: EdgeRuns) -> int:
     first = edges.starts[(edges.counts == 2) & ~edges.is_loop]
     one, other = edges.order[first] // 3, edges.order[first + 1] // 3
-    return int(connected(len(edges.order) // 3, one, other).max(initial=-1)) + 1
+    return int(linked_components(len(edges.order) // 3, one, other).max(initial=-1)) + 1
 
 
 def _is_oriented(edges: EdgeRuns) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.kernels.mesh.edges import neighbors_across, sorted_half_edges
+from proximity.kernels.mesh.edges import first_of_equal_rows, neighbors_across, sorted_half_edges
 from proximity.mesh.triangle_mesh import TriangleMesh
 
 _HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
@@ -40,11 +40,11 @@ class EdgeRuns:
     Within an edge, those that run from the lower corner to the higher come first, each kind by number.
     """
 
-    order: np.ndarray  # (H,) int64, half-edges; H = 3 F
+    order: np.ndarray  # (H,) int32, half-edges; H = 3 F
     is_forward: np.ndarray  # (H,) bool, in that order: runs from the lower corner to the higher
-    starts: np.ndarray  # (E,) int64
-    counts: np.ndarray  # (E,) int64
-    forward_counts: np.ndarray  # (E,) int64
+    starts: np.ndarray  # (E,) int32
+    counts: np.ndarray  # (E,) int32
+    forward_counts: np.ndarray  # (E,) int32
     is_loop: np.ndarray  # (E,) bool, both corners are equal
 
 
@@ -109,7 +109,7 @@ def merged_positions(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarra
     is_all_used = bool(is_used.all())
     used = vertices if is_all_used else vertices[is_used]
     first_at_position = first_equal_rows(used)
-    is_first = first_at_position == np.arange(len(first_at_position))
+    is_first = first_at_position == np.arange(len(first_at_position), dtype=np.int32)
     if is_all_used and is_first.all() and faces.dtype == np.int32:
         return faces, vertices
     id_of_used = (np.cumsum(is_first, dtype=np.int32) - np.int32(1))[first_at_position]
@@ -119,37 +119,17 @@ def merged_positions(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarra
 
 
 def first_equal_rows(points: np.ndarray) -> np.ndarray:
-    """Return for each row of *points* the first row that equals it; -0.0 equals 0.0.
+    """Return for each row of *points* the first row that equals it, (N,) int32; -0.0 equals 0.0.
 
     *points*: (N, 3) finite.
     """
-    columns = [(points[:, axis] + 0.0).view(np.uint64) for axis in range(3)]  # the sum turns -0.0 into 0.0
     keys = np.zeros(len(points), dtype=np.uint64)
-    for axis, column in enumerate(columns):
-        mixed = column * _HASH_FACTORS[axis]
+    for axis in range(3):
+        mixed = (points[:, axis] + 0.0).view(np.uint64) * _HASH_FACTORS[axis]  # the sum turns -0.0 into 0.0
         mixed ^= mixed >> np.uint64(29)  # the low bits of a product know only the low bits of its factors
         mixed *= _HASH_FACTORS[axis - 1]
         keys ^= mixed
-    first = _first_of_equal(keys)
-    if all(np.array_equal(column[first], column) for column in columns):
-        return first
-    # Two positions share a hash (one in 10^7 meshes of a million vertices): sort the positions themselves.
-    order = np.lexsort(columns)
-    is_new = np.zeros(len(order), dtype=bool)
-    for column in columns:
-        is_new[1:] |= column[order[1:]] != column[order[:-1]]
-    group = np.empty(len(order), dtype=np.int64)
-    group[order] = np.cumsum(is_new)
-    return _first_of_equal(group)
-
-
-def _first_of_equal(keys: np.ndarray) -> np.ndarray:
-    """For each entry of *keys* the first position of the same key."""
-    order = np.argsort(keys, kind="stable")
-    sorted_keys = keys[order]
-    starts = np.flatnonzero(np.concatenate(([True], sorted_keys[1:] != sorted_keys[:-1])))
-    first = np.empty(len(keys), dtype=np.int64)
-    first[order] = np.repeat(order[starts], np.diff(starts, append=len(keys)))
+    first: np.ndarray = first_of_equal_rows(points, (keys >> np.uint64(32)).astype(np.uint32))
     return first
 
 

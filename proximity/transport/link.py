@@ -72,7 +72,7 @@ class Transport:
 
 
 TRANSPORTS = {
-    "mailbox": Transport("proximity.transport.mailbox", ""),
+    "mailbox": Transport("proximity.transport.in_process", ""),
     "iox2": Transport(
         "proximity.transport.iceoryx",
         "pip install iceoryx2 (made for Linux and Windows on x86_64, and for macOS on arm64)",

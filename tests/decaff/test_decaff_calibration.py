@@ -9,7 +9,8 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from proximity.decaff.glove import calibration_fit
+from proximity.decaff.calibration import fit
+from proximity.decaff.calibration.fit import backlash, cable_compliance, step_latency, touch_offset
 from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE, CalibratedGlove, read_glove
 from proximity.decaff.glove.calibration import (
     LARGEST_FILE,
@@ -18,7 +19,6 @@ from proximity.decaff.glove.calibration import (
     read_calibration,
     write_calibration,
 )
-from proximity.decaff.glove.calibration_fit import backlash, cable_compliance, step_latency, touch_offset
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.glove.transmission import Cable, Potentiometer
 from proximity.errors import ArgumentError, DecaffError, FileError
@@ -403,7 +403,7 @@ def test_latency_is_found_from_a_step(height):
 def test_example_of_the_documentation_makes_a_calibration(tmp_path, monkeypatch):
     """Who has measured a glove finds there how the file is made."""
     monkeypatch.chdir(tmp_path)
-    _, _, example = calibration_fit.__doc__.partition("::\n")
+    _, _, example = fit.__doc__.partition("::\n")
 
     exec(compile(textwrap.dedent(example), "calibration", "exec"), {})
 

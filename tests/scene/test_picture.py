@@ -11,7 +11,7 @@ from project import MESHES
 
 import proximity
 from proximity.errors import ArgumentError, MissingLibraryError
-from proximity.scene.picture import Picture, page, write_picture
+from proximity.scene.picture import Picture, sheet, write_picture
 from proximity.scene.picture.distance_field import DistanceColors, FieldSlice
 from proximity.scene.picture.scene_view import TO_VIEWER, Camera, Connections, draw_scene, rotation_of
 
@@ -55,8 +55,8 @@ def test_colours_of_the_map_are_those_of_the_scenes_distances(bracket, axis, pos
     field = FieldSlice.of(bracket, axis, position)
     colors = DistanceColors(field.signed_distance.reshape(-1), 1e-3)
     size = (1400, 800)
-    image = pixels_of(page.draw(Picture(bracket, "bracket", cut=(axis, position), size=size)))
-    left, bottom, width, height = page.slice_box(size, field)
+    image = pixels_of(sheet.draw(Picture(bracket, "bracket", cut=(axis, position), size=size)))
+    left, bottom, width, height = sheet.slice_box(size, field)
     rng = np.random.default_rng(7)
     share = rng.uniform(0.03, 0.97, (400, 2))
     column = np.floor((left + share[:, 0] * width) * size[0]).astype(int)
@@ -76,27 +76,27 @@ def test_colours_of_the_map_are_those_of_the_scenes_distances(bracket, axis, pos
 def test_parts_have_colours_of_their_own_and_hidden_ones_are_left_out():
     scene = proximity.load(MESHES / "assembly.step")
     names = [part.name for part in scene.parts]
-    whole = page.draw(Picture(scene, "assembly", size=SIZE))
+    whole = sheet.draw(Picture(scene, "assembly", size=SIZE))
     scene.hide(names[1])
 
-    assert page.draw(Picture(scene, "assembly", size=SIZE)) != whole
+    assert sheet.draw(Picture(scene, "assembly", size=SIZE)) != whole
     for name in names:
         scene.hide(name)
     with pytest.raises(ArgumentError, match="all parts of the scene are hidden"):
-        page.draw(Picture(scene, "assembly", size=SIZE))
+        sheet.draw(Picture(scene, "assembly", size=SIZE))
 
 
 def test_page_does_not_speak_of_an_inside_that_no_part_has(box, monkeypatch):
     written = []
-    draw_map, draw_bar = page._draw_map, page._draw_bar
-    monkeypatch.setattr(page, "_draw_map", lambda axes, *rest: (draw_map(axes, *rest), written.append(axes)))
+    draw_map, draw_bar = sheet._draw_map, sheet._draw_bar
+    monkeypatch.setattr(sheet, "_draw_map", lambda axes, *rest: (draw_map(axes, *rest), written.append(axes)))
     monkeypatch.setattr(
-        page, "_draw_bar", lambda figure, axes, *rest: (draw_bar(figure, axes, *rest), written.append(axes))
+        sheet, "_draw_bar", lambda figure, axes, *rest: (draw_bar(figure, axes, *rest), written.append(axes))
     )
     tray = proximity.Solid(0.01 * shapes.open_box()[0], shapes.open_box()[1])
 
     for scene in (proximity.Scene([tray]), box):
-        page.draw(Picture(scene, "scene", cut=("z", 0.005), size=SIZE))
+        sheet.draw(Picture(scene, "scene", cut=("z", 0.005), size=SIZE))
 
     titles = [axes.get_title() or axes.get_ylabel() for axes in written]
     assert titles == [
@@ -116,7 +116,7 @@ def test_many_parts_and_long_names_are_cut_short(box):
         for number, rows in enumerate([box.parts[0].source_faces] * 11)
     ]
 
-    assert page.draw(Picture(proximity.Scene(parts), "row", size=SIZE)).startswith(b"\x89PNG")
+    assert sheet.draw(Picture(proximity.Scene(parts), "row", size=SIZE)).startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_many_parts_and_long_names_are_cut_short(box):
 )
 def test_what_cannot_be_drawn_is_refused(box, options, sentence):
     with pytest.raises(ArgumentError, match=sentence):
-        page.draw(Picture(box, "box", **options))
+        sheet.draw(Picture(box, "box", **options))
 
 
 def test_missing_pyvista_is_reported_with_what_to_install(box, monkeypatch):
@@ -143,7 +143,7 @@ def test_missing_pyvista_is_reported_with_what_to_install(box, monkeypatch):
     with pytest.raises(
         MissingLibraryError, match=r'pictures need PyVista.*pip install "cad-proximity\[picture\]"'
     ):
-        page.draw(Picture(box, "box", size=SIZE))
+        sheet.draw(Picture(box, "box", size=SIZE))
 
 
 # -------------------------------------------------------------------------------------------------- the view

@@ -19,7 +19,7 @@ from benchmarks.publication.tables import (
     ticks_table,
 )
 from benchmarks.publication.vr_tables import libraries_table, vr_sentence, vr_table
-from benchmarks.publication.wording import full_name, short_name, verdict_lines, when, whole
+from benchmarks.publication.wording import full_name, instructions, short_name, verdict_lines, when, whole
 from benchmarks.support.project import BENCH, PROJECT
 
 PUBLISHED = BENCH / "published"
@@ -45,6 +45,8 @@ WIDTH = 118
 NAMES = ("report", "ticks", "service", "vr", "growth")
 PAGES_OF = {"results.md": NAMES[:-1], "growth.md": NAMES[-1:]}
 """The runs whose figures are on each page."""
+KERNELS = ("_v3", "")
+"""Ends of the names of runs that are made with several sets of instructions: the most common first."""
 ALONE = ("memory", "proximity ")  # beginnings of requirements that concern this package only
 
 Document = dict[str, Any]
@@ -62,7 +64,7 @@ def write(page: Path, text: str) -> None:
 
 
 def read(folder: Path) -> dict[str, Document]:
-    """Return the documents of a folder by name: report, ticks, service, growth; ticks_… of other machines."""
+    """Return the documents of a folder by name: report, ticks, service, growth; those of AVX2 end in _v3."""
     return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.json"))}
 
 
@@ -83,10 +85,12 @@ def replaced(page: str, text: str) -> str:
 
 def summary(documents: dict[str, Document]) -> str:
     """Return the README's table, and the line that says how it was measured."""
-    lines = summary_table(documents["report"], documents["ticks"])
-    report, ticks = documents["report"]["machine"], documents["ticks"]["machine"]
+    reports, ticks = _runs("report", documents)[0], _runs("ticks", documents)[0]
+    lines = summary_table(reports, ticks)
+    machine = reports["machine"]
     how = (
-        f"Medians on one core, {short_name(report)}, {report['date']} (the tick: {ticks['date']}): points "
+        f"Medians on one core, {short_name(machine)}{instructions(machine)}, {machine['date']} (the tick: "
+        f"{ticks['machine']['date']}): points "
         "near a plate of 304 k faces, 87 k for the tick. proximity computes in double precision, the others "
         "in single. [All results](docs/performance/results.md), with the cases in which others are faster."
     )
@@ -99,12 +103,18 @@ def section(documents: dict[str, Document], names: tuple[str, ...]) -> str:
     """Return the text between the marks of a page with these runs; those without a document are left out."""
     parts = {"report": _others, "ticks": _ticks, "service": _service, "vr": _vr, "growth": _growth}
     documents = {name: each for name, each in documents.items() if name.partition("_")[0] in names}
-    here = [name for name in names if name in documents]
-    blocks = [_conditions([documents[name] for name in here])] if here else []
+    here = [name for name in names if _runs(name, documents)]
+    judged = [run for name in here for run in _runs(name, documents)[: 1 if name == "ticks" else None]]
+    blocks = [_conditions(judged)] if here else []
     for name in here:
         blocks += parts[name](documents)
     texts = ("\n".join(block) if isinstance(block, list) else _wrapped(block) for block in blocks)
     return "\n\n".join(text for text in texts if text) + "\n"
+
+
+def _runs(name, documents):
+    """The runs of a command that was made with several sets of instructions, the most common first."""
+    return [documents[name + end] for end in KERNELS if name + end in documents]
 
 
 def _wrapped(paragraph):
@@ -132,16 +142,31 @@ def _verdicts(document):
 def _run(name, document, first):
     """The command of a run, its date and its machine."""
     machine = document["machine"]
-    where = "" if machine["processor"] == first["processor"] else f" on {full_name(machine)}"
+    is_there = machine["processor"] == first["processor"]
+    where = instructions(machine) if is_there else f" on {full_name(machine)}"
     return f"Made by `python bench/{name}.py`{where} ({when(machine)})."
 
 
 def _first(documents):
-    return next(documents[name] for name in NAMES if name in documents)["machine"]
+    return next(run for name in NAMES for run in _runs(name, documents))["machine"]
 
 
 def _others(documents):
-    document = documents["report"]
+    read = (
+        "*Asked for* is how many times as fast proximity should be. If the fastest other library has wrong "
+        "signs, a second row has the fastest whose signs are right. embreex by itself answers distances, as "
+        "`cast_distance` does; *all outputs* stands beside `cast`. Points lie near the surface, at a "
+        "normally distributed distance with a standard deviation of 2 % of the diagonal. Other libraries "
+        "take the instructions that they find."
+    )
+    found = [["## Beside other libraries"], read]
+    for document in _runs("report", documents):
+        found += _compared(document, documents)
+    return found
+
+
+def _compared(document, documents):
+    """One run beside other libraries."""
     versions = dict.fromkeys(
         f"{row['contender'].partition(' (')[0]} {row['version']}" for row in document["rows"]
     )
@@ -150,23 +175,17 @@ def _others(documents):
     absent = f" Not there: {', '.join(missing)}." if missing else ""
     how = (
         f"{_run('report', document, _first(documents))} Medians of {rounds}whose answers were compared "
-        f"before they were timed: {', '.join(versions)}.{absent} Points lie near the surface, at a normally "
-        "distributed distance with a standard deviation of 2 % of the diagonal."
-    )
-    read = (
-        "*Asked for* is how many times as fast proximity should be. If the fastest other library has wrong "
-        "signs, a second row has the fastest whose signs are right. embreex by itself answers distances, as "
-        "`cast_distance` does; *all outputs* stands beside `cast`."
+        f"before they were timed: {', '.join(versions)}.{absent}"
     )
     verdicts = [each for each in document["requirements"] if each["requirement"].startswith(ALONE)]
     rest = verdict_lines("on memory and on starting", verdicts)
     made = " ".join(build_sentences(document))
-    return [["## Beside other libraries"], how, read, others_table(document), made, rest]
+    return [how, others_table(document), made, rest]
 
 
 def _ticks(documents):
-    document = documents["ticks"]
-    others = [each for name, each in documents.items() if name.startswith("ticks_")]
+    document, *others = _runs("ticks", documents)
+    others += [each for name, each in documents.items() if name.startswith("ticks_") and name != "ticks_v3"]
     beside = [
         f"Beside it: {full_name(each['machine'])}, {each['machine']['date']}"
         + (f", transcribed {each['machine']['transcribed']}." if "transcribed" in each["machine"] else ".")
@@ -182,7 +201,8 @@ def _ticks(documents):
         "the machine's."
     )
     period = (
-        f"The same ticks in wall time on the {short_name(document['machine'])}, as shares of 40 ms (the "
+        f"The same ticks in wall time on the {short_name(document['machine'])}"
+        f"{instructions(document['machine'])}, as shares of 40 ms (the "
         "paper's 25 Hz), 5 ms (200 Hz), 3 ms (Kazerooni's bound), 1 ms and 0.2 ms. A tick above 100 does not "
         "fit."
     )

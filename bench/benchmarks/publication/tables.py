@@ -5,7 +5,17 @@ from typing import Any
 
 from benchmarks.growth.fit import Fit
 from benchmarks.growth.samples import FEWEST_FOR_P99, TIME, WORK
-from benchmarks.publication.wording import amount, count_words, figure, power, share, short_name, table, whole
+from benchmarks.publication.wording import (
+    amount,
+    count_words,
+    figure,
+    instructions,
+    power,
+    share,
+    short_name,
+    table,
+    whole,
+)
 from benchmarks.queries.results import (
     BUILD,
     FIVE_RAYS,
@@ -179,7 +189,9 @@ def ticks_table(documents: list[Document]) -> list[str]:
     for document, row in zip(documents, speeds, strict=True):
         machine = document["machine"]
         order = _rank(row, speeds)
-        named.append(", ".join([short_name(machine), *order, machine["date"][:10]]))
+        named.append(
+            ", ".join([f"{short_name(machine)}{instructions(machine)}", *order, machine["date"][:10]])
+        )
     lines = []
     for case, words in TICKS.items():
         rows = [_row(document, case) for document in documents]

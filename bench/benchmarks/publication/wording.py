@@ -78,6 +78,12 @@ def short_name(machine: Document) -> str:
     return " ".join(bare.replace(" Processor", "").split())
 
 
+def instructions(machine: Document) -> str:
+    """The instructions of the kernels of a run, to be put behind the name of its machine."""
+    names = {"kernels v3": ", kernels for AVX2", "kernels v4": ", kernels for AVX-512"}
+    return next((words for name, words in names.items() if name in machine["python"]), "")
+
+
 def full_name(machine: Document) -> str:
     """Processor, system and versions of a machine."""
     processor = re.sub(r"\((R|TM)\)", "", machine["processor"])

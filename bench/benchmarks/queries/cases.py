@@ -113,6 +113,7 @@ MESHES: dict[str, Callable[[], Mesh]] = {
     "cycloidal": _shared("cycloidal.ply"),
     "plate": _plate,
     "sphere": _sphere(6),
+    "globe": _sphere(8),  # 1,310,720 faces
     "ball": _sphere(2),  # the smallest, for the smoke test
 }
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
+from proximity.decaff.calibration import fit
 from proximity.decaff.calibration.drum_chirp import drum_stiffness
 from proximity.decaff.calibration.readings import Asked, Readings
 from proximity.decaff.calibration.tasks import (
@@ -29,7 +30,6 @@ from proximity.decaff.calibration.tasks import (
     Task,
     tasks_for,
 )
-from proximity.decaff.glove import calibration_fit
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.calibration import Calibration
 
@@ -115,7 +115,7 @@ class Session:
             made=self.readings.began,  # the oldest reading ages first
             counts=np.array([values[task.key] for task in POSE_TASKS]),
             bends=np.array(POSES),
-            touch_offset=calibration_fit.touch_offset(
+            touch_offset=fit.touch_offset(
                 glove, [touch["counts"] for touch in touches], [touch["angle"] for touch in touches]
             ),
             cable_compliance=values["cable_compliance"],

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from proximity.decaff.calibration.drum_chirp import HELD_BEND, answer, drum_stiffness, inertia
+from proximity.decaff.calibration.fit import step_latency
 from proximity.decaff.calibration.instruments import DrumRecord, Instruments
 from proximity.decaff.calibration.readings import Asked
 from proximity.decaff.calibration.tasks import BACKLASH, FREE, HELD, POSES, PULL, TENSION, TOUCH
@@ -21,7 +22,6 @@ from proximity.decaff.drum.drum_kernels import (
     SWING_STIFFNESS,
     SWING_VISCOUS,
 )
-from proximity.decaff.glove.calibration_fit import step_latency
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 

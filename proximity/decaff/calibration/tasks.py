@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from proximity.decaff.calibration import fit
 from proximity.decaff.calibration.drum_chirp import (
     HELD_BEND,
     HELD_FORCE,
@@ -25,7 +26,6 @@ from proximity.decaff.calibration.drum_chirp import (
 )
 from proximity.decaff.calibration.instruments import DrumRecord, Instruments
 from proximity.decaff.drum.drum_model import Drum
-from proximity.decaff.glove import calibration_fit
 from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE
 from proximity.decaff.glove.calibration import TABLE_SIZE
 from proximity.decaff.glove.glove import Glove
@@ -108,7 +108,7 @@ def _backlash(bench: Bench, bend: float, ready: Ready) -> Values:
     closing = _steady_counts(bench)
     ready(1)
     opening = _steady_counts(bench)
-    lost = calibration_fit.backlash(bench.glove, closing, opening)
+    lost = fit.backlash(bench.glove, closing, opening)
     return {"closing": closing, "opening": opening, "backlash": lost}
 
 
@@ -117,7 +117,7 @@ def _pull(bench: Bench, bend: float, ready: Ready) -> Values:
     slack = _steady_counts(bench)
     ready(1)
     taut = _steady_counts(bench)
-    compliance = calibration_fit.cable_compliance(bench.glove, (slack, taut), (0.0, TENSION))
+    compliance = fit.cable_compliance(bench.glove, (slack, taut), (0.0, TENSION))
     return {"slack": slack, "taut": taut, "compliance": compliance}
 
 

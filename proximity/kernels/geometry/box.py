@@ -99,15 +99,13 @@ def bound_of(best_sq, offset):
 def round_down(value):
     """The float32 at or just below a float64."""
     rounded = np.float32(value)
-    if rounded > value:
-        rounded -= abs(rounded) * np.float32(1.2e-7) + np.float32(1e-38)
-    return rounded
+    below = rounded - (abs(rounded) * np.float32(1.2e-7) + np.float32(1e-38))
+    return below if rounded > value else rounded
 
 
 @inlined
 def round_up(value):
     """The float32 at or just above a float64."""
     rounded = np.float32(value)
-    if rounded < value:
-        rounded += abs(rounded) * np.float32(1.2e-7) + np.float32(1e-38)
-    return rounded
+    above = rounded + (abs(rounded) * np.float32(1.2e-7) + np.float32(1e-38))
+    return above if rounded < value else rounded

@@ -1,9 +1,10 @@
-"""The half-edges of faces, sorted by edge; and what links connect, by union and find."""
+"""Equal corners of faces, their half-edges sorted by edge, and what links connect, by union and find."""
 
 import numpy as np
 
-from proximity.native import allocating_kernel, entry, kernel
+from proximity.native import allocating_kernel, entry, inlined, kernel
 
+NO_ROW = -1
 INSERTED = 16
 """Rows up to which a run is sorted by insertion."""
 NO_NEIGHBOR = -1
@@ -12,7 +13,34 @@ MANY_NEIGHBORS = -2
 """More than two faces have this edge, or two that run along it the same way."""
 
 
-@entry("int32[:, 3] -> int64[:], bool[:], int64[:], int64[:], int64[:], bool[:]", makes_arrays=True)
+@entry("float64[:, 3], uint32[:] -> int32[:]", makes_arrays=True)
+def first_of_equal_rows(rows, keys):
+    """Return for each of *rows* (N, 3) float64 the first one that equals it, (N,) int32.
+
+    *keys* (N,) uint32: equal ones for equal rows, others for most others.
+    """
+    size = 4
+    while size < 2 * len(rows):
+        size *= 2
+    first, row_at = np.empty(len(rows), np.int32), np.full(size, NO_ROW, np.int32)
+    for row in range(len(rows)):
+        place = np.int64(keys[row]) & (size - 1)
+        while row_at[place] != NO_ROW and not _are_equal(rows, row_at[place], row):
+            place = (place + 1) & (size - 1)
+        if row_at[place] == NO_ROW:
+            row_at[place] = row
+        first[row] = row_at[place]
+    return first
+
+
+@inlined
+def _are_equal(rows, one, other):
+    return (
+        rows[one, 0] == rows[other, 0] and rows[one, 1] == rows[other, 1] and rows[one, 2] == rows[other, 2]
+    )
+
+
+@entry("int32[:, 3] -> int32[:], bool[:], int32[:], int32[:], int32[:], bool[:]", makes_arrays=True)
 def sorted_half_edges(corners):
     """Return half-edges by the lower, then the higher corner of their edges; forward ones come first.
 
@@ -25,27 +53,27 @@ def sorted_half_edges(corners):
     -----
     By counting for the lower corners; of the few that share one each run is sorted by itself.
     """
-    order, keys = np.empty(corners.size, np.int64), np.empty(corners.size, np.uint32)
+    order, keys = np.empty(corners.size, np.int32), np.empty(corners.size, np.uint32)
     ends = _spread(corners, order, keys)
     is_forward, is_loop = np.empty(corners.size, np.bool_), np.empty(corners.size, np.bool_)
-    starts, forward_counts = np.empty(corners.size + 1, np.int64), np.zeros(corners.size, np.int64)
+    starts, forward_counts = np.empty(corners.size + 1, np.int32), np.empty(corners.size, np.int32)
     longest, first = 0, 0
     for low in range(len(ends)):
         longest, first = max(longest, ends[low] - first), ends[low]
-    other_keys, other_rows = np.empty(longest, np.uint32), np.empty(longest, np.int64)
+    other_keys, other_rows = np.empty(longest, np.uint32), np.empty(longest, np.int32)
     found, first = 0, 0
     for low in range(len(ends)):
         _sort_run(keys, order, first, ends[low], other_keys, other_rows)
         for position in range(first, ends[low]):
             high = keys[position] >> 1
             if position == first or high != keys[position - 1] >> 1:
-                starts[found], is_loop[found] = position, high == low
+                starts[found], is_loop[found], forward_counts[found] = position, high == low, 0
                 found += 1
             is_forward[position] = keys[position] & 1 == 0
             forward_counts[found - 1] += is_forward[position]
         first = ends[low]
     starts[found] = corners.size
-    counts = np.empty(found, np.int64)
+    counts = np.empty(found, np.int32)
     for edge in range(found):
         counts[edge] = starts[edge + 1] - starts[edge]
     return (
@@ -117,7 +145,7 @@ def _merge(keys, rows, first, middle, end, other_keys, other_rows):
         at += 1
 
 
-@entry("int64[:], int64[:], int64[:], bool[:], bool[:] -> int32[:]", makes_arrays=True)
+@entry("int32[:], int32[:], int32[:], bool[:], bool[:] -> int32[:]", makes_arrays=True)
 def neighbors_across(order, starts, counts, is_loop, is_opposed):
     """Return the face across each half-edge, (H,) int32, or `NO_NEIGHBOR` or `MANY_NEIGHBORS`.
 

@@ -14,6 +14,13 @@ VOLUME_ROUNDING = 64.0 * 2.0**-52
 """A volume is zero when it drowns in the rounding of its coordinates; times area and reach."""
 
 
+@inlined
+def _corner(corners, faces, face, k):
+    """The corner *k* of a face."""
+    corner = faces[face, k]
+    return corners[corner, 0], corners[corner, 1], corners[corner, 2]
+
+
 @kernel
 def face_normal(corners, faces, face):
     """A normal of a face, as long as twice its area."""
@@ -71,24 +78,25 @@ def signed_volume(vertices, faces):
     0 where rounding leaves the sign open. By the divergence theorem, about that middle. *vertices* (V, 3): of
     any size; rows that no face uses may hold anything. Source: Neumaier 1974 for the sum.
     """
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    low_x, low_y, low_z, high_x, high_y, high_z = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
     for face in range(len(faces)):
         for k in range(3):
-            for axis in range(3):
-                coordinate = vertices[faces[face, k], axis]
-                low[axis], high[axis] = min(low[axis], coordinate), max(high[axis], coordinate)
-    middle = 0.5 * low + 0.5 * high
-    size = max(high[0] - middle[0], high[1] - middle[1], high[2] - middle[2])
+            x, y, z = _corner(vertices, faces, face, k)
+            low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
+            high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
+    mx, my, mz = 0.5 * low_x + 0.5 * high_x, 0.5 * low_y + 0.5 * high_y, 0.5 * low_z + 0.5 * high_z
+    size = max(high_x - mx, high_y - my, high_z - mz)
     if not size > 0.0:
         return 0.0
     volume, lost, most = 0.0, 0.0, 0.0
-    scaled = np.empty((3, 3))
     for face in range(len(faces)):
-        for k in range(3):
-            for axis in range(3):
-                scaled[k, axis] = (vertices[faces[face, k], axis] - middle[axis]) / size
-        ax, ay, az = scaled[0]
-        nx, ny, nz = cross(scaled[1, 0], scaled[1, 1], scaled[1, 2], scaled[2, 0], scaled[2, 1], scaled[2, 2])
+        ax, ay, az = _corner(vertices, faces, face, 0)
+        bx, by, bz = _corner(vertices, faces, face, 1)
+        cx, cy, cz = _corner(vertices, faces, face, 2)
+        ax, ay, az = (ax - mx) / size, (ay - my) / size, (az - mz) / size
+        bx, by, bz = (bx - mx) / size, (by - my) / size, (bz - mz) / size
+        cx, cy, cz = (cx - mx) / size, (cy - my) / size, (cz - mz) / size
+        nx, ny, nz = cross(bx, by, bz, cx, cy, cz)
         term = dot(ax, ay, az, nx, ny, nz)
         most += sqrt(dot(ax, ay, az, ax, ay, az)) * sqrt(dot(nx, ny, nz, nx, ny, nz))
         total = volume + term

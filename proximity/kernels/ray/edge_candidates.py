@@ -107,6 +107,16 @@ def _owned_edges(neighbors, face):
     return edges
 
 
+@inlined
+def _shared_edges(neighbors, face, other):
+    """Which edges a face has in common with another: bits."""
+    return (
+        (neighbors[face, 0] == other)
+        | (neighbors[face, 1] == other) << 1
+        | (neighbors[face, 2] == other) << 2
+    )
+
+
 @kernel
 def _creased_edges(corners, faces, neighbors, face, edges, depth):
     """Which of some edges (bits) of a face are creased."""
@@ -150,41 +160,63 @@ def _edges_through(corners, faces, slot_faces, reals, face, block, lanes, edges,
     return found
 
 
-@kernel
-def _edges_meeting(corners, faces, neighbors, slot_faces, reals, face, block, owned, creased, depth):
-    """Which edges of a face may pass through a triangle of *block*, or lie on it: bits.
-
-    And which are *creased*, or `UNKNOWN` as long as nobody needs to know.
-    """
-    base = BLOCK_STRIDE * block
+@inlined
+def _planes(reals, base):
+    """A corner and a normal of each of eight triangles."""
     ax, ay, az = load(reals, base), load(reals, base + 8), load(reals, base + 16)
-    nx, ny, nz = cross(
+    normals = cross(
         load(reals, base + 24) - ax, load(reals, base + 32) - ay, load(reals, base + 40) - az,
         load(reals, base + 48) - ax, load(reals, base + 56) - ay, load(reals, base + 64) - az,
     )  # fmt: skip
-    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    h0 = _height_over(nx, ny, nz, ax, ay, az, corners, a)
-    h1 = _height_over(nx, ny, nz, ax, ay, az, corners, b)
-    h2 = _height_over(nx, ny, nz, ax, ay, az, corners, c)
-    depth_sq, zero = splat(depth * depth) * dot(nx, ny, nz, nx, ny, nz), splat(0.0)
-    deep, flat = splat(SURELY_DEEP_SQ) * depth_sq, splat(SURELY_FLAT_SQ) * depth_sq
-    lowest, highest = minimum(minimum(h0, h1), h2), maximum(maximum(h0, h1), h2)
+    return (ax, ay, az), normals
+
+
+@inlined
+def _meeting(corners, faces, face, planes, deep, flat):
+    """Which of eight triangles a face may pass through, and in whose planes each of its corners is: bits."""
+    (ax, ay, az), (nx, ny, nz) = planes
+    h0 = _height_over(nx, ny, nz, ax, ay, az, corners, faces[face, 0])
+    h1 = _height_over(nx, ny, nz, ax, ay, az, corners, faces[face, 1])
+    h2 = _height_over(nx, ny, nz, ax, ay, az, corners, faces[face, 2])
+    lowest, highest, zero = minimum(minimum(h0, h1), h2), maximum(maximum(h0, h1), h2), splat(0.0)
     passed = bits(
         (lowest <= zero) & (lowest * lowest >= deep) & (highest >= zero) & (highest * highest >= deep)
     )
-    flat0, flat1, flat2 = bits(h0 * h0 <= flat), bits(h1 * h1 <= flat), bits(h2 * h2 <= flat)
-    lain = (flat0 & flat1) | (flat1 & flat2) | (flat2 & flat0)
-    edges = 0
-    if passed:
-        edges = _edges_through(corners, faces, slot_faces, reals, face, block, passed, owned, depth)
-    while lain and creased != 0:
+    return passed, (bits(h0 * h0 <= flat), bits(h1 * h1 <= flat), bits(h2 * h2 <= flat))
+
+
+@inlined
+def _flat_edges(flats, lane):
+    """Which edges of a face are in the plane of the triangle in a lane: bits. *flats*: of each corner."""
+    is_in0, is_in1, is_in2 = (flats[0] >> lane) & 1, (flats[1] >> lane) & 1, (flats[2] >> lane) & 1
+    return (is_in0 & is_in1) | (is_in1 & is_in2) << 1 | (is_in2 & is_in0) << 2
+
+
+@inlined
+def _lanes_to_ask(neighbors, slot_faces, face, first, flats, owned):
+    """Which triangles an owned edge of a face may lie on without being an edge of theirs: bits of lanes."""
+    lain, asked = (flats[0] & flats[1]) | (flats[1] & flats[2]) | (flats[2] & flats[0]), 0
+    while lain:
         lane = trailing_zeros(lain)
         lain &= lain - 1
-        other = slot_faces[LANES * block + lane]
-        if other == face:
-            continue
-        is_in0, is_in1, is_in2 = (flat0 >> lane) & 1, (flat1 >> lane) & 1, (flat2 >> lane) & 1
-        flat_edges = (is_in0 & is_in1) | (is_in1 & is_in2) << 1 | (is_in2 & is_in0) << 2
+        other, edges = slot_faces[first + lane], _flat_edges(flats, lane)
+        if other != face and (edges == ALL_EDGES or edges & owned & ~_shared_edges(neighbors, face, other)):
+            asked |= 1 << lane
+    return asked
+
+
+@kernel
+def _edges_lying(corners, faces, neighbors, slot_faces, face, first, asked, flats, owned, creased, depth):
+    """Which edges of a face lie on triangles in whose planes its corners are: bits.
+
+    *first*: slot of the triangles; *asked*: bits of lanes; *flats*: of each corner. Returns also which edges
+    are *creased*, or `UNKNOWN` as long as nobody needs to know.
+    """
+    edges = 0
+    while asked and creased != 0:
+        lane = trailing_zeros(asked)
+        asked &= asked - 1
+        other, flat_edges = slot_faces[first + lane], _flat_edges(flats, lane)
         if creased == UNKNOWN and flat_edges == ALL_EDGES:
             creased = _creased_edges(corners, faces, neighbors, face, owned, depth)
         flat_edges &= owned & creased & ~edges
@@ -194,29 +226,63 @@ def _edges_meeting(corners, faces, neighbors, slot_faces, reals, face, block, ow
 
 
 @kernel
+def _compare_blocks(
+    corners, faces, neighbors, slot_faces, reals, block, other, met, creased, depth, candidates
+):
+    """Note which edges of the faces in slots *met* (bits) of a block may meet a triangle of *other*.
+
+    *creased* (8,) int64: of each slot, the edges that are, or `UNKNOWN`.
+    """
+    planes, first = _planes(reals, BLOCK_STRIDE * other), LANES * other
+    nx, ny, nz = planes[1]
+    depth_sq = splat(depth * depth) * dot(nx, ny, nz, nx, ny, nz)
+    deep, flat = splat(SURELY_DEEP_SQ) * depth_sq, splat(SURELY_FLAT_SQ) * depth_sq
+    while met:
+        slot = trailing_zeros(met)
+        met &= met - 1
+        face = np.int64(slot_faces[LANES * block + slot])
+        owned = _owned_edges(neighbors, face)
+        passed, flats = _meeting(corners, faces, face, planes, deep, flat)
+        if passed:
+            candidates[face] |= np.uint8(
+                _edges_through(corners, faces, slot_faces, reals, face, other, passed, owned, depth)
+            )
+        asked = _lanes_to_ask(neighbors, slot_faces, face, first, flats, owned)
+        if asked:
+            found, creased[slot] = _edges_lying(
+                corners, faces, neighbors, slot_faces, face, first, asked, flats, owned, creased[slot], depth
+            )
+            candidates[face] |= np.uint8(found)
+
+
+@kernel
 def _compare_block(
     corners, faces, neighbors, slot_faces, reals, block, near, near_boxes, count, depth, candidates
 ):
     """Note which edges of a block's faces may meet something in the *count* blocks that are near."""
-    for slot in range(LANES * block, LANES * block + LANES):
-        face = np.int64(slot_faces[slot])
+    met, creased = stack_i64(MOST_NEAR), stack_i64(LANES)
+    for number in range(min(count, MOST_NEAR)):
+        met[number] = 0
+    for slot in range(LANES):
+        face = np.int64(slot_faces[LANES * block + slot])
         if face < 0:
             continue
-        owned = _owned_edges(neighbors, face)
-        edges, creased = owned if count > MOST_NEAR else 0, UNKNOWN
-        if count <= MOST_NEAR:
-            a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-            for first in range(0, count, LANES):
-                met = _reached(corners, a, b, c, near_boxes, 6 * first)
-                met &= (1 << min(LANES, count - first)) - 1
-                while met:
-                    other = near[first + trailing_zeros(met)]
-                    met &= met - 1
-                    found, creased = _edges_meeting(
-                        corners, faces, neighbors, slot_faces, reals, face, other, owned, creased, depth
-                    )
-                    edges |= found
-        candidates[face] = edges
+        creased[slot], candidates[face] = UNKNOWN, 0
+        if count > MOST_NEAR:
+            candidates[face] = _owned_edges(neighbors, face)
+            continue
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        for first in range(0, count, LANES):
+            reached = _reached(corners, a, b, c, near_boxes, 6 * first)
+            reached &= (1 << min(LANES, count - first)) - 1
+            while reached:
+                met[first + trailing_zeros(reached)] |= 1 << slot
+                reached &= reached - 1
+    for number in range(count if count <= MOST_NEAR else 0):
+        _compare_blocks(
+            corners, faces, neighbors, slot_faces, reals, block, near[number], met[number], creased, depth,
+            candidates,
+        )  # fmt: skip
 
 
 @kernel

@@ -5,6 +5,6 @@ they are needed. Every number on a picture is an answer of the scene. Lengths ar
 written on the page is in the unit of whoever asks.
 """
 
-from proximity.scene.picture.page import Picture, load_renderer, write_picture
+from proximity.scene.picture.sheet import Picture, load_renderer, write_picture
 
 __all__ = ["Picture", "load_renderer", "write_picture"]

@@ -1,4 +1,4 @@
-"""The page: the parts, the slice's map, colour bar, scale and legend."""
+"""The sheet of a picture: the parts, the slice's map, colour bar, scale and legend."""
 
 import io
 import os

@@ -5,7 +5,7 @@ Each function refuses what cannot have been measured right. From readings to the
 
     from datetime import UTC, datetime
 
-    from proximity.decaff.glove import calibration_fit
+    from proximity.decaff.calibration import fit
     from proximity.decaff.glove.calibration import Calibration, write_calibration
     from proximity.decaff.glove.glove import Glove
 
@@ -16,10 +16,10 @@ Each function refuses what cannot have been measured right. From readings to the
         made=datetime.now(UTC),
         counts=counts,
         bends=bends,
-        touch_offset=calibration_fit.touch_offset(glove, [26681, 35008, 41287], [0.579, 1.178, 1.629]),
-        cable_compliance=calibration_fit.cable_compliance(glove, [35008, 34962], tensions=[0.0, 2.0]),
-        backlash=calibration_fit.backlash(glove, closing_counts=35008, opening_counts=35078),
-        latency=calibration_fit.step_latency([0.0, 1e-3, 2e-3, 3e-3], [0.0, 0.0, 0.1, 1.0], step_time=1e-3),
+        touch_offset=fit.touch_offset(glove, [26681, 35008, 41287], [0.579, 1.178, 1.629]),
+        cable_compliance=fit.cable_compliance(glove, [35008, 34962], tensions=[0.0, 2.0]),
+        backlash=fit.backlash(glove, closing_counts=35008, opening_counts=35078),
+        latency=fit.step_latency([0.0, 1e-3, 2e-3, 3e-3], [0.0, 0.0, 0.1, 1.0], step_time=1e-3),
         phalanges=glove.finger.phalanges,
     )
     write_calibration("glove.json", calibration)
