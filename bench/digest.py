@@ -13,17 +13,21 @@ compare runs of one machine. With ``--library`` scenes are saved, and the librar
 import argparse
 import hashlib
 import json
+import shlex
 import sys
 import time
 import warnings
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import proximity
 from benchmarks.digest import queries, scenes, ticks
-from benchmarks.digest.library import through_library
+from benchmarks.digest.library import LibraryTracker, through_library
+from benchmarks.digest.library_program import through_program
 from benchmarks.support.project import MESHES, SHARED_PARTS
+from proximity import Tracker
 
 PART_FILES = {".stl", ".ply", ".glb", ".gltf", ".obj", ".off", ".3mf", ".step", ".stp"}
 SCENE_POINTS, SOLID_POINTS, MOST_SOLIDS = 8000, 400, 6
@@ -57,9 +61,11 @@ def digests(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
         for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in PART_FILES):
             yield from _of_file(f"{folder.name}/{path.name}", path, options)
     yield from _of_random_scenes(options)
-    if options.library is not None:
+    if options.program:
         return
-    for name, answers, work in ticks.digests_of_ticks(MESHES):
+    is_python = options.library is None
+    tracker_of = Tracker if is_python else partial(LibraryTracker, instructions=options.library)
+    for name, answers, work in ticks.digests_of_ticks(MESHES, tracker_of):
         yield name, answers
         yield f"{name}{WORK_CASE}", work
 
@@ -96,7 +102,7 @@ def _of_file(name: str, path: Path, options: argparse.Namespace) -> Iterator[tup
     yield from queries.digests_of(name, _asked(scene, options), triangles, SCENE_POINTS, options.workers)
     saved = _asked(scenes.open_saved(scene), options)
     yield from queries.digests_of(f"{name} saved", saved, triangles, SOLID_POINTS, options.workers)
-    for part in scene.parts[:MOST_SOLIDS] if options.library is None else ():
+    for part in scene.parts[:MOST_SOLIDS] if options.library is None and not options.program else ():
         solid = part.solid
         solid_name = f"{name} solid {part.name}"
         triangles = queries.triangles_of(solid)
@@ -104,7 +110,9 @@ def _of_file(name: str, path: Path, options: argparse.Namespace) -> Iterator[tup
 
 
 def _asked(scene: proximity.Scene, options: argparse.Namespace) -> Any:
-    """Whom to ask about a scene: itself, or the library."""
+    """Whom to ask about a scene: itself, the library, or a program that is linked with it."""
+    if options.program:
+        return through_program(scene, shlex.split(options.program))
     return scene if options.library is None else through_library(scene, options.library)
 
 
@@ -129,6 +137,7 @@ def _parse(arguments):
     parser.add_argument(
         "--library", nargs="?", const="", metavar="SET", help="ask the library in C, with these instructions"
     )
+    parser.add_argument("--program", metavar="COMMAND", help="ask library_server.c, started by this command")
     parser.add_argument("--workers", type=int, default=1, help="threads of large calls")
     parser.add_argument("--cad", type=Path, default=SHARED_PARTS, metavar="FOLDER", help="more parts")
     parser.add_argument("--without-cad", action="store_true", help="the sample parts alone")

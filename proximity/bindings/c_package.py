@@ -5,12 +5,15 @@ from pathlib import Path
 
 import proximity
 from proximity.errors import ProximityError
+from proximity.message.c_header import header_text
 from proximity.system.whole_file import whole_file
 
 HERE, NATIVE = Path(__file__).parent / "c", Path(__file__).parent.parent / "native"
 LIBRARIES = ("libproximity.so", "libproximity.dylib", "proximity.dll")
 PLACES = {
     "proximity.h": "include",
+    "proximity_tracker.h": "include",
+    "proximity.hpp": "include",
     "package/proximity-config.cmake": "lib/cmake/proximity",
     "package/proximity.pc": "lib/pkgconfig",
     "examples/distances.c": "examples",
@@ -36,7 +39,10 @@ def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
     Returned: by the files' paths, whether they were written: an example that is there already is left alone.
     """
     library, target = library_path(), Path(folder)
-    contents = {f"lib/{library.name}": library.read_bytes()}
+    contents = {
+        f"lib/{library.name}": library.read_bytes(),
+        "include/decaff_message.h": header_text().encode(),
+    }
     for name, place in PLACES.items():
         text = (HERE / name).read_text(encoding="utf-8")
         text = text.replace("@LIBRARY@", library.name).replace("@VERSION@", proximity.__version__)

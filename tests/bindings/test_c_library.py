@@ -1,6 +1,8 @@
 """The library in C: the answers of Python to the bit, whatever happens to a scene, and no damage done."""
 
 import concurrent.futures
+import dataclasses
+import functools
 import json
 import os
 import subprocess
@@ -13,8 +15,8 @@ import shapes
 from project import IMPORT_PATHS, MESHES, ROOT, TRIALS
 
 import proximity
-from benchmarks.digest import queries, scenes
-from benchmarks.digest.library import LibraryScene, through_library
+from benchmarks.digest import queries, scenes, ticks
+from benchmarks.digest.library import LibraryScene, LibraryTracker, through_library
 from proximity import ArgumentError, MeshFormatError, NotWatertightError, Pose, PoseError, ProximityError
 from proximity.bindings import c_package
 from proximity.native import IS_AHEAD, mode
@@ -198,6 +200,59 @@ def test_rotation_in_single_precision_is_taken_as_the_nearest():
     turn = opened.pose("part 1")[:3, :3]
     assert np.abs(turn @ turn.T - np.eye(3)).max() < 4e-16 * 8
     assert np.abs(turn - rough[:3, :3]).max() < 1e-6
+
+
+# --- tracker ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("instructions", SETS)
+@pytest.mark.parametrize("case", [case for case in ticks.CASES if case.change is not ticks.change_parts],
+                         ids=lambda case: case.name)  # fmt: skip
+def test_ticks_are_those_of_python(case, instructions):
+    """Bounds, predictions, times to contact, and the work that they took."""
+    shorter = dataclasses.replace(case, tick_count=600 // max(1, case.finger_count // 50))
+    tracker_of = functools.partial(LibraryTracker, instructions=instructions)
+
+    assert ticks.digests_of_case(shorter, MESHES, tracker_of) == ticks.digests_of_case(shorter, MESHES)
+
+
+def hide_and_show(scene, number, rng):
+    """A part goes out of sight now and then, and another moves."""
+    names = [part.name for part in scene.parts]
+    if number % 20 == 5:
+        scene.hide(names[number // 20 % len(names)])
+    if number % 20 == 15:
+        scene.show(names[number // 20 % len(names)])
+        scene.move(names[0], Pose(shapes.rotation(number), rng.uniform(-0.1, 0.1, 3)))
+
+
+def test_ticks_among_parts_that_hide_are_those_of_python():
+    case = ticks.TickCase("hiding", lambda _: crowd(12), 5, 400, has_paths=True, change=hide_and_show)
+
+    assert ticks.digests_of_case(case, MESHES, LibraryTracker) == ticks.digests_of_case(case, MESHES)
+
+
+def test_settings_and_ticks_that_cannot_be_used_are_told():
+    scene = crowd(2)
+    for name, value, told in (
+        ("radius", 7.0, "radius is not 0 to 0.1 m: was it meant in millimetres?"),
+        ("latency", 20.0, "latency is not 0 to 1 s"),
+        ("working_range", 120.0, "working_range is not 0 to 10 m"),
+        ("tolerance", -1.0, "tolerance is not a share"),
+        ("horizon", 0.0, "horizon is not a positive number"),
+        ("max_speed", np.nan, "max_speed or max_acceleration is not"),
+        ("budget", 0, "budget is not a positive number"),
+    ):
+        with pytest.raises(ArgumentError, match=told):
+            LibraryTracker(scene, **{name: value})
+    tracker = LibraryTracker(scene, fingers=2)
+    points = np.zeros((2, 3))
+    with pytest.raises(ArgumentError, match="an instant is beyond"):
+        tracker.tick(points, 2**63 - 1, 10**9)
+    with pytest.raises(ArgumentError, match="path_bends do not increase"):
+        tracker.tick(points, 10**9, 10**9, paths=np.zeros((2, 3, 3)), path_bends=[0.0, 1.0, 1.0])
+    with pytest.raises(ArgumentError, match="paths have less than two corners"):
+        tracker.tick(points, 10**9, 10**9, paths=np.zeros((2, 1, 3)))
 
 
 # --- bytes, threads --------------------------------------------------------------------------------------

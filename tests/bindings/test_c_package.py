@@ -6,10 +6,11 @@ import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from compiling_c import WARNINGS, c_compiler, compiler, run
 from pages import PAGES
-from project import MESHES
+from project import MESHES, SUPPORT
 
 import proximity
 from proximity import ProximityError
@@ -77,6 +78,27 @@ def test_header_is_one_of_cpp_as_well(folder):
     )
 
     run(linked(folder, source, "-std=c++11", tool=compiler("c++", "g++", "clang++")))
+
+
+@has_library
+def test_header_for_cpp_closes_scenes_and_throws(folder):
+    source = SUPPORT / "clients" / "library_program.cpp"
+    program = linked(folder, source, "-std=c++20", tool=compiler("c++", "g++", "clang++"))
+    scene = proximity.load(MESHES / "bracket.stl", units="mm")
+    points, up = np.array([[0.03, 0.01, 0.005], [0.03, 0.01, 0.002]]), np.array([[0.0, 0.0, 1.0]] * 2)
+    contacts = proximity.Tracker(scene, fingers=2).tick(points, 10**9, 10**9 + 500)
+    columns = (
+        scene.signed_distance(points), scene.signed_distance(points), scene.contains(points).astype(int),
+        scene.cast(points, up).distance, scene.closest_to_segments(points, up).distance,
+        contacts["signed_distance"],
+    )  # fmt: skip
+
+    lines = run(program, folder / "bracket.prox").splitlines()
+
+    expected = [
+        " ".join(["bracket", *(f"{value:.6g}" for value in row)]) for row in zip(*columns, strict=True)
+    ]
+    assert lines == [*expected, "3 none.prox: it cannot be opened (No such file or directory)"]
 
 
 @has_library
@@ -151,7 +173,7 @@ def test_nothing_but_the_interface_can_be_seen():
     tool = compiler("nm")
     symbols = run(tool, "-D", "--defined-only", c_package.library_path()).splitlines()
     names = {line.split()[-1] for line in symbols}
-    header = (c_package.HERE / "proximity.h").read_text()
+    headers = "".join((c_package.HERE / f"proximity{name}.h").read_text() for name in ("", "_tracker"))
 
-    declared = set(re.findall(r"PROXIMITY_API [^;(]*?(proximity_\w+)\(", header))
+    declared = set(re.findall(r"PROXIMITY_API [^;(]*?(proximity_\w+)\(", headers))
     assert names - {"proximity_sets"} == declared and len(declared) > 20

@@ -9,6 +9,7 @@ from compiling_c import c_compiler
 from project import ROOT, SUPPORT
 
 from proximity.bindings import c_package
+from proximity.message.c_header import header_text
 from proximity.native import IS_AHEAD
 
 OPTIONS = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-D_GNU_SOURCE"]
@@ -25,6 +26,7 @@ def prepare(folder):
 
     native = ROOT / "tools" / "kernel_build" / "native"
     (folder / "core_tables.h").write_text(tables_header())
+    (folder / "decaff_message.h").write_text(header_text())
     tables = tables_source([], "")
     assert NO_SETS in tables
     (folder / "core_tables.c").write_text(tables.replace(NO_SETS, ""))

@@ -7,8 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from proximity import ArgumentError, MeshFormatError, NotWatertightError, PoseError, ProximityError, Scene
+from proximity import (
+    ArgumentError,
+    MeshFormatError,
+    NotWatertightError,
+    Part,
+    PoseError,
+    ProximityError,
+    Scene,
+)
 from proximity.bindings.c_package import library_path
+from proximity.message import CONTACT
 from proximity.scene.queries.results import ClosestPoints, RayHits, SegmentHits
 
 BAD_ARGUMENT, BAD_FILE, BAD_POSE, NO_INSIDE = 1, 4, 5, 6
@@ -26,6 +35,27 @@ class Error(ctypes.Structure):
     """``proximity_error``."""
 
     _fields_ = (("code", ctypes.c_int32), ("sentence", ctypes.c_char * 508))
+
+
+class Settings(ctypes.Structure):
+    """``proximity_tracker_settings``."""
+
+    _fields_ = (
+        *((name, ctypes.c_double) for name in ("radius", "latency", "working_range", "tolerance", "horizon")),
+        *((name, ctypes.c_double) for name in ("max_speed", "max_acceleration")),
+        ("budget", ctypes.c_int64),
+    )
+
+
+class Paths(ctypes.Structure):
+    """``proximity_paths``."""
+
+    _fields_ = (
+        ("corners", ctypes.c_void_p),
+        ("corner_count", ctypes.c_size_t),
+        ("path_bends", ctypes.c_void_p),
+        ("bends", ctypes.c_void_p),
+    )
 
 
 class LibraryScene:
@@ -158,3 +188,78 @@ def through_library(scene: Scene, instructions: str = "") -> LibraryScene:
         path = Path(folder) / "scene.prox"
         scene.save(path)
         return LibraryScene(path, instructions)
+
+
+class LibraryTracker:
+    """A tracker of the library, of a scene that follows a Python one, with the interface of `Tracker`."""
+
+    def __init__(self, scene: Scene, *, fingers: int = 5, instructions: str = "", **settings: Any) -> None:
+        self._tracker = ctypes.c_void_p()
+        self._python, self._model = scene, scene.snapshot()
+        self._scene = through_library(scene, instructions)
+        self._library = self._scene._library
+        self._library.proximity_default_settings.restype = Settings
+        chosen = self._library.proximity_default_settings()
+        for name, value in settings.items():
+            setattr(chosen, name, value)
+        self._parts = {part.name: part for part in scene.parts}
+        self.contacts = np.zeros(fingers, CONTACT)
+        arguments = ctypes.c_size_t(fingers), ctypes.byref(chosen), ctypes.byref(self._tracker)
+        self._scene.call("create_tracker", self._scene._scene, *arguments)
+
+    def tick(
+        self,
+        positions: Any,
+        t_pose_ns: Any,
+        now_ns: int,
+        *,
+        velocities: Any = None,
+        paths: Any = None,
+        path_bends: Any = None,
+        bends: Any = None,
+    ) -> np.ndarray:
+        """Answer for all fingers, where the parts of the Python scene are now."""
+        self._follow()
+        instants = np.array(np.broadcast_to(t_pose_ns, len(self.contacts)), np.int64)
+        given = [positions, velocities, paths, path_bends, bends]
+        rows = [None if each is None else np.array(each, np.float64, order="C") for each in given]
+        addresses = [None if each is None else each.ctypes.data for each in rows]
+        polylines = None if paths is None else Paths(addresses[2], rows[2].shape[1], *addresses[3:])
+        self._scene.call(
+            "tick", self._tracker, ctypes.c_void_p(addresses[0]), _address(instants), ctypes.c_int64(now_ns),
+            ctypes.c_void_p(addresses[1]), None if polylines is None else ctypes.byref(polylines),
+            _address(self.contacts),
+        )  # fmt: skip
+        return self.contacts
+
+    def reset(self) -> None:
+        """Forget all fingers."""
+        self._library.proximity_reset_tracker(self._tracker)
+
+    def _follow(self) -> None:
+        """Move and hide what was moved and hidden in Python since the tick before."""
+        model = self._python.snapshot()
+        if model is self._model:
+            return
+        self._model, known, moved = model, self._parts, []
+        self._parts = {part.name: part for part in self._python.parts}
+        for name, part in self._parts.items():
+            before = known[name]
+            if part.is_hidden != before.is_hidden:
+                self._scene.hide(name, part.is_hidden)
+            if _motion_of(part) != _motion_of(before):
+                moved.append(part)
+        self._scene.move_many(
+            [part.name for part in moved],
+            [part.pose.matrix for part in moved],
+            [part.velocity for part in moved],
+            [part.angular_velocity for part in moved],
+        )
+
+    def __del__(self) -> None:
+        if self._tracker:
+            self._library.proximity_destroy_tracker(self._tracker)
+
+
+def _motion_of(part: Part) -> list[bytes]:
+    return [each.tobytes() for each in (part.pose.matrix, part.velocity, part.angular_velocity)]

@@ -22,6 +22,7 @@ typedef struct {
 
 extern const Sentence proximity_sentences[]; /* the last one is NULL */
 extern const char proximity_layout[];        /* as a file has to say it */
+extern const int64_t proximity_unknown_contact[CONTACT_SIZE / 8];
 
 /* The arrays of a file that are looked at, where they lie in it; and the names of its parts. */
 typedef struct {

@@ -338,6 +338,7 @@ int proximity_hide(proximity_scene *scene, int32_t part, int is_hidden, proximit
     }
     row->is_hidden = is_hidden != 0;
     scene->versions[part] = ++scene->changes;
+    scene->epoch++;
     if (!row->is_dynamic) {
         scene->tree = is_hidden ? THINNER : NEW;
     }

@@ -20,7 +20,7 @@ struct proximity_scene {
     int64_t dynamic[6]; /* address and length of rows, order and keys */
     int64_t *versions, *rows, *order, *keys;
     float *boxes;
-    int64_t changes, boxes_version, sort_steps;
+    int64_t changes, epoch, boxes_version, sort_steps; /* epoch: grows when parts are hidden or shown */
     int tree;
 };
 

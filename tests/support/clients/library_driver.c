@@ -1,6 +1,6 @@
 /* Opens each file as it is, and with a byte changed here and there, from the path and as bytes. */
 #include <math.h>
-#include <proximity.h>
+#include <proximity_tracker.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,8 +10,16 @@ static void use(proximity_scene *scene)
     proximity_closest_point found[50];
     uint8_t inside[50];
     const int32_t part = 0;
+    decaff_contact contacts[50];
+    int64_t instants[50], now_ns = 1000000000;
+    proximity_paths paths = {points, 2, NULL, NULL};
+    proximity_tracker *tracker = NULL;
+    proximity_create_tracker(scene, 25, NULL, &tracker, NULL);
     for (int k = 0; k < 150; k++) points[k] = 0.001 * (k * 7919 % 200) - 0.1;
     for (int step = 0; step < 3; step++) {
+        now_ns += 1000000;
+        for (int k = 0; k < 50; k++) instants[k] = now_ns;
+        proximity_tick(tracker, points, instants, now_ns, NULL, step ? &paths : NULL, contacts, NULL);
         proximity_closest(scene, points, 50, INFINITY, found, NULL);
         proximity_contains(scene, points, 50, inside, NULL);
         proximity_cast_distance(scene, points, points + 3, 49, INFINITY, distances, NULL);
@@ -20,6 +28,7 @@ static void use(proximity_scene *scene)
         proximity_move(scene, &part, 1, pose, NULL, NULL, NULL);
         proximity_hide(scene, proximity_part_count(scene) - 1, step & 1, NULL);
     }
+    proximity_destroy_tracker(tracker);
 }
 int main(int count, char **paths)
 {

@@ -1,5 +1,4 @@
 /* In place of the table of wrappers: that of the library as it is, which is not looked into. */
-#define _GNU_SOURCE
 #include <dlfcn.h>
 #include <stdlib.h>
 #include "core.h"
