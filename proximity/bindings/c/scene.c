@@ -145,6 +145,15 @@ static int open_scene(uint8_t *bytes, size_t size, int is_own, proximity_scene *
     return PROXIMITY_OK;
 }
 
+/* Say which file it was; a sentence that becomes too long is cut. */
+static void name_file(const char *path, proximity_error *error)
+{
+    if (error != NULL) {
+        proximity_error told = *error;
+        proximity_refuse(error, told.code, "%.200s: %s", path, told.sentence);
+    }
+}
+
 int proximity_open(const char *path, proximity_scene **scene, proximity_error *error)
 {
     uint8_t *bytes;
@@ -158,6 +167,7 @@ int proximity_open(const char *path, proximity_scene **scene, proximity_error *e
     }
     code = open_scene(bytes, size, 1, scene, error);
     if (code != PROXIMITY_OK) {
+        name_file(path, error);
         proximity_unmap(bytes, size);
         return code;
     }
