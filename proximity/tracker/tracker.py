@@ -325,10 +325,6 @@ class Tracker:
         self._arrays["tracks"]["reported_part"] = NO_PART
         self._last_now_ns = -MOST_NS
         self._settings["first_finger"] = self._settings["adaptive_tolerance"] = 0
-        self._forget_surfaces()
-
-    def _forget_surfaces(self) -> None:
-        """Forget how far surfaces are, and which faces are near."""
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
 
     def _adopt_model(self, model: Model) -> None:

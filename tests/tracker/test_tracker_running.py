@@ -221,7 +221,7 @@ def interrupt(monkeypatch, owner, name):
         yield
 
 
-@pytest.mark.parametrize("name", ["_forget_surfaces", "_pack"])
+@pytest.mark.parametrize("name", ["_renumber_parts", "_pack"])
 def test_parts_are_counted_though_taking_them_over_was_interrupted(monkeypatch, name):
     scene = Scene([block("near", (0.0, 0.0, -0.06))])
     tracker, tip = Tracker(scene, fingers=1), np.array([[0.0, 0.0, 2.0]])

@@ -26,8 +26,8 @@ MARK_AT, VERSION_AT, TEXT_CRC_AT, OWN_CRC_AT = 2, 3, 8, 15
 FILE_BYTES_AT, TEXT_BYTES_AT = 2, 3
 
 (
-    NO_MAGIC, CUT_HEADER, OTHER_ORDER, BAD_HEADER, OTHER_VERSION, CUT_OFF, TOO_LONG, BAD_TEXT, BAD_TABLE,
-    BAD_ARRAY, BAD_END,
+    NO_MAGIC, CUT_HEADER, OTHER_ORDER, BAD_HEADER, OTHER_VERSION, CUT_OFF, TOO_LONG, BAD_TEXT,
+    BAD_ARRAY_TABLE, BAD_ARRAY, BAD_END,
 ) = range(200, 211)  # fmt: skip
 
 
@@ -120,10 +120,10 @@ def fault_in_arrays(data, table, fault):
         start, size = end, table[row, 1]
         fault[0] = row
         if not 0 <= size <= len(data) or table[row, 0] != start:
-            return BAD_TABLE
+            return BAD_ARRAY_TABLE
         end = start + (size + PAGE - 1) // PAGE * PAGE
         if end > len(data):
-            return BAD_TABLE
+            return BAD_ARRAY_TABLE
         is_padded = True
         for k in range(start + size, end):
             is_padded = is_padded and data[k] == 0

@@ -54,7 +54,7 @@ SENTENCES = {
     stored_bytes.CUT_OFF: "it is cut off after {0} of {1} bytes",
     stored_bytes.TOO_LONG: "there are {0} bytes after its end",
     stored_bytes.BAD_TEXT: "it is damaged: the checksum of its description differs",
-    stored_bytes.BAD_TABLE: "its table of arrays does not fit it ({name})",
+    stored_bytes.BAD_ARRAY_TABLE: "its table of arrays does not fit it ({name})",
     stored_bytes.BAD_ARRAY: "it is damaged: the checksum of {name} differs",
     stored_bytes.BAD_END: "its table of arrays does not fit it (the end)",
 }
