@@ -7,21 +7,27 @@ parts, of the parts in ``shared/data/cad`` beside the project, of random scenes,
 ticks. Inputs are seeded and no clock is read, so that two runs on one machine agree, with any number of
 workers. The nodes and leaves that ticks visit (``work`` in their records) are hashed by themselves: another
 search may change them without changing an answer. Other processors, NumPy or numba may round differently:
-compare runs of one machine.
+compare runs of one machine. With ``--library`` scenes are saved, and the library in C is asked about them.
 """
 
 import argparse
 import hashlib
 import json
+import shlex
 import sys
 import time
 import warnings
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import proximity
 from benchmarks.digest import queries, scenes, ticks
+from benchmarks.digest.library import LibraryTracker, through_library
+from benchmarks.digest.library_program import through_program
 from benchmarks.support.project import MESHES, SHARED_PARTS
+from proximity import Tracker
 
 PART_FILES = {".stl", ".ply", ".glb", ".gltf", ".obj", ".off", ".3mf", ".step", ".stp"}
 SCENE_POINTS, SOLID_POINTS, MOST_SOLIDS = 8000, 400, 6
@@ -53,9 +59,13 @@ def digests(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
         print(f"{folders.pop()} is not here: its parts are left out")
     for folder in folders:
         for path in sorted(path for path in folder.iterdir() if path.suffix.lower() in PART_FILES):
-            yield from _of_file(f"{folder.name}/{path.name}", path, options.workers)
-    yield from _of_random_scenes(options.workers)
-    for name, answers, work in ticks.digests_of_ticks(MESHES):
+            yield from _of_file(f"{folder.name}/{path.name}", path, options)
+    yield from _of_random_scenes(options)
+    if options.program:
+        return
+    is_python = options.library is None
+    tracker_of = Tracker if is_python else partial(LibraryTracker, instructions=options.library)
+    for name, answers, work in ticks.digests_of_ticks(MESHES, tracker_of):
         yield name, answers
         yield f"{name}{WORK_CASE}", work
 
@@ -81,7 +91,7 @@ def compare(before: dict[str, str], now: dict[str, str]) -> int:
     return 1 if wrong or not both else 0
 
 
-def _of_file(name: str, path: Path, workers: int) -> Iterator[tuple[str, str]]:
+def _of_file(name: str, path: Path, options: argparse.Namespace) -> Iterator[tuple[str, str]]:
     """A file as a scene, that scene saved and opened again, and its solids; or the error of loading."""
     try:
         scene = proximity.load(path)
@@ -89,31 +99,45 @@ def _of_file(name: str, path: Path, workers: int) -> Iterator[tuple[str, str]]:
         yield name, hashlib.sha256(type(error).__name__.encode()).hexdigest()
         return
     triangles = queries.triangles_of(scene)
-    yield from queries.digests_of(name, scene, triangles, SCENE_POINTS, workers)
-    saved = scenes.open_saved(scene)
-    yield from queries.digests_of(f"{name} saved", saved, triangles, SOLID_POINTS, workers)
-    for part in scene.parts[:MOST_SOLIDS]:
+    yield from queries.digests_of(name, _asked(scene, options), triangles, SCENE_POINTS, options.workers)
+    saved = _asked(scenes.open_saved(scene), options)
+    yield from queries.digests_of(f"{name} saved", saved, triangles, SOLID_POINTS, options.workers)
+    for part in scene.parts[:MOST_SOLIDS] if options.library is None and not options.program else ():
         solid = part.solid
         solid_name = f"{name} solid {part.name}"
-        yield from queries.digests_of(solid_name, solid, queries.triangles_of(solid), SOLID_POINTS, workers)
+        triangles = queries.triangles_of(solid)
+        yield from queries.digests_of(solid_name, solid, triangles, SOLID_POINTS, options.workers)
 
 
-def _of_random_scenes(workers: int) -> Iterator[tuple[str, str]]:
+def _asked(scene: proximity.Scene, options: argparse.Namespace) -> Any:
+    """Whom to ask about a scene: itself, the library, or a program that is linked with it."""
+    if options.program:
+        return through_program(scene, shlex.split(options.program))
+    return scene if options.library is None else through_library(scene, options.library)
+
+
+def _of_random_scenes(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
     """Each random scene as it is made, and after parts were deformed, moved and hidden."""
     for part_count, size, offset in scenes.RANDOM_SCENES:
         name = f"random/{part_count} parts of {size:g} m"
         rng = scenes.generator(name)
         scene = scenes.random_scene(rng, part_count, size, offset)
-        yield from queries.digests_of(name, scene, queries.triangles_of(scene), SCENE_POINTS, workers)
+        triangles = queries.triangles_of(scene)
+        yield from queries.digests_of(name, _asked(scene, options), triangles, SCENE_POINTS, options.workers)
         scenes.change_scene(scene, rng, size)
         triangles = queries.triangles_of(scene)
-        yield from queries.digests_of(f"{name} changed", scene, triangles, SCENE_POINTS, workers)
+        asked = _asked(scene, options)
+        yield from queries.digests_of(f"{name} changed", asked, triangles, SCENE_POINTS, options.workers)
 
 
 def _parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the digests to FILE")
     parser.add_argument("--against", type=Path, metavar="FILE", help="compare with the digests in FILE")
+    parser.add_argument(
+        "--library", nargs="?", const="", metavar="SET", help="ask the library in C, with these instructions"
+    )
+    parser.add_argument("--program", metavar="COMMAND", help="ask library_server.c, started by this command")
     parser.add_argument("--workers", type=int, default=1, help="threads of large calls")
     parser.add_argument("--cad", type=Path, default=SHARED_PARTS, metavar="FOLDER", help="more parts")
     parser.add_argument("--without-cad", action="store_true", help="the sample parts alone")

@@ -15,7 +15,7 @@ ROOT = Path(proximity.__file__).parent.parent
 PICTURES = {
     "proximity": """
 cli
-lab · web
+bindings · lab · web
 service
 tracker
 scene

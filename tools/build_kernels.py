@@ -36,6 +36,7 @@ def main() -> None:
     targets = [TARGETS[name] for name in options.target] if options.target else [host_target()]
     for target in targets if options.state else []:
         print(f"target={target.name}\nwheel={target.wheel}\nextension={extension_path(target, options.out)}")
+        print(f"library={extension_path(target, options.out).with_name(target.library)}")
         print(f"is_current={'yes' if is_current(target, options.out, every_set=options.every_set) else 'no'}")
     if not options.state:
         _fix_order()

@@ -14,7 +14,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 REQUIREMENTS = ["numba==0.68.1", "numpy>=2.1", "ziglang>=0.15"]
 """What compiling takes: numba's internals are leaned on, so its version is fixed."""
-EXTENSION = "proximity/native/{}"
+PLACE = "proximity/native/{}"
 SECONDS = 60
 
 
@@ -58,7 +58,8 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         if version != "editable":
             build_data["pure_python"] = False
             build_data["tag"] = f"cp311-abi3-{state['wheel']}"
-            build_data["force_include"][state["extension"]] = EXTENSION.format(Path(state["extension"]).name)
+            for made in (state["extension"], state["library"]):
+                build_data["force_include"][made] = PLACE.format(Path(made).name)
 
     def _state(self, *, every_set: bool) -> dict[str, str]:
         """Of the target: its name, tag and extension module, and whether that is as the sources are."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from proximity.errors import MeshError
+from proximity.kernels.geometry.local_frame import LARGEST_COORDINATE, SMALLEST_SIZE, frame_of_box
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     LANES,
@@ -18,10 +19,6 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.tree.binned_sah import BOX_STRIDE
 from proximity.kernels.tree.builder import FACES_SHIFT, build_tree, face_boxes, fill_blocks
-
-LARGEST_COORDINATE = 1e150
-SMALLEST_SIZE = 1e-150
-"""Squares of squares must stay within float64."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,16 +58,9 @@ def local_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
             f"the part reaches to {largest:.3g} m and is {extent:.3g} m long; coordinates up to "
             f"{LARGEST_COORDINATE:g} m and sizes from {SMALLEST_SIZE:g} m can be computed with"
         )
-    middle = 0.5 * lower + 0.5 * upper
-    grain = 2.0 ** np.ceil(np.log2(extent)) if extent > 0.0 else largest
-    # Nearer to the origin than two sizes the difference could round; farther, all bits of it fit.
-    is_off = np.abs(middle) >= 2.0 * grain
-    centre = np.where(is_off, np.rint(middle / grain) * grain if grain > 0.0 else middle, 0.0)
-    if extent == 0.0:
-        centre = lower.copy()
-    reach = float(np.maximum(np.abs(lower - centre), np.abs(upper - centre)).max())
-    scale = 2.0 ** -np.ceil(np.log2(reach)) if reach > 0.0 else 1.0
-    return LocalFrame(centre, float(scale))
+    centre = np.empty(3)
+    corners = (np.ascontiguousarray(corner, np.float64) for corner in (lower, upper))
+    return LocalFrame(centre, frame_of_box(*corners, centre))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,6 +8,7 @@ from proximity.kernels import layout
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE
 from proximity.kernels.mesh.faces import add_corner_normals, thin_faces
 from proximity.kernels.ray.self_intersections import CONTACT_DEPTH, passing_faces
+from proximity.kernels.scene.part_trees import MOVING_MARGIN
 from proximity.kernels.sign.folded_faces import folded_faces
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD, build_grid
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE, fill_moments
@@ -30,8 +31,6 @@ CELLS_PER_FACE = 64
 FEWEST_CELLS = 512
 LARGEST_GRID = 2**18
 """Cells of a sign grid; two bits each."""
-MOVING_MARGIN = 0.25
-"""Share of the scene's frame that its parts take up at first: they can move before it must change."""
 SMALLEST_SHARE = 2.0**-8
 """A part that is smaller than this share of its file gets a frame of its own, for tight boxes."""
 NO_GRID_CELLS = np.zeros(0, np.uint32)

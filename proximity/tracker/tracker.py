@@ -9,9 +9,8 @@ import numpy as np
 from proximity import native
 from proximity.checks import positive, whole
 from proximity.errors import ArgumentError
-from proximity.kernels import layout
 from proximity.kernels.contact_record import CONTACT_RECORD
-from proximity.kernels.layout import NO_PART, NO_SLOT
+from proximity.kernels.layout import NO_PART
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
@@ -326,28 +325,18 @@ class Tracker:
         self._arrays["tracks"]["reported_part"] = NO_PART
         self._last_now_ns = -MOST_NS
         self._settings["first_finger"] = self._settings["adaptive_tolerance"] = 0
-        self._forget_surfaces()
-
-    def _forget_surfaces(self) -> None:
-        """Forget how far surfaces are, and which faces are near."""
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
-        tracks = self._arrays["tracks"]
-        tracks["slot"], tracks["part"] = NO_SLOT, NO_PART
-        tracks["is_outside"] = tracks["frontier_count"] = 0
 
     def _adopt_model(self, model: Model) -> None:
         """Answer from *model* from now on; its epoch is written last, so that an interrupt repeats this."""
         if model.epoch != self._epoch:
-            self._forget_surfaces()
             self._renumber_parts(model.names)
             count = len(model.parts) - 1
-            signs, grids = model.parts["sign"][:count], model.parts["grid"][:count]
-            is_open = (signs == layout.SIGN_WINDING) & (grids == layout.NO_GRID)
-            self._settings["has_holes"] = is_open.any()
-            self._arrays["before"] = layout.columns_of(model.frames)[:count, :POSE_COLUMNS].copy()
+            self._arrays["before"] = np.empty((count, POSE_COLUMNS))
             self._arrays["movers"] = movers_workspace(count)
             self._packs.clear()
             self._read_from(self._given or NOTHING_GIVEN)
+            track.adopt_parts(model.packed, self._packed)
             self._epoch = model.epoch
 
     def _renumber_parts(self, names: tuple[str, ...]) -> None:

@@ -30,11 +30,13 @@ def build(*options: str) -> str:
 @pytest.mark.slow
 @pytest.mark.skipif(not native.IS_AHEAD, reason="there is nothing to compare with")
 def test_building_again_gives_the_same_bytes(tmp_path):
-    installed = next((ROOT / "proximity" / "native").glob("_kernels*"))
+    native_folder = ROOT / "proximity" / "native"
+    installed = next(native_folder.glob("_kernels*"))
     has_every_set = "yes" in build("--state", "--every-set").split("is_current=")[1]
-    (again,) = build("--out", str(tmp_path), *(["--every-set"] if has_every_set else [])).split()
+    again, library = build("--out", str(tmp_path), *(["--every-set"] if has_every_set else [])).split()
 
     assert Path(again).read_bytes() == installed.read_bytes()
+    assert Path(library).read_bytes() == (native_folder / Path(library).name).read_bytes()
     assert b"site-packages" not in installed.read_bytes()  # nor does it tell where it was made
 
 

@@ -19,7 +19,7 @@ from project import MESHES
 import proximity
 from proximity import MeshFormatError, Part, Pose, Scene, SceneError, Solid
 from proximity.errors import FileError
-from proximity.scene.model.part_trees import PartTreesPlan
+from proximity.kernels.scene.part_trees import copies_in_use
 from proximity.scene.queries import results
 from proximity.scene.queries.queries import Queries
 from proximity.scene.saved import archive, compiled_scene
@@ -238,8 +238,8 @@ def test_question_under_way_is_not_disturbed_by_a_loaded_scene_that_moves(tmp_pa
     loaded = proximity.load(saved(scene, tmp_path))
     held = Held(loaded)
     before = answers(held)
-    assert PartTreesPlan.of(first.model.parts).copies_of(first.model.parts) == (0, 0)
-    assert PartTreesPlan.of(held.model.parts).copies_of(held.model.parts) == (1, 1)
+    assert copies_in_use(first.model.parts) == (0, 0)
+    assert copies_in_use(held.model.parts) == (1, 1)
 
     for step in range(4):
         loaded.move(f"part {step}", Pose(translation=(0.0, 0.1, 0.1 * step)))

@@ -20,7 +20,7 @@ INTERRUPTED = {
     f"{PACKAGE}/{name}.py"
     for name in (
         "scene/scene", "scene/scene_parts", "scene/deformation", "scene/solid", "scene/solid_arrays",
-        "scene/queries/queries", "scene/model/scene_state", "scene/model/part_trees",
+        "scene/queries/queries", "scene/model/scene_state",
     )
 }  # fmt: skip
 POINTS = np.random.default_rng(3).uniform(-3.0, 12.0, (40, 3))

@@ -10,9 +10,9 @@ import shapes
 from ticking import MS, RADIUS, block, line, plate, solid
 
 import proximity
+from proximity.kernels.scene.part_trees import REGION_COPIES
 from proximity.message import ContactFlag
 from proximity.pose import Pose
-from proximity.scene.model.part_trees import REGION_COPIES
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker import Tracker
 
@@ -218,7 +218,7 @@ def interrupt(monkeypatch, owner, name):
         yield
 
 
-@pytest.mark.parametrize("name", ["_forget_surfaces", "_pack"])
+@pytest.mark.parametrize("name", ["_renumber_parts", "_pack"])
 def test_parts_are_counted_though_taking_them_over_was_interrupted(monkeypatch, name):
     scene = Scene([block("near", (0.0, 0.0, -0.06))])
     tracker, tip = Tracker(scene, fingers=1), np.array([[0.0, 0.0, 2.0]])

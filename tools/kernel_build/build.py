@@ -11,9 +11,9 @@ from typing import NamedTuple
 from llvmlite import binding
 
 from kernel_build import front_end
-from kernel_build.link import entry_table, link
+from kernel_build.link import entry_table, link, link_library
 from kernel_build.objects import emit_object
-from kernel_build.state import sources_digest
+from kernel_build.state import library_digest, sources_digest
 from kernel_build.targets import Instructions, Target, extension_path, host_target, wrapper_symbol
 from proximity.native.declaration import ENTRIES
 from proximity.native.sources import PACKAGE
@@ -30,7 +30,7 @@ as long.
 
 
 def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]:
-    """Make the extension module of each target, at its `extension_path` in a folder; return the paths.
+    """Make the extension module of each target at its `extension_path`, and the library beside it; the paths.
 
     Of this machine's target only the best set of instructions that it has, unless *every_set*.
     """
@@ -47,7 +47,7 @@ def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]
             for instructions in sets[target.name]
             for names, content in compiled
         ]
-        made.append(_linked(target, objects, digest, extension_path(target, folder)))
+        made += _linked(target, objects, digest, extension_path(target, folder))
     return made
 
 
@@ -104,8 +104,8 @@ def _load(name: str, source: Path) -> None:
         spec.loader.exec_module(sys.modules[name])
 
 
-def _linked(target: Target, objects: list[CompiledGroup], digest: str, path: Path) -> Path:
-    """Link a target's objects to its extension module at a path; return the path."""
+def _linked(target: Target, objects: list[CompiledGroup], digest: str, path: Path) -> list[Path]:
+    """Link a target's objects to its extension module at a path, and to its library beside it; the paths."""
     with tempfile.TemporaryDirectory() as scratch:
         files = []
         for number, each in enumerate(objects):
@@ -118,9 +118,14 @@ def _linked(target: Target, objects: list[CompiledGroup], digest: str, path: Pat
             for name in each.names
         ]
         table.write_text(entry_table(wrappers, digest), encoding="utf-8")
-        made = link(target, files, table, Path(scratch))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = path.with_suffix(".unfinished")
-        unfinished.write_bytes(made.read_bytes())
-        os.replace(unfinished, path)  # whoever has loaded the old one keeps it
+        extension = link(target, files, table, Path(scratch))
+        library = link_library(target, files, wrappers, library_digest(), Path(scratch))
+        return [_placed(extension, path), _placed(library, path.with_name(target.library))]
+
+
+def _placed(made: Path, path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_suffix(".unfinished")
+    unfinished.write_bytes(made.read_bytes())
+    os.replace(unfinished, path)  # whoever has loaded the old one keeps it
     return path

@@ -12,35 +12,54 @@ import numpy
 from kernel_build.state import ROOT, digest_in_c
 from kernel_build.targets import Target
 from kernel_build.windows import python_library
+from proximity.bindings.core_tables import tables_header, tables_source
 from proximity.message.c_header import header_text
 from proximity.native.in_c import C_CODE
 
 NATIVE, HEADERS = (Path(__file__).resolve().parent / name for name in ("native", "headers"))
 CONTROLLER = ROOT / "proximity" / "decaff" / "controller"
+LIBRARY = ROOT / "proximity" / "bindings" / "c"
 _COMPILE = ["-O2", "-std=c11", "-Wall", "-Wextra", "-fvisibility=hidden", "-fno-sanitize=all", "-g0"]
 
 
 def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path:
     """Return the extension module."""
     extension = folder / target.extension
-    compiled = []
     (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
-    for source in [table, *sorted(NATIVE.glob("*.c")), *CONTROLLER.glob("*.c")]:
-        compiled.append(folder / f"{source.stem}.o")
-        _zig(
-            target,
-            folder,
-            *_COMPILE,
-            *_headers(target),
-            f"-I{folder}",
-            "-c",
-            str(source),
-            "-o",
-            str(compiled[-1]),
-        )
+    sources = [table, *sorted(NATIVE.glob("*.c")), *CONTROLLER.glob("*.c")]
+    compiled = [_compiled(target, source, folder, *_headers(target)) for source in sources]
     files = map(str, [*compiled, *objects])
     _zig(target, folder, "-shared", "-s", "-o", str(extension), *files, *_system(target, compiled, folder))
     return extension
+
+
+def link_library(
+    target: Target, objects: list[Path], wrappers: list[tuple[str, str, str]], digest: str, folder: Path
+) -> Path:
+    """Return the library in C, of the same objects; `link` has been in that folder before."""
+    library = folder / target.library
+    sets: dict[str, dict[str, str]] = {}
+    for instructions, name, symbol in wrappers:
+        sets.setdefault(instructions, {})[name] = symbol
+    (folder / "core_tables.h").write_text(tables_header(), encoding="ascii")
+    table = folder / "core_tables.c"
+    table.write_text(tables_source(sets.items(), digest), encoding="ascii")
+    options = ["-DPROXIMITY_BUILDS", "-D_GNU_SOURCE", f"-I{LIBRARY}", f"-I{NATIVE}"]
+    compiled = [_compiled(target, each, folder, *options) for each in (table, *sorted(LIBRARY.glob("*.c")))]
+    files = [*compiled, folder / "runtime.o", folder / "processor.o", *objects]
+    name = [f"-Wl,-soname,{target.library}"] if target.name.startswith("linux") else []
+    _zig(target, folder, "-shared", "-s", *name, "-o", str(library), *map(str, files), *_mathematics(target))
+    return library
+
+
+def _compiled(target: Target, source: Path, folder: Path, *options: str) -> Path:
+    made = folder / f"{source.stem}.o"
+    _zig(target, folder, *_COMPILE, *options, f"-I{folder}", "-c", str(source), "-o", str(made))
+    return made
+
+
+def _mathematics(target: Target) -> list[str]:
+    return ["-lm"] if target.name.startswith("linux") else []
 
 
 def entry_table(wrappers: list[tuple[str, str, str]], digest: str) -> str:
@@ -88,7 +107,7 @@ def _headers(target: Target) -> list[str]:
 def _system(target: Target, compiled: list[Path], folder: Path) -> list[str]:
     """What else the linker has to be given on a system."""
     if target.name.startswith("linux"):
-        return ["-lm"]
+        return _mathematics(target)
     if target.name.startswith("macos"):
         return ["-undefined", "dynamic_lookup"]
     return [str(python_library(compiled, folder))]

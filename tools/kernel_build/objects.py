@@ -49,6 +49,7 @@ def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
     for function in module.functions:
         if function.name.startswith(WRAPPER_PREFIX):
             function.name = wrapper_symbol(function.name.removeprefix(WRAPPER_PREFIX), instructions)
+            function.visibility = "hidden"  # nobody calls them but what they are linked with
     _refuse_undefined(module)
     return machine.emit_object(module)
 

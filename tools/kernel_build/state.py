@@ -1,5 +1,6 @@
 """What has been compiled, and whether it is as the sources are. Needs nothing but Python."""
 
+import hashlib
 import importlib.util
 import os
 from functools import cache
@@ -37,9 +38,23 @@ def digest_in_c() -> str:
     return str(sources().digest_in_c())
 
 
+def library_digest() -> str:
+    """Return the digest of the library in C: of kernels, of its own files, and of what is generated."""
+    patterns = ("bindings/c/*.c", "bindings/c/*.h", "bindings/core_tables.py", "scene/**/*.py", "__init__.py",
+        "tracker/*.py", "message/*.py", "message/*.in")  # fmt: skip
+    package = ROOT / "proximity"
+    files = sorted(path for pattern in patterns for path in package.glob(pattern))
+    content = b"".join(path.read_bytes() for path in files)
+    return hashlib.sha256(sources_digest().encode() + content).hexdigest()[:32]
+
+
 def is_current(target: Target, folder: Path, *, every_set: bool) -> bool:
-    """Return whether a folder holds the extension module of a target as the sources are now."""
+    """Return whether a folder holds the extension module and the library of a target as the sources are."""
     extension = extension_path(target, folder)
-    content = extension.read_bytes() if extension.is_file() else b""
-    wanted = [sources_digest(), digest_in_c()] + [f"for {each.name}" for each in target.sets if every_set]
-    return all(word.encode() + b"\0" in content for word in wanted)
+    sets = [f"for {each.name}" for each in target.sets if every_set]
+    wanted = {
+        extension: [sources_digest(), digest_in_c(), *sets],
+        extension.with_name(target.library): [library_digest(), *sets],
+    }
+    contents = {path: path.read_bytes() if path.is_file() else b"" for path in wanted}
+    return all(word.encode() + b"\0" in contents[path] for path in wanted for word in wanted[path])

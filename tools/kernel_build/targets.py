@@ -28,6 +28,7 @@ class Target:
     wheel: str  # tag of wheels
     sets: tuple[Instructions, ...]
     extension: str = "_kernels.abi3.so"  # name of the extension module's file
+    library: str = "libproximity.so"  # name of the library in C
 
 
 _X86 = (
@@ -48,9 +49,22 @@ TARGETS = {
             "manylinux_2_17_aarch64",
             _ARM,
         ),
-        Target("macos-arm64", "arm64-apple-macosx11.0.0", "aarch64-macos.11.0", "macosx_11_0_arm64", _APPLE),
         Target(
-            "windows-x86_64", "x86_64-pc-windows-gnu", "x86_64-windows-gnu", "win_amd64", _X86, "_kernels.pyd"
+            "macos-arm64",
+            "arm64-apple-macosx11.0.0",
+            "aarch64-macos.11.0",
+            "macosx_11_0_arm64",
+            _APPLE,
+            library="libproximity.dylib",
+        ),
+        Target(
+            "windows-x86_64",
+            "x86_64-pc-windows-gnu",
+            "x86_64-windows-gnu",
+            "win_amd64",
+            _X86,
+            "_kernels.pyd",
+            "proximity.dll",
         ),
     )
 }

@@ -12,8 +12,9 @@ LEAST_RATE_HZ, MOST_RATE_HZ = 150.0, 20000.0  # slower, each sample would trip t
 
 
 class Language(StrEnum):
-    """A language that there is a client for."""
+    """A language that there is a client for; in C it is the engine itself."""
 
+    c = "c"
     csharp = "csharp"
     javascript = "javascript"
     cpp = "cpp"
@@ -24,25 +25,31 @@ FOLDER = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to wr
 
 def client(
     language: Annotated[
-        Language, typer.Argument(metavar="csharp|javascript|cpp", help="Language of your program.")
+        Language, typer.Argument(metavar="c|csharp|javascript|cpp", help="Language of your program.")
     ],
     out: FOLDER,
 ) -> None:
     """Write a client into a folder: sources in C++, JavaScript or C# that read frames and send
-    poses.
+    poses; or the engine as a library in C.
 
     It verifies frames and ages them (OK, LATE, STALE) as the subscriber of proximity does, and supports
     the keys of udp://. cpp is header only, for C++20 on POSIX systems and Windows; javascript is ES
     modules for browsers and Node; csharp is for Unity and .NET. An example is written as well. An
     existing example is kept; the other files are replaced.
 
+    c is no client but the engine, for your own process: a shared library with its header, a CMake
+    package, a pkg-config file and examples. It opens scenes that `proximity compile` writes.
+
     Examples:
+      proximity client c --out proximity
       proximity client cpp --out decaff
       proximity client csharp --out Assets/Decaff
     """
+    from proximity.bindings.c_package import write_library
     from proximity.message.clients import write_client
 
-    for path, is_written in write_client(language.value, out).items():
+    written = write_library(out) if language is Language.c else write_client(language.value, out)
+    for path, is_written in written.items():
         typer.echo(f"{path}: {'written' if is_written else 'left alone, it is there already'}")
 
 

@@ -48,7 +48,7 @@ FAULT_SIZE = 4
 
 
 @inlined
-def _note(fault, kind, part, first, second, third):
+def note_fault(fault, kind, part, first, second, third):
     fault[0], fault[1], fault[2], fault[3] = part, first, second, third
     return kind
 
@@ -90,7 +90,7 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
         base = NODE_STRIDE * node
         used, unused = _lanes(words, base)
         if used | unused != ALL_LANES:
-            return _note(fault, BAD_BOX, part, node - root, 0, 0)
+            return note_fault(fault, BAD_BOX, part, node - root, 0, 0)
         first, last, count, level = np.int64(2**62), np.int64(-1), np.int64(0), np.int64(0)
         for lane in range(LANES):
             if not (used >> lane) & 1:
@@ -99,7 +99,7 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
             if child >= 0:
                 # Negative: it has a parent.
                 if not node < child < end or levels[child] < 0:
-                    return _note(fault, BAD_CHILD_NODE, part, lane, node - root, child - root)
+                    return note_fault(fault, BAD_CHILD_NODE, part, lane, node - root, child - root)
                 first = min(first, np.int64(firsts[child]))
                 last = max(last, np.int64(firsts[child]) + counts[child] - 1)
                 count += counts[child]
@@ -109,16 +109,16 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
             else:
                 block = ~child
                 if not first_block <= block <= last_block or reached[block]:
-                    return _note(fault, BAD_CHILD_BLOCK, part, lane, node - root, block - first_block)
+                    return note_fault(fault, BAD_CHILD_BLOCK, part, lane, node - root, block - first_block)
                 reached[block] = 1
                 first, last, count = min(first, block), max(last, block), count + 1
         if count == 0 or level >= DEEPEST:
-            return _note(fault, TOO_DEEP if count else NOT_REACHED, part, node - root, DEEPEST, 0)
+            return note_fault(fault, TOO_DEEP if count else NOT_REACHED, part, node - root, DEEPEST, 0)
         if last - first + 1 != count:
-            return _note(fault, NOT_IN_A_ROW, part, node - root, 0, 0)
+            return note_fault(fault, NOT_IN_A_ROW, part, node - root, 0, 0)
         firsts[node], counts[node], levels[node] = first, count, level + 1
     if inner != end - root - 1 or counts[root] != parts[part].block_count:
-        return _note(fault, NOT_REACHED, part, 0, 0, 0)
+        return note_fault(fault, NOT_REACHED, part, 0, 0, 0)
     return SOUND
 
 
@@ -149,16 +149,16 @@ def _fault_in_slots(reals, words, parts, part, seen, fault):
     found = np.int64(0)
     for block in range(first, first + parts[part].block_count):
         if load_int(words, parts[part].block_notes + block) & (2**FOLDED_AT - 1) != part:
-            return _note(fault, BAD_NOTE, part, block - first, 0, 0)
+            return note_fault(fault, BAD_NOTE, part, block - first, 0, 0)
         used = np.int64(0)
         for lane in range(LANES):
             face = load_int(words, parts[part].slot_faces + LANES * block + lane)
             if face == NO_FACE:
                 continue
             if not 0 <= face < face_count:
-                return _note(fault, BAD_SLOT, part, LANES * (block - first) + lane, face, face_count)
+                return note_fault(fault, BAD_SLOT, part, LANES * (block - first) + lane, face, face_count)
             if seen[face]:
-                return _note(fault, FACE_TWICE, part, LANES * (block - first) + lane, face, 0)
+                return note_fault(fault, FACE_TWICE, part, LANES * (block - first) + lane, face, 0)
             seen[face] = 1
             found += 1
             used |= np.int64(1) << lane
@@ -170,9 +170,9 @@ def _fault_in_slots(reals, words, parts, part, seen, fault):
             is_near = is_near & (absolute(row) <= splat(LARGEST_LOCAL))
             is_number = is_number | (row == row)
         if bits(is_near) != used or bits(is_number) != used:
-            return _note(fault, BAD_TRIANGLE, part, block - first, 0, 0)
+            return note_fault(fault, BAD_TRIANGLE, part, block - first, 0, 0)
     if found != face_count:
-        return _note(fault, FACE_MISSING, part, found, face_count, 0)
+        return note_fault(fault, FACE_MISSING, part, found, face_count, 0)
     return SOUND
 
 
@@ -185,9 +185,9 @@ def _fault_in_faces(words, parts, part, fault):
             load_int(words, parts[part].neighbors + k),
         )
         if not 0 <= corner < corner_count:
-            return _note(fault, BAD_CORNER_ID, part, k // 3, corner, corner_count)
+            return note_fault(fault, BAD_CORNER_ID, part, k // 3, corner, corner_count)
         if not FEWEST_NEIGHBOR <= neighbor < face_count:
-            return _note(fault, BAD_NEIGHBOR, part, k // 3, neighbor, face_count)
+            return note_fault(fault, BAD_NEIGHBOR, part, k // 3, neighbor, face_count)
     return SOUND
 
 
@@ -195,9 +195,9 @@ def _fault_in_faces(words, parts, part, fault):
 def _fault_in_corners(reals, parts, part, fault):
     for k in range(3 * parts[part].corner_count):
         if not abs(reals[parts[part].corners + k]) <= LARGEST_LOCAL:
-            return _note(fault, BAD_CORNER, part, k // 3, 0, 0)
+            return note_fault(fault, BAD_CORNER, part, k // 3, 0, 0)
         if not abs(reals[parts[part].corner_normals + k]) <= LARGEST_LOCAL:
-            return _note(fault, BAD_NORMAL, part, k // 3, 0, 0)
+            return note_fault(fault, BAD_NORMAL, part, k // 3, 0, 0)
     return SOUND
 
 
@@ -210,7 +210,7 @@ def _fault_in_moments(words, parts, part, fault):
         for k in range(0, MOMENT_STRIDE, LANES):
             finite &= bits(absolute(load(words, at + k)) < splat32(np.float32(np.inf)))
         if finite != ALL_LANES:
-            return _note(fault, BAD_MOMENT, part, node - root, 0, 0)
+            return note_fault(fault, BAD_MOMENT, part, node - root, 0, 0)
     return SOUND
 
 
@@ -224,7 +224,7 @@ def _fault_in_grid(words, parts, part, fault):
     for k in range((cells + CELLS_PER_WORD - 1) // CELLS_PER_WORD):
         word = load_int(words, at + k)
         if word & (word >> 1) & 0x55555555:
-            return _note(fault, BAD_CELL, part, CELLS_PER_WORD * k, 0, 0)
+            return note_fault(fault, BAD_CELL, part, CELLS_PER_WORD * k, 0, 0)
     return SOUND
 
 
@@ -240,12 +240,12 @@ def fault_in_lists(words, parts, fault):
     for cell in range(cells):
         first, end = load_int(words, base + cell), load_int(words, base + cell + 1)
         if first != last or not first <= end <= size:
-            return _note(fault, BAD_LIST, scene, cell, 0, 0)
+            return note_fault(fault, BAD_LIST, scene, cell, 0, 0)
         before, last = np.int64(-1), end
         for at in range(first, end):
             part = load_int(words, base + at)
             if not before < part < scene:
-                return _note(fault, BAD_LISTED_PART, scene, cell, part, scene)
+                return note_fault(fault, BAD_LISTED_PART, scene, cell, part, scene)
             before = part
     return SOUND
 
@@ -287,9 +287,9 @@ def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
         base = NODE_STRIDE * (root + node)
         used, unused = _lanes(words, base)
         if used | unused != ALL_LANES:
-            return _note(fault, BAD_BOX, scene, node, 0, 0)
+            return note_fault(fault, BAD_BOX, scene, node, 0, 0)
         if used and (levels[node] == 0 or levels[node] > DEEPEST):
-            return _note(fault, TOO_DEEP if levels[node] else NOT_REACHED, scene, node, DEEPEST, 0)
+            return note_fault(fault, TOO_DEEP if levels[node] else NOT_REACHED, scene, node, DEEPEST, 0)
         for lane in range(LANES):
             if not (used >> lane) & 1:
                 continue
@@ -297,18 +297,18 @@ def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
             if root <= reference < root + node_count:
                 child = reference - root
                 if child <= node or levels[child]:
-                    return _note(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
+                    return note_fault(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
                 levels[child] = levels[node] + 1
                 continue
             part, start = _root_of_child(words, parts, reference)
             if part < 0 or parts[part].is_dynamic or parts[part].is_hidden:
-                return _note(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
+                return note_fault(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
             if ~reference < ENTRY and not parts[part].is_fused:
-                return _note(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
+                return note_fault(fault, BAD_SCENE_CHILD, scene, lane, node, reference)
             first, count = (firsts[start], counts[start]) if start >= 0 else (np.int32(~start), np.int32(1))
             for block in range(first, first + count):
                 if covered[block]:
-                    return _note(fault, COVERED_TWICE, part, lane, node, 0)
+                    return note_fault(fault, COVERED_TWICE, part, lane, node, 0)
                 covered[block] = 1
     return _fault_in_cover(parts, covered, fault)
 
@@ -321,7 +321,7 @@ def _fault_in_cover(parts, covered, fault):
         first = parts[part].first_block
         for block in range(first, first + parts[part].block_count):
             if not covered[block]:
-                return _note(fault, NOT_COVERED, part, block - first, 0, 0)
+                return note_fault(fault, NOT_COVERED, part, block - first, 0, 0)
     return SOUND
 
 
@@ -339,20 +339,20 @@ def fault_in_mesh(words, parts, part, vertices, faces, largest, corners, fault):
         for k in range(3):
             vertex = np.int64(faces[face, k])
             if not 0 <= vertex < vertex_count:
-                return _note(fault, BAD_VERTEX_ID, part, face, vertex, vertex_count)
+                return note_fault(fault, BAD_VERTEX_ID, part, face, vertex, vertex_count)
             corner = load_int(words, faces_at + 3 * face + k)
             if corners[vertex] >= 0 and corners[vertex] != corner:
-                return _note(fault, BAD_CORNER_ORDER, part, vertex, corner, 0)
+                return note_fault(fault, BAD_CORNER_ORDER, part, vertex, corner, 0)
             corners[vertex] = corner
     known = np.int64(0)
     for vertex in range(vertex_count):
         corner = np.int64(corners[vertex])
         if corner > known:
-            return _note(fault, BAD_CORNER_ORDER, part, vertex, corner, 0)
+            return note_fault(fault, BAD_CORNER_ORDER, part, vertex, corner, 0)
         known += corner == known
         for axis in range(3):
             if corner >= 0 and not abs(vertices[vertex, axis]) <= largest:
-                return _note(fault, BAD_VERTEX, part, vertex, 0, 0)
+                return note_fault(fault, BAD_VERTEX, part, vertex, 0, 0)
     if known != parts[part].corner_count:
-        return _note(fault, BAD_CORNER_ORDER, part, vertex_count, known, 0)
+        return note_fault(fault, BAD_CORNER_ORDER, part, vertex_count, known, 0)
     return SOUND

@@ -6,12 +6,14 @@ import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.layout import FRAME, field_at
-from proximity.kernels.stack_arrays import reals_of
+from proximity.kernels.stack_arrays import reals_of, stack_f64_rows
 from proximity.kernels.tree.collapse import clear_box
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import lane, load, maximum, minimum
 
 BOX_AT = field_at(FRAME, "box_lower")
+MOST_ROTATION_STEPS = 4
+"""Towards the nearest rotation; each squares what is left."""
 
 
 @inlined
@@ -28,7 +30,7 @@ def _off_exact(matrix):
 
 
 @inlined
-def _is_rigid(matrix, tolerance, farthest):
+def is_rigid(matrix, tolerance, farthest):
     """Whether a (4, 4) matrix turns and shifts, and does nothing else."""
     is_affine = matrix[3, 0] == 0.0 and matrix[3, 1] == 0.0 and matrix[3, 2] == 0.0 and matrix[3, 3] == 1.0
     for axis in range(3):
@@ -49,7 +51,7 @@ def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest, f
     (K, 3), or none (0, 3), must be no more than *fastest* along each axis.
     """
     for k in range(len(matrices)):
-        is_fit = _is_rigid(matrices[k], tolerance, farthest)
+        is_fit = is_rigid(matrices[k], tolerance, farthest)
         for axis in range(3):
             if len(velocities):
                 is_fit = is_fit and abs(velocities[k, axis]) <= fastest
@@ -64,8 +66,8 @@ def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest, f
 def _write_pose(frames, row, matrix, rounding):
     """Write a pose into a row, unless it is there already; whether it was not.
 
-    A rotation that is off by more than *rounding* is replaced by the nearest exact one: one step of Newton's
-    iteration, after which nothing but rounding is left of an error of 1e-9.
+    A rotation that is off by more than *rounding* is replaced by the nearest exact one, by Newton's
+    iteration: one step leaves nothing but rounding of an error of 1e-9, two of one in single precision.
     """
     is_other = False
     for i in range(3):
@@ -74,20 +76,36 @@ def _write_pose(frames, row, matrix, rounding):
             is_other = is_other or frames[row].rotation[3 * i + j] != matrix[i, j]
     if not is_other:
         return False
-    is_off = _off_exact(matrix) > rounding
+    turn, steps = stack_f64_rows(4, 4), 0
+    for i in range(3):
+        for j in range(3):
+            turn[i, j] = matrix[i, j]
+    while _off_exact(turn) > rounding and steps < MOST_ROTATION_STEPS:
+        _step_to_rotation(turn)
+        steps += 1
     for i in range(3):
         frames[row].translation[i] = matrix[i, 3]
         for j in range(3):
-            value = matrix[i, j]
-            if is_off:
-                value = 1.5 * matrix[i, j]
-                for k in range(3):
-                    product = 0.0
-                    for m in range(3):
-                        product += matrix[i, m] * matrix[k, m]
-                    value -= 0.5 * product * matrix[k, j]
-            frames[row].rotation[3 * i + j] = value
+            frames[row].rotation[3 * i + j] = turn[i, j]
     return True
+
+
+@kernel
+def _step_to_rotation(turn):
+    """Take a step of Newton's iteration towards the rotation that is nearest to a (4, 4) matrix."""
+    before = stack_f64_rows(4, 4)
+    for i in range(3):
+        for j in range(3):
+            before[i, j] = turn[i, j]
+    for i in range(3):
+        for j in range(3):
+            value = 1.5 * before[i, j]
+            for k in range(3):
+                product = 0.0
+                for m in range(3):
+                    product += before[i, m] * before[k, m]
+                value -= 0.5 * product * before[k, j]
+            turn[i, j] = value
 
 
 @entry("Frame[:], Part[:], int")

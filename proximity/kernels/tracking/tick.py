@@ -43,7 +43,7 @@ from proximity.kernels.tracking.track import (
     Finger,
     Scratch,
     TrackerArrays,
-    forget_surfaces,
+    forget_distances,
     vector,
 )
 from proximity.native import ROWS_WITH_GIL, entry, inlined
@@ -120,7 +120,7 @@ def _follow_parts(model, arrays):
     settings.displacement = (settings.displacement + displacement) * (1.0 + 2.0**-52)
     if not settings.displacement <= MOST_DISPLACEMENT:
         settings.displacement = 0.0
-        forget_surfaces(arrays.tracks, arrays.balls)
+        forget_distances(arrays.tracks, arrays.balls)
     settings.mover_count, settings.any_stands = gather_movers(model.frames, model.parts, arrays.movers)
 
 

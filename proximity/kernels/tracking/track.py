@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from proximity.kernels.layout import NO_GRID, NO_PART, NO_SLOT, SIGN_WINDING, ModelArrays
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.tracking.conservative_advancement import BALL_COUNT, BALLS_SIZE
 from proximity.kernels.tracking.motion import ESTIMATES
@@ -123,10 +124,33 @@ bundle(
 )
 
 
-@entry("Track[:], float64[:, :]")
-def forget_surfaces(tracks, balls):
-    """Forget how far surfaces were, as no tick had been before."""
+@inlined
+def forget_distances(tracks, balls):
+    """Forget how far surfaces were."""
     for i in range(len(tracks)):
         tracks[i].clear, tracks[i].odometer, tracks[i].foot_displacement = -1.0, 0.0, -1.0
         for ball in range(BALL_COUNT):
             balls[i, 3 * BALL_COUNT + ball], balls[i, 4 * BALL_COUNT + ball] = -1.0, 0.0
+
+
+@entry("Track[:], float64[:, :]")
+def forget_surfaces(tracks, balls):
+    """Forget how far surfaces were, and which faces are near, as no tick had been before."""
+    forget_distances(tracks, balls)
+    for i in range(len(tracks)):
+        tracks[i].slot, tracks[i].part = NO_SLOT, NO_PART
+        tracks[i].is_outside, tracks[i].frontier_count = 0, 0
+
+
+@entry(ModelArrays, TrackerArrays)
+def adopt_parts(model, arrays):
+    """Have ticks answer from a model of other parts: tracks begin anew, and poses are those before a tick."""
+    frames, parts, has_holes = model.frames, model.parts, False
+    for part in range(len(parts) - 1):
+        has_holes = has_holes or (parts[part].sign == SIGN_WINDING and parts[part].grid == NO_GRID)
+        for k in range(9):
+            arrays.before[part, k] = frames[part].rotation[k]
+        for axis in range(3):
+            arrays.before[part, 9 + axis] = frames[part].translation[axis]
+    arrays.settings[0].has_holes = has_holes
+    forget_surfaces(arrays.tracks, arrays.balls)

@@ -19,29 +19,26 @@ from proximity.kernels.layout import (
     NODE_STRIDE,
     ModelArrays,
 )
+from proximity.kernels.scene.part_trees import (
+    REGION_COPIES,
+    begin_moving,
+    copy_places,
+    static_tree,
+    write_static,
+)
+from proximity.kernels.scene.part_trees import choose_frame as choose_scene_frame
 from proximity.kernels.scene.placement import update_box
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
-from proximity.mesh.bvh import Bvh, LocalFrame
+from proximity.mesh.bvh import Bvh, LocalFrame, local_frame
 from proximity.mesh.part_arrays import PartArrays
 from proximity.mesh.part_memory import WORD_NOTES, PartMemory, joined
 from proximity.pose import Pose
 from proximity.scene.model.part_grid import occupancy
-from proximity.scene.model.part_trees import (
-    PartTreesPlan,
-    choose_frame,
-    clear_first,
-    dynamic_rows,
-    static_tree,
-    write_moving,
-    write_static,
-)
 
 SPARE = 1.25
 """Space for the static tree, as a multiple of what it takes at first: other parts opened may need more."""
 _ARRAYS = "moments", "faces", "neighbors", "corners", "normals", "grid"
 """Of `PartArrays`, beside those of the tree."""
-NEVER = -1
-"""Version of a copy that has nothing yet."""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
@@ -193,12 +190,10 @@ def assemble(
     parts["first_node"][count] = node_ends[-1]
     if count > 1:
         parts["static_capacity"][count] = int(SPARE * _nodes_at_most(nodes, frames, parts, static)) + LANES
-    plan = PartTreesPlan.of(parts)
-    reals, words = _filled(pieces, frames, parts, nodes, plan.node_count)
-    clear_first(words, parts)
+    tree_nodes = max(1, copy_places(parts, REGION_COPIES)[2] - int(node_ends[-1]))
+    reals, words = _filled(pieces, frames, parts, nodes, tree_nodes)
     assert write_static(words, parts, 0, static, entries), "the tree over parts fits its workspace"
-    dynamic_count = len(dynamic_rows(parts))
-    write_moving(words, frames, parts, plan.region(0), np.arange(dynamic_count), dynamic_count**2)
+    begin_moving(words, frames, parts)
     return finished(reals, words, frames, parts, epoch, names)
 
 
@@ -267,6 +262,25 @@ def finished(
     """Return a model of arrays that are complete."""
     packed = native.packed(ModelArrays(reals, words, frames, parts))
     return Model(reals, words, frames, parts, packed, epoch, names)
+
+
+def dynamic_rows(parts: np.ndarray) -> np.ndarray:
+    """Return the rows of the parts that are dynamic, (L,) int64.
+
+    *parts*: (P + 1,) PART.
+    """
+    return np.flatnonzero(parts["is_dynamic"][:-1])
+
+
+def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> None:
+    """Give the scene's row a frame that all parts fit; a `MeshError` where none does.
+
+    *wanted*: taken if it fits: parts that share it can be walked as one tree.
+    """
+    if not choose_scene_frame(frames, parts, wanted.centre, wanted.scale):
+        local_frame(
+            frames["box_lower"][:-1].min(axis=0), frames["box_upper"][:-1].max(axis=0)
+        )  # which raises
 
 
 # --- arrays ----------------------------------------------------------------------------------------------

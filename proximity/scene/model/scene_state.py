@@ -14,22 +14,21 @@ import numpy as np
 from proximity.kernels.contact_record import SURFACE_DEFORMABLE, SURFACE_RIGID
 from proximity.kernels.layout import ModelArrays
 from proximity.kernels.scene.dynamic_tree import SORT_STEPS, DynamicParts, bring_up_to_date
-from proximity.kernels.scene.placement import first_unfit, move_parts, update_box
-from proximity.mesh.bvh import LARGEST_COORDINATE, LocalFrame
-from proximity.native import packed
-from proximity.pose import ORTHONORMAL_TOLERANCE, ROUNDING, Pose
-from proximity.scene.model.assembly import NEVER, Model, finished
-from proximity.scene.model.part_trees import (
+from proximity.kernels.scene.part_trees import (
+    NEVER,
     REGION_COPIES,
     SMALLEST_REACH,
     STATIC_COPIES,
-    PartTreesPlan,
-    choose_frame,
-    dynamic_rows,
-    static_tree,
+    copies_in_use,
+    copy_places,
+    make_static,
     thin_static,
-    write_static,
 )
+from proximity.kernels.scene.placement import first_unfit, move_parts, update_box
+from proximity.mesh.bvh import LARGEST_COORDINATE
+from proximity.native import packed
+from proximity.pose import ORTHONORMAL_TOLERANCE, ROUNDING, Pose
+from proximity.scene.model.assembly import Model, dynamic_rows, finished
 
 FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
 """m; farther off, sums of coordinates could leave what can be computed with."""
@@ -103,13 +102,12 @@ class SceneState:
         self.changes = 0
         count = len(self.parts) - 1
         self.versions = np.zeros(count + 1, np.int64)
-        self._plan = PartTreesPlan.of(self.parts)
         self._boxes, self._boxes_version = np.empty((count, 6), np.float32), NEVER
         self._list_dynamic()
         # A model out of a file may be any copy; one that is made is the first.
-        number, self._static = self._plan.copies_of(self.parts)
+        number, self._static = copies_in_use(self.parts)
         self._copies = [self._new_copy(k) for k in range(number)]
-        own = _Copy(model, model.frames, model.parts, self._plan.region(number))
+        own = _Copy(model, model.frames, model.parts, self._region(number))
         own.owner, own.version, own.static = weakref.ref(model), 0, self._static
         self._copies.append(own)
         self._tree = _RIGHT
@@ -191,7 +189,7 @@ class SceneState:
         }
 
     def _need(self, tree: int) -> None:
-        if self._plan.part_count > 1:
+        if len(self.parts) > 2:
             self._tree = max(self._tree, tree)
 
     def _begin(self, row: int | None = None) -> None:
@@ -264,8 +262,11 @@ class SceneState:
         return self._copies[-1]
 
     def _new_copy(self, number: int) -> _Copy:
-        region = self._plan.region(number)
-        return _Copy(self.latest, np.empty_like(self.frames), np.empty_like(self.parts), region)
+        frames, parts = np.empty_like(self.frames), np.empty_like(self.parts)
+        return _Copy(self.latest, frames, parts, self._region(number))
+
+    def _region(self, number: int) -> int:
+        return int(copy_places(self.parts, number)[2])
 
     def _write(self, copy: _Copy) -> float:
         reach = bring_up_to_date(
@@ -293,10 +294,7 @@ class SceneState:
         return True
 
     def _make_tree(self, static: int) -> bool:
-        choose_frame(self.frames, self.parts, LocalFrame.read(self.frames[-1]))
-        words, first = self.latest.words, self._plan.static_node(static)
-        nodes, entries = static_tree(words, self.frames, self.parts, first)
-        if not write_static(words, self.parts, static, nodes, entries):
+        if not make_static(self.latest.words, self.frames, self.parts, static):
             return False
         self._boxes_version = NEVER
         for copy in self._copies:

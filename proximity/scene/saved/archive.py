@@ -25,25 +25,40 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from proximity.errors import MeshFormatError, SceneError
+from proximity.kernels.scene import stored_bytes
+from proximity.kernels.scene.model_validation import FAULT_SIZE, SOUND
+from proximity.kernels.scene.stored_bytes import (
+    BYTE_ORDER_MARK,
+    FORMAT_VERSION,
+    MAGIC,
+    PAGE,
+    checksum_of,
+)
 from proximity.system.regular_file import open_regular
 from proximity.system.whole_file import whole_file
 
-FORMAT_VERSION = 2
-"""Grows whenever something that was written before would be read as something else."""
-MAGIC = b"\x93PROX\r\n\x1a"
-"""No text, and changed by programs that take it for text."""
 EXTENSION = ".prox"
-BYTE_ORDER_MARK = 0x01020304
-PAGE = 4096
-"""Bytes; what is mapped begins on a page, so every array also begins on a cache line."""
 
 HEADER = struct.Struct("=8sIIQQI24xI")
 _HEADER_CHECKSUM = struct.Struct("=I")
 _TYPES = {name: np.dtype(name) for name in ("float64", "float32", "int64", "int32")}
-_WEIGHTS = np.arange(1, PAGE // 8 + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) | np.uint64(1)
-"""Odd, so that no changed bit is lost in a product; all different, so that no two words may be exchanged."""
 _NOT_UNDERSTOOD = (ValueError, TypeError, LookupError, ArithmeticError, RecursionError)
-_AGAIN = "save the scene again with this version"
+AGAIN = "save the scene again with this version"
+SENTENCES = {
+    stored_bytes.NO_MAGIC: "it is named like a compiled scene, but does not begin like one",
+    stored_bytes.CUT_HEADER: "it is cut off after {0} bytes",
+    stored_bytes.OTHER_ORDER: "it was written on a machine of another byte order, expected "
+    f"{sys.byteorder}-endian",
+    stored_bytes.BAD_HEADER: "it is damaged: the checksum of its header differs",
+    stored_bytes.OTHER_VERSION: "it has format version {0}, expected {1}",
+    stored_bytes.CUT_OFF: "it is cut off after {0} of {1} bytes",
+    stored_bytes.TOO_LONG: "there are {0} bytes after its end",
+    stored_bytes.BAD_TEXT: "it is damaged: the checksum of its description differs",
+    stored_bytes.BAD_ARRAY_TABLE: "its table of arrays does not fit it ({name})",
+    stored_bytes.BAD_ARRAY: "it is damaged: the checksum of {name} differs",
+    stored_bytes.BAD_END: "its table of arrays does not fit it (the end)",
+}
+"""Of each kind of fault: {0} and {1} are the numbers that a kernel noted, {name} the array."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +114,9 @@ def _head(metadata: dict[str, Any], arrays: dict[str, np.ndarray], layout: dict[
     table, offset = [], 0
     for name, array in arrays.items():
         entry = {"name": name, "dtype": array.dtype.name, "shape": list(array.shape), "offset": offset}
-        table.append({**entry, "checksum": checksum_of(array.reshape(-1).view(np.uint8))})
+        in_order = np.ascontiguousarray(array).reshape(-1)
+        with np.errstate(over="ignore"):  # sums go round, which plain Python would tell of
+            table.append({**entry, "checksum": checksum_of(in_order.view(np.uint8))})
         offset += _whole_pages(array.nbytes)
     document = {"layout": layout, "arrays": table, "metadata": metadata}
     text = json.dumps(document, separators=(",", ":"), default=np.generic.item).encode("ascii")
@@ -133,7 +150,7 @@ def read_archive(path: Any, layout: dict[str, int]) -> Contents:
     try:
         with open_regular(path) as file:
             if os.fstat(file.fileno()).st_size == 0:
-                raise MeshFormatError(f"it is empty, expected a compiled scene; {_AGAIN}")
+                raise MeshFormatError(f"it is empty, expected a compiled scene; {AGAIN}")
             whole = np.memmap(file, np.uint8, "c").view(np.ndarray)
         text_bytes = _checked_header(whole)
         head_bytes = HEADER.size + text_bytes
@@ -147,33 +164,21 @@ def read_archive(path: Any, layout: dict[str, int]) -> Contents:
     except OSError as reason:
         raise MeshFormatError(f"{shown}: it cannot be opened ({_reported(reason)})") from reason
     except _NOT_UNDERSTOOD as reason:  # its checksums are right, but not what it says
-        raise MeshFormatError(f"{shown}: its description cannot be understood; {_AGAIN}") from reason
+        raise MeshFormatError(f"{shown}: its description cannot be understood; {AGAIN}") from reason
 
 
 def _checked_header(whole: np.ndarray) -> int:
     """Bytes of the JSON part, if the file is whole and of this version and machine."""
-    header = whole[: HEADER.size].tobytes()
-    if not header.startswith(MAGIC):
-        raise MeshFormatError(f"it is named like a compiled scene, but does not begin like one; {_AGAIN}")
-    if len(header) < HEADER.size:
-        raise MeshFormatError(f"it is cut off after {len(header)} bytes; {_AGAIN}")
-    _, mark, version, file_bytes, text_bytes, text_checksum, header_checksum = HEADER.unpack(header)
-    if mark == int.from_bytes(BYTE_ORDER_MARK.to_bytes(4, "big"), "little"):
-        raise MeshFormatError(
-            f"it was written on a machine of another byte order, expected {sys.byteorder}-endian; "
-            "save the scene again on this machine"
-        )
-    if header_checksum != zlib.crc32(header[: -_HEADER_CHECKSUM.size]):
-        raise MeshFormatError(f"it is damaged: the checksum of its header differs; {_AGAIN}")
-    if version != FORMAT_VERSION:
-        raise MeshFormatError(f"it has format version {version}, expected {FORMAT_VERSION}; {_AGAIN}")
-    if len(whole) < file_bytes:
-        raise MeshFormatError(f"it is cut off after {len(whole)} of {file_bytes} bytes; {_AGAIN}")
-    if len(whole) > file_bytes:
-        raise MeshFormatError(f"there are {len(whole) - file_bytes} bytes after its end; {_AGAIN}")
-    if text_checksum != zlib.crc32(whole[HEADER.size : HEADER.size + text_bytes].data):
-        raise MeshFormatError(f"it is damaged: the checksum of its description differs; {_AGAIN}")
-    return int(text_bytes)
+    fault = np.zeros(FAULT_SIZE, np.int64)
+    _refuse(stored_bytes.fault_in_header(whole, fault), fault)
+    return int(fault[0])
+
+
+def _refuse(kind: int, fault: np.ndarray, name: str = "") -> None:
+    if kind == stored_bytes.OTHER_ORDER:
+        raise MeshFormatError(f"{SENTENCES[kind]}; save the scene again on this machine")
+    if kind != SOUND:
+        raise MeshFormatError(f"{SENTENCES[kind].format(*fault.tolist(), name=repr(name))}; {AGAIN}")
 
 
 def _check_layout(written: dict[str, int], expected: dict[str, int]) -> None:
@@ -181,38 +186,24 @@ def _check_layout(written: dict[str, int], expected: dict[str, int]) -> None:
         if written.get(name) != expected.get(name):
             raise MeshFormatError(
                 "it was saved by another version, with another layout of trees "
-                f"({name} is {written.get(name)}, expected {expected.get(name)}); {_AGAIN}"
+                f"({name} is {written.get(name)}, expected {expected.get(name)}); {AGAIN}"
             )
 
 
 def _checked_arrays(data: np.ndarray, table: list[dict[str, Any]]) -> dict[str, np.ndarray]:
     """The arrays in *data*, which they fill from its first byte to its last, each as it was written."""
-    arrays, end = {}, 0
+    rows, fault = [], np.zeros(FAULT_SIZE, np.int64)
     for entry in table:
-        name, dtype, shape = entry["name"], _TYPES.get(entry["dtype"]), entry["shape"]
-        start, size = end, math.prod(shape) * (dtype.itemsize if dtype else 0)
-        end = start + _whole_pages(size)
-        if dtype is None or min(shape) < 0 or entry["offset"] != start or end > len(data):
-            raise MeshFormatError(f"its table of arrays does not fit it ({name!r}); {_AGAIN}")
-        if entry["checksum"] != checksum_of(data[start : start + size]) or data[start + size : end].any():
-            raise MeshFormatError(f"it is damaged: the checksum of {name!r} differs; {_AGAIN}")
-        arrays[name] = data[start : start + size].view(dtype).reshape(shape)
-    if end != len(data):
-        raise MeshFormatError(f"its table of arrays does not fit it (the end); {_AGAIN}")
-    return arrays
-
-
-def checksum_of(data: np.ndarray) -> int:
-    """Return a number of 32 bits that tells *data* from what it becomes by damage.
-
-    Sums of weighted words, a page each, and the CRC of those: no single flipped bit and no page in another's
-    place goes unseen, and it takes as long as reading memory does, a fifth of what a CRC of all takes.
-
-    *data*: (N,) uint8.
-    """
-    whole = len(data) // PAGE * PAGE
-    sums = np.einsum("pw,w->p", data[:whole].view(np.uint64).reshape(-1, PAGE // 8), _WEIGHTS)
-    return zlib.crc32(data[whole:].data, zlib.crc32(sums.data))
+        dtype, shape = _TYPES.get(entry["dtype"]), entry["shape"]
+        size = math.prod(shape) * dtype.itemsize if dtype is not None and min(shape) >= 0 else -1
+        rows.append((entry["offset"], size, entry["checksum"]))
+    with np.errstate(over="ignore"):
+        kind = stored_bytes.fault_in_arrays(data, np.array(rows, np.int64).reshape(-1, 3), fault)
+    _refuse(kind, fault, table[fault[0]]["name"] if table else "")
+    return {
+        entry["name"]: data[start : start + size].view(entry["dtype"]).reshape(entry["shape"])
+        for entry, (start, size, _) in zip(table, rows, strict=True)
+    }
 
 
 def _reported(reason: Exception) -> str:

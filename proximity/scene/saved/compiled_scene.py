@@ -13,13 +13,12 @@ import numpy as np
 
 from proximity.errors import MeshFormatError, SceneError
 from proximity.kernels import layout
+from proximity.kernels.scene.part_trees import REGION_COPIES, STATIC_COPIES
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.pose import Pose
 from proximity.scene.model.assembly import Model, finished
-from proximity.scene.model.part_trees import REGION_COPIES, STATIC_COPIES
-from proximity.scene.model.scene_state import first_unfit_move, write_motion, write_surface
-from proximity.scene.part_motion import NO_VELOCITIES
+from proximity.scene.model.scene_state import write_motion, write_surface
 from proximity.scene.saved.archive import read_archive, write_archive
 from proximity.scene.saved.description import (
     expect,
@@ -32,7 +31,7 @@ from proximity.scene.saved.description import (
     surfaces_of,
     velocities_of,
 )
-from proximity.scene.saved.stored_model import check_mesh, check_parts, complete_model, named
+from proximity.scene.saved.stored_model import check_mesh, complete_model, named
 from proximity.scene.sign import kernel_sign
 from proximity.scene.solid import Solid
 
@@ -146,12 +145,11 @@ def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledS
         _array(arrays, "parts", np.int64, layout.PART_COLUMNS).view(layout.PART).reshape(-1),
     )
     reals, words, frames, rows = model_arrays
-    # What walks the trees counts on all of it, from here on.
-    below = check_parts(*model_arrays, names)
     values = _values(fields, names)
     poses = _array(arrays, "poses", np.float64, 12)
     _write_rows(frames, rows, poses, values)
-    complete_model(words, frames, rows, names, below)
+    # What walks the trees counts on all of it, from here on.
+    complete_model(*model_arrays, names)
     model = finished(*model_arrays, names=names)
 
     # Solids look at rows of their own: those of the scene's model serve for others once its parts have moved.
@@ -189,12 +187,10 @@ def _values(fields: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
 
 def _write_rows(frames: np.ndarray, rows: np.ndarray, poses: np.ndarray, values: dict[str, Any]) -> None:
     """Write into the tables of parts what is said of them elsewhere in the file: that is what holds."""
-    count = len(rows) - 1
-    expect(len(poses) == count, f"there are {count} parts, but {len(poses)} poses")
-    matrices = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
-    matrices[:, :3, :3], matrices[:, :3, 3] = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
-    unfit = first_unfit_move(matrices, NO_VELOCITIES, NO_VELOCITIES)
-    expect(unfit < 0, f"the pose of part {unfit} is no rigid transform, or leads too far away")
+    count = len(poses)
+    expect(count == len(values["name"]), f"there are {len(values['name'])} parts, but {count} poses")
+    for table, what in ((rows, "the trees"), (frames, "frames")):
+        expect(len(table) == count + 1, f"there are {count} parts, but {what} of {len(table) - 1}")
     layout.columns_of(frames)[:-1, :12] = poses
     rows["is_hidden"][:-1] = values["is_hidden"]
     for row in range(count):

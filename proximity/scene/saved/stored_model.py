@@ -1,45 +1,25 @@
-"""The model in a compiled scene, validated before anything walks it.
+"""The model in a compiled scene, validated before anything walks it; and what is said of its faults.
 
 Kernels check no bounds. So every number that says where something lies is compared with what is there, see
-`kernels.scene.model_validation`. What follows from other numbers is not believed but written again, which
-is less work than to compare it and leaves the same bits: boxes of parts, the scene's row, and the tree over
-dynamic parts.
+`kernels.scene.row_validation` and `kernels.scene.model_validation`.
 """
-
-from typing import Any
 
 import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.kernels import layout
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_GRID, NODE_STRIDE
-from proximity.kernels.scene import model_validation
-from proximity.kernels.scene.placement import update_box
-from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE
-from proximity.mesh.bvh import LARGEST_COORDINATE
-from proximity.scene.model.part_trees import (
-    NO_NODE,
-    REGION_COPIES,
-    STATIC_COPIES,
-    PartTreesPlan,
-    clear_first,
-    dynamic_order,
-    note_fused,
-    rewrite_entries,
-    write_moving,
-)
+from proximity.kernels.geometry.local_frame import LARGEST_COORDINATE
+from proximity.kernels.scene import model_validation, opened_model
+from proximity.kernels.scene import row_validation as rows
+from proximity.pose import ORTHONORMAL_TOLERANCE
+from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE
 
-MOST_PARTS = 2**layout.FOLDED_AT
-SMALLEST_SCALE, LARGEST_SCALE = 2.0**-510, 2.0**510
-"""Range of the scales of local frames, with a wide margin: squares stay within float64."""
-
-_SENTENCES = {
+SENTENCES = {
     model_validation.BAD_BOX: "the boxes of node {0} are not finite, or lower corners are above upper ones",
     model_validation.BAD_CHILD_NODE: "child {0} of node {1} refers to node {2}, "
-    "expected one of {nodes} nodes that lies behind it and that nothing else refers to",
+    "expected one of {3} nodes that lies behind it and that nothing else refers to",
     model_validation.BAD_CHILD_BLOCK: "child {0} of node {1} refers to block {2}, "
-    "expected one of {blocks} blocks that nothing else refers to",
+    "expected one of {4} blocks that nothing else refers to",
     model_validation.TOO_DEEP: "node {0} lies on a level beyond {1}",
     model_validation.NOT_REACHED: "some node or block is reached from nowhere (seen at node {0})",
     model_validation.NOT_IN_A_ROW: "the blocks below node {0} have no numbers in a row",
@@ -64,59 +44,56 @@ _SENTENCES = {
     model_validation.BAD_VERTEX: "vertex {0} of its mesh is not finite, or too far away",
     model_validation.BAD_LIST: "cell {0} of the grid over the parts has no list",
     model_validation.BAD_LISTED_PART: "cell {0} of the grid over the parts lists part {1}, but there are {2}",
+    rows.BAD_PART_COUNT: "it has {0} parts, expected 1 to {1}",
+    rows.BAD_TREE_COUNT: "there are {0} parts, but the trees of {1}",
+    rows.BAD_NUMBER: "the table of parts has a number that is below 0 or beyond the {0} numbers in the file",
+    rows.BAD_FLAG: "a flag of a part is neither 0 nor 1",
+    rows.BAD_SIGN: "a part has no known kind of sign",
+    rows.EMPTY_PART: "a part has no nodes, blocks, faces or corners",
+    rows.BAD_NODE_RUN: "the nodes of the parts do not follow each other",
+    rows.BAD_BLOCK_RUN: "the blocks of the parts do not follow each other",
+    rows.BAD_TABLE: "parts do not agree on where tables begin",
+    rows.BAD_TREES_START: "the trees over the parts do not begin behind those of the parts",
+    rows.BAD_FACE_COUNT: "the scene has {0} faces, but its parts do not",
+    rows.BAD_CAPACITY: "there is a tree of {0} nodes over {1} parts",
+    rows.BAD_EMPTY_NODE: "the empty node is not behind those of the part",
+    rows.BAD_REGION: "the tree over moved parts is at none of its places",
+    rows.BAD_ENTRIES: "the entries of the tree over parts are at none of their places",
+    rows.BAD_STATIC_ROOT: "the tree over parts is at none of its places",
+    rows.BAD_STATIC_SIZE: "the tree over parts has {0} nodes and {1} entries, "
+    "but there is room for {2} nodes",
+    rows.TOO_MANY_BLOCKS: "there are {0} blocks, more than can be numbered",
+    rows.BAD_REALS: "parts have coordinates that lie in one another, or beyond the {0} in the file",
+    rows.BAD_WORDS: "parts have words that lie in one another, or beyond the {0} in the file",
+    rows.EMPTY_GRID: "a sign grid has no cells",
+    rows.LARGE_GRID: "a grid has more than 2^31 cells",
+    rows.BAD_FRAME_COUNT: "there are {0} frames for {1} parts",
+    rows.NOT_FINITE: "column {0} of frame {1} is not finite",
+    rows.BAD_SCALE: "a local frame is not scaled by a power of two that can be computed with",
+    rows.FAR_FRAME: "a local frame lies too far away",
+    rows.BAD_OWN_BOX: "the box of a part is none, or lies outside of its local frame",
+    rows.BAD_RATE: "a grid has cells of no size",
+    rows.BAD_POSE: "the pose of part {0} is no rigid transform, or leads too far away",
+    rows.BAD_VELOCITY: "velocities of part {0} are not finite, or too fast",
+    rows.BAD_SURFACE: "stiffness and damping of part {0} are those of no surface",
+    opened_model.BAD_ORDER: "the tree over the parts that have moved does not have each of them once",
+    opened_model.BEYOND_FRAME: "its parts reach beyond the scene's frame",
 }
-
-
-def check_parts(
-    reals: np.ndarray, words: np.ndarray, frames: np.ndarray, parts: np.ndarray, names: tuple[str, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Check all but the scene's row; return, of each node, the first and the number of blocks below it."""
-    _check_rows(parts, len(names), len(reals), len(words))
-    _check_frames(frames, parts)
-    node_count, block_count = (int(parts[:-1][field].sum()) for field in ("node_count", "block_count"))
-    firsts, counts, levels = (np.empty(node_count, np.int32) for _ in range(3))
-    fault = np.zeros(model_validation.FAULT_SIZE, np.int64)
-    levels[:] = 0
-    reached = np.zeros(block_count, np.uint8)
-    kind = model_validation.fault_in_trees(words, parts, firsts, counts, levels, reached, fault)
-    _raise_at(kind, fault, parts, names)
-    seen = np.empty(parts["face_count"][:-1].max(), np.uint8)
-    _raise_at(model_validation.fault_in_parts(reals, words, parts, seen, fault), fault, parts, names)
-    return firsts, counts
+"""Of each kind of fault: {0} to {2} are the numbers that a kernel noted, {3} and {4} nodes and blocks of the
+part."""
+MOVE_LIMITS = ORTHONORMAL_TOLERANCE, FARTHEST_MOVE, FASTEST_MOVE
 
 
 def complete_model(
-    words: np.ndarray,
-    frames: np.ndarray,
-    parts: np.ndarray,
-    names: tuple[str, ...],
-    below: tuple[np.ndarray, np.ndarray],
+    reals: np.ndarray, words: np.ndarray, frames: np.ndarray, parts: np.ndarray, names: tuple[str, ...]
 ) -> None:
-    """Check the trees over parts, and write again what follows from poses and from which parts are hidden.
+    """Check a model, and write again what follows from poses and from which parts are hidden.
 
-    *words*, *frames*, *parts*: of a model of which `check_parts` has looked at the parts, with the poses that
-    are true.
+    *frames*, *parts*: with what is true of poses, velocities, surfaces and which parts are hidden.
     """
-    row, plan = parts[-1], PartTreesPlan.of(parts)
-    for part in range(len(parts) - 1):
-        update_box(frames, parts, part)
-    frames[-1]["rotation"], frames[-1]["translation"] = np.eye(3).reshape(-1), 0.0
-    row["is_turned"] = row["is_dynamic"] = row["is_hidden"] = 0
-    note_fused(frames, parts)
-    clear_first(words, parts)
-    fault = np.zeros(model_validation.FAULT_SIZE, np.int64)
-    if plan.capacity:
-        levels = np.zeros(row["block_count"], np.int32)
-        covered = np.zeros(parts["first_block"][-2] + parts["block_count"][-2], np.uint8)
-        kind = model_validation.fault_in_static_tree(words, parts, *below, levels, covered, fault)
-        _raise_at(kind, fault, parts, names)
-        rewrite_entries(words, parts, plan.copies_of(parts)[1])
-    _raise_at(model_validation.fault_in_lists(words, parts, fault), fault, parts, names)
-    order = dynamic_order(words, parts)
-    if order is None:
-        raise MeshFormatError("the tree over the parts that have moved does not have each of them once")
-    if not write_moving(words, frames, parts, int(row["super_node"]), order, 0) <= 1.0:
-        raise MeshFormatError("its parts reach beyond the scene's frame")
+    fault, columns = np.zeros(model_validation.FAULT_SIZE, np.int64), layout.columns_of(parts)
+    kind = opened_model.complete_model(reals, words, frames, parts, columns, len(names), *MOVE_LIMITS, fault)
+    _raise_at(kind, fault, parts, names)
 
 
 def check_mesh(
@@ -145,142 +122,13 @@ def _raise_at(kind: int, fault: np.ndarray, parts: np.ndarray, names: tuple[str,
         return
     part, *numbers = fault.tolist()
     row = parts[part]
+    reported = SENTENCES[int(kind)].format(*numbers, row["node_count"], row["block_count"])
+    if part == layout.NO_PART:
+        raise MeshFormatError(reported)
     where = "the trees over the parts" if part == len(names) else named(part, names)
-    reported = _SENTENCES[int(kind)].format(*numbers, nodes=row["node_count"], blocks=row["block_count"])
     raise MeshFormatError(f"{where}: {reported}")
 
 
 def named(part: int, names: tuple[str, ...]) -> str:
     """Return what a part is called in messages."""
     return f"part {part} {names[part]!r}"
-
-
-# --- rows --------------------------------------------------------------------------------------------------
-
-
-def _expect(is_right: Any, message: str) -> None:
-    if not is_right:
-        raise MeshFormatError(message)
-
-
-def _check_rows(parts: np.ndarray, count: int, real_count: int, word_count: int) -> None:
-    """Check where the arrays of all parts begin and end: each behind the one before, and within the array."""
-    _expect(0 < count < MOST_PARTS, f"it has {count} parts, expected 1 to {MOST_PARTS - 1}")
-    _expect(len(parts) == count + 1, f"there are {count} parts, but the trees of {len(parts) - 1}")
-    # So sums and products below do not overflow; columns that may be -1 are looked at by themselves.
-    copies = parts.copy()
-    copies["grid"][copies["grid"] == NO_GRID] = 0
-    copies[-1]["static_root"] = max(copies[-1]["static_root"], NO_NODE + 1)
-    sizes = layout.columns_of(copies)
-    _expect(((sizes >= 0) & (sizes <= max(real_count, word_count))).all(), "the table of parts has a number "
-            f"that is below 0 or beyond the {max(real_count, word_count)} numbers in the file")  # fmt: skip
-    rows = parts[:-1]
-    _expect(
-        (rows["is_dynamic"] <= 1).all() and (rows["is_hidden"] <= 1).all(),
-        "a flag of a part is neither 0 nor 1",
-    )
-    _expect((rows["sign"] <= layout.SIGN_WINDING).all(), "a part has no known kind of sign")
-    for size in ("node_count", "block_count", "face_count", "corner_count"):
-        _expect((rows[size] > 0).all(), "a part has no nodes, blocks, faces or corners")
-    for first, size, what in (("root", "node_count", "nodes"), ("first_block", "block_count", "blocks")):
-        starts = np.cumsum(rows[size]) - rows[size]
-        _expect((rows[first] == starts).all(), f"the {what} of the parts do not follow each other")
-    for table in ("slot_faces", "moments", "block_notes"):
-        _expect((parts[table] == parts[table][0]).all(), "parts do not agree on where tables begin")
-    _check_scene_row(parts)
-    _check_part_runs(parts, real_count, word_count)
-
-
-def _check_scene_row(parts: np.ndarray) -> None:
-    """Check the scene's row."""
-    row, plan, scene = parts[-1], PartTreesPlan.of(parts), len(parts) - 1
-    _expect(row["first_node"] == parts["node_count"][:-1].sum(),
-            "the trees over the parts do not begin behind those of the parts")  # fmt: skip
-    _expect(row["face_count"] == parts["face_count"][:-1].sum(),
-            f"the scene has {row['face_count']} faces, but its parts do not")  # fmt: skip
-    _expect(
-        (plan.capacity > 0) == (scene > 1), f"there is a tree of {plan.capacity} nodes over {scene} parts"
-    )
-    if not plan.capacity:
-        _expect(row["super_node"] == plan.first_node, "the empty node is not behind those of the part")
-        return
-    regions = [plan.region(copy) for copy in range(REGION_COPIES)]
-    _expect(row["super_node"] in regions, "the tree over moved parts is at none of its places")
-    entries = [plan.entries_at(copy) for copy in range(STATIC_COPIES)]
-    _expect(row["entries"] in entries, "the entries of the tree over parts are at none of their places")
-    root, copy = row["static_root"], entries.index(row["entries"])
-    _expect(root in (NO_NODE, plan.static_node(copy)), "the tree over parts is at none of its places")
-    _expect((root == NO_NODE or row["static_node_count"] > 0)
-            and row["static_node_count"] <= plan.capacity
-            and row["entry_count"] <= LANES * plan.capacity,
-            f"the tree over parts has {row['static_node_count']} nodes and "
-            f"{row['entry_count']} entries, "
-            f"but there is room for {plan.capacity} nodes")  # fmt: skip
-
-
-def _check_part_runs(parts: np.ndarray, real_count: int, word_count: int) -> None:
-    """Check that what the parts are made of lies one behind the other, as it is written."""
-    rows, scene = parts[:-1], parts[-1]
-    node_count, block_count = int(rows["node_count"].sum()), int(rows["block_count"].sum())
-    _expect(block_count < layout.ENTRY, f"there are {block_count} blocks, more than can be numbered")
-    coordinates = 3 * rows["corner_count"]
-    _check_runs(
-        np.r_[0, np.stack((rows["corners"], rows["corner_normals"]), axis=1).ravel()],
-        np.r_[BLOCK_STRIDE * block_count, np.stack((coordinates, coordinates), axis=1).ravel()],
-        real_count,
-        "coordinates",
-    )
-    indices, grid_sizes = 3 * rows["face_count"], -(-_cells(rows) // CELLS_PER_WORD)
-    has_grid = rows["grid"] != NO_GRID
-    _expect((grid_sizes[has_grid] > 0).all(), "a sign grid has no cells")
-    starts = np.stack((rows["faces"], rows["neighbors"], rows["grid"]), axis=1)
-    starts[~has_grid, 2] = starts[~has_grid, 1] + indices[~has_grid]
-    sizes = np.stack((indices, indices, np.where(has_grid, grid_sizes, 0)), axis=1)
-    holder_cells = int(_cells(parts[-1:])[0])
-    tail = [scene["block_notes"], scene["grid"]]
-    _check_runs(
-        np.r_[0, scene["slot_faces"], scene["moments"], starts.ravel(), tail],
-        np.r_[
-            NODE_STRIDE * (node_count + PartTreesPlan.of(parts).node_count),
-            LANES * block_count,
-            MOMENT_STRIDE * node_count,
-            sizes.ravel(),
-            block_count,
-            holder_cells + 1 if holder_cells else 0,
-        ],
-        word_count,
-        "words",
-    )
-
-
-def _check_runs(starts: np.ndarray, sizes: np.ndarray, count: int, what: str) -> None:
-    ends = starts + sizes
-    _expect((starts[1:] >= ends[:-1]).all() and ends[-1] <= count,
-            f"parts have {what} that lie in one another, or beyond the {count} in the file")  # fmt: skip
-
-
-def _cells(rows: np.ndarray) -> np.ndarray:
-    """Cells of grids, (K,) int64."""
-    counts = np.stack((rows["grid_x"], rows["grid_y"], rows["grid_z"]), axis=1)
-    _expect((counts.astype(np.float64).prod(axis=1) < 2.0**31).all(), "a grid has more than 2^31 cells")
-    return counts.prod(axis=1)
-
-
-def _check_frames(frames: np.ndarray, parts: np.ndarray) -> None:
-    """Check local frames, the boxes in them, and where grids lie."""
-    _expect(len(frames) == len(parts), f"there are {len(frames)} frames for {len(parts) - 1} parts")
-    bad = np.argwhere(~np.isfinite(layout.columns_of(frames)))
-    _expect(not len(bad), f"column {bad[0, 1]} of frame {bad[0, 0]} is not finite" if len(bad) else "")
-    centres, scales = frames["centre"], frames["scale"]
-    is_power = (np.frexp(scales)[0] == 0.5) & (scales >= SMALLEST_SCALE) & (scales <= LARGEST_SCALE)
-    _expect(is_power.all(), "a local frame is not scaled by a power of two that can be computed with")
-    _expect((np.abs(centres) <= 2.0 * LARGEST_COORDINATE).all(), "a local frame lies too far away")
-    lower = frames["own_lower"][:-1]
-    upper = frames["own_upper"][:-1]
-    with np.errstate(over="ignore"):
-        reach = np.abs((np.stack((lower, upper)) - centres[:-1]) * scales[:-1, None]).max()
-    is_box = (lower <= upper).all() and reach <= model_validation.LARGEST_LOCAL
-    _expect(is_box, "the box of a part is none, or lies outside of its local frame")
-    has_grid = _cells(parts) > 0
-    has_grid[:-1] &= parts["grid"][:-1] != NO_GRID
-    _expect((frames["grid_rate"][has_grid] > 0.0).all(), "a grid has cells of no size")

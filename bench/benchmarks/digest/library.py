@@ -1,0 +1,265 @@
+"""Scenes that the library in C is asked about, with the interface of `proximity.Scene`."""
+
+import ctypes
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from proximity import (
+    ArgumentError,
+    MeshFormatError,
+    NotWatertightError,
+    Part,
+    PoseError,
+    ProximityError,
+    Scene,
+)
+from proximity.bindings.c_package import library_path
+from proximity.message import CONTACT
+from proximity.scene.queries.results import ClosestPoints, RayHits, SegmentHits
+
+BAD_ARGUMENT, BAD_FILE, BAD_POSE, NO_INSIDE = 1, 4, 5, 6
+ERRORS = {
+    BAD_ARGUMENT: ArgumentError,
+    BAD_FILE: MeshFormatError,
+    BAD_POSE: PoseError,
+    NO_INSIDE: NotWatertightError,
+}
+WIDTHS = {"closest": 12, "cast": 11, "closest_to_segments": 12}
+ALIGNMENT = 8
+
+
+class Error(ctypes.Structure):
+    """``proximity_error``."""
+
+    _fields_ = (("code", ctypes.c_int32), ("sentence", ctypes.c_char * 508))
+
+
+class Settings(ctypes.Structure):
+    """``proximity_tracker_settings``."""
+
+    _fields_ = (
+        *((name, ctypes.c_double) for name in ("radius", "latency", "working_range", "tolerance", "horizon")),
+        *((name, ctypes.c_double) for name in ("max_speed", "max_acceleration")),
+        ("budget", ctypes.c_int64),
+    )
+
+
+class Paths(ctypes.Structure):
+    """``proximity_paths``."""
+
+    _fields_ = (
+        ("corners", ctypes.c_void_p),
+        ("corner_count", ctypes.c_size_t),
+        ("path_bends", ctypes.c_void_p),
+        ("bends", ctypes.c_void_p),
+    )
+
+
+class LibraryScene:
+    """A compiled scene as the library answers about it; parts are found by their names."""
+
+    def __init__(self, source: Path | np.ndarray, instructions: str = "", path: Path | None = None) -> None:
+        self._library = ctypes.CDLL(str(path or library_path()))
+        self._library.proximity_part_name.restype = ctypes.c_char_p
+        self._library.proximity_instructions.restype = ctypes.c_char_p
+        self._scene = ctypes.c_void_p()
+        self._source = source  # bytes are to stay
+        if isinstance(source, np.ndarray):
+            address, size = ctypes.c_void_p(source.ctypes.data), ctypes.c_size_t(source.nbytes)
+            self.call("open_bytes", address, size, ctypes.byref(self._scene))
+        else:
+            self.call("open", ctypes.c_char_p(str(source).encode()), ctypes.byref(self._scene))
+        if instructions:
+            self.call("use_instructions", self._scene, instructions.encode())
+
+    def call(self, name: str, *arguments: Any) -> None:
+        """Call a function that returns the number of an error."""
+        error = Error()
+        code = getattr(self._library, f"proximity_{name}")(*arguments, ctypes.byref(error))
+        if code:
+            assert error.code == code
+            raise ERRORS.get(code, ProximityError)(error.sentence.decode())
+
+    def close(self) -> None:
+        """Close the scene."""
+        self._library.proximity_close(self._scene)
+        self._scene = ctypes.c_void_p()
+
+    __del__ = close
+
+    @property
+    def instructions(self) -> str:
+        """The set of instructions that answers."""
+        return str(self._library.proximity_instructions(self._scene).decode())
+
+    @property
+    def names(self) -> list[str]:
+        """The names of all parts."""
+        count = self._library.proximity_part_count(self._scene)
+        found = (self._library.proximity_part_name(self._scene, part) for part in range(count))
+        return [name.decode("utf-8", "surrogatepass") for name in found]
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of the box around all parts, m."""
+        corners = np.empty((2, 3))
+        self._library.proximity_bounds(self._scene, _address(corners[0]), _address(corners[1]))
+        return corners[0], corners[1]
+
+    def pose(self, name: str) -> np.ndarray:
+        """The pose of a part, (4, 4)."""
+        matrix = np.empty((4, 4))
+        self.call("pose", self._scene, self._part(name), _address(matrix))
+        return matrix
+
+    def move_many(self, names: list[str], matrices: Any, speeds: Any = None, turns: Any = None) -> None:
+        """Put parts elsewhere."""
+        rows = np.array([self._part(name) for name in names], np.int32)
+        given = [None if each is None else np.array(each, np.float64) for each in (matrices, speeds, turns)]
+        addresses = [None if each is None else _address(each) for each in given]
+        self.call("move", self._scene, _address(rows), ctypes.c_size_t(len(rows)), *addresses)
+
+    def hide(self, name: str, is_hidden: bool = True) -> None:
+        """Hide a part, or show it."""
+        self.call("hide", self._scene, self._part(name), int(is_hidden))
+
+    def show(self, name: str) -> None:
+        """Show a part again."""
+        self.hide(name, False)
+
+    def _part(self, name: str) -> int:
+        return int(self._library.proximity_find_part(self._scene, name.encode("utf-8", "surrogatepass")))
+
+    # --- questions, as `proximity.scene.queries` has them ---
+
+    def _ask(
+        self, name: str, *given: Any, limit: float | None = None, dtype: type = np.float64
+    ) -> np.ndarray:
+        width = WIDTHS.get(name, 1)
+        rows = [np.array(each, np.float64, order="C") for each in given]
+        table = np.empty((*rows[0].shape[:-1], width), dtype)
+        arguments = [_address(each) for each in rows] + [ctypes.c_size_t(rows[0].size // 3)]
+        arguments += [] if limit is None else [ctypes.c_double(limit)]
+        self.call(name, self._scene, *arguments, _address(table))
+        return table
+
+    def _record(self, record: Any, name: str, *given: Any, limit: float) -> Any:
+        record._table = self._ask(name, *given, limit=limit)
+        return record
+
+    def closest(self, points: Any, *, max_distance: float = np.inf, workers: int = 1) -> ClosestPoints:
+        return self._record(ClosestPoints(), "closest", points, limit=max_distance)
+
+    def signed_distance(self, points: Any, *, workers: int = 1) -> Any:
+        return self._ask("signed_distance", points)[..., 0][()]
+
+    def distance(self, points: Any, *, workers: int = 1) -> Any:
+        return self._ask("distance", points)[..., 0][()]
+
+    def contains(self, points: Any, *, workers: int = 1) -> Any:
+        return self._ask("contains", points, dtype=np.bool_)[..., 0][()]
+
+    def cast(
+        self, origins: Any, directions: Any, *, max_distance: float = np.inf, workers: int = 1
+    ) -> RayHits:
+        return self._record(RayHits(), "cast", origins, directions, limit=max_distance)
+
+    def cast_distance(
+        self, origins: Any, directions: Any, *, max_distance: float = np.inf, workers: int = 1
+    ) -> Any:
+        return self._ask("cast_distance", origins, directions, limit=max_distance)[..., 0][()]
+
+    def closest_to_segments(
+        self, starts: Any, ends: Any, *, max_distance: float = np.inf, workers: int = 1
+    ) -> SegmentHits:
+        return self._record(SegmentHits(), "closest_to_segments", starts, ends, limit=max_distance)
+
+
+def _address(array: np.ndarray) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def through_library(scene: Scene, instructions: str = "") -> LibraryScene:
+    """Return a scene, saved and opened by the library."""
+    with tempfile.TemporaryDirectory(prefix="proximity_digest_") as folder:
+        path = Path(folder) / "scene.prox"
+        scene.save(path)
+        return LibraryScene(path, instructions)
+
+
+class LibraryTracker:
+    """A tracker of the library, of a scene that follows a Python one, with the interface of `Tracker`."""
+
+    def __init__(self, scene: Scene, *, fingers: int = 5, instructions: str = "", **settings: Any) -> None:
+        self._tracker = ctypes.c_void_p()
+        self._python, self._model = scene, scene.snapshot()
+        self._scene = through_library(scene, instructions)
+        self._library = self._scene._library
+        self._library.proximity_default_settings.restype = Settings
+        chosen = self._library.proximity_default_settings()
+        for name, value in settings.items():
+            setattr(chosen, name, value)
+        self._parts = {part.name: part for part in scene.parts}
+        self.contacts = np.zeros(fingers, CONTACT)
+        arguments = ctypes.c_size_t(fingers), ctypes.byref(chosen), ctypes.byref(self._tracker)
+        self._scene.call("create_tracker", self._scene._scene, *arguments)
+
+    def tick(
+        self,
+        positions: Any,
+        t_pose_ns: Any,
+        now_ns: int,
+        *,
+        velocities: Any = None,
+        paths: Any = None,
+        path_bends: Any = None,
+        bends: Any = None,
+    ) -> np.ndarray:
+        """Answer for all fingers, where the parts of the Python scene are now."""
+        self._follow()
+        instants = np.array(np.broadcast_to(t_pose_ns, len(self.contacts)), np.int64)
+        given = [positions, velocities, paths, path_bends, bends]
+        rows = [None if each is None else np.array(each, np.float64, order="C") for each in given]
+        addresses = [None if each is None else each.ctypes.data for each in rows]
+        polylines = None if paths is None else Paths(addresses[2], rows[2].shape[1], *addresses[3:])
+        self._scene.call(
+            "tick", self._tracker, ctypes.c_void_p(addresses[0]), _address(instants), ctypes.c_int64(now_ns),
+            ctypes.c_void_p(addresses[1]), None if polylines is None else ctypes.byref(polylines),
+            _address(self.contacts),
+        )  # fmt: skip
+        return self.contacts
+
+    def reset(self) -> None:
+        """Forget all fingers."""
+        self._library.proximity_reset_tracker(self._tracker)
+
+    def _follow(self) -> None:
+        """Move and hide what was moved and hidden in Python since the tick before."""
+        model = self._python.snapshot()
+        if model is self._model:
+            return
+        self._model, known, moved = model, self._parts, []
+        self._parts = {part.name: part for part in self._python.parts}
+        for name, part in self._parts.items():
+            before = known[name]
+            if part.is_hidden != before.is_hidden:
+                self._scene.hide(name, part.is_hidden)
+            if _motion_of(part) != _motion_of(before):
+                moved.append(part)
+        self._scene.move_many(
+            [part.name for part in moved],
+            [part.pose.matrix for part in moved],
+            [part.velocity for part in moved],
+            [part.angular_velocity for part in moved],
+        )
+
+    def __del__(self) -> None:
+        if self._tracker:
+            self._library.proximity_destroy_tracker(self._tracker)
+
+
+def _motion_of(part: Part) -> list[bytes]:
+    return [each.tobytes() for each in (part.pose.matrix, part.velocity, part.angular_velocity)]

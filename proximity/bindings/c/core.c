@@ -1,0 +1,87 @@
+/* Calls of compiled kernels, and sentences about what went wrong. */
+#include "core.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "entry_points.h"
+
+int proximity_interface(void)
+{
+    return PROXIMITY_INTERFACE;
+}
+
+const char *proximity_version(void)
+{
+    return PACKAGE_VERSION;
+}
+
+/* The set of that name, or the best one where it is NULL; NULL where this processor does not have it. */
+const InstructionSet *proximity_best_set(const char *name)
+{
+    const InstructionSet *best = NULL;
+    for (const InstructionSet *set = proximity_sets; set->name != NULL; set++) {
+        if ((name == NULL || strcmp(set->name, name) == 0) && has_instructions(set->name)) {
+            best = set;
+        }
+    }
+    return best;
+}
+
+/* Whether an entry point could do its work: else no memory was left. */
+int proximity_call(const InstructionSet *set, int entry, int64_t *words)
+{
+    void *unused[2] = {NULL, NULL};
+    return set->wrappers[entry](&unused[0], &unused[1], (int64_t)(intptr_t)words) == 0;
+}
+
+int proximity_refuse(proximity_error *error, int code, const char *sentence, ...)
+{
+    if (error != NULL) {
+        va_list values;
+        va_start(values, sentence);
+        error->code = code;
+        vsnprintf(error->sentence, sizeof error->sentence, sentence, values);
+        va_end(values);
+    }
+    return code;
+}
+
+static const char *sentence_of(int64_t kind)
+{
+    const Sentence *each = proximity_sentences;
+    while (each->sentence != NULL && each->kind != kind) {
+        each++;
+    }
+    return each->sentence != NULL ? each->sentence : "it is not as it should be";
+}
+
+/* Refuse a file for a fault of that kind: {0} to {4} in its sentence are numbers, {name} is a name. */
+int proximity_refuse_kind(proximity_error *error, int64_t kind, const int64_t *numbers, const char *name,
+                          const char *where)
+{
+    char told[256];
+    size_t at = 0;
+    for (const char *from = sentence_of(kind); *from != '\0' && at < sizeof told - 1;) {
+        size_t room = sizeof told - at;
+        int written;
+        if (from[0] == '{' && from[1] >= '0' && from[1] <= '4') {
+            written = snprintf(told + at, room, "%lld", (long long)numbers[from[1] - '0']);
+            from += 3;
+        } else if (strncmp(from, "{name}", 6) == 0) {
+            written = snprintf(told + at, room, "'%s'", name);
+            from += 6;
+        } else {
+            written = snprintf(told + at, room, "%c", *from++);
+        }
+        at += written < 0 ? 0 : (size_t)written;
+    }
+    told[at < sizeof told ? at : sizeof told - 1] = '\0';
+    if (where == NULL) {
+        return proximity_refuse(error, PROXIMITY_BAD_FILE, "%s; save the scene again with this version", told);
+    }
+    return proximity_refuse(error, PROXIMITY_BAD_FILE,
+                            "its contents are inconsistent (%s%s); save the scene again with this version", where,
+                            told);
+}

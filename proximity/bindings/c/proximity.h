@@ -1,0 +1,193 @@
+/* proximity: exact distances, rays and segments against the parts of a compiled scene. C99 and C++.
+
+   A scene is a file "....prox", which `proximity compile` or Python's `Scene.save` writes. Lengths are metres,
+   in the scene's frame; matrices are row by row, "scene from part". Answers are those of the Python package,
+   bit for bit.
+
+   - Functions return PROXIMITY_OK or the number of an error; where `error` is not NULL, it gets a sentence.
+     An output is written only if a function succeeds, unless said otherwise.
+   - Arrays are the caller's. Nothing is printed, and nothing is kept outside of scenes.
+   - A thread that asks needs 256 KiB of stack.
+   - Threads: any number may ask one scene at the same time. Opening, changing or closing a scene must not
+     happen while another thread uses that scene; different scenes are independent. Each function says which
+     it is: it *asks*, or it *changes*. */
+#ifndef PROXIMITY_H
+#define PROXIMITY_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#if defined(_WIN32) && !defined(PROXIMITY_STATIC)
+#ifdef PROXIMITY_BUILDS
+#define PROXIMITY_API __declspec(dllexport)
+#else
+#define PROXIMITY_API __declspec(dllimport)
+#endif
+#elif defined(__GNUC__)
+#define PROXIMITY_API __attribute__((visibility("default")))
+#else
+#define PROXIMITY_API
+#endif
+
+/* Version of this interface: grows when a program that was compiled before would not run as before. */
+#define PROXIMITY_INTERFACE 1
+
+/* The interface that the library has, to compare with the macro. May be called at any time. */
+PROXIMITY_API int proximity_interface(void);
+
+/* The version of the package that the library is from, as text. May be called at any time. */
+PROXIMITY_API const char *proximity_version(void);
+
+/* --- errors ------------------------------------------------------------------------------------------- */
+
+enum {
+    PROXIMITY_OK = 0,
+    PROXIMITY_BAD_ARGUMENT = 1, /* something that a function was given is none */
+    PROXIMITY_NO_MEMORY = 2,
+    PROXIMITY_NO_FILE = 3,      /* a file cannot be opened or read */
+    PROXIMITY_BAD_FILE = 4,     /* no compiled scene, a damaged one, or one of another version */
+    PROXIMITY_BAD_POSE = 5,     /* no rigid transform, or one that leads too far away */
+    PROXIMITY_NO_INSIDE = 6,    /* no part has an inside */
+    PROXIMITY_NO_PROCESSOR = 7, /* this processor lacks instructions: AVX2 and FMA, or NEON */
+    PROXIMITY_BROKEN = 8        /* an earlier change of this scene failed half way: close it */
+};
+
+typedef struct proximity_error {
+    int32_t code;
+    char sentence[508]; /* UTF-8: what, where, and what was expected */
+} proximity_error;
+
+/* --- scenes ------------------------------------------------------------------------------------------- */
+
+typedef struct proximity_scene proximity_scene;
+
+/* Open a compiled scene. `path` is UTF-8. Every bit of the file is looked at. The file must not be written to
+   as long as the scene is open; another may take its place. */
+PROXIMITY_API int proximity_open(const char *path, proximity_scene **scene, proximity_error *error);
+
+/* The same for the bytes of such a file in memory. They stay the caller's, must lie at a multiple of 8, and
+   must stay as they are until the scene is closed; what the scene changes is copied. */
+PROXIMITY_API int proximity_open_bytes(const void *bytes, size_t size, proximity_scene **scene,
+                                       proximity_error *error);
+
+/* Close a scene, and free what it holds. NULL is closed already. */
+PROXIMITY_API void proximity_close(proximity_scene *scene);
+
+/* Choose the instructions that a scene is asked with, by name ("v3", "v4", "neon"): the best that the
+   processor has, unless this is called. Answers do not depend on it. *Changes.* */
+PROXIMITY_API int proximity_use_instructions(proximity_scene *scene, const char *name, proximity_error *error);
+
+/* The name of those instructions. *Asks.* */
+PROXIMITY_API const char *proximity_instructions(const proximity_scene *scene);
+
+/* --- parts: numbers from 0 to the count, as in answers ------------------------------------------------- */
+
+#define PROXIMITY_NO_PART (-1)
+#define PROXIMITY_NO_FACE (-1)
+
+/* *Ask.* */
+PROXIMITY_API int32_t proximity_part_count(const proximity_scene *scene);
+
+/* The name of a part, UTF-8, as long as the scene is open; NULL where there is no such part. *Asks.* */
+PROXIMITY_API const char *proximity_part_name(const proximity_scene *scene, int32_t part);
+
+/* The part of that name; PROXIMITY_NO_PART where there is none. *Asks.* */
+PROXIMITY_API int32_t proximity_find_part(const proximity_scene *scene, const char *name);
+
+/* The number of faces of a part; 0 where there is no such part. *Asks.* */
+PROXIMITY_API int32_t proximity_face_count(const proximity_scene *scene, int32_t part);
+
+/* Whether a part is hidden: 1 or 0. *Asks.* */
+PROXIMITY_API int proximity_is_hidden(const proximity_scene *scene, int32_t part);
+
+/* The pose of a part: 16 numbers. *Asks.* */
+PROXIMITY_API int proximity_pose(const proximity_scene *scene, int32_t part, double *matrix,
+                                 proximity_error *error);
+
+/* Lower and upper corner of the box around all parts, hidden ones too: 3 numbers each. *Asks.* */
+PROXIMITY_API void proximity_bounds(const proximity_scene *scene, double *lower, double *upper);
+
+/* Put `count` parts elsewhere: `matrices` has 16 numbers of each; a rotation in single precision is taken as
+   the nearest exact one. `velocities` (m/s, of the parts' origins) and `angular_velocities` (rad/s, about
+   them) have 3 each, or are NULL: at rest. If one part cannot be moved, none is. Some 10 µs for 20 parts of
+   200; 0.5 ms when a part moves for the first time. *Changes.* */
+PROXIMITY_API int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count,
+                                 const double *matrices, const double *velocities,
+                                 const double *angular_velocities, proximity_error *error);
+
+/* Hide a part from all that is asked (`is_hidden` not 0), or show it again. *Changes.* */
+PROXIMITY_API int proximity_hide(proximity_scene *scene, int32_t part, int is_hidden, proximity_error *error);
+
+/* --- questions: `points`, `origins`, `directions`, `starts`, `ends` have 3 numbers a row ---------------- */
+
+enum { PROXIMITY_NONE = -1, PROXIMITY_FACE = 0, PROXIMITY_EDGE = 1, PROXIMITY_VERTEX = 2 };
+
+typedef struct proximity_closest_point {
+    double signed_distance; /* m, negative inside; infinite beyond the limit, nan for a point that is none */
+    double point[3];        /* of the surface */
+    double gradient[3];     /* unit: where the signed distance rises most; 0 where it has no such direction */
+    double barycentric[3];  /* weights of the corners of the face */
+    int32_t part, face;     /* or PROXIMITY_NO_PART, PROXIMITY_NO_FACE */
+    int32_t feature;        /* of the face: PROXIMITY_FACE, ... */
+    int32_t is_signed;      /* 0 where the part has no inside */
+} proximity_closest_point;
+
+typedef struct proximity_ray_hit {
+    double distance; /* m along the ray; infinite where nothing is hit within the limit */
+    double point[3];
+    double normal[3]; /* unit, outward */
+    double barycentric[3];
+    int32_t part, face;
+} proximity_ray_hit;
+
+typedef struct proximity_segment_hit {
+    double distance;            /* m, unsigned; 0 where the segment meets the surface */
+    double point_on_segment[3]; /* the ends of the shortest connection */
+    double point_on_solid[3];
+    double fraction; /* where on the segment: 0 at its start, 1 at its end */
+    double barycentric[3];
+    int32_t part, face;
+} proximity_segment_hit;
+
+/* The surface points nearest to points, no farther than `max_distance` (INFINITY: however far). *Asks.* */
+PROXIMITY_API int proximity_closest(const proximity_scene *scene, const double *points, size_t count,
+                                    double max_distance, proximity_closest_point *answers,
+                                    proximity_error *error);
+
+/* Signed distances, m: as proximity_closest, and faster. *Asks.* */
+PROXIMITY_API int proximity_signed_distance(const proximity_scene *scene, const double *points, size_t count,
+                                            double *distances, proximity_error *error);
+
+/* Distances to the nearest surface, m, without sign: the fastest. *Asks.* */
+PROXIMITY_API int proximity_distance(const proximity_scene *scene, const double *points, size_t count,
+                                     double *distances, proximity_error *error);
+
+/* Whether points are inside some part: 1 or 0 each. *Asks.* */
+PROXIMITY_API int proximity_contains(const proximity_scene *scene, const double *points, size_t count,
+                                     uint8_t *is_inside, proximity_error *error);
+
+/* The first hits of rays, no farther along them than `max_distance`. Directions have any length but zero: if
+   one is zero that is an error, and the answers of the other rays are written. *Asks.* */
+PROXIMITY_API int proximity_cast(const proximity_scene *scene, const double *origins, const double *directions,
+                                 size_t count, double max_distance, proximity_ray_hit *answers,
+                                 proximity_error *error);
+
+/* The distances of proximity_cast alone, faster. *Asks.* */
+PROXIMITY_API int proximity_cast_distance(const proximity_scene *scene, const double *origins,
+                                          const double *directions, size_t count, double max_distance,
+                                          double *distances, proximity_error *error);
+
+/* The shortest connections between segments and the surface, no longer than `max_distance`. *Asks.* */
+PROXIMITY_API int proximity_closest_to_segments(const proximity_scene *scene, const double *starts,
+                                                const double *ends, size_t count, double max_distance,
+                                                proximity_segment_hit *answers, proximity_error *error);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,183 @@
+// proximity for C++20: scenes and trackers that close themselves, spans, and exceptions. See proximity.h.
+#ifndef PROXIMITY_HPP
+#define PROXIMITY_HPP
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "proximity_tracker.h"
+
+namespace proximity {
+
+using Vector = std::array<double, 3>;
+using Matrix = std::array<double, 16>;  // row by row, scene from part
+using ClosestPoint = proximity_closest_point;
+using RayHit = proximity_ray_hit;
+using SegmentHit = proximity_segment_hit;
+
+inline constexpr double unlimited = std::numeric_limits<double>::infinity();
+
+/// What went wrong, in a sentence; `code` is one of PROXIMITY_...
+class Error : public std::runtime_error {
+public:
+    explicit Error(const proximity_error &error) : std::runtime_error(error.sentence), code(error.code) {}
+    const std::int32_t code;
+};
+
+namespace detail {
+
+template <typename Function, typename... Arguments>
+void call(Function function, Arguments... arguments)
+{
+    proximity_error error;
+    if (function(arguments..., &error) != PROXIMITY_OK) {
+        throw Error(error);
+    }
+}
+
+inline const double *numbers(std::span<const Vector> rows)
+{
+    return rows.empty() ? nullptr : rows.front().data();
+}
+
+inline void same(std::size_t one, std::size_t other)
+{
+    if (one != other) {
+        throw std::invalid_argument("spans have different numbers of rows");
+    }
+}
+
+}  // namespace detail
+
+/// A compiled scene. Const members ask, from any number of threads; the others change.
+class Scene {
+public:
+    explicit Scene(const std::string &path) { detail::call(proximity_open, path.c_str(), address()); }
+    /// The bytes stay the caller's, at a multiple of 8, until the scene is gone.
+    explicit Scene(std::span<const std::byte> bytes)
+    {
+        detail::call(proximity_open_bytes, static_cast<const void *>(bytes.data()), bytes.size(), address());
+    }
+    Scene(Scene &&other) noexcept : scene_(std::exchange(other.scene_, nullptr)) {}
+    Scene &operator=(Scene &&other) noexcept
+    {
+        std::swap(scene_, other.scene_);
+        return *this;
+    }
+    ~Scene() { proximity_close(scene_); }
+
+    const proximity_scene *get() const { return scene_; }
+    std::int32_t part_count() const { return proximity_part_count(scene_); }
+    std::int32_t find(const std::string &name) const { return proximity_find_part(scene_, name.c_str()); }
+    std::string name(std::int32_t part) const
+    {
+        const char *found = proximity_part_name(scene_, part);
+        return found != nullptr ? found : "";
+    }
+    Matrix pose(std::int32_t part) const
+    {
+        Matrix matrix;
+        detail::call(proximity_pose, get(), part, matrix.data());
+        return matrix;
+    }
+    std::array<Vector, 2> bounds() const
+    {
+        std::array<Vector, 2> corners;
+        proximity_bounds(scene_, corners[0].data(), corners[1].data());
+        return corners;
+    }
+
+    void move(std::int32_t part, const Matrix &pose, const Vector *velocity = nullptr,
+              const Vector *angular_velocity = nullptr)
+    {
+        detail::call(proximity_move, scene_, static_cast<const std::int32_t *>(&part), std::size_t{1}, pose.data(),
+                     velocity != nullptr ? velocity->data() : nullptr,
+                     angular_velocity != nullptr ? angular_velocity->data() : nullptr);
+    }
+    void hide(std::int32_t part, bool is_hidden = true) { detail::call(proximity_hide, scene_, part, int{is_hidden}); }
+
+    void closest(std::span<const Vector> points, std::span<ClosestPoint> answers, double limit = unlimited) const
+    {
+        detail::same(points.size(), answers.size());
+        detail::call(proximity_closest, get(), detail::numbers(points), points.size(), limit, answers.data());
+    }
+    void signed_distance(std::span<const Vector> points, std::span<double> distances) const
+    {
+        detail::same(points.size(), distances.size());
+        detail::call(proximity_signed_distance, get(), detail::numbers(points), points.size(), distances.data());
+    }
+    void distance(std::span<const Vector> points, std::span<double> distances) const
+    {
+        detail::same(points.size(), distances.size());
+        detail::call(proximity_distance, get(), detail::numbers(points), points.size(), distances.data());
+    }
+    void contains(std::span<const Vector> points, std::span<std::uint8_t> is_inside) const
+    {
+        detail::same(points.size(), is_inside.size());
+        detail::call(proximity_contains, get(), detail::numbers(points), points.size(), is_inside.data());
+    }
+    void cast(std::span<const Vector> origins, std::span<const Vector> directions, std::span<RayHit> answers,
+              double limit = unlimited) const
+    {
+        detail::same(origins.size(), directions.size());
+        detail::same(origins.size(), answers.size());
+        detail::call(proximity_cast, get(), detail::numbers(origins), detail::numbers(directions), origins.size(), limit,
+                     answers.data());
+    }
+    void closest_to_segments(std::span<const Vector> starts, std::span<const Vector> ends,
+                             std::span<SegmentHit> answers, double limit = unlimited) const
+    {
+        detail::same(starts.size(), ends.size());
+        detail::same(starts.size(), answers.size());
+        detail::call(proximity_closest_to_segments, get(), detail::numbers(starts), detail::numbers(ends),
+                     starts.size(), limit, answers.data());
+    }
+
+private:
+    proximity_scene **address() { return &scene_; }
+    proximity_scene *scene_ = nullptr;
+};
+
+/// A tracker of fingertips; it must be gone before its scene.
+class Tracker {
+public:
+    explicit Tracker(const Scene &scene, std::size_t fingers = 5,
+                     const proximity_tracker_settings &settings = proximity_default_settings())
+        : contacts_(fingers)
+    {
+        proximity_tracker *made = nullptr;
+        detail::call(proximity_create_tracker, scene.get(), fingers, &settings, &made);
+        tracker_.reset(made);
+    }
+
+    /// The contacts of all fingers, which the next tick writes over.
+    std::span<const decaff_contact> tick(std::span<const Vector> positions, std::span<const std::int64_t> pose_ns,
+                                         std::int64_t now_ns, const proximity_paths *paths = nullptr)
+    {
+        detail::same(positions.size(), contacts_.size());
+        detail::same(pose_ns.size(), contacts_.size());
+        detail::call(proximity_tick, tracker_.get(), detail::numbers(positions), pose_ns.data(), now_ns,
+                     static_cast<const double *>(nullptr), paths, contacts_.data());
+        return contacts_;
+    }
+    void reset() { proximity_reset_tracker(tracker_.get()); }
+
+private:
+    struct Destroy {
+        void operator()(proximity_tracker *tracker) const { proximity_destroy_tracker(tracker); }
+    };
+    std::unique_ptr<proximity_tracker, Destroy> tracker_;
+    std::vector<decaff_contact> contacts_;
+};
+
+}  // namespace proximity
+
+#endif

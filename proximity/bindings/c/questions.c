@@ -1,0 +1,220 @@
+/* What is asked of a scene: its parts, points, rays and segments. */
+#include "scene.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "entry_points.h"
+
+#define WORD(address) ((int64_t)(intptr_t)(address))
+
+/* --- parts --------------------------------------------------------------------------------------------- */
+
+static int is_part(const proximity_scene *scene, int32_t part)
+{
+    return part >= 0 && part < scene->archive.part_count;
+}
+
+const char *proximity_instructions(const proximity_scene *scene)
+{
+    return scene->set->name;
+}
+
+int32_t proximity_part_count(const proximity_scene *scene)
+{
+    return (int32_t)scene->archive.part_count;
+}
+
+const char *proximity_part_name(const proximity_scene *scene, int32_t part)
+{
+    return is_part(scene, part) ? scene->names[part] : NULL;
+}
+
+int32_t proximity_find_part(const proximity_scene *scene, const char *name)
+{
+    for (int32_t part = 0; name != NULL && part < scene->archive.part_count; part++) {
+        if (strcmp(scene->names[part], name) == 0) {
+            return part;
+        }
+    }
+    return PROXIMITY_NO_PART;
+}
+
+int32_t proximity_face_count(const proximity_scene *scene, int32_t part)
+{
+    return is_part(scene, part) ? (int32_t)scene->archive.parts[part].face_count : 0;
+}
+
+int proximity_is_hidden(const proximity_scene *scene, int32_t part)
+{
+    return is_part(scene, part) && scene->archive.parts[part].is_hidden != 0;
+}
+
+int proximity_pose(const proximity_scene *scene, int32_t part, double *matrix, proximity_error *error)
+{
+    if (!is_part(scene, part)) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there is no part %d, expected 0 to %d", (int)part,
+                                (int)scene->archive.part_count - 1);
+    }
+    const Frame *frame = &scene->archive.frames[part];
+    for (int row = 0; row < 4; row++) {
+        for (int column = 0; column < 4; column++) {
+            matrix[4 * row + column] = row == 3      ? (column == 3 ? 1.0 : 0.0)
+                                       : column == 3 ? frame->translation[row]
+                                                     : frame->rotation[3 * row + column];
+        }
+    }
+    return PROXIMITY_OK;
+}
+
+void proximity_bounds(const proximity_scene *scene, double *lower, double *upper)
+{
+    const Frame *frame = &scene->archive.frames[scene->archive.part_count];
+    memcpy(lower, frame->box_lower, sizeof frame->box_lower);
+    memcpy(upper, frame->box_upper, sizeof frame->box_upper);
+}
+
+/* --- batches ------------------------------------------------------------------------------------------- */
+
+enum { BLOCK = 1 << 20 }; /* rows that are sorted together */
+
+typedef struct {
+    int entry, order_entry, row_arrays;
+    int64_t width, item_bytes; /* of an answer */
+    int64_t sort_from;         /* rows */
+} Question;
+
+static int no_memory(proximity_error *error)
+{
+    return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory to sort the rows");
+}
+
+/* Ask for rows that are sorted together; the row that was refused, or what else the kernel said. */
+static int ask_block(const proximity_scene *scene, const Question *question, const double *const *rows, int64_t count,
+                     double limit, void *answers, int64_t *said)
+{
+    int64_t words[20] = {WORD(scene->model)}, order[10] = {WORD(scene->model)}, at = 1;
+    int of_rays = question->order_entry == RAY_ORDER, taken = of_rays ? 1 : 0;
+    Owner *owner = NULL;
+    for (int k = 0; k < question->row_arrays; k++) {
+        int64_t array[] = {WORD(rows[k]), count, 3};
+        memcpy(words + at, array, sizeof array);
+        if (k == 0 || of_rays) {
+            memcpy(order + taken, array, sizeof array);
+            taken += 3;
+        }
+        at += 3;
+    }
+    words[at] = words[at + 1] = 0; /* as they come */
+    if (count >= question->sort_from) {
+        if (!proximity_call(scene->set, question->order_entry, order)) {
+            return 0;
+        }
+        words[at] = order[taken];
+        words[at + 1] = order[taken + 1];
+        owner = (Owner *)(intptr_t)order[taken + 2];
+    }
+    int64_t rest[] = {WORD(&limit), 1, WORD(answers), count, question->width, 0};
+    memcpy(words + at + 2, rest, sizeof rest);
+    int is_done = proximity_call(scene->set, question->entry, words);
+    *said = words[at + 7];
+    if (owner != NULL) {
+        release_owner(owner);
+    }
+    return is_done;
+}
+
+static int ask(const proximity_scene *scene, const Question *question, const double *first, const double *second,
+               size_t count, double limit, void *answers, proximity_error *error)
+{
+    if (scene->is_broken) {
+        return proximity_refuse(error, PROXIMITY_BROKEN, "a change of the scene failed half way; close it");
+    }
+    if (count > 0 && (first == NULL || answers == NULL || (question->row_arrays == 2 && second == NULL))) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there are no rows, or no place for answers");
+    }
+    if (!(limit >= 0.0)) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "max_distance is %g, expected a length of 0 m or more",
+                                limit);
+    }
+    int64_t zero_row = NO_ROW;
+    for (size_t done = 0; done < count; done += BLOCK) {
+        const double *rows[] = {first + 3 * done, second != NULL ? second + 3 * done : NULL};
+        int64_t part = (int64_t)(count - done < BLOCK ? count - done : BLOCK), said;
+        char *to = (char *)answers + (int64_t)done * question->width * question->item_bytes;
+        if (!ask_block(scene, question, rows, part, limit, to, &said)) {
+            return no_memory(error);
+        }
+        if (question->entry == CONTAINS_BATCH && said != NO_ROW) {
+            return proximity_refuse(error, PROXIMITY_NO_INSIDE,
+                                    "no part has an inside, so that nothing can be contained");
+        }
+        if (said >= 0 && zero_row == NO_ROW) {
+            zero_row = (int64_t)done + said;
+        }
+    }
+    if (zero_row != NO_ROW) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
+                                "direction %lld is zero, expected a vector with a length", (long long)zero_row);
+    }
+    return PROXIMITY_OK;
+}
+
+static int ask_points(const proximity_scene *scene, int entry, const double *points, size_t count, double limit,
+                      int64_t width, int64_t item_bytes, void *answers, proximity_error *error)
+{
+    Question question = {entry, MORTON_ORDER, 1, width, item_bytes, SORT_FROM};
+    return ask(scene, &question, points, NULL, count, limit, answers, error);
+}
+
+int proximity_closest(const proximity_scene *scene, const double *points, size_t count, double max_distance,
+                      proximity_closest_point *answers, proximity_error *error)
+{
+    return ask_points(scene, CLOSEST_BATCH, points, count, max_distance, sizeof *answers / 8, 8, answers, error);
+}
+
+int proximity_signed_distance(const proximity_scene *scene, const double *points, size_t count, double *distances,
+                              proximity_error *error)
+{
+    return ask_points(scene, SIGNED_BATCH, points, count, INFINITY, 1, 8, distances, error);
+}
+
+int proximity_distance(const proximity_scene *scene, const double *points, size_t count, double *distances,
+                       proximity_error *error)
+{
+    return ask_points(scene, DISTANCE_BATCH, points, count, INFINITY, 1, 8, distances, error);
+}
+
+int proximity_contains(const proximity_scene *scene, const double *points, size_t count, uint8_t *is_inside,
+                       proximity_error *error)
+{
+    return ask_points(scene, CONTAINS_BATCH, points, count, INFINITY, 1, 1, is_inside, error);
+}
+
+static int ask_rays(const proximity_scene *scene, const double *origins, const double *directions, size_t count,
+                    double limit, int64_t width, void *answers, proximity_error *error)
+{
+    int is_large = scene->archive.real_count * 8 >= SORT_RAYS_IN;
+    Question question = {CAST_BATCH, RAY_ORDER, 2, width, 8, is_large ? SORT_RAYS_FROM : INT64_MAX};
+    return ask(scene, &question, origins, directions, count, limit, answers, error);
+}
+
+int proximity_cast(const proximity_scene *scene, const double *origins, const double *directions, size_t count,
+                   double max_distance, proximity_ray_hit *answers, proximity_error *error)
+{
+    return ask_rays(scene, origins, directions, count, max_distance, sizeof *answers / 8, answers, error);
+}
+
+int proximity_cast_distance(const proximity_scene *scene, const double *origins, const double *directions,
+                            size_t count, double max_distance, double *distances, proximity_error *error)
+{
+    return ask_rays(scene, origins, directions, count, max_distance, 1, distances, error);
+}
+
+int proximity_closest_to_segments(const proximity_scene *scene, const double *starts, const double *ends, size_t count,
+                                  double max_distance, proximity_segment_hit *answers, proximity_error *error)
+{
+    Question question = {SEGMENT_BATCH, MORTON_ORDER, 2, sizeof *answers / 8, 8, SORT_FROM};
+    return ask(scene, &question, starts, ends, count, max_distance, answers, error);
+}

@@ -1,0 +1,356 @@
+/* Scenes: opening them, and moving and hiding their parts. */
+#include "scene.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define WORD(address) ((int64_t)(intptr_t)(address))
+
+static int64_t word_of(double value)
+{
+    int64_t word;
+    memcpy(&word, &value, sizeof word);
+    return word;
+}
+
+/* --- opening ------------------------------------------------------------------------------------------- */
+
+static int no_memory(proximity_error *error)
+{
+    return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory for the scene");
+}
+
+/* Copy what a scene changes, so that the caller's bytes stay as they are. */
+static int copy_changed(proximity_scene *scene)
+{
+    Archive *archive = &scene->archive;
+    size_t words = (size_t)archive->word_count * sizeof(float), gap = (size_t)PAGE;
+    size_t frames = (size_t)archive->frame_count * sizeof(Frame), parts = (size_t)archive->part_rows * sizeof(Part);
+    char *copy = scene->copies = malloc(words + frames + parts + gap);
+    if (copy == NULL) {
+        return 0;
+    }
+    copy += (gap - (size_t)((uintptr_t)copy % gap)) % gap;
+    archive->frames = memcpy(copy, archive->frames, frames);
+    archive->parts = memcpy(copy + frames, archive->parts, parts);
+    archive->words = memcpy(copy + frames + parts, archive->words, words);
+    return 1;
+}
+
+static void list_dynamic(proximity_scene *scene)
+{
+    int64_t count = 0;
+    for (int64_t part = 0; part < scene->archive.part_count; part++) {
+        if (scene->archive.parts[part].is_dynamic) {
+            scene->rows[count] = part;
+            scene->order[count] = count;
+            count++;
+        }
+    }
+    scene->dynamic[1] = scene->dynamic[3] = scene->dynamic[5] = count;
+    scene->sort_steps = count * count;
+}
+
+/* Space for what follows from where parts are. */
+static int begin_changes(proximity_scene *scene)
+{
+    size_t count = (size_t)scene->archive.part_count;
+    scene->versions = calloc(4 * count + 1, sizeof(int64_t));
+    scene->boxes = calloc(6 * count, sizeof(float));
+    scene->names = calloc(count, sizeof(char *));
+    if (scene->versions == NULL || scene->boxes == NULL || scene->names == NULL) {
+        return 0;
+    }
+    scene->rows = scene->versions + count + 1;
+    scene->order = scene->rows + count;
+    scene->keys = scene->order + count;
+    scene->dynamic[0] = WORD(scene->rows);
+    scene->dynamic[2] = WORD(scene->order);
+    scene->dynamic[4] = WORD(scene->keys);
+    scene->boxes_version = NEVER;
+    const char *name = scene->archive.names;
+    for (size_t part = 0; part < count; part++, name += strlen(name) + 1) {
+        scene->names[part] = name;
+    }
+    list_dynamic(scene);
+    return 1;
+}
+
+/* Have kernels look at the model, and complete it. */
+static int complete(proximity_scene *scene, proximity_error *error)
+{
+    Archive *a = &scene->archive;
+    int64_t fault[FAULT_SIZE + 2] = {0};
+    int64_t words[] = {WORD(a->reals), a->real_count, WORD(a->words), a->word_count, WORD(a->frames), a->frame_count,
+                       WORD(a->parts), a->part_rows, WORD(a->parts), a->part_rows, PART_COLUMNS, a->part_count,
+                       word_of(ORTHONORMAL_TOLERANCE), word_of(FARTHEST_MOVE), word_of(FASTEST_MOVE), WORD(fault),
+                       FAULT_SIZE, 0};
+    if (!proximity_call(scene->set, COMPLETE_MODEL, words)) {
+        return no_memory(error);
+    }
+    int64_t kind = words[17], part = fault[0];
+    if (kind == SOUND) {
+        memcpy(scene->model, words, sizeof scene->model);
+        return PROXIMITY_OK;
+    }
+    if (part < 0 || part > a->part_count || part >= a->part_rows) {
+        return proximity_refuse_kind(error, kind, fault + 1, "", "");
+    }
+    fault[FAULT_SIZE] = a->parts[part].node_count;
+    fault[FAULT_SIZE + 1] = a->parts[part].block_count;
+    if (part == a->part_count) {
+        return proximity_refuse_kind(error, kind, fault + 1, "", "the trees over the parts: ");
+    }
+    char where[128];
+    const char *name = a->names;
+    for (int64_t k = 0; k < part; k++) {
+        name += strlen(name) + 1;
+    }
+    snprintf(where, sizeof where, "part %lld '%.80s': ", (long long)part, name);
+    return proximity_refuse_kind(error, kind, fault + 1, "", where);
+}
+
+/* Open bytes that the scene has, or that are the caller's. */
+static int open_scene(uint8_t *bytes, size_t size, int is_own, proximity_scene **opened, proximity_error *error)
+{
+    proximity_scene *scene = calloc(1, sizeof *scene);
+    if (scene == NULL) {
+        return no_memory(error);
+    }
+    int code = PROXIMITY_OK;
+    scene->set = proximity_best_set(NULL);
+    if (scene->set == NULL) {
+        code = proximity_refuse(error, PROXIMITY_NO_PROCESSOR,
+                                "this processor has none of the instructions that the library was compiled for");
+    }
+    if (code == PROXIMITY_OK) {
+        code = proximity_read_archive(scene->set, bytes, size, &scene->archive, error);
+    }
+    if (code == PROXIMITY_OK && !is_own && !copy_changed(scene)) {
+        code = no_memory(error);
+    }
+    if (code == PROXIMITY_OK) {
+        code = complete(scene, error);
+    }
+    if (code == PROXIMITY_OK && !begin_changes(scene)) {
+        code = no_memory(error);
+    }
+    if (code != PROXIMITY_OK) {
+        proximity_close(scene);
+        return code;
+    }
+    *opened = scene;
+    return PROXIMITY_OK;
+}
+
+/* Say which file it was; a sentence that becomes too long is cut. */
+static void name_file(const char *path, proximity_error *error)
+{
+    if (error != NULL) {
+        proximity_error told = *error;
+        proximity_refuse(error, told.code, "%.200s: %s", path, told.sentence);
+    }
+}
+
+int proximity_open(const char *path, proximity_scene **scene, proximity_error *error)
+{
+    uint8_t *bytes;
+    size_t size;
+    if (path == NULL || scene == NULL) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there is no path, or no place for the scene");
+    }
+    int code = proximity_map_file(path, &bytes, &size, error);
+    if (code != PROXIMITY_OK) {
+        return code;
+    }
+    code = open_scene(bytes, size, 1, scene, error);
+    if (code != PROXIMITY_OK) {
+        name_file(path, error);
+        proximity_unmap(bytes, size);
+        return code;
+    }
+    (*scene)->mapped = bytes;
+    (*scene)->mapped_size = size;
+    return PROXIMITY_OK;
+}
+
+int proximity_open_bytes(const void *bytes, size_t size, proximity_scene **scene, proximity_error *error)
+{
+    if (bytes == NULL || scene == NULL || (uintptr_t)bytes % 8 != 0) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
+                                "there are no bytes, or no place for the scene; or the bytes do not lie at a multiple "
+                                "of 8");
+    }
+    return open_scene((uint8_t *)(uintptr_t)bytes, size, 0, scene, error);
+}
+
+void proximity_close(proximity_scene *scene)
+{
+    if (scene != NULL) {
+        if (scene->mapped != NULL) {
+            proximity_unmap(scene->mapped, scene->mapped_size);
+        }
+        free(scene->archive.names);
+        free(scene->versions);
+        free(scene->boxes);
+        free(scene->names);
+        free(scene->copies);
+        free(scene);
+    }
+}
+
+int proximity_use_instructions(proximity_scene *scene, const char *name, proximity_error *error)
+{
+    const InstructionSet *set = name != NULL ? proximity_best_set(name) : NULL;
+    if (set == NULL) {
+        return proximity_refuse(error, PROXIMITY_NO_PROCESSOR,
+                                "there are no instructions %s that the library was compiled for and this processor has",
+                                name != NULL ? name : "without a name");
+    }
+    scene->set = set;
+    return PROXIMITY_OK;
+}
+
+/* --- changes ------------------------------------------------------------------------------------------- */
+
+static int fail_half_way(proximity_scene *scene, proximity_error *error)
+{
+    scene->is_broken = 1;
+    return proximity_refuse(error, PROXIMITY_BROKEN, "a change of the scene failed half way; close it");
+}
+
+/* The copy of the static tree that the model does not use. */
+static int64_t next_static(const proximity_scene *scene, int *is_done)
+{
+    int64_t words[] = {scene->model[6], scene->model[7], 0, 0};
+    *is_done = proximity_call(scene->set, COPIES_IN_USE, words);
+    return (words[3] + 1) % STATIC_COPIES;
+}
+
+static int make_tree(proximity_scene *scene)
+{
+    int is_done;
+    int64_t copy = next_static(scene, &is_done);
+    int64_t words[] = {scene->model[2], scene->model[3], scene->model[4], scene->model[5],
+                       scene->model[6], scene->model[7], copy, 0};
+    if (!is_done || !proximity_call(scene->set, MAKE_STATIC, words)) {
+        return 0;
+    }
+    if (!(words[7] & 1)) { /* there is no space for it: then no part is in it, and each stands by itself */
+        for (int64_t part = 0; part < scene->archive.part_count; part++) {
+            scene->archive.parts[part].is_dynamic = 1;
+        }
+        if (!proximity_call(scene->set, MAKE_STATIC, words) || !(words[7] & 1)) {
+            return 0;
+        }
+    }
+    scene->boxes_version = NEVER;
+    return 1;
+}
+
+static int thin_tree(proximity_scene *scene)
+{
+    int is_done;
+    int64_t copy = next_static(scene, &is_done);
+    int64_t words[] = {scene->model[2], scene->model[3], scene->model[6], scene->model[7], copy};
+    return is_done && proximity_call(scene->set, THIN_STATIC, words);
+}
+
+/* Write what follows from where parts are; how far they reach, or nan. */
+static double bring_up_to_date(proximity_scene *scene)
+{
+    Archive *a = &scene->archive;
+    int64_t words[] = {scene->model[2], scene->model[3], WORD(a->frames), a->frame_count, WORD(a->parts), a->part_rows,
+                       WORD(scene->versions), a->part_rows, scene->boxes_version, WORD(scene->boxes), a->part_count, 6,
+                       WORD(scene->dynamic), scene->sort_steps, a->parts[a->part_count].super_node, INT64_MAX,
+                       WORD(a->frames), a->frame_count, WORD(a->parts), a->part_rows, 0};
+    double reach = NAN;
+    if (proximity_call(scene->set, BRING_UP_TO_DATE, words)) {
+        memcpy(&reach, &words[20], sizeof reach);
+    }
+    return reach;
+}
+
+/* Have the trees over parts be as the parts are. */
+static int settle(proximity_scene *scene, proximity_error *error)
+{
+    int is_right = 1;
+    if (scene->archive.part_count > 1 && scene->tree != RIGHT) { /* the only part has no tree above it */
+        is_right = scene->tree == THINNER ? thin_tree(scene) : make_tree(scene);
+        list_dynamic(scene);
+    }
+    scene->tree = RIGHT;
+    double reach = is_right ? bring_up_to_date(scene) : NAN;
+    if (reach > 1.0) { /* some part has left the scene's frame */
+        is_right = make_tree(scene);
+        list_dynamic(scene);
+        reach = is_right ? bring_up_to_date(scene) : NAN;
+    }
+    scene->boxes_version = scene->changes;
+    scene->sort_steps = SORT_STEPS * scene->dynamic[1];
+    return reach <= 1.0 ? PROXIMITY_OK : fail_half_way(scene, error);
+}
+
+static int no_such_part(const proximity_scene *scene, int32_t part, proximity_error *error)
+{
+    return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there is no part %d, expected 0 to %d", (int)part,
+                            (int)scene->archive.part_count - 1);
+}
+
+int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count, const double *matrices,
+                   const double *velocities, const double *angular_velocities, proximity_error *error)
+{
+    int64_t n = (int64_t)count, linear = velocities != NULL ? n : 0, angular = angular_velocities != NULL ? n : 0;
+    if (scene->is_broken) {
+        return fail_half_way(scene, error);
+    }
+    for (size_t k = 0; k < count; k++) {
+        if (parts[k] < 0 || parts[k] >= scene->archive.part_count) {
+            return no_such_part(scene, parts[k], error);
+        }
+    }
+    int64_t asked[] = {WORD(matrices), n, 4, 4, WORD(velocities), linear, 3, WORD(angular_velocities), angular, 3,
+                       word_of(SINGLE_TOLERANCE), word_of(FARTHEST_MOVE), word_of(FASTEST_MOVE), 0};
+    if (!proximity_call(scene->set, FIRST_UNFIT, asked) || asked[13] >= 0) {
+        return proximity_refuse(error, PROXIMITY_BAD_POSE,
+                                "row %lld is no rigid transform, or leads too far away, or its velocity is too large",
+                                (long long)asked[13]);
+    }
+    scene->changes++;
+    for (size_t k = 0; k < count; k++) {
+        int64_t row = parts[k], one = 1;
+        int64_t words[] = {scene->model[4], scene->model[5], scene->model[6], scene->model[7], WORD(scene->versions),
+                           scene->archive.part_rows, scene->changes, WORD(&row), one, WORD(matrices + 16 * k), one, 4, 4,
+                           linear ? WORD(velocities + 3 * k) : 0, linear ? one : 0, 3,
+                           angular ? WORD(angular_velocities + 3 * k) : 0, angular ? one : 0, 3, word_of(EXACT_ENOUGH),
+                           0};
+        if (!proximity_call(scene->set, MOVE_PARTS, words)) {
+            return fail_half_way(scene, error);
+        }
+        scene->tree = words[20] && scene->tree == RIGHT ? THINNER : scene->tree;
+    }
+    return settle(scene, error);
+}
+
+int proximity_hide(proximity_scene *scene, int32_t part, int is_hidden, proximity_error *error)
+{
+    if (scene->is_broken) {
+        return fail_half_way(scene, error);
+    }
+    if (part < 0 || part >= scene->archive.part_count) {
+        return no_such_part(scene, part, error);
+    }
+    Part *row = &scene->archive.parts[part];
+    if (row->is_hidden == (is_hidden != 0)) {
+        return PROXIMITY_OK;
+    }
+    row->is_hidden = is_hidden != 0;
+    scene->versions[part] = ++scene->changes;
+    scene->epoch++;
+    if (!row->is_dynamic) {
+        scene->tree = is_hidden ? THINNER : NEW;
+    }
+    return settle(scene, error);
+}

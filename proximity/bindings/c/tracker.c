@@ -1,0 +1,269 @@
+/* Trackers: the arrays of a tick, kept from one to the next. What a tick does is a kernel's. */
+#include "proximity_tracker.h"
+#include "scene.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define WORD(address) ((int64_t)(intptr_t)(address))
+
+_Static_assert(sizeof(decaff_contact) == CONTACT_SIZE, "a contact is the record that kernels fill");
+
+struct proximity_tracker {
+    const proximity_scene *scene;
+    size_t count;
+    int64_t table[AT_END]; /* address and lengths of each array, as `track.TrackerArrays` has them */
+    Settings settings;
+    Track *tracks;
+    Estimate *motions;
+    double *balls, *no_velocities, *bends, *of_parts, *of_corners;
+    float *frontiers, *workspace;
+    int64_t corners;          /* of paths, for which there is space */
+    int64_t changes, epoch;   /* of the scene at the last tick; -1 before it */
+};
+
+static int no_memory(proximity_error *error)
+{
+    return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory for the tracker");
+}
+
+static void set_array(proximity_tracker *tracker, int at, const void *array, int64_t rows)
+{
+    tracker->table[at] = WORD(array);
+    tracker->table[at + 1] = rows;
+}
+
+proximity_tracker_settings proximity_default_settings(void)
+{
+    proximity_tracker_settings settings = {DEFAULT_RADIUS,  DEFAULT_LATENCY,       DEFAULT_WORKING_RANGE,
+                                           DEFAULT_TOLERANCE, DEFAULT_HORIZON,     DEFAULT_MAX_SPEED,
+                                           DEFAULT_MAX_ACCELERATION, DEFAULT_BUDGET};
+    return settings;
+}
+
+/* The sentence about the first setting that cannot be used; NULL where all can. */
+static const char *unfit_setting(const proximity_tracker_settings *settings)
+{
+    if (!(settings->radius >= 0.0 && settings->radius <= LARGEST_RADIUS)) {
+        return "radius is not 0 to 0.1 m: was it meant in millimetres?";
+    }
+    if (!(settings->latency >= 0.0 && settings->latency <= LONGEST_LATENCY)) {
+        return "latency is not 0 to 1 s";
+    }
+    if (!(settings->working_range >= 0.0 && settings->working_range <= LARGEST_WORKING_RANGE)) {
+        return "working_range is not 0 to 10 m: was it meant in millimetres?";
+    }
+    if (!(settings->tolerance >= 0.0 && settings->tolerance < INFINITY)) {
+        return "tolerance is not a share of 0 or more";
+    }
+    if (!(settings->horizon > 0.0 && settings->horizon < INFINITY)) {
+        return "horizon is not a positive number of seconds";
+    }
+    if (!(settings->max_speed > 0.0 && settings->max_speed < INFINITY) ||
+        !(settings->max_acceleration > 0.0 && settings->max_acceleration < INFINITY)) {
+        return "max_speed or max_acceleration is not a positive number";
+    }
+    return settings->budget > 0 ? NULL : "budget is not a positive number of nodes and leaves";
+}
+
+static void write_settings(proximity_tracker *tracker, const proximity_tracker_settings *from)
+{
+    Settings *to = &tracker->settings;
+    to->working_range = from->working_range;
+    to->latency = from->latency;
+    to->tolerance = from->tolerance;
+    to->horizon = from->horizon;
+    to->max_speed = from->max_speed;
+    to->max_acceleration = from->max_acceleration;
+    to->budget = (double)(from->budget < MOST_BUDGET ? from->budget : MOST_BUDGET);
+    to->ahead_ns = AHEAD_NS;
+    to->other_clock_ns = OTHER_CLOCK_NS;
+    for (size_t k = 0; k < tracker->count; k++) {
+        tracker->tracks[k].radius = from->radius;
+    }
+}
+
+static int has_arrays(proximity_tracker *tracker, size_t count)
+{
+    tracker->tracks = calloc(count, sizeof *tracker->tracks);
+    tracker->motions = calloc(count * ESTIMATES, sizeof *tracker->motions);
+    tracker->balls = calloc(count * BALLS_SIZE, sizeof(double));
+    tracker->no_velocities = calloc(3 * count, sizeof(double));
+    tracker->bends = calloc(count, sizeof(double));
+    tracker->frontiers = calloc((count <= CROWD ? count : 0) * FRONTIER_SIZE + 1, sizeof(float));
+    tracker->workspace = calloc(WORKSPACE_SIZE, sizeof(float));
+    return tracker->tracks && tracker->motions && tracker->balls && tracker->no_velocities && tracker->bends &&
+           tracker->frontiers && tracker->workspace;
+}
+
+int proximity_create_tracker(const proximity_scene *scene, size_t fingers, const proximity_tracker_settings *settings,
+                             proximity_tracker **made, proximity_error *error)
+{
+    proximity_tracker_settings chosen = settings != NULL ? *settings : proximity_default_settings();
+    const char *unfit = scene == NULL || made == NULL || fingers == 0 || fingers > 1u << 24
+                            ? "there is no scene, no place for the tracker, or no finger"
+                            : unfit_setting(&chosen);
+    if (unfit != NULL) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "%s", unfit);
+    }
+    proximity_tracker *tracker = calloc(1, sizeof *tracker);
+    if (tracker == NULL || !has_arrays(tracker, fingers)) {
+        proximity_destroy_tracker(tracker);
+        return no_memory(error);
+    }
+    int64_t count = (int64_t)fingers;
+    tracker->scene = scene;
+    tracker->count = fingers;
+    tracker->changes = tracker->epoch = -1;
+    for (size_t k = 0; k < fingers; k++) {
+        tracker->bends[k] = NAN;
+    }
+    write_settings(tracker, &chosen);
+    set_array(tracker, AT_SETTINGS, &tracker->settings, 1);
+    set_array(tracker, AT_MOTIONS, tracker->motions, count);
+    set_array(tracker, AT_TRACKS, tracker->tracks, count);
+    set_array(tracker, AT_BALLS, tracker->balls, count);
+    set_array(tracker, AT_FRONTIERS, tracker->frontiers, count <= CROWD ? count : 0);
+    set_array(tracker, AT_UNKNOWN, proximity_unknown_contact, 1);
+    set_array(tracker, AT_WORKSPACE, tracker->workspace, WORKSPACE_SIZE);
+    tracker->table[AT_VELOCITIES + 2] = tracker->table[AT_PATHS + 3] = 3;
+    tracker->table[AT_MOTIONS + 2] = ESTIMATES;
+    tracker->table[AT_BALLS + 2] = BALLS_SIZE;
+    tracker->table[AT_FRONTIERS + 2] = FRONTIER_SIZE;
+    tracker->table[AT_BEFORE + 2] = POSE_COLUMNS;
+    proximity_reset_tracker(tracker);
+    *made = tracker;
+    return PROXIMITY_OK;
+}
+
+void proximity_destroy_tracker(proximity_tracker *tracker)
+{
+    if (tracker != NULL) {
+        free(tracker->tracks);
+        free(tracker->motions);
+        free(tracker->balls);
+        free(tracker->no_velocities);
+        free(tracker->bends);
+        free(tracker->frontiers);
+        free(tracker->workspace);
+        free(tracker->of_parts);
+        free(tracker->of_corners);
+        free(tracker);
+    }
+}
+
+void proximity_reset_tracker(proximity_tracker *tracker)
+{
+    memset(tracker->motions, 0, tracker->count * ESTIMATES * sizeof *tracker->motions);
+    for (size_t k = 0; k < tracker->count; k++) {
+        tracker->tracks[k].reported_part = PROXIMITY_NO_PART;
+    }
+    tracker->settings.first_finger = tracker->settings.adaptive_tolerance = 0.0;
+    int64_t words[] = {WORD(tracker->tracks), (int64_t)tracker->count, WORD(tracker->balls), (int64_t)tracker->count,
+                       BALLS_SIZE};
+    proximity_call(tracker->scene->set, FORGET_SURFACES, words); /* which needs no memory */
+}
+
+int proximity_set_radius(proximity_tracker *tracker, size_t finger, double radius, proximity_error *error)
+{
+    if (finger >= tracker->count || !(radius >= 0.0 && radius <= LARGEST_RADIUS)) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there is no such finger, or radius is not 0 to 0.1 m");
+    }
+    tracker->tracks[finger].radius = radius;
+    return PROXIMITY_OK;
+}
+
+/* Take in other parts: which of them are hidden has changed, or this is the first tick. */
+static int adopt_parts(proximity_tracker *tracker)
+{
+    const Archive *archive = &tracker->scene->archive;
+    int64_t poses = archive->part_count * POSE_COLUMNS;
+    int64_t movers = MOVER_COLUMNS * LANES * (archive->part_count / LANES + 2);
+    if (tracker->of_parts == NULL) {
+        tracker->of_parts = calloc((size_t)(poses + movers), sizeof(double));
+    }
+    if (tracker->of_parts == NULL) {
+        return 0;
+    }
+    set_array(tracker, AT_BEFORE, tracker->of_parts, archive->part_count);
+    set_array(tracker, AT_MOVERS, tracker->of_parts + poses, movers);
+    int64_t words[] = {WORD(tracker->scene->model), WORD(tracker->table)};
+    return proximity_call(tracker->scene->set, ADOPT_PARTS, words);
+}
+
+/* Have ticks read velocities and paths; whether there is memory for as many corners. */
+static int read_from(proximity_tracker *tracker, const double *velocities, const proximity_paths *paths)
+{
+    static const double nowhere[6] = {NAN, NAN, NAN, NAN, NAN, NAN}, ends[2] = {0.0, 1.0};
+    int64_t count = (int64_t)tracker->count, corners = paths != NULL ? (int64_t)paths->corner_count : 2;
+    tracker->settings.has_velocities = velocities != NULL;
+    tracker->settings.has_paths = paths != NULL;
+    set_array(tracker, AT_VELOCITIES, velocities != NULL ? velocities : tracker->no_velocities, count);
+    if (tracker->corners < corners) {
+        double *space = realloc(tracker->of_corners, 2 * (size_t)corners * sizeof(double));
+        if (space == NULL) {
+            return 0;
+        }
+        tracker->of_corners = space;
+        tracker->corners = corners;
+    }
+    double *bends = tracker->of_corners + corners;
+    for (int64_t k = 0; k < corners; k++) {
+        bends[k] = k == corners - 1 ? 1.0 : (double)k * (1.0 / (double)(corners - 1));
+    }
+    set_array(tracker, AT_PATHS, paths != NULL ? paths->corners : nowhere, paths != NULL ? count : 1);
+    tracker->table[AT_PATHS + 2] = corners;
+    set_array(tracker, AT_PATH_BENDS, paths == NULL ? ends : paths->path_bends != NULL ? paths->path_bends : bends, corners);
+    set_array(tracker, AT_BENDS, paths != NULL && paths->bends != NULL ? paths->bends : tracker->bends, count);
+    set_array(tracker, AT_PATH_LENGTHS, tracker->of_corners, corners);
+    return 1;
+}
+
+/* The sentence about what cannot be used of a tick's arguments; NULL where all can. */
+static const char *unfit_tick(const proximity_tracker *tracker, const int64_t *pose_ns, int64_t now_ns,
+                              const proximity_paths *paths)
+{
+    int is_apart = !(now_ns >= -MOST_NS && now_ns <= MOST_NS);
+    for (size_t k = 0; k < tracker->count; k++) {
+        is_apart = is_apart || !(pose_ns[k] >= -MOST_NS && pose_ns[k] <= MOST_NS);
+    }
+    if (is_apart) {
+        return "an instant is beyond 2^62 ns";
+    }
+    if (paths != NULL && (paths->corners == NULL || paths->corner_count < 2)) {
+        return "paths have less than two corners";
+    }
+    for (size_t k = 0; paths != NULL && paths->path_bends != NULL && k < paths->corner_count; k++) {
+        double bend = paths->path_bends[k];
+        if (!(fabs(bend) < INFINITY) || (k > 0 && !(bend > paths->path_bends[k - 1]))) {
+            return "path_bends do not increase, or are not finite";
+        }
+    }
+    return NULL;
+}
+
+int proximity_tick(proximity_tracker *tracker, const double *positions, const int64_t *pose_ns, int64_t now_ns,
+                   const double *velocities, const proximity_paths *paths, decaff_contact *contacts,
+                   proximity_error *error)
+{
+    const proximity_scene *scene = tracker->scene;
+    const char *unfit = scene->is_broken ? "a change of the scene failed half way; close it"
+                                         : unfit_tick(tracker, pose_ns, now_ns, paths);
+    if (unfit != NULL) {
+        return proximity_refuse(error, scene->is_broken ? PROXIMITY_BROKEN : PROXIMITY_BAD_ARGUMENT, "%s", unfit);
+    }
+    int is_moved = tracker->changes != scene->changes;
+    set_array(tracker, AT_RECORDS, contacts, (int64_t)tracker->count);
+    if (!read_from(tracker, velocities, paths) || (tracker->epoch != scene->epoch && !adopt_parts(tracker))) {
+        return no_memory(error);
+    }
+    int64_t words[] = {WORD(scene->model), WORD(tracker->table), WORD(positions), (int64_t)tracker->count, 3,
+                       WORD(pose_ns), (int64_t)tracker->count, now_ns, is_moved, 0};
+    if (!proximity_call(scene->set, TICK, words)) {
+        return no_memory(error);
+    }
+    tracker->changes = scene->changes;
+    tracker->epoch = scene->epoch;
+    return PROXIMITY_OK;
+}

@@ -1,0 +1,141 @@
+"""What the library in C takes from the kernels: layouts of records, numbers, sentences, and their wrappers.
+
+Text that is generated when kernels are compiled, so that nothing is written twice. Only that imports it.
+"""
+
+import inspect
+import json
+from collections.abc import Iterable
+from itertools import accumulate
+
+import numpy as np
+
+import proximity
+from proximity.kernels import layout
+from proximity.kernels.contact_record import CONTACT_RECORD, unknown_contact
+from proximity.kernels.geometry.morton_order import SORT_FROM
+from proximity.kernels.point.coherent_search import FRONTIER_SIZE
+from proximity.kernels.scene.dynamic_tree import SORT_STEPS
+from proximity.kernels.scene.model_validation import FAULT_SIZE, SOUND
+from proximity.kernels.scene.part_trees import NEVER, STATIC_COPIES
+from proximity.kernels.scene.stored_bytes import HEADER_SIZE, PAGE
+from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
+from proximity.kernels.tracking.finger_distance import CROWD
+from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
+from proximity.kernels.tracking.part_drift import MOVER_COLUMNS, POSE_COLUMNS
+from proximity.kernels.tracking.track import MOST_NS, SETTINGS, TRACK
+from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
+from proximity.message.envelope import MAX_FUTURE_NS
+from proximity.message.instant_advice import OTHER_CLOCK_NS
+from proximity.native.signature import BUNDLES
+from proximity.pose import ORTHONORMAL_TOLERANCE, SINGLE_TOLERANCE
+from proximity.scene.model.scene_state import EXACT_ENOUGH, FARTHEST_MOVE, FASTEST_MOVE
+from proximity.scene.queries.queries import SORT_RAYS_FROM, SORT_RAYS_IN
+from proximity.scene.saved import archive, stored_model
+from proximity.scene.saved.compiled_scene import LAYOUT
+from proximity.tracker import tracker_arguments
+from proximity.tracker.tracker import Tracker
+
+ENTRIES = (
+    "closest_batch", "signed_batch", "distance_batch", "contains_batch", "cast_batch", "segment_batch",
+    "morton_order", "ray_order", "fault_in_header", "fault_in_arrays", "complete_model", "first_unfit",
+    "move_parts", "copies_in_use", "make_static", "thin_static", "bring_up_to_date", "forget_surfaces",
+    "adopt_parts", "tick",
+)  # fmt: skip
+"""The entry points that the library calls."""
+_NUMBERS = {
+    "SOUND": SOUND,
+    "FAULT_SIZE": FAULT_SIZE,
+    "NO_ROW": layout.NO_ROW,
+    "FRAME_COLUMNS": layout.FRAME_COLUMNS,
+    "PART_COLUMNS": layout.PART_COLUMNS,
+    "HEADER_SIZE": HEADER_SIZE,
+    "PAGE": PAGE,
+    "NEVER": NEVER,
+    "STATIC_COPIES": STATIC_COPIES,
+    "SORT_FROM": SORT_FROM,
+    "SORT_STEPS": SORT_STEPS,
+    "SORT_RAYS_FROM": SORT_RAYS_FROM,
+    "SORT_RAYS_IN": SORT_RAYS_IN,
+    "ORTHONORMAL_TOLERANCE": ORTHONORMAL_TOLERANCE,
+    "SINGLE_TOLERANCE": SINGLE_TOLERANCE,
+    "EXACT_ENOUGH": EXACT_ENOUGH,
+    "FARTHEST_MOVE": FARTHEST_MOVE,
+    "FASTEST_MOVE": FASTEST_MOVE,
+    "LANES": layout.LANES,
+    "CONTACT_SIZE": CONTACT_RECORD.itemsize,
+    "FRONTIER_SIZE": FRONTIER_SIZE,
+    "BALLS_SIZE": BALLS_SIZE,
+    "CROWD": CROWD,
+    "ESTIMATES": ESTIMATES,
+    "MOVER_COLUMNS": MOVER_COLUMNS,
+    "POSE_COLUMNS": POSE_COLUMNS,
+    "WORKSPACE_SIZE": WORKSPACE_SIZE,
+    "MOST_NS": MOST_NS,
+    "AHEAD_NS": MAX_FUTURE_NS,
+    "OTHER_CLOCK_NS": OTHER_CLOCK_NS,
+    "MOST_BUDGET": tracker_arguments.MOST,
+    "LONGEST_LATENCY": tracker_arguments.LONGEST_LATENCY,
+    "LARGEST_RADIUS": tracker_arguments.LARGEST_RADIUS,
+    "LARGEST_WORKING_RANGE": tracker_arguments.LARGEST_WORKING_RANGE,
+    "DEFAULT_BUDGET": tracker_arguments.DEFAULT_BUDGET,
+}
+_DEFAULTS = "radius", "latency", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration"
+_RECORDS = {
+    "Frame": layout.FRAME,
+    "Part": layout.PART,
+    "Settings": SETTINGS,
+    "Track": TRACK,
+    "Estimate": ESTIMATE,
+}
+_TYPES = {"f8": "double", "i8": "int64_t"}
+
+
+def tables_header() -> str:
+    """Return the text of ``core_tables.h``: records of kernels, numbers, and which wrapper is which."""
+    lines = ["#ifndef PROXIMITY_CORE_TABLES_H", "#define PROXIMITY_CORE_TABLES_H", "#include <stdint.h>"]
+    lines += [f"#define {name} {value!r}" for name, value in _NUMBERS.items()]
+    lines += [f'#define PACKAGE_VERSION "{proximity.__version__}"']
+    parameters = inspect.signature(Tracker).parameters
+    lines += [f"#define DEFAULT_{name.upper()} {parameters[name].default!r}" for name in _DEFAULTS]
+    for name, record in _RECORDS.items():
+        lines += _record(name, record, layout.SCENE_FIELDS)
+    arrays = BUNDLES["TrackerArrays"]
+    ends = accumulate((array.word_count for array in arrays.arrays), initial=0)
+    places = zip((*arrays.kind._fields, "end"), ends, strict=True)
+    lines += [f"enum {{ {', '.join(f'AT_{name.upper()} = {at}' for name, at in places)} }};"]
+    names = ", ".join(name.upper() for name in ENTRIES)
+    return "\n".join([*lines, f"enum {{ {names}, ENTRY_COUNT }};", "#endif", ""])
+
+
+def tables_source(sets: Iterable[tuple[str, dict[str, str]]], digest: str) -> str:
+    """Return the text of ``core_tables.c``.
+
+    *sets*: of each set of instructions, from the least to the best, its name, and the symbols of wrappers by
+    the names of entry points. *digest*: of the sources.
+    """
+    sets = list(sets)
+    lines = ['#include "core.h"']
+    lines += [f"extern int {of[name]}(void **, void **, int64_t);" for _, of in sets for name in ENTRIES]
+    lines += ["const InstructionSet proximity_sets[] = {"]
+    lines += [f'    {{"{name}", {{{", ".join(of[entry] for entry in ENTRIES)}}}}},' for name, of in sets]
+    lines += ["    {NULL, {NULL}}};", "const Sentence proximity_sentences[] = {"]
+    sentences = archive.SENTENCES | stored_model.SENTENCES
+    lines += [f"    {{{kind}, {json.dumps(text)}}}," for kind, text in sentences.items()]
+    lines += ["    {0, NULL}};"]
+    lines += [f"const char proximity_layout[] = {json.dumps(json.dumps(LAYOUT, separators=(',', ':')))};"]
+    words = ", ".join(f"INT64_C({word})" for word in unknown_contact().view(np.int64).tolist())
+    lines += [f"const int64_t proximity_unknown_contact[] = {{{words}}};"]
+    lines += [f'__attribute__((used)) static const char digest_of_library[] = "{digest}";']
+    lines += [f'__attribute__((used)) static const char {name}[] = "for {name}";' for name, _ in sets]
+    return "\n".join([*lines, ""])
+
+
+def _record(name: str, record: np.dtype, aliases: Iterable[str]) -> list[str]:
+    """The declaration of a record of numbers of eight bytes."""
+    lines = []
+    for field, (kind, *_) in sorted(record.fields.items(), key=lambda item: item[1][1]):  # type: ignore[union-attr]
+        if field not in aliases:
+            lengths = "".join(f"[{length}]" for length in kind.shape)
+            lines.append(f"    {_TYPES[kind.base.str[1:]]} {field}{lengths};")
+    return [f"typedef struct {name} {{", *lines, f"}} {name};"]

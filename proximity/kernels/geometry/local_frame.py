@@ -1,0 +1,43 @@
+"""The local frame of a box: moved and scaled without rounding, see `mesh.bvh.LocalFrame`."""
+
+from math import frexp, ldexp
+
+import numpy as np
+
+from proximity.native import entry, inlined
+
+LARGEST_COORDINATE = 1e150
+SMALLEST_SIZE = 1e-150
+"""m; squares of squares must stay within float64."""
+
+
+@inlined
+def _power_above(value):
+    """The least power of two that is not below a positive number: its exponent."""
+    share, exponent = frexp(value)
+    return exponent - 1 if share == 0.5 else exponent
+
+
+@entry("float64[:], float64[:], float64[:] -> float")
+def frame_of_box(lower, upper, centre):
+    """Return the scale of the local frame of a box, (3,) m, and fill its centre; see `mesh.bvh.LocalFrame`.
+
+    0 where the box is too far away, or too small, to be computed with.
+    """
+    extent, largest, reach = 0.0, 0.0, 0.0
+    for axis in range(3):
+        extent = max(extent, upper[axis] - lower[axis])
+        largest = max(largest, abs(lower[axis]), abs(upper[axis]))
+    if largest > LARGEST_COORDINATE or 0.0 < extent < SMALLEST_SIZE:
+        return 0.0
+    grain = ldexp(1.0, _power_above(extent)) if extent > 0.0 else largest
+    for axis in range(3):
+        middle = 0.5 * lower[axis] + 0.5 * upper[axis]
+        centre[axis] = 0.0
+        # Nearer to the origin than two sizes the difference could round; farther, all bits of it fit.
+        if abs(middle) >= 2.0 * grain:
+            centre[axis] = np.rint(middle / grain) * grain if grain > 0.0 else middle
+        if extent == 0.0:
+            centre[axis] = lower[axis]
+        reach = max(reach, abs(lower[axis] - centre[axis]), abs(upper[axis] - centre[axis]))
+    return ldexp(1.0, -_power_above(reach)) if reach > 0.0 else 1.0

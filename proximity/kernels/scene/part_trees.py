@@ -1,0 +1,275 @@
+"""The trees over the parts of a scene: where they lie in the words, and how they are made and mended.
+
+Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` copies of a tree over the parts
+that stand still, and `REGION_COPIES` copies of what changes when parts move: super node and dynamic tree.
+What a query may still be reading is never written to: the next copy is. A scene of one part has the empty
+node only.
+"""
+
+import numpy as np
+
+from proximity.kernels.geometry.local_frame import frame_of_box
+from proximity.kernels.layout import LANES, NODE_PARTS, NODE_STRIDE
+from proximity.kernels.scene.dynamic_tree import DynamicParts, bring_up_to_date
+from proximity.kernels.scene.static_tree import gather_entries, name_leaves, thin_out
+from proximity.kernels.stack_arrays import stack_f64
+from proximity.kernels.tree.builder import ENTRIES_SHIFT, build_tree
+from proximity.kernels.tree.collapse import clear_node
+from proximity.native import allocating_kernel, entry, inlined, kernel
+from proximity.native.simd import load_int
+
+ENTRIES_PER_PART = 32
+FEWEST_ENTRIES = 256
+"""Entries to which large parts are opened in a scene's tree. On 118 touching parts of 43 k faces rays and
+points take 0.97 of the time that they take with 16. With 64 they take as long, and a tree over 120 parts
+takes 12 ms to make instead of 9."""
+STATIC_COPIES = 3
+REGION_COPIES = 8
+MOVING_MARGIN = 0.25
+"""Share of the scene's frame that its parts take up at first: they can move before it must change."""
+SMALLEST_REACH = MOVING_MARGIN / 16.0
+"""Parts that take up less of the scene's frame than this have boxes that are coarse."""
+NEVER = -1
+"""Version of a copy that has nothing yet."""
+NO_NODE = -1
+"""Root of a static tree over nothing."""
+
+
+# --- where they lie --------------------------------------------------------------------------------------
+
+
+@entry("Part[:], int -> int, int, int")
+def copy_places(parts, copy):
+    """Root of a copy of the static tree, first word of its entries, and super node of a copy of what moves.
+
+    Of a scene of one part only the last is there: the empty node.
+    """
+    scene = len(parts) - 1
+    first, capacity = parts[scene].first_node, parts[scene].static_capacity
+    if capacity == 0:
+        return first, NODE_STRIDE * first, first
+    entry_words = 2 * (LANES * capacity + scene)
+    static_nodes = capacity + (entry_words + NODE_STRIDE - 1) // NODE_STRIDE
+    # A super node, and the levels below it if all parts are dynamic.
+    region_nodes, count = np.int64(1), np.int64(scene)
+    while count >= LANES:
+        count = (count + LANES - 1) // LANES
+        region_nodes += count
+    root = first + 1 + copy * static_nodes
+    region = first + 1 + STATIC_COPIES * static_nodes + copy * region_nodes
+    return root, NODE_STRIDE * (root + capacity), region
+
+
+@entry("Part[:] -> int, int")
+def copies_in_use(parts):
+    """Which copy of what moves a model uses, and which of the static tree; -1 where it is none of them."""
+    row = parts[len(parts) - 1]
+    moving, static = np.int64(-1), np.int64(-1 if row.static_capacity else 0)
+    for copy in range(REGION_COPIES):
+        _, entries, region = copy_places(parts, copy)
+        if region == row.super_node and moving < 0:
+            moving = copy
+        if entries == row.entries and copy < STATIC_COPIES and row.static_capacity:
+            static = copy
+    return moving, static
+
+
+# --- the static tree -------------------------------------------------------------------------------------
+
+
+@entry("Frame[:], Part[:], float64[:], float -> bool")
+def choose_frame(frames, parts, centre, scale):
+    """Give the scene's row a frame that all parts fit, and say which parts are in that frame themselves.
+
+    *centre*, *scale*: taken if it fits: parts that share it can be walked as one tree. Otherwise one with
+    space to move. False, and nothing is written, where parts are too far apart for any.
+    """
+    scene = len(parts) - 1
+    own, lower, upper = stack_f64(3), stack_f64(3), stack_f64(3)
+    reach = 0.0
+    for axis in range(3):
+        lower[axis], upper[axis] = np.inf, -np.inf
+        for part in range(scene):
+            lower[axis] = min(lower[axis], frames[part].box_lower[axis])
+            upper[axis] = max(upper[axis], frames[part].box_upper[axis])
+        own[axis] = centre[axis]
+        low, high = (lower[axis] - centre[axis]) * scale, (upper[axis] - centre[axis]) * scale
+        reach = max(reach, abs(low), abs(high))
+    if scene > 1 and not SMALLEST_REACH <= reach <= 1.0:
+        scale = MOVING_MARGIN * frame_of_box(lower, upper, own)
+        if not scale > 0.0:
+            return False
+    for axis in range(3):
+        for other in range(3):
+            frames[scene].rotation[3 * axis + other] = 1.0 if axis == other else 0.0
+        frames[scene].translation[axis], frames[scene].centre[axis] = 0.0, own[axis]
+    frames[scene].scale = scale
+    note_fused(frames, parts)
+    return True
+
+
+@entry("Frame[:], Part[:]")
+def note_fused(frames, parts):
+    """Say which parts are in the scene's frame themselves, and whether all are."""
+    scene = len(parts) - 1
+    all_fused = True
+    for part in range(scene):
+        is_alike = not parts[part].is_dynamic and frames[part].scale == frames[scene].scale
+        for k in range(9):
+            is_alike = is_alike and frames[part].rotation[k] == frames[scene].rotation[k]
+        for axis in range(3):
+            is_alike = is_alike and frames[part].translation[axis] == frames[scene].translation[axis]
+            is_alike = is_alike and frames[part].centre[axis] == frames[scene].centre[axis]
+        parts[part].is_fused = is_alike
+        all_fused = all_fused and is_alike
+    parts[scene].all_fused = scene == 1 or all_fused
+
+
+@entry("float32[:], Frame[:], Part[:], int -> float32[:], int32[:, :]", makes_arrays=True)
+def static_tree(words, frames, parts, first_node):
+    """Return nodes and entries of the tree over parts that are neither dynamic nor hidden.
+
+    Its nodes are numbered from *first_node* on.
+    """
+    scene, still_count = len(parts) - 1, 0
+    for part in range(scene):
+        still_count += not parts[part].is_dynamic and not parts[part].is_hidden
+    if scene == 1 or still_count == 0:
+        return np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
+    boxes, gathered = gather_entries(
+        words, frames, parts, max(FEWEST_ENTRIES, ENTRIES_PER_PART * still_count)
+    )
+    nodes, order, _ = build_tree(boxes, ENTRIES_SHIFT)
+    entries = np.empty((len(order), 2), np.int32)
+    for k in range(len(order)):
+        entries[k, 0], entries[k, 1] = gathered[order[k], 0], gathered[order[k], 1]
+    name_leaves(nodes, entries, parts, first_node)
+    return nodes, entries
+
+
+@entry("float32[:], Part[:], int, float32[:], int32[:, :] -> bool")
+def write_static(words, parts, copy, nodes, entries):
+    """Write a copy of a static tree, and what the scene's row says of it; whether it fits.
+
+    The only part of a scene needs none.
+    """
+    scene, node_count = len(parts) - 1, len(nodes) // NODE_STRIDE
+    capacity = parts[scene].static_capacity
+    if capacity == 0:
+        return True
+    if node_count > capacity or len(entries) > LANES * capacity:
+        return False
+    root, at, _ = copy_places(parts, copy)
+    for k in range(len(nodes)):
+        words[NODE_STRIDE * root + k] = nodes[k]
+    numbers = words.view(np.int32)
+    for k in range(len(entries)):
+        numbers[at + 2 * k], numbers[at + 2 * k + 1] = entries[k, 0], entries[k, 1]
+    parts[scene].entry_count, parts[scene].static_node_count = len(entries), node_count
+    parts[scene].static_root = root if node_count else NO_NODE
+    write_dynamic_entries(words, parts, at)
+    return True
+
+
+@entry("float32[:], Frame[:], Part[:], int -> bool", makes_arrays=True)
+def make_static(words, frames, parts, copy):
+    """Make the static tree anew, and the scene's frame if parts have left it; whether there is space."""
+    scene, centre = len(parts) - 1, np.empty(3)
+    for axis in range(3):
+        centre[axis] = frames[scene].centre[axis]
+    if not choose_frame(frames, parts, centre, frames[scene].scale):
+        return False
+    root, _, _ = copy_places(parts, copy)
+    nodes, entries = static_tree(words, frames, parts, root)
+    return write_static(words, parts, copy, nodes, entries)
+
+
+@entry("float32[:], Part[:], int", makes_arrays=True)
+def thin_static(words, parts, copy):
+    """Write another copy of the static tree, without the parts that have become dynamic or hidden."""
+    scene = len(parts) - 1
+    from_entries, root = parts[scene].entries, parts[scene].static_root
+    target, at, _ = copy_places(parts, copy)
+    if root != NO_NODE:
+        is_left = thin_out(words, parts, root, parts[scene].static_node_count, target, from_entries)
+        parts[scene].static_root = target if is_left else NO_NODE
+    all_fused = True
+    for part in range(scene):
+        all_fused = all_fused and parts[part].is_fused != 0
+    parts[scene].all_fused = all_fused
+    numbers = words.view(np.int32)
+    for k in range(2 * parts[scene].entry_count):
+        numbers[at + k] = numbers[from_entries + k]
+    write_dynamic_entries(words, parts, at)
+
+
+@kernel
+def write_dynamic_entries(words, parts, at):
+    """Write the entries of dynamic parts, which stand whole, behind those of the static tree at word *at*."""
+    scene, numbers = len(parts) - 1, words.view(np.int32)
+    to = at + 2 * parts[scene].entry_count
+    for part in range(scene):
+        if parts[part].is_dynamic:
+            numbers[to], numbers[to + 1] = part, parts[part].root
+            to += 2
+    parts[scene].entries = at
+
+
+# --- the dynamic tree ------------------------------------------------------------------------------------
+
+
+@inlined
+def _listed_dynamic(words, parts, count, k):
+    """The part that the dynamic tree of *count* parts has in place *k* along its curve."""
+    region = parts[len(parts) - 1].super_node
+    # Fewer than eight are in the super node, beside the static tree.
+    node, lane = (region, k + 1) if count < LANES else (region + 1 + k // LANES, k % LANES)
+    return np.int64(load_int(words, NODE_STRIDE * node + NODE_PARTS + lane))
+
+
+@allocating_kernel
+def dynamic_parts(words, parts):
+    """The rows of the dynamic parts, and their positions in these along the curve of the tree that there is.
+
+    The positions are none where the tree does not have each of the parts once.
+    """
+    scene = len(parts) - 1
+    rows, position_of = np.empty(scene, np.int64), np.full(scene, -1, np.int64)
+    count = 0
+    for part in range(scene):
+        if parts[part].is_dynamic:
+            rows[count], position_of[part] = part, count
+            count += 1
+    order = np.empty(count, np.int64)
+    for k in range(count):
+        part = _listed_dynamic(words, parts, count, k) if parts[scene].static_capacity else rows[k]
+        if not 0 <= part < scene or position_of[part] < 0:
+            return rows[:count].copy(), order[:0].copy()
+        order[k], position_of[part] = position_of[part], -1
+    return rows[:count].copy(), order
+
+
+@allocating_kernel
+def write_moving(words, frames, parts, region, rows, order, steps):
+    """Write what follows from where parts are: boxes, the scene's row, the dynamic tree; how far they reach.
+
+    *rows*: the dynamic parts; *order*: their positions in these along the curve, mended by so many *steps*.
+    """
+    versions, boxes = np.zeros(len(parts), np.int64), np.zeros((len(parts) - 1, 6), np.float32)
+    dynamic = DynamicParts(rows, order, np.empty(len(rows), np.int64))
+    return bring_up_to_date(
+        words, frames, parts, versions, NEVER, boxes, dynamic, steps, region, NEVER, frames, parts
+    )
+
+
+@entry("float32[:], Frame[:], Part[:]", makes_arrays=True)
+def begin_moving(words, frames, parts):
+    """Clear the empty node, and write the first copy of what moves of a model that is being made."""
+    scene, count = len(parts) - 1, 0
+    rows = np.empty(scene, np.int64)
+    for part in range(scene):
+        rows[count] = part
+        count += parts[part].is_dynamic != 0
+    clear_node(words, parts[scene].first_node)
+    _, _, region = copy_places(parts, 0)
+    write_moving(words, frames, parts, region, rows[:count].copy(), np.arange(count), count * count)

@@ -1,0 +1,233 @@
+"""Validation of the tables of a model read from a file: where its arrays begin and end, and frames.
+
+The first thing that is looked at: what follows (`model_validation`) goes where these rows say that something
+is. Each function returns the kind of the first fault that it finds, or `SOUND`, and fills *fault* as there;
+of a fault that is no single part's, the part is `NO_PART`.
+"""
+
+from math import frexp
+
+import numpy as np
+
+from proximity.kernels.contact_record import SURFACE_DEFORMABLE, SURFACE_RIGID
+from proximity.kernels.geometry.local_frame import LARGEST_COORDINATE
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    ENTRY,
+    FOLDED_AT,
+    FRAME_COLUMNS,
+    LANES,
+    NO_GRID,
+    NO_PART,
+    NODE_STRIDE,
+    PART,
+    SIGN_WINDING,
+    field_at,
+)
+from proximity.kernels.scene.model_validation import LARGEST_LOCAL, SOUND, note_fault
+from proximity.kernels.scene.part_trees import NO_NODE, REGION_COPIES, copies_in_use, copy_places
+from proximity.kernels.scene.placement import is_rigid
+from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
+from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.kernels.stack_arrays import reals_of, stack_f64_rows, stack_i64
+from proximity.native import entry, inlined, kernel
+
+MOST_PARTS = 2**FOLDED_AT
+MOST_CELLS = 2.0**31
+SMALLEST_SCALE, LARGEST_SCALE = 2.0**-510, 2.0**510
+"""Range of the scales of local frames, with a wide margin: squares stay within float64."""
+GRID_AT, STATIC_ROOT_AT = field_at(PART, "grid"), field_at(PART, "static_root")
+
+(
+    BAD_PART_COUNT, BAD_TREE_COUNT, BAD_NUMBER, BAD_FLAG, BAD_SIGN, EMPTY_PART, BAD_NODE_RUN, BAD_BLOCK_RUN,
+    BAD_TABLE, BAD_TREES_START, BAD_FACE_COUNT, BAD_CAPACITY, BAD_EMPTY_NODE, BAD_REGION, BAD_ENTRIES,
+    BAD_STATIC_ROOT, BAD_STATIC_SIZE, TOO_MANY_BLOCKS, BAD_REALS, BAD_WORDS, EMPTY_GRID, LARGE_GRID,
+    BAD_FRAME_COUNT, NOT_FINITE, BAD_SCALE, FAR_FRAME, BAD_OWN_BOX, BAD_RATE, BAD_POSE, BAD_VELOCITY,
+    BAD_SURFACE,
+) = range(100, 131)  # fmt: skip
+
+
+@inlined
+def _of_all(fault, kind, first, second):
+    return note_fault(fault, kind, NO_PART, first, second, 0)
+
+
+@entry("float64[:], float32[:], Frame[:], Part[:], int64[:, :], int, int64[:] -> int")
+def fault_in_rows(reals, words, frames, parts, columns, count, fault):
+    """Look through the tables of a model of *count* parts. *columns*: *parts*, as numbers."""
+    scene, largest = len(parts) - 1, max(len(reals), len(words))
+    if not 0 < count < MOST_PARTS:
+        return _of_all(fault, BAD_PART_COUNT, count, MOST_PARTS - 1)
+    if scene != count:
+        return _of_all(fault, BAD_TREE_COUNT, count, scene)
+    # So sums and products below do not overflow; columns that may be -1 are looked at by themselves.
+    for row in range(len(parts)):
+        for k in range(columns.shape[1]):
+            least = NO_GRID if k == GRID_AT else NO_NODE if k == STATIC_ROOT_AT and row == scene else 0
+            if not least <= columns[row, k] <= largest:
+                return _of_all(fault, BAD_NUMBER, largest, 0)
+    for row in range(len(parts)):
+        x, y, z = parts[row].grid_x, parts[row].grid_y, parts[row].grid_z
+        if not float(x) * float(y) * float(z) < MOST_CELLS:
+            return _of_all(fault, LARGE_GRID, 0, 0)
+    kind = _fault_in_parts_rows(parts, fault)
+    if kind == SOUND:
+        kind = _fault_in_scene_row(parts, fault)
+    if kind == SOUND:
+        kind = _fault_in_runs(len(reals), len(words), parts, fault)
+    return fault_in_frames(frames, parts, fault) if kind == SOUND else kind
+
+
+@kernel
+def _fault_in_parts_rows(parts, fault):
+    """Numbers that each part has by itself, and that nodes and blocks of the parts follow each other."""
+    scene, nodes, blocks = len(parts) - 1, np.int64(0), np.int64(0)
+    for row in range(scene):
+        part = parts[row]
+        if part.is_dynamic > 1 or part.is_hidden > 1:
+            return _of_all(fault, BAD_FLAG, 0, 0)
+        if part.sign > SIGN_WINDING:
+            return _of_all(fault, BAD_SIGN, 0, 0)
+        if part.node_count == 0 or part.block_count == 0 or part.face_count == 0 or part.corner_count == 0:
+            return _of_all(fault, EMPTY_PART, 0, 0)
+        if part.root != nodes:
+            return _of_all(fault, BAD_NODE_RUN, 0, 0)
+        if part.first_block != blocks:
+            return _of_all(fault, BAD_BLOCK_RUN, 0, 0)
+        nodes += part.node_count
+        blocks += part.block_count
+    for row in range(1, len(parts)):
+        is_alike = parts[row].slot_faces == parts[0].slot_faces and parts[row].moments == parts[0].moments
+        if not is_alike or parts[row].block_notes != parts[0].block_notes:
+            return _of_all(fault, BAD_TABLE, 0, 0)
+    return SOUND
+
+
+@kernel
+def _fault_in_scene_row(parts, fault):
+    """What the last row says of the trees over parts."""
+    scene, faces = len(parts) - 1, np.int64(0)
+    row = parts[scene]
+    for part in range(scene):
+        faces += parts[part].face_count
+    if row.first_node != parts[scene - 1].root + parts[scene - 1].node_count:
+        return _of_all(fault, BAD_TREES_START, 0, 0)
+    if row.face_count != faces:
+        return _of_all(fault, BAD_FACE_COUNT, row.face_count, 0)
+    if (row.static_capacity > 0) != (scene > 1):
+        return _of_all(fault, BAD_CAPACITY, row.static_capacity, scene)
+    if row.static_capacity == 0:
+        return SOUND if row.super_node == row.first_node else _of_all(fault, BAD_EMPTY_NODE, 0, 0)
+    moving, static = copies_in_use(parts)
+    if moving < 0:
+        return _of_all(fault, BAD_REGION, 0, 0)
+    if static < 0:
+        return _of_all(fault, BAD_ENTRIES, 0, 0)
+    root, _, _ = copy_places(parts, static)
+    if row.static_root != NO_NODE and row.static_root != root:
+        return _of_all(fault, BAD_STATIC_ROOT, 0, 0)
+    has_nodes = row.static_root == NO_NODE or row.static_node_count > 0
+    fits = row.static_node_count <= row.static_capacity and row.entry_count <= LANES * row.static_capacity
+    if not has_nodes or not fits:
+        note_fault(fault, SOUND, NO_PART, row.static_node_count, row.entry_count, row.static_capacity)
+        return BAD_STATIC_SIZE
+    return SOUND
+
+
+@inlined
+def _follow(ends, which, start, size):
+    """Whether a run begins behind the last one of its array; then it is the last."""
+    is_behind = start >= ends[which]
+    ends[which] = start + size
+    return is_behind
+
+
+@kernel
+def _fault_in_runs(real_count, word_count, parts, fault):
+    """What the parts are made of lies one behind the other, as it is written, and within its array."""
+    scene, ends = len(parts) - 1, stack_i64(2)
+    last = parts[scene - 1]
+    nodes, blocks = last.root + last.node_count, last.first_block + last.block_count
+    if blocks >= ENTRY:
+        return _of_all(fault, TOO_MANY_BLOCKS, blocks, 0)
+    _, _, end_node = copy_places(parts, REGION_COPIES)
+    row = parts[scene]
+    ends[0] = BLOCK_STRIDE * blocks
+    ends[1] = NODE_STRIDE * (end_node if row.static_capacity else nodes + 1)
+    is_right = _follow(ends, 1, row.slot_faces, LANES * blocks)
+    is_right = _follow(ends, 1, row.moments, MOMENT_STRIDE * nodes) and is_right
+    is_right_in_reals = True
+    for k in range(scene):
+        part = parts[k]
+        is_right_in_reals = _follow(ends, 0, part.corners, 3 * part.corner_count) and is_right_in_reals
+        is_right_in_reals = _follow(ends, 0, part.corner_normals, 3 * part.corner_count) and is_right_in_reals
+        is_right = _follow(ends, 1, part.faces, 3 * part.face_count) and is_right
+        is_right = _follow(ends, 1, part.neighbors, 3 * part.face_count) and is_right
+        if part.grid != NO_GRID:
+            cells = part.grid_x * part.grid_y * part.grid_z
+            if cells == 0:
+                return _of_all(fault, EMPTY_GRID, 0, 0)
+            size = (cells + CELLS_PER_WORD - 1) // CELLS_PER_WORD
+            is_right = _follow(ends, 1, part.grid, size) and is_right
+    cells = row.grid_x * row.grid_y * row.grid_z
+    is_right = _follow(ends, 1, row.block_notes, blocks) and is_right
+    is_right = _follow(ends, 1, row.grid, cells + 1 if cells else np.int64(0)) and is_right
+    if not is_right_in_reals or ends[0] > real_count:
+        return _of_all(fault, BAD_REALS, real_count, 0)
+    return SOUND if is_right and ends[1] <= word_count else _of_all(fault, BAD_WORDS, word_count, 0)
+
+
+# --- frames ----------------------------------------------------------------------------------------------
+
+
+@kernel
+def fault_in_frames(frames, parts, fault):
+    """Look at local frames, the boxes in them, and where grids lie."""
+    scene, numbers = len(parts) - 1, reals_of(frames)
+    if len(frames) != len(parts):
+        return _of_all(fault, BAD_FRAME_COUNT, len(frames), scene)
+    for row in range(len(frames)):
+        for k in range(FRAME_COLUMNS):
+            if not abs(numbers[row, k]) < np.inf:
+                return _of_all(fault, NOT_FINITE, k, row)
+        scale = frames[row].scale
+        if not SMALLEST_SCALE <= scale <= LARGEST_SCALE or frexp(scale)[0] != 0.5:
+            return _of_all(fault, BAD_SCALE, 0, 0)
+        for axis in range(3):
+            centre = frames[row].centre[axis]
+            lower, upper = frames[row].own_lower[axis], frames[row].own_upper[axis]
+            if abs(centre) > 2.0 * LARGEST_COORDINATE:
+                return _of_all(fault, FAR_FRAME, 0, 0)
+            reach = max(abs((lower - centre) * scale), abs((upper - centre) * scale))
+            if row < scene and not (lower <= upper and reach <= LARGEST_LOCAL):
+                return _of_all(fault, BAD_OWN_BOX, 0, 0)
+        cells = parts[row].grid_x * parts[row].grid_y * parts[row].grid_z
+        has_grid = cells > 0 and (row == scene or parts[row].grid != NO_GRID)
+        if has_grid and not frames[row].grid_rate > 0.0:
+            return _of_all(fault, BAD_RATE, 0, 0)
+    return SOUND
+
+
+@kernel
+def fault_in_motions(frames, tolerance, farthest, fastest, fault):
+    """Look at what a move could have written: poses, velocities, and how parts answer a touch."""
+    matrix = stack_f64_rows(4, 4)
+    matrix[:] = 0.0
+    matrix[3, 3] = 1.0
+    for row in range(len(frames) - 1):
+        frame, is_slow = frames[row], True
+        for axis in range(3):
+            matrix[axis, 3] = frame.translation[axis]
+            for other in range(3):
+                matrix[axis, other] = frame.rotation[3 * axis + other]
+            is_slow = is_slow and abs(frame.velocity[axis]) <= fastest
+            is_slow = is_slow and abs(frame.angular_velocity[axis]) <= fastest
+        if not is_rigid(matrix, tolerance, farthest):
+            return _of_all(fault, BAD_POSE, row, 0)
+        if not is_slow:
+            return _of_all(fault, BAD_VELOCITY, row, 0)
+        is_soft = frame.surface == SURFACE_DEFORMABLE and frame.stiffness > 0.0 and frame.damping >= 0.0
+        is_hard = frame.surface == SURFACE_RIGID and frame.stiffness == 0.0 and frame.damping == 0.0
+        if not is_soft and not is_hard:
+            return _of_all(fault, BAD_SURFACE, row, 0)
+    return SOUND

@@ -1,0 +1,179 @@
+"""The folder that ``proximity client c`` writes, used from programs; and the program of the guide."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from compiling_c import WARNINGS, c_compiler, compiler, run
+from pages import PAGES
+from project import MESHES, SUPPORT
+
+import proximity
+from proximity import ProximityError
+from proximity.bindings import c_package
+
+has_library = pytest.mark.skipif(
+    not any((c_package.NATIVE / name).is_file() for name in c_package.LIBRARIES),
+    reason="the library is compiled with the kernels",
+)
+POINTS = ["0", "0", "0.02", "0.06", "0.02", "0.004"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """What is written, and a scene beside it."""
+    folder = tmp_path_factory.mktemp("program")
+    c_package.write_library(folder / "proximity")
+    proximity.load(MESHES / "bracket.stl", units="mm").save(folder / "bracket.prox")
+    return folder
+
+
+def linked(folder, source, *options, tool=None):
+    """A program of a source, warnings being errors."""
+    program = folder / f"{source.stem}_{len(list(folder.iterdir()))}"
+    library = folder / "proximity" / "lib"
+    where = [f"-I{folder}/proximity/include", f"-L{library}", "-lproximity", f"-Wl,-rpath,{library}", "-lm"]
+    run(tool or c_compiler(), *WARNINGS, *options, source, "-o", program, *where)
+    return program
+
+
+def expected_lines():
+    """What the example prints, as Python has it."""
+    scene = proximity.load(MESHES / "bracket.stl", units="mm")
+    lines = []
+    for at in range(0, len(POINTS), 3):
+        found = scene.closest([float(word) for word in POINTS[at : at + 3]])
+        where = " ".join(f"{value:.6g}" for value in found.point)
+        lines.append(f"{found.signed_distance:.6g} m to {scene.parts[found.part].name}, at {where}")
+    return lines
+
+
+@has_library
+@pytest.mark.parametrize("standard", ["c99", "c11"])
+def test_examples_run_from_an_empty_folder(folder, standard):
+    examples = folder / "proximity" / "examples"
+
+    distances = linked(folder, examples / "distances.c", f"-std={standard}")
+    moving = linked(folder, examples / "moving.c", f"-std={standard}")
+
+    assert run(distances, folder / "bracket.prox", *POINTS).splitlines() == expected_lines()
+    steps = [float(line.split()[-2]) for line in run(moving, folder / "bracket.prox").splitlines()]
+    assert len(steps) == 5 and steps == sorted(steps, reverse=True) and steps[-1] < 0.7 * steps[0]
+    done = subprocess.run([distances, "none.prox", *POINTS], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (
+        1,
+        "none.prox: it cannot be opened (No such file or directory)\n",
+    )
+
+
+@has_library
+def test_header_is_one_of_cpp_as_well(folder):
+    source = folder / "header.cpp"
+    source.write_text(
+        "#include <proximity.h>\nint main() { return proximity_interface() != PROXIMITY_INTERFACE; }\n"
+    )
+
+    run(linked(folder, source, "-std=c++11", tool=compiler("c++", "g++", "clang++")))
+
+
+@has_library
+def test_header_for_cpp_closes_scenes_and_throws(folder):
+    source = SUPPORT / "clients" / "library_program.cpp"
+    program = linked(folder, source, "-std=c++20", tool=compiler("c++", "g++", "clang++"))
+    scene = proximity.load(MESHES / "bracket.stl", units="mm")
+    points, up = np.array([[0.03, 0.01, 0.005], [0.03, 0.01, 0.002]]), np.array([[0.0, 0.0, 1.0]] * 2)
+    contacts = proximity.Tracker(scene, fingers=2).tick(points, 10**9, 10**9 + 500)
+    columns = (
+        scene.signed_distance(points), scene.signed_distance(points), scene.contains(points).astype(int),
+        scene.cast(points, up).distance, scene.closest_to_segments(points, up).distance,
+        contacts["signed_distance"],
+    )  # fmt: skip
+
+    lines = run(program, folder / "bracket.prox").splitlines()
+
+    expected = [
+        " ".join(["bracket", *(f"{value:.6g}" for value in row)]) for row in zip(*columns, strict=True)
+    ]
+    assert lines == [*expected, "3 none.prox: it cannot be opened (No such file or directory)"]
+
+
+@has_library
+def test_program_of_the_guide_prints_what_is_shown(folder):
+    page = PAGES["guide/c-library.md"]
+    code, printed = (re.search(rf"```{kind}\n(.*?)```", page, re.DOTALL)[1] for kind in ("c", "text"))
+    source = folder / "closest.c"
+    source.write_text(code)
+    program = linked(folder, source, "-std=c99")
+
+    done = subprocess.run([program], cwd=folder, capture_output=True, text=True, check=True)
+
+    assert done.stdout == printed
+
+
+@has_library
+@pytest.mark.skipif(not shutil.which("cmake"), reason="there is no CMake")
+def test_cmake_finds_the_library(folder):
+    project = folder / "project"
+    project.mkdir()
+    (project / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.13)\nproject(program C)\n"
+        f"find_package(proximity CONFIG REQUIRED PATHS {folder}/proximity NO_DEFAULT_PATH)\n"
+        f"add_executable(program {folder}/proximity/examples/moving.c)\n"
+        "target_link_libraries(program PRIVATE proximity::proximity)\n"
+    )
+    c_compiler()
+
+    run("cmake", "-S", project, "-B", project / "build")
+    run("cmake", "--build", project / "build")
+
+    assert len(run(project / "build" / "program", folder / "bracket.prox").splitlines()) == 5
+
+
+@has_library
+@pytest.mark.skipif(not shutil.which("pkg-config"), reason="there is no pkg-config")
+def test_pkg_config_finds_the_library(folder):
+    environment = os.environ | {"PKG_CONFIG_PATH": str(folder / "proximity/lib/pkgconfig")}
+    words = [
+        subprocess.run(
+            ["pkg-config", *options, "proximity"], env=environment, capture_output=True, text=True, check=True
+        ).stdout.strip()
+        for options in (["--modversion"], ["--cflags", "--libs"])
+    ]
+
+    assert words[0] == proximity.__version__ and words[1].split()[-1] == "-lproximity"
+
+
+@has_library
+def test_example_that_is_there_is_left_alone(folder, tmp_path):
+    c_package.write_library(tmp_path)
+    (tmp_path / "examples" / "moving.c").write_text("mine")
+
+    written = c_package.write_library(tmp_path)
+
+    assert (tmp_path / "examples" / "moving.c").read_text() == "mine"
+    assert [path for path, is_written in written.items() if not is_written] == [
+        str(tmp_path / "examples" / name) for name in ("distances.c", "moving.c")
+    ]
+
+
+def test_library_that_was_not_compiled_is_told(monkeypatch, tmp_path):
+    monkeypatch.setattr(c_package, "LIBRARIES", ())
+
+    with pytest.raises(ProximityError, match="the library in C has not been compiled for this system"):
+        c_package.write_library(tmp_path)
+
+
+@has_library
+@pytest.mark.skipif(sys.platform != "linux", reason="names of symbols are read as Linux has them")
+def test_nothing_but_the_interface_can_be_seen():
+    tool = compiler("nm")
+    symbols = run(tool, "-D", "--defined-only", c_package.library_path()).splitlines()
+    names = {line.split()[-1] for line in symbols}
+    headers = "".join((c_package.HERE / f"proximity{name}.h").read_text() for name in ("", "_tracker"))
+
+    declared = set(re.findall(r"PROXIMITY_API [^;(]*?(proximity_\w+)\(", headers))
+    assert names - {"proximity_sets"} == declared and len(declared) > 20

@@ -1,0 +1,66 @@
+"""What the library has in C beside kernels, with the sanitizers of the system's compiler."""
+
+import os
+import subprocess
+
+import mutated_scenes
+import pytest
+from compiling_c import c_compiler
+from project import ROOT, SUPPORT
+
+from proximity.bindings import c_package
+from proximity.message.c_header import header_text
+from proximity.native import IS_AHEAD
+
+OPTIONS = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-D_GNU_SOURCE"]
+NO_SETS = "const InstructionSet proximity_sets[] = {\n    {NULL, {NULL}}};"
+pytestmark = pytest.mark.skipif(
+    not (IS_AHEAD and any((c_package.NATIVE / name).is_file() for name in c_package.LIBRARIES)),
+    reason="the library is compiled with the kernels",
+)
+
+
+def prepare(folder):
+    """Put the library's sources together, but for the wrappers of kernels: those are the library's own."""
+    from proximity.bindings.core_tables import tables_header, tables_source
+
+    native = ROOT / "tools" / "kernel_build" / "native"
+    (folder / "core_tables.h").write_text(tables_header())
+    (folder / "decaff_message.h").write_text(header_text())
+    tables = tables_source([], "")
+    assert NO_SETS in tables
+    (folder / "core_tables.c").write_text(tables.replace(NO_SETS, ""))
+    names = ("runtime.c", "processor.c", "entry_points.h")
+    clients = [SUPPORT / "clients" / name for name in ("library_sets.c", "library_driver.c")]
+    for source in [*c_package.HERE.glob("*.[ch]"), *(native / name for name in names), *clients]:
+        text = source.read_text()
+        (folder / source.name).write_text(
+            text.replace("extern const InstructionSet", "extern InstructionSet")
+        )
+
+
+@pytest.mark.slow
+def test_sanitizers_find_nothing(tmp_path):
+    prepare(tmp_path)
+    files = ["-o", tmp_path / "driver", *tmp_path.glob("*.c"), "-lm", "-ldl"]
+    command = [c_compiler(), *OPTIONS, f"-I{tmp_path}", *files]
+    built = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+    if "asan" in built.stderr:
+        pytest.skip("the compiler has no sanitizers")
+    assert built.returncode == 0, built.stderr
+    paths = [tmp_path / f"{name}.prox" for name in mutated_scenes.SCENES]
+    for path in paths:
+        mutated_scenes.SCENES[path.stem]().save(path)
+
+    done = subprocess.run(
+        [tmp_path / "driver", *paths],
+        env=os.environ | {"LIBRARY": str(c_package.library_path())},
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+
+    assert done.returncode == 0, done.stderr
+    opened, refused = map(int, done.stdout.split())
+    assert opened >= 2 * len(paths) and refused > 100 * len(paths)

@@ -1,0 +1,30 @@
+// Asks a scene of one part through the header for C++.
+#include <cstdio>
+#include <proximity.hpp>
+int main(int, char **words)
+try {
+    proximity::Scene opened(words[1]), scene = std::move(opened);
+    std::array<proximity::Vector, 2> points{{{0.03, 0.01, 0.005}, {0.03, 0.01, 0.002}}};
+    std::array<proximity::Vector, 2> up{{{0.0, 0.0, 1.0}, {0.0, 0.0, 1.0}}};
+    std::array<proximity::ClosestPoint, 2> found;
+    std::array<proximity::RayHit, 2> hits;
+    std::array<proximity::SegmentHit, 2> nearest;
+    std::array<double, 2> distances;
+    std::array<std::uint8_t, 2> inside;
+    scene.move(scene.find("bracket"), scene.pose(0));
+    scene.closest(points, found);
+    scene.cast(points, up, hits);
+    scene.closest_to_segments(points, up, nearest);
+    scene.signed_distance(points, distances);
+    scene.contains(points, inside);
+    std::array<std::int64_t, 2> instants{1000000000, 1000000000};
+    proximity::Tracker tracker(scene, 2);
+    auto contacts = tracker.tick(points, instants, 1000000500);
+    for (int k = 0; k < 2; k++)
+        std::printf("%s %.6g %.6g %d %.6g %.6g %.6g\n", scene.name(found[k].part).c_str(),
+                    found[k].signed_distance, distances[k], inside[k], hits[k].distance, nearest[k].distance,
+                    contacts[k].signed_distance);
+    proximity::Scene none("none.prox");
+} catch (const proximity::Error &error) {
+    std::printf("%d %s\n", static_cast<int>(error.code), error.what());
+}

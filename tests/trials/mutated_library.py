@@ -1,0 +1,72 @@
+"""Compiled scenes with one thing changed and the right checksums, opened by the library in C and asked.
+
+``python mutated_library.py SCENE FIRST COUNT FOLDER`` prints a line each: number, what was changed, and what
+came of it: "refused", as in Python, or "answered". Where parts stand and whether they are hidden the library
+reads in the tables of parts, Python in the description, which says the same unless it was changed.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+import mutated_scenes
+import numpy as np
+
+import proximity
+from benchmarks.digest.library import LibraryScene
+from proximity.scene.saved import archive, compiled_scene
+
+
+def use(scene):
+    """Everything that one may do with a scene."""
+    points = np.random.default_rng(1).uniform(-0.12, 0.12, (20, 3))
+    points[-1] = (1e3, 0.0, 0.0)
+    names = scene.names
+    for step in range(3):
+        mutated_scenes.ask(scene, points)
+        scene.move_many([names[0]], [np.eye(4)] if step else [np.diag([-1.0, -1.0, 1.0, 1.0])])
+        scene.hide(names[-1], not step)
+
+
+def outcome(path, what):
+    """What comes of opening a file, with that changed, and using what is in it."""
+    try:
+        scene = LibraryScene(path)
+    except proximity.MeshFormatError as refused:
+        with contextlib.suppress(proximity.MeshFormatError):
+            proximity.load(path)
+            return (
+                "refused"
+                if "frames[" in what or "parts[" in what
+                else f"refused, unlike in Python: {refused}"
+            )
+        return "refused"
+    use(scene)
+    return "answered"
+
+
+def main(name, first, count, folder):
+    """Go through changes number *first* and so on."""
+    os.fsync = lambda number: None  # which takes longer than all the rest
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # what is not answered in time ends by the signal
+    path = Path(folder) / "changed.prox"
+    mutated_scenes.SCENES[name]().save(path)
+    contents = archive.read_archive(path, compiled_scene.LAYOUT)
+    metadata, arrays = contents.metadata, {key: array.copy() for key, array in contents.arrays.items()}
+    for number in range(first, first + count):
+        *altered, what = mutated_scenes.changed(number, name, metadata, arrays)
+        archive.write_archive(path, *altered, compiled_scene.LAYOUT)
+        signal.alarm(mutated_scenes.LONGEST_S)
+        try:
+            told = outcome(path, what)
+        except Exception as unexpected:
+            told = f"raised: {type(unexpected).__name__}: {unexpected}"
+        signal.alarm(0)
+        print(json.dumps([number, what, told]), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4])
