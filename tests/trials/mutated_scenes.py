@@ -104,6 +104,7 @@ def runs(arrays):
             row["moments"],
             row["moments"] + compiled_scene.LAYOUT["MOMENT_STRIDE"] * nodes,
         ),
+        "boxes": (row["block_boxes"], row["block_boxes"] + layout.ORIENTED_STRIDE * blocks),
         "notes": (row["block_notes"], row["block_notes"] + blocks),
         "grid over parts": (parts["grid"][-1], len(arrays["words"])),
     }

@@ -12,7 +12,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.kernels import layout
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_GRID, NODE_STRIDE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_GRID, NODE_STRIDE, ORIENTED_STRIDE
 from proximity.kernels.scene import model_validation
 from proximity.kernels.scene.placement import update_box
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
@@ -48,6 +48,7 @@ _SENTENCES = {
     model_validation.FACE_TWICE: "slot {0} holds face {1}, which another slot holds",
     model_validation.FACE_MISSING: "its slots hold {0} faces, but there are {1}",
     model_validation.BAD_TRIANGLE: "block {0} has coordinates that are not those of its slots' faces",
+    model_validation.BAD_ORIENTED_BOX: "the oriented box of block {0} lies outside of the part's local frame",
     model_validation.BAD_CORNER_ID: "face {0} refers to corner {1}, but there are {2}",
     model_validation.BAD_NEIGHBOR: "face {0} has face {1} for a neighbour, but there are {2}",
     model_validation.BAD_CORNER: "corner {0} lies outside of the part's local frame",
@@ -185,7 +186,7 @@ def _check_rows(parts: np.ndarray, count: int, real_count: int, word_count: int)
     for first, size, what in (("root", "node_count", "nodes"), ("first_block", "block_count", "blocks")):
         starts = np.cumsum(rows[size]) - rows[size]
         _expect((rows[first] == starts).all(), f"the {what} of the parts do not follow each other")
-    for table in ("slot_faces", "moments", "block_notes"):
+    for table in ("slot_faces", "moments", "block_boxes", "block_notes"):
         _expect((parts[table] == parts[table][0]).all(), "parts do not agree on where tables begin")
     _check_scene_row(parts)
     _check_part_runs(parts, real_count, word_count)
@@ -239,11 +240,12 @@ def _check_part_runs(parts: np.ndarray, real_count: int, word_count: int) -> Non
     holder_cells = int(_cells(parts[-1:])[0])
     tail = [scene["block_notes"], scene["grid"]]
     _check_runs(
-        np.r_[0, scene["slot_faces"], scene["moments"], starts.ravel(), tail],
+        np.r_[0, scene["slot_faces"], scene["moments"], scene["block_boxes"], starts.ravel(), tail],
         np.r_[
             NODE_STRIDE * (node_count + PartTreesPlan.of(parts).node_count),
             LANES * block_count,
             MOMENT_STRIDE * node_count,
+            ORIENTED_STRIDE * block_count,
             sizes.ravel(),
             block_count,
             holder_cells + 1 if holder_cells else 0,
