@@ -41,6 +41,8 @@ NODE_CHILDREN = 48
 NODE_PARTS = 56
 """Offset of the part numbers, int32, in those nodes of the dynamic tree that have parts for children."""
 BLOCK_STRIDE = 72
+ORIENTED_STRIDE = 16
+"""Words of a block's oriented box, see `tree.oriented_box`: one cache line."""
 NO_FACE = -1
 NO_PART = -1
 NO_ROW = -1
@@ -95,6 +97,8 @@ PART = record(
     is_hidden="i8",  # 1 where no question finds it
     super_node="i8",  # of the scene: the dynamic tree is behind it
     dynamic_count="i8",  # of the scene: parts that are dynamic
+    block_boxes="i8",  # in words: oriented box of each block; the same in all rows
+    is_oblique="i8",  # 1 where they are worth a look, see `oriented_box`; of the scene: for its fused parts
     block_notes="i8",  # in words: of each block the part, and `FOLDED_AT`; the same in all rows
 )
 """A row of ``parts``."""

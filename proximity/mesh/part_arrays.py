@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from proximity.kernels import layout
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, ORIENTED_STRIDE
 from proximity.kernels.mesh.faces import add_corner_normals, thin_faces
 from proximity.kernels.ray.self_intersections import CONTACT_DEPTH, passing_faces
 from proximity.kernels.scene.part_trees import MOVING_MARGIN
@@ -14,10 +14,12 @@ from proximity.kernels.sign.inside_grid import CELLS_PER_WORD, build_grid
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE, fill_moments
 from proximity.kernels.tree.builder import fill_blocks
 from proximity.kernels.tree.normal_slab import fill_slabs
+from proximity.kernels.tree.oriented_box import OBLIQUE, fill_oriented_boxes
 from proximity.mesh.bvh import Bvh, LocalFrame, build_nodes, local_frame
 from proximity.mesh.part_memory import (
     REAL_CORNERS,
     REAL_NORMALS,
+    WORD_BOXES,
     WORD_FACES,
     WORD_GRID,
     WORD_MOMENTS,
@@ -44,6 +46,8 @@ class PartArrays:
     frame: LocalFrame
     bvh: Bvh
     moments: np.ndarray  # (M * MOMENT_STRIDE,) float32
+    boxes: np.ndarray  # (B * ORIENTED_STRIDE,) float32, of blocks
+    is_oblique: bool
     faces: np.ndarray  # (F, 3) int32, rows of corners
     neighbors: np.ndarray  # (F, 3) int32
     corners: np.ndarray  # (K, 3) float64, local
@@ -101,8 +105,21 @@ def part_arrays(
     moments = memory.word(WORD_MOMENTS, MOMENT_STRIDE * node_count)
     fill_moments(bvh.nodes, bvh.blocks, node_count, moments)
     fill_slabs(bvh.nodes, bvh.blocks, 0, node_count, moments, 0)
+    boxes = memory.word(WORD_BOXES, ORIENTED_STRIDE * block_count)
+    is_oblique = fill_oriented_boxes(bvh.blocks, boxes) <= OBLIQUE
     return PartArrays(
-        frame, bvh, moments, kept_faces, kept_neighbors, kept, normals, lower, upper, memory=memory
+        frame,
+        bvh,
+        moments,
+        boxes,
+        is_oblique,
+        kept_faces,
+        kept_neighbors,
+        kept,
+        normals,
+        lower,
+        upper,
+        memory=memory,
     )
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, ORIENTED_STRIDE
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 
 ALIGNMENT = 64
@@ -34,7 +34,7 @@ class PartMemory:
     reals: np.ndarray  # float64
     words: np.ndarray  # float32
     real_starts: list[int]  # of blocks, corners, normals
-    word_starts: list[int]  # of nodes, faces of slots, moments, faces, neighbours, grid, notes, and the end
+    word_starts: list[int]  # of nodes, and so on; see `WORD_NOTES`
 
     @classmethod
     def of_size(
@@ -45,10 +45,10 @@ class PartMemory:
             [BLOCK_STRIDE * block_count, 3 * corner_count, 3 * corner_count], np.float64
         )
         word_counts = [
-            NODE_STRIDE * node_count, LANES * block_count, MOMENT_STRIDE * node_count, 3 * face_count,
-            3 * face_count, 0, block_count, 0,
+            NODE_STRIDE * node_count, LANES * block_count, MOMENT_STRIDE * node_count,
+            ORIENTED_STRIDE * block_count, 3 * face_count, 3 * face_count, 0, block_count, 0,
         ]  # fmt: skip
-        space = [NODE_STRIDE * EMPTY_NODES, 0, 0, 0, 0, grid_words, 0, 0]
+        space = [NODE_STRIDE * EMPTY_NODES, 0, 0, 0, 0, 0, grid_words, 0, 0]
         words, word_starts = _spaced(word_counts, np.float32, space)
         return cls(reals, words, real_starts, word_starts)
 
@@ -61,8 +61,8 @@ class PartMemory:
         return self.words[self.word_starts[number] :][:count].view(dtype)
 
 
-WORD_SLOT_FACES, WORD_MOMENTS, WORD_FACES, WORD_NEIGHBORS, WORD_GRID, WORD_NOTES = 1, 2, 3, 4, 5, 6
-"""Numbers of the arrays in `PartMemory.word_starts`; that of the nodes is 0."""
+WORD_SLOT_FACES, WORD_MOMENTS, WORD_BOXES, WORD_FACES, WORD_NEIGHBORS, WORD_GRID, WORD_NOTES = range(1, 8)
+"""Numbers of the arrays in `PartMemory.word_starts`; that of the nodes is 0, and that of the end is last."""
 REAL_CORNERS, REAL_NORMALS = 1, 2
 """Numbers of the arrays in `PartMemory.real_starts`; that of the blocks is 0."""
 

@@ -109,6 +109,7 @@ def number(name, row, column, value):
         (child(-1, 0, 0, ~(layout.ENTRY + 500)), r"the trees over the parts: child 0 of node 0 refers to -"),
         (word(0, "slot_faces", 0, 12), r"part 0 'cube': slot 0 holds face 12, but there are 12"),
         (word(0, "block_notes", 0, 1), r"part 0 'cube': block 0 is noted as another part's"),
+        (word(0, "block_boxes", 0, -1), r"part 0 'cube': the oriented box of block 0 lies outside of"),
         (word(0, "faces", 0, 8), r"part 0 'cube': face 0 refers to corner 8, but there are 8"),
         (word(0, "neighbors", 0, -3), r"part 0 'cube': face 0 has face -3 for a neighbour, but"),
         (word(0, "grid", 0, -1), r"part 0 'cube': its sign grid has cells of no known state"),

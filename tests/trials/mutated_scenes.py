@@ -98,6 +98,7 @@ def runs(arrays):
         "trees over parts": (layout.NODE_STRIDE * nodes, row["slot_faces"]),
         "slots": (row["slot_faces"], row["slot_faces"] + layout.LANES * blocks),
         "moments": (row["moments"], row["moments"] + compiled_scene.LAYOUT["MOMENT_STRIDE"] * nodes),
+        "boxes": (row["block_boxes"], row["block_boxes"] + layout.ORIENTED_STRIDE * blocks),
         "notes": (row["block_notes"], row["block_notes"] + blocks),
         "grid over parts": (parts["grid"][-1], len(arrays["words"])),
     }

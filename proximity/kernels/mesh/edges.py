@@ -4,7 +4,7 @@ import numpy as np
 
 from proximity.native import allocating_kernel, entry, inlined, kernel
 
-NO_ROW = -1
+NO_EQUAL = -1
 INSERTED = 16
 """Rows up to which a run is sorted by insertion."""
 NO_NEIGHBOR = -1
@@ -22,14 +22,14 @@ def first_of_equal_rows(rows, keys):
     size = 4
     while size < 2 * len(rows):
         size *= 2
-    first, row_at = np.empty(len(rows), np.int32), np.full(size, NO_ROW, np.int32)
+    first, row_at = np.empty(len(rows), np.int32), np.full(size, NO_EQUAL, np.int32)
     for row in range(len(rows)):
-        place = np.int64(keys[row]) & (size - 1)
-        while row_at[place] != NO_ROW and not _are_equal(rows, row_at[place], row):
-            place = (place + 1) & (size - 1)
-        if row_at[place] == NO_ROW:
-            row_at[place] = row
-        first[row] = row_at[place]
+        position = np.int64(keys[row]) & (size - 1)
+        while row_at[position] != NO_EQUAL and not _are_equal(rows, row_at[position], row):
+            position = (position + 1) & (size - 1)
+        if row_at[position] == NO_EQUAL:
+            row_at[position] = row
+        first[row] = row_at[position]
     return first
 
 

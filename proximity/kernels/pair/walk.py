@@ -53,9 +53,9 @@ from proximity.native.simd import (
     trailing_zeros,
 )
 
-MOST_WAITING = 2 * MAX_DEPTH * (LANES - 1) + LANES * LANES
+MOST_PAIRS = 2 * MAX_DEPTH * (LANES - 1) + LANES * LANES
 """Each opened box leaves at most seven children waiting; at first all children of both roots wait."""
-BOX_ROUNDING = 2.0**-48
+MAP_ROUNDING = 2.0**-48
 """More than rounding can move a box that is taken into the other frame, in sizes of coordinates."""
 
 
@@ -198,7 +198,7 @@ def _nearer_in_blocks(reals, first, second, turn, offset, slack, best, axis, slo
     other_boxes = _box_of(others)
     normals = cross(*between(others[0], others[1]), *between(others[0], others[2]))
     normal_sq = dot(*normals, *normals)
-    margin, rounding_sq = splat(BOX_ROUNDING * slack), splat(SIDE_ROUNDING * slack * SIDE_ROUNDING * slack)
+    margin, rounding_sq = splat(MAP_ROUNDING * slack), splat(SIDE_ROUNDING * slack * SIDE_ROUNDING * slack)
     for lane in range(LANES):
         at = BLOCK_STRIDE * first + lane
         if reals[at] != reals[at]:
@@ -238,7 +238,7 @@ def nearest_of_parts(model, first, second, best, slots):
     reals, words, frames, parts = model
     turn, offset = stack_f64(9), stack_f64(3)
     frames_between(frames, first, second, turn, offset)
-    positions, limits = stack_i64_rows(MOST_WAITING, 2), stack_f64(MOST_WAITING)
+    positions, limits = stack_i64_rows(MOST_PAIRS, 2), stack_f64(MOST_PAIRS)
     waiting = positions, limits, stack_f64(LANES)
     box, axis = stack_f64(7), stack_f64(3)
     axis[0], axis[1], axis[2] = 0.0, 0.0, 0.0
@@ -246,7 +246,7 @@ def nearest_of_parts(model, first, second, best, slots):
     slack = 1.0 + 2.0 * ratio
     for k in range(3):
         slack = max(slack, abs(offset[k]) + 2.0 * ratio)
-    margin = splat(BOX_ROUNDING * slack)
+    margin = splat(MAP_ROUNDING * slack)
     slots[0] = slots[1] = NO_SLOT
     one, other = NODE_STRIDE * parts[first].root, NODE_STRIDE * parts[second].root
     at, left = 0, _used(words, one)

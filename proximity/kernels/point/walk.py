@@ -18,8 +18,9 @@ import numpy as np
 from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
 from proximity.kernels.geometry.triangle import offset_of, point_block_distance_sq, point_triangle_distance_sq
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT
-from proximity.kernels.traverse.depth_first import depth_first, over_parts
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, ORIENTED_STRIDE
+from proximity.kernels.traverse.depth_first import depth_first, fetch_ahead, over_parts
+from proximity.kernels.tree.oriented_box import oriented_box_distance_sq, reach_into_boxes
 from proximity.native import inlined
 from proximity.native.simd import bits, horizontal_min, select, splat, splat32, trailing_zeros
 
@@ -73,18 +74,36 @@ def _open_children(words, base, query, reach):
 
 @inlined
 def _nearer_in_leaf(reals, reference, query, best):
-    (_, wide_lanes, offset), seen, _ = query
-    if reference == seen:
+    (_, wide_lanes, offset), seen, _, boxes = query
+    if reference == seen or _is_box_beyond(boxes, ~reference, best[1]):
         return best
     best_sq, slot = nearer_in_block(reals, ~reference, wide_lanes, best[1], best[2])
     return bound_of(best_sq, offset), best_sq, slot
 
 
-_walk_part = depth_first(_open_children, _nearer_in_leaf)
+@inlined
+def _boxes_of(model, row, p, offset):
+    """Whether oriented boxes are looked at in a walk of *row*; words, where they begin, the point in float32.
+
+    They tell nothing about a point that is far, see `far_offset_sq`.
+    """
+    (x, y, z), is_asked = p, model.parts[row].is_oblique != 0 and offset <= 0.0
+    return is_asked, model.words, model.parts[row].block_boxes, (np.float32(x), np.float32(y), np.float32(z))
 
 
 @inlined
-def closest_in_part(reals, words, start, p, best_sq, best_slot, seen, stacks):
+def _is_box_beyond(boxes, block, best_sq):
+    """Whether a block is farther than the best, as its oriented box tells."""
+    is_asked, words, first, (x, y, z) = boxes
+    at = first + ORIENTED_STRIDE * block
+    return is_asked and oriented_box_distance_sq(words, at, x, y, z) > reach_into_boxes(best_sq)
+
+
+_walk_part = depth_first(_open_children, _nearer_in_leaf, ahead=fetch_ahead)
+
+
+@inlined
+def closest_in_part(model, part, start, p, best_sq, best_slot, seen, stacks):
     """Squared distance and slot of the triangle nearest to *p*, (x, y, z), all in the part's local frame.
 
     *start*: the reference to walk from, the part's root for all of it. *best_sq* and *best_slot*: what is
@@ -92,25 +111,26 @@ def closest_in_part(reals, words, start, p, best_sq, best_slot, seen, stacks):
     """
     lanes = lanes_of_point(p[0], p[1], p[2])
     best = bound_of(best_sq, lanes[2]), best_sq, best_slot
-    _, best_sq, best_slot = _walk_part(reals, words, start, (lanes, seen, p), best, stacks)
+    query = lanes, seen, p, _boxes_of(model, part, p, lanes[2])
+    _, best_sq, best_slot = _walk_part(model.reals, model.words, start, query, best, stacks)
     return best_sq, best_slot
 
 
 @inlined
 def _nearer_in_part(model, part, start, query, best, stacks):
     """The best, with what is below *start* in a part that has a frame of its own."""
-    reals, words, frames, parts = model
-    (_, _, offset), seen, (x, y, z) = query
+    _, _, frames, parts = model
+    (_, _, offset), seen, (x, y, z), _ = query
     _, best_sq, best_slot = best
     ratio_sq = (frames[part].scale / frames[len(parts) - 1].scale) ** 2
     p = to_local(frames, parts, part, x, y, z)
-    found_sq, slot = closest_in_part(reals, words, start, p, best_sq * ratio_sq, best_slot, seen, stacks)
+    found_sq, slot = closest_in_part(model, part, start, p, best_sq * ratio_sq, best_slot, seen, stacks)
     if slot == best_slot:
         return best
     return bound_of(found_sq / ratio_sq, offset), found_sq / ratio_sq, slot
 
 
-_walk_scene = over_parts(_open_children, _nearer_in_leaf, _nearer_in_part)
+_walk_scene = over_parts(_open_children, _nearer_in_leaf, _nearer_in_part, ahead=fetch_ahead)
 
 
 @inlined
@@ -120,16 +140,17 @@ def nearest_in_scene(model, point, best_sq, best_part, best_slot, seen, stacks):
     What is known already goes in as best; with `NO_PART` it is the limit. *seen*: as in `closest_in_part`.
     Ties go to the lower part, then to the lower slot.
     """
-    reals, words, frames, parts = model
+    _, words, frames, parts = model
     x, y, z = point
     if is_alone(parts):
         p = to_local(frames, parts, 0, x, y, z)
-        best_sq, best_slot = closest_in_part(reals, words, parts[0].root, p, best_sq, best_slot, seen, stacks)
+        best_sq, best_slot = closest_in_part(model, 0, parts[0].root, p, best_sq, best_slot, seen, stacks)
         return best_sq, np.int64(0) if best_slot >= 0 else best_part, best_slot
-    px, py, pz = to_local(frames, parts, len(parts) - 1, x, y, z)
-    lanes = lanes_of_point(px, py, pz)
+    p = to_local(frames, parts, len(parts) - 1, x, y, z)
+    lanes = lanes_of_point(p[0], p[1], p[2])
     best = bound_of(best_sq, lanes[2]), best_sq, best_slot
-    _, best_sq, best_slot = _walk_scene(model, (lanes, seen, point), best, stacks)
+    query = lanes, seen, point, _boxes_of(model, len(parts) - 1, p, lanes[2])
+    _, best_sq, best_slot = _walk_scene(model, query, best, stacks)
     if best_slot >= 0:
         best_part = part_of_slot(words, parts, best_slot)
     return best_sq, best_part, best_slot

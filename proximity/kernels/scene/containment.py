@@ -63,7 +63,7 @@ def depth_in_part(model, part, p, state, workspace):
 
     *state*: `CELL_INSIDE` or `CELL_CROSSED`, as `state_in_part` tells.
     """
-    reals, words, frames, parts = model
+    reals, _, frames, parts = model
     px, py, pz = p
     # Faces that pass by a cell may have marked it: mostly, not always, the surface is within its diagonal.
     rate = frames[part].grid_rate
@@ -75,9 +75,9 @@ def depth_in_part(model, part, p, state, workspace):
         if known_sq <= reach_sq:
             reach_sq, slot, seen = known_sq, known, ~(known // LANES)
     root, stacks = parts[part].root, workspace.stacks
-    found_sq, slot = closest_in_part(reals, words, root, p, reach_sq, slot, seen, stacks)
+    found_sq, slot = closest_in_part(model, part, root, p, reach_sq, slot, seen, stacks)
     if slot == NO_SLOT:
-        found_sq, slot = closest_in_part(reals, words, root, p, np.inf, slot, NOTHING_SEEN, stacks)
+        found_sq, slot = closest_in_part(model, part, root, p, np.inf, slot, NOTHING_SEEN, stacks)
     if slot >= 0:
         recent[last, 0], recent[last, 1] = part, slot
         if state == CELL_CROSSED:

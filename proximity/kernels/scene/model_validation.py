@@ -24,6 +24,7 @@ from proximity.kernels.layout import (
     NO_GRID,
     NODE_CHILDREN,
     NODE_STRIDE,
+    ORIENTED_STRIDE,
 )
 from proximity.kernels.scene.static_tree import part_of_node
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
@@ -43,8 +44,8 @@ FAULT_SIZE = 4
     SOUND, BAD_BOX, BAD_CHILD_NODE, BAD_CHILD_BLOCK, TOO_DEEP, NOT_REACHED, NOT_IN_A_ROW, BAD_NOTE,
     BAD_SLOT, FACE_TWICE, FACE_MISSING, BAD_TRIANGLE, BAD_CORNER_ID, BAD_NEIGHBOR, BAD_CORNER, BAD_NORMAL,
     BAD_MOMENT, BAD_CELL, BAD_SCENE_CHILD, COVERED_TWICE, NOT_COVERED, BAD_VERTEX_ID, BAD_CORNER_ORDER,
-    BAD_VERTEX, BAD_LIST, BAD_LISTED_PART,
-) = range(26)  # fmt: skip
+    BAD_VERTEX, BAD_LIST, BAD_LISTED_PART, BAD_ORIENTED_BOX,
+) = range(27)  # fmt: skip
 
 
 @inlined
@@ -142,6 +143,13 @@ def fault_in_parts(reals, words, parts, seen, fault):
     return SOUND
 
 
+@inlined
+def _is_box_near(words, at):
+    """Whether all numbers of an oriented box are finite, and such as they are in a local frame."""
+    far = splat32(np.float32(FAR))
+    return bits((absolute(load(words, at)) <= far) & (absolute(load(words, at + LANES)) <= far)) == ALL_LANES
+
+
 @kernel
 def _fault_in_slots(reals, words, parts, part, seen, fault):
     """Every face is in one slot; where a slot has a face, its lane has a triangle, and else it is NaN."""
@@ -171,6 +179,8 @@ def _fault_in_slots(reals, words, parts, part, seen, fault):
             is_number = is_number | (row == row)
         if bits(is_near) != used or bits(is_number) != used:
             return note_fault(fault, BAD_TRIANGLE, part, block - first, 0, 0)
+        if not _is_box_near(words, parts[part].block_boxes + ORIENTED_STRIDE * block):
+            return note_fault(fault, BAD_ORIENTED_BOX, part, block - first, 0, 0)
     if found != face_count:
         return note_fault(fault, FACE_MISSING, part, found, face_count, 0)
     return SOUND

@@ -17,7 +17,7 @@ from proximity.kernels.scene.model_validation import (
 )
 from proximity.kernels.scene.part_trees import (
     copies_in_use,
-    copy_places,
+    copy_offsets,
     dynamic_parts,
     note_fused,
     write_dynamic_entries,
@@ -86,7 +86,7 @@ def _complete_trees(words, frames, parts, firsts, counts, fault):
         if kind != SOUND:
             return kind
         _, static = copies_in_use(parts)
-        _, at, _ = copy_places(parts, static)
+        _, at, _ = copy_offsets(parts, static)
         write_dynamic_entries(words, parts, at)
     kind = fault_in_lists(words, parts, fault)
     if kind != SOUND:

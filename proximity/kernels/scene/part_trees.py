@@ -39,7 +39,7 @@ NO_NODE = -1
 
 
 @entry("Part[:], int -> int, int, int")
-def copy_places(parts, copy):
+def copy_offsets(parts, copy):
     """Root of a copy of the static tree, first word of its entries, and super node of a copy of what moves.
 
     Of a scene of one part only the last is there: the empty node.
@@ -66,7 +66,7 @@ def copies_in_use(parts):
     row = parts[len(parts) - 1]
     moving, static = np.int64(-1), np.int64(-1 if row.static_capacity else 0)
     for copy in range(REGION_COPIES):
-        _, entries, region = copy_places(parts, copy)
+        _, entries, region = copy_offsets(parts, copy)
         if region == row.super_node and moving < 0:
             moving = copy
         if entries == row.entries and copy < STATIC_COPIES and row.static_capacity:
@@ -159,7 +159,7 @@ def write_static(words, parts, copy, nodes, entries):
         return True
     if node_count > capacity or len(entries) > LANES * capacity:
         return False
-    root, at, _ = copy_places(parts, copy)
+    root, at, _ = copy_offsets(parts, copy)
     for k in range(len(nodes)):
         words[NODE_STRIDE * root + k] = nodes[k]
     numbers = words.view(np.int32)
@@ -179,7 +179,7 @@ def make_static(words, frames, parts, copy):
         centre[axis] = frames[scene].centre[axis]
     if not choose_frame(frames, parts, centre, frames[scene].scale):
         return False
-    root, _, _ = copy_places(parts, copy)
+    root, _, _ = copy_offsets(parts, copy)
     nodes, entries = static_tree(words, frames, parts, root)
     return write_static(words, parts, copy, nodes, entries)
 
@@ -189,7 +189,7 @@ def thin_static(words, parts, copy):
     """Write another copy of the static tree, without the parts that have become dynamic or hidden."""
     scene = len(parts) - 1
     from_entries, root = parts[scene].entries, parts[scene].static_root
-    target, at, _ = copy_places(parts, copy)
+    target, at, _ = copy_offsets(parts, copy)
     if root != NO_NODE:
         is_left = thin_out(words, parts, root, parts[scene].static_node_count, target, from_entries)
         parts[scene].static_root = target if is_left else NO_NODE
@@ -271,5 +271,5 @@ def begin_moving(words, frames, parts):
         rows[count] = part
         count += parts[part].is_dynamic != 0
     clear_node(words, parts[scene].first_node)
-    _, _, region = copy_places(parts, 0)
+    _, _, region = copy_offsets(parts, 0)
     write_moving(words, frames, parts, region, rows[:count].copy(), np.arange(count), count * count)

@@ -122,7 +122,7 @@ def _units_code(frames, order, answers):
 @kernel
 def signed_alone(model, points, distances):
     """Fill signed distances (N, 1), m, to one part, of points as they come: without tables that many need."""
-    reals, words, frames, parts = model
+    _, _, frames, parts = model
     stacks, closest = stack_f32(STACKS_SIZE), stack_f64(CLOSEST_SIZE)
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
@@ -130,7 +130,7 @@ def signed_alone(model, points, distances):
         if can_be_asked(frames, parts, x, y, z):
             p = to_local(frames, parts, 0, x, y, z)
             _, slot = closest_in_part(
-                reals, words, parts[0].root, p, np.inf, np.int64(NO_SLOT), NOTHING_SEEN, stacks
+                model, 0, parts[0].root, p, np.inf, np.int64(NO_SLOT), NOTHING_SEEN, stacks
             )
             signed = signed_of_slot(model, 0, slot, p, closest)
             distances[row, 0] = signed / frames[0].scale

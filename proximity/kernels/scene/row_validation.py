@@ -20,12 +20,13 @@ from proximity.kernels.layout import (
     NO_GRID,
     NO_PART,
     NODE_STRIDE,
+    ORIENTED_STRIDE,
     PART,
     SIGN_WINDING,
     field_at,
 )
 from proximity.kernels.scene.model_validation import LARGEST_LOCAL, SOUND, note_fault
-from proximity.kernels.scene.part_trees import NO_NODE, REGION_COPIES, copies_in_use, copy_places
+from proximity.kernels.scene.part_trees import NO_NODE, REGION_COPIES, copies_in_use, copy_offsets
 from proximity.kernels.scene.placement import is_rigid
 from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE
@@ -97,8 +98,9 @@ def _fault_in_parts_rows(parts, fault):
         nodes += part.node_count
         blocks += part.block_count
     for row in range(1, len(parts)):
-        is_alike = parts[row].slot_faces == parts[0].slot_faces and parts[row].moments == parts[0].moments
-        if not is_alike or parts[row].block_notes != parts[0].block_notes:
+        part, first = parts[row], parts[0]
+        is_alike = part.slot_faces == first.slot_faces and part.moments == first.moments
+        if not is_alike or part.block_boxes != first.block_boxes or part.block_notes != first.block_notes:
             return _of_all(fault, BAD_TABLE, 0, 0)
     return SOUND
 
@@ -123,7 +125,7 @@ def _fault_in_scene_row(parts, fault):
         return _of_all(fault, BAD_REGION, 0, 0)
     if static < 0:
         return _of_all(fault, BAD_ENTRIES, 0, 0)
-    root, _, _ = copy_places(parts, static)
+    root, _, _ = copy_offsets(parts, static)
     if row.static_root != NO_NODE and row.static_root != root:
         return _of_all(fault, BAD_STATIC_ROOT, 0, 0)
     has_nodes = row.static_root == NO_NODE or row.static_node_count > 0
@@ -150,12 +152,13 @@ def _fault_in_runs(real_count, word_count, parts, fault):
     nodes, blocks = last.root + last.node_count, last.first_block + last.block_count
     if blocks >= ENTRY:
         return _of_all(fault, TOO_MANY_BLOCKS, blocks, 0)
-    _, _, end_node = copy_places(parts, REGION_COPIES)
+    _, _, end_node = copy_offsets(parts, REGION_COPIES)
     row = parts[scene]
     ends[0] = BLOCK_STRIDE * blocks
     ends[1] = NODE_STRIDE * (end_node if row.static_capacity else nodes + 1)
     is_right = _follow(ends, 1, row.slot_faces, LANES * blocks)
     is_right = _follow(ends, 1, row.moments, MOMENT_STRIDE * nodes) and is_right
+    is_right = _follow(ends, 1, row.block_boxes, ORIENTED_STRIDE * blocks) and is_right
     is_right_in_reals = True
     for k in range(scene):
         part = parts[k]

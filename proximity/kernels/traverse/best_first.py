@@ -14,7 +14,8 @@ Tried and dropped (2026-11): see the figures beside `SWEEP_SHARE`.
 
 import numpy as np
 
-from proximity.kernels.layout import BLOCK_STRIDE, ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.layout import ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.traverse.depth_first import fetch
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
@@ -25,7 +26,6 @@ from proximity.native.simd import (
     load_int,
     lowest_lane,
     minimum,
-    prefetch,
     splat32,
     store,
     trailing_zeros,
@@ -87,17 +87,6 @@ def _keep_open(workspace, count, reach):
 
 
 @inlined
-def _fetch(reals, words, reference):
-    """Have a node or a leaf brought from memory, while something else is done."""
-    if reference >= 0:
-        for line in range(4):
-            prefetch(words, NODE_STRIDE * reference + 16 * line)
-    elif ~reference < ENTRY:
-        for line in range(9):
-            prefetch(reals, BLOCK_STRIDE * ~reference + 8 * line)
-
-
-@inlined
 def _nearest_waiting(workspace, first, end):
     """Position of the smallest bound among the subtrees that wait from *first* up to *end*."""
     nearest = first
@@ -149,7 +138,7 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
                     chosen &= (1 << (end - first)) - 1
                 left = chosen
                 while left:
-                    _fetch(reals, words, load_int(workspace, first + trailing_zeros(left) + MOST_WAITING))
+                    fetch(reals, words, load_int(workspace, first + trailing_zeros(left) + MOST_WAITING))
                     left &= left - 1
                 while (
                     (chosen or following >= 0) and work < budget and count + LANES <= MOST_WAITING - 2 * LANES

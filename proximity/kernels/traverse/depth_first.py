@@ -102,7 +102,33 @@ def _fetch_child(reals, words, base, lane):
         prefetch(reals, block + 8 * line)
 
 
-def depth_first(open_children, leaf, descend=to_nearest):
+@inlined
+def nothing_ahead(reals, words, stacks, bottom, at, reach):
+    """Have nothing brought from memory."""
+
+
+@inlined
+def fetch_ahead(reals, words, stacks, bottom, at, reach):
+    """Have what is next, if it is still within reach, brought from memory while a leaf is looked into.
+
+    Points take 0.85 to 0.95 of the time where a part is larger than the nearer caches; else the same.
+    """
+    if at > bottom and stacks[at - 1] <= reach:
+        fetch(reals, words, load_int(stacks, at - 1 + STACK_SIZE))
+
+
+@inlined
+def fetch(reals, words, reference):
+    """Have a node or a leaf brought from memory, while something else is done."""
+    if reference >= 0:
+        for line in range(4):
+            prefetch(words, NODE_STRIDE * reference + 16 * line)
+    elif ~reference < ENTRY:
+        for line in range(9):
+            prefetch(reals, BLOCK_STRIDE * ~reference + 8 * line)
+
+
+def depth_first(open_children, leaf, descend=to_nearest, ahead=nothing_ahead):
     """Return a walk over one part's tree, below the reference *start*; it returns the best."""
 
     @inlined
@@ -116,6 +142,7 @@ def depth_first(open_children, leaf, descend=to_nearest):
                     reference, at = descend(reals, words, base, bounds, leaving, is_open, stacks, at)
                     continue
             else:
+                ahead(reals, words, stacks, 0, at, best[0])
                 best = leaf(reals, reference, query, best)
             at = _pop(stacks, 0, at, best[0])
             if at == EMPTY:
@@ -125,7 +152,7 @@ def depth_first(open_children, leaf, descend=to_nearest):
     return walk
 
 
-def over_parts(open_children, leaf, into_part, descend=to_nearest):
+def over_parts(open_children, leaf, into_part, descend=to_nearest, ahead=nothing_ahead):
     """Return a walk over the tree of a scene; it returns the best.
 
     Parts in the scene's own frame are walked as if they were one tree; the others by a walk of their own.
@@ -144,6 +171,7 @@ def over_parts(open_children, leaf, into_part, descend=to_nearest):
                     reference, at = descend(reals, words, base, bounds, leaving, is_open, stacks, at)
                     continue
             elif ~reference < ENTRY:
+                ahead(reals, words, stacks, bottom, at, best[0])
                 best = leaf(reals, reference, query, best)
             else:
                 entry = parts[scene].entries + 2 * (~reference - ENTRY)

@@ -17,9 +17,18 @@ import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN
 from proximity.kernels.geometry.triangle import cross, dot
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_ROW, NODE_CHILDREN, NODE_STRIDE, ModelArrays
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    LANES,
+    NO_ROW,
+    NODE_CHILDREN,
+    NODE_STRIDE,
+    ORIENTED_STRIDE,
+    ModelArrays,
+)
 from proximity.kernels.sign.winding_number import MOMENT_STRIDE, OPENING
 from proximity.kernels.tree.normal_slab import fill_slabs
+from proximity.kernels.tree.oriented_box import write_oriented_box
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import (
     absolute,
@@ -95,7 +104,7 @@ def refit_part(model, part, vertices, leaders):
     reals, words, frames, parts = model
     root, node_count = parts[part].root, parts[part].node_count
     slot_faces, faces, moments = (parts[part].slot_faces, parts[part].faces, parts[part].moments)
-    corner_count = parts[part].corner_count
+    corner_count, boxes = parts[part].corner_count, parts[part].block_boxes
     corner_rows = np.empty((corner_count + 1) * CORNER_STRIDE)
     _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows)
     # What is below each node, waiting for its parent; then for the leaves of the node at hand, and for none.
@@ -121,9 +130,8 @@ def refit_part(model, part, vertices, leaders):
         for k in range(LANES):
             child = load_int(words, base + NODE_CHILDREN + k)
             if child < 0 and below[k] != nothing:
-                _refit_block(
-                    reals, BLOCK_STRIDE * ~child, corner_rows, ids, BLOCK_CORNERS * k, results, below[k]
-                )
+                corners = BLOCK_CORNERS * k
+                _refit_block(model, boxes, ~child, corner_rows, ids, corners, results, below[k])
         _refit_node(words, base, moments + MOMENT_STRIDE * node, results, below, at)
     _write_normals(reals, parts[part].corner_normals, corner_count, corner_rows)
     fill_slabs(words, reals, root, node_count, words, moments)
@@ -187,8 +195,9 @@ def _arc(y, x):
 
 
 @inlined
-def _refit_block(reals, base, corner_rows, ids, first, results, at):
-    """Write the block at *base*, add its triangles to the normals of their corners, and fill its result."""
+def _refit_block(model, boxes, block, corner_rows, ids, first, results, at):
+    """Write a block and its box, add its triangles to the normals of their corners, and fill its result."""
+    reals, base = model.reals, BLOCK_STRIDE * block
     ax, ay, az, _ = load_rows(corner_rows, ids, first, 0)
     bx, by, bz, _ = load_rows(corner_rows, ids, first + LANES, 0)
     cx, cy, cz, _ = load_rows(corner_rows, ids, first + 2 * LANES, 0)
@@ -238,6 +247,8 @@ def _refit_block(reals, base, corner_rows, ids, first, results, at):
     z = select(is_used, (az + bz + cz) * third, zero)
     nx, ny = select(is_used, half * nx, zero), select(is_used, half * ny, zero)
     nz, area = select(is_used, half * nz, zero), select(is_used, half * length, zero)
+    box = boxes + ORIENTED_STRIDE * block
+    write_oriented_box(model.words, box, (ax, ay, az), (bx, by, bz), (cx, cy, cz), (nx, ny, nz))
     store(results, at, lane_sums(area, area * x, area * y, area * z, nx, ny, nz, nx * x))
     store(
         results, at + LANES, lane_sums(nx * y, nx * z, ny * x, ny * y, ny * z, nz * x, nz * y, nz * z)

@@ -148,7 +148,7 @@ def _constant(builder, name, value):
 def _lanes_of_bits():
     """For all eight bits of a mask, which lanes they name, lowest first: bytes of an int64; then any."""
     chosen = [[k for k in range(LANES) if mask >> k & 1] for mask in range(1 << LANES)]
-    words = [sum(k << 8 * place for place, k in enumerate(lanes)) for lanes in chosen]
+    words = [sum(k << 8 * position for position, k in enumerate(lanes)) for lanes in chosen]
     return ir.Constant(ir.ArrayType(ir.IntType(64), len(words)), words)
 
 

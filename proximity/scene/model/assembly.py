@@ -17,12 +17,13 @@ from proximity.kernels.layout import (
     LANES,
     NO_GRID,
     NODE_STRIDE,
+    ORIENTED_STRIDE,
     ModelArrays,
 )
 from proximity.kernels.scene.part_trees import (
     REGION_COPIES,
     begin_moving,
-    copy_places,
+    copy_offsets,
     static_tree,
     write_static,
 )
@@ -37,7 +38,7 @@ from proximity.scene.model.part_grid import occupancy
 
 SPARE = 1.25
 """Space for the static tree, as a multiple of what it takes at first: other parts opened may need more."""
-_ARRAYS = "moments", "faces", "neighbors", "corners", "normals", "grid"
+_ARRAYS = "moments", "boxes", "faces", "neighbors", "corners", "normals", "grid"
 """Of `PartArrays`, beside those of the tree."""
 
 
@@ -103,6 +104,7 @@ class Model:
         slots = self.words[part["slot_faces"] + LANES * first_block :][: LANES * block_count]
         notes = self.words[part["block_notes"] + first_block :][:block_count].view(np.int32)
         moments = self.words[part["moments"] + MOMENT_STRIDE * root :][: MOMENT_STRIDE * node_count]
+        boxes = self.words[part["block_boxes"] + ORIENTED_STRIDE * first_block :]
         face_numbers, corner_numbers = 3 * part["face_count"], 3 * part["corner_count"]
         faces, neighbors = (
             self.words[part[column] :][:face_numbers].view(np.int32).reshape(-1, 3)
@@ -120,6 +122,8 @@ class Model:
             frame=LocalFrame.read(frame),
             bvh=Bvh(nodes, blocks, slots.view(np.int32)),
             moments=moments,
+            boxes=boxes[: ORIENTED_STRIDE * block_count],
+            is_oblique=bool(part["is_oblique"]),
             faces=faces,
             neighbors=neighbors,
             corners=corners,
@@ -137,7 +141,7 @@ class Model:
     def part_for_adoption(self) -> PartArrays:
         """Return the arrays of the only part, for another model that is to have this one's memory."""
         part, scene = self.parts
-        of_words = "slot_faces", "moments", "faces", "neighbors", "grid", "block_notes"
+        of_words = "slot_faces", "moments", "block_boxes", "faces", "neighbors", "grid", "block_notes"
         word_starts = [0, *(int(part[field]) for field in of_words), int(scene["grid"])]
         real_starts = [0, int(part["corners"]), int(part["corner_normals"])]
         return replace(
@@ -182,15 +186,17 @@ def assemble(
         part = parts[row]
         part["root"], part["node_count"] = node_ends[row], piece.bvh.node_count
         part["first_block"], part["block_count"] = block_ends[row], piece.bvh.block_count
-        parts["sign"][row] = piece.sign
+        parts["sign"][row], parts["is_oblique"][row] = piece.sign, piece.is_oblique
         _write_grid(frames, parts, row, piece.grid_counts, piece.grid_lower, piece.grid_rate)
         _write_pose(frames, parts, row, pose)
+    oblique = sum(piece.bvh.block_count for piece in pieces if piece.is_oblique)
+    parts["is_oblique"][count] = 2 * oblique >= block_ends[-1]
     choose_frame(frames, parts, _wanted_frame(pieces))
     static, entries = static_tree(nodes, frames, parts, int(node_ends[-1]) + 1)
     parts["first_node"][count] = node_ends[-1]
     if count > 1:
         parts["static_capacity"][count] = int(SPARE * _nodes_at_most(nodes, frames, parts, static)) + LANES
-    tree_nodes = max(1, copy_places(parts, REGION_COPIES)[2] - int(node_ends[-1]))
+    tree_nodes = max(1, copy_offsets(parts, REGION_COPIES)[2] - int(node_ends[-1]))
     reals, words = _filled(pieces, frames, parts, nodes, tree_nodes)
     assert write_static(words, parts, 0, static, entries), "the tree over parts fits its workspace"
     begin_moving(words, frames, parts)
@@ -232,6 +238,7 @@ def _filled(
                 [nodes, np.zeros(tree_nodes * NODE_STRIDE, np.float32)],
                 [piece.bvh.slot_faces for piece in pieces],
                 [piece.moments for piece in pieces],
+                [piece.boxes for piece in pieces],
             ]
             + [[array] for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)]
             + [[_notes_on_blocks(pieces)], [containing.words]],
@@ -240,11 +247,11 @@ def _filled(
     for row, piece in enumerate(pieces):
         part = parts[row]
         part["corners"], part["corner_normals"] = real_starts[1 + 2 * row : 3 + 2 * row]
-        part["faces"], part["neighbors"], part["grid"] = word_starts[3 + 3 * row : 6 + 3 * row]
+        part["faces"], part["neighbors"], part["grid"] = word_starts[4 + 3 * row : 7 + 3 * row]
         part["corner_count"], part["face_count"] = len(piece.corners), len(piece.faces)
         if not len(piece.grid):
             part["grid"] = NO_GRID
-    parts["slot_faces"], parts["moments"] = word_starts[1], word_starts[2]
+    parts["slot_faces"], parts["moments"], parts["block_boxes"] = word_starts[1:4]
     parts["face_count"][count] = parts["face_count"][:count].sum()
     parts["block_notes"], parts["grid"][count] = word_starts[-2:]
     _write_grid(frames, parts, count, containing.counts, containing.lower, containing.rate)

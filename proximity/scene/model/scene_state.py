@@ -20,7 +20,7 @@ from proximity.kernels.scene.part_trees import (
     SMALLEST_REACH,
     STATIC_COPIES,
     copies_in_use,
-    copy_places,
+    copy_offsets,
     make_static,
     thin_static,
 )
@@ -266,7 +266,7 @@ class SceneState:
         return _Copy(self.latest, frames, parts, self._region(number))
 
     def _region(self, number: int) -> int:
-        return int(copy_places(self.parts, number)[2])
+        return int(copy_offsets(self.parts, number)[2])
 
     def _write(self, copy: _Copy) -> float:
         reach = bring_up_to_date(

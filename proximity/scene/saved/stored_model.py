@@ -28,6 +28,7 @@ SENTENCES = {
     model_validation.FACE_TWICE: "slot {0} holds face {1}, which another slot holds",
     model_validation.FACE_MISSING: "its slots hold {0} faces, but there are {1}",
     model_validation.BAD_TRIANGLE: "block {0} has coordinates that are not those of its slots' faces",
+    model_validation.BAD_ORIENTED_BOX: "the oriented box of block {0} lies outside of the part's local frame",
     model_validation.BAD_CORNER_ID: "face {0} refers to corner {1}, but there are {2}",
     model_validation.BAD_NEIGHBOR: "face {0} has face {1} for a neighbour, but there are {2}",
     model_validation.BAD_CORNER: "corner {0} lies outside of the part's local frame",

@@ -42,18 +42,19 @@ def some_points(rng, count):
 @pytest.mark.parametrize("name", MESHES)
 def test_walk_from_a_block_that_was_seen_ends_as_one_from_nothing(name):
     model, stacks = model_of(name), np.empty(STACKS_SIZE, np.float32)
+    arrays = arrays_of(model)
     root, count = model.parts["root"][0], model.parts["block_count"][0]
     rng = np.random.default_rng(7)
 
     for point in some_points(rng, 30):
         local = to_local(model.frames, model.parts, 0, *map(float, point))
         cold = closest_in_part(
-            model.reals, model.words, root, local, np.inf, np.int64(NO_SLOT), np.int64(NOTHING_SEEN), stacks
+            arrays, 0, root, local, np.inf, np.int64(NO_SLOT), np.int64(NOTHING_SEEN), stacks
         )
         for block in rng.integers(0, count, 4) + model.parts["first_block"][0]:
             slot = LANES * block
             best_sq, best = best_of_block(model.reals, slot, *local)
-            warm = closest_in_part(model.reals, model.words, root, local, best_sq, best, ~block, stacks)
+            warm = closest_in_part(arrays, 0, root, local, best_sq, best, ~block, stacks)
             assert warm == cold
 
 

@@ -1,0 +1,189 @@
+"""Oriented boxes of leaf blocks: which blocks a walk of points need not read.
+
+A box along the axes is nearer to a point than a tilted or curved patch of faces, by about the patch's size.
+A box along the patch's own axes - its mean normal, its longest edge, and what is across both - misses by the
+sagitta only. In float32 it is one cache line; the block behind it is nine, and takes five times the work.
+
+`ORIENTED_STRIDE` words a block: x of the three axes, y, z; the least scalar product of a corner with each
+axis, and the largest; 0.
+
+**Rounding.** For a point within `FAR` and a corner, both in the local frame, a computed gap is at most 12 x
+2^-24 above the true one: five from the sum, four from the difference, two from the point's own rounding, one
+from the box's. The axes are at right angles and of length 1 within 2^-21. So the root of the computed square
+is at most `BOX_ROUNDING` above the true distance to any point of a triangle, give or take `BOX_SLACK`.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.geometry.triangle import TINY, cross, dot
+from proximity.kernels.layout import BLOCK_STRIDE, ORIENTED_STRIDE
+from proximity.native import entry, inlined
+from proximity.native.simd import (
+    bits,
+    fma,
+    horizontal_min,
+    lane,
+    lane_minima,
+    lane_sums,
+    load,
+    maximum,
+    minimum,
+    select,
+    splat,
+    trailing_zeros,
+)
+
+OBLIQUE = 0.8
+"""From this share of the surface of boxes along the axes down, oriented ones are worth a look. On a plate
+with holes, all in line with the axes, they refuse one block in eight, and cost more than that saves."""
+BOX_ROUNDING = 2.0**-19
+BOX_SLACK = 1.0 + 2.0**-18
+LEAST, LARGEST = 9, 12
+"""Offsets of the intervals."""
+
+
+@inlined
+def _gap_sq(words, at, axis, x, y, z):
+    along = fma(x, words[at + axis], fma(y, words[at + 3 + axis], z * words[at + 6 + axis]))
+    below, above = words[at + LEAST + axis] - along, along - words[at + LARGEST + axis]
+    gap = max(max(below, above), np.float32(0.0))
+    return gap * gap
+
+
+@inlined
+def oriented_box_distance_sq(words, at, x, y, z):
+    """Squared distance from a point, float32, within `FAR`, to the box at *at*; see `reach_into_boxes`."""
+    first, second = _gap_sq(words, at, 0, x, y, z), _gap_sq(words, at, 1, x, y, z)
+    return first + second + _gap_sq(words, at, 2, x, y, z)
+
+
+@inlined
+def reach_into_boxes(best_sq):
+    """The number that computed distances to boxes are compared with: no farther box has anything as near."""
+    reach = sqrt(best_sq) + BOX_ROUNDING
+    return np.float32(reach * reach * BOX_SLACK)
+
+
+@entry("float64[:], float32[:] -> float")
+def fill_oriented_boxes(blocks, boxes):
+    """Fill the boxes of all *blocks*; return their surface, as a share of that of boxes along the axes."""
+    oriented, along_axes = 0.0, 0.0
+    for block in range(len(blocks) // BLOCK_STRIDE):
+        base = BLOCK_STRIDE * block
+        a = load(blocks, base), load(blocks, base + 8), load(blocks, base + 16)
+        b = load(blocks, base + 24), load(blocks, base + 32), load(blocks, base + 40)
+        c = load(blocks, base + 48), load(blocks, base + 56), load(blocks, base + 64)
+        ab, ac = _between(a, b), _between(a, c)
+        is_used, zero = a[0] == a[0], splat(0.0)
+        nx, ny, nz = cross(*ab, *ac)
+        normal = select(is_used, nx, zero), select(is_used, ny, zero), select(is_used, nz, zero)
+        at = ORIENTED_STRIDE * block
+        write_oriented_box(boxes, at, a, b, c, normal)
+        oriented += _surface(
+            boxes[at + LARGEST] - boxes[at + LEAST],
+            boxes[at + LARGEST + 1] - boxes[at + LEAST + 1],
+            boxes[at + LARGEST + 2] - boxes[at + LEAST + 2],
+        )
+        along_axes += _surface(_extent(a, b, c, 0), _extent(a, b, c, 1), _extent(a, b, c, 2))
+    return oriented / along_axes if along_axes > 0.0 else 1.0
+
+
+@inlined
+def _surface(x, y, z):
+    """Half the surface of a box with these sides."""
+    return np.float64(x) * y + np.float64(y) * z + np.float64(z) * x
+
+
+@inlined
+def _extent(a, b, c, axis):
+    """How far eight triangles reach along an axis."""
+    least = minimum(minimum(a[axis], b[axis]), c[axis])
+    largest = maximum(maximum(a[axis], b[axis]), c[axis])
+    is_used, none = least == least, splat(np.inf)
+    lower = horizontal_min(select(is_used, least, none))
+    return -horizontal_min(select(is_used, splat(0.0) - largest, none)) - lower
+
+
+@inlined
+def write_oriented_box(words, at, a, b, c, normals):
+    """Write the box of a block's triangles *a b c* at *at*. *normals*: any multiple of their area normals, 0
+    in unused lanes."""
+    zero = splat(0.0)
+    sums = lane_sums(normals[0], normals[1], normals[2], zero, zero, zero, zero, zero)
+    nx, ny, nz = _unit(lane(sums, 0), lane(sums, 1), lane(sums, 2), 0.0, 0.0, 1.0)
+    ex, ey, ez = _longest_edge(a, b, c)
+    along = ex * nx + ey * ny + ez * nz
+    # Where there is no edge across the normal, any direction across it serves.
+    ox, oy, oz = _across(nx, ny, nz)
+    tx, ty, tz = _unit(ex - along * nx, ey - along * ny, ez - along * nz, ox, oy, oz)
+    sx, sy, sz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
+    low_n, high_n = _write_axis(words, at, 0, nx, ny, nz, a, b, c)
+    low_t, high_t = _write_axis(words, at, 1, tx, ty, tz, a, b, c)
+    low_s, high_s = _write_axis(words, at, 2, sx, sy, sz, a, b, c)
+    ends = lane_minima(low_n, low_t, low_s, high_n, high_t, high_s, zero, zero)
+    for axis in range(3):
+        words[at + LEAST + axis] = lane(ends, axis)
+        words[at + LARGEST + axis] = -lane(ends, axis + 3)
+    words[at + LARGEST + 3] = 0.0
+
+
+@inlined
+def _between(start, end):
+    return end[0] - start[0], end[1] - start[1], end[2] - start[2]
+
+
+@inlined
+def _unit(x, y, z, other_x, other_y, other_z):
+    """The direction of (x, y, z), or the other one where there is none."""
+    length_sq = x * x + y * y + z * z
+    if length_sq > TINY:
+        share = 1.0 / sqrt(length_sq)
+        return x * share, y * share, z * share
+    return other_x, other_y, other_z
+
+
+@inlined
+def _across(x, y, z):
+    """A direction at right angles to a unit vector."""
+    if abs(x) < 0.6:
+        return _unit(0.0, z, -y, 1.0, 0.0, 0.0)
+    return _unit(-z, 0.0, x, 0.0, 1.0, 0.0)
+
+
+@inlined
+def _longest_edge(a, b, c):
+    """The longest edge of eight triangles, as a vector."""
+    ab, bc, ca = _between(a, b), _between(b, c), _between(c, a)
+    first, second, third = dot(*ab, *ab), dot(*bc, *bc), dot(*ca, *ca)
+    is_second = second > first
+    length_sq = select(is_second, second, first)
+    is_third = third > length_sq
+    length_sq = select(is_third, third, length_sq)
+    # Of unused lanes, which are NaN, none is the longest.
+    shortness = select(length_sq > splat(0.0), splat(0.0) - length_sq, splat(0.0))
+    it = trailing_zeros(bits(shortness <= splat(horizontal_min(shortness))))
+    return (
+        lane(select(is_third, ca[0], select(is_second, bc[0], ab[0])), it),
+        lane(select(is_third, ca[1], select(is_second, bc[1], ab[1])), it),
+        lane(select(is_third, ca[2], select(is_second, bc[2], ab[2])), it),
+    )
+
+
+@inlined
+def _write_axis(words, at, axis, x, y, z, a, b, c):
+    """Write an axis; the least products of eight triangles with it as it is written, and the largest negated.
+
+    Infinite in unused lanes.
+    """
+    words[at + axis], words[at + 3 + axis], words[at + 6 + axis] = x, y, z
+    x, y, z = (
+        splat(np.float64(words[at + axis])),
+        splat(np.float64(words[at + 3 + axis])),
+        splat(np.float64(words[at + 6 + axis])),
+    )
+    on_a, on_b, on_c = dot(x, y, z, *a), dot(x, y, z, *b), dot(x, y, z, *c)
+    least, largest = minimum(minimum(on_a, on_b), on_c), maximum(maximum(on_a, on_b), on_c)
+    is_used, none = on_a == on_a, splat(np.inf)
+    return select(is_used, least, none), select(is_used, splat(0.0) - largest, none)
