@@ -111,8 +111,8 @@ def test_clearances_are_a_table(tmp_path):
     output = printed(EXAMPLES / "clearances.py", folder=tmp_path)
 
     # Parts that touch do so in a whole face: which points of it are reported is not promised.
-    gaps = [line[:29] for line in output.splitlines()]
-    assert gaps == [line[:29] for line in shown("clearances.py").splitlines()]
+    gaps = [line[:22] for line in output.splitlines()]
+    assert gaps == [line[:22] for line in shown("clearances.py").splitlines()]
     for line in output.splitlines()[1:-2]:
         begin, end = (np.array([float(x) for x in NUMBER.findall(point)]) for point in POINT.findall(line))
         assert np.linalg.norm(begin - end) == pytest.approx(float(line.split()[2]), abs=0.1)

@@ -14,7 +14,7 @@ from project import IMPORT_PATHS, TRIALS
 import proximity
 from proximity import MeshFormatError
 from proximity.kernels import layout
-from proximity.kernels.scene.part_trees import copies_in_use, copy_places
+from proximity.kernels.scene.part_trees import copies_in_use, copy_offsets
 from proximity.scene.saved import archive, compiled_scene
 
 
@@ -167,7 +167,7 @@ def test_what_follows_from_other_numbers_is_made_anew(contents, tmp_path):
     region, (_, static) = parts["super_node"][-1], copies_in_use(parts)
     children = layout.NODE_STRIDE * region + layout.NODE_CHILDREN + np.arange(layout.LANES)
     arrays["words"].view(np.int32)[children] = 10**3
-    entry = copy_places(parts, static)[1] + 2 * parts["entry_count"][-1]
+    entry = copy_offsets(parts, static)[1] + 2 * parts["entry_count"][-1]
     arrays["words"].view(np.int32)[entry : entry + 2] = 10**3
     path, again = tmp_path / "changed.prox", tmp_path / "again.prox"
     archive.write_archive(path, contents.metadata, arrays, compiled_scene.LAYOUT)
