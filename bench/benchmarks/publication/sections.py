@@ -90,7 +90,7 @@ def summary(documents: dict[str, Document]) -> str:
     machine = reports["machine"]
     how = (
         f"Medians on one core, {short_name(machine)}{instructions(machine)}, {machine['date']} (the tick: "
-        f"{ticks['machine']['date']}): points "
+        f"{short_name(ticks['machine'])}, {ticks['machine']['date']}): points "
         "near a plate of 304 k faces, 87 k for the tick. proximity computes in double precision, the others "
         "in single. [All results](docs/performance/results.md), with the cases in which others are faster."
     )
