@@ -7,17 +7,13 @@ reads in the tables of parts, Python in the description, which says the same unl
 
 import contextlib
 import json
-import os
-import signal
 import sys
-from pathlib import Path
 
 import mutated_scenes
 import numpy as np
 
 import proximity
 from benchmarks.digest.library import LibraryScene
-from proximity.scene.saved import archive, compiled_scene
 
 
 def use(scene):
@@ -50,22 +46,9 @@ def outcome(path, what):
 
 def main(name, first, count, folder):
     """Go through changes number *first* and so on."""
-    os.fsync = lambda number: None  # which takes longer than all the rest
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # what is not answered in time ends by the signal
-    path = Path(folder) / "changed.prox"
-    mutated_scenes.SCENES[name]().save(path)
-    contents = archive.read_archive(path, compiled_scene.LAYOUT)
-    metadata, arrays = contents.metadata, {key: array.copy() for key, array in contents.arrays.items()}
-    for number in range(first, first + count):
-        *altered, what = mutated_scenes.changed(number, name, metadata, arrays)
-        archive.write_archive(path, *altered, compiled_scene.LAYOUT)
-        signal.alarm(mutated_scenes.LONGEST_S)
-        try:
-            told = outcome(path, what)
-        except Exception as unexpected:
-            told = f"raised: {type(unexpected).__name__}: {unexpected}"
-        signal.alarm(0)
-        print(json.dumps([number, what, told]), flush=True)
+    path = mutated_scenes.prepared(name, folder)
+    for number, what in mutated_scenes.changes(path, name, first, count):
+        print(json.dumps([number, what, mutated_scenes.told(outcome, path, what)]), flush=True)
 
 
 if __name__ == "__main__":

@@ -303,26 +303,43 @@ def outcome(path):
 
 def main(name, first, count, folder):
     """Go through changes number *first* and so on."""
+    # Unchanged it can be used; and then everything has been compiled.
+    path = prepared(name, folder)
+    use(proximity.load(path), path.with_name("again.prox"))
+    for number, what in changes(path, name, first, count):
+        print(json.dumps([number, what]), flush=True)
+        print(json.dumps([number, what, told(outcome, path)]), flush=True)
+
+
+def prepared(name, folder):
+    """Save a scene; return its file."""
     os.fsync = lambda number: None  # which takes longer than all the rest
     # What is not answered in time ends by the signal.
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     path = Path(folder) / "changed.prox"
     SCENES[name]().save(path)
-    # Unchanged it can be used; and then everything has been compiled.
-    use(proximity.load(path), path.with_name("again.prox"))
+    return path
+
+
+def changes(path, name, first, count):
+    """Write the file with one change after another; their numbers, and what was changed."""
     contents = archive.read_archive(path, compiled_scene.LAYOUT)
     metadata, arrays = contents.metadata, {key: array.copy() for key, array in contents.arrays.items()}
     for number in range(first, first + count):
         *altered, what = changed(number, name, metadata, arrays)
         archive.write_archive(path, *altered, compiled_scene.LAYOUT)
-        print(json.dumps([number, what]), flush=True)
-        signal.alarm(LONGEST_S)
-        try:
-            told = outcome(path)
-        except Exception as unexpected:
-            told = f"raised: {type(unexpected).__name__}: {unexpected}"
-        signal.alarm(0)
-        print(json.dumps([number, what, told]), flush=True)
+        yield number, what
+
+
+def told(ask, *arguments):
+    """What *ask* returns in time, or what it raised."""
+    signal.alarm(LONGEST_S)
+    try:
+        outcome_of_it = ask(*arguments)
+    except Exception as unexpected:
+        outcome_of_it = f"raised: {type(unexpected).__name__}: {unexpected}"
+    signal.alarm(0)
+    return outcome_of_it
 
 
 if __name__ == "__main__":

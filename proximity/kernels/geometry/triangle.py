@@ -105,17 +105,23 @@ def point_triangle_distance_sq(p, a, b, c):
 
 
 @inlined
-def point_block_distance_sq(blocks, base, p):
-    """Squared distances from a point, (x, y, z) of float64x8, to the eight triangles at *base*."""
-    return point_triangle_distance_sq(
-        p,
-        (load(blocks, base), load(blocks, base + 8), load(blocks, base + 16)),
-        (load(blocks, base + 24), load(blocks, base + 32), load(blocks, base + 40)),
-        (load(blocks, base + 48), load(blocks, base + 56), load(blocks, base + 64)),
+def corners_of_block(reals, base):
+    """The corners of the eight triangles at *base*, (x, y, z) each."""
+    return (
+        (load(reals, base), load(reals, base + 8), load(reals, base + 16)),
+        (load(reals, base + 24), load(reals, base + 32), load(reals, base + 40)),
+        (load(reals, base + 48), load(reals, base + 56), load(reals, base + 64)),
     )
 
 
+@inlined
+def point_block_distance_sq(blocks, base, p):
+    """Squared distances from a point, (x, y, z) of float64x8, to the eight triangles at *base*."""
+    return point_triangle_distance_sq(p, *corners_of_block(blocks, base))
+
+
 __all__ = [
+    "corners_of_block",
     "cross",
     "difference_of_products",
     "dot",

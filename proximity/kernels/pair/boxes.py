@@ -9,7 +9,7 @@ import numpy as np
 from proximity.kernels.layout import LANES
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
-from proximity.native.simd import fma, load, maximum, minimum, splat, widen
+from proximity.native.simd import fma, like, load, maximum, minimum, splat, widen
 
 SHRINK = 1.0 - 2.0**-40
 """Factor on squared distances of boxes: it makes up for their rounding."""
@@ -39,11 +39,11 @@ def frames_between(frames, first, second, turn, offset):
 
 @inlined
 def mapped(turn, offset, x, y, z):
-    """Points (vectors of eight) of the second frame in the first."""
+    """A point of the second frame, or eight, in the first."""
     return (
-        fma(splat(turn[0]), x, fma(splat(turn[1]), y, fma(splat(turn[2]), z, splat(offset[0])))),
-        fma(splat(turn[3]), x, fma(splat(turn[4]), y, fma(splat(turn[5]), z, splat(offset[1])))),
-        fma(splat(turn[6]), x, fma(splat(turn[7]), y, fma(splat(turn[8]), z, splat(offset[2])))),
+        fma(like(turn[0], x), x, fma(like(turn[1], x), y, fma(like(turn[2], x), z, like(offset[0], x)))),
+        fma(like(turn[3], x), x, fma(like(turn[4], x), y, fma(like(turn[5], x), z, like(offset[1], x)))),
+        fma(like(turn[6], x), x, fma(like(turn[7], x), y, fma(like(turn[8], x), z, like(offset[2], x)))),
     )
 
 

@@ -22,7 +22,7 @@ def _corner(corners, triangle, k):
 
 @inlined
 def _keep_nearer(apart_sq, one, other, ends):
-    """Keep a connection where it is shorter than that of *ends*: (7,), two points and the squared length."""
+    """Keep a connection in *ends*, (6,), where it is shorter; return the lesser squared length."""
     dx, dy, dz = between(one, other)
     length_sq = dx * dx + dy * dy + dz * dz
     if length_sq < apart_sq:

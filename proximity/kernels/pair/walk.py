@@ -12,7 +12,7 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.triangle import TINY, cross, dot, offset_of
+from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, dot, offset_of
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     LANES,
@@ -41,7 +41,6 @@ from proximity.kernels.stack_arrays import stack_f64, stack_i64_rows
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
-    fma,
     horizontal_min,
     load,
     load_int,
@@ -49,6 +48,7 @@ from proximity.native.simd import (
     minimum,
     select,
     splat,
+    square_root,
     store,
     trailing_zeros,
 )
@@ -107,16 +107,6 @@ def _swap(positions, limits, one, other):
 
 
 @inlined
-def _triangles(reals, base):
-    """The corners of the eight triangles at *base*."""
-    return (
-        (load(reals, base), load(reals, base + 8), load(reals, base + 16)),
-        (load(reals, base + 24), load(reals, base + 32), load(reals, base + 40)),
-        (load(reals, base + 48), load(reals, base + 56), load(reals, base + 64)),
-    )
-
-
-@inlined
 def _triangle_in_all(reals, at):
     """The corners of the triangle at *at*, in all lanes."""
     return (
@@ -151,10 +141,9 @@ def _gap_along(axis, triangle, others, slack, axis_sq):
     b0, b1, b2 = dot(*axis, *others[0]), dot(*axis, *others[1]), dot(*axis, *others[2])
     above = minimum(minimum(b0, b1), b2) - maximum(maximum(a0, a1), a2)
     below = minimum(minimum(a0, a1), a2) - maximum(maximum(b0, b1), b2)
-    gap = maximum(maximum(above, below), splat(0.0))
-    # In units of the axis' length, which is not computed: the slack is taken off the squares.
-    shorter = gap * gap - slack * slack * axis_sq * splat(4.0)
-    return select(axis_sq > splat(TINY), shorter * splat(SHRINK) / axis_sq, splat(0.0))
+    # In units of the axis' length, and so is the slack.
+    gap = maximum(maximum(above, below) - slack * square_root(axis_sq), splat(0.0))
+    return select(axis_sq > splat(TINY), gap * gap * splat(SHRINK) / axis_sq, splat(0.0))
 
 
 @kernel
@@ -164,12 +153,10 @@ def read_both(reals, slots, turn, offset, corners):
         at = offset_of(slots[number])
         for k in range(3):
             x, y, z = reals[at + 24 * k], reals[at + 24 * k + 8], reals[at + 24 * k + 16]
-            for row in range(3):
-                corners[9 * number + 3 * k + row] = (
-                    fma(turn[3 * row], x, fma(turn[3 * row + 1], y, fma(turn[3 * row + 2], z, offset[row])))
-                    if number
-                    else reals[at + 24 * k + 8 * row]
-                )
+            if number:
+                x, y, z = mapped(turn, offset, x, y, z)
+            to = 9 * number + 3 * k
+            corners[to], corners[to + 1], corners[to + 2] = x, y, z
 
 
 @kernel
@@ -177,23 +164,15 @@ def _turn_axis(reals, slots, turn, offset, axis):
     """Set the axis to the direction of the best connection, from the first part to the second."""
     corners, ends = stack_f64(BOTH), stack_f64(6)
     read_both(reals, slots, turn, offset, corners)
-    connect(corners, ends)
-    length = sqrt(corner_gap_sq(ends))
+    length = sqrt(connect(corners, ends))
     for k in range(3):
         axis[k] = (ends[3 + k] - ends[k]) / length if length > 0.0 else 0.0
-
-
-@inlined
-def corner_gap_sq(ends):
-    """Squared distance of two points, (6,)."""
-    x, y, z = ends[3] - ends[0], ends[4] - ends[1], ends[5] - ends[2]
-    return x * x + y * y + z * z
 
 
 @kernel
 def _nearer_in_blocks(reals, first, second, turn, offset, slack, best, axis, slots):
     """Update the best squared distance, its slots and its axis with triangles of two blocks; return it."""
-    a, b, c = _triangles(reals, BLOCK_STRIDE * second)
+    a, b, c = corners_of_block(reals, BLOCK_STRIDE * second)
     others = mapped(turn, offset, *a), mapped(turn, offset, *b), mapped(turn, offset, *c)
     other_boxes = _box_of(others)
     normals = cross(*between(others[0], others[1]), *between(others[0], others[2]))

@@ -161,7 +161,7 @@ def _edges_through(corners, faces, slot_faces, reals, face, block, lanes, edges,
 
 
 @inlined
-def _planes(reals, base):
+def planes_of_block(reals, base):
     """A corner and a normal of each of eight triangles."""
     ax, ay, az = load(reals, base), load(reals, base + 8), load(reals, base + 16)
     normals = cross(
@@ -233,7 +233,7 @@ def _compare_blocks(
 
     *creased* (8,) int64: of each slot, the edges that are, or `UNKNOWN`.
     """
-    planes, first = _planes(reals, BLOCK_STRIDE * other), LANES * other
+    planes, first = planes_of_block(reals, BLOCK_STRIDE * other), LANES * other
     nx, ny, nz = planes[1]
     depth_sq = splat(depth * depth) * dot(nx, ny, nz, nx, ny, nz)
     deep, flat = splat(SURELY_DEEP_SQ) * depth_sq, splat(SURELY_FLAT_SQ) * depth_sq

@@ -15,9 +15,9 @@ only where an edge of one passes through the other.
 
 import numpy as np
 
-from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, STACKS_SIZE
-from proximity.kernels.ray.edge_candidates import note_candidates
+from proximity.kernels.ray.edge_candidates import note_candidates, planes_of_block
 from proximity.kernels.ray.edge_contact import (
     EDGE_CREASED,
     EDGE_FLAT,
@@ -38,7 +38,7 @@ from proximity.kernels.sign.folded_faces import faces_wrong, marked_slots
 from proximity.kernels.stack_arrays import stack_f32
 from proximity.kernels.traverse.depth_first import depth_first
 from proximity.native import entry, inlined, kernel
-from proximity.native.simd import absolute, bits, load, splat, splat32, square_root, trailing_zeros
+from proximity.native.simd import absolute, bits, splat, splat32, square_root, trailing_zeros
 
 CONTACT_DEPTH = 1e-10
 """Distance that the ends of an edge must have from a face, to both sides, in sizes of the part, for the edge
@@ -53,11 +53,7 @@ be more, all faces count as passing through others."""
 @inlined
 def _in_plane(reals, base, px, py, pz, qx, qy, qz, depth):
     """Which of the eight triangles at *base* have both *p* and *q* in their plane: bits."""
-    ax, ay, az = load(reals, base), load(reals, base + 8), load(reals, base + 16)
-    nx, ny, nz = cross(
-        load(reals, base + 24) - ax, load(reals, base + 32) - ay, load(reals, base + 40) - az,
-        load(reals, base + 48) - ax, load(reals, base + 56) - ay, load(reals, base + 64) - az,
-    )  # fmt: skip
+    (ax, ay, az), (nx, ny, nz) = planes_of_block(reals, base)
     most = splat(depth) * square_root(dot(nx, ny, nz, nx, ny, nz))
     first = absolute(dot(nx, ny, nz, splat(px) - ax, splat(py) - ay, splat(pz) - az))
     last = absolute(dot(nx, ny, nz, splat(qx) - ax, splat(qy) - ay, splat(qz) - az))

@@ -17,7 +17,7 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.triangle import TINY, cross, dot
+from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, ORIENTED_STRIDE
 from proximity.native import entry, inlined
 from proximity.native.simd import (
@@ -27,7 +27,6 @@ from proximity.native.simd import (
     lane,
     lane_minima,
     lane_sums,
-    load,
     maximum,
     minimum,
     select,
@@ -72,9 +71,7 @@ def fill_oriented_boxes(blocks, boxes):
     oriented, along_axes = 0.0, 0.0
     for block in range(len(blocks) // BLOCK_STRIDE):
         base = BLOCK_STRIDE * block
-        a = load(blocks, base), load(blocks, base + 8), load(blocks, base + 16)
-        b = load(blocks, base + 24), load(blocks, base + 32), load(blocks, base + 40)
-        c = load(blocks, base + 48), load(blocks, base + 56), load(blocks, base + 64)
+        a, b, c = corners_of_block(blocks, base)
         ab, ac = _between(a, b), _between(a, c)
         is_used, zero = a[0] == a[0], splat(0.0)
         nx, ny, nz = cross(*ab, *ac)
