@@ -1,6 +1,7 @@
 """Commands for programs at the other end: their sources, the layout of messages, and keys."""
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -12,9 +13,10 @@ LEAST_RATE_HZ, MOST_RATE_HZ = 150.0, 20000.0  # slower, each sample would trip t
 
 
 class Language(StrEnum):
-    """A language that there is a client for; in C it is the engine itself."""
+    """A language that there is a client for; in C and for browsers it is the engine itself."""
 
     c = "c"
+    wasm = "wasm"
     csharp = "csharp"
     javascript = "javascript"
     cpp = "cpp"
@@ -25,12 +27,12 @@ FOLDER = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to wr
 
 def client(
     language: Annotated[
-        Language, typer.Argument(metavar="c|csharp|javascript|cpp", help="Language of your program.")
+        Language, typer.Argument(metavar="c|wasm|csharp|javascript|cpp", help="Language of your program.")
     ],
     out: FOLDER,
 ) -> None:
     """Write a client into a folder: sources in C++, JavaScript or C# that read frames and send
-    poses; or the engine as a library in C.
+    poses; or the engine itself, as a library in C or for browsers.
 
     It verifies frames and ages them (OK, LATE, STALE) as the subscriber of proximity does, and supports
     the keys of udp://. cpp is header only, for C++20 on POSIX systems and Windows; javascript is ES
@@ -38,17 +40,22 @@ def client(
     existing example is kept; the other files are replaced.
 
     c is no client but the engine, for your own process: a shared library with its header, a CMake
-    package, a pkg-config file and examples. It opens scenes that `proximity compile` writes.
+    package, a pkg-config file and examples. It opens scenes that `proximity compile` writes. wasm is the
+    same engine for browsers and Node: WebAssembly, an ES module with types, and an example.
 
     Examples:
       proximity client c --out proximity
+      proximity client wasm --out site/proximity
       proximity client cpp --out decaff
       proximity client csharp --out Assets/Decaff
     """
     from proximity.bindings.c_package import write_library
+    from proximity.bindings.wasm_package import write_package
     from proximity.message.clients import write_client
 
-    written = write_library(out) if language is Language.c else write_client(language.value, out)
+    engines = {Language.c: write_library, Language.wasm: write_package}
+    write = engines.get(language, partial(write_client, language.value))
+    written = write(out)
     for path, is_written in written.items():
         typer.echo(f"{path}: {'written' if is_written else 'left alone, it is there already'}")
 

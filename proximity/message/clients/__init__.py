@@ -43,7 +43,7 @@ def write_client(language: str, folder: str | os.PathLike[str]) -> dict[str, boo
 
 
 def write_sources(
-    texts: Mapping[str, str], folder: str | os.PathLike[str], kept: Collection[str] = ()
+    texts: Mapping[str, str | bytes], folder: str | os.PathLike[str], kept: Collection[str] = ()
 ) -> dict[str, bool]:
     """Write sources into a folder, which is made where it is not there.
 
@@ -62,5 +62,5 @@ def write_sources(
         written[str(path)] = not is_kept
         if not is_kept:
             with whole_file(path, takes_devices=False) as stream:
-                stream.write(text.encode())
+                stream.write(text if isinstance(text, bytes) else text.encode())
     return written
