@@ -37,6 +37,8 @@ def main() -> None:
     for target in targets if options.state else []:
         print(f"target={target.name}\nwheel={target.wheel}\nextension={extension_path(target, options.out)}")
         print(f"library={extension_path(target, options.out).with_name(target.library)}")
+        if target.import_library:
+            print(f"import_library={extension_path(target, options.out).with_name(target.import_library)}")
         print(f"is_current={'yes' if is_current(target, options.out, every_set=options.every_set) else 'no'}")
     if not options.state:
         _fix_order()

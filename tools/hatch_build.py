@@ -58,7 +58,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         if version != "editable":
             build_data["pure_python"] = False
             build_data["tag"] = f"cp311-abi3-{state['wheel']}"
-            for made in (state["extension"], state["library"]):
+            for made in (state[key] for key in ("extension", "library", "import_library") if key in state):
                 build_data["force_include"][made] = PLACE.format(Path(made).name)
 
     def _state(self, *, every_set: bool) -> dict[str, str]:

@@ -44,6 +44,9 @@ def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
         f"lib/{library.name}": library.read_bytes(),
         "include/decaff_message.h": header_text(),
     }
+    import_library = library.with_suffix(".lib")
+    if import_library.is_file():
+        contents[f"lib/{import_library.name}"] = import_library.read_bytes()
     for name, place in PLACES.items():
         text = (HERE / name).read_text(encoding="utf-8")
         text = text.replace("@LIBRARY@", library.name).replace("@VERSION@", proximity.__version__)

@@ -74,6 +74,8 @@ def contacts(scene, points):
     for k in range(6):
         if k == 3:
             scene.move(name, POSE)
+        if k == 4:
+            scene.set_surface(name, stiffness=700.0, damping=0.5)
         given = {
             "velocities": points[k : k + 2], "paths": points[10 + k : 14 + k].reshape(2, 2, 3),
             "bends": [0.1, 0.2], "path_bends": [0.0, 2.0],

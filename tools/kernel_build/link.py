@@ -36,7 +36,10 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
 def link_library(
     target: Target, objects: list[Path], wrappers: list[tuple[str, str, str]], digest: str, folder: Path
 ) -> Path:
-    """Return the library in C, of the same objects; `link` has been in that folder before."""
+    """Return the library in C, of the same objects; `link` has been in that folder before.
+
+    Beside it, where the target has one, is the import library.
+    """
     library = folder / target.library
     sets: dict[str, dict[str, str]] = {}
     for instructions, name, symbol in wrappers:
@@ -48,6 +51,8 @@ def link_library(
     compiled = [_compiled(target, each, folder, *options) for each in (table, *sorted(LIBRARY.glob("*.c")))]
     files = [*compiled, folder / "runtime.o", folder / "processor.o", *objects]
     name = [f"-Wl,-soname,{target.library}"] if target.name.startswith("linux") else []
+    if target.import_library:
+        name = [f"-Wl,--out-implib,{folder / target.import_library}"]
     _zig(target, folder, "-shared", "-s", *name, "-o", str(library), *map(str, files), *_mathematics(target))
     return library
 

@@ -29,6 +29,7 @@ class Target:
     sets: tuple[Instructions, ...]
     extension: str = "_kernels.abi3.so"  # name of the extension module's file
     library: str = "libproximity.so"  # name of the library in C
+    import_library: str = ""  # by which linkers find that, where a system needs one
 
 
 _X86 = (
@@ -65,6 +66,7 @@ TARGETS = {
             _X86,
             "_kernels.pyd",
             "proximity.dll",
+            "proximity.lib",
         ),
     )
 }

@@ -55,6 +55,8 @@ public static class LibraryProgram
             {
                 if (k == 3)
                     scene.Move(0, pose);
+                if (k == 4)
+                    scene.SetSurface(0, 700, 0.5);
                 var at = new ReadOnlySpan<DecaffVector>(points, k, 2);
                 var pathEnds = new ReadOnlySpan<DecaffVector>(points, 10 + k, 4);
                 var instants = new[] { 1000000000L + 1000000 * k, 1000000500L + 1000000 * k };

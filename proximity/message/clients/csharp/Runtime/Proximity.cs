@@ -113,6 +113,7 @@ namespace Decaff
 
         public void GetBounds(out DecaffVector lower, out DecaffVector upper)
         {
+            lower = upper = default;
             fixed (DecaffVector* first = &lower, second = &upper)
                 Native.proximity_bounds(Handle, first, second);
         }
@@ -135,6 +136,10 @@ namespace Decaff
         /// <summary>Hide a part from all that is asked, or show it again.</summary>
         public void Hide(int part, bool isHidden = true) =>
             Native.Check(Native.proximity_hide(Handle, part, isHidden ? 1 : 0, out NativeError error), ref error);
+
+        /// <summary>Set how a part reacts to a touch, N/m and N s/m; 0: it is rigid.</summary>
+        public void SetSurface(int part, double stiffness, double damping = 0) =>
+            Native.Check(Native.proximity_set_surface(Handle, part, stiffness, damping, out NativeError error), ref error);
 
         // --- questions: an answer for each row that is asked; none is farther than the limit, m ---
 
@@ -327,6 +332,8 @@ namespace Decaff
             UIntPtr n, void* poses, void* v, void* w, out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_hide(NativeHandle scene, int part,
             int isHidden, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_set_surface(NativeHandle scene, int part,
+            double stiffness, double damping, out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_closest(NativeHandle s, void* points,
             UIntPtr n, double limit, void* to, out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_signed_distance(NativeHandle s, void* points,
