@@ -143,7 +143,8 @@ namespace Decaff
 
         // --- questions: an answer for each row that is asked; none is farther than the limit, m ---
 
-        public void Closest(ReadOnlySpan<DecaffVector> points, Span<ProximityClosestPoint> answers, double limit = Unlimited) =>
+        public void Closest(ReadOnlySpan<DecaffVector> points, Span<ProximityClosestPoint> answers,
+            double limit = Unlimited) =>
             Ask(Question.Closest, points, default, answers, limit);
 
         public ProximityClosestPoint Closest(DecaffVector point, double limit = Unlimited)
@@ -219,7 +220,7 @@ namespace Decaff
 
         /// <summary>Set the radius of one fingertip, m.</summary>
         public void SetRadius(int finger, double radius) =>
-            Native.Check(Native.proximity_set_radius(handle, (UIntPtr)(uint)finger, radius, out NativeError error), ref error);
+            Native.Check(Native.proximity_set_radius(handle, (UIntPtr)(uint)finger, radius, out NativeError e), ref e);
 
         /// <summary>Answer for all fingers, a row each; one whose position is not finite is not tracked. Instants are ns
         /// of one clock, velocities m/s; corners of paths are as many a finger, one finger behind the other.</summary>
@@ -232,9 +233,9 @@ namespace Decaff
                 && (velocities.IsEmpty || velocities.Length == count) && (bends.IsEmpty || bends.Length == count)
                 && (pathBends.IsEmpty || pathBends.Length == each));
             fixed (DecaffVector* at = positions, linear = velocities, first = corners) fixed (long* instants = poseNs)
-            fixed (double* ofFingers = bends, ofCorners = pathBends) fixed (DecaffContact* to = Contacts)
+            fixed (double* own = bends, along = pathBends) fixed (DecaffContact* to = Contacts)
             {
-                var paths = new NativePaths { Corners = first, Count = (UIntPtr)each, OfCorners = ofCorners, OfFingers = ofFingers };
+                var paths = new NativePaths { Corners = first, Count = (UIntPtr)each, OfCorners = along, OfFingers = own };
                 Native.Check(Native.proximity_tick(handle, at, instants, nowNs, linear, first == null ? null : &paths, to,
                     out NativeError error), ref error);
             }
