@@ -9,7 +9,6 @@ from proximity.message.c_header import header_text
 from proximity.message.clients import write_client, write_sources
 
 HERE, NATIVE = Path(__file__).parent / "c", Path(__file__).parent.parent / "native"
-PLUGINS = "Runtime/Plugins"
 LIBRARIES = ("libproximity.so", "libproximity.dylib", "proximity.dll")
 PLACES = {
     "proximity.h": "include",
@@ -57,7 +56,8 @@ def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
 def write_unity_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
     """Write the client in C# as `write_client` does, and the library where it was compiled."""
     written = write_client("csharp", folder)
-    for library in (NATIVE / name for name in LIBRARIES):
-        if library.is_file():
-            written |= write_sources({f"{PLUGINS}/{library.name}": library.read_bytes()}, folder)
-    return written
+    try:
+        library = library_path()
+    except ProximityError:  # sources are of use without it, and with one of another system
+        return written
+    return written | write_sources({f"Runtime/Plugins/{library.name}": library.read_bytes()}, folder)

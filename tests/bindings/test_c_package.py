@@ -163,7 +163,7 @@ def test_example_that_is_there_is_left_alone(folder, tmp_path):
 def test_folder_for_windows_has_the_import_library(monkeypatch, tmp_path):
     for name in ("proximity.dll", "proximity.lib"):
         (tmp_path / name).write_text(name)
-    monkeypatch.setattr(c_package, "NATIVE", tmp_path)
+    monkeypatch.setattr(c_package, "library_path", lambda: tmp_path / "proximity.dll")
 
     written = c_package.write_library(tmp_path / "package")
 

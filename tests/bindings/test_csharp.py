@@ -13,12 +13,20 @@ from pages import PAGES
 from project import MESHES, SUPPORT
 
 import proximity
-from proximity import Pose
+from proximity import Pose, ProximityError
 from proximity.bindings import c_package
 from proximity.message.clients import client_files
 
+
+def is_compiled():
+    try:
+        return c_package.library_path().is_file()
+    except ProximityError:
+        return False
+
+
 has_library = pytest.mark.skipif(
-    sys.platform == "win32" or not any((c_package.NATIVE / name).is_file() for name in c_package.LIBRARIES),
+    sys.platform == "win32" or not is_compiled(),
     reason="the library is compiled with the kernels, and Mono is run on POSIX systems only",
 )
 CLIENTS = SUPPORT / "clients"

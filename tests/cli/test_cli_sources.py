@@ -5,6 +5,7 @@ import json
 import pytest
 
 import proximity
+from proximity import ProximityError
 from proximity.bindings import c_package
 from proximity.decaff.controller.chip_sources import controller_sources
 from proximity.decaff.controller.settings import CableRule, ControllerSettings
@@ -12,6 +13,10 @@ from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.message.clients import EXAMPLES, client_files
 
 SETTINGS = ControllerSettings(2000.0, DRUMS["gear14"])
+
+
+def not_compiled():
+    raise ProximityError("the library has not been compiled")
 
 
 @pytest.mark.parametrize(
@@ -25,7 +30,7 @@ SETTINGS = ControllerSettings(2000.0, DRUMS["gear14"])
     ids=lambda value: " ".join(map(str, value[:2])) if isinstance(value, list) else "",
 )  # fmt: skip
 def test_sources_are_written_and_examples_are_left_alone(run, words, sources, tmp_path, monkeypatch):
-    monkeypatch.setattr(c_package, "LIBRARIES", ())
+    monkeypatch.setattr(c_package, "library_path", not_compiled)
     folder = tmp_path / "a" / "b"
     result = run(*words, "--out", folder)
     files = {
@@ -45,7 +50,7 @@ def test_sources_are_written_and_examples_are_left_alone(run, words, sources, tm
 
 def test_package_for_unity_has_the_library_that_was_compiled(run, tmp_path, monkeypatch):
     (tmp_path / "proximity.dll").write_bytes(b"library")
-    monkeypatch.setattr(c_package, "NATIVE", tmp_path)
+    monkeypatch.setattr(c_package, "library_path", lambda: tmp_path / "proximity.dll")
 
     result = run("client", "csharp", "--out", tmp_path / "package")
 
