@@ -135,7 +135,12 @@ def _linked(target: Target, objects: list[CompiledGroup], digest: str, path: Pat
         table.write_text(entry_table(wrappers, digest), encoding="utf-8")
         extension = link(target, files, table, Path(scratch))
         library = link_library(target, files, wrappers, library_digest(), Path(scratch))
-        return [_placed(extension, path), _placed(library, path.with_name(target.library))]
+        made = [_placed(extension, path), _placed(library, path.with_name(target.library))]
+        if target.import_library:
+            made.append(
+                _placed(library.with_name(target.import_library), path.with_name(target.import_library))
+            )
+        return made
 
 
 def _linked_module(

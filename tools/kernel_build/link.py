@@ -36,10 +36,12 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
 def link_library(
     target: Target, objects: list[Path], wrappers: list[tuple[str, str, str]], digest: str, folder: Path
 ) -> Path:
-    """Return the library in C, of the same objects."""
+    """Return the library in C, of the same objects; beside it, where the target has one, its import library."""
     library = folder / target.library
     files = [*library_objects(target, wrappers, digest, folder), *objects]
     name = [f"-Wl,-soname,{target.library}"] if target.name.startswith("linux") else []
+    if target.import_library:
+        name = [f"-Wl,--out-implib,{folder / target.import_library}"]
     zig(target, folder, "-shared", "-s", *name, "-o", str(library), *map(str, files), *_mathematics(target))
     return library
 

@@ -29,6 +29,7 @@ class Target:
     sets: tuple[Instructions, ...]
     extension: str = "_kernels.abi3.so"  # name of the extension module's file; "": a browser has none
     library: str = "libproximity.so"  # name of the library in C
+    import_library: str = ""  # by which linkers find that, where a system needs one
 
 
 _X86 = (
@@ -67,6 +68,7 @@ TARGETS = {
             _X86,
             "_kernels.pyd",
             "proximity.dll",
+            "proximity.lib",
         ),
         Target("wasm32", "wasm32-unknown-wasi", "wasm32-wasi", "", _WEB, "", "proximity.wasm"),
     )
@@ -98,7 +100,8 @@ def made_files(target: Target, folder: Path) -> list[Path]:
     if not target.extension:
         return [module_path(each, folder) for each in target.sets]
     extension = extension_path(target, folder)
-    return [extension, extension.with_name(target.library)]
+    names = [target.library, *([target.import_library] if target.import_library else [])]
+    return [extension, *map(extension.with_name, names)]
 
 
 def wrapper_symbol(name: str, instructions: Instructions) -> str:

@@ -1,7 +1,6 @@
 """Commands for programs at the other end: their sources, the layout of messages, and keys."""
 
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -32,30 +31,34 @@ def client(
     out: FOLDER,
 ) -> None:
     """Write a client into a folder: sources in C++, JavaScript or C# that read frames and send
-    poses; or the engine itself, as a library in C or for browsers.
+    poses; or the engine itself, for C, C++ and C#, or for browsers.
 
     It verifies frames and ages them (OK, LATE, STALE) as the subscriber of proximity does, and supports
     the keys of udp://. cpp is header only, for C++20 on POSIX systems and Windows; javascript is ES
-    modules for browsers and Node; csharp is for Unity and .NET. An example is written as well. An
-    existing example is kept; the other files are replaced.
+    modules for browsers and Node; csharp is for .NET and a package for Unity. An example is written as
+    well. An existing example is kept; the other files are replaced.
 
     c is no client but the engine, for your own process: a shared library with its header, a CMake
-    package, a pkg-config file and examples. It opens scenes that `proximity compile` writes. wasm is the
-    same engine for browsers and Node: WebAssembly, an ES module with types, and an example.
+    package, a pkg-config file and examples. It opens scenes that `proximity compile` writes. csharp has
+    that library and its binding as well. wasm is the same engine for browsers and Node: WebAssembly, an
+    ES module with types, and an example.
 
     Examples:
       proximity client c --out proximity
       proximity client wasm --out site/proximity
       proximity client cpp --out decaff
-      proximity client csharp --out Assets/Decaff
+      proximity client csharp --out Packages/org.decaff.proximity
     """
-    from proximity.bindings.c_package import write_library
+    from proximity.bindings.c_package import write_library, write_unity_package
     from proximity.bindings.wasm_package import write_package
     from proximity.message.clients import write_client
 
-    engines = {Language.c: write_library, Language.wasm: write_package}
-    write = engines.get(language, partial(write_client, language.value))
-    written = write(out)
+    writers = {
+        Language.c: write_library,
+        Language.csharp: write_unity_package,
+        Language.wasm: write_package,
+    }
+    written = writers[language](out) if language in writers else write_client(language.value, out)
     for path, is_written in written.items():
         typer.echo(f"{path}: {'written' if is_written else 'left alone, it is there already'}")
 
