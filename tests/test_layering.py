@@ -90,7 +90,7 @@ drum
     "proximity.lab": """
 certificate
 experiment · part_press · sweep
-claims · figures
+figures
 engine · stability
 simulation
 paper

@@ -15,7 +15,7 @@ from proximity.lab.engine.finger_placement import place_finger
 from proximity.lab.engine.recorded_press import RecordedPress, recorded_hand
 from proximity.lab.figures import press_plots
 from proximity.lab.figures.style import Table
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Hand
 from proximity.lab.simulation.metrics import drum_offset
 from proximity.lab.simulation.simulated_press import Felt, cable_words, felt
 from proximity.recording import Recording

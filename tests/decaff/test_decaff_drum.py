@@ -14,8 +14,7 @@ from proximity.decaff.drum.drum_model import Gear, Motor
 from proximity.decaff.drum.servo import servo_for, settling_time
 from proximity.errors import ArgumentError
 from proximity.lab.simulation import arrival
-from proximity.lab.simulation.devices import Decaff, Sensing
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand, Sensing
 
 FRICTIONLESS = replace(paper_drums.MOTOR, friction=0.0)
 

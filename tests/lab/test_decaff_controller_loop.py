@@ -16,9 +16,8 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
 from proximity.lab.simulation.closed_loop import decaff
-from proximity.lab.simulation.devices import Decaff
+from proximity.lab.simulation.devices import Decaff, Hand
 from proximity.lab.simulation.frame_readers import ControllerInLoop
-from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.target_policies import Target
 from proximity.message import ContactFlag, Mode, State
 

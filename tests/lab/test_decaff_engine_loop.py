@@ -17,7 +17,7 @@ from proximity.lab.engine.engine_loop import press_on_part
 from proximity.lab.engine.engine_setup import Distances, EngineSetup
 from proximity.lab.engine.finger_placement import place_finger, placed
 from proximity.lab.engine.recorded_press import recorded_hand, recorded_press
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Hand
 from proximity.lab.simulation.metrics import drum_offset, rest
 from proximity.lab.simulation.target_policies import Target
 from proximity.pose import Pose

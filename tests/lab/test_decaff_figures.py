@@ -29,7 +29,7 @@ from proximity.lab.figures import (
 from proximity.lab.figures.style import Table
 from proximity.lab.paper import figure_5
 from proximity.lab.simulation import simulated_press
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Hand
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.simulated_press import Setup, Wall, simulate
 

@@ -27,12 +27,10 @@ from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
 from proximity.errors import ArgumentError, DecaffError
 from proximity.lab.simulation.closed_loop import decaff
-from proximity.lab.simulation.devices import Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand, TipCable
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.simulated_press import Setup, simulate
 from proximity.lab.simulation.sweeps import with_transmission
-from proximity.lab.simulation.tip_cable import TipCable
 
 GEAR51 = DRUMS["gear51"]
 NOWHERE = -1e9  # m, of a finger that touches nothing

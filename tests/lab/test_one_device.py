@@ -28,8 +28,7 @@ from proximity.decaff.glove.glove import CONTACT_BEND, DRUMS, Glove, with_gear
 from proximity.decaff.motors.motor_driver import MotorScale, MotorSettings
 from proximity.errors import ArgumentError, DecaffError
 from proximity.lab.simulation import sweeps
-from proximity.lab.simulation.devices import Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand
 from proximity.lab.simulation.simulated_press import Setup
 from proximity.message import ContactFlag, Mode, State
 

@@ -31,14 +31,12 @@ from proximity.lab.engine.simulated_service import (
     TrackedFinger,
 )
 from proximity.lab.paper.trajectories import Intent
-from proximity.lab.simulation.closed_loop import LEAD, DecaffLoop, real_wall, soft_wall
-from proximity.lab.simulation.devices import Decaff, Sensing
+from proximity.lab.simulation.closed_loop import LEAD, DecaffLoop, Response, real_wall, soft_wall
+from proximity.lab.simulation.devices import Decaff, Hand, Holding, Sensing
 from proximity.lab.simulation.frame_readers import START_NS, ControllerReader, PolicyReader
-from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.metrics import force_error, onset, work
-from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.sweeps import Stretch, with_transmission
-from proximity.lab.simulation.target_policies import DistanceSample, Holding, TargetPolicy
+from proximity.lab.simulation.target_policies import DistanceSample, TargetPolicy
 from proximity.service.contact_source import TrackedContacts
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker

@@ -10,9 +10,9 @@ from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.glove import DRUMS
 from proximity.errors import ArgumentError
 from proximity.lab.engine.delayed_link import Latency
+from proximity.lab.simulation.devices import TipCable
 from proximity.lab.simulation.sweeps import Stretch
 from proximity.lab.simulation.target_policies import Target
-from proximity.lab.simulation.tip_cable import TipCable
 from proximity.message import PATH_CORNERS
 
 FARTHEST = 0.100  # m, that a wall is known of; assumed

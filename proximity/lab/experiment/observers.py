@@ -28,11 +28,9 @@ from proximity.lab.experiment.display import (
 )
 from proximity.lab.experiment.methods import SIGMAS_OF_WIDTH
 from proximity.lab.experiment.plan import Stage, Text, is_compared
-from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall, soft_wall
-from proximity.lab.simulation.devices import CoupledWall, Decaff
+from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, real_wall, soft_wall
+from proximity.lab.simulation.devices import CoupledWall, Decaff, Hand
 from proximity.lab.simulation.frame_readers import ControllerInLoop
-from proximity.lab.simulation.hand import Hand
-from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.simulated_press import Wall
 from proximity.lab.simulation.sweeps import with_latency
 from proximity.lab.stability.coupled_limit import rests_on

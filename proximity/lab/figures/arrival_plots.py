@@ -16,8 +16,7 @@ from proximity.lab.simulation.arrival import (
     look_ahead,
     needed_look_ahead,
 )
-from proximity.lab.simulation.devices import Decaff, Sensing
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand, Sensing
 from proximity.lab.simulation.sweeps import with_latency
 
 if TYPE_CHECKING:

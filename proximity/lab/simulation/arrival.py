@@ -11,8 +11,7 @@ from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import Servo
 from proximity.errors import ArgumentError
 from proximity.lab.simulation.closed_loop import decaff
-from proximity.lab.simulation.devices import Decaff, Sensing
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand, Sensing
 from proximity.lab.simulation.metrics import drum_lag
 
 SETTLING_SAMPLES = 15.0  # of the servo: what is left of its lag is then small

@@ -13,13 +13,18 @@ import numpy as np
 
 from proximity.decaff.glove.glove import CONTACT_BEND, Glove
 from proximity.errors import ArgumentError
-from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall
-from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Decaff, Link
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, real_wall
+from proximity.lab.simulation.devices import (
+    COUPLED_DEVICE,
+    CoupledWall,
+    Decaff,
+    Hand,
+    Holding,
+    Link,
+    TipCable,
+)
 from proximity.lab.simulation.metrics import Deviation, deviation, force_error
-from proximity.lab.simulation.response import Response
-from proximity.lab.simulation.target_policies import Controller, Holding, Target
-from proximity.lab.simulation.tip_cable import TipCable
+from proximity.lab.simulation.target_policies import Controller, Target
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0)  # m/s
 # N/m: six to a decade, from softer than the hand to stiffer than any sampled wall here can be.

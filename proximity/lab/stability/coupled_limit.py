@@ -12,8 +12,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from proximity.checks import positive
-from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Link
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Hand, Link
 
 FASTEST_TURNS = 3.0  # of the delay: beyond, the device's mass alone resists with more
 POINTS = 20_000  # between which signs are compared

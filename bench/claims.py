@@ -1,4 +1,7 @@
-"""Claims of the paper, checked with the models under stated conditions (docs/science/paper.md)."""
+"""Claims of the paper, checked with the models under stated conditions (docs/science/paper.md).
+
+``python bench/claims.py`` prints the table of the documentation.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,11 +15,18 @@ from proximity.decaff.glove.glove import Glove
 from proximity.lab.paper import energies, figure_5
 from proximity.lab.paper.energies import Stop
 from proximity.lab.paper.walls import FINGER, RealWall, steady_excess
-from proximity.lab.simulation.closed_loop import coupled_wall, decaff, ideal_drum, real_wall
-from proximity.lab.simulation.devices import COUPLED_DEVICE, Decaff, Link, Sensing
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, ideal_drum, real_wall
+from proximity.lab.simulation.devices import (
+    COUPLED_DEVICE,
+    FRICTION,
+    WRAP,
+    Decaff,
+    Hand,
+    Link,
+    Sensing,
+    TipCable,
+)
 from proximity.lab.simulation.metrics import FELT_SWING, deviation, drum_offset
-from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.sweeps import (
     SPEEDS,
     Stretch,
@@ -27,7 +37,6 @@ from proximity.lab.simulation.sweeps import (
     with_transmission,
 )
 from proximity.lab.simulation.target_policies import Target
-from proximity.lab.simulation.tip_cable import FRICTION, WRAP, TipCable
 from proximity.lab.stability import sampled_wall
 
 YES, PARTLY, NO = "yes", "only if", "no"
