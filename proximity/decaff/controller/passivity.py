@@ -30,27 +30,6 @@ def required_damping(stiffness: float, damping: float, period: float, delay_samp
     return _largest(series)
 
 
-def sufficient_damping(stiffness: float, damping: float, period: float, delay: float = 0.0) -> float:
-    """Return a damping of the device that is enough for any delay: K (T/2 + delay) + |B|, N·s/m.
-
-    *delay*: from a position to its force, the hold not counted; whole periods or not.
-
-    Notes
-    -----
-    Above `required_damping`, and equal to it where the wall has no damping or no delay.
-    """
-    stiffness = not_negative("stiffness", stiffness, "newtons a metre")
-    lateness = 0.5 * positive("period", period, "seconds") + not_negative("delay", delay, "seconds")
-    return stiffness * lateness + abs(finite("damping", damping, "newton seconds a metre"))
-
-
-def is_passive(
-    device_damping: float, stiffness: float, damping: float, period: float, delay_samples: int = 0
-) -> bool:
-    """Return whether no passive hand can draw energy from the wall."""
-    return device_damping > required_damping(stiffness, damping, period, delay_samples)
-
-
 def largest_passive_stiffness(
     device_damping: float, damping: float, period: float, delay_samples: int = 0
 ) -> float:
@@ -65,11 +44,6 @@ def largest_passive_stiffness(
         return required_damping(stiffness, damping, period, delay_samples) - own
 
     return float(brentq(lack, 0.0, most * (1.0 + 1e-9), xtol=1e-12 * most))
-
-
-def apparent_damping(stiffness: float, period: float, delay_samples: int = 0) -> float:
-    """Return the damper that a sampled spring looks like to slow motion, N·s/m: negative, it feeds energy."""
-    return -stiffness * (delay_samples + 0.5) * period
 
 
 def _largest(series: np.ndarray) -> float:

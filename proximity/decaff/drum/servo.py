@@ -20,8 +20,8 @@ from proximity.decaff.drum.sampled_mass import (
     characteristic,
     damping_window,
     maximum_stiffness,
+    spectral_radius,
 )
-from proximity.decaff.drum.unit_circle import spectral_radius
 from proximity.errors import ArgumentError
 
 SERVO_RATE = 3000.0  # Hz, where nothing else is said; assumed
