@@ -37,7 +37,7 @@ from proximity.lab.simulation.sweeps import (
     with_transmission,
 )
 from proximity.lab.simulation.target_policies import Target
-from proximity.lab.stability import sampled_wall
+from proximity.lab.stability import largest_damping
 
 YES, PARTLY, NO = "yes", "only if", "no"
 TIMES = (0.0, 0.520, 1e-5)  # s: from, to, step of the curves
@@ -91,7 +91,7 @@ def _stiffest() -> Claim:
 
 
 def _most_damping() -> Claim:
-    largest = sampled_wall.largest_damping(sampled_mass.SampledMass())
+    largest = largest_damping(sampled_mass.SampledMass())
     return Claim(
         "60 N s/m is the largest damping",
         PARTLY,

@@ -105,13 +105,13 @@ plan
 design
 """,
     "proximity.lab.certificate": """
-certificate_job · document · report
+document · report
 certification
 measurement
 service_inputs · worst_positions
 starting_positions
 work
-deadlines · subject · tick_times · wording
+deadlines · subject · wording
 """,
     "proximity.cli": """
 lab

@@ -21,11 +21,11 @@ from proximity.cli.device import drum_loop
 from proximity.cli.device.drum_loop import DrumLog
 from proximity.decaff.controller.controller_states import DrumState
 from proximity.decaff.controller.settings import CableRule
-from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.drum.drum_model import Motor
+from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.glove.calibrated_glove import read_glove
 from proximity.decaff.glove.glove import Glove
-from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
+from proximity.decaff.simulated_drums import DrumBench, FingerBench
 from proximity.errors import ArgumentError
 from proximity.message import CONTACT, ContactFlag, Mode, State, Surface
 from proximity.transport import Counts, Reading, open_publisher

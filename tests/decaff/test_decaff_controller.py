@@ -10,14 +10,17 @@ from hypothesis import strategies as st
 from sealed_frames import frame
 
 from proximity.decaff.controller import compiled
-from proximity.decaff.controller.controller import FingerController, SurfaceLaw
+from proximity.decaff.controller.controller import FingerController, SurfaceLaw, required_damping
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
-from proximity.decaff.controller.drum_limits import Limits
-from proximity.decaff.controller.passivity import required_damping
-from proximity.decaff.controller.settings import SERVO_LAG, CableRule, ControllerSettings
-from proximity.decaff.controller.steady_force import Handover, SteadyRule
-from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.drum.servo import move, servo_for
+from proximity.decaff.controller.settings import (
+    SERVO_LAG,
+    CableRule,
+    ControllerSettings,
+    Handover,
+    Limits,
+    SteadyRule,
+)
+from proximity.decaff.drum.servo import DriveMode, move, servo_for
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError

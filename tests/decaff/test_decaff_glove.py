@@ -12,8 +12,7 @@ from scipy.optimize import brentq
 from proximity.decaff.glove.drum_geometry import ArmDrum, EccentricDrum
 from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.glove import Glove
-from proximity.decaff.glove.linkage import Linkage
-from proximity.decaff.glove.transmission import Cable, Potentiometer
+from proximity.decaff.glove.transmission import Cable, Linkage, Potentiometer
 from proximity.errors import ArgumentError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose

@@ -20,7 +20,7 @@ from proximity.decaff.calibration.drum_chirp import (
 from proximity.decaff.calibration.motor_port import MotorPort
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
-from proximity.decaff.motors.motor_set import opened_motors
+from proximity.decaff.motors.motor_drum import opened_motors
 from proximity.errors import DecaffError, MotorError
 
 GLOVE = Glove()

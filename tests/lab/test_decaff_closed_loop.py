@@ -17,8 +17,7 @@ from paper_drums import PAPER_DEVICE, PAPER_DRUMS, PAPER_GLOVE
 from project import ROOT
 from scipy.integrate import solve_ivp
 
-from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
-from proximity.decaff.drum.servo import servo_for
+from proximity.decaff.drum.servo import DriveMode, DrumCommand, servo_for
 from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Press
 from proximity.lab.simulation import metrics, press_kernels, sweeps
@@ -27,7 +26,7 @@ from proximity.lab.simulation.devices import CoupledWall, Hand, Link, Sensing
 from proximity.lab.simulation.metrics import deviation, drum_lag, drum_offset
 from proximity.lab.simulation.sweeps import SPEEDS, with_latency
 from proximity.lab.simulation.target_policies import Target, TargetPolicy
-from proximity.lab.stability.coupled_limit import critical_stiffness, rests_on
+from proximity.lab.stability import critical_stiffness, rests_on
 
 HAND = Hand()
 GLOVE = PAPER_GLOVE  # 48.8:1, 3 kHz servo, 1 kHz distances, as in the reference

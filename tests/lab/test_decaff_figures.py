@@ -13,8 +13,7 @@ from sampled_walls import stiffness_limit
 
 from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness
 from proximity.errors import ArgumentError, MissingLibraryError
-from proximity.lab.engine.engine_loop import press_on_part
-from proximity.lab.engine.engine_setup import EngineSetup
+from proximity.lab.engine.engine_loop import EngineSetup, press_on_part
 from proximity.lab.engine.finger_placement import place_finger
 from proximity.lab.figures import (
     arrival_plots,

@@ -11,8 +11,8 @@ from sampled_walls import is_stable, stiffness_limit
 from proximity.decaff.drum import sampled_mass, servo
 from proximity.decaff.drum.sampled_mass import Gains, SampledMass
 from proximity.errors import ArgumentError
-from proximity.lab.stability import sampled_wall
-from proximity.lab.stability.sampled_wall import Verdict
+from proximity.lab import stability
+from proximity.lab.stability import Verdict
 
 PAPER_WALL = SampledMass()  # 0.7 kg, 200 Hz, the one sample of equation (1)
 UNIT = {d: SampledMass(1.0, 1.0, d) for d in (0, 1, 2, 3, 4, 8)}
@@ -89,7 +89,7 @@ def test_jury_and_roots_agree_on_random_walls():
         device = SampledMass(1.0, 1.0, delay_samples)
         limit = sampled_mass.maximum_stiffness(device)
         stiffness = rng.uniform(-0.2, 1.5, count) * limit.stiffness
-        damping = rng.uniform(-0.2, 1.2, count) * sampled_wall.largest_damping(device)
+        damping = rng.uniform(-0.2, 1.2, count) * stability.largest_damping(device)
         polynomials = sampled_mass.characteristic(device, stiffness, damping)
         by_roots = sampled_mass.spectral_radius(polynomials)
         # Where a root is on the circle but for rounding, either may be right.
@@ -140,7 +140,7 @@ def test_limit_of_equation_1(b, expected):
 def test_region_is_what_the_boundary_encloses(delay_samples):
     device = UNIT[delay_samples]
     rng = np.random.default_rng(7)
-    dampings = rng.uniform(0.0, 1.1, 200) * sampled_wall.largest_damping(device)
+    dampings = rng.uniform(0.0, 1.1, 200) * stability.largest_damping(device)
     limits = stiffness_limit(device, dampings)
     top = sampled_mass.maximum_stiffness(device).stiffness
     stiffness = rng.uniform(0.0, 1.3, (30, 200)) * top
@@ -151,15 +151,15 @@ def test_region_is_what_the_boundary_encloses(delay_samples):
 
 
 def test_boundary_is_where_the_radius_is_one():
-    stiffness, damping = sampled_wall.boundary(PAPER_WALL, 50)
+    stiffness, damping = stability.boundary(PAPER_WALL, 50)
 
     inner = sampled_mass.spectral_radius(sampled_mass.characteristic(PAPER_WALL, stiffness, damping))
     np.testing.assert_allclose(inner, 1.0, atol=3e-7)  # the double root of the start splits by rounding
     assert (stiffness[0], damping[0], stiffness[-1]) == (0.0, 0.0, 0.0)
-    assert damping[-1] == sampled_wall.largest_damping(PAPER_WALL)
+    assert damping[-1] == stability.largest_damping(PAPER_WALL)
     assert stiffness.max() <= sampled_mass.maximum_stiffness(PAPER_WALL).stiffness
     with pytest.raises(ArgumentError, match="count is 1, expected a whole number of 2 or more"):
-        sampled_wall.boundary(PAPER_WALL, 1)
+        stability.boundary(PAPER_WALL, 1)
 
 
 def test_walls_with_no_damping_or_too_much_have_no_stiffness():
@@ -217,7 +217,7 @@ def test_soft_walls_need_damping_for_their_delay(delay_samples):
     low, high = sampled_mass.damping_window(device, stiffness)
 
     assert low == pytest.approx(stiffness * (delay_samples + 0.5) * device.period, rel=1e-3)
-    assert high == pytest.approx(sampled_wall.largest_damping(device), rel=1e-3)
+    assert high == pytest.approx(stability.largest_damping(device), rel=1e-3)
     if delay_samples == 1:
         assert high == pytest.approx(115.98, abs=5e-3)
 
@@ -232,7 +232,7 @@ def test_soft_walls_need_damping_for_their_delay(delay_samples):
     ],
 )
 def test_love_and_book_say_what_destabilises(stiffness, damping, expected):
-    found = sampled_wall.verdict(PAPER_WALL, Gains(stiffness, damping))
+    found = stability.verdict(PAPER_WALL, Gains(stiffness, damping))
 
     assert found is expected
     assert bool(is_stable(PAPER_WALL, stiffness, damping)) is (expected is Verdict.STABLE)
@@ -240,7 +240,7 @@ def test_love_and_book_say_what_destabilises(stiffness, damping, expected):
 
 def test_damping_that_is_no_number_has_no_verdict():
     with pytest.raises(ArgumentError, match="damping is nan, expected a number of newton seconds a metre"):
-        sampled_wall.verdict(PAPER_WALL, Gains(100.0, math.nan))
+        stability.verdict(PAPER_WALL, Gains(100.0, math.nan))
 
 
 @given(
@@ -249,12 +249,10 @@ def test_damping_that_is_no_number_has_no_verdict():
     st.sampled_from([0, 1, 2, 7]),
 )
 def test_sampling_faster_restores_any_wall_with_damping(stiffness, damping, delay_samples):
-    period = sampled_wall.slowest_period(0.7, Gains(stiffness, damping), delay_samples)
+    period = stability.slowest_period(0.7, Gains(stiffness, damping), delay_samples)
 
     def state(share):
-        return sampled_wall.verdict(
-            SampledMass(0.7, share * period, delay_samples), Gains(stiffness, damping)
-        )
+        return stability.verdict(SampledMass(0.7, share * period, delay_samples), Gains(stiffness, damping))
 
     assert [state(share) for share in (0.01, 0.5, 0.999)] == [Verdict.STABLE] * 3
     assert Verdict.STABLE not in [state(share) for share in (1.001, 2.0, 50.0)]
@@ -263,11 +261,11 @@ def test_sampling_faster_restores_any_wall_with_damping(stiffness, damping, dela
 def test_slowest_period_of_the_largest_stiffness_is_its_own():
     gains = sampled_mass.maximum_stiffness(PAPER_WALL)
 
-    assert sampled_wall.slowest_period(0.7, gains) == pytest.approx(0.005, rel=1e-9)
+    assert stability.slowest_period(0.7, gains) == pytest.approx(0.005, rel=1e-9)
     with pytest.raises(
         ArgumentError, match=r"damping is 0\.0, expected a positive number of newton seconds a metre"
     ):
-        sampled_wall.slowest_period(0.7, Gains(100.0, 0.0))
+        stability.slowest_period(0.7, Gains(100.0, 0.0))
 
 
 def test_best_damped_servo():

@@ -16,12 +16,11 @@ from sealed_frames import frame
 from proximity.decaff.controller.chip_sources import controller_sources, write_controller
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation
-from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.settings import Limits
 from proximity.decaff.drum.drum_model import GEARS, Gear, Motor, gear_named, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.calibrated_glove import read_any_glove
-from proximity.decaff.glove.calibration import read_calibration, write_calibration
-from proximity.decaff.glove.design import glove_of, table_of
+from proximity.decaff.glove.calibration import glove_of, read_calibration, table_of, write_calibration
 from proximity.decaff.glove.drum_geometry import EccentricDrum
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import CONTACT_BEND, DRUMS, Glove, with_gear

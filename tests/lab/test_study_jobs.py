@@ -11,7 +11,7 @@ import proximity
 from proximity.decaff.drum.drum_model import PHASE_SEED, USUAL_GEAR, with_random_phases
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.errors import ArgumentError, MissingLibraryError, ServiceError
-from proximity.lab.certificate.certificate_job import CERTIFICATE
+from proximity.lab.certificate.certification import CERTIFICATE
 from proximity.lab.simulation.closed_loop import decaff
 from proximity.lab.simulation.devices import Decaff, Hand, TipCable
 from proximity.lab.simulation.metrics import deviation

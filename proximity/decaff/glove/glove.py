@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from proximity.decaff.drum.drum_model import GEARS, USUAL_GEAR, Drum, Gear, Motor, gear_named
 from proximity.decaff.glove.drum_geometry import ArmDrum, DrumGeometry
 from proximity.decaff.glove.finger import Finger
-from proximity.decaff.glove.linkage import Linkage
-from proximity.decaff.glove.transmission import Cable, Potentiometer
+from proximity.decaff.glove.transmission import Cable, Linkage, Potentiometer
 from proximity.errors import ArgumentError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose

@@ -33,7 +33,7 @@ from proximity.lab.simulation.devices import CoupledWall, Decaff, Hand
 from proximity.lab.simulation.frame_readers import ControllerInLoop
 from proximity.lab.simulation.simulated_press import Wall
 from proximity.lab.simulation.sweeps import with_latency
-from proximity.lab.stability.coupled_limit import rests_on
+from proximity.lab.stability import rests_on
 
 DISTANCE_RATE = 1000.0  # Hz, of forces and of distances
 FRAME_PERIOD = 1e-3  # s

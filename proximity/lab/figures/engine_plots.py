@@ -7,8 +7,7 @@ import numpy as np
 
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError
-from proximity.lab.engine.engine_loop import press_on_part
-from proximity.lab.engine.engine_setup import EngineSetup
+from proximity.lab.engine.engine_loop import EngineSetup, press_on_part
 from proximity.lab.engine.finger_placement import place_finger
 from proximity.lab.figures import style
 from proximity.lab.figures.style import Table, caption, drum_words, hand_words

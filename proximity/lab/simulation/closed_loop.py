@@ -13,8 +13,7 @@ import numpy as np
 
 from proximity.checks import not_negative, positive
 from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum_command import DrumCommand
-from proximity.decaff.drum.servo import SIMULATION_STEP, steps_a_sample
+from proximity.decaff.drum.servo import SIMULATION_STEP, DrumCommand, steps_a_sample
 from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Intent
 from proximity.lab.simulation import press_kernels, target_kernels

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import finite, not_negative, positive, whole
-from proximity.decaff.controller.drum_limits import RELEASE_GAP, TOUCH_GAP
+from proximity.decaff.controller.settings import RELEASE_GAP, TOUCH_GAP
 from proximity.decaff.drum.drum_model import PAD_STIFFNESS, USUAL_GEAR, Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import CONTACT_BEND, DRUMS, Glove

@@ -19,7 +19,7 @@ from proximity.decaff.controller.controller_states import (
     Trust,
     commanded,
 )
-from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.drum.servo import DriveMode, DrumCommand
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.lab.simulation.devices import Holding
 from proximity.lab.simulation.target_policies import DistanceSample, Message, TargetPolicy

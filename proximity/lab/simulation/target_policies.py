@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.drum.servo import DriveMode, DrumCommand
 from proximity.lab.simulation import target_kernels
 from proximity.lab.simulation.devices import Holding, Sensing
 from proximity.lab.simulation.target_kernels import TargetArrays
