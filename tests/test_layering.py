@@ -99,7 +99,7 @@ paper
 analysis
 session
 drum_display · observers
-dataset · methods
+dataset
 display · design_file · trial_log
 plan
 design

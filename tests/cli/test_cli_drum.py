@@ -222,7 +222,7 @@ def test_calibration_is_given_on_the_command_line(run, service, tmp_path):
     assert (result.code, result.err) == (0, "")
     glove = read_glove(path)
     if told["state"] == "approach":  # on a machine that is not too busy
-        assert float(glove.bend_of_drum(told["drum_rad"])) > WALL - 0.01
+        assert told["drum_rad"] > float(glove.drum_angle(WALL - 0.01))
 
 
 def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_frame(run, service, tmp_path):

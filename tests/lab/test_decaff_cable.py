@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from paper_drums import GEAR49, MOTOR, PAPER_GLOVE
+from paper_drums import GEAR49, MOTOR, PAPER_GLOVE, steady_force
 
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.settings import CableRule
@@ -42,7 +42,7 @@ def test_cable_of_the_glove_as_it_is_felt_at_the_fingertip():
 def test_cable_in_series_with_the_drum_lowers_the_force_at_rest_as_springs_in_a_row():
     """Separately simulated: 9.4 % of force error at 0.1 m/s, -74 mN at rest; without a cable 1.7 %."""
     found = pressed(SMOOTH, hold=0.2)
-    rest = HAND.steady_force(HAND.press(0.1).depth, 1.0 / (1.0 / CABLE.stiffness + 1.0 / 50e3))
+    rest = steady_force(HAND, HAND.press(0.1).depth, 1.0 / (1.0 / CABLE.stiffness + 1.0 / 50e3))
 
     assert found.error == pytest.approx(0.094, abs=0.006)
     assert found.steady_error == pytest.approx(rest - 0.8, abs=1e-3) == pytest.approx(-0.074, abs=2e-3)

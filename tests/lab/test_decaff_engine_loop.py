@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapes
 from pages import PAGES
-from paper_drums import GEAR49
+from paper_drums import GEAR49, steady_force
 from project import MESHES
 
 from proximity.decaff.drum.drum_model import with_random_phases
@@ -284,7 +284,7 @@ def test_deformable_part_gives_way_as_its_law_says(stiffness, damping, tilt):
     row = press.response.zero + round(0.6 / press.response.step)
 
     assert set(press.states) >= {"approach", "force"}
-    assert press.real.force[row] == pytest.approx(HAND.steady_force(depth, along * stiffness), rel=1e-6)
+    assert press.real.force[row] == pytest.approx(steady_force(HAND, depth, along * stiffness), rel=1e-6)
     assert press.response.force[row] == pytest.approx(press.real.force[row], rel=0.005)
     assert press.error.share < 0.08
 

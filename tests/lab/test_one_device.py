@@ -70,7 +70,7 @@ def test_torque_of_a_newton_is_one_number_for_firmware_motors_and_simulation(gea
     angle = path.drum_angle(path.position(CONTACT_BEND))
 
     expected = float(glove.replica_torque(CONTACT_BEND, 1.0)) / turns  # the drum is an arm about the replica
-    assert float(glove.motor_torque(CONTACT_BEND, 1.0)) == pytest.approx(expected, rel=1e-12)
+    assert float(glove.lever(CONTACT_BEND)) / turns == pytest.approx(expected, rel=1e-12)
     assert DRUMS[gear].motor_torque(1.0) == path.drum.motor_torque(1.0) == pytest.approx(expected, rel=1e-12)
     scale = MotorScale(path, MotorSettings("motor", ratio=turns))
     assert -scale.torque(1.0, angle) == pytest.approx(expected, rel=5e-5)  # by the slope between two rows

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import typer
 
 from proximity.cli.output import report
-from proximity.decaff.calibration.motor_port import MotorPort
+from proximity.decaff.calibration.instruments import MotorPort
 from proximity.decaff.controller.settings import CableRule
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.finger_path import FingerPath

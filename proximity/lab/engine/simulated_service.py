@@ -7,7 +7,7 @@ loop: poses for a tracker, or what the sensor of a far end would measure there.
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from proximity.lab.engine.finger_placement import PlacedFinger
 from proximity.message import PATH_CORNERS, Surface
 from proximity.service.contact_source import ContactSource, TrackedContacts
 from proximity.service.frame_builder import FrameBuilder
-from proximity.service.samples import FingerPoses, Measurements, NewestSamples, Samples
+from proximity.service.samples import FingerPoses, Measurements, NewestSamples
 from proximity.service.sensed_contacts import SensedContacts
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
@@ -25,15 +25,6 @@ from proximity.transport import Outlet, Publisher
 from proximity.transport.link import NOTHING
 
 VALID_FOR, STALE_AFTER = 0.020, 0.100  # s, as of a service that is given nothing else
-
-
-class Feed(Protocol):
-    """Source of a service's samples, and of the answers to them."""
-
-    contact_source: ContactSource
-
-    def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Samples:
-        """Return what is known of the finger at an instant; a bend of nan: nothing is."""
 
 
 class TrackedFinger:
@@ -94,6 +85,10 @@ class MeasuredFinger:
         record["bend"], record["bend_rate"] = bend, bend_rate
         record["surface"], record["force"], record["force_is_valid"] = Surface.RIGID, force, True
         return measured
+
+
+Feed = TrackedFinger | MeasuredFinger
+"""Source of a service's samples of a finger, and of the answers to them."""
 
 
 class SimulatedService:

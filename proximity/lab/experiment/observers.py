@@ -26,8 +26,7 @@ from proximity.lab.experiment.display import (
     interval_of,
     stopped_by_force,
 )
-from proximity.lab.experiment.methods import SIGMAS_OF_WIDTH
-from proximity.lab.experiment.plan import Stage, Text, is_compared
+from proximity.lab.experiment.plan import SIGMAS_OF_WIDTH, Stage, Text, is_compared
 from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, real_wall, soft_wall
 from proximity.lab.simulation.devices import CoupledWall, Decaff, Hand
 from proximity.lab.simulation.frame_readers import ControllerInLoop

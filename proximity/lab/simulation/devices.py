@@ -50,11 +50,6 @@ class Hand:
         """Stiffness of hand and pad in series, N/m: force per displacement of the wall."""
         return 1.0 / (1.0 / self.stiffness + 1.0 / self.pad_stiffness)
 
-    def steady_force(self, depth: float, wall_stiffness: float = math.inf) -> float:
-        """Return the force at rest, N."""
-        wall = positive("wall_stiffness", wall_stiffness, "newtons a metre", may_be_infinite=True)
-        return not_negative("depth", depth, "metres") / (1.0 / self.series_stiffness + 1.0 / wall)
-
     def press(self, speed: float, *, hold: float = HOLD_TIME) -> Press:
         """Return the intent that comes at some speed and holds `STEADY_FORCE` against a rigid wall."""
         depth = STEADY_FORCE / self.series_stiffness
