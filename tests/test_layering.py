@@ -120,7 +120,7 @@ parts · service
 options
 progress
 program · tables
-lengths · output
+output
 """,
 }
 # Part of the whole package but in no layer: what its users import, and what starts the command line.

@@ -8,9 +8,11 @@ import errno
 import inspect
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -32,6 +34,14 @@ DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """What the system says where nothing can be written: the disk is full, or broken."""
 
 
+def stop_after(limit: float | None, stop: threading.Event) -> None:
+    """Have an event set after so many seconds."""
+    if limit is not None:
+        timer = threading.Timer(limit, stop.set)
+        timer.daemon = True
+        timer.start()
+
+
 def help_and_examples(command: Callable[..., Any]) -> tuple[str, str]:
     """Return the help of a command, a line a paragraph, and its examples; both stand in its docstring."""
     text, _, examples = (inspect.getdoc(command) or "").partition("\n\nExamples:\n")
@@ -40,18 +50,11 @@ def help_and_examples(command: Callable[..., Any]) -> tuple[str, str]:
     return "\n\n".join(paragraphs).replace("[", "\\["), f"\nExamples:\n{examples}\n"
 
 
-class _Converter(NamedTuple):
-    """Passes on text, paths and defaults; all else is converted by Typer.
-
-    Typer imports Pydantic for that, which is a third of the time of a query. Versions without it are let be.
-    """
+class _Plain(NamedTuple):
+    """Passes on text, paths and defaults; Typer converts the rest by Pydantic: a third of a query's time."""
 
     of_typer: Callable[[], Any]
     kind: Any
-
-    def __call__(self) -> "_Converter":
-        """Return itself, in place of Typer's function that makes a converter."""
-        return self
 
     def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
         """Return a value as Typer's converters do."""
@@ -67,17 +70,16 @@ class _Converter(NamedTuple):
         return self.of_typer().coerce(value, param=param, ctx=ctx)
 
 
-class _PlainValues:
-    """A command or a group whose values are converted by `_Converter`; and whose output may fail."""
+class _Plainly:
+    """A command or a group whose values are converted by `_Plain`, and whose output may fail."""
 
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return arguments and options."""
-        params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
-        for param in params:
-            of_typer = getattr(param, "get_runtime_param", None)
-            if of_typer is not None and not isinstance(of_typer, _Converter):
-                param.get_runtime_param = _Converter(of_typer, param.type_descriptor)
-        return params
+    params: list[Any]
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        for param in self.params:
+            if of_typer := getattr(param, "get_runtime_param", None):  # versions without it are let be
+                param.get_runtime_param = partial(_Plain, of_typer, param.type_descriptor)
 
     def make_context(self, *args: Any, **options: Any) -> Any:
         """Read the arguments, and print help or version where that is asked for."""
@@ -85,7 +87,7 @@ class _PlainValues:
             return super().make_context(*args, **options)  # type: ignore[misc]
 
 
-class Command(_PlainValues, TyperCommand):
+class Command(_Plainly, TyperCommand):
     """A command to which ``-2.5`` is a number, whose errors are one line, whose examples stay lines."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -127,7 +129,7 @@ class Command(_PlainValues, TyperCommand):
             raise typer.Exit(EXIT_INTERRUPTED) from broken
 
 
-class Group(_PlainValues, TyperGroup):
+class Group(_Plainly, TyperGroup):
     """The program: Ctrl-C, or output that fails, before a command runs is no traceback either."""
 
     def main(self, *args: Any, **options: Any) -> Any:

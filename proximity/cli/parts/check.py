@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from proximity.cli.options import FILE, Reading, with_option_groups
+from proximity.cli.options import FILE, Reading, flag, option, with_option_groups
 from proximity.cli.output import write_document
 
 EXIT_NO_INSIDE = 1
@@ -13,14 +13,10 @@ EXIT_NO_INSIDE = 1
 @with_option_groups
 def check(
     file: FILE,
-    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
-    list_all: Annotated[bool, typer.Option("--all", help="List all parts, not only the first 20.")] = False,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with code 1 if a part has no inside.")
-    ] = False,
-    time_limit: Annotated[
-        float, typer.Option(metavar="S", min=0.1, help="Longest time for a file of a folder.")
-    ] = 60.0,
+    as_json: Annotated[bool, flag("--json", "Write one JSON document.")] = False,
+    list_all: Annotated[bool, flag("--all", "List all parts, not only the first 20.")] = False,
+    strict: Annotated[bool, flag("--strict", "Exit with code 1 if a part has no inside.")] = False,
+    time_limit: Annotated[float, option("S", "Longest time for a file of a folder.", min=0.1)] = 60.0,
     *,
     reading: Reading,
 ) -> None:
@@ -43,7 +39,6 @@ def check(
       proximity check scan.ply --units m --strict
       proximity check catalogue --time-limit 20
     """
-    reading.check()
     if file.is_dir():
         from proximity.cli.parts.folder_report import check_folder
 

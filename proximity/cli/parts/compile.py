@@ -6,14 +6,14 @@ from typing import Annotated
 
 import typer
 
-from proximity.cli.options import FILE, Reading, with_option_groups
+from proximity.cli.options import FILE, Reading, argument, with_option_groups
 from proximity.cli.output import counted, printable
 
 
 @with_option_groups
 def compile(
     file: FILE,
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="File to write; its name ends in .prox.")],
+    out: Annotated[Path, argument("OUT", "File to write; its name ends in .prox.")],
     reading: Reading,
 ) -> None:
     """Prepare FILE for fast loading, and write it to OUT.
@@ -27,7 +27,6 @@ def compile(
       proximity compile scan.ply scan.prox --units m
       proximity query gearbox.prox 30 10 5
     """
-    reading.check()
     if _is_one_file(file, out):
         raise typer.BadParameter(f"{out} is {file} itself, expected another file", param_hint="OUT")
     from proximity.scene.saved.archive import check_extension

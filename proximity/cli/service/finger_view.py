@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rich.text import Text
 
-from proximity.cli.lengths import MM_PER_M
+from proximity.cli.output import MM_PER_M
 from proximity.message import ContactFlag, Mode
 from proximity.system.time_units import MS_PER_S
 
