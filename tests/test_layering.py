@@ -75,8 +75,9 @@ gloves · inbox · openxr_input · part_prediction · sources
 guided · running_page
 page_process
 bridge
-page_client · slices
-geometry · page_content · page_inbox · page_service · sources
+sources
+geometry · page_content · page_service
+page_inbox
 server
 display_mesh
 """,

@@ -34,7 +34,7 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
 
 MODULE_OF = {
     "query": "parts.query", "check": "parts.check", "picture": "parts.picture", "replay": "lab.replay",
-    "compile": "parts.compile", "serve": "service.serve", "record": "service.record",
+    "compile": "parts.check", "serve": "service.serve", "record": "service.record",
     "export": "service.record", "watch": "service.watch", "view": "parts.view", "demo": "device.demo",
     "drum": "device.drum", "header": "service.sources", "client": "service.sources",
     "controller": "service.sources", "calibrate": "device.calibrate", "key": "service.sources",

@@ -143,7 +143,7 @@ def test_terminal_shows_the_drums_beside_until_ctrl_c(run, monkeypatch):
             os.kill(os.getpid(), signal.SIGINT)
         return shown(*arguments, **options)
 
-    monkeypatch.setattr("proximity.cli.service.follower.picture", picture)
+    monkeypatch.setattr("proximity.cli.service.watch_view.picture", picture)
     result = run()
 
     plain = re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", result.out)

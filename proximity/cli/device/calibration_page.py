@@ -11,7 +11,7 @@ from proximity.cli.device.guide import Prompt, RepeatError, SkipError, Unfinishe
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import MotorError, ProximityError
 from proximity.web.guided import Answer, Button, Field, GuidedPages, PageLeftError, Step, StoppedError
-from proximity.web.server.browser import open_in_browser
+from proximity.web.server.access import open_in_browser
 
 LIVE_S = 0.1  # between two live readings
 LEFT = -40.0  # mm, where a drawing begins

@@ -48,7 +48,7 @@ def demo(
     """
     from proximity.cli import progress
     from proximity.cli.device.drum_loop import DrumsBeside
-    from proximity.cli.service.follower import Follower, show
+    from proximity.cli.service.watch_view import Follower, show
     from proximity.cli.tables import Console, Screen
     from proximity.decaff.controller.drum_limits import Limits
     from proximity.decaff.simulated_drums.service_drums import DrumBench

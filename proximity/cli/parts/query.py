@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from proximity.cli.options import FILE, Reading, argument, flag, option, refuse, with_option_groups
+from proximity.cli.options import FILE, JSON, Reading, argument, flag, option, refuse, with_option_groups
 from proximity.cli.output import report
 from proximity.cli.parts.points import Points, finite_number, read_points
 from proximity.system.memory import collector_paused
@@ -30,7 +30,7 @@ def query(
     segment: Annotated[
         bool, flag("--segment", "Take the points in pairs: start and end of a segment.")
     ] = False,
-    as_json: Annotated[bool, flag("--json", "Write one JSON document.")] = False,
+    as_json: JSON = False,
     as_csv: Annotated[bool, flag("--csv", "Write CSV with a header.")] = False,
     workers: Annotated[int, option("N", "Number of threads for many queries; -1 uses all cores.")] = 1,
     *,

@@ -114,7 +114,7 @@ def view(
 def _show(settings: "PageSettings", program: Program, limit: float | None, *, opens_browser: bool) -> None:
     from proximity.cli import progress
     from proximity.web.page_process import run_page
-    from proximity.web.server.browser import open_in_browser
+    from proximity.web.server.access import open_in_browser
 
     progress.prepare_kernels()
     with stopped_by_signals() as stop:

@@ -40,7 +40,7 @@ def watch(
 
 def _show(address: str, stop: Event) -> int:
     """Show the newest frame, again and again; return how many came."""
-    from proximity.cli.service.follower import Follower, show
+    from proximity.cli.service.watch_view import Follower, show
     from proximity.cli.tables import Console, Screen
     from proximity.transport import open_subscriber
 
@@ -53,7 +53,7 @@ def _show(address: str, stop: Event) -> int:
 
 def _write_lines(address: str, stop: Event) -> int:
     """Write every frame as a line; return how many came."""
-    from proximity.cli.service.follower import frame_document
+    from proximity.cli.service.finger_view import frame_document
     from proximity.recording.frame_bytes import frame_type
     from proximity.transport import Subscriber, open_inlet
 
