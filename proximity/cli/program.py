@@ -7,6 +7,7 @@ else is raised is our bug and keeps its traceback.
 import errno
 import inspect
 import os
+import re
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -30,6 +31,8 @@ EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE: the reader, say `head`, went first
 _NO_SUCH_OPTION: Any = vars(sys.modules[typer.BadParameter.__module__])["NoSuchOption"]
 """Of Click, or of the copy of it that newer versions of Typer have."""
 
+NEGATIVE = re.compile(r"-(\d|\.\d|(inf|infinity|nan)$)", re.IGNORECASE)
+"""What begins a negative number, be it misspelt as -1,5: no option begins like that."""
 DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """What the system says where nothing can be written: the disk is full, or broken."""
 
@@ -70,25 +73,14 @@ class _Plain(NamedTuple):
         return self.of_typer().coerce(value, param=param, ctx=ctx)
 
 
-class _Plainly:
-    """A command or a group whose values are converted by `_Plain`, and whose output may fail."""
-
-    params: list[Any]
+class Command(TyperCommand):
+    """A command to which ``-2.5`` is a number, whose values `_Plain` converts, whose examples stay lines."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
         for param in self.params:
             if of_typer := getattr(param, "get_runtime_param", None):  # versions without it are let be
-                param.get_runtime_param = partial(_Plain, of_typer, param.type_descriptor)
-
-    def make_context(self, *args: Any, **options: Any) -> Any:
-        """Read the arguments, and print help or version where that is asked for."""
-        with _reporting_failed_output():
-            return super().make_context(*args, **options)  # type: ignore[misc]
-
-
-class Command(_Plainly, TyperCommand):
-    """A command to which ``-2.5`` is a number, whose errors are one line, whose examples stay lines."""
+                vars(param)["get_runtime_param"] = partial(_Plain, of_typer, vars(param)["type_descriptor"])
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help, and the examples below it line by line: some versions of Typer would join them."""
@@ -100,51 +92,39 @@ class Command(_Plainly, TyperCommand):
         formatter.write(examples or "")
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse *args* so that negative numbers are values, wherever they stand."""
+        """Parse *args* so that negative numbers are values, wherever they stand, with a space before them."""
         try:
-            return super().parse_args(ctx, [_shielded(arg) for arg in args])
+            return super().parse_args(ctx, [f" {arg}" if NEGATIVE.match(arg) else arg for arg in args])
         except _NO_SUCH_OPTION as error:
             error.possibilities = get_close_matches(error.option_name, error.possibilities or (), cutoff=0.8)
             raise
 
+
+class Group(TyperGroup):
+    """Commands whose expected ends are exit codes."""
+
+    def make_context(self, *args: Any, **options: Any) -> Any:
+        """Read the arguments, and print help or version where that is asked for."""
+        with _expected_ends():
+            return super().make_context(*args, **options)
+
     def invoke(self, ctx: Any) -> Any:
-        """Run the command and turn expected ends into exit codes."""
+        """Run the command that is asked for."""
         if sys.stdout is None:
             _complain("standard output is closed, expected a terminal, a file or a pipe to write to")
-        try:
-            with _reporting_failed_output():
-                answer = super().invoke(ctx)
-                sys.stdout.flush()  # here, where a reader that has gone is still expected
-                return answer
-        except ProximityError as error:
-            _complain(str(error), error)
-        except typer.BadParameter as error:
-            error.ctx = error.ctx or ctx  # prints how the command is used
-            raise
-        except KeyboardInterrupt as interrupt:
-            raise typer.Exit(EXIT_INTERRUPTED) from interrupt
-        except ImportError as broken:
-            if not _is_interrupt(broken):
-                raise
-            raise typer.Exit(EXIT_INTERRUPTED) from broken
-
-
-class Group(_Plainly, TyperGroup):
-    """The program: Ctrl-C, or output that fails, before a command runs is no traceback either."""
-
-    def main(self, *args: Any, **options: Any) -> Any:
-        """Run the program."""
-        try:
-            return super().main(*args, **options)
-        except KeyboardInterrupt:
-            sys.exit(EXIT_INTERRUPTED)
+        with _expected_ends():
+            answer = super().invoke(ctx)
+            sys.stdout.flush()  # here, where a reader that has gone is still expected
+            return answer
 
 
 @contextmanager
-def _reporting_failed_output() -> Iterator[None]:
-    """Turn output that cannot be written, or that nobody reads any more, into exit codes."""
+def _expected_ends() -> Iterator[None]:
+    """Turn errors of the library, and output that cannot be written or that nobody reads, into exit codes."""
     try:
         yield
+    except ProximityError as error:
+        _complain(str(error), error)
     except BrokenPipeError as gone:
         _discard_output()
         raise typer.Exit(EXIT_BROKEN_PIPE) from gone
@@ -158,6 +138,10 @@ def _reporting_failed_output() -> Iterator[None]:
             raise
         _discard_output()
         _complain(f"the output cannot be written ({failure.strerror})", failure)
+    except ImportError as broken:
+        if not _is_interrupt(broken):
+            raise
+        raise typer.Exit(EXIT_INTERRUPTED) from broken
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
@@ -165,22 +149,6 @@ def _is_interrupt(error: BaseException | None) -> bool:
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
-
-
-def _shielded(arg: str) -> str:
-    """Put a space before a negative number: it reads the same, and no longer looks like an option.
-
-    So do misspelt ones, as -1,5: no option begins with a digit, and what is wrong is said of the number.
-    """
-    if not arg.startswith("-"):
-        return arg
-    if arg[1:2].isdigit():
-        return " " + arg
-    try:
-        float(arg)
-    except ValueError:
-        return arg
-    return " " + arg
 
 
 def _complain(sentence: str, reason: BaseException | None = None) -> NoReturn:
