@@ -73,14 +73,21 @@ class _Plain(NamedTuple):
         return self.of_typer().coerce(value, param=param, ctx=ctx)
 
 
-class Command(TyperCommand):
-    """A command to which ``-2.5`` is a number, whose values `_Plain` converts, whose examples stay lines."""
+class _Plainly:
+    """A command or a group whose values `_Plain` converts."""
 
-    def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **options)
-        for param in self.params:
-            if of_typer := getattr(param, "get_runtime_param", None):  # versions without it are let be
-                vars(param)["get_runtime_param"] = partial(_Plain, of_typer, vars(param)["type_descriptor"])
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return arguments and options, that for help as well."""
+        params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for param in params:
+            of_typer = getattr(param, "get_runtime_param", None)  # versions without it are let be
+            if of_typer is not None and not isinstance(of_typer, partial):
+                param.get_runtime_param = partial(_Plain, of_typer, param.type_descriptor)
+        return params
+
+
+class Command(_Plainly, TyperCommand):
+    """A command to which ``-2.5`` is a number, and whose examples stay lines."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help, and the examples below it line by line: some versions of Typer would join them."""
@@ -100,7 +107,7 @@ class Command(TyperCommand):
             raise
 
 
-class Group(TyperGroup):
+class Group(_Plainly, TyperGroup):
     """Commands whose expected ends are exit codes."""
 
     def make_context(self, *args: Any, **options: Any) -> Any:

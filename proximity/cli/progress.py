@@ -3,10 +3,10 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Timer
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import proximity
 from proximity.cli.output import report
@@ -15,7 +15,6 @@ ANNOUNCE_AFTER_S = 1.0  # a wait shorter than this shows nothing
 
 
 T = TypeVar("T")
-C = TypeVar("C", bound=Sized)
 
 
 def is_terminal() -> bool:
@@ -56,13 +55,18 @@ def spinner(doing: str) -> Iterator[Callable[..., None]]:
             status.stop()
 
 
-def counted(chunks: Iterable[C], show: Callable[..., None]) -> Iterator[C]:
+def counted(
+    chunks: Iterable[T],
+    show: Callable[..., None],
+    count_of: Callable[[Any], int] = len,
+    total: int | None = None,
+) -> Iterator[T]:
     """Pass *chunks* on, and show how many items they held so far."""
     done = 0
     for chunk in chunks:
         yield chunk
-        done += len(chunk)
-        show(done)
+        done += count_of(chunk)
+        show(done, total)
 
 
 @contextmanager
@@ -94,25 +98,6 @@ def bar(doing: str) -> Iterator[Callable[[float, float | None, str], None]]:
         yield show
     finally:
         status.stop()
-
-
-def with_bar(
-    chunks: Iterable[T], count_of: Callable[[T], int], total: int | None, *, is_shown: bool
-) -> Iterator[T]:
-    """Pass *chunks* on, and show how many of all queries are answered.
-
-    *total*: how many there are; None where that is not known. *is_shown*: false where a bar would run into
-    the output.
-    """
-    if not is_shown:
-        yield from chunks
-        return
-    done = 0
-    with bar("answered") as show:
-        for chunk in chunks:
-            yield chunk
-            done += count_of(chunk)
-            show(done, total, str(done) if total is None else f"{done} of {total}")
 
 
 def prepare_kernels() -> None:

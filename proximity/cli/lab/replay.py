@@ -185,12 +185,13 @@ def replay(
     pose = placement.pose(scene, recorded, origin, settings["radius"])
     ticked = recorded.placed(pose, placement.scale).resampled(1.0 / tracker.rate)
     tracker_of = partial(proximity.Tracker, scene, fingers=len(ticked.fingers), **settings)
-    run = replay(
-        tracker_of,
-        ticked,
-        latency=settings["latency"],
-        watch=lambda chunks: progress.with_bar(chunks, len, sum(map(len, chunks)), is_shown=True),
-    )
+    with progress.spinner("replaying ticks") as show:
+        run = replay(
+            tracker_of,
+            ticked,
+            latency=settings["latency"],
+            watch=lambda chunks: progress.counted(chunks, show, total=sum(map(len, chunks))),
+        )
     with progress.spinner("checking the bounds"):
         summary = summarise(scene, run, settings["radius"])
     if out is not None:

@@ -214,7 +214,7 @@ def write_json(question: Question, file: str, chunks: Iterable[Answers]) -> None
     head = {"file": file, "units": question.units, "mode": question.mode}
     opening, separator, write = json.dumps(head)[:-1] + ', "answers": [', "\n", sys.stdout.write
     try:
-        for chunk in _with_bar(chunks):
+        for chunk in _counted(chunks):
             write(opening)
             opening = ""
             for values in zip(*chunk.values(), strict=True):
@@ -232,7 +232,7 @@ def write_json(question: Question, file: str, chunks: Iterable[Answers]) -> None
 def write_csv(question: Question, chunks: Iterable[Answers]) -> None:
     """Write a header and a line an answer; three numbers take three columns, lengths name their unit."""
     writer, has_header = csv.writer(sys.stdout, lineterminator="\n"), False
-    for chunk in _with_bar(chunks):
+    for chunk in _counted(chunks):
         columns = list(_columns(chunk, question.units))
         if not has_header:
             writer.writerow(column.name_in_csv for column in columns)
@@ -257,7 +257,7 @@ def write_text(question: Question, chunks: Iterator[Answers]) -> None:
             report(f"these are {TERMINAL_ROWS} of {known}; --csv, --json or a pipe shows all")
     else:
         row = 0
-        for chunk in _with_bar(chain([first], chunks), is_piped=True):
+        for chunk in _counted(chain([first], chunks)):
             columns = _shown(chunk, question.units)
             if not row:
                 _write_row("#", columns, [column.title for column in columns])
@@ -278,8 +278,13 @@ class _Column(NamedTuple):
         return [self.field.shown(value, digits) for value in self.values]
 
 
-def _with_bar(chunks: Iterable[Answers], *, is_piped: bool = False) -> Iterable[Answers]:
-    return progress.with_bar(chunks, _count, None, is_shown=is_piped or not sys.stdout.isatty())
+def _counted(chunks: Iterable[Answers]) -> Iterator[Answers]:
+    """Answers as they come, with their number on stderr where they do not run into that."""
+    if sys.stdout.isatty():
+        yield from chunks
+        return
+    with progress.spinner("answered") as show:
+        yield from progress.counted(chunks, show, _count)
 
 
 def _count(answers: Answers) -> int:
