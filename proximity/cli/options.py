@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 import proximity
+from proximity.cli import progress
 
 if TYPE_CHECKING:
     from proximity.decaff.glove.calibrated_glove import CalibratedGlove
@@ -126,30 +127,24 @@ CABLE = Annotated[
     str | None,
     option(
         "N/M|FILE",
-        (
-            "Stiffness of the cable at the fingertip, or the calibration of the glove that it was"
-            " measured in. Without it, no cable."
-        ),
+        "Stiffness of the cable at the fingertip, or the calibration of the glove that it was"
+        " measured in. Without it, no cable.",
     ),
 ]
 GLOVE = Annotated[
     Path | None,
     option(
         "FILE",
-        (
-            "File of the glove, as calibrate or a builder wrote it: motor, gear, lever, linkage "
-            "and cable. Default: a glove with assumed dimensions."
-        ),
+        "File of the glove, as calibrate or a builder wrote it: motor, gear, lever, linkage "
+        "and cable. Default: a glove with assumed dimensions.",
     ),
 ]
 GLOVES = Annotated[
     list[Path] | None,
     option(
         "FILE",
-        (
-            "File of the glove, as calibrate or a builder wrote it: one for all fingers, or one "
-            "for each. Default: a glove with assumed dimensions."
-        ),
+        "File of the glove, as calibrate or a builder wrote it: one for all fingers, or one "
+        "for each. Default: a glove with assumed dimensions.",
         "--glove",
         "--calibration",
     ),
@@ -182,7 +177,6 @@ class Reading:
 
     def load(self, file: Path, doing: str = "reading") -> "proximity.Scene":
         """Return the scene in a file, with a spinner, compiling kernels first where that is needed."""
-        from proximity.cli import progress
 
         progress.prepare_kernels()
         with progress.spinner(f"{doing} {file}") as count:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import proximity
+from proximity.cli import progress
 from proximity.cli.options import LONGEST_S, option, sample, within
 from proximity.cli.output import report
 from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
@@ -46,7 +47,6 @@ def demo(
       proximity demo
       proximity demo --seconds 5 | cat
     """
-    from proximity.cli import progress
     from proximity.cli.device.drum_loop import DrumsBeside
     from proximity.cli.service.watch_view import Follower, show
     from proximity.cli.tables import Console, Screen

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 import proximity
+from proximity.cli import progress
 from proximity.cli.options import JSON_SI, UNITS, argument, flag, option, sample
 from proximity.cli.output import report
 from proximity.cli.program import EXIT_UNUSABLE
@@ -67,7 +68,6 @@ def bench(
       proximity bench cell.toml --gate 1ms --out cell-latency.html
       proximity bench gearbox.step --recording grab.csv --gate 5kHz --json > latency.json
     """
-    from proximity.cli import progress
     from proximity.cli.lab import bench_report
     from proximity.lab import certificate
 
@@ -113,7 +113,6 @@ def bench(
 
 def _write(page: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bool:
     """Write the report; whether all of it, and not the numbers alone, because a library is missing."""
-    from proximity.cli import progress
     from proximity.lab import certificate
 
     try:

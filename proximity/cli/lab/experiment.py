@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from proximity.cli import output
+from proximity.cli import output, progress
 from proximity.cli.device.drum import ARM, MAX_AGE, MOTOR, RATE, SWITCH_S
 from proximity.cli.options import GLOVES, argument, flag, option
 from proximity.cli.program import EXIT_INTERRUPTED, Command, Group
@@ -130,7 +130,6 @@ def simulate(
     participant: Annotated[str | None, option("NAME", "Only this one; else all, as p01.")] = None,
 ) -> None:
     """Run the whole experiment with simulated observers, through the log, as people would."""
-    from proximity.cli import progress
     from proximity.lab.experiment.dataset import Dataset
     from proximity.lab.experiment.design_file import read_design
     from proximity.lab.experiment.observers import Observer
@@ -153,7 +152,6 @@ def report(
     out: Annotated[Path | None, option("DIR", "Where to; else derivatives/report in DATA.")] = None,
 ) -> None:
     """Analyse the data: a page, plots, tables as CSV, and a methods paragraph."""
-    from proximity.cli import progress
     from proximity.lab.experiment.analysis.findings import find
     from proximity.lab.experiment.analysis.report import write_report
     from proximity.lab.experiment.dataset import DERIVED, Dataset
@@ -186,7 +184,6 @@ def power(
     repetitions: Annotated[int, option("N", "", min=10)] = 1000,
 ) -> None:
     """Simulate how often an effect is found with so many participants; without --effect the expected one."""
-    from proximity.cli import progress
     from proximity.cli.tables import results_console, table
     from proximity.lab.experiment.analysis import simulation
     from proximity.lab.experiment.design_file import read_design
@@ -206,7 +203,6 @@ def power(
 @_command("check comparison.toml --repetitions 100")
 def check(design: DESIGN, repetitions: Annotated[int, option("N", "", min=1)] = 100) -> None:
     """Try the analysis on simulated observers: false positives, and thresholds found again."""
-    from proximity.cli import progress
     from proximity.lab.experiment.analysis import simulation
     from proximity.lab.experiment.design_file import read_design
 

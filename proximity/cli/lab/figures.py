@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from proximity.cli import progress
 from proximity.cli.options import GLOVE, JSON_SUMMARY, argument, designed, option
 from proximity.cli.output import report
 
@@ -15,10 +16,8 @@ def figures(
         list[str] | None,
         argument(
             "NAME",
-            (
-                "5a to 5h, 5, stability, error-speed, error-latency, error-engine, cable, drum-"
-                "motion, arrival. Default: all."
-            ),
+            "5a to 5h, 5, stability, error-speed, error-latency, error-engine, cable, drum-"
+            "motion, arrival. Default: all.",
             show_default=False,
         ),
     ] = None,
@@ -41,7 +40,6 @@ def figures(
       proximity figures 5c 5h stability --out paper --format pdf
       proximity figures drum-motion --glove glove.json --json
     """
-    from proximity.cli import progress
     from proximity.cli.output import write_document
     from proximity.decaff.glove.calibrated_glove import read_any_glove
     from proximity.lab.figures import catalogue

@@ -64,10 +64,8 @@ class WallOptions:
         str | None,
         option(
             "HOW",
-            (
-                "How the drum makes up for the stretch of the --cable: left (not at all, the "
-                "default), torque (by the motor's) or sensor (by a force sensor)."
-            ),
+            "How the drum makes up for the stretch of the --cable: left (not at all, the "
+            "default), torque (by the motor's) or sensor (by a force sensor).",
         ),
     ] = None
 
@@ -148,10 +146,8 @@ class PartOptions:
         tuple[float, float, float] | None,
         option(
             "X Y Z",
-            (
-                "Press on the surface point nearest to this position. Default: from above the middle."
-                " With --recording: position of its origin; fitted if not given."
-            ),
+            "Press on the surface point nearest to this position. Default: from above the middle."
+            " With --recording: position of its origin; fitted if not given.",
         ),
     ] = None
     recording: Annotated[Path | None, option("CSV", "CSV file of fingertips over time, as for replay.")] = (

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import proximity
+from proximity.cli import progress
 from proximity.cli.options import FILE, JSON, UNITS, argument, option, with_option_groups, within
 from proximity.cli.output import report
 from proximity.system.time_units import MS_PER_S
@@ -165,7 +166,6 @@ def replay(
       proximity replay gearbox.step grab.csv --out contacts.npz
       proximity replay bracket.stl grab.csv --turn 90 0 0 --scale 0.8 --radius 6 --json
     """
-    from proximity.cli import progress
     from proximity.cli.lab import replay_report
     from proximity.formats import metres_per_unit
     from proximity.recording import check_log_name, read_recording, write_contacts

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from proximity.cli import progress
 from proximity.cli.options import argument, flag, option
 from proximity.cli.output import report
 from proximity.cli.program import EXIT_INTERRUPTED
@@ -61,7 +62,6 @@ def study(
     if is_report != (folder is not None):
         expected = "proximity study report DIR" if is_report else "proximity study STUDY, or report DIR"
         raise typer.BadParameter(f"expected {expected}", param_hint="DIR")
-    from proximity.cli import progress
     from proximity.lab.sweep.study_file import read_study
 
     if folder is not None:
@@ -86,10 +86,10 @@ def _run(study: "Study", results: Path, options: dict[str, Any]) -> None:
     try:
         with _progress(study.name or Path(study.path).stem) as show:
 
-            def watch(progress: "Progress") -> None:
+            def watch(seen: "Progress") -> None:
                 nonlocal newest
-                newest = progress
-                show(progress)
+                newest = seen
+                show(seen)
 
             ended = run_study(study, results, watch=watch, **options)
     except KeyboardInterrupt:
@@ -113,7 +113,6 @@ def _jobs() -> "dict[str, Job]":
 
 
 def _write_page(folder: Path, out: Path | None) -> None:
-    from proximity.cli import progress
     from proximity.errors import ServiceError
     from proximity.lab.sweep.study_file import read_study
     from proximity.lab.sweep.study_page import study_page
@@ -169,7 +168,6 @@ def _report_end(ended: "Progress", results: Path) -> None:
 @contextlib.contextmanager
 def _progress(name: str) -> "Iterator[Callable[[Progress], None]]":
     """A bar with rate and time left; where stderr is no terminal, a line now and then."""
-    from proximity.cli import progress
 
     due = time.monotonic() + SAY_EVERY_S
     with progress.bar(name) as show:

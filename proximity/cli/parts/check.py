@@ -1,11 +1,11 @@
 """``proximity check`` and ``compile``: what is in a file, and a file that opens in milliseconds."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from proximity.cli import progress
 from proximity.cli.options import FILE, JSON, Reading, argument, flag, option, with_option_groups
 from proximity.cli.output import counted, printable, write_document
 
@@ -46,7 +46,6 @@ def check(
 
         is_bad = check_folder(file, reading, time_limit, as_json=as_json, is_strict=strict)
     else:
-        from proximity.cli import progress
         from proximity.cli.parts.check_report import print_report, report_of
 
         metres = reading.metres
@@ -79,7 +78,7 @@ def compile(
       proximity compile scan.ply scan.prox --units m
       proximity query gearbox.prox 30 10 5
     """
-    if _is_one_file(file, out):
+    if out.exists() and file.exists() and out.samefile(file):
         raise typer.BadParameter(f"{out} is {file} itself, expected another file", param_hint="OUT")
     from proximity.scene.saved.archive import check_extension
 
@@ -89,11 +88,3 @@ def compile(
     faces = sum(part.solid.mesh.face_count for part in scene.parts)
     size = out.stat().st_size
     typer.echo(printable(f"{out}: {counted(len(scene.parts), 'part')}, {faces} faces, {size} bytes"))
-
-
-def _is_one_file(file: Path, out: Path) -> bool:
-    """Whether both names lead to one file, through links of any kind."""
-    try:
-        return os.path.samefile(file, out)
-    except (OSError, ValueError):  # one is not there, which is reported later
-        return False

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from proximity.cli import progress
 from proximity.cli.options import FILE, Reading, option, with_option_groups
 from proximity.cli.output import report
 from proximity.cli.parts.points import finite_number, read_points
@@ -46,7 +47,6 @@ def picture(
     rows = None if points is None else [chunk.coordinates for chunk in read_points(points, reading.units)]
     import numpy as np
 
-    from proximity.cli import progress
     from proximity.scene.picture import Picture, load_renderer, write_picture
 
     load_renderer()

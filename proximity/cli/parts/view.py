@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from proximity.cli import progress
 from proximity.cli.options import LIMIT, UNITS, argument, flag, option, sample, with_option_groups, within
 from proximity.cli.output import report
 from proximity.cli.program import stop_after
@@ -112,7 +113,6 @@ def view(
 
 
 def _show(settings: "PageSettings", program: Program, limit: float | None, *, opens_browser: bool) -> None:
-    from proximity.cli import progress
     from proximity.web.page_process import run_page
     from proximity.web.server.access import open_in_browser
 
@@ -140,7 +140,6 @@ def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None)
     logs = [name for name in files if name.suffix == ".frames"]
     if len(logs) != 1:
         raise typer.BadParameter("expected one log of frames (.frames) among FILES", param_hint="--rerun")
-    from proximity.cli import progress
     from proximity.recording import FrameReader
     from proximity.recording.rerun_log import ShownPart, write_rerun
     from proximity.scene.loader import load

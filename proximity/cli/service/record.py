@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from proximity.cli import progress
 from proximity.cli.options import ADDRESS, JSON_SUMMARY, LIMIT, argument, option, refuse
 from proximity.cli.output import counted, report, write_document
 from proximity.cli.program import EXIT_NOTHING, stop_after
@@ -92,7 +93,6 @@ def _words(summary: dict[str, Any]) -> str:
 
 
 def _record(inlet: "Inlet", subscriber: "Subscriber", log: "FrameLog", stop: Event) -> None:
-    from proximity.cli import progress
 
     started, has_waited = time.monotonic(), False
     with progress.spinner("recording") as show:
@@ -135,7 +135,6 @@ def export(
         (parquet == STDOUT, "--parquet", "Parquet is not written to standard output"),
         (is_log, "OUT", f"{out} is the log itself"),
     )
-    from proximity.cli import progress
     from proximity.recording import FrameReader, write_frames_csv
 
     reader = FrameReader(file)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from proximity.cli import progress
 from proximity.cli.options import LIMIT, argument, flag, option, refuse, within
 from proximity.cli.output import counted, number, print_block, report, write_document
 from proximity.cli.program import EXIT_UNUSABLE
@@ -75,7 +76,6 @@ def serve(
         (ticks is not None and ticks < 1, "--ticks", f"{ticks} ticks: expected 1 or more"),
         (port is not None and not web, "--port", f"{port}: expected --web, of whose page it is the port"),
     )
-    from proximity.cli import progress
     from proximity.service.hosting import serve
 
     overrides = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
