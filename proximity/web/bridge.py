@@ -36,8 +36,8 @@ IDLE_GAP_S = 0.012
 class PageClient:
     """A page, and the tasks that send to it."""
 
-    def __init__(self, connection: Any, number: int) -> None:
-        self.connection, self.number = connection, number
+    def __init__(self, connection: Any) -> None:
+        self.connection = connection
         self.clock, self.allowance = PageClock(), Allowance()
         self.feeds = False
         self.slice_asked: Any = None  # the newest that waits
@@ -89,7 +89,6 @@ class Bridge:
         self.server = PageServer(access, files, self._serve_page)
         self._shown = shown
         self._clients: list[PageClient] = []
-        self._number = 0
         self._tasks: set[asyncio.Task[Any]] = set()
 
     async def publish_frames(self) -> None:
@@ -111,8 +110,7 @@ class Bridge:
         if len(self._clients) >= MOST_PAGES:
             await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages connected already")
             return
-        self._number += 1
-        client = PageClient(connection, self._number)
+        client = PageClient(connection)
         sending = asyncio.create_task(client.send_frames())
         try:
             await self._welcome(client)

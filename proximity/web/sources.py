@@ -40,7 +40,6 @@ class LiveFrames:
         self._subscriber = open_subscriber(address)
         self._session: int | None = None
         self._poses = b""
-        self.lost_count = 0
 
     def newest(self) -> NewFrame | None:
         """Return the newest frame that has come since the last call; None where there is none."""

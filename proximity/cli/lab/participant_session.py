@@ -118,7 +118,7 @@ class PageRespondent:
         least, most = question.range
         field = Field("answer", question.text, least=least, most=most)
         if question.choices:
-            field = Field("answer", question.text, "choice", choices=question.choices)
+            field = Field("answer", question.text, choices=question.choices)
         return self._answer_to(Step("Question", fields=(field,), buttons=(SEND,))).values["answer"]
 
     def wait_ready(self, trial: Trial, interval: int) -> None:
