@@ -168,13 +168,6 @@ class Reading:
         float, option("GB", "Largest unpacked size of a 3MF file.", callback=within(0.0, is_open=True))
     ] = 2.0
 
-    @property
-    def metres(self) -> float:
-        """The unit of coordinates and answers, m."""
-        from proximity.formats import metres_per_unit
-
-        return metres_per_unit(self.units)
-
     def load(self, file: Path, doing: str = "reading") -> "proximity.Scene":
         """Return the scene in a file, with a spinner, compiling kernels first where that is needed."""
 

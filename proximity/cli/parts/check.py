@@ -47,8 +47,9 @@ def check(
         is_bad = check_folder(file, reading, time_limit, as_json=as_json, is_strict=strict)
     else:
         from proximity.cli.parts.check_report import print_report, report_of
+        from proximity.formats import metres_per_unit
 
-        metres = reading.metres
+        metres = metres_per_unit(reading.units)
         scene = reading.load(file)
         with progress.spinner(f"checking {file}"):
             report = report_of(scene, str(file), reading.units, metres)

@@ -10,7 +10,7 @@ import typer
 from proximity.cli import progress
 from proximity.cli.options import FILE, Reading, option, with_option_groups
 from proximity.cli.output import report
-from proximity.cli.parts.points import finite_number, read_points
+from proximity.cli.parts.points import number, read_points
 
 
 @with_option_groups
@@ -47,10 +47,11 @@ def picture(
     rows = None if points is None else [chunk.coordinates for chunk in read_points(points, reading.units)]
     import numpy as np
 
+    from proximity.formats import metres_per_unit
     from proximity.scene.picture import Picture, load_renderer, write_picture
 
     load_renderer()
-    metres, scene = reading.metres, reading.load(file)
+    metres, scene = metres_per_unit(reading.units), reading.load(file)
     drawn = Picture(
         scene,
         file.name,
@@ -89,6 +90,6 @@ def _plane(text: str) -> tuple[str, float]:
             f"{text!r}: expected an axis and a position, for example z=3", param_hint="--slice"
         )
     try:
-        return axis, finite_number(position)
+        return axis, number(position, is_finite=True)
     except ValueError as unfit:
         raise typer.BadParameter(str(unfit), param_hint="--slice") from unfit

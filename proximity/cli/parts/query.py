@@ -10,7 +10,7 @@ import typer
 
 from proximity.cli.options import FILE, JSON, Reading, argument, flag, option, refuse, with_option_groups
 from proximity.cli.output import report
-from proximity.cli.parts.points import Points, finite_number, read_points
+from proximity.cli.parts.points import Points, number, read_points
 from proximity.system.memory import collector_paused
 
 POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
@@ -70,9 +70,10 @@ def query(
     # What imports and kernels leave behind is no garbage: to look at it again and again is 4 % of a query.
     with collector_paused():
         from proximity.cli.parts import answers
+        from proximity.formats import metres_per_unit
         from proximity.scene.loader import notes_on_sizes
 
-        metres, scene = reading.metres, reading.load(file)
+        metres, scene = metres_per_unit(reading.units), reading.load(file)
         question = answers.Question(scene, reading.units, metres, direction, workers, is_segment=segment)
     for note in notes_on_sizes(scene):
         report(f"note: {note}")
@@ -111,7 +112,7 @@ def _points(
 
 def _numbers(texts: Iterable[str], hint: str) -> list[float]:
     try:
-        return list(map(finite_number, texts))
+        return [number(text, is_finite=True) for text in texts]
     except ValueError as unfit:
         is_file = any(Path(text).is_file() for text in texts)
         order = "; FILE comes first, before X Y Z" if is_file else ""

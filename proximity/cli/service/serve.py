@@ -154,22 +154,32 @@ def _print_end(ended: dict[str, Any]) -> None:
     print_block([*lines, *(("note", note) for note in ended["notes"])])
 
 
-class _PageBeside:
-    """A page in a process of its own, to which the service publishes at an address of its own."""
+class _PageBeside(threading.Thread):
+    """Starts a page in a process of its own, to which the service publishes at an address of its own."""
 
     def __init__(self, scene: Path, given: dict[str, Any], port: int) -> None:
+        super().__init__(name="starts the page", daemon=True)
         from proximity.service.config import read_scene_file
         from proximity.web.running_page import own_addresses
 
-        self._scene, self._port, self._address = str(scene), str(port), own_addresses().frames
-        given["publish"] = [*(given["publish"] or read_scene_file(scene).service.publish), self._address]
+        frames, self._scene = own_addresses().frames, str(scene)
+        given["publish"] = [*(given["publish"] or read_scene_file(scene).service.publish), frames]
+        self._words = [self._scene, "--beside", frames, "--port", str(port)]
         self._page: RunningPage | None = None
         self._is_over = False
-        self._starting = threading.Thread(target=self._start, name="starts the page", daemon=True)
 
-    def start(self) -> None:
+    def run(self) -> None:
         """Start it beside the loop, and say where it is."""
-        self._starting.start()
+        from proximity.web import RunningPage
+
+        try:
+            self._page = RunningPage(self._words, self._scene, report)
+        except ServiceError as failure:
+            report(str(failure))
+            return
+        if self._is_over:
+            self.stop()
+        report(f"the page is at {self._page.url}")
 
     def stop(self) -> None:
         """End it."""
@@ -177,16 +187,3 @@ class _PageBeside:
         if self._page is not None:
             with contextlib.suppress(ServiceError):
                 self._page.stop()
-
-    def _start(self) -> None:
-        from proximity.web import RunningPage
-
-        words = [self._scene, "--beside", self._address, "--port", self._port]
-        try:
-            self._page = RunningPage(words, self._scene, report)
-        except ServiceError as failure:
-            report(str(failure))
-            return
-        if self._is_over:
-            self.stop()
-        report(f"the page is at {self._page.url}")
