@@ -75,8 +75,9 @@ gloves · inbox · openxr_input · part_prediction · sources
 guided · running_page
 page_process
 bridge
-page_client · slices
-geometry · page_content · page_inbox · page_service · sources
+sources
+geometry · page_content · page_service
+page_inbox
 server
 display_mesh
 """,
@@ -120,7 +121,7 @@ parts · service
 options
 progress
 program · tables
-lengths · output
+output
 """,
 }
 # Part of the whole package but in no layer: what its users import, and what starts the command line.

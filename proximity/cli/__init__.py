@@ -6,6 +6,7 @@ only in the command: ``--help``, ``--version`` and mistakes in the arguments are
 """
 
 import io
+import os
 import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
@@ -33,7 +34,7 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
 
 MODULE_OF = {
     "query": "parts.query", "check": "parts.check", "picture": "parts.picture", "replay": "lab.replay",
-    "compile": "parts.compile", "serve": "service.serve", "record": "service.record",
+    "compile": "parts.check", "serve": "service.serve", "record": "service.record",
     "export": "service.record", "watch": "service.watch", "view": "parts.view", "demo": "device.demo",
     "drum": "device.drum", "header": "service.sources", "client": "service.sources",
     "controller": "service.sources", "calibrate": "device.calibrate", "key": "service.sources",
@@ -107,6 +108,8 @@ def _options(
 
 def main() -> None:
     """Run the command line on ``sys.argv`` and exit with its code."""
+    # A thread on every core takes longer to start than a query, and no command multiplies large matrices.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a part's name may not fit the terminal's encoding

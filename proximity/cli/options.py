@@ -1,7 +1,7 @@
 """Options that several commands share."""
 
 import inspect
-import math
+import sys
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 import proximity
+from proximity.cli import progress
 
 if TYPE_CHECKING:
     from proximity.decaff.glove.calibrated_glove import CalibratedGlove
     from proximity.decaff.glove.glove import Glove
 
+LARGEST = sys.float_info.max
 LONGEST_S = 1e9
+SOFTEST_CABLE, STIFFEST_CABLE = 10.0, 1e6  # N/m at the fingertip
 
 
 def _complete_units(incomplete: str) -> list[str]:
@@ -30,68 +33,122 @@ def _unit_name(text: str) -> str:
     return "in" if unit in ("inch", "inches") else unit
 
 
+def check_range(
+    value: float, option: str, least: float, most: float = LARGEST, unit: str = "", *, is_open: bool = False
+) -> None:
+    """Refuse a number out of range, nan included; *is_open*: *least* as well."""
+    if not (least < value if is_open else least <= value) or not value <= most:
+        above = f"more than {least:g}" + (f", up to {most:g}" if most < LARGEST else "")
+        expected = above if is_open else f"{least:g} to {most:g}"
+        raise typer.BadParameter(f"{f'{value:g} {unit}'.rstrip()}: expected {expected}", param_hint=option)
+
+
+def within(*ends: Any, **options: Any) -> Callable[[Any, typer.CallbackParam], Any]:
+    """Return the callback of an option whose number, where it is given, is checked by `check_range`."""
+
+    def check(value: Any, param: typer.CallbackParam) -> Any:
+        if value is not None:
+            check_range(value, param.opts[0], *ends, **options)
+        return value
+
+    return check
+
+
+def refuse(*cases: tuple[object, str, str]) -> None:
+    """Refuse options by the first case that is true: whether it is, which option, and why."""
+    for is_true, name, why in cases:
+        if is_true:
+            raise typer.BadParameter(why, param_hint=name)
+
+
+def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
+    """Return an option with a value, as Typer takes it."""
+    return typer.Option(*names, metavar=metavar, help=help, **more)
+
+
+def flag(name: str, help: str, **more: Any) -> Any:
+    """Return an option without a value."""
+    return typer.Option(name, help=help, **more)
+
+
+def argument(metavar: str, help: str, **more: Any) -> Any:
+    """Return an argument."""
+    return typer.Argument(metavar=metavar, help=help, **more)
+
+
+def _check_gear(name: str | None, param: typer.CallbackParam) -> str | None:
+    """Refuse what is no gear of ours."""
+    if name is not None:
+        from proximity.decaff.drum.drum_model import gear_named
+        from proximity.errors import ArgumentError
+
+        try:
+            gear_named(name)
+        except ArgumentError as unknown:
+            raise typer.BadParameter(str(unknown), param_hint=param.opts[0]) from unknown
+    return name
+
+
 FILE = Annotated[
-    Path,
-    typer.Argument(
-        metavar="FILE", help="Parts: STL, OBJ, PLY, OFF, glTF/GLB, 3MF, STEP or a compiled scene."
-    ),
+    Path, argument("FILE", "Parts: STL, OBJ, PLY, OFF, glTF/GLB, 3MF, STEP or a compiled scene.")
 ]
 
 UNITS = Annotated[
     str,
-    typer.Option(
-        "--units",
-        metavar="UNIT",
+    option(
+        "UNIT",
+        "Unit of coordinates and answers, and of files that declare none: m, cm, mm, um, in, ft ...",
         autocompletion=_complete_units,
         callback=_unit_name,
-        help="Unit of coordinates and answers, and of files that declare none: m, cm, mm, um, in, ft ...",
     ),
 ]
 
 
 ADDRESS = Annotated[
-    str,
-    typer.Argument(
-        metavar="ADDRESS", help="iox2://NAME (this machine), udp://HOST:PORT (to listen on) or zenoh://KEY."
-    ),
+    str, argument("ADDRESS", "iox2://NAME (this machine), udp://HOST:PORT (to listen on) or zenoh://KEY.")
 ]
 
+JSON = Annotated[bool, flag("--json", "Write one JSON document.")]
+JSON_SI = Annotated[bool, flag("--json", "Write one JSON document, in SI units.")]
+JSON_SUMMARY = Annotated[bool, flag("--json", "Write the summary as a JSON document.")]
 LIMIT = Annotated[
     float | None,
-    typer.Option(
-        "--limit", metavar="SECONDS", help="Stop after this many seconds; Ctrl-C stops at any time."
+    option(
+        "SECONDS",
+        "Stop after this many seconds; Ctrl-C stops at any time.",
+        callback=within(0.0, LONGEST_S, "seconds", is_open=True),
     ),
 ]
-
+GEAR = Annotated[
+    str | None,
+    option("GEAR", "Gear of the drum: gear14, gear51 or gear111 (total).", callback=_check_gear),
+]
 CABLE = Annotated[
     str | None,
-    typer.Option(
-        "--cable",
-        metavar="N/M|FILE",
-        help="Stiffness of the cable at the fingertip, or the calibration of the glove that it was measured "
-        "in. Without it, no cable.",
+    option(
+        "N/M|FILE",
+        "Stiffness of the cable at the fingertip, or the calibration of the glove that it was"
+        " measured in. Without it, no cable.",
     ),
 ]
 GLOVE = Annotated[
     Path | None,
-    typer.Option(
-        "--glove",
-        metavar="FILE",
-        help="File of the glove, as calibrate or a builder wrote it: motor, gear, lever, linkage and cable. "
-        "Default: a glove with assumed dimensions.",
+    option(
+        "FILE",
+        "File of the glove, as calibrate or a builder wrote it: motor, gear, lever, linkage "
+        "and cable. Default: a glove with assumed dimensions.",
     ),
 ]
 GLOVES = Annotated[
     list[Path] | None,
-    typer.Option(
+    option(
+        "FILE",
+        "File of the glove, as calibrate or a builder wrote it: one for all fingers, or one "
+        "for each. Default: a glove with assumed dimensions.",
         "--glove",
         "--calibration",
-        metavar="FILE",
-        help="File of the glove, as calibrate or a builder wrote it: one for all fingers, or one for each. "
-        "Default: a glove with assumed dimensions.",
     ),
 ]
-SOFTEST_CABLE, STIFFEST_CABLE = 10.0, 1e6  # N/m at the fingertip
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,31 +158,18 @@ class Reading:
     units: UNITS = "mm"
     step_tolerance: Annotated[
         float,
-        typer.Option(
-            metavar="MM", help="Largest deviation of triangles from the curved faces of a STEP file."
+        option(
+            "MM",
+            "Largest deviation of triangles from the curved faces of a STEP file.",
+            callback=within(0.0, is_open=True),
         ),
     ] = 0.01
     unpacked_limit: Annotated[
-        float, typer.Option(metavar="GB", help="Largest unpacked size of a 3MF file.")
+        float, option("GB", "Largest unpacked size of a 3MF file.", callback=within(0.0, is_open=True))
     ] = 2.0
-
-    def check(self) -> None:
-        """Refuse numbers out of range."""
-        limits = {"--step-tolerance": self.step_tolerance, "--unpacked-limit": self.unpacked_limit}
-        for name, value in limits.items():
-            if not 0.0 < value < math.inf:
-                raise typer.BadParameter(f"{value:g}: expected more than 0", param_hint=name)
-
-    @property
-    def metres(self) -> float:
-        """The unit of coordinates and answers, m."""
-        from proximity.formats import metres_per_unit
-
-        return metres_per_unit(self.units)
 
     def load(self, file: Path, doing: str = "reading") -> "proximity.Scene":
         """Return the scene in a file, with a spinner, compiling kernels first where that is needed."""
-        from proximity.cli import progress
 
         progress.prepare_kernels()
         with progress.spinner(f"{doing} {file}") as count:
@@ -136,31 +180,6 @@ class Reading:
                 step_tolerance=self.step_tolerance / 1e3,
                 unpacked_limit=self.unpacked_limit * 1e9,
             )
-
-
-def check_range(value: float, option: str, meaning: str, smallest: float, largest: float) -> None:
-    """Refuse a number out of range, nan included.
-
-    *option*, *meaning*: which option, and what its number counts, for the message.
-    """
-    if not smallest <= value <= largest:
-        raise typer.BadParameter(
-            f"{value:g} {meaning}: expected {smallest:g} to {largest:g}", param_hint=option
-        )
-
-
-def check_limit(limit: float | None) -> None:
-    """Refuse what is no time to go on for, nan included."""
-    if limit is not None and not 0.0 < limit <= LONGEST_S:
-        raise typer.BadParameter(
-            f"{limit:g} seconds: expected more than 0, up to {LONGEST_S:g}", param_hint="--limit"
-        )
-
-
-def check_port(port: int) -> None:
-    """Refuse what is no port to listen on."""
-    if not 0 <= port < 65536:
-        raise typer.BadParameter(f"{port}: expected 0 to 65535", param_hint="--port")
 
 
 def cable_stiffness(text: str, max_age: float | None = None) -> float:
@@ -180,7 +199,7 @@ def cable_stiffness(text: str, max_age: float | None = None) -> float:
         from proximity.decaff.glove.glove import CONTACT_BEND
 
         stiffness = float(designed(read_any_glove(text, max_age)).tip_stiffness(CONTACT_BEND))
-    check_range(stiffness, "--cable", "N/m at the fingertip", SOFTEST_CABLE, STIFFEST_CABLE)
+    check_range(stiffness, "--cable", SOFTEST_CABLE, STIFFEST_CABLE, "N/m at the fingertip")
     return stiffness
 
 
@@ -189,19 +208,6 @@ def designed(worn: "Glove | CalibratedGlove") -> "Glove":
     from proximity.decaff.glove.glove import Glove
 
     return worn if isinstance(worn, Glove) else worn.glove
-
-
-def check_gear(name: str | None) -> str | None:
-    """Return the name of a gear of ours; refuse another one."""
-    if name is not None:
-        from proximity.decaff.drum.drum_model import gear_named
-        from proximity.errors import ArgumentError
-
-        try:
-            gear_named(name)
-        except ArgumentError as unknown:
-            raise typer.BadParameter(str(unknown), param_hint="--drum") from unknown
-    return name
 
 
 def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:

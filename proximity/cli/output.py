@@ -1,24 +1,27 @@
 """Output of commands: JSON documents for programs, numbers, words and labelled lines for people.
 
-What a command found is nested values, in people's units: JSON is these, and a table of labels and templates
-makes the text of them. nan and infinity become null in JSON, which has no word for them.
+What a command found is nested values, in people's units: JSON is these, and the text is made of them. nan and
+infinity become null in JSON, which has no word for them.
 """
 
 import json
 import math
-import string
 import sys
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+if TYPE_CHECKING:
+    import numpy as np
+
+DIGITS = 15
+"""Significant decimal digits that every float64 keeps; the two behind them are rounding of the conversion."""
+MM_PER_M = 1e3
 MISSING = "-"
 FEW_DIGITS = 6  # significant, of numbers that a reader only looks over
 NO_LENGTH = 1e-12
 """Of any unit: what is smaller is rounding of lengths that people have."""
-Lines = list[tuple[str, str]]
-SHORT_DIGITS = 4
 
 
 def write_document(result: Any, *, indent: int | None = 1) -> None:
@@ -47,48 +50,17 @@ def print_block(lines: Iterable[tuple[str, str]]) -> None:
             sys.stdout.write(f"{label:<15} {printable(value)}\n")
 
 
-def block(templates: Iterable[tuple[str, str]], values: dict[str, Any]) -> Lines:
-    """Return labels with their templates filled in."""
-    return [(label, filled(template, values)) for label, template in templates]
-
-
-def filled(template: str, values: dict[str, Any]) -> str:
-    """Return *template* with what stands in braces taken from nested *values*, as ``{ticks.count:n}``.
-
-    Formats of our own: ``n`` nine significant digits, ``s`` four, also of several numbers; ``us`` nanoseconds
-    in microseconds; ``1/part`` a count with the word for it. Others are Python's.
-    """
-    return _Words().vformat(template, (), values)
-
-
-class _Words(string.Formatter):
-    def get_field(self, field_name: str, args: Sequence[Any], kwargs: Any) -> Any:
-        """Return the value that dots lead to."""
-        value = kwargs
-        for key in field_name.split("."):
-            value = value[int(key) if isinstance(value, list | tuple) else key]
-        return value, field_name
-
-    def format_field(self, value: Any, format_spec: str) -> str:
-        """Return a value as `filled` says."""
-        if format_spec == "n":
-            return number(value)
-        if format_spec == "s":
-            several = value if isinstance(value, list | tuple) else [value]
-            return "  ".join(number(each, SHORT_DIGITS) for each in several)
-        if format_spec.startswith("1/"):
-            return counted(value, format_spec[2:])
-        if format_spec == "us":
-            return f"{value / 1e3:.1f}"
-        return super().format_field(value, format_spec)
-
-
 def number(value: float, digits: int = 9) -> str:
     """Return *value* with so many significant digits, and zero without a sign.
 
     *digits*: how many; zeros at the end are left out.
     """
     return f"{value + 0.0:.{digits}g}"
+
+
+def short(*values: float) -> str:
+    """Return numbers with four digits each."""
+    return "  ".join(number(value, 4) for value in values)
 
 
 def length(value: float, digits: int = 9) -> str:
@@ -106,17 +78,37 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
-def side(signed_distance: float, is_signed: bool) -> str | None:
-    """Return on which side of the surface a point is, in a word; None where there is no answer."""
-    if math.isnan(signed_distance):
-        return None
-    if signed_distance == 0.0:
-        return "surface"
-    if not is_signed:
-        return "unknown"
-    return "inside" if signed_distance < 0.0 else "outside"
-
-
 def report(sentence: str) -> None:
     """Print a sentence on stderr as one line that names the program."""
     typer.echo(f"proximity: {printable(' '.join(sentence.split()))}", err=True)
+
+
+def in_units(lengths: "np.ndarray", metres: float, *points: "np.ndarray") -> "np.ndarray":
+    """Return *lengths* in the unit, rounded to 15 significant digits; zero has no sign, nan and inf stay.
+
+    *lengths*: (N, ...) m; also areas or volumes, with the power of *metres* that fits them. *points*: (N, 3)
+    m, between which the lengths are distances: digits count from the largest coordinate of a row. From -11 to
+    -10 the distance is 1, where the difference alone would give 0.999999999999999.
+    """
+    import numpy as np
+
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = np.asarray(lengths, dtype=np.float64) / metres
+        sizes = np.abs(values)
+        for ends in points:
+            sizes = np.fmax(sizes, np.fmax.reduce(np.abs(ends), axis=1) / metres)
+        is_plain = (sizes > 1e-7) & (sizes < 1e36)  # so that both powers of ten below are exact
+        exponents = np.floor(np.log10(np.where(is_plain, sizes, 1.0))).astype(np.intp)
+        shifts = DIGITS - 1 - exponents
+        powers = np.array([10.0**exponent for exponent in range(23)])  # float64 holds these exactly
+        up, down = powers[np.maximum(shifts, 0)], powers[np.maximum(-shifts, 0)]
+        result = np.rint(values * up / down) * down / up + 0.0  # -0.0 + 0.0 is 0.0
+    is_extreme = ~is_plain & np.isfinite(values) & (values != 0.0)
+    if is_extreme.any():
+        result[is_extreme] = [float(f"{value:.{DIGITS}g}") for value in values[is_extreme].tolist()]
+    return result
+
+
+def in_unit(length: float, metres: float) -> float:
+    """Return one length in the unit, as `in_units`."""
+    return float(in_units([length], metres)[0])  # type: ignore[arg-type]

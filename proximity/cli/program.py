@@ -7,10 +7,13 @@ else is raised is our bug and keeps its traceback.
 import errno
 import inspect
 import os
+import re
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -28,8 +31,18 @@ EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE: the reader, say `head`, went first
 _NO_SUCH_OPTION: Any = vars(sys.modules[typer.BadParameter.__module__])["NoSuchOption"]
 """Of Click, or of the copy of it that newer versions of Typer have."""
 
+NEGATIVE = re.compile(r"-(\d|\.\d|(inf|infinity|nan)$)", re.IGNORECASE)
+"""What begins a negative number, be it misspelt as -1,5: no option begins like that."""
 DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """What the system says where nothing can be written: the disk is full, or broken."""
+
+
+def stop_after(limit: float | None, stop: threading.Event) -> None:
+    """Have an event set after so many seconds."""
+    if limit is not None:
+        timer = threading.Timer(limit, stop.set)
+        timer.daemon = True
+        timer.start()
 
 
 def help_and_examples(command: Callable[..., Any]) -> tuple[str, str]:
@@ -40,18 +53,11 @@ def help_and_examples(command: Callable[..., Any]) -> tuple[str, str]:
     return "\n\n".join(paragraphs).replace("[", "\\["), f"\nExamples:\n{examples}\n"
 
 
-class _Converter(NamedTuple):
-    """Passes on text, paths and defaults; all else is converted by Typer.
-
-    Typer imports Pydantic for that, which is a third of the time of a query. Versions without it are let be.
-    """
+class _Plain(NamedTuple):
+    """Passes on text, paths and defaults; Typer converts the rest by Pydantic: a third of a query's time."""
 
     of_typer: Callable[[], Any]
     kind: Any
-
-    def __call__(self) -> "_Converter":
-        """Return itself, in place of Typer's function that makes a converter."""
-        return self
 
     def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
         """Return a value as Typer's converters do."""
@@ -67,26 +73,21 @@ class _Converter(NamedTuple):
         return self.of_typer().coerce(value, param=param, ctx=ctx)
 
 
-class _PlainValues:
-    """A command or a group whose values are converted by `_Converter`; and whose output may fail."""
+class _Plainly:
+    """A command or a group whose values `_Plain` converts."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return arguments and options."""
+        """Return arguments and options, that for help as well."""
         params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
         for param in params:
-            of_typer = getattr(param, "get_runtime_param", None)
-            if of_typer is not None and not isinstance(of_typer, _Converter):
-                param.get_runtime_param = _Converter(of_typer, param.type_descriptor)
+            of_typer = getattr(param, "get_runtime_param", None)  # versions without it are let be
+            if of_typer is not None and not isinstance(of_typer, partial):
+                param.get_runtime_param = partial(_Plain, of_typer, param.type_descriptor)
         return params
 
-    def make_context(self, *args: Any, **options: Any) -> Any:
-        """Read the arguments, and print help or version where that is asked for."""
-        with _reporting_failed_output():
-            return super().make_context(*args, **options)  # type: ignore[misc]
 
-
-class Command(_PlainValues, TyperCommand):
-    """A command to which ``-2.5`` is a number, whose errors are one line, whose examples stay lines."""
+class Command(_Plainly, TyperCommand):
+    """A command to which ``-2.5`` is a number, and whose examples stay lines."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help, and the examples below it line by line: some versions of Typer would join them."""
@@ -98,51 +99,39 @@ class Command(_PlainValues, TyperCommand):
         formatter.write(examples or "")
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse *args* so that negative numbers are values, wherever they stand."""
+        """Parse *args* so that negative numbers are values, wherever they stand, with a space before them."""
         try:
-            return super().parse_args(ctx, [_shielded(arg) for arg in args])
+            return super().parse_args(ctx, [f" {arg}" if NEGATIVE.match(arg) else arg for arg in args])
         except _NO_SUCH_OPTION as error:
             error.possibilities = get_close_matches(error.option_name, error.possibilities or (), cutoff=0.8)
             raise
 
+
+class Group(_Plainly, TyperGroup):
+    """Commands whose expected ends are exit codes."""
+
+    def make_context(self, *args: Any, **options: Any) -> Any:
+        """Read the arguments, and print help or version where that is asked for."""
+        with _expected_ends():
+            return super().make_context(*args, **options)
+
     def invoke(self, ctx: Any) -> Any:
-        """Run the command and turn expected ends into exit codes."""
+        """Run the command that is asked for."""
         if sys.stdout is None:
             _complain("standard output is closed, expected a terminal, a file or a pipe to write to")
-        try:
-            with _reporting_failed_output():
-                answer = super().invoke(ctx)
-                sys.stdout.flush()  # here, where a reader that has gone is still expected
-                return answer
-        except ProximityError as error:
-            _complain(str(error), error)
-        except typer.BadParameter as error:
-            error.ctx = error.ctx or ctx  # prints how the command is used
-            raise
-        except KeyboardInterrupt as interrupt:
-            raise typer.Exit(EXIT_INTERRUPTED) from interrupt
-        except ImportError as broken:
-            if not _is_interrupt(broken):
-                raise
-            raise typer.Exit(EXIT_INTERRUPTED) from broken
-
-
-class Group(_PlainValues, TyperGroup):
-    """The program: Ctrl-C, or output that fails, before a command runs is no traceback either."""
-
-    def main(self, *args: Any, **options: Any) -> Any:
-        """Run the program."""
-        try:
-            return super().main(*args, **options)
-        except KeyboardInterrupt:
-            sys.exit(EXIT_INTERRUPTED)
+        with _expected_ends():
+            answer = super().invoke(ctx)
+            sys.stdout.flush()  # here, where a reader that has gone is still expected
+            return answer
 
 
 @contextmanager
-def _reporting_failed_output() -> Iterator[None]:
-    """Turn output that cannot be written, or that nobody reads any more, into exit codes."""
+def _expected_ends() -> Iterator[None]:
+    """Turn errors of the library, and output that cannot be written or that nobody reads, into exit codes."""
     try:
         yield
+    except ProximityError as error:
+        _complain(str(error), error)
     except BrokenPipeError as gone:
         _discard_output()
         raise typer.Exit(EXIT_BROKEN_PIPE) from gone
@@ -156,6 +145,10 @@ def _reporting_failed_output() -> Iterator[None]:
             raise
         _discard_output()
         _complain(f"the output cannot be written ({failure.strerror})", failure)
+    except ImportError as broken:
+        if not _is_interrupt(broken):
+            raise
+        raise typer.Exit(EXIT_INTERRUPTED) from broken
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
@@ -163,22 +156,6 @@ def _is_interrupt(error: BaseException | None) -> bool:
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
-
-
-def _shielded(arg: str) -> str:
-    """Put a space before a negative number: it reads the same, and no longer looks like an option.
-
-    So do misspelt ones, as -1,5: no option begins with a digit, and what is wrong is said of the number.
-    """
-    if not arg.startswith("-"):
-        return arg
-    if arg[1:2].isdigit():
-        return " " + arg
-    try:
-        float(arg)
-    except ValueError:
-        return arg
-    return " " + arg
 
 
 def _complain(sentence: str, reason: BaseException | None = None) -> NoReturn:

@@ -3,36 +3,33 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Timer
-from types import TracebackType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import proximity
 from proximity.cli.output import report
 
 ANNOUNCE_AFTER_S = 1.0  # a wait shorter than this shows nothing
-STATUS_EVERY_S = 0.5
 
 
 T = TypeVar("T")
-C = TypeVar("C", bound=Sized)
 
 
-def _is_terminal() -> bool:
+def is_terminal() -> bool:
     """Whether Rich would draw on stderr; what asks does not import Rich where nobody sees it."""
     return sys.stderr.isatty() or bool(os.environ.get("FORCE_COLOR"))
 
 
 @contextmanager
-def spinner(doing: str) -> Iterator[Callable[[int, int | None], None]]:
+def spinner(doing: str) -> Iterator[Callable[..., None]]:
     """Show *doing* and the seconds that have passed, if the block runs long and stderr is a terminal.
 
-    Gives a function that shows a count: how many are done, and of how many (None: not known).
+    Gives a function that shows a count: how many are done, and of how many (None: not known); or words.
     """
-    if not _is_terminal():
-        yield lambda done, total: None
+    if not is_terminal():
+        yield lambda done, total=None: None
         return
     from rich.markup import escape
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -43,8 +40,8 @@ def spinner(doing: str) -> Iterator[Callable[[int, int | None], None]]:
     status = Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True)
     task = status.add_task(escape(doing), count="", total=None)  # a file may be named like Rich's marks
 
-    def show(done: int, total: int | None) -> None:
-        status.update(task, count=f"{done}" if total is None else f"{done} of {total}")
+    def show(done: int | str, total: int | None = None) -> None:
+        status.update(task, count=escape(str(done)) if total is None else f"{done} of {total}")
 
     timer = Timer(ANNOUNCE_AFTER_S, status.start)
     timer.daemon = True
@@ -58,82 +55,49 @@ def spinner(doing: str) -> Iterator[Callable[[int, int | None], None]]:
             status.stop()
 
 
-def counted(chunks: Iterable[C], show: Callable[[int, int | None], None]) -> Iterator[C]:
+def counted(
+    chunks: Iterable[T],
+    show: Callable[..., None],
+    count_of: Callable[[Any], int] = len,
+    total: int | None = None,
+) -> Iterator[T]:
     """Pass *chunks* on, and show how many items they held so far."""
     done = 0
     for chunk in chunks:
         yield chunk
-        done += len(chunk)
-        show(done, None)
+        done += count_of(chunk)
+        show(done, total)
 
 
-def with_bar(
-    chunks: Iterable[T], count_of: Callable[[T], int], total: int | None, *, is_shown: bool
-) -> Iterator[T]:
-    """Pass *chunks* on, and show how many of all queries are answered.
+@contextmanager
+def bar(doing: str) -> Iterator[Callable[[float, float | None, str], None]]:
+    """Show a bar on stderr, if the block runs long and that is a terminal.
 
-    *total*: how many there are; None where that is not known. *is_shown*: false where a bar would run into
-    the output.
+    Gives a function that is told how much is done, of how much (None: not known), and words behind the bar.
+    The bar is drawn then and only then: a thread that draws it meanwhile would be measured as well.
     """
-    if not (is_shown and _is_terminal()):
-        yield from chunks
+    if not is_terminal():
+        yield lambda done, total, words: None
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.markup import escape
+    from rich.progress import BarColumn, Progress, TextColumn
 
     from proximity.cli.tables import Console
 
-    bar = Progress(
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
-        console=Console(stderr=True), transient=True,
-    )  # fmt: skip
-    task = bar.add_task("answered", total=total)
-    started = time.monotonic()
+    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[words]}")
+    status = Progress(*columns, console=Console(stderr=True), transient=True, auto_refresh=False)
+    task, started = status.add_task(escape(doing), total=None, words=""), time.monotonic()
+
+    def show(done: float, total: float | None, words: str) -> None:
+        status.update(task, completed=done, total=total, words=words)
+        if time.monotonic() - started > ANNOUNCE_AFTER_S:
+            status.start()
+            status.refresh()
+
     try:
-        for chunk in chunks:
-            yield chunk
-            bar.advance(task, count_of(chunk))
-            if time.monotonic() - started > ANNOUNCE_AFTER_S:
-                bar.start()
+        yield show
     finally:
-        bar.stop()
-
-
-class Status:
-    """A line on stderr that tells how something goes on, where that is a terminal; and a word, once."""
-
-    def __init__(self) -> None:
-        self._spinner = None
-        if _is_terminal():
-            from proximity.cli.tables import Console
-
-            self._spinner = Console(stderr=True).status("")
-        self._has_reported = False
-        self._due = 0.0
-
-    def show(self, text: str) -> None:
-        """Show *text* in place of what was shown, twice a second at most."""
-        if self._spinner is None or time.monotonic() < self._due:
-            return
-        self._due = time.monotonic() + STATUS_EVERY_S
-        from rich.markup import escape
-
-        self._spinner.update(escape(text))
-        self._spinner.start()
-
-    def report_once(self, text: str) -> None:
-        """Say *text*, the first time only, to a terminal or not."""
-        if not self._has_reported:
-            report(text)
-        self._has_reported = True
-
-    def __enter__(self) -> "Status":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._spinner is not None:
-            self._spinner.stop()
+        status.stop()
 
 
 def prepare_kernels() -> None:

@@ -3,13 +3,16 @@
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
-from types import TracebackType
+from itertools import product
+from typing import NamedTuple
 
 import rich.console
 from rich.console import ConsoleDimensions, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
+
+from proximity.cli.output import FEW_DIGITS, report
 
 UNBOUNDED = 10_000  # columns: wider than any table
 DRAWN_EVERY_S = 0.05
@@ -52,14 +55,43 @@ def table_of(columns: Iterable[tuple[str, bool]], rows: Iterable[Iterable[str]] 
     return made
 
 
-def print_fitting(console: rich.console.Console, tables: Sequence[Table]) -> int:
-    """Print the first table that is no wider than the console, or else the last; return which it was."""
+class Column(NamedTuple):
+    """A column of a table that may be too wide for a terminal."""
+
+    name: str
+    title: str
+    is_right: bool
+    cells: list[str]
+
+
+def print_fitting(
+    console: rich.console.Console,
+    by_digits: Sequence[Sequence[Column]],
+    dispensable: Sequence[str],
+    elsewhere: str,
+    *,
+    has_total: bool = False,
+) -> None:
+    """Print columns; where the console is narrow, with fewer digits or without some, and say so.
+
+    *by_digits*: the columns, and the same with fewer digits. *elsewhere*: where all is shown. *has_total*:
+    the last row is bold.
+    """
     unbounded = console.options.update(width=UNBOUNDED)
-    widths = [console.measure(each, options=unbounded).maximum for each in tables]
-    fitting = [number for number, width in enumerate(widths) if width <= console.width]
-    chosen = fitting[0] if fitting else len(tables) - 1
-    console.print(tables[chosen])
-    return chosen
+    for count, columns in product(range(len(dispensable) + 1), by_digits):
+        kept = [column for column in columns if column.name not in dispensable[:count]]
+        titles = [(column.title, column.is_right) for column in kept]
+        drawn = table_of(titles, zip(*(column.cells for column in kept), strict=True))
+        if console.measure(drawn, options=unbounded).maximum <= console.width:
+            break
+    if has_total:
+        drawn.rows[-1].style = "bold"
+    console.print(drawn)
+    missing = ", ".join(column.title for column in columns if column not in kept)
+    what = [f"columns are left out ({missing})"] if missing else []
+    what += [f"numbers have {FEW_DIGITS} digits"] if columns is not by_digits[0] else []
+    if what:
+        report(f"note: the terminal is narrow: {' and '.join(what)}; {elsewhere} shows all")
 
 
 class Screen:
@@ -88,8 +120,6 @@ class Screen:
             self._live.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *unused: object) -> None:
         if self._live is not None:
             self._live.stop()

@@ -7,40 +7,79 @@ page gets as text is a JSON document with one key or a few; what is binary is a 
 
 import asyncio
 import contextlib
+import json
 import time
-from dataclasses import dataclass, field
 from typing import Any
 
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
-from proximity.scene.scene import Scene
-from proximity.web.page_client import PageClient
-from proximity.web.page_inbox import HeldUpError, PageInbox
-from proximity.web.server.access import HELD_UP, TOO_MUCH, UNFIT, Access, UnfitError
+from proximity.web.page_content import clearance_document, slice_bytes
+from proximity.web.page_inbox import HeldUpError, PageClock
+from proximity.web.server.access import HELD_UP, TOO_MUCH, UNFIT, Access, Allowance, UnfitError
 from proximity.web.server.page_files import PageFiles
 from proximity.web.server.page_server import PageServer, document
-from proximity.web.slices import clearance_document, slice_bytes
-from proximity.web.sources import LiveFrames, LoggedFrames, OtherPrograms
+from proximity.web.sources import LiveFrames, LoggedFrames, Shown
 
 LOOK_S = 0.001
 """Between two looks for a new frame, while a page is there."""
 IDLE_LOOK_S = 0.05
 MOST_PAGES = 8
+MOST_IN_FLIGHT = 2
+"""Frames that were sent and that the page has not said to have shown: a slow page skips, and never lags."""
+ANSWER_GAP_S = 0.004
+"""Between two frames of new poses; 250 a second are more than any screen shows."""
+IDLE_GAP_S = 0.012
+"""Between two frames of the same poses."""
 
 
-@dataclass(slots=True, eq=False)
-class Shown:
-    """What pages are shown."""
+class PageClient:
+    """A page, and the tasks that send to it."""
 
-    title: str
-    scene: Scene | None
-    glb: bytes  # empty: no geometry
-    frames: LiveFrames | LoggedFrames
-    feed: PageInbox
-    others: OtherPrograms = field(default_factory=OtherPrograms)
-    about: dict[str, Any] = field(default_factory=dict)  # what pages get at the beginning
-    recording: dict[str, Any] | None = None  # a hand that can be replayed
+    def __init__(self, connection: Any) -> None:
+        self.connection = connection
+        self.clock, self.allowance = PageClock(), Allowance()
+        self.feeds = False
+        self.slice_asked: Any = None  # the newest that waits
+        self.is_measuring = False
+        self._frame: bytes | None = None  # the newest that waits
+        self._in_flight = 0
+        self._sent_s = 0.0
+        self._ready = asyncio.Event()
+
+    def offer(self, data: bytes, *, is_answer: bool) -> None:
+        """Have a frame sent, unless too many are on their way; a newer one takes its place.
+
+        *is_answer*: whether it has new poses: it is sent sooner.
+        """
+        now = time.monotonic()
+        if now - self._sent_s >= (ANSWER_GAP_S if is_answer else IDLE_GAP_S):
+            self._frame = data
+            self._ready.set()
+
+    def acknowledge(self) -> None:
+        """Take note that the page has shown a frame."""
+        self._in_flight = max(self._in_flight - 1, 0)
+        self._ready.set()
+
+    async def send_frames(self) -> None:
+        """Send frames as they are offered, until the connection is closed."""
+        while True:
+            await self._ready.wait()
+            self._ready.clear()
+            data, self._frame = self._frame, None
+            if data is None:
+                continue
+            if self._in_flight >= MOST_IN_FLIGHT:
+                self._frame = data  # or a newer one, when the page has shown one
+                continue
+            self._in_flight += 1
+            self._sent_s = time.monotonic()
+            await self.connection.send(data)
+
+    async def send(self, **what: Any) -> None:
+        """Send a document."""
+        await self.connection.send(json.dumps(what, ensure_ascii=False))
 
 
 class Bridge:
@@ -50,7 +89,6 @@ class Bridge:
         self.server = PageServer(access, files, self._serve_page)
         self._shown = shown
         self._clients: list[PageClient] = []
-        self._number = 0
         self._tasks: set[asyncio.Task[Any]] = set()
 
     async def publish_frames(self) -> None:
@@ -72,8 +110,7 @@ class Bridge:
         if len(self._clients) >= MOST_PAGES:
             await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages connected already")
             return
-        self._number += 1
-        client = PageClient(connection, self._number)
+        client = PageClient(connection)
         sending = asyncio.create_task(client.send_frames())
         try:
             await self._welcome(client)

@@ -54,13 +54,10 @@ class _Glb:
     """The document as it grows."""
 
     def __init__(self) -> None:
-        self._chunks: list[bytes] = []
-        self._size = 0
-        self._views: list[dict[str, Any]] = []
-        self._accessors: list[dict[str, Any]] = []
-        self._meshes: list[dict[str, Any]] = []
-        self._nodes: list[dict[str, Any]] = []
+        self._binary = bytearray()
         self._roots: list[int] = []
+        names = ("nodes", "meshes", "accessors", "bufferViews")
+        self._lists: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
 
     def add_part(self, number: int, part: Part, target: int) -> int:
         """Add a part with at most *target* faces, or nearly; how many they are."""
@@ -78,31 +75,19 @@ class _Glb:
             names.append("edges")
         below = []
         for name, shape in zip(names, shapes, strict=True):
-            self._meshes.append({"name": f"{part.name} {name}", "primitives": [shape]})
-            self._nodes.append(
-                {
-                    "name": f"{part.name} {name}",
-                    "mesh": len(self._meshes) - 1,
-                    "translation": drawn.centre.tolist(),
-                }
-            )
-            below.append(len(self._nodes) - 1)
-        self._nodes.append(
-            {
-                "name": part.name,
-                "children": below,
-                "matrix": part.pose.matrix.T.reshape(-1).tolist(),  # column by column
-                "extras": {
-                    "part": number,
-                    "name": part.name,
-                    "face_count": mesh.face_count,
-                    "shown_count": len(drawn.faces),
-                    "is_hidden": part.is_hidden,
-                    "is_deformable": part.stiffness is not None,
-                },
-            }
-        )
-        self._roots.append(len(self._nodes) - 1)
+            title = f"{part.name} {name}"
+            at = self._add("meshes", name=title, primitives=[shape])
+            below.append(self._add("nodes", name=title, mesh=at, translation=drawn.centre.tolist()))
+        matrix = part.pose.matrix.T.reshape(-1).tolist()  # column by column
+        extras = {
+            "part": number,
+            "name": part.name,
+            "face_count": mesh.face_count,
+            "shown_count": len(drawn.faces),
+            "is_hidden": part.is_hidden,
+            "is_deformable": part.stiffness is not None,
+        }
+        self._roots.append(self._add("nodes", name=part.name, children=below, matrix=matrix, extras=extras))
         return len(drawn.faces)
 
     def data(self, extras: dict[str, Any]) -> bytes:
@@ -111,44 +96,38 @@ class _Glb:
             "asset": {"version": "2.0", "generator": "proximity"},
             "scene": 0,
             "scenes": [{"nodes": self._roots, "extras": extras}],
-            "nodes": self._nodes,
-            "meshes": self._meshes,
+            **self._lists,
             "materials": [*map(_material, COLOURS), _material(EDGE_COLOUR)],
-            "accessors": self._accessors,
-            "bufferViews": self._views,
-            "buffers": [{"byteLength": self._size}],
+            "buffers": [{"byteLength": len(self._binary)}],
         }
         text = json.dumps(document, separators=(",", ":"), ensure_ascii=False).encode()
         text += b" " * (-len(text) % 4)
-        binary = b"".join(self._chunks)
-        size = _HEADER.size + 2 * _CHUNK.size + len(text) + len(binary)
-        return b"".join(
-            [
-                _HEADER.pack(0x46546C67, 2, size),
-                _CHUNK.pack(len(text), 0x4E4F534A),
-                text,
-                _CHUNK.pack(len(binary), 0x004E4942),
-                binary,
-            ]
-        )
+        chunks = _CHUNK.pack(len(text), 0x4E4F534A) + text
+        chunks += _CHUNK.pack(len(self._binary), 0x004E4942) + self._binary
+        return _HEADER.pack(0x46546C67, 2, _HEADER.size + len(chunks)) + chunks
 
     def _vertices(self, rows: np.ndarray) -> int:
         bounds = {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+        view = self._view(rows, _VERTICES)
         return self._add(
-            rows, _VERTICES, {"componentType": _FLOAT, "count": len(rows), "type": "VEC3"} | bounds
+            "accessors", bufferView=view, componentType=_FLOAT, count=len(rows), type="VEC3", **bounds
         )
 
     def _indices(self, rows: np.ndarray) -> int:
-        return self._add(rows, _INDICES, {"componentType": _UNSIGNED, "count": rows.size, "type": "SCALAR"})
+        view = self._view(rows, _INDICES)
+        return self._add(
+            "accessors", bufferView=view, componentType=_UNSIGNED, count=rows.size, type="SCALAR"
+        )
 
-    def _add(self, rows: np.ndarray, target: int, accessor: dict[str, Any]) -> int:
-        data = np.ascontiguousarray(rows).tobytes()  # 4 bytes a number: the next one is aligned
-        view = {"buffer": 0, "byteOffset": self._size, "byteLength": len(data), "target": target}
-        self._views.append(view)
-        self._chunks.append(data)
-        self._size += len(data)
-        self._accessors.append({"bufferView": len(self._views) - 1, **accessor})
-        return len(self._accessors) - 1
+    def _view(self, rows: np.ndarray, target: int) -> int:
+        """Add an array of 4 bytes a number, so that the next one is aligned; return its number."""
+        data, offset = np.ascontiguousarray(rows).tobytes(), len(self._binary)
+        self._binary += data
+        return self._add("bufferViews", buffer=0, byteOffset=offset, byteLength=len(data), target=target)
+
+    def _add(self, kind: str, **values: Any) -> int:
+        self._lists[kind].append(values)
+        return len(self._lists[kind]) - 1
 
 
 def _material(colour: tuple[float, float, float]) -> dict[str, Any]:

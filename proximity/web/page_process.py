@@ -33,10 +33,10 @@ from proximity.web.page_content import scene_page_files
 from proximity.web.page_inbox import PageInbox
 from proximity.web.page_service import PageService, page_settings
 from proximity.web.server.access import LOOPBACK, Access, new_token
-from proximity.web.sources import LiveFrames, LoggedFrames, OtherPrograms
+from proximity.web.sources import LiveFrames, LoggedFrames, OtherPrograms, Shown
 
 if TYPE_CHECKING:
-    from proximity.web.bridge import Bridge, Shown
+    from proximity.web.bridge import Bridge
 
 LOOK_S = 0.05
 RECORDED_STEP_S = 1 / 90
@@ -80,21 +80,21 @@ def run_page(
         from proximity.web.bridge import Bridge
     tls, port = _tls(settings), _free_port(settings)
     with ExitStack() as opened:
-        made = _page_setup(settings, say, opened)
-        opened.callback(made.shown.frames.close)
-        opened.callback(made.shown.feed.close)
-        for note in made.notes:
+        shown = _shown(settings, say, opened)
+        opened.callback(shown.frames.close)
+        opened.callback(shown.feed.close)
+        for note in shown.notes:
             say(note)
         token = new_token()
         access = Access.of((token,), _names(settings), port, is_secure=tls is not None)
         files = scene_page_files(FRAMED_BY_NOTEBOOKS if settings.may_be_framed else "'self'")
-        bridge = Bridge(made.shown, access, files)
+        bridge = Bridge(shown, access, files)
         url = f"{access.scheme}://{_shown_host(settings.bind)}:{port}/#token={token}"
 
         async def serve() -> None:
             server = await bridge.server.listen(settings.bind, port, tls)
             try:
-                await _until_stopped(bridge, made, stop, lambda: begun({"url": url, "pid": os.getpid()}))
+                await _until_stopped(bridge, shown, stop, lambda: begun({"url": url, "pid": os.getpid()}))
             finally:
                 server.close()
 
@@ -103,18 +103,18 @@ def run_page(
 
 
 async def _until_stopped(
-    bridge: "Bridge", made: "PageSetup", stop: threading.Event, begun: Callable[[], None]
+    bridge: "Bridge", shown: Shown, stop: threading.Event, begun: Callable[[], None]
 ) -> None:
     """Hand frames on, while the page's own service runs, if it has one."""
     publishing = asyncio.create_task(bridge.publish_frames())
-    service = made.service
+    service = shown.service
     with nullcontext() if service is None else service:
         begun()
         while not stop.is_set() and (service is None or service.failure is None):
             await asyncio.sleep(LOOK_S)
             if publishing.done():
                 publishing.result()
-        made.shown.feed.release()
+        shown.feed.release()
     publishing.cancel()
     if service is not None and service.failure is not None:
         raise service.failure
@@ -123,7 +123,8 @@ async def _until_stopped(
 def _free_port(settings: PageSettings) -> int:
     """The port to listen on, which no other program has: that is said before parts are read."""
     try:
-        with socket.create_server((settings.bind, settings.port), family=_family(settings.bind)) as free:
+        family = socket.AF_INET6 if ":" in settings.bind else socket.AF_INET
+        with socket.create_server((settings.bind, settings.port), family=family) as free:
             return int(free.getsockname()[1])
     except OSError as failure:
         is_in_use = failure.errno == errno.EADDRINUSE
@@ -138,16 +139,7 @@ def _shown_host(bind: str) -> str:
     return f"[{bind}]" if ":" in bind else bind
 
 
-@dataclass(frozen=True, slots=True)
-class PageSetup:
-    """What a page shows, and its own service, if it has one."""
-
-    shown: "Shown"
-    service: PageService | None
-    notes: tuple[str, ...] = ()  # on the files of parts
-
-
-def _page_setup(settings: PageSettings, report: Callable[[str], None], opened: ExitStack) -> PageSetup:
+def _shown(settings: PageSettings, report: Callable[[str], None], opened: ExitStack) -> Shown:
     """Load and open what is shown."""
     logs = [name for name in settings.files if name.endswith(".frames")]
     parts = tuple(name for name in settings.files if name not in logs)
@@ -171,47 +163,43 @@ def _page_setup(settings: PageSettings, report: Callable[[str], None], opened: E
 
 def _attach_to_service(
     settings: PageSettings, title: str, path: str, frames: str, opened: ExitStack
-) -> PageSetup:
+) -> Shown:
     """A page beside a service that runs: it feeds where the scene file lets it."""
-    from proximity.web.bridge import Shown
-
     served = read_scene_file(path)
     scene = PartFiles().scene(served) if served.parts else None
     given = served.input if served.web.feed else InputSettings()
     count = finger_count(served, read_input(served))
     feed = PageInbox(given.poses, given.moves, given.changes, scene, count)
-    shown = Shown(title, scene, b"", LiveFrames(frames), feed)
+    shown = Shown(title, scene, LiveFrames(frames), feed)
     if not served.web.feed and scene is not None:
         shown.others = opened.enter_context(
             closing(OtherPrograms([served.input.moves, served.input.changes], scene))
         )
-    return PageSetup(_with_geometry(shown, settings, served), None)
+    return _with_geometry(shown, settings, served)
 
 
-def _open_log(settings: PageSettings, title: str, log: str, served: SceneFile | None) -> PageSetup:
+def _open_log(settings: PageSettings, title: str, log: str, served: SceneFile | None) -> Shown:
     """The log of a service that ran, over its parts where they are given."""
-    from proximity.web.bridge import Shown
-
     frames = LoggedFrames(log)
     files = PartFiles()
     scene = None if served is None else files.scene(served)
-    shown = Shown(title, scene, b"", frames, PageInbox(None, None, None, scene, frames.finger_count))
+    shown = Shown(title, scene, frames, PageInbox(None, None, None, scene, frames.finger_count))
+    shown.notes = files.notes
     shown.about["log"] = {"count": frames.count, "duration_ms": frames.duration_ms, "notes": frames.notes}
-    return PageSetup(_with_geometry(shown, settings, served), None, files.notes)
+    return _with_geometry(shown, settings, served)
 
 
 def _open_own_service(
     settings: PageSettings, title: str, served: SceneFile, report: Callable[[str], None]
-) -> PageSetup:
-    from proximity.web.bridge import Shown
-
+) -> Shown:
     service = PageService(served, report)
     feed = PageInbox(served.input.poses, None, None, service.scene, service.finger_count, changes_scene=True)
-    shown = Shown(title, service.scene, b"", LiveFrames(served.service.publish[0]), feed)
-    return PageSetup(_with_geometry(shown, settings, served), service, service.notes)
+    shown = Shown(title, service.scene, LiveFrames(served.service.publish[0]), feed)
+    shown.service, shown.notes = service, service.notes
+    return _with_geometry(shown, settings, served)
 
 
-def _with_geometry(shown: "Shown", settings: PageSettings, served: SceneFile | None) -> "Shown":
+def _with_geometry(shown: Shown, settings: PageSettings, served: SceneFile | None) -> Shown:
     """Add the GLB, the recorded hand, and what pages say about them."""
     if shown.scene is not None and served is not None:
         shown.glb = scene_glb(shown.scene)
@@ -288,7 +276,3 @@ def _names(settings: PageSettings) -> tuple[str, ...]:
     elif settings.bind not in names:
         names.append(f"[{settings.bind}]" if ":" in settings.bind else settings.bind)
     return tuple(dict.fromkeys(names))
-
-
-def _family(bind: str) -> socket.AddressFamily:
-    return socket.AF_INET6 if ":" in bind else socket.AF_INET

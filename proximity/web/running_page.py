@@ -14,7 +14,7 @@ from proximity.errors import ServiceError
 from proximity.scene.scene import Scene
 from proximity.service.hosting import RunningService
 from proximity.service.hosting.process import STOP_TIMEOUT
-from proximity.web.server.browser import open_in_browser
+from proximity.web.server.access import open_in_browser
 
 BEGIN_TIMEOUT = 600.0
 """s. Large parts may have to be read, and once kernels compiled."""

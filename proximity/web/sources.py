@@ -1,6 +1,7 @@
 """Where what a page shows comes from: a service that runs and who changes its scene, or the log of one."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,8 @@ from proximity.scene.scene import Scene
 from proximity.service.inputs.changes_input import carry_out
 from proximity.service.inputs.inbox import Inbox
 from proximity.transport import open_subscriber
+from proximity.web.page_inbox import PageInbox
+from proximity.web.page_service import PageService
 
 LARGEST_LOG = 2_000_000_000
 """Bytes of frames, which are kept in memory while a log is looked at."""
@@ -37,7 +40,6 @@ class LiveFrames:
         self._subscriber = open_subscriber(address)
         self._session: int | None = None
         self._poses = b""
-        self.lost_count = 0
 
     def newest(self) -> NewFrame | None:
         """Return the newest frame that has come since the last call; None where there is none."""
@@ -160,19 +162,29 @@ class LoggedFrames:
 
 def _times(runs: list[np.ndarray]) -> Iterator[np.ndarray]:
     """Instants of frames from the first on, ns; a later session goes on where the one before ended."""
-    offset, last, session = -int(runs[0]["header"]["start_ns"][0]), 0, None
+    offset, last, session = -int(runs[0]["header"]["start_ns"][0]), 0, runs[0]["header"]["session"][0]
     for run in runs:
         starts, sessions = run["header"]["start_ns"], run["header"]["session"]
         times = np.empty(len(run), np.int64)
-        for first, end in _stretches(sessions):
-            if session is not None and sessions[first] != session:
-                offset = last - int(starts[first])
-            session = sessions[first]
-            times[first:end] = starts[first:end] + offset
-            last = int(times[first:end].max())
+        for part in np.split(np.arange(len(run)), np.flatnonzero(np.diff(sessions)) + 1):
+            if sessions[part[0]] != session:
+                offset, session = last - int(starts[part[0]]), sessions[part[0]]
+            times[part] = starts[part] + offset
+            last = int(times[part].max())
         yield times
 
 
-def _stretches(sessions: np.ndarray) -> Iterator[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(sessions)) + 1
-    yield from zip([0, *edges.tolist()], [*edges.tolist(), len(sessions)], strict=True)
+@dataclass(slots=True, eq=False)
+class Shown:
+    """What pages are shown."""
+
+    title: str
+    scene: Scene | None
+    frames: LiveFrames | LoggedFrames
+    feed: PageInbox
+    glb: bytes = b""  # empty: no geometry
+    others: OtherPrograms = field(default_factory=OtherPrograms)
+    about: dict[str, Any] = field(default_factory=dict)  # what pages get at the beginning
+    recording: dict[str, Any] | None = None  # a hand that can be replayed
+    service: PageService | None = None  # the page's own
+    notes: tuple[str, ...] = ()  # on the files of parts

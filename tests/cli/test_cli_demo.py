@@ -101,7 +101,7 @@ def run(run, monkeypatch):
         return services[-1]
 
     monkeypatch.setattr(hosting, "start_service", start)
-    monkeypatch.setattr(demo, "addresses", lambda: ("queue:drums", "queue:watch"))
+    monkeypatch.setattr(demo, "_addresses", lambda: ("queue:drums", "queue:watch"))
     monkeypatch.setattr(proximity, "kernels_are_cached", lambda: True, raising=False)
 
     def run_with(*arguments):
@@ -143,7 +143,7 @@ def test_terminal_shows_the_drums_beside_until_ctrl_c(run, monkeypatch):
             os.kill(os.getpid(), signal.SIGINT)
         return shown(*arguments, **options)
 
-    monkeypatch.setattr("proximity.cli.service.follower.picture", picture)
+    monkeypatch.setattr("proximity.cli.service.watch_view.picture", picture)
     result = run()
 
     plain = re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", result.out)
@@ -183,17 +183,6 @@ def test_demo_without_frames_is_exit_code_1(run):
 
     assert result.code == 1
     assert "drums       0 frames seen" in result.out
-
-
-def test_each_demo_has_addresses_of_its_own(monkeypatch):
-    first, second = demo.addresses(), demo.addresses()
-    assert first[0] == first[1] != second[0]
-    assert first[0].startswith("iox2://proximity-demo-")
-
-    monkeypatch.setattr(demo, "find_spec", lambda name: None)
-    drums, watch = demo.addresses()
-    assert re.fullmatch(r"udp://127\.0\.0\.1:\d+", drums)
-    assert drums != watch
 
 
 def test_samples_are_beside_the_package_or_in_it(tmp_path, monkeypatch):

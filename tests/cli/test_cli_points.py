@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from proximity.cli.lengths import distances_in_units, in_unit, in_units, rounded
+from proximity.cli.output import in_unit, in_units
 from proximity.cli.parts.points import parse_points, read_points
 from proximity.errors import ArgumentError
 
@@ -240,7 +240,7 @@ def test_distance_ends_where_its_coordinates_end():
     distances = np.abs(points[:, 0]) - np.abs(surface[:, 0])
     distances[-1] = np.inf
 
-    result = distances_in_units(distances, 0.001, points, surface)
+    result = in_units(distances, 0.001, points, surface)
 
     np.testing.assert_array_equal(result, [3.0, 1.0, 0.7, 0.1, 0.0001, 2.34, 0.0, np.nan, np.inf])
 
@@ -248,11 +248,11 @@ def test_distance_ends_where_its_coordinates_end():
 def test_distance_of_small_parts_keeps_its_digits():
     points = np.array([[1.23e-9, 0.0, 0.0]])
 
-    assert distances_in_units(np.array([1.2e-10]), 1.0, points, np.zeros((1, 3))).tolist() == [1.2e-10]
+    assert in_units(np.array([1.2e-10]), 1.0, points, np.zeros((1, 3))).tolist() == [1.2e-10]
 
 
 def test_zero_has_no_sign():
-    assert [str(value) for value in rounded(np.array([-0.0, 0.0])).tolist()] == ["0.0", "0.0"]
+    assert [str(value) for value in in_units(np.array([-0.0, 0.0]), 1.0).tolist()] == ["0.0", "0.0"]
 
 
 def test_length_beyond_the_range_of_the_unit_is_infinite():
@@ -261,7 +261,7 @@ def test_length_beyond_the_range_of_the_unit_is_infinite():
 
 @given(st.floats(allow_nan=False, allow_infinity=False, max_value=1e308, min_value=-1e308))
 def test_rounded_number_is_near_and_short(value):
-    (result,) = rounded(np.array([value])).tolist()
+    (result,) = in_units(np.array([value]), 1.0).tolist()
 
     assert float(f"{result:.15g}") == result
     assert result == pytest.approx(value, rel=5.1e-15, abs=1e-323)

@@ -81,7 +81,7 @@ def test_stream_without_an_end_is_answered_as_it_comes(ball, run, monkeypatch):
             assert chunk["signed_distance"] == [1.0] * 10
         raise Enough
 
-    monkeypatch.setattr("proximity.cli.parts.answer_output._write_csv", write)
+    monkeypatch.setattr("proximity.cli.parts.answers.write_csv", write)
     monkeypatch.setattr(sys, "argv", ["proximity", "query", "ball.stl", "--points", "-", "--csv"])
     monkeypatch.setattr(sys, "stdin", Endless())
 

@@ -18,8 +18,8 @@ from rich.console import Console
 from sealed_frames import SESSION, frame, sealed
 
 from proximity.cli import tables
-from proximity.cli.service import finger_view, follower, watch_view
-from proximity.cli.service.follower import frame_document
+from proximity.cli.service import finger_view, watch_view
+from proximity.cli.service.finger_view import frame_document
 from proximity.message import CONTACT, FRAME, ContactFlag, Defect, Mode, State
 from proximity.recording.frame_bytes import frame_type
 from proximity.transport import Counts, Reading, forget, open_outlet, open_publisher, open_subscriber
@@ -161,7 +161,7 @@ def test_rate_is_of_the_last_second(monkeypatch):
     queued_transport.register(monkeypatch)
     now = [100.0]
     with open_subscriber(ADDRESS) as subscriber, open_publisher(ADDRESS) as publisher:
-        following = follower.Follower(subscriber, gather=0.0, clock=lambda: now[0])
+        following = watch_view.Follower(subscriber, gather=0.0, clock=lambda: now[0])
         rates, silences = [], []
         for turn in range(120):
             now[0] += 0.05
@@ -259,7 +259,7 @@ def test_terminal_gets_a_table_until_told_to_stop(run, service, monkeypatch, num
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setenv("LINES", "30")
-    shown = follower.picture
+    shown = watch_view.picture
     count = []
 
     def picture(*arguments, **options):
@@ -268,7 +268,7 @@ def test_terminal_gets_a_table_until_told_to_stop(run, service, monkeypatch, num
             os.kill(os.getpid(), number)
         return shown(*arguments, **options)
 
-    monkeypatch.setattr(follower, "picture", picture)
+    monkeypatch.setattr(watch_view, "picture", picture)
     result = run(ADDRESS)
 
     assert (result.code, result.err) == (0, "")

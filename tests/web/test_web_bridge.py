@@ -29,14 +29,13 @@ from proximity.message import (
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.transport import open_inlet, open_publisher
-from proximity.web.bridge import Bridge, Shown
+from proximity.web.bridge import MOST_IN_FLIGHT, Bridge
 from proximity.web.geometry import scene_glb
-from proximity.web.page_client import MOST_IN_FLIGHT
 from proximity.web.page_content import SLICE_HEADER, scene_page_files
 from proximity.web.page_inbox import PageInbox
 from proximity.web.server.access import HELD_UP, MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
 from proximity.web.server.page_server import document
-from proximity.web.sources import LiveFrames, OtherPrograms
+from proximity.web.sources import LiveFrames, OtherPrograms, Shown
 
 TOKEN = "the token of this test"
 PATIENCE = 10.0  # s
@@ -55,7 +54,7 @@ class Running:
         self.frames = open_publisher(addresses[0])
         self.poses, self.moves, self.changes = map(open_inlet, addresses[1:])
         self.feed = PageInbox(*addresses[1:], self.scene, COUNT)
-        self.shown = Shown("test", self.scene, scene_glb(self.scene), LiveFrames(addresses[0]), self.feed)
+        self.shown = Shown("test", self.scene, LiveFrames(addresses[0]), self.feed, scene_glb(self.scene))
         self.stop = threading.Event()
         self.opened = contextlib.ExitStack()
         self.begun = threading.Event()

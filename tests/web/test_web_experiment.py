@@ -45,8 +45,7 @@ def visit(tmp_path):
 def answered(step):
     """The button and the values by which a step is answered."""
     buttons = [button["key"] for button in step["buttons"]]
-    kinds = {field["key"]: field["kind"] for field in step["fields"]}
-    values = {key: "right" if kind == "choice" else "3" for key, kind in kinds.items()}
+    values = {field["key"]: "right" if field["choices"] else "3" for field in step["fields"]}
     return ("agree" if "agree" in buttons else buttons[0]), values
 
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from proximity.cli.options import GLOVE, check_gear, check_range, with_option_groups
-from proximity.cli.output import report
+from proximity.cli.options import GEAR, GLOVE, argument, flag, option, refuse, with_option_groups, within
+from proximity.cli.output import report, write_document
 from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
+from proximity.system.stop_signals import stopped_by_signals
 
 if TYPE_CHECKING:
     from proximity.cli.device.guide import Face
@@ -28,38 +29,22 @@ MM = 1e-3
 class Measured:
     """What is measured, and with what."""
 
-    simulate: Annotated[bool, typer.Option("--simulate", help="Measure a simulated glove, for practice.")] = (
-        False
-    )
-    seed: Annotated[
-        int, typer.Option(metavar="N", help="Number of the simulated glove: each is another one.")
-    ] = 0
+    simulate: Annotated[bool, flag("--simulate", "Measure a simulated glove, for practice.")] = False
+    seed: Annotated[int, option("N", "Number of the simulated glove: each is another one.")] = 0
     counts: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS", help="Address of glove_poses messages with the counts. Default: you type them."
-        ),
+        option("ADDRESS", "Address of glove_poses messages with the counts. Default: you type them."),
     ] = None
-    finger: Annotated[
-        int, typer.Option(metavar="N", help="Number of the finger in these messages, from 0.")
-    ] = 0
+    finger: Annotated[int, option("N", "Number of the finger in these messages, from 0.")] = 0
     phalanges: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(
-            metavar="MM MM MM",
-            help="Lengths of the phalanges, from the knuckle to the tip; 45 26 20 if not given.",
-        ),
+        option("MM MM MM", "Lengths of the phalanges, from the knuckle to the tip; 45 26 20 if not given."),
     ] = None
-    drum: Annotated[
-        str | None, typer.Option(metavar="GEAR", help="Gear of the drum: gear14, gear51 or gear111 (total).")
-    ] = None
+    drum: GEAR = None
     glove: GLOVE = None
-    motor: Annotated[
-        str | None, typer.Option(metavar="URL", help="Motor of the drum. Its encoder gives the angle.")
-    ] = None
+    motor: Annotated[str | None, option("URL", "Motor of the drum. Its encoder gives the angle.")] = None
     arm: Annotated[
-        bool,
-        typer.Option("--arm", help="Let the motor search its stop and swing the drum. Requires --motor."),
+        bool, flag("--arm", "Let the motor search its stop and swing the drum. Requires --motor.")
     ] = False
 
 
@@ -67,38 +52,29 @@ class Measured:
 class Asking:
     """How the person is asked."""
 
-    yes: Annotated[bool, typer.Option("--yes", help="With --simulate: do not wait for Enter.")] = False
-    page: Annotated[bool, typer.Option("--page", help="Show the steps on a page in the browser.")] = False
+    yes: Annotated[bool, flag("--yes", "With --simulate: do not wait for Enter.")] = False
+    page: Annotated[bool, flag("--page", "Show the steps on a page in the browser.")] = False
     browser: Annotated[
-        bool,
-        typer.Option(
-            "--browser/--no-browser", help="With --page: whether to open the browser.", show_default=False
-        ),
+        bool, flag("--browser/--no-browser", "With --page: whether to open the browser.", show_default=False)
     ] = True
-    port: Annotated[int, typer.Option(metavar="N", help="Port of the page; 0 chooses a free one.")] = 0
+    port: Annotated[
+        int, option("N", "Port of the page; 0 chooses a free one.", callback=within(0, 65535))
+    ] = 0
 
 
 @with_option_groups
 def calibrate(
-    path: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Calibration to write, for example glove.json.")
-    ],
+    path: Annotated[Path, argument("FILE", "Calibration to write, for example glove.json.")],
     measured: Measured,
     asking: Asking,
-    name: Annotated[
-        str, typer.Option(metavar="TEXT", help="Name of hand and finger, written into FILE.")
-    ] = "",
+    name: Annotated[str, option("TEXT", "Name of hand and finger, written into FILE.")] = "",
     skip: Annotated[
-        list[str] | None,
-        typer.Option(metavar="TASK", help="Leave out 'free drum' or 'held drum'. Can be given twice."),
+        list[str] | None, option("TASK", "Leave out 'free drum' or 'held drum'. Can be given twice.")
     ] = None,
     again: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TASK", help="Delete the readings of this task, or of all, and measure it again."
-        ),
+        str | None, option("TASK", "Delete the readings of this task, or of all, and measure it again.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
+    as_json: Annotated[bool, flag("--json", "Print the results as JSON.")] = False,
 ) -> None:
     """Calibrate the glove of one finger, step by step, and write FILE.
 
@@ -126,17 +102,20 @@ def calibrate(
       proximity calibrate glove.json --again touches
     """
     _check(measured, asking, skip)
+    from proximity.cli.device.calibration_terminal import print_results
     from proximity.cli.device.guide import UnfinishedError, guide, result_rows
-    from proximity.decaff.calibration.results import contradiction
+    from proximity.decaff.calibration.results import as_document, contradiction
 
+    design = _design(measured)
     if measured.motor is not None and not measured.arm:
-        from proximity.cli.device.motors import watch_motor
+        from proximity.cli.device.motors import armable_motors, watch_motors
 
-        watch_motor(measured.motor, _design(measured))
+        with stopped_by_signals() as stop, armable_motors([measured.motor], [design]) as motors:
+            watch_motors(motors, stop)
         return
     ending, sentence = 0, ""
-    with _port(measured) as port, redirect_stdout(sys.stderr if as_json else sys.stdout):
-        session, asked, simulated = _opened(path, measured, port, skip)
+    with _port(measured.motor, design) as port, redirect_stdout(sys.stderr if as_json else sys.stdout):
+        session, asked, simulated = _opened(path, measured, design, port, skip)
         truth = None if simulated is None else simulated.truth
         _begin(session, again)
         try:
@@ -154,7 +133,11 @@ def calibrate(
             ending = EXIT_INTERRUPTED
         except UnfinishedError as unfinished:
             ending, sentence = EXIT_NOTHING, str(unfinished)
-    _print(session, truth, as_json=as_json)
+    if as_json:
+        write_document(as_document(session.estimates()))
+    else:
+        typer.echo("")
+        print_results(result_rows(session.estimates(), truth))
     if ending:
         kept = f"{len(session.readings.all)} readings are kept in {session.readings.path}"
         why = f"{sentence}; " if sentence else ""
@@ -163,20 +146,6 @@ def calibrate(
     if contradicts := contradiction(session):
         report(contradicts)
     typer.echo(sentence, err=as_json)
-
-
-def _print(session: "Session", truth: dict[str, float] | None, *, as_json: bool) -> None:
-    """Print what the readings say."""
-    from proximity.cli.device.calibration_terminal import print_results
-    from proximity.cli.device.guide import result_rows
-    from proximity.cli.output import write_document
-    from proximity.decaff.calibration.results import as_document
-
-    if as_json:
-        write_document(as_document(session.estimates()))
-    else:
-        typer.echo("")
-        print_results(result_rows(session.estimates(), truth))
 
 
 def _design(measured: Measured) -> "Glove":
@@ -192,17 +161,16 @@ def _design(measured: Measured) -> "Glove":
     return worn if measured.drum is None else with_gear(worn, measured.drum)
 
 
-def _port(measured: Measured) -> "AbstractContextManager[MotorPort | None]":
-    """Open the motor, if there is one."""
-    if measured.motor is None:
+def _port(address: str | None, design: "Glove") -> "AbstractContextManager[MotorPort | None]":
+    if address is None:
         return nullcontext()
     from proximity.cli.device.motors import opened_port
 
-    return opened_port(measured.motor, _design(measured))
+    return opened_port(address, design)
 
 
 def _opened(
-    path: Path, measured: Measured, port: "MotorPort | None", skip: list[str] | None
+    path: Path, measured: Measured, design: "Glove", port: "MotorPort | None", skip: list[str] | None
 ) -> tuple["Session", "TypedInstruments", "SimulatedGlove | None"]:
     """Return the calibration under way, what a person reads, and the simulated glove where there is one."""
     from proximity.cli.device.typed_instruments import TypedInstruments
@@ -212,7 +180,6 @@ def _opened(
     from proximity.decaff.calibration.simulated_glove import SimulatedGlove
     from proximity.decaff.calibration.tasks import Bench
 
-    design = _design(measured)
     asked = TypedInstruments(measured.counts, measured.finger)
     simulated = SimulatedGlove(measured.seed, design) if measured.simulate else None
     if simulated is not None:
@@ -270,33 +237,28 @@ def _begin(session: "Session", again: str | None) -> None:
     if not readings.all:
         readings.began = datetime.now(UTC)
         return
-    hours = (datetime.now(UTC) - readings.began) / timedelta(hours=1)
-    old = (
-        "; if the glove was taken off since then, start over with --again all"
-        if hours > OLD_READINGS_H
-        else ""
-    )
-    typer.echo(
-        f"{readings.path}: {len(readings.all)} readings since {readings.began:%Y-%m-%d %H:%M} UTC{old}",
-        err=True,
-    )
+    is_old = (datetime.now(UTC) - readings.began) / timedelta(hours=1) > OLD_READINGS_H
+    old = "; if the glove was taken off since then, start over with --again all" if is_old else ""
+    began = f"{readings.began:%Y-%m-%d %H:%M} UTC"
+    typer.echo(f"{readings.path}: {len(readings.all)} readings since {began}{old}", err=True)
 
 
 def _check(measured: Measured, asking: Asking, skip: list[str] | None) -> None:
-    check_gear(measured.drum)
-    if measured.simulate and measured.counts is not None:
-        raise typer.BadParameter("a simulated glove has its own counts", param_hint="--counts")
-    if measured.simulate and measured.motor is not None:
-        raise typer.BadParameter("a simulated glove has its own drum", param_hint="--motor")
-    if measured.arm and measured.motor is None:
-        raise typer.BadParameter("requires --motor", param_hint="--arm")
-    if not measured.simulate and (measured.seed or asking.yes):
-        hint = "--seed" if measured.seed else "--yes"
-        raise typer.BadParameter("requires --simulate", param_hint=hint)
-    if not asking.page and (asking.port or not asking.browser):
-        hint = "--port" if asking.port else "--no-browser"
-        raise typer.BadParameter("requires --page", param_hint=hint)
-    check_range(asking.port, "--port", "", 0, 65535)
-    for task in skip or ():
-        if task not in ("free drum", "held drum"):
-            raise typer.BadParameter(f"{task!r}: expected 'free drum' or 'held drum'", param_hint="--skip")
+    is_simulated, motor, page = measured.simulate, measured.motor, asking.page
+    refuse(
+        (is_simulated and measured.counts is not None, "--counts", "a simulated glove has its own counts"),
+        (is_simulated and motor is not None, "--motor", "a simulated glove has its own drum"),
+        (measured.arm and motor is None, "--arm", "requires --motor"),
+        (not is_simulated and measured.seed, "--seed", "requires --simulate"),
+        (not is_simulated and asking.yes, "--yes", "requires --simulate"),
+        (not page and asking.port, "--port", "requires --page"),
+        (not page and not asking.browser, "--no-browser", "requires --page"),
+        *(
+            (
+                task not in ("free drum", "held drum"),
+                "--skip",
+                f"{task!r}: expected 'free drum' or 'held drum'",
+            )
+            for task in skip or ()
+        ),
+    )

@@ -4,15 +4,17 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import typer
 
 from proximity.cli.device.guide import Prompt, RepeatError, SkipError, UnfinishedError
-from proximity.cli.device.pose_picture import joint_angles, pose_drawing
+from proximity.decaff.glove.glove import Glove
 from proximity.errors import MotorError, ProximityError
 from proximity.web.guided import Answer, Button, Field, GuidedPages, PageLeftError, Step, StoppedError
-from proximity.web.server.browser import open_in_browser
+from proximity.web.server.access import open_in_browser
 
 LIVE_S = 0.1  # between two live readings
+LEFT = -40.0  # mm, where a drawing begins
 CHOICES = (
     Button("take", "Take", "Enter", "main", takes_fields=True),
     Button("repeat", "Repeat the last reading", "r"),
@@ -84,7 +86,7 @@ class Page:
         text = "\n\n".join(filter(None, [prompt.parts[self._part], advice, more]))
         picture = words = ""
         if prompt.bend is not None:
-            picture, words = pose_drawing(prompt.glove, prompt.bend), joint_angles(prompt.glove, prompt.bend)
+            picture, words = _pose_drawing(prompt.glove, prompt.bend), prompt.joint_angles()
             text += f"\n\nBend {prompt.bend:.3f}: {words}."
         progress = prompt.done, prompt.total
         return Step(prompt.title, text, picture, words, (), fields, buttons, None, progress)
@@ -136,3 +138,38 @@ def opened_page(*, port: int, opens_browser: bool, on_stop: Callable[[], object]
         except (KeyboardInterrupt, UnfinishedError, ProximityError) as ended:
             pages.ending = f"{str(ended) or 'The calibration was stopped'}. {KEPT}"
             raise
+
+
+def _pose_drawing(glove: Glove, bend: float) -> str:
+    """An SVG from the side: back of the hand and finger, its joints, and the path of the fingertip."""
+    joints = [np.zeros(2), *_joints(glove, bend)]
+    path = [_joints(glove, each)[-1] for each in np.linspace(0.0, 1.0, 61)]
+    lower = 1e3 * min(point[1] for point in path) - 14.0
+    left, right = LEFT, 1e3 * max(point[0] for point in path) + 14.0
+    wide = 2e3 * glove.finger.pad_radius
+    dots = "".join(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="1.6"/>' for x, y in _screen(joints[:-1]))
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{6 * (right - left):.0f}" '
+        f'height="{6 * (14.0 - lower):.0f}" viewBox="{left:.1f} -14 {right - left:.1f} {14.0 - lower:.1f}" '
+        'fill="none" stroke-linecap="round" stroke-linejoin="round">'
+        f'<polyline points="{_points(path)}" stroke="#9fb6cc" stroke-width="0.6" stroke-dasharray="1.5 2"/>'
+        f'<polyline points="{left - 20:.1f},0 0,0" stroke="#d9a98c" stroke-width="{1.3 * wide:.2f}"/>'
+        f'<polyline points="{_points(joints)}" stroke="#edc9b0" stroke-width="{wide:.2f}"/>'
+        f'<polyline points="{_points(joints)}" stroke="#7a4f35" stroke-width="0.7"/>'
+        f'<g fill="#7a4f35">{dots}</g></svg>'
+    )
+
+
+def _joints(glove: Glove, bend: float) -> list[np.ndarray]:
+    angles = -bend * np.cumsum(glove.finger.flexions)
+    steps = np.stack([np.cos(angles), np.sin(angles)], axis=-1) * np.array(glove.finger.phalanges)[:, None]
+    return list(np.cumsum(steps, axis=0))
+
+
+def _screen(points: Sequence[np.ndarray]) -> np.ndarray:
+    """Millimetres, downwards."""
+    return np.array([1e3, -1e3]) * np.array(points)
+
+
+def _points(points: Sequence[np.ndarray]) -> str:
+    return " ".join(f"{x:.2f},{y:.2f}" for x, y in _screen(points))

@@ -1,7 +1,6 @@
-"""Calibration in the terminal: what to do, pictures of poses, what was read, the results."""
+"""Calibration in the terminal: what to do, what was read, the results."""
 
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,7 +8,6 @@ import typer
 from rich.text import Text
 
 from proximity.cli.device.guide import Prompt, RepeatError, SkipError, UnfinishedError
-from proximity.cli.device.pose_picture import joint_angles, pose_picture
 from proximity.cli.tables import Console, table
 
 HINT = "Type r to repeat the last reading, s to skip the task. Ctrl-C stops and keeps all readings."
@@ -19,11 +17,11 @@ class Terminal:
     """A `Face` that prints, and takes lines of input."""
 
     def __init__(self) -> None:
-        self._bend: float | None = None  # of the newest picture
+        self._bend: float | None = None  # that was shown last
         self._prompt: Prompt | None = None
 
     def begin(self, prompt: Prompt) -> None:
-        """Print heading and picture, unless they stand above already."""
+        """Print heading and pose, unless they stand above already."""
         if self._prompt is None:
             typer.echo(HINT)
         self._prompt = prompt
@@ -33,7 +31,7 @@ class Terminal:
             if prompt.advice:
                 typer.echo(f"  If this happens again: {prompt.advice}.")
         if prompt.bend is not None and prompt.bend != self._bend:
-            _print_pose(prompt, prompt.bend)
+            typer.echo(f"  bend {prompt.bend:.3f}: {prompt.joint_angles()}")
         self._bend = prompt.bend
 
     def ready(self, part: int) -> None:
@@ -91,13 +89,3 @@ def _answer(question: str) -> str:
     if text.lower() == "s":
         raise SkipError
     return text
-
-
-def _print_pose(prompt: Prompt, bend: float) -> None:
-    typer.echo(f"  bend {bend:.3f}: {joint_angles(prompt.glove, bend)}")
-    try:
-        "\u28ff".encode(sys.stdout.encoding or "ascii")
-    except (UnicodeEncodeError, LookupError):
-        return  # letters that this terminal does not have
-    for line in pose_picture(prompt.glove, bend):
-        typer.echo(f"    {line}")

@@ -1,17 +1,16 @@
 """``proximity demo``: a sample scene, a recorded hand, a service and its drums, shown in one terminal."""
 
-import os
 import sys
 import time
 from contextlib import ExitStack
-from importlib.util import find_spec
 from threading import Event
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 import proximity
-from proximity.cli.options import LONGEST_S, sample
+from proximity.cli import progress
+from proximity.cli.options import LONGEST_S, option, sample, within
 from proximity.cli.output import report
 from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
@@ -31,7 +30,10 @@ SCENE = "demo.toml"
 
 def demo(
     seconds: Annotated[
-        float, typer.Option("--seconds", metavar="S", help="Duration; Ctrl-C ends it earlier.")
+        float,
+        option(
+            "S", "Duration; Ctrl-C ends it earlier.", callback=within(0.0, LONGEST_S, "seconds", is_open=True)
+        ),
     ] = SECONDS,
 ) -> None:
     """Demonstrate the whole chain with a recorded hand at the sample bracket. Nothing has to be
@@ -45,20 +47,15 @@ def demo(
       proximity demo
       proximity demo --seconds 5 | cat
     """
-    if not 0.0 < seconds <= LONGEST_S:
-        raise typer.BadParameter(
-            f"{seconds:g} seconds: expected more than 0, up to {LONGEST_S:g}", param_hint="--seconds"
-        )
-    from proximity.cli import progress
     from proximity.cli.device.drum_loop import DrumsBeside
-    from proximity.cli.service.follower import Follower, show
+    from proximity.cli.service.watch_view import Follower, show
     from proximity.cli.tables import Console, Screen
     from proximity.decaff.controller.settings import Limits
     from proximity.decaff.simulated_drums import DrumBench
     from proximity.transport import open_subscriber
 
     sys.setswitchinterval(SWITCH_S)
-    to_drums, to_watch = addresses()
+    to_drums, to_watch = _addresses()
     progress.prepare_kernels()
     bench = DrumBench(DRUM_RATE_HZ, limits=Limits(watchdog_ns=WATCHDOG_NS))
     with progress.spinner("preparing the drums"):
@@ -95,21 +92,12 @@ def _start(publish: set[str], stop: Event) -> "RunningService":
         raise
 
 
-def addresses() -> tuple[str, str]:
-    """Return where the service publishes to the drums, and where to the watch: to nobody else.
+def _addresses() -> tuple[str, str]:
+    """Where the service publishes to the drums, and where to the watch: datagrams have one reader each."""
+    from proximity.web.running_page import own_addresses
 
-    Shared memory, where there is iceoryx2 for this machine; both read the same then. Otherwise datagrams.
-    """
-    if find_spec("iceoryx2") is not None:
-        name = f"iox2://proximity-demo-{os.getpid()}-{os.urandom(4).hex()}"
-        return name, name
-    import socket  # --help needs none
-
-    with socket.socket(type=socket.SOCK_DGRAM) as first, socket.socket(type=socket.SOCK_DGRAM) as second:
-        for each in (first, second):
-            each.bind(("127.0.0.1", 0))  # a port that is free
-        ports = [each.getsockname()[1] for each in (first, second)]
-    return f"udp://127.0.0.1:{ports[0]}", f"udp://127.0.0.1:{ports[1]}"
+    own = own_addresses()
+    return own.frames, own.frames if own.frames.startswith("iox2:") else own.poses
 
 
 def _summary(report: dict[str, Any], seen: "Seen", drums: "DrumsBeside") -> list[str]:
@@ -119,15 +107,12 @@ def _summary(report: dict[str, Any], seen: "Seen", drums: "DrumsBeside") -> list
     counts, fingers = seen.counts, drums.bench.fingers
     touches, faults = sum(each.touches for each in fingers), sum(each.faults for each in fingers)
     peak = max((each.peak_force for each in fingers), default=0.0)
+    p50, p99 = (f"{compute[key] / 1e3:.0f} µs" for key in ("p50_ns", "p99_ns"))
+    late_p50, late_p99 = (f"{late[key] / 1e3:.0f} µs" for key in ("p50_ns", "p99_ns"))
     return [
         f"service     {report['ticks']} frames ({states}), {report['missed']} ticks missed",
-        f"computing   p50 {_us(compute['p50_ns'])}, p99 {_us(compute['p99_ns'])}; woken late p50 "
-        f"{_us(late['p50_ns'])}, p99 {_us(late['p99_ns'])}",
+        f"computing   p50 {p50}, p99 {p99}; woken late p50 {late_p50}, p99 {late_p99}",
         f"watch       {counts.received} frames seen, {counts.lost} lost, {counts.unused} refused",
         f"drums       {drums.received} frames seen, {touches} touches held with {peak:.2f} N at most, "
         f"{faults} faults",
     ]
-
-
-def _us(ns: float) -> str:
-    return f"{ns / 1e3:.0f} µs"

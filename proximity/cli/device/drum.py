@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from proximity.cli.options import ADDRESS, CABLE, GLOVES, LIMIT, cable_stiffness, check_limit, check_range
-from proximity.cli.program import EXIT_NOTHING
+from proximity.cli.options import ADDRESS, CABLE, GLOVES, LIMIT, cable_stiffness, flag, option, refuse, within
+from proximity.cli.program import EXIT_NOTHING, stop_after
 from proximity.system.stop_signals import stopped_by_signals
 
 if TYPE_CHECKING:
@@ -24,23 +24,22 @@ SWITCH_S = 1e-3  # that the drums wait at most while a picture is drawn
 
 
 RATE = Annotated[
-    float, typer.Option("--rate", metavar="HZ", help="Rate of the controllers; the servos run at 3 kHz.")
+    float,
+    option(
+        "HZ",
+        "Rate of the controllers; the servos run at 3 kHz.",
+        "--rate",
+        callback=within(LEAST_RATE_HZ, MOST_RATE_HZ, "Hz"),
+    ),
 ]
 MAX_AGE = Annotated[
-    float | None,
-    typer.Option("--max-age", metavar="DAYS", help="Largest age of a calibration; 30 if not given."),
+    float | None, option("DAYS", "Largest age of a calibration; 30 if not given.", "--max-age")
 ]
 MOTOR = Annotated[
     list[str] | None,
-    typer.Option(
-        "--motor",
-        metavar="URL",
-        help="Motor of finger 0. Can be given several times: then of finger 1, and so on.",
-    ),
+    option("URL", "Motor of finger 0. Can be given several times: then of finger 1, and so on.", "--motor"),
 ]
-ARM = Annotated[
-    bool, typer.Option("--arm", help="Let the motors move: home them, then follow. Requires --motor.")
-]
+ARM = Annotated[bool, flag("--arm", "Let the motors move: home them, then follow. Requires --motor.")]
 
 
 def drum(
@@ -52,10 +51,8 @@ def drum(
     cable: CABLE = None,
     motor: MOTOR = None,
     arm: ARM = False,
-    log: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write every sample to a CSV file.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print a summary at the end, as JSON.")] = False,
+    log: Annotated[Path | None, option("FILE", "Write every sample to a CSV file.")] = None,
+    as_json: Annotated[bool, flag("--json", "Print a summary at the end, as JSON.")] = False,
 ) -> None:
     """Run the drums of the service that publishes at ADDRESS, until Ctrl-C or --limit.
 
@@ -80,9 +77,10 @@ def drum(
       proximity drum iox2://decaff --motor "odrive-can://can0?node=0&kt=0.05"
       proximity drum iox2://decaff --motor "simplefoc:///dev/ttyACM0?kt=0.05" --arm
     """
-    check_limit(limit)
-    _check(rate, max_age, glove, is_armed=arm, motors=motor)
-
+    refuse(
+        (max_age is not None and not glove, "--max-age", "requires --glove"),
+        (arm and not motor, "--arm", "requires --motor"),
+    )
     from proximity.cli.device.drum_loop import DrumLog, DrumsBeside, show_drums, summary
     from proximity.cli.device.motors import armable_motors, ready_bench, watch_motors
     from proximity.cli.tables import Console, Screen
@@ -92,7 +90,8 @@ def drum(
     gloves, rule = _worn(glove or [], cable, max_age)
     with stopped_by_signals() as stop, armable_motors(motor or [], gloves) as motors:
         if motors and not arm:
-            watch_motors(motors, stop, limit)
+            stop_after(limit, stop)
+            watch_motors(motors, stop)
             return
         with (
             open_subscriber(address) as subscriber,
@@ -101,6 +100,7 @@ def drum(
         ):
             bench = ready_bench(rate, gloves, motors, stop, rule)
             started = time.monotonic()
+            stop_after(limit, stop)
             newest = [subscriber.read()]
 
             def look(reading: Reading) -> None:
@@ -108,7 +108,7 @@ def drum(
                 written.append(reading, bench)
 
             with DrumsBeside(bench, subscriber, rate, look) as drums:
-                while drums.is_running and not stop.wait(TURN_S) and not _is_over(started, limit):
+                while drums.is_running and not stop.wait(TURN_S):
                     show_drums(screen, newest[0], bench)
             counts = subscriber.counts
     if as_json:
@@ -126,17 +126,3 @@ def _worn(
 
     rule = CableRule() if cable is None else CableRule(cable_stiffness(cable, max_age))
     return [read_any_glove(path, max_age) for path in paths], rule
-
-
-def _check(
-    rate: float, max_age: float | None, glove: list[Path] | None, *, is_armed: bool, motors: list[str] | None
-) -> None:
-    check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
-    if max_age is not None and not glove:
-        raise typer.BadParameter("requires --glove", param_hint="--max-age")
-    if is_armed and not motors:
-        raise typer.BadParameter("requires --motor", param_hint="--arm")
-
-
-def _is_over(started: float, limit: float | None) -> bool:
-    return limit is not None and time.monotonic() >= started + limit

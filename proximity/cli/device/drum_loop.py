@@ -7,16 +7,15 @@ import csv
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TextIO
 
 from rich.table import Table
 from rich.text import Text
 
-from proximity.cli.lengths import MM_PER_M
-from proximity.cli.output import report
+from proximity.cli.output import MM_PER_M, report
 from proximity.cli.service.watch_view import LINE_FINGERS
 from proximity.cli.tables import Screen
 from proximity.decaff.controller.controller_states import DrumState
@@ -49,31 +48,13 @@ STYLES = {DrumState.RETRACTED: "green", DrumState.APPROACH: "yellow", DrumState.
 TOUCHING_STYLE = "bold red"
 
 
-def run(
-    bench: DrumBench,
-    subscriber: Subscriber,
-    rate: float,
-    look: Callable[[Reading], None],
-    is_over: Callable[[], bool],
-) -> None:
-    """Step the controllers at a rate; samples that are missed are left out, not made up for."""
-    period, due = 1.0 / rate, time.monotonic()
-    while not is_over():
-        reading = subscriber.read()
-        bench.step(reading, time.monotonic_ns())
-        look(reading)
-        now = time.monotonic()
-        due += period * max(1.0, (now - due) // period + 1.0)
-        time.sleep(max(0.0, due - now))
-
-
 class DrumsBeside:
     """Runs drums in a thread, with a subscriber of their own, while something else is shown.
 
     Whatever ends the thread before its time turns the motors off, and is raised as the ``with`` block ends.
 
     *bench*: of all fingers; used by the thread only, but for being looked at. *look*: is given the reading
-    after each step, by the thread.
+    after each step, by the thread. Samples that are missed are left out, not made up for.
     """
 
     def __init__(
@@ -84,7 +65,7 @@ class DrumsBeside:
         look: Callable[[Reading], None] = lambda reading: None,
     ) -> None:
         self.bench = bench
-        self._subscriber, self._rate, self._look = subscriber, rate, look
+        self._subscriber, self._period, self._look = subscriber, 1.0 / rate, look
         self._failure: BaseException | None = None
         self._is_over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="drums", daemon=True)
@@ -101,11 +82,18 @@ class DrumsBeside:
 
     def reported(self) -> list[Text]:
         """Return what each drum does, in words."""
-        return [short_words(finger) for finger in self.bench.fingers]
+        return [_short_words(finger) for finger in self.bench.fingers]
 
     def _run(self) -> None:
+        due = time.monotonic()
         try:
-            run(self.bench, self._subscriber, self._rate, self._look, self._is_over.is_set)
+            while not self._is_over.is_set():
+                reading = self._subscriber.read()
+                self.bench.step(reading, time.monotonic_ns())
+                self._look(reading)
+                now = time.monotonic()
+                due += self._period * max(1.0, (now - due) // self._period + 1.0)
+                time.sleep(max(0.0, due - now))
         except BaseException as failure:  # a thread that ends tells nobody else
             self.bench.switch_off(f"the controllers ended: {failure}")
             self._failure = failure
@@ -114,9 +102,7 @@ class DrumsBeside:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *unused: object) -> None:
         self._is_over.set()
         self._thread.join()
         if self._failure is not None and kind is None:
@@ -149,21 +135,9 @@ def table(reading: Reading, bench: DrumBench, row_count: int) -> Table:
     for name in COLUMNS:
         shown.add_column(name, justify="left" if name == "drum" else "right", no_wrap=True)
     for number, finger in enumerate(bench.fingers[:row_count]):
-        fields, styles = _fields(number, finger), {"drum": style_of(finger)}
+        fields, styles = _fields(number, finger), {"drum": _style_of(finger)}
         shown.add_row(*(Text(cell.format(**fields), styles.get(name, "")) for name, cell in COLUMNS.items()))
     return shown
-
-
-def short_words(finger: FingerBench) -> Text:
-    """Return what a drum does, in twenty letters."""
-    state, words = state_of(finger), [state_of(finger).value]
-    if state is DrumState.APPROACH:
-        words.append(
-            f"{MM_PER_M * max(0.0, finger.plant.position - finger.path.position(finger.bend)):.1f} mm"
-        )
-    elif finger.plant.force > 0.0:
-        words.append(f"{finger.plant.force:.2f} N")
-    return Text(", ".join(words), style_of(finger))
 
 
 def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> dict[str, Any]:
@@ -188,7 +162,7 @@ def _fields(number: int, finger: FingerBench) -> dict[str, Any]:
     plant, frames = finger.plant, finger.controller.frames
     return {
         "finger": number,
-        "state": state_of(finger).value,
+        "state": _state_of(finger).value,
         "drum_mm": round(MM_PER_M * plant.position, 3),
         "drum_rad": round(plant.angle, 5),
         "angle": math.degrees(plant.angle),
@@ -205,68 +179,68 @@ def _fields(number: int, finger: FingerBench) -> dict[str, Any]:
     }
 
 
-def state_of(finger: FingerBench) -> DrumState:
-    """Return what a drum does; retracted before its first sample."""
+def _state_of(finger: FingerBench) -> DrumState:
+    """What a drum does; retracted before its first sample."""
     return DrumState.RETRACTED if finger.action is None else finger.action.state
 
 
-def style_of(finger: FingerBench) -> str:
-    """Return how a drum's state is shown."""
-    return STYLES.get(state_of(finger), TOUCHING_STYLE)
+def _style_of(finger: FingerBench) -> str:
+    return STYLES.get(_state_of(finger), TOUCHING_STYLE)
+
+
+def _short_words(finger: FingerBench) -> Text:
+    """What a drum does, in twenty letters."""
+    words, plant = [_state_of(finger).value], finger.plant
+    if _state_of(finger) is DrumState.APPROACH:
+        gap = max(0.0, plant.position - finger.path.position(finger.bend))
+        words.append(f"{MM_PER_M * gap:.1f} mm")
+    elif plant.force > 0.0:
+        words.append(f"{plant.force:.2f} N")
+    return Text(", ".join(words), _style_of(finger))
+
+
+@contextmanager
+def _written(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as failure:
+        raise RecordingError(f"{path}: cannot be written ({failure.strerror or failure})") from failure
 
 
 class DrumLog:
-    """A CSV file of a line a finger and sample; one that is there is replaced."""
+    """A CSV file of a line a finger and sample; one that is there is replaced. None: nothing is written."""
 
     def __init__(self, path: Path | None) -> None:
-        self._path = path
+        self._path = path or Path()
         self._stream: TextIO | None = None
         if path is not None:
-            try:
+            with _written(path):
                 self._stream = path.open("w", encoding="utf-8", newline="")
-            except OSError as failure:
-                raise self._unwritable(failure) from failure
             self._write([LOG_TITLES])
 
     def append(self, reading: Reading, bench: DrumBench) -> None:
         """Write a sample of every finger."""
-        if self._stream is None:
-            return
-        rows = []
+        rows: list[Any] = []
         for number, finger in enumerate(bench.fingers):
             action, plant = finger.action, finger.plant
-            if action is not None:
-                rows.append(
-                    (
-                        reading.now_ns, number, action.state.value, action.mode.name.lower(),
-                        *(f"{value:.9g}" for value in (
-                            plant.angle, plant.force, plant.torque, action.angle, action.force,
-                            action.torque, action.torque_cap, action.motor_speed_cap,
-                        )),
-                    )
+            if self._stream is not None and action is not None:
+                numbers = (
+                    plant.angle, plant.force, plant.torque, action.angle, action.force, action.torque,
+                    action.torque_cap, action.motor_speed_cap,
                 )  # fmt: skip
+                words = reading.now_ns, number, action.state.value, action.mode.name.lower()
+                rows.append([*words, *(f"{value:.9g}" for value in numbers)])
         self._write(rows)
 
     def _write(self, rows: list[Any]) -> None:
-        assert self._stream is not None
-        try:
-            csv.writer(self._stream, lineterminator="\n").writerows(rows)
-        except OSError as failure:
-            raise self._unwritable(failure) from failure
-
-    def _unwritable(self, failure: OSError) -> RecordingError:
-        return RecordingError(f"{self._path}: cannot be written ({failure.strerror or failure})")
+        if self._stream is not None:
+            with _written(self._path):
+                csv.writer(self._stream, lineterminator="\n").writerows(rows)
 
     def __enter__(self) -> "DrumLog":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._stream is None:
-            return
-        try:
-            self._stream.close()
-        except OSError as failure:
-            if kind is None:
-                raise self._unwritable(failure) from failure
+    def __exit__(self, kind: type[BaseException] | None, *unused: object) -> None:
+        with suppress(RecordingError) if kind else nullcontext(), _written(self._path):
+            if self._stream is not None:
+                self._stream.close()

@@ -53,6 +53,12 @@ class Prompt:
     waits: bool  # for the person before a reading; else the person is asked for numbers, or need do nothing
     live: Callable[[], dict[str, str]]  # names of what is read right now, and numbers with units
 
+    def joint_angles(self) -> str:
+        """Return the angles of the three joints at the bend, in words."""
+        flexions = self.glove.finger.flexions
+        knuckle, middle, last = (round(math.degrees((self.bend or 0.0) * each)) for each in flexions)
+        return f"knuckle {knuckle}°, middle joint {middle}°, last joint {last}°"
+
 
 class Face(Protocol):
     """Way to ask a person.

@@ -15,7 +15,6 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.motors.motor_drum import NOT_ON_HARDWARE, MotorDrum, home_all, opened_motors
 from proximity.decaff.simulated_drums import DrumBench
-from proximity.system.stop_signals import stopped_by_signals
 
 LOOK_S, SHOWN_S = 0.005, 1.0  # between two readings of motors that are not armed, and two lines of them
 
@@ -51,13 +50,13 @@ def ready_bench(
     return bench
 
 
-def watch_motors(motors: list[MotorDrum], stop: threading.Event, limit: float | None) -> None:
+def watch_motors(motors: list[MotorDrum], stop: threading.Event) -> None:
     """Show what motors answer, each second; nothing is sent that could move them."""
     report("not armed: the motors are read, and stay off (--arm lets them move)")
-    ends, due = None if limit is None else time.monotonic() + limit, 0.0
+    due = 0.0
     for motor in motors:
         motor.await_answer(stop.wait)
-    while not stop.wait(LOOK_S) and not (ends is not None and time.monotonic() >= ends):
+    while not stop.wait(LOOK_S):
         for motor in motors:
             motor.look()
         if time.monotonic() >= due:
@@ -71,14 +70,8 @@ def watch_motors(motors: list[MotorDrum], stop: threading.Event, limit: float | 
 @contextmanager
 def opened_port(address: str, glove: Glove) -> Iterator[MotorPort]:
     """Open a motor, which stays off until its port homes it; it ends switched off."""
-    report(NOT_ON_HARDWARE)
-    path = FingerPath(glove)
-    with opened_motors([address], [path], report) as (motor,), MotorPort(motor, path.drum) as port:
+    with (
+        armable_motors([address], [glove]) as (motor,),
+        MotorPort(motor, FingerPath(glove).drum) as port,
+    ):
         yield port
-
-
-def watch_motor(address: str, glove: Glove) -> None:
-    """Show what a motor answers until Ctrl-C; it stays off."""
-    report(NOT_ON_HARDWARE)
-    with stopped_by_signals() as stop, opened_motors([address], [FingerPath(glove)], report) as motors:
-        watch_motors(motors, stop, None)

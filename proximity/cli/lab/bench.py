@@ -1,14 +1,13 @@
 """``proximity bench``: the latency certificate of a scene, and whether the scene fits a period."""
 
-import contextlib
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 import proximity
-from proximity.cli.options import UNITS, sample
+from proximity.cli import progress
+from proximity.cli.options import JSON_SI, UNITS, argument, flag, option, sample
 from proximity.cli.output import report
 from proximity.cli.program import EXIT_UNUSABLE
 
@@ -18,45 +17,36 @@ REPORT = Path("latency.html")
 
 
 def bench(
-    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml), or a file of parts.")],
+    scene: Annotated[Path, argument("SCENE", "Scene file (.toml), or a file of parts.")],
     recording: Annotated[
         Path | None,
-        typer.Option(
-            metavar="CSV",
-            help="Recording of a hand, fitted to the parts. Default: that of SCENE, else a sample.",
-        ),
+        option("CSV", "Recording of a hand, fitted to the parts. Default: that of SCENE, else a sample."),
     ] = None,
     gate: Annotated[
-        str | None,
-        typer.Option(metavar="PERIOD", help="Period that the scene must fit: 1ms, 200us, 1kHz ..."),
+        str | None, option("PERIOD", "Period that the scene must fit: 1ms, 200us, 1kHz ...")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help=f"File of the report: .html (with .json), or .json alone. Default: {REPORT}, "
-            "none with --json.",
+        option(
+            "FILE",
+            (f"File of the report: .html (with .json), or .json alone. Default: {REPORT}, none with --json."),
         ),
     ] = None,
     fingers: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", help="Number of fingers at the worst positions. Default: that of SCENE, else 5."
-        ),
+        int | None, option("N", "Number of fingers at the worst positions. Default: that of SCENE, else 5.")
     ] = None,
-    ticks: Annotated[int, typer.Option(metavar="N", help="Number of ticks for each motion.")] = 20_000,
-    seconds: Annotated[float, typer.Option(metavar="S", help="Duration of the service's loop.")] = 3.0,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the search and of the random motion.")] = 0,
+    ticks: Annotated[int, option("N", "Number of ticks for each motion.")] = 20_000,
+    seconds: Annotated[float, option("S", "Duration of the service's loop.")] = 3.0,
+    seed: Annotated[int, option("N", "Seed of the search and of the random motion.")] = 0,
     real_time: Annotated[
         bool | None,
-        typer.Option(
+        flag(
             "--realtime/--no-realtime",
-            help="Ask the system for real-time priority and a core for the loop. "
-            "Default: as in SCENE, else no.",
+            ("Ask the system for real-time priority and a core for the loop. Default: as in SCENE, else no."),
             show_default=False,
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")] = False,
+    as_json: JSON_SI = False,
     units: UNITS = "mm",
 ) -> None:
     """Search SCENE for the positions where a tick takes longest, measure ticks there, and compare
@@ -78,7 +68,6 @@ def bench(
       proximity bench cell.toml --gate 1ms --out cell-latency.html
       proximity bench gearbox.step --recording grab.csv --gate 5kHz --json > latency.json
     """
-    from proximity.cli import progress
     from proximity.cli.lab import bench_report
     from proximity.lab import certificate
 
@@ -101,8 +90,14 @@ def bench(
     if subject.recording is not None:
         for note in subject.recording.notes:
             report(f"{subject.recording.path}: {note}")
-    with _progress() as update:
-        found = certificate.certify(subject, tick_count=ticks, seconds=seconds, seed=seed, progress=update)
+    with progress.bar("measuring") as show:
+        found = certificate.certify(
+            subject,
+            tick_count=ticks,
+            seconds=seconds,
+            seed=seed,
+            progress=lambda doing, share: show(share, 1.0, f"{share:.0%} {doing}"),
+        )
     reported = certificate.document(found, period, version=proximity.__version__)
     if as_json:
         typer.echo(certificate.as_json(reported), nl=False)
@@ -118,7 +113,6 @@ def bench(
 
 def _write(page: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bool:
     """Write the report; whether all of it, and not the numbers alone, because a library is missing."""
-    from proximity.cli import progress
     from proximity.lab import certificate
 
     try:
@@ -129,23 +123,3 @@ def _write(page: Path, reported: dict[str, Any], scene: "proximity.Scene") -> bo
         return False
     report(f"wrote {' and '.join(map(str, written))}")
     return True
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Callable[[str, float], None]]:
-    """A bar on stderr, where that is a terminal, with what is being done.
-
-    It is drawn when there is something new only: a thread that draws it meanwhile would be measured as well.
-    """
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-
-    from proximity.cli.tables import Console
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda doing, share: None
-        return
-    columns = TextColumn("{task.description:<32}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True, auto_refresh=False) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda doing, share: bar.update(task, description=doing, completed=share, refresh=True)

@@ -5,55 +5,50 @@ from typing import Any
 
 from rich.table import Table
 
-from proximity.cli.output import block, print_block, printable
+from proximity.cli.output import counted, print_block, printable
 from proximity.cli.tables import results_console, table
 from proximity.lab.certificate import wording
 from proximity.lab.certificate.wording import microseconds, percent
 
 HASH_DIGITS = 16
-SCENE = (
-    ("scene", "{names}: {scene.parts:1/part}, {scene.faces:1/face}"),
-    ("content", f"{{scene.sha256:.{HASH_DIGITS}}}"),
-    (
-        "ticks",
-        "{settings.fingers:1/finger}, budget {settings.budget} nodes and leaves, seed {settings.seed}{fed}",
-    ),
-    ("machine", "{machine.processor}, {machine.cores:1/core}"),
-)
-VERDICTS = (
-    ("deadlines", "{loop.missed} of {all} missed by the loop at {period_ms:g} ms: {missed}"),
-    (
-        "at the finger",
-        "{delay_ms} ms of computing and waking: a finger at {speed.speed:g} m/s enters a wall by "
-        "{penetration_mm} mm, its force is {force_mn} mN and its work {work_mj} mJ too large",
-    ),
-    ("scene verdict", "{verdict.sentence}"),
-    ("machine verdict", "{machine_verdict.sentence}"),
-)
 
 
 def write(reported: dict[str, Any]) -> None:
     """Write the certificate to stdout: scene, worst positions, times against periods, the verdict."""
-    console = results_console()
-    names = ", ".join(map(printable, reported["scene"]["files"]))
-    print_block(block(SCENE, reported | {"names": names, "fed": wording.fed(reported["settings"])}))
+    console, scene, settings = results_console(), reported["scene"], reported["settings"]
+    machine, loop, felt = reported["machine"], reported["loop"], reported["feeling"][-1]
+    names, speed = ", ".join(map(printable, scene["files"])), felt["speeds"][0]
+    counts = f"{counted(scene['parts'], 'part')}, {counted(scene['faces'], 'face')}"
+    walks = f"{counted(settings['fingers'], 'finger')}, budget {settings['budget']} nodes and leaves"
+    print_block(
+        [
+            ("scene", f"{names}: {counts}"),
+            ("content", scene["sha256"][:HASH_DIGITS]),
+            ("ticks", f"{walks}, seed {settings['seed']}{wording.fed(settings)}"),
+            ("machine", f"{machine['processor']}, {counted(machine['cores'], 'core')}"),
+        ]
+    )
     for shown in (_positions(reported["search"]), _times(reported)):
         console.print()
         console.print(shown)
     console.print()
-    loop, felt = reported["loop"], reported["feeling"][-1]
-    speed = felt["speeds"][0]
-    values = {
-        "all": loop["ticks"] + loop["missed"],
-        "period_ms": 1e3 * loop["period_s"],
-        "missed": wording.missed(loop),
-        "delay_ms": wording.three(1e3 * felt["delay_s"]),
-        "speed": speed,
-        "penetration_mm": wording.two(1e3 * speed["penetration"]),
-        "force_mn": wording.two(1e3 * speed["force_error"]),
-        "work_mj": wording.two(1e3 * speed["energy_error"]),
-    }
-    print_block(block(VERDICTS, reported | values))
+    deadlines = f"{loop['missed']} of {loop['ticks'] + loop['missed']} missed by the loop"
+    penetration, force, work = (
+        wording.two(1e3 * speed[key]) for key in ("penetration", "force_error", "energy_error")
+    )
+    print_block(
+        [
+            ("deadlines", f"{deadlines} at {1e3 * loop['period_s']:g} ms: {wording.missed(loop)}"),
+            (
+                "at the finger",
+                f"{wording.three(1e3 * felt['delay_s'])} ms of computing and waking: a finger at "
+                f"{speed['speed']:g} m/s enters a wall by {penetration} mm, its force is {force} mN and its "
+                f"work {work} mJ too large",
+            ),
+            ("scene verdict", reported["verdict"]["sentence"]),
+            ("machine verdict", reported["machine_verdict"]["sentence"]),
+        ]
+    )
     sys.stdout.flush()
 
 

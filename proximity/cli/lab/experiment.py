@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from proximity.cli import output
-from proximity.cli.device.drum import ARM, LEAST_RATE_HZ, MAX_AGE, MOST_RATE_HZ, MOTOR, RATE, SWITCH_S
-from proximity.cli.options import GLOVES, check_range
+from proximity.cli import output, progress
+from proximity.cli.device.drum import ARM, MAX_AGE, MOTOR, RATE, SWITCH_S
+from proximity.cli.options import GLOVES, argument, flag, option
 from proximity.cli.program import EXIT_INTERRUPTED, Command, Group
 
 HELP = (
@@ -22,10 +22,10 @@ SHIPPED = "decaff_against_coupled.toml"
 
 experiment = typer.Typer(name="experiment", cls=Group, help=HELP, no_args_is_help=True, add_completion=False)
 
-DESIGN = Annotated[Path, typer.Argument(metavar="DESIGN", help="Design of the experiment (.toml).")]
-DATA = Annotated[Path, typer.Argument(metavar="DATA", help="Folder of the data.")]
-PARTICIPANT = Annotated[str, typer.Argument(metavar="PARTICIPANT", help="Pseudonym, as p07.")]
-OUT = Annotated[Path, typer.Option("--data", metavar="DIR", help="Folder of the data; made where missing.")]
+DESIGN = Annotated[Path, argument("DESIGN", "Design of the experiment (.toml).")]
+DATA = Annotated[Path, argument("DATA", "Folder of the data.")]
+PARTICIPANT = Annotated[str, argument("PARTICIPANT", "Pseudonym, as p07.")]
+OUT = Annotated[Path, option("DIR", "Folder of the data; made where missing.", "--data")]
 
 
 def _command(example: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -35,7 +35,7 @@ def _command(example: str) -> Callable[[Callable[..., None]], Callable[..., None
 
 
 @_command("new comparison.toml")
-def new(path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write.")]) -> None:
+def new(path: Annotated[Path, argument("FILE", "File to write.")]) -> None:
     """Write the design that is shipped: DECAFF against coupled walls of 1, 3 and 10 ms."""
     from importlib.resources import files
 
@@ -52,9 +52,7 @@ def new(path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write
 @_command("plan comparison.toml --slot 3")
 def plan(
     design: DESIGN,
-    slot: Annotated[
-        int, typer.Option("--slot", metavar="N", help="Place among the participants, from 0.")
-    ] = 0,
+    slot: Annotated[int, option("N", "Place among the participants, from 0.")] = 0,
 ) -> None:
     """Print what a participant will be shown, in order, as tab-separated lines; notes go to stderr.
 
@@ -92,17 +90,14 @@ def plan(
 def run(
     design: DESIGN,
     participant: PARTICIPANT,
-    address: Annotated[
-        str, typer.Option("--address", metavar="ADDRESS", help="Where the service publishes its frames.")
-    ],
+    address: Annotated[str, option("ADDRESS", "Where the service publishes its frames.")],
     data: OUT = Path("experiment"),
-    finger: Annotated[int, typer.Option("--finger", metavar="N", min=0, help="Finger that presses.")] = 0,
+    finger: Annotated[int, option("N", "Finger that presses.", min=0)] = 0,
     terminal: Annotated[
-        bool,
-        typer.Option("--terminal", help="Ask in the terminal; else on a page, with a second one beside."),
+        bool, flag("--terminal", "Ask in the terminal; else on a page, with a second one beside.")
     ] = False,
     browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open the participant's page in a browser.")
+        bool, flag("--browser/--no-browser", "Open the participant's page in a browser.")
     ] = True,
     rate: RATE = 1000.0,
     glove: GLOVES = None,
@@ -115,7 +110,6 @@ def run(
     from proximity.lab.experiment.dataset import Dataset, check_pseudonym
     from proximity.lab.experiment.design_file import read_design
 
-    check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
     if bool(motor) != arm:
         raise typer.BadParameter("a motor moves only with both --motor and --arm", param_hint="--motor")
     check_pseudonym(participant)
@@ -133,12 +127,9 @@ def run(
 def simulate(
     design: DESIGN,
     data: OUT = Path("experiment"),
-    participant: Annotated[
-        str | None, typer.Option("--participant", metavar="NAME", help="Only this one; else all, as p01.")
-    ] = None,
+    participant: Annotated[str | None, option("NAME", "Only this one; else all, as p01.")] = None,
 ) -> None:
     """Run the whole experiment with simulated observers, through the log, as people would."""
-    from proximity.cli import progress
     from proximity.lab.experiment.dataset import Dataset
     from proximity.lab.experiment.design_file import read_design
     from proximity.lab.experiment.observers import Observer
@@ -158,12 +149,9 @@ def simulate(
 @_command("report simulated")
 def report(
     data: DATA,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Where to; else derivatives/report in DATA.")
-    ] = None,
+    out: Annotated[Path | None, option("DIR", "Where to; else derivatives/report in DATA.")] = None,
 ) -> None:
     """Analyse the data: a page, plots, tables as CSV, and a methods paragraph."""
-    from proximity.cli import progress
     from proximity.lab.experiment.analysis.findings import find
     from proximity.lab.experiment.analysis.report import write_report
     from proximity.lab.experiment.dataset import DERIVED, Dataset
@@ -186,22 +174,16 @@ def report(
 @_command("power comparison.toml --participants 8 --participants 12 --effect 1.5")
 def power(
     design: DESIGN,
-    participants: Annotated[
-        list[int] | None, typer.Option("--participants", metavar="N", min=3, help="Number; can be repeated.")
-    ] = None,
+    participants: Annotated[list[int] | None, option("N", "Number; can be repeated.", min=3)] = None,
     effect: Annotated[
         float | None,
-        typer.Option(
-            "--effect",
-            metavar="RATIO",
-            min=0.01,
-            help="Threshold of the others, in the first condition's; holds for thresholds only.",
+        option(
+            "RATIO", "Threshold of the others, in the first condition's; holds for thresholds only.", min=0.01
         ),
     ] = None,
-    repetitions: Annotated[int, typer.Option("--repetitions", metavar="N", min=10)] = 1000,
+    repetitions: Annotated[int, option("N", "", min=10)] = 1000,
 ) -> None:
     """Simulate how often an effect is found with so many participants; without --effect the expected one."""
-    from proximity.cli import progress
     from proximity.cli.tables import results_console, table
     from proximity.lab.experiment.analysis import simulation
     from proximity.lab.experiment.design_file import read_design
@@ -219,11 +201,8 @@ def power(
 
 
 @_command("check comparison.toml --repetitions 100")
-def check(
-    design: DESIGN, repetitions: Annotated[int, typer.Option("--repetitions", metavar="N", min=1)] = 100
-) -> None:
+def check(design: DESIGN, repetitions: Annotated[int, option("N", "", min=1)] = 100) -> None:
     """Try the analysis on simulated observers: false positives, and thresholds found again."""
-    from proximity.cli import progress
     from proximity.lab.experiment.analysis import simulation
     from proximity.lab.experiment.design_file import read_design
 

@@ -6,29 +6,25 @@ from typing import Annotated, Any
 
 import typer
 
-from proximity.cli.options import GLOVE, designed
+from proximity.cli import progress
+from proximity.cli.options import GLOVE, JSON_SUMMARY, argument, designed, option
 from proximity.cli.output import report
 
 
 def figures(
     names: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="NAME",
-            help="5a to 5h, 5, stability, error-speed, error-latency, error-engine, cable, drum-motion, "
-            "arrival. "
-            "Default: all.",
+        argument(
+            "NAME",
+            "5a to 5h, 5, stability, error-speed, error-latency, error-engine, cable, drum-"
+            "motion, arrival. Default: all.",
             show_default=False,
         ),
     ] = None,
-    out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Output folder; created if missing.")
-    ] = Path("figures"),
-    form: Annotated[
-        str, typer.Option("--format", metavar="FORMAT", help="File format: png, svg or pdf.")
-    ] = "png",
+    out: Annotated[Path, option("DIR", "Output folder; created if missing.")] = Path("figures"),
+    form: Annotated[str, option("FORMAT", "File format: png, svg or pdf.", "--format")] = "png",
     glove: GLOVE = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
+    as_json: JSON_SUMMARY = False,
 ) -> None:
     """Draw the named figures, or all of them, each with its numbers as CSV in SI units.
 
@@ -44,7 +40,6 @@ def figures(
       proximity figures 5c 5h stability --out paper --format pdf
       proximity figures drum-motion --glove glove.json --json
     """
-    from proximity.cli import progress
     from proximity.cli.output import write_document
     from proximity.decaff.glove.calibrated_glove import read_any_glove
     from proximity.lab.figures import catalogue

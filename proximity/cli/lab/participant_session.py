@@ -35,7 +35,7 @@ from proximity.lab.simulation.simulated_press import Wall
 from proximity.transport import open_subscriber
 from proximity.web import guided
 from proximity.web.guided import Answer, Button, Field, GuidedPages, PageLeftError, Step
-from proximity.web.server.browser import open_in_browser
+from proximity.web.server.access import open_in_browser
 
 GO_ON = Button("go", "Go on", "Enter", look="main")
 SEND = Button("go", "Go on", "Enter", look="main", takes_fields=True)
@@ -118,7 +118,7 @@ class PageRespondent:
         least, most = question.range
         field = Field("answer", question.text, least=least, most=most)
         if question.choices:
-            field = Field("answer", question.text, "choice", choices=question.choices)
+            field = Field("answer", question.text, choices=question.choices)
         return self._answer_to(Step("Question", fields=(field,), buttons=(SEND,))).values["answer"]
 
     def wait_ready(self, trial: Trial, interval: int) -> None:

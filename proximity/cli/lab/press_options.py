@@ -1,12 +1,21 @@
 """Options of ``proximity simulate``: the wall, what drives the drum, and the part of a scene."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from proximity.cli.options import CABLE, GLOVE, UNITS, cable_stiffness, check_gear, check_range, designed
+from proximity.cli.options import (
+    CABLE,
+    GEAR,
+    GLOVE,
+    UNITS,
+    cable_stiffness,
+    check_range,
+    designed,
+    flag,
+    option,
+    refuse,
+)
 
 if TYPE_CHECKING:
     from proximity.lab.simulation.simulated_press import Setup
@@ -31,80 +40,72 @@ STRETCHES = ("left", "torque", "sensor")
 class WallOptions:
     """Options of the wall and of what drives the drum; None where the option was not given."""
 
-    wall: Annotated[str, typer.Option(metavar="WALL", help="Kind of wall: real, coupled or decaff.")] = (
-        "decaff"
+    wall: Annotated[str, option("WALL", "Kind of wall: real, coupled or decaff.")] = "decaff"
+    speed: Annotated[float, option("M/S", "Speed of the approach.")] = 0.1
+    latency_ms: Annotated[float | None, option("MS", "Latency of forces or distances; 1 if not given.")] = (
+        None
     )
-    speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the approach.")] = 0.1
-    latency_ms: Annotated[
-        float | None, typer.Option(metavar="MS", help="Latency of forces or distances; 1 if not given.")
-    ] = None
-    rate_hz: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Rate of forces or distances; 1000 if not given.")
-    ] = None
-    drum: Annotated[
-        str | None, typer.Option(metavar="GEAR", help="Gear of the drum: gear14, gear51 or gear111 (total).")
-    ] = None
+    rate_hz: Annotated[float | None, option("HZ", "Rate of forces or distances; 1000 if not given.")] = None
+    drum: GEAR = None
     glove: GLOVE = None
     policy: Annotated[
         str | None,
-        typer.Option(
-            metavar="POLICY",
-            help="naive, latched, feed-forward or time-stamped (default; with --scene: the controller).",
+        option(
+            "POLICY",
+            ("naive, latched, feed-forward or time-stamped (default; with --scene: the controller)."),
         ),
     ] = None
     stiffness: Annotated[
-        float | None,
-        typer.Option(metavar="N/M", help="Stiffness of a coupled wall (requires --damping), or of the part."),
+        float | None, option("N/M", "Stiffness of a coupled wall (requires --damping), or of the part.")
     ] = None
-    damping: Annotated[
-        float | None, typer.Option(metavar="NS/M", help="Damping of the surface. Requires --stiffness.")
-    ] = None
+    damping: Annotated[float | None, option("NS/M", "Damping of the surface. Requires --stiffness.")] = None
     cable: CABLE = None
     stretch: Annotated[
         str | None,
-        typer.Option(
-            metavar="HOW",
-            help="How the drum makes up for the stretch of the --cable: left (not at all, the default), "
-            "torque (by the motor's) or sensor (by a force sensor).",
+        option(
+            "HOW",
+            "How the drum makes up for the stretch of the --cable: left (not at all, the "
+            "default), torque (by the motor's) or sensor (by a force sensor).",
         ),
     ] = None
 
     def check(self) -> None:
         """Refuse options that a wall of this kind does not have."""
-        if self.wall not in WALLS:
-            raise typer.BadParameter(
-                f"{self.wall!r}: expected one of {', '.join(WALLS)}", param_hint="--wall"
-            )
-        for option, walls in USED_BY.items():
-            if self.wall not in walls:
-                value = getattr(self, option.removeprefix("--").replace("-", "_"))
-                _refuse({option: value}, f"a {self.wall} wall has none")
+        given = {"--" + name.replace("_", "-"): value for name, value in asdict(self).items()}
+        refuse(
+            (self.wall not in WALLS, "--wall", f"{self.wall!r}: expected one of {', '.join(WALLS)}"),
+            *(
+                (self.wall not in walls and given[name] is not None, name, f"a {self.wall} wall has none")
+                for name, walls in USED_BY.items()
+            ),
+        )
         self._check_stretch()
 
     def check_on_part(self) -> None:
         """Refuse options that a press on a part does not have."""
-        wall = None if self.wall == "decaff" else self.wall
-        _refuse({"--wall": wall}, "on a part of a scene there is only decaff")
-        if self.stiffness is None:
-            _refuse({"--damping": self.damping}, "a part that has it has a --stiffness as well")
+        alone = self.damping is not None and self.stiffness is None
+        refuse(
+            (self.wall != "decaff", "--wall", "on a part of a scene there is only decaff"),
+            (alone, "--damping", "a part that has it has a --stiffness as well"),
+        )
         self._check_stretch()
 
     def _check_stretch(self) -> None:
-        if self.stretch not in (None, *STRETCHES):
-            raise typer.BadParameter(
-                f"{self.stretch!r}: expected one of {', '.join(STRETCHES)}", param_hint="--stretch"
-            )
-        if self.cable is None and self.glove is None:
-            _refuse({"--stretch": self.stretch}, "there is no --cable that stretches")
+        expected = f"{self.stretch!r}: expected one of {', '.join(STRETCHES)}"
+        has_cable = self.cable is not None or self.glove is not None
+        refuse(
+            (self.stretch not in (None, *STRETCHES), "--stretch", expected),
+            (self.stretch is not None and not has_cable, "--stretch", "there is no --cable that stretches"),
+        )
 
     def setup(self, *, is_on_part: bool) -> "Setup":
         """Return the setup of the simulation."""
         from proximity.lab.simulation import simulated_press
 
         if self.latency_ms is not None:
-            check_range(self.latency_ms, "--latency-ms", "ms", 0.0, 1e3 * simulated_press.LONGEST_LATENCY)
+            check_range(self.latency_ms, "--latency-ms", 0.0, 1e3 * simulated_press.LONGEST_LATENCY, "ms")
         options = self._worn() | {
-            "gear": check_gear(self.drum),
+            "gear": self.drum,
             "policy": self.policy,
             "rate": self.rate_hz,
             "stiffness": None if is_on_part else self.stiffness,
@@ -135,37 +136,31 @@ class WallOptions:
 class PartOptions:
     """Options of a press on a part of a scene."""
 
-    scene: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Press on a part: a mesh, STEP or scene file (.toml).")
-    ] = None
-    part: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Part of the scene to press on. Other parts are ignored."),
-    ] = None
+    scene: Annotated[Path | None, option("FILE", "Press on a part: a mesh, STEP or scene file (.toml).")] = (
+        None
+    )
+    part: Annotated[str | None, option("NAME", "Part of the scene to press on. Other parts are ignored.")] = (
+        None
+    )
     at: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(
-            metavar="X Y Z",
-            help="Press on the surface point nearest to this position. Default: from above the middle. With "
-            "--recording: position of its origin; fitted if not given.",
+        option(
+            "X Y Z",
+            "Press on the surface point nearest to this position. Default: from above the middle."
+            " With --recording: position of its origin; fitted if not given.",
         ),
     ] = None
-    recording: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="CSV file of fingertips over time, as for replay.")
-    ] = None
-    sensor: Annotated[
-        bool, typer.Option("--sensor", help="Teleoperation: a sensor at the far end measures the part.")
-    ] = False
+    recording: Annotated[Path | None, option("CSV", "CSV file of fingertips over time, as for replay.")] = (
+        None
+    )
+    sensor: Annotated[bool, flag("--sensor", "Teleoperation: a sensor at the far end measures the part.")] = (
+        False
+    )
     units: UNITS = "mm"
 
     def check(self) -> None:
         """Refuse options that need a scene where there is none."""
+        given = {"--part": self.part, "--at": self.at, "--recording": self.recording}
         if self.scene is None:
-            options = {"--part": self.part, "--at": self.at, "--recording": self.recording}
-            _refuse({**options, "--sensor": self.sensor or None}, OF_A_SCENE)
-
-
-def _refuse(options: dict[str, Any], sentence: str) -> None:
-    for option, value in options.items():
-        if value is not None:
-            raise typer.BadParameter(sentence, param_hint=option)
+            refuse(*((value is not None, name, OF_A_SCENE) for name, value in given.items()))
+            refuse((self.sensor, "--sensor", OF_A_SCENE))

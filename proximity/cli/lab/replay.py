@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import proximity
-from proximity.cli.options import FILE, UNITS, check_range, with_option_groups
+from proximity.cli import progress
+from proximity.cli.options import FILE, JSON, UNITS, argument, option, with_option_groups, within
 from proximity.cli.output import report
 from proximity.system.time_units import MS_PER_S
 
@@ -29,23 +30,22 @@ class Placement:
 
     place: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="X Y Z", help="Position of the recording's origin. Fitted if not given."),
+        option("X Y Z", "Position of the recording's origin. Fitted if not given."),
     ] = None
     turn: Annotated[
         tuple[float, float, float],
-        typer.Option(
-            metavar="RX RY RZ",
-            help="Rotation of the recording in degrees about the scene's x, then y, then z.",
+        option(
+            "RX RY RZ",
+            "Rotation of the recording in degrees about the scene's x, then y, then z.",
             show_default=False,
         ),
     ] = (0.0, 0.0, 0.0)
-    scale: Annotated[float, typer.Option(metavar="S", help="Factor by which the recording is enlarged.")] = (
-        1.0
-    )
-
-    def check(self) -> None:
-        """Refuse a scale out of range."""
-        check_range(self.scale, "--scale", "times the size", 1e-6, 1e6)
+    scale: Annotated[
+        float,
+        option(
+            "S", "Factor by which the recording is enlarged.", callback=within(1e-6, 1e6, "times the size")
+        ),
+    ] = 1.0
 
     def origin(self, metres: float, units: str) -> list[float] | None:
         """Return the origin of the recording in metres, or None if it is to be fitted."""
@@ -72,7 +72,7 @@ class Placement:
 
     def report(self, pose: "proximity.Pose", metres: float) -> dict[str, Any]:
         """Return the part of the report about them, in the user's unit."""
-        from proximity.cli.lengths import in_units
+        from proximity.cli.output import in_units
 
         return {
             "is_fitted": self.place is None,
@@ -86,33 +86,25 @@ class Placement:
 class TrackerOptions:
     """Options that say how the tracker is made."""
 
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Ticks per second.")] = 1000.0
-    radius: Annotated[
-        float | None, typer.Option(metavar="R", help="Radius of the fingertips; 7 mm if not given.")
-    ] = None
+    rate: Annotated[float, option("HZ", "Ticks per second.", callback=within(1.0, 1e6, "ticks a second"))] = (
+        1000.0
+    )
+    radius: Annotated[float | None, option("R", "Radius of the fingertips; 7 mm if not given.")] = None
     latency: Annotated[
-        float, typer.Option(metavar="MS", help="Age of a pose at its tick, in milliseconds.")
+        float, option("MS", "Age of a pose at its tick, in milliseconds.", callback=within(0.0, 1e3, "ms"))
     ] = 1.0
     budget: Annotated[
         int | None,
-        typer.Option(
-            metavar="N", help="Largest number of tree nodes and leaves visited per finger and tick."
+        option(
+            "N",
+            "Largest number of tree nodes and leaves visited per finger and tick.",
+            callback=within(1, 2**31 - 1, "nodes and leaves"),
         ),
     ] = None
     working_range: Annotated[
         float | None,
-        typer.Option(
-            "--range",
-            metavar="D",
-            help="Distance beyond which only bounds are reported; 120 mm if not given.",
-        ),
+        option("D", "Distance beyond which only bounds are reported; 120 mm if not given.", "--range"),
     ] = None
-
-    def check(self) -> None:
-        """Refuse numbers out of range."""
-        check_range(self.rate, "--rate", "ticks a second", 1.0, 1e6)
-        check_range(self.latency, "--latency", "ms", 0.0, 1e3)
-        check_range(1 if self.budget is None else self.budget, "--budget", "nodes and leaves", 1, 2**31 - 1)
 
     def settings(self, metres: float) -> dict[str, Any]:
         """Return what `proximity.Tracker` calls these options, in SI units."""
@@ -129,7 +121,7 @@ class TrackerOptions:
 
     def report(self, settings: dict[str, Any], metres: float) -> dict[str, Any]:
         """Return the part of the report about them, in the user's unit."""
-        from proximity.cli.lengths import in_unit
+        from proximity.cli.output import in_unit
 
         return {
             "rate_hz": self.rate,
@@ -143,16 +135,17 @@ class TrackerOptions:
 @with_option_groups
 def replay(
     file: FILE,
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="CSV file of fingertips over time.")],
+    recording: Annotated[Path, argument("RECORDING", "CSV file of fingertips over time.")],
     placement: Placement,
     tracker: TrackerOptions,
     limit: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Replay only this much of the recording.")
+        float | None,
+        option("SECONDS", "Replay only this much of the recording.", callback=within(1e-3, 1e9, "seconds")),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write all contacts to this file: .npz, .npy or .csv.")
+        Path | None, option("FILE", "Write all contacts to this file: .npz, .npy or .csv.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
+    as_json: JSON = False,
     units: UNITS = "mm",
 ) -> None:
     """Run a recorded hand past the parts of FILE, tick by tick, and check every bound.
@@ -173,10 +166,6 @@ def replay(
       proximity replay gearbox.step grab.csv --out contacts.npz
       proximity replay bracket.stl grab.csv --turn 90 0 0 --scale 0.8 --radius 6 --json
     """
-    tracker.check()
-    placement.check()
-    check_range(1.0 if limit is None else limit, "--limit", "seconds", 1e-3, 1e9)
-    from proximity.cli import progress
     from proximity.cli.lab import replay_report
     from proximity.formats import metres_per_unit
     from proximity.recording import check_log_name, read_recording, write_contacts
@@ -196,12 +185,13 @@ def replay(
     pose = placement.pose(scene, recorded, origin, settings["radius"])
     ticked = recorded.placed(pose, placement.scale).resampled(1.0 / tracker.rate)
     tracker_of = partial(proximity.Tracker, scene, fingers=len(ticked.fingers), **settings)
-    run = replay(
-        tracker_of,
-        ticked,
-        latency=settings["latency"],
-        watch=lambda chunks: progress.with_bar(chunks, len, sum(map(len, chunks)), is_shown=True),
-    )
+    with progress.spinner("replaying ticks") as show:
+        run = replay(
+            tracker_of,
+            ticked,
+            latency=settings["latency"],
+            watch=lambda chunks: progress.counted(chunks, show, total=sum(map(len, chunks))),
+        )
     with progress.spinner("checking the bounds"):
         summary = summarise(scene, run, settings["radius"])
     if out is not None:

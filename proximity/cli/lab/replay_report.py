@@ -6,17 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 import proximity
-from proximity.cli.lengths import in_unit
-from proximity.cli.output import (
-    MISSING,
-    SHORT_DIGITS,
-    Lines,
-    block,
-    filled,
-    number,
-    print_block,
-    write_document,
-)
+from proximity.cli.output import MISSING, counted, in_unit, number, print_block, short, write_document
 from proximity.recording import NANOSECONDS, Recording
 from proximity.system.time_units import NS_PER_US
 from proximity.tracker.replay import VELOCITY_SHARE, ReplaySummary, TickTimes
@@ -27,31 +17,9 @@ CLOCK_DIGITS = 6
 COUNTS = (
     "tick_count", "finger_tick_count", "tracked_count", "exact_count", "bounded_count", "skipped_count",
 )  # fmt: skip
-TIMES = "p50 {%s.p50:.1f}, p99 {%s.p99:.1f}, p99.9 {%s.p999:.1f}, max {%s.max:.1f} µs a tick"
-SCENE = "{file}: {part_count:1/part}, {face_count} faces"
-RECORDING = (
-    "{recording.file}: {recording.duration_s:s} s, {finger_count:1/finger} of {recording.hand_count:1/hand}, "
-    "{recording.sample_count} samples in {recording.frame_count} frames, {recording.gap_count:1/gap}"
-)
-EPOCH = f"since the recording's first instant, its {{recording.begins_s:.{CLOCK_DIGITS}f}} s"
-TURN = "turned by {placement.turn_degrees:s} degrees, "
-PLACEMENT = "origin at {placement.position:s} {units}, %sscale {placement.scale:n}; %s"
-TICKS = (
-    "{ticks.tick_count} at {settings.rate_hz:n} Hz, radius {settings.radius:n} {units}, "
-    "latency {settings.latency_ms:n} ms"
-)
-ANSWERS = "{exact} exact, {bounded} bounded, {skipped} skipped; finger lost in {lost}"
-NEAREST = "{finger} at {since} s: {signed_distance:s} {units} from {part}"
-NEAREST_OF_UNKNOWN = "{finger} at {since} s: {signed_distance:s} {units} at most, from an unknown part"
-TOUCH = "{finger}: {count:1/time}, first at {since} s, {deepest:s} {units} deep"
-BOUNDS = "{kept_count} of {checked_count} hold, checked against exact distances"
-BROKEN = BOUNDS + ", the worst is off by {worst:s} {units}"
-PREDICTIONS = "{share} within their bounds, error p50 {error_p50:s}, p95 {error_p95:s} {units}"
-CONTACT_TIMES = (
-    "{kept_count} of {checked_count} certified times held (velocity constant within {velocity_percent:.0f} %)"
-)
 
 Values = dict[str, Any]
+Lines = Iterator[tuple[str, str]]
 
 
 def inputs(scene: "proximity.Scene", file: str, recording: Recording, units: str) -> Values:
@@ -99,11 +67,8 @@ def results(summary: ReplaySummary, metres: float) -> Values:
 def broken(report: Values) -> list[str]:
     """Return a sentence on the bounds that do not hold, and one on the certified times; none if all hold."""
     return [
-        filled(
-            f"{{broken_count}} of {{checked_count}} {key.replace('_', ' ')} that were checked do not hold, "
-            "the first: {first_broken}",
-            report[key],
-        )
+        f"{report[key]['broken_count']} of {report[key]['checked_count']} {key.replace('_', ' ')} that were "
+        f"checked do not hold, the first: {report[key]['first_broken']}"
         for key in ("bounds", "certified_times")
         if report[key]["broken_count"]
     ]
@@ -124,51 +89,78 @@ def write(report: Values, *, as_json: bool) -> None:
 
 
 def _head(report: Values) -> Lines:
-    placement = report["placement"]
+    recorded, placement, settings = report["recording"], report["placement"], report["settings"]
+    units, turn = report["units"], placement["turn_degrees"]
+    yield "scene", f"{report['file']}: {counted(report['part_count'], 'part')}, {report['face_count']} faces"
+    fingers, hands = counted(len(recorded["fingers"]), "finger"), counted(recorded["hand_count"], "hand")
+    yield (
+        "recording",
+        f"{recorded['file']}: {short(recorded['duration_s'])} s, {fingers} of {hands}, "
+        f"{recorded['sample_count']} samples in "
+        f"{recorded['frame_count']} frames, {counted(recorded['gap_count'], 'gap')}",
+    )
+    if begins := recorded["begins_s"]:
+        yield "times", f"since the recording's first instant, its {begins:.{CLOCK_DIGITS}f} s"
+    for note in recorded["notes"]:
+        yield "note", note
+    turned = f"turned by {short(*turn)} degrees, " if any(turn) else ""
     fitted = "fitted to the parts" if placement["is_fitted"] else "as given"
-    templates = [
-        ("scene", SCENE),
-        ("recording", RECORDING),
-        *([("times", EPOCH)] if report["recording"]["begins_s"] else []),
-        *(("note", note.replace("{", "{{").replace("}", "}}")) for note in report["recording"]["notes"]),
-        ("placement", PLACEMENT % (TURN if any(placement["turn_degrees"]) else "", fitted)),
-        ("ticks", TICKS),
-        ("compute", TIMES.replace("%s", "compute_us")),
-        ("wall clock", TIMES.replace("%s", "wall_us")),
-    ]
-    return block(templates, report | {"finger_count": len(report["recording"]["fingers"])})
+    position, scale = short(*placement["position"]), number(placement["scale"])
+    yield "placement", f"origin at {position} {units}, {turned}scale {scale}; {fitted}"
+    yield (
+        "ticks",
+        f"{report['ticks']['tick_count']} at {number(settings['rate_hz'])} Hz, "
+        f"radius {number(settings['radius'])} {units}, latency {number(settings['latency_ms'])} ms",
+    )
+    for label, key in (("compute", "compute_us"), ("wall clock", "wall_us")):
+        p50, p99, p999, largest = (f"{report[key][name]:.1f}" for name in ("p50", "p99", "p999", "max"))
+        yield label, f"p50 {p50}, p99 {p99}, p99.9 {p999}, max {largest} µs a tick"
 
 
-def _approaches(report: Values) -> Iterator[tuple[str, str]]:
-    ticks, nearest = report["ticks"], report["nearest"]
-    tracked, total = ticks["tracked_count"], ticks["finger_tick_count"]
-    shares = {key: _share(ticks[f"{key}_count"], tracked) for key in ("exact", "bounded", "skipped")}
-    yield "answers", filled(ANSWERS, shares | {"lost": _share(total - tracked, total)})
-    begins, units = report["recording"]["begins_s"], {"units": report["units"]}
+def _approaches(report: Values) -> Lines:
+    ticks, nearest, units = report["ticks"], report["nearest"], report["units"]
+    tracked, total, begins = (
+        ticks["tracked_count"],
+        ticks["finger_tick_count"],
+        report["recording"]["begins_s"],
+    )
+    shares = ", ".join(
+        f"{_share(ticks[f'{key}_count'], tracked)} {key}" for key in ("exact", "bounded", "skipped")
+    )
+    yield "answers", f"{shares}; finger lost in {_share(total - tracked, total)}"
     if nearest is None:
         yield "nearest", "no finger came within the working range"
     else:
         # Where the budget was spent before any face was met, the distance is a bound only.
-        template = NEAREST if nearest["part"] else NEAREST_OF_UNKNOWN
-        yield "nearest", filled(template, nearest | units | {"since": _since(begins, nearest["time_s"])})
+        where = f"from {nearest['part']}" if nearest["part"] else "at most, from an unknown part"
+        since, distance = _since(begins, nearest["time_s"]), short(nearest["signed_distance"])
+        yield "nearest", f"{nearest['finger']} at {since} s: {distance} {units} {where}"
     for touch in report["touches"]:
-        yield "touch", filled(TOUCH, touch | units | {"since": _since(begins, touch["first_s"])})
+        times, since = counted(touch["count"], "time"), _since(begins, touch["first_s"])
+        yield (
+            "touch",
+            f"{touch['finger']}: {times}, first at {since} s, {short(touch['deepest'])} {units} deep",
+        )
     if not report["touches"]:
         yield "touch", "none"
 
 
-def _checks(report: Values) -> Iterator[tuple[str, str]]:
-    units = {"units": report["units"]}
-    bounds, predictions, times = (report[key] | units for key in ("bounds", "predictions", "certified_times"))
-    for each in (bounds, times):
-        each["kept_count"] = each["checked_count"] - each["broken_count"]
-    yield "bounds", filled(BROKEN if bounds["broken_count"] else BOUNDS, bounds)
-    if predictions["checked_count"]:
-        share = _share(predictions["kept_count"], predictions["checked_count"])
-        yield "predictions", filled(PREDICTIONS, predictions | {"share": share})
-    times["velocity_percent"] = 100.0 * times["velocity_share"]
+def _checks(report: Values) -> Lines:
+    units = report["units"]
+    bounds, predictions, times = (report[key] for key in ("bounds", "predictions", "certified_times"))
+    worst = f", the worst is off by {short(bounds['worst'])} {units}" if bounds["broken_count"] else ""
+    yield "bounds", f"{_kept(bounds)} hold, checked against exact distances{worst}"
+    if checked := predictions["checked_count"]:
+        errors = f"p50 {short(predictions['error_p50'])}, p95 {short(predictions['error_p95'])} {units}"
+        share = _share(predictions["kept_count"], checked)
+        yield "predictions", f"{share} within their bounds, error {errors}"
     if times["checked_count"]:
-        yield ("contact times", filled(CONTACT_TIMES, times))
+        steady = f"velocity constant within {100.0 * times['velocity_share']:.0f} %"
+        yield "contact times", f"{_kept(times)} certified times held ({steady})"
+
+
+def _kept(counts: Values) -> str:
+    return f"{counts['checked_count'] - counts['broken_count']} of {counts['checked_count']}"
 
 
 def _times(times: TickTimes) -> Values:
@@ -183,4 +175,4 @@ def _share(count: int, total: int) -> str:
 
 def _since(begins: float, instant: float) -> str:
     """Seconds from a recording's first instant to another; both are off by a fraction of a microsecond."""
-    return number(round(instant - begins, CLOCK_DIGITS), SHORT_DIGITS)
+    return short(round(instant - begins, CLOCK_DIGITS))

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from proximity.cli.lab.press_options import PartOptions, WallOptions
-from proximity.cli.options import with_option_groups
+from proximity.cli.options import JSON_SI, option, with_option_groups
 from proximity.cli.output import report
 
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
@@ -17,10 +17,9 @@ def simulate(
     surface: WallOptions,
     pressed: PartOptions,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write a drawing (.png, .svg, .pdf) or numbers (.csv)."),
+        Path | None, option("FILE", "Write a drawing (.png, .svg, .pdf) or numbers (.csv).")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document, in SI units.")] = False,
+    as_json: JSON_SI = False,
 ) -> None:
     """Simulate a hand that presses on a wall, and compare the force with that of a real wall.
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from proximity.cli import progress
+from proximity.cli.options import argument, flag, option
 from proximity.cli.output import report
 from proximity.cli.program import EXIT_INTERRUPTED
 
@@ -23,32 +25,20 @@ SAY_EVERY_S = 30.0  # where no terminal shows a bar
 
 
 def study(
-    study: Annotated[
-        Path, typer.Argument(metavar="STUDY", help="A study file (.toml); or the word report, with DIR.")
-    ],
-    folder: Annotated[
-        Path | None, typer.Argument(metavar="DIR", help="With report: the folder of results.")
-    ] = None,
+    study: Annotated[Path, argument("STUDY", "A study file (.toml); or the word report, with DIR.")],
+    folder: Annotated[Path | None, argument("DIR", "With report: the folder of results.")] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Folder of results; with report the page, else in DIR."),
+        Path | None, option("PATH", "Folder of results; with report the page, else in DIR.")
     ] = None,
-    address: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="Ray cluster; this machine if not given.")
-    ] = None,
-    cores: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Cores of this machine; all if not given.")
-    ] = None,
+    address: Annotated[str | None, option("HOST:PORT", "Ray cluster; this machine if not given.")] = None,
+    cores: Annotated[int | None, option("N", "Cores of this machine; all if not given.", min=1)] = None,
     resume: Annotated[
-        bool,
-        typer.Option("--resume/--from-scratch", help="Keep the rows that are there, or remove them first."),
+        bool, flag("--resume/--from-scratch", "Keep the rows that are there, or remove them first.")
     ] = True,
     retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Do conditions again whose row says that they failed.")
+        bool, flag("--retry-failed", "Do conditions again whose row says that they failed.")
     ] = False,
-    only: Annotated[
-        str | None, typer.Option(metavar="KEY", help="Repeat one condition here, beside what its row says.")
-    ] = None,
+    only: Annotated[str | None, option("KEY", "Repeat one condition here, beside what its row says.")] = None,
 ) -> None:
     """Run the study in STUDY, a TOML file: a job for every combination of factors, on all cores.
 
@@ -72,7 +62,6 @@ def study(
     if is_report != (folder is not None):
         expected = "proximity study report DIR" if is_report else "proximity study STUDY, or report DIR"
         raise typer.BadParameter(f"expected {expected}", param_hint="DIR")
-    from proximity.cli import progress
     from proximity.lab.sweep.study_file import read_study
 
     if folder is not None:
@@ -97,10 +86,10 @@ def _run(study: "Study", results: Path, options: dict[str, Any]) -> None:
     try:
         with _progress(study.name or Path(study.path).stem) as show:
 
-            def watch(progress: "Progress") -> None:
+            def watch(seen: "Progress") -> None:
                 nonlocal newest
-                newest = progress
-                show(progress)
+                newest = seen
+                show(seen)
 
             ended = run_study(study, results, watch=watch, **options)
     except KeyboardInterrupt:
@@ -124,7 +113,6 @@ def _jobs() -> "dict[str, Job]":
 
 
 def _write_page(folder: Path, out: Path | None) -> None:
-    from proximity.cli import progress
     from proximity.errors import ServiceError
     from proximity.lab.sweep.study_file import read_study
     from proximity.lab.sweep.study_page import study_page
@@ -180,38 +168,22 @@ def _report_end(ended: "Progress", results: Path) -> None:
 @contextlib.contextmanager
 def _progress(name: str) -> "Iterator[Callable[[Progress], None]]":
     """A bar with rate and time left; where stderr is no terminal, a line now and then."""
-    from rich import progress as rich_progress
-    from rich.markup import escape
 
-    from proximity.cli.tables import Console
-
-    console = Console(stderr=True)
     due = time.monotonic() + SAY_EVERY_S
+    with progress.bar(name) as show:
 
-    def progress_words(ended: "Progress") -> str:
-        left = "" if ended.seconds_left == float("inf") else f", {_duration(ended.seconds_left)} left"
-        return f"{ended.rate:.3g}/s{left}{f', {ended.failed} failed' if ended.failed else ''}"
+        def watch(ended: "Progress") -> None:
+            nonlocal due
+            done, total = ended.earlier + ended.done, ended.total
+            left = "" if ended.seconds_left == float("inf") else f", {_duration(ended.seconds_left)} left"
+            failed = f", {ended.failed} failed" if ended.failed else ""
+            words = f"{done} of {total}, {ended.rate:.3g}/s{left}{failed}"
+            show(done, total, words)
+            if not progress.is_terminal() and time.monotonic() >= due:
+                due = time.monotonic() + SAY_EVERY_S
+                report(words)
 
-    def report_now_and_then(ended: "Progress") -> None:
-        nonlocal due
-        if time.monotonic() >= due:
-            due = time.monotonic() + SAY_EVERY_S
-            report(f"{ended.earlier + ended.done} of {ended.total}, {progress_words(ended)}")
-
-    if not console.is_terminal:
-        yield report_now_and_then
-        return
-    columns = (
-        rich_progress.TextColumn(escape(name)),
-        rich_progress.BarColumn(),
-        rich_progress.MofNCompleteColumn(),
-        rich_progress.TextColumn("{task.description}"),
-    )
-    with rich_progress.Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("starting Ray", total=None)
-        yield lambda ended: bar.update(
-            task, description=progress_words(ended), total=ended.total, completed=ended.earlier + ended.done
-        )
+        yield watch
 
 
 def _duration(seconds: float) -> str:

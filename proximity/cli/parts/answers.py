@@ -1,33 +1,110 @@
-"""Queries of the command line: points are read in chunks, and answered in the user's unit.
+"""Answers to queries as JSON and CSV for programs, and as labelled lines or a table for people.
 
-Lengths have at most 15 significant digits, as `lengths` rounds them; directions and barycentric coordinates
-are exact.
+All come from `FIELDS`. Points are read, answered and written in chunks. Lengths are in the user's unit with
+at most 15 significant digits; JSON and CSV hold numbers that read back as the same float64. CSV writes nan
+and inf as NumPy and pandas read them; what is missing is empty, and no text is a formula.
 """
 
+import csv
+import json
 import math
+import sys
 from collections.abc import Iterable, Iterator
-from typing import Any
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import proximity
-from proximity.cli.lengths import distances_in_units, in_units
-from proximity.cli.output import number, report
+from proximity.cli import progress
+from proximity.cli.output import (
+    FEW_DIGITS,
+    MISSING,
+    in_units,
+    length,
+    number,
+    plain,
+    print_block,
+    printable,
+    report,
+)
 from proximity.cli.parts.points import Points
-from proximity.errors import ArgumentError
-from proximity.scene.loader import notes_on_sizes
+from proximity.errors import ArgumentError, ProximityError
 from proximity.scene.queries.results import NO_FACE, Feature
+from proximity.system.table_text import table_text
 
+TERMINAL_ROWS = 100  # more than a person reads from a screen
+COUNT_WIDTH = 9
+DIRECTION_DECIMALS = 9
+DIGITS = 9  # significant, of numbers in a table
 FAR = 1000.0
 """Sizes of the scene: points beyond are noted."""
-FEATURE_WORDS = {int(feature): feature.name.lower() for feature in Feature}
+SIDE_WORDS = {"surface": "on the surface", "unknown": "which side is unknown"}
+ON_FEATURES = {"face": "a face", "edge": "an edge", "vertex": "a corner"}
+ENDINGS = {"face": " of the file", "fraction": " of the segment"}
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of an answer; it is in JSON and CSV, in a table if it has a title, in lines with a label."""
+
+    title: str = ""  # of its column in a table; the axis follows
+    label: str = ""  # of its line
+    axes: str = ""  # of three numbers
+    is_length: bool = False  # in the user's unit
+    width: int = 16  # of its column where lines are streamed, as -1.23456789e-100; negative: to the left
+    is_text: bool = False
+
+    def shown(self, value: Any, digits: int = DIGITS) -> str:
+        """Return a value for people; components of directions that are rounding errors are zeros."""
+        if self.is_text:
+            return MISSING if value is None else printable(str(value))
+        if self.is_length:
+            return length(value, digits)
+        return number(round(value, DIRECTION_DECIMALS) if self.axes else value, digits)
+
+
+_text = partial(Field, width=-len("outside"), is_text=True)
+FIELDS = {
+    "name": _text("name", "name", width=-12),
+    "start_name": _text("start_name", "start name", width=-12),
+    "end_name": _text("end_name", "end name", width=-12),
+    "query": Field(axes="xyz", is_length=True),
+    "origin": Field(axes="xyz", is_length=True),
+    "direction": Field(axes="xyz"),
+    "start": Field(axes="xyz", is_length=True),
+    "end": Field(axes="xyz", is_length=True),
+    "signed_distance": Field("distance", "signed distance", is_length=True),
+    "distance": Field("distance", "distance", is_length=True),
+    "side": _text("side"),
+    "is_signed": Field(),
+    "fraction": Field(label="fraction"),
+    "point": Field("point_", "closest point", axes="xyz", is_length=True),
+    "point_on_segment": Field("segment_", "on segment", axes="xyz", is_length=True),
+    "point_on_solid": Field("solid_", "on solid", axes="xyz", is_length=True),
+    "gradient": Field("normal_", "normal", axes="xyz"),
+    "normal": Field("normal_", "normal", axes="xyz"),
+    "part": Field(),
+    "part_name": _text("part", "part"),
+    "face": _text("face", "face", width=COUNT_WIDTH),
+    "face_id": Field(),
+    "feature": _text("on", "on"),
+    "barycentric": Field(axes="012"),
+}
+FACES = ("part", "part_name", "face", "face_id")
+"""``face`` is the row of the file's faces, ``face_id`` that of the part's mesh."""
+ANSWERED = {  # by kind of query, behind the points asked from; named as in the library's results
+    "closest": ("signed_distance", "is_signed", "point", "gradient", *FACES, "feature", "barycentric"),
+    "ray": ("distance", "point", "normal", *FACES, "barycentric"),
+    "segment": ("distance", "fraction", "point_on_segment", "point_on_solid", *FACES),
+}
+DISPENSABLE = ("gradient", "normal", "point_on_segment", "face", "feature", "part_name")
+"""Fields to leave out, in this order, until a table is as narrow as the terminal."""
 
 Answers = dict[str, list[Any]]
-"""By names of fields: an entry an answer, which is a number, three numbers, a word, or None for nothing.
-
-Fields are named as in the library's results; ``face`` is the row of the file's faces, ``face_id`` that of the
-part's mesh.
-"""
+"""By names of fields: an entry an answer, which is a number, three numbers, a word, or None for nothing."""
 
 
 class Question:
@@ -46,104 +123,79 @@ class Question:
         self.scene, self.units, self._metres, self._workers = scene, units, metres, workers
         self.mode = "segment" if is_segment else "closest" if direction is None else "ray"
         self._direction = direction
-        self._bounds = in_units(np.array(scene.bounds), metres)
-        self._size = float((self._bounds[1] - self._bounds[0]).max())
+        self._lower, self._upper = in_units(np.array(scene.bounds), metres)
+        self._size = float((self._upper - self._lower).max())
         self._asked, self._far_count, self._farthest = 0, 0, 0.0
 
     def answers(self, chunks: Iterable[Points]) -> Iterator[Answers]:
         """Answer chunk by chunk; at least one chunk, which may be empty."""
-        ask = {"closest": self._closest, "ray": self._first_hits, "segment": self._closest_to_segments}
         is_pair = self.mode == "segment"
         for chunk in chunks:
             rows = np.array(chunk.coordinates, dtype=np.float64).reshape(-1, 3)
             self._count_far(rows)
             rows = rows[: len(rows) // 2 * 2] if is_pair else rows
-            names = None if chunk.names is None else chunk.names[: len(rows)]
-            with np.errstate(over="ignore"):  # too far for a float64 is not finite, and answered so
-                points = rows * self._metres
-            found: dict[str, Any] = {}
-            if names is not None:
+            found: Answers = {}
+            if chunk.names is not None:
+                names = chunk.names[: len(rows)]
                 pair = {"start_name": names[0::2], "end_name": names[1::2]}
                 found = pair if is_pair else {"name": names}
-            found |= ask[self.mode](rows, points)
-            yield {
-                name: values.tolist() if isinstance(values, np.ndarray) else values
-                for name, values in found.items()
-            }
+            yield found | self._answered(rows)
         if is_pair and self._asked % 2 == 1:
             raise ArgumentError(f"points are taken in pairs (start, end), but there are {self._asked}")
 
-    def _closest(self, rows: np.ndarray, points: np.ndarray) -> dict[str, Any]:
-        hits = self.scene.closest(points, workers=self._workers)
-        words = zip(hits.feature.tolist(), hits.face_id.tolist(), strict=True)
-        return {
-            "query": rows,
-            "signed_distance": distances_in_units(hits.signed_distance, self._metres, points, hits.point),
-            "is_signed": hits.is_signed,
-            "point": in_units(hits.point, self._metres),
-            "gradient": hits.gradient,
-            **self._faces(hits),
-            "feature": [None if face == NO_FACE else FEATURE_WORDS.get(feature) for feature, face in words],
-            "barycentric": hits.barycentric,
-        }
+    def _answered(self, rows: np.ndarray) -> Answers:
+        with np.errstate(over="ignore"):  # too far for a float64 is not finite, and answered so
+            points = rows * self._metres
+        if self.mode == "closest":
+            hits: Any = self.scene.closest(points, workers=self._workers)
+            given, ends = {"query": rows}, (points, hits.point)
+        elif self.mode == "ray":
+            directions = np.broadcast_to(np.array(self._direction), rows.shape)
+            hits = self.scene.cast(points, directions, workers=self._workers)
+            given, ends = {"origin": rows, "direction": directions}, (points, hits.point)
+        else:
+            hits = self.scene.closest_to_segments(points[0::2], points[1::2], workers=self._workers)
+            given, ends = (
+                {"start": rows[0::2], "end": rows[1::2]},
+                (hits.point_on_segment, hits.point_on_solid),
+            )
+        found = {name: values.tolist() for name, values in given.items()}
+        for name in ANSWERED[self.mode]:
+            if FIELDS[name].is_length:
+                between = ends if name.endswith("distance") else ()
+                found[name] = in_units(getattr(hits, name), self._metres, *between).tolist()
+            elif name not in (*FACES, "feature"):
+                found[name] = getattr(hits, name).tolist()
+            elif name == "part":
+                found |= self._faces(hits)
+            elif name == "feature":
+                words = zip(hits.feature.tolist(), found["face"], strict=True)
+                found[name] = [None if face is None else Feature(each).name.lower() for each, face in words]
+        return found
 
-    def _first_hits(self, rows: np.ndarray, starts: np.ndarray) -> dict[str, Any]:
-        directions = np.broadcast_to(np.array(self._direction), rows.shape)
-        hits = self.scene.cast(starts, directions, workers=self._workers)
-        return {
-            "origin": rows,
-            "direction": directions,
-            "distance": distances_in_units(hits.distance, self._metres, starts, hits.point),
-            "point": in_units(hits.point, self._metres),
-            "normal": hits.normal,
-            **self._faces(hits),
-            "barycentric": hits.barycentric,
-        }
-
-    def _closest_to_segments(self, rows: np.ndarray, ends: np.ndarray) -> dict[str, Any]:
-        hits = self.scene.closest_to_segments(ends[0::2], ends[1::2], workers=self._workers)
-        both = hits.point_on_segment, hits.point_on_solid
-        return {
-            "start": rows[0::2],
-            "end": rows[1::2],
-            "distance": distances_in_units(hits.distance, self._metres, *both),
-            "fraction": hits.fraction,
-            "point_on_segment": in_units(hits.point_on_segment, self._metres),
-            "point_on_solid": in_units(hits.point_on_solid, self._metres),
-            **self._faces(hits),
-        }
-
-    def _faces(self, hits: Any) -> dict[str, Any]:
+    def _faces(self, hits: Any) -> Answers:
         """Name part and face of each hit; None where nothing was found."""
-        parts = hits.part.tolist()
+        parts, scene = hits.part.tolist(), self.scene.parts
         faces = np.full(hits.face_id.shape, NO_FACE, dtype=np.int64)
         for index in {*parts} - {NO_FACE}:
             here = hits.part == index
-            faces[here] = self.scene.parts[index].source_faces[hits.face_id[here]]
-        names = [None if index == NO_FACE else self.scene.parts[index].name for index in parts]
-        ids = {"part": hits.part, "part_name": names, "face": faces, "face_id": hits.face_id}
-        return {
-            name: values if name == "part_name" else [None if id == NO_FACE else id for id in values.tolist()]
-            for name, values in ids.items()
-        }
-
-    def write_notes_on_sizes(self) -> None:
-        """Say on stderr if the file is probably in another unit."""
-        for note in notes_on_sizes(self.scene):
-            report(f"note: {note}")
+            faces[here] = scene[index].source_faces[hits.face_id[here]]
+        ids = {"part": parts, "part_name": parts, "face": faces.tolist(), "face_id": hits.face_id.tolist()}
+        found = {name: [None if id == NO_FACE else id for id in values] for name, values in ids.items()}
+        found["part_name"] = [None if index is None else scene[index].name for index in found["part"]]
+        return found
 
     def _count_far(self, points: np.ndarray) -> None:
         """Count points much farther away than the scene is large; what is not finite is left out."""
-        lower, upper = self._bounds
         with np.errstate(over="ignore", invalid="ignore"):
-            gaps = np.maximum(np.maximum(lower - points, points - upper), 0.0)
+            gaps = np.maximum(np.maximum(self._lower - points, points - self._upper), 0.0)
         is_far = (gaps.max(axis=1, initial=0.0) > FAR * self._size) & np.isfinite(points).all(axis=1)
         distances = [math.hypot(*gap) for gap in gaps[is_far].tolist()]
         self._asked += len(points)
         self._far_count += len(distances)
         self._farthest = max([self._farthest, *distances])
 
-    def write_note_on_far_points(self) -> None:
+    def note_far_points(self) -> None:
         """Say on stderr how many points were much farther away than the scene is large."""
         if self._far_count:
             report(
@@ -151,3 +203,183 @@ class Question:
                 f"{number(self._size)} {self.units} away, the farthest {number(self._farthest)} "
                 f"{self.units}: points or file may be in another unit than {self.units}"
             )
+
+
+def write_json(question: Question, file: str, chunks: Iterable[Answers]) -> None:
+    """Write one JSON document: what was asked, then ``answers``, one a line.
+
+    Where *chunks* end in an error behind some answers, these are written, and its sentence as ``error``: the
+    document is complete. An error before any answer leaves nothing written.
+    """
+    head = {"file": file, "units": question.units, "mode": question.mode}
+    opening, separator, write = json.dumps(head)[:-1] + ', "answers": [', "\n", sys.stdout.write
+    try:
+        for chunk in _counted(chunks):
+            write(opening)
+            opening = ""
+            for values in zip(*chunk.values(), strict=True):
+                answer = plain(dict(zip(chunk, values, strict=True)))
+                write(separator + json.dumps(answer, allow_nan=False))
+                separator = ",\n"
+            sys.stdout.flush()
+    except ProximityError as error:
+        if not opening:
+            write(f'\n], "error": {json.dumps(str(error))}}}\n')
+        raise
+    write("\n]}\n")
+
+
+def write_csv(question: Question, chunks: Iterable[Answers]) -> None:
+    """Write a header and a line an answer; three numbers take three columns, lengths name their unit."""
+    writer, has_header = csv.writer(sys.stdout, lineterminator="\n"), False
+    for chunk in _counted(chunks):
+        columns = list(_columns(chunk, question.units))
+        if not has_header:
+            writer.writerow(column.name_in_csv for column in columns)
+            has_header = True
+        cells = (map(table_text, each.values) if each.field.is_text else each.values for each in columns)
+        writer.writerows(zip(*cells, strict=True))
+        sys.stdout.flush()
+
+
+def write_text(question: Question, chunks: Iterator[Answers]) -> None:
+    """Write labelled lines for a single answer; for several a table, on a terminal its start."""
+    first = next(chunks)
+    count = _count(first)
+    if count == 1:
+        print_block(_lines(question, {name: values[0] for name, values in first.items()}))
+        next(chunks, None)  # a line behind it may be none
+    elif sys.stdout.isatty():
+        _draw({name: values[:TERMINAL_ROWS] for name, values in first.items()}, question.units)
+        more = next(chunks, None)
+        if count > TERMINAL_ROWS or more:
+            known = f"{count} or more" if more else str(count)
+            report(f"these are {TERMINAL_ROWS} of {known}; --csv, --json or a pipe shows all")
+    else:
+        row = 0
+        for chunk in _counted(chain([first], chunks)):
+            columns = _shown(chunk, question.units)
+            if not row:
+                _write_row("#", columns, [column.title for column in columns])
+            for cells in zip(*(column.cells() for column in columns), strict=True):
+                _write_row(str(row), columns, cells)
+                row += 1
+            sys.stdout.flush()
+
+
+class _Column(NamedTuple):
+    name: str
+    title: str
+    name_in_csv: str
+    field: Field
+    values: list[Any]
+
+    def cells(self, digits: int = DIGITS) -> list[str]:
+        return [self.field.shown(value, digits) for value in self.values]
+
+
+def _counted(chunks: Iterable[Answers]) -> Iterator[Answers]:
+    """Answers as they come, with their number on stderr where they do not run into that."""
+    if sys.stdout.isatty():
+        yield from chunks
+        return
+    with progress.spinner("answered") as show:
+        yield from progress.counted(chunks, show, _count)
+
+
+def _count(answers: Answers) -> int:
+    return len(next(iter(answers.values())))
+
+
+def _columns(answers: Answers, units: str) -> Iterator[_Column]:
+    for name, values in answers.items():
+        field = FIELDS[name]
+        ending = f"_{units}" if field.is_length else ""
+        for axis, letter in enumerate(field.axes or [""]):
+            # Plain x, y, z of the points asked from: what is written can be read again as points.
+            words = "_".join(filter(None, ("" if name == "query" else name, letter)))
+            each = [vector[axis] for vector in values] if letter else values
+            title = f"{field.title}{letter}{ending}" if field.title else ""
+            yield _Column(name, title, words + ending, field, each)
+
+
+def _shown(answers: Answers, units: str) -> list[_Column]:
+    """Columns of a table: those with a title, the side behind the distance, and names of parts at the end."""
+    columns = [column for column in _columns(answers, units) if column.title]
+    if "is_signed" in answers:
+        signs = zip(answers["signed_distance"], answers["is_signed"], strict=True)
+        behind = [column.name for column in columns].index("signed_distance") + 1
+        sides = [_side(*pair) for pair in signs]
+        columns.insert(behind, _Column("side", "side", "", FIELDS["side"], sides))
+    return sorted(columns, key=lambda column: column.name == "part_name")
+
+
+def _write_row(first: str, columns: list[_Column], cells: Iterable[str]) -> None:
+    widths = (column.field.width for column in columns)
+    aligned = (
+        cell.rjust(width) if width > 0 else cell.ljust(-width)
+        for cell, width in zip(cells, widths, strict=True)
+    )
+    sys.stdout.write(" ".join([first.rjust(COUNT_WIDTH), *aligned]).rstrip() + "\n")
+
+
+def _draw(answers: Answers, units: str) -> None:
+    """Draw the table of a few answers on a terminal, where that is narrow with fewer digits and columns."""
+    from proximity.cli.tables import Column, Console, print_fitting
+
+    columns, row_count = _shown(answers, units), _count(answers)
+    numbers = Column("#", "#", True, list(map(str, range(row_count))))
+    by_digits = [
+        [
+            numbers,
+            *(Column(each.name, each.title, each.field.width > 0, each.cells(digits)) for each in columns),
+        ]
+        for digits in (DIGITS, FEW_DIGITS)
+    ]
+    print_fitting(Console(), by_digits, DISPENSABLE, "--csv, --json or a pipe")
+
+
+def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Labels and values of one answer, with the names of its points where they have some."""
+    is_closest, is_found = question.mode == "closest", answer["face"] is not None
+    for name, value in answer.items():
+        field = FIELDS[name]
+        if not field.label or value is None or not (is_found or name.endswith("name")):
+            continue
+        ending = f" {question.units}" if field.is_length else ENDINGS.get(name, "")
+        if name == "signed_distance":
+            where = str(_side(value, answer["is_signed"]))
+            ending += f", {SIDE_WORDS.get(where, where)}"
+        elif name == "distance" and "start" in answer and value == 0.0:
+            ending += ", touches the surface"
+        words = "  ".join(map(field.shown, value if field.axes else [value]))
+        label = "point" if name == "point" and not is_closest else field.label
+        yield label, (ON_FEATURES[value] if name == "feature" else words) + ending
+    if not is_found:
+        yield "distance", _why_nothing(question.mode, answer)
+    elif is_closest:
+        solid = question.scene.parts[answer["part"]].solid
+        yield "sign", f"{solid.sign_method.value}: {solid.sign_reason}"
+
+
+def _why_nothing(mode: str, answer: dict[str, Any]) -> str:
+    distance = answer["signed_distance" if mode == "closest" else "distance"]
+    asked = [answer[name] for name in ("query", "origin", "direction", "start", "end") if name in answer]
+    if not all(math.isfinite(value) for values in asked for value in values):
+        why = "the point is not finite" if mode == "closest" else "the numbers given are not finite"
+    elif math.isnan(distance):
+        why = "too far away to be computed"
+    else:
+        why = "nothing in that direction" if mode == "ray" else "nothing"
+    return f"{number(distance)} ({why})"
+
+
+def _side(signed_distance: float, is_signed: bool) -> str | None:
+    """On which side of the surface a point is, in a word; None where there is no answer."""
+    if math.isnan(signed_distance):
+        return None
+    if signed_distance == 0.0:
+        return "surface"
+    if not is_signed:
+        return "unknown"
+    return "inside" if signed_distance < 0.0 else "outside"

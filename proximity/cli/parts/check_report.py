@@ -2,27 +2,25 @@
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 import proximity
-from proximity.cli.lengths import in_unit, in_units
 from proximity.cli.output import (
     FEW_DIGITS,
     MISSING,
-    Lines,
-    block,
     counted,
+    in_unit,
+    in_units,
     length,
     number,
     print_block,
     printable,
 )
-from proximity.cli.tables import print_fitting, results_console, table_of
+from proximity.cli.tables import Column, print_fitting, results_console
 from proximity.mesh.vertex_weld import open_edges
 
 NAMES_SHOWN = 3  # parts named with a remark; the others are counted
@@ -35,6 +33,7 @@ YES = {True: "yes", False: "no"}
 
 Values = dict[str, Any]
 Cell = Callable[[Values], str]
+Lines = Iterator[tuple[str, str]]
 
 
 def _corner(position: list[float]) -> str:
@@ -58,16 +57,6 @@ def _share(key: str) -> Cell:
     return lambda total: f"{total[key]} of {total['part_count']}"
 
 
-HEAD = (
-    ("file", "{file}"),
-    ("compiled from", "{compiled_from}"),
-    ("format", "{format}"),
-    ("units of file", "{file_units} ({declared})"),
-    ("size", "{size_text} {units}"),
-    ("from", "{from_text} {units}"),
-    ("to", "{to_text} {units}"),
-    ("parts", "{total.part_count}"),
-)
 COLUMNS: dict[
     str, tuple[str, bool, Cell, Cell]
 ] = {  # its unit, whether aligned to the right, a part, all parts
@@ -105,30 +94,43 @@ def report_of(scene: "proximity.Scene", file: str, units: str, metres: float) ->
 
 def print_report(report: Values, *, is_whole: bool) -> None:
     """Print the report for people, with all parts or the first `PARTS_SHOWN`."""
-    console = results_console()
-    parts, units = report["parts"], report["units"]
+    console, parts = results_console(), report["parts"]
+    shown = parts if is_whole else parts[:PARTS_SHOWN]
+    print_block(_head(report))
+    console.print()
+    columns = [
+        Column(title, title + unit.format(report["units"]), is_right, [cell(part) for part in shown])
+        for title, (unit, is_right, cell, _) in COLUMNS.items()
+    ]
+    if has_total := len(parts) > 1:
+        total = {**report["total"], "size": report["size"]}
+        for column, (*_, cell) in zip(columns, COLUMNS.values(), strict=True):
+            column.cells.append(cell(total))
+    print_fitting(console, [columns], DISPENSABLE, "a wider one, a pipe or --json", has_total=has_total)
+    if len(shown) < len(parts):
+        console.print(f"These are the first {len(shown)} of {len(parts)} parts; --all lists all.")
+    console.print()
+    print_block(_remarks(parts, report["units"]))
+
+
+def _head(report: Values) -> Lines:
+    units = report["units"]
     declared = "assumed: the file declares none"
     if report["file_units_declared"]:
         declared = "declared by the file"
     elif report["file_units"] == units != "mm":
         declared = "as --units says"
-    texts = {
-        "declared": declared, "size_text": _size(report),
-        "from_text": _corner(report["lower"]), "to_text": _corner(report["upper"]),
-    }  # fmt: skip
-    head = [line for line in HEAD if line[0] != "compiled from" or report["compiled_from"]]
-    print_block([*block(head, report | texts), *(("note", note) for note in report["notes"])])
-    console.print()
-    shown = parts if is_whole else parts[:PARTS_SHOWN]
-    narrower = [DISPENSABLE[:count] for count in range(len(DISPENSABLE) + 1)]
-    tables = [_table(shown, report, left_out) for left_out in narrower]
-    if left_out := narrower[print_fitting(console, tables)]:
-        names = ", ".join(left_out)
-        console.print(f"The terminal is too narrow for: {names}. A wider one, a pipe or --json shows them.")
-    if len(shown) < len(parts):
-        console.print(f"These are the first {len(shown)} of {len(parts)} parts; --all lists all.")
-    console.print()
-    print_block(_remarks(parts, units))
+    yield "file", report["file"]
+    if report["compiled_from"]:
+        yield "compiled from", report["compiled_from"]
+    yield "format", report["format"]
+    yield "units of file", f"{report['file_units']} ({declared})"
+    yield "size", f"{_size(report)} {units}"
+    yield "from", f"{_corner(report['lower'])} {units}"
+    yield "to", f"{_corner(report['upper'])} {units}"
+    yield "parts", str(len(report["parts"]))
+    for note in report["notes"]:
+        yield "note", note
 
 
 def _part_values(part: "proximity.Part", metres: float) -> Values:
@@ -190,37 +192,18 @@ def _total(parts: list[Values]) -> Values:
     }
 
 
-def _table(parts: list[Values], report: Values, left_out: tuple[str, ...]) -> Table:
-    columns = {title: column for title, column in COLUMNS.items() if title not in left_out}
-    titles = [
-        (title + unit.format(report["units"]), is_right) for title, (unit, is_right, *_) in columns.items()
-    ]
-    table = table_of(titles, ([cell(part) for _, _, cell, _ in columns.values()] for part in parts))
-    total = report["total"]
-    if total["part_count"] > 1:
-        cells = [cell({**total, "size": report["size"]}) for *_, cell in columns.values()]
-        table.add_row(*cells, style="bold")
-    return table
-
-
 def _remarks(parts: list[Values], units: str) -> Lines:
-    return [
-        *_grouped(parts, "sign", lambda part: f"{part['sign_method']}: {part['sign_reason']}"),
-        *_open_edges([part for part in parts if part["open_edge_count"]], units),
-        *_grouped(parts, "repaired", lambda part: part["repairs_described"]),
-        *_grouped(parts, "no inside", lambda part: "" if part["has_inside"] else "distances are unsigned"),
-    ]
-
-
-def _open_edges(parts: list[Values], units: str) -> Lines:
-    lines = [
-        f"{counted(part['open_edge_count'], 'edge')}, the first near {_corner(part['open_edge'])} {units} "
-        f"({part['name']})"
-        for part in parts[:NAMES_SHOWN]
-    ]
-    if len(parts) > NAMES_SHOWN:
-        lines.append(f"edges of {counted(len(parts) - NAMES_SHOWN, 'more part')}; --json lists them")
-    return [("not closed", line) for line in lines]
+    yield from _grouped(parts, "sign", lambda part: f"{part['sign_method']}: {part['sign_reason']}")
+    unclosed = [part for part in parts if part["open_edge_count"]]
+    for part in unclosed[:NAMES_SHOWN]:
+        where = f"the first near {_corner(part['open_edge'])} {units} ({part['name']})"
+        yield "not closed", f"{counted(part['open_edge_count'], 'edge')}, {where}"
+    if (more := len(unclosed) - NAMES_SHOWN) > 0:
+        yield "not closed", f"edges of {counted(more, 'more part')}; --json lists them"
+    yield from _grouped(parts, "repaired", lambda part: part["repairs_described"])
+    yield from _grouped(
+        parts, "no inside", lambda part: "" if part["has_inside"] else "distances are unsigned"
+    )
 
 
 def _grouped(parts: list[Values], label: str, sentence_of: Cell) -> Lines:
@@ -229,13 +212,11 @@ def _grouped(parts: list[Values], label: str, sentence_of: Cell) -> Lines:
     for part in parts:
         if sentence := sentence_of(part):
             groups.setdefault(A_NUMBER.sub("0", sentence), []).append((sentence, part["name"]))
-    lines = []
     for group in groups.values():
         sentences, names = zip(*group, strict=True)
         rest = len(names) - NAMES_SHOWN
         shown = ", ".join(names[:NAMES_SHOWN]) + (f" and {rest} more" if rest > 0 else "")
-        lines.append((label, f"{_with_ranges(sentences)} ({shown})"))
-    return lines
+        yield label, f"{_with_ranges(sentences)} ({shown})"
 
 
 def _with_ranges(sentences: tuple[str, ...]) -> str:

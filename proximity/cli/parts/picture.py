@@ -7,31 +7,25 @@ from typing import Annotated
 
 import typer
 
-from proximity.cli.options import FILE, Reading, with_option_groups
+from proximity.cli import progress
+from proximity.cli.options import FILE, Reading, option, with_option_groups
 from proximity.cli.output import report
-from proximity.cli.parts.points import finite_number, read_points
+from proximity.cli.parts.points import number, read_points
 
 
 @with_option_groups
 def picture(
     file: FILE,
-    out: Annotated[
-        Path,
-        typer.Option("-o", "--out", metavar="FILE", help="PNG file to write. An existing file is replaced."),
-    ],
-    points: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Draw the points of a file; - is standard input.")
-    ] = None,
+    out: Annotated[Path, option("FILE", "PNG file to write. An existing file is replaced.", "-o", "--out")],
+    points: Annotated[str | None, option("FILE", "Draw the points of a file; - is standard input.")] = None,
     cut: Annotated[
         str | None,
-        typer.Option(
-            "--slice", metavar="AXIS=POSITION", help="Show the signed distance in a plane, for example z=3."
-        ),
+        option("AXIS=POSITION", "Show the signed distance in a plane, for example z=3.", "--slice"),
     ] = None,
     view: Annotated[
-        str, typer.Option(metavar="VIEW", help="View: iso, front, back, left, right, top or bottom. z is up.")
+        str, option("VIEW", "View: iso, front, back, left, right, top or bottom. z is up.")
     ] = "iso",
-    size: Annotated[str, typer.Option(metavar="WxH", help="Width and height in pixels.")] = "1400x800",
+    size: Annotated[str, option("WxH", "Width and height in pixels.")] = "1400x800",
     *,
     reading: Reading,
 ) -> None:
@@ -50,15 +44,14 @@ def picture(
     if out.suffix.lower() != ".png":
         raise typer.BadParameter(f"{out} does not end in .png", param_hint="--out")
     pixels, plane = _size(size), None if cut is None else _plane(cut)
-    reading.check()
     rows = None if points is None else [chunk.coordinates for chunk in read_points(points, reading.units)]
     import numpy as np
 
-    from proximity.cli import progress
+    from proximity.formats import metres_per_unit
     from proximity.scene.picture import Picture, load_renderer, write_picture
 
     load_renderer()
-    metres, scene = reading.metres, reading.load(file)
+    metres, scene = metres_per_unit(reading.units), reading.load(file)
     drawn = Picture(
         scene,
         file.name,
@@ -97,6 +90,6 @@ def _plane(text: str) -> tuple[str, float]:
             f"{text!r}: expected an axis and a position, for example z=3", param_hint="--slice"
         )
     try:
-        return axis, finite_number(position)
+        return axis, number(position, is_finite=True)
     except ValueError as unfit:
         raise typer.BadParameter(str(unfit), param_hint="--slice") from unfit

@@ -216,21 +216,15 @@ def _note_unused(columns: Columns, fields: list[str], file: str, note: Note) -> 
         note(f"{file}: only a column called {NAME} is copied to the answers, not {shown}{more}")
 
 
-def number(text: str) -> float:
-    """Return the number that *text* spells, nan and inf included."""
+def number(text: str, *, is_finite: bool = False) -> float:
+    """Return the number that *text* spells, nan and inf included unless it is to be finite."""
     try:
         value = float("" if "_" in text else text)  # Python would read 1_000
     except ValueError:
         raise ValueError(_why_no_number(text.strip())) from None
     if math.isinf(value) and any(letter.isdigit() for letter in text):
         raise ValueError(f"{_shown(text.strip())} is beyond {sys.float_info.max:.2g}, the largest number")
-    return value
-
-
-def finite_number(text: str) -> float:
-    """Return the number that *text* spells."""
-    value = number(text)
-    if not math.isfinite(value):
+    if is_finite and not math.isfinite(value):
         raise ValueError(f"{_shown(text.strip())} is not finite, expected a number")
     return value
 

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from proximity.cli.options import FILE, Reading, with_option_groups
+from proximity.cli.options import FILE, JSON, Reading, argument, flag, option, refuse, with_option_groups
 from proximity.cli.output import report
-from proximity.cli.parts.points import Points, finite_number, read_points
+from proximity.cli.parts.points import Points, number, read_points
 from proximity.system.memory import collector_paused
 
 POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
@@ -21,25 +21,18 @@ def query(
     file: FILE,
     coordinates: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="X Y Z", help="Coordinates of one or more points. Negative numbers are allowed."
-        ),
+        argument("X Y Z", "Coordinates of one or more points. Negative numbers are allowed."),
     ] = None,
-    points: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Read the points from a file; - is standard input.")
-    ] = None,
+    points: Annotated[str | None, option("FILE", "Read the points from a file; - is standard input.")] = None,
     ray: Annotated[
-        tuple[str, str, str] | None,
-        typer.Option(metavar="DX DY DZ", help="Cast a ray from each point in this direction."),
+        tuple[str, str, str] | None, option("DX DY DZ", "Cast a ray from each point in this direction.")
     ] = None,
     segment: Annotated[
-        bool, typer.Option("--segment", help="Take the points in pairs: start and end of a segment.")
+        bool, flag("--segment", "Take the points in pairs: start and end of a segment.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Write one JSON document.")] = False,
-    as_csv: Annotated[bool, typer.Option("--csv", help="Write CSV with a header.")] = False,
-    workers: Annotated[
-        int, typer.Option(metavar="N", help="Number of threads for many queries; -1 uses all cores.")
-    ] = 1,
+    as_json: JSON = False,
+    as_csv: Annotated[bool, flag("--csv", "Write CSV with a header.")] = False,
+    workers: Annotated[int, option("N", "Number of threads for many queries; -1 uses all cores.")] = 1,
     *,
     reading: Reading,
 ) -> None:
@@ -66,30 +59,34 @@ def query(
       proximity query bracket.stl 0 0 50  60 0 50 --segment --json
       shuf points.txt | proximity query bracket.stl --points - --workers -1
     """
-    for is_both, names in (
-        (ray and segment, "--ray and --segment"),
-        (as_json and as_csv, "--json and --csv"),
-    ):
-        if is_both:
-            raise typer.BadParameter("give one of them, not both", param_hint=names)
-    if workers == 0 or workers < -1:
-        raise typer.BadParameter(f"{workers} threads: expected 1 or more, or -1", param_hint="--workers")
-    reading.check()
+    refuse(
+        (ray and segment, "--ray and --segment", "give one of them, not both"),
+        (as_json and as_csv, "--json and --csv", "give one of them, not both"),
+        (workers == 0 or workers < -1, "--workers", f"{workers} threads: expected 1 or more, or -1"),
+    )
     direction = None if ray is None else _numbers(ray, "--ray")
     asked = _points(coordinates, points, reading.units, is_segment=segment)
     asked = chain([next(asked)], asked)  # what begins badly is refused before the file is loaded
     # What imports and kernels leave behind is no garbage: to look at it again and again is 4 % of a query.
     with collector_paused():
-        from proximity.cli.parts.answer_output import write_answers
-        from proximity.cli.parts.answers import Question
+        from proximity.cli.parts import answers
+        from proximity.formats import metres_per_unit
+        from proximity.scene.loader import notes_on_sizes
 
-        metres, scene = reading.metres, reading.load(file)
-        question = Question(scene, reading.units, metres, direction, workers, is_segment=segment)
-    question.write_notes_on_sizes()
+        metres, scene = metres_per_unit(reading.units), reading.load(file)
+        question = answers.Question(scene, reading.units, metres, direction, workers, is_segment=segment)
+    for note in notes_on_sizes(scene):
+        report(f"note: {note}")
     try:
-        write_answers(question, str(file), asked, as_json=as_json, as_csv=as_csv)
+        answered = question.answers(asked)
+        if as_json:
+            answers.write_json(question, str(file), answered)
+        elif as_csv:
+            answers.write_csv(question, answered)
+        else:
+            answers.write_text(question, answered)
     finally:
-        question.write_note_on_far_points()
+        question.note_far_points()
 
 
 def _points(
@@ -97,30 +94,25 @@ def _points(
 ) -> Iterator[Points]:
     """Yield what was typed, at once, or what is read from a file."""
     length = POINTS_PER_CHUNK * (2 if is_segment else 1)
-    if coordinates and path is not None:
-        raise typer.BadParameter("points are given as arguments already", param_hint="--points")
+    refuse((coordinates and path is not None, "--points", "points are given as arguments already"))
     if path is not None:
         yield from read_points(path, units, length, lambda sentence: report(f"note: {sentence}"))
         return
-    if not coordinates:
-        raise typer.BadParameter("give a point, or --points FILE", param_hint="X Y Z")
-    numbers = _numbers(coordinates, "X Y Z")
-    if len(numbers) % 3 != 0:
-        raise typer.BadParameter(
-            f"a point is three numbers, but {len(numbers)} were given", param_hint="X Y Z"
-        )
-    if is_segment and len(numbers) % 6 != 0:
-        raise typer.BadParameter(
-            f"points are taken in pairs (start, end), but there are {len(numbers) // 3}",
-            param_hint="--segment",
-        )
+    refuse((not coordinates, "X Y Z", "give a point, or --points FILE"))
+    numbers = _numbers(coordinates or (), "X Y Z")
+    count = len(numbers)
+    pairs = f"points are taken in pairs (start, end), but there are {count // 3}"
+    refuse(
+        (count % 3 != 0, "X Y Z", f"a point is three numbers, but {count} were given"),
+        (is_segment and count % 6 != 0, "--segment", pairs),
+    )
     for first in range(0, len(numbers), 3 * length):
         yield Points(array("d", numbers[first : first + 3 * length]))
 
 
 def _numbers(texts: Iterable[str], hint: str) -> list[float]:
     try:
-        return list(map(finite_number, texts))
+        return [number(text, is_finite=True) for text in texts]
     except ValueError as unfit:
         is_file = any(Path(text).is_file() for text in texts)
         order = "; FILE comes first, before X Y Z" if is_file else ""

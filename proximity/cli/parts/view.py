@@ -1,15 +1,16 @@
 """``proximity view``: parts in a browser, with hands over them and the distances of every fingertip."""
 
 import json
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from proximity.cli.options import LIMIT, UNITS, check_limit, check_port, sample, with_option_groups
+from proximity.cli import progress
+from proximity.cli.options import LIMIT, UNITS, argument, flag, option, sample, with_option_groups, within
 from proximity.cli.output import report
+from proximity.cli.program import stop_after
 from proximity.system.stop_signals import stop_at_input, stopped_by_signals
 
 if TYPE_CHECKING:
@@ -20,64 +21,53 @@ if TYPE_CHECKING:
 class Listening:
     """Where pages can be had."""
 
-    port: Annotated[int, typer.Option(metavar="N", help="Port to listen on; 0: any free port.")] = 0
+    port: Annotated[int, option("N", "Port to listen on; 0: any free port.", callback=within(0, 65535))] = 0
     bind: Annotated[
-        str,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Address to listen on. Other than 127.0.0.1, it requires --cert and --key.",
-        ),
+        str, option("ADDRESS", "Address to listen on. Other than 127.0.0.1, it requires --cert and --key.")
     ] = "127.0.0.1"
     name: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Host name by which other machines reach this one. Can be given several times.",
-        ),
+        option("NAME", "Host name by which other machines reach this one. Can be given several times."),
     ] = None
-    cert: Annotated[Path | None, typer.Option(metavar="FILE", help="Certificate for TLS, PEM.")] = None
-    key: Annotated[Path | None, typer.Option(metavar="FILE", help="Private key of the certificate, PEM.")] = (
-        None
-    )
+    cert: Annotated[Path | None, option("FILE", "Certificate for TLS, PEM.")] = None
+    key: Annotated[Path | None, option("FILE", "Private key of the certificate, PEM.")] = None
 
 
 @dataclass(frozen=True)
 class Program:
     """What a program that starts this one asks for."""
 
-    beside: Annotated[str | None, typer.Option(metavar="ADDRESS", hidden=True)] = None
-    framed: Annotated[bool, typer.Option("--framed", hidden=True)] = False
-    json: Annotated[bool, typer.Option("--json", hidden=True)] = False
-    until_stdin: Annotated[bool, typer.Option("--until-stdin", hidden=True)] = False
+    beside: Annotated[str | None, option("ADDRESS", "", hidden=True)] = None
+    framed: Annotated[bool, flag("--framed", "", hidden=True)] = False
+    json: Annotated[bool, flag("--json", "", hidden=True)] = False
+    until_stdin: Annotated[bool, flag("--until-stdin", "", hidden=True)] = False
 
 
 @with_option_groups
 def view(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILES", help="Parts, a scene file (.toml), a log (.frames).")
-    ],
+    files: Annotated[list[Path], argument("FILES", "Parts, a scene file (.toml), a log (.frames).")],
     listening: Listening,
     program: Program,
     units: UNITS = "mm",
-    replay: Annotated[
-        Path | None, typer.Option(metavar="HAND", help="Start with this recorded hand (CSV).")
-    ] = None,
-    fit: Annotated[
-        bool, typer.Option("--fit", help="Move the recorded hand to where it touches the parts.")
-    ] = False,
+    replay: Annotated[Path | None, option("HAND", "Start with this recorded hand (CSV).")] = None,
+    fit: Annotated[bool, flag("--fit", "Move the recorded hand to where it touches the parts.")] = False,
     browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Whether to open a browser.", show_default=False)
+        bool, flag("--browser/--no-browser", "Whether to open a browser.", show_default=False)
     ] = True,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Ticks of the service per second.")] = 1000.0,
+    rate: Annotated[
+        float, option("HZ", "Ticks of the service per second.", callback=within(1.0, 1e5, "Hz"))
+    ] = 1000.0,
     radius: Annotated[
-        float | None, typer.Option(metavar="MM", help="Radius of the fingertips; 7 mm if not given.")
+        float | None,
+        option(
+            "MM",
+            "Radius of the fingertips; 7 mm if not given.",
+            callback=within(0.0, 1e3, "mm", is_open=True),
+        ),
     ] = None,
     rerun: Annotated[
         Path | None,
-        typer.Option(
-            metavar="OUT",
-            help="Write a log and its parts for the viewer Rerun (.rrd) instead of showing a page.",
-        ),
+        option("OUT", "Write a log and its parts for the viewer Rerun (.rrd) instead of showing a page."),
     ] = None,
     limit: LIMIT = None,
 ) -> None:
@@ -98,11 +88,9 @@ def view(
       proximity view run.frames part.step --rerun run.rrd
       proximity view cell.toml --no-browser --port 8787
     """
-    check_limit(limit)
     if rerun is not None:
         _write_rerun(files, rerun, units, radius)
         return
-    _check(rate, radius, listening.port)
     from proximity.web.page_process import PageSettings
 
     settings = PageSettings(
@@ -125,13 +113,14 @@ def view(
 
 
 def _show(settings: "PageSettings", program: Program, limit: float | None, *, opens_browser: bool) -> None:
-    from proximity.cli import progress
     from proximity.web.page_process import run_page
-    from proximity.web.server.browser import open_in_browser
+    from proximity.web.server.access import open_in_browser
 
     progress.prepare_kernels()
     with stopped_by_signals() as stop:
-        _stop_when_asked(stop, program.until_stdin, limit)
+        stop_after(limit, stop)
+        if program.until_stdin:
+            stop_at_input(stop)
 
         def begun(beginning: dict[str, Any]) -> None:
             if program.json:
@@ -151,7 +140,6 @@ def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None)
     logs = [name for name in files if name.suffix == ".frames"]
     if len(logs) != 1:
         raise typer.BadParameter("expected one log of frames (.frames) among FILES", param_hint="--rerun")
-    from proximity.cli import progress
     from proximity.recording import FrameReader
     from proximity.recording.rerun_log import ShownPart, write_rerun
     from proximity.scene.loader import load
@@ -169,22 +157,3 @@ def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None)
     typer.echo(f"{out}: {count} frames")
     for note in reader.notes:
         report(f"{logs[0]}: {note}")
-
-
-def _stop_when_asked(stop: threading.Event, is_until_stdin: bool, limit: float | None) -> None:
-    """Have *stop* set at the end of standard input, or after so many seconds."""
-    if is_until_stdin:
-        stop_at_input(stop)
-    if limit is not None:
-        timer = threading.Timer(limit, stop.set)
-        timer.daemon = True
-        timer.start()
-
-
-def _check(rate: float, radius: float | None, port: int) -> None:
-    """Refuse numbers out of range."""
-    if not 1.0 <= rate <= 100_000.0:
-        raise typer.BadParameter(f"{rate:g} Hz: expected 1 to 100000", param_hint="--rate")
-    if not 0.0 < (1.0 if radius is None else radius) <= 1e3:
-        raise typer.BadParameter(f"{radius:g} mm: expected more than 0, up to 1000", param_hint="--radius")
-    check_port(port)

@@ -1,4 +1,4 @@
-"""One finger of a frame, as the cells of a table or in words; its distance also as a bar of characters.
+"""One finger of a frame, as the cells of a table, in words or for JSON; its distance also as a bar.
 
 The scale of a bar is from 0 to `SCALE_MM`. It is as long as the clearance of a finger: it shrinks as the
 finger comes near. Of a touch the whole bar is a red field that says so.
@@ -6,15 +6,21 @@ finger comes near. Of a touch the whole bar is a red field that says so.
 
 import math
 from collections.abc import Sequence
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
 from rich.text import Text
 
-from proximity.cli.lengths import MM_PER_M
-from proximity.message import ContactFlag, Mode
+from proximity.cli.output import MM_PER_M
+from proximity.message import ContactFlag, Mode, Source, State, Surface
 from proximity.system.time_units import MS_PER_S
 
+HEADER_FIELDS = (
+    "session", "sequence", "pose_ns", "start_ns", "publish_ns", "valid_until_ns", "period_ns", "epoch",
+    "missed",
+)  # fmt: skip
+NAMED: dict[str, type[IntEnum]] = {"mode": Mode, "surface": Surface, "source": Source}
 SCALE_MM = 120.0
 """As far as the tracker searches by default."""
 MARKS_MM = (0, 30, 60, 90, 120)
@@ -45,7 +51,12 @@ FLAG_LETTERS = {
     ContactFlag.CONTACT_FOUND: ("C", "contact found"),
 }
 """The letter of each flag, always in the same position, and its meaning."""
-MODE_STYLES = {Mode.RETRACT: "green", Mode.POSITION: "yellow", Mode.FORCE: "magenta", Mode.HOLD: "red"}
+MODE_STYLES: dict[int, str] = {
+    Mode.RETRACT: "green",
+    Mode.POSITION: "yellow",
+    Mode.FORCE: "magenta",
+    Mode.HOLD: "red",
+}
 FREE_STYLE = "green"
 CLOSING_STYLE = "yellow"
 
@@ -90,6 +101,35 @@ def finger_words(contact: Any) -> str:
     return f"{contact['finger']}: {_distance(lower, upper)} mm{touch}, {_mode(contact)}"
 
 
+def frame_document(frame: Any, part_names: Sequence[str]) -> dict[str, Any]:
+    """Return a frame as plain values: fields of its header, and of the contact of each finger.
+
+    *part_names*: as in `finger_cells`; empty where they are not known, then ``part_name`` is null.
+    """
+    header = frame["header"]
+    return {
+        "state": _name(State, header["state"]),
+        **{field: header[field].item() for field in HEADER_FIELDS},
+        "fingers": [_finger(contact, part_names) for contact in frame["contacts"]],
+    }
+
+
+def _finger(contact: Any, part_names: Sequence[str]) -> dict[str, Any]:
+    fields = {field: contact[field].tolist() for field in contact.dtype.names}
+    part, flags = fields["part"], fields["flags"]
+    return fields | {
+        **{field: _name(kind, fields[field]) for field, kind in NAMED.items()},
+        "flags": [str(flag.name).lower() for flag in ContactFlag if flags & flag],
+        "force_is_valid": bool(fields["force_is_valid"]),
+        "part_name": part_names[part] if 0 <= part < len(part_names) else None,
+    }
+
+
+def _name(kind: type[IntEnum], number: Any) -> str:
+    """The name of a member; the number where a newer publisher has one that is not known here."""
+    return kind(number).name.lower() if number in set(kind) else str(number)
+
+
 def _part(number: int, names: Sequence[str]) -> str:
     if number < 0:
         return NONE
@@ -126,9 +166,7 @@ def _speed(speed: float) -> str:
 
 def _mode(contact: Any) -> Text:
     number = int(contact["mode"])
-    if number not in MODE_STYLES:
-        return Text(str(number))
-    return Text(Mode(number).name.lower(), MODE_STYLES[Mode(number)])
+    return Text(_name(Mode, number), MODE_STYLES.get(number, ""))
 
 
 def _flags(contact: Any) -> Text:

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from proximity.cli.options import ADDRESS, LIMIT, check_limit
-from proximity.cli.output import filled, report, write_document
-from proximity.cli.program import EXIT_NOTHING
+from proximity.cli import progress
+from proximity.cli.options import ADDRESS, JSON_SUMMARY, LIMIT, argument, option, refuse
+from proximity.cli.output import counted, report, write_document
+from proximity.cli.program import EXIT_NOTHING, stop_after
 from proximity.system.stop_signals import stopped_by_signals
 
 if TYPE_CHECKING:
@@ -30,11 +31,9 @@ STDOUT = Path("-")
 
 def record(
     address: ADDRESS,
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Log of frames. Created if missing, otherwise continued.")
-    ],
+    file: Annotated[Path, argument("FILE", "Log of frames. Created if missing, otherwise continued.")],
     limit: LIMIT = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write the summary as a JSON document.")] = False,
+    as_json: JSON_SUMMARY = False,
 ) -> None:
     """Write every frame published at ADDRESS to FILE, until Ctrl-C, SIGTERM or --limit.
 
@@ -47,7 +46,6 @@ def record(
       proximity record udp://127.0.0.1:9100 run.frames --limit 60 --json
       proximity export run.frames --csv run.csv
     """
-    check_limit(limit)
     from proximity.recording import FrameLog
     from proximity.transport import Subscriber, open_inlet
 
@@ -59,8 +57,9 @@ def record(
         if log.cut_size:
             report(f"{file}: {log.cut_size} bytes of a torn frame at its end were cut off")
         started = time.monotonic()
+        stop_after(limit, stop)
         try:
-            _record(inlet, subscriber, log, stop, limit)
+            _record(inlet, subscriber, log, stop)
         finally:  # also on a full disk: the log holds what is reported here
             summary = _summary(log, time.monotonic() - started, subscriber.counts)
             if as_json:
@@ -88,42 +87,34 @@ def _summary(log: "FrameLog", seconds: float, counts: "Counts") -> dict[str, Any
 
 def _words(summary: dict[str, Any]) -> str:
     reasons = ", ".join(f"{count} {reason}" for reason, count in summary["reasons"].items())
-    template = "{file}: {frames:1/frame} in {seconds:.1f} s, {lost} lost, {refused} refused"
-    template += f" ({reasons})" if reasons else ""
-    return filled(template + (", {sessions} sessions" if summary["sessions"] > 1 else ""), summary)
+    counts = f"{summary['lost']} lost, {summary['refused']} refused" + (f" ({reasons})" if reasons else "")
+    counts += f", {summary['sessions']} sessions" if summary["sessions"] > 1 else ""
+    return f"{summary['file']}: {counted(summary['frames'], 'frame')} in {summary['seconds']:.1f} s, {counts}"
 
 
-def _record(
-    inlet: "Inlet", subscriber: "Subscriber", log: "FrameLog", stop: Event, limit: float | None
-) -> None:
-    from proximity.cli.progress import Status
+def _record(inlet: "Inlet", subscriber: "Subscriber", log: "FrameLog", stop: Event) -> None:
 
-    started = time.monotonic()
-    with Status() as status:
+    started, has_waited = time.monotonic(), False
+    with progress.spinner("recording") as show:
         while not stop.is_set():
-            elapsed = time.monotonic() - started
-            if limit is not None and elapsed >= limit:
-                break
-            inlet.wait(TURN_S if limit is None else min(TURN_S, limit - elapsed))
+            inlet.wait(TURN_S)
             time.sleep(GATHER_S)
             for data in subscriber.frames():
                 log.append(data)
+            elapsed = time.monotonic() - started
             if log.frame_count:
-                status.show(_words(_summary(log, elapsed, subscriber.counts)))
-            elif elapsed > ANNOUNCE_AFTER_S:
-                status.report_once(f"no frame has come from {subscriber.address} yet")
+                show(_words(_summary(log, elapsed, subscriber.counts)))
+            elif elapsed > ANNOUNCE_AFTER_S and not has_waited:
+                report(f"no frame has come from {subscriber.address} yet")
+                has_waited = True
         for data in subscriber.frames():  # what came while the last was being written
             log.append(data)
 
 
 def export(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Log of frames.")],
-    csv: Annotated[
-        Path | None, typer.Option(metavar="OUT", help="Write CSV to this file; - is standard output.")
-    ] = None,
-    parquet: Annotated[
-        Path | None, typer.Option(metavar="OUT", help="Write Parquet to this file. Requires pyarrow.")
-    ] = None,
+    file: Annotated[Path, argument("FILE", "Log of frames.")],
+    csv: Annotated[Path | None, option("OUT", "Write CSV to this file; - is standard output.")] = None,
+    parquet: Annotated[Path | None, option("OUT", "Write Parquet to this file. Requires pyarrow.")] = None,
 ) -> None:
     """Write the frames in FILE, a log of record or serve, as a table with one line for each finger
     and frame.
@@ -138,13 +129,12 @@ def export(
       proximity export run.frames | head
     """
     out = csv or parquet or STDOUT
-    if csv and parquet:
-        raise typer.BadParameter("expected one of --csv and --parquet", param_hint="--parquet")
-    if parquet == STDOUT:
-        raise typer.BadParameter("Parquet is not written to standard output", param_hint="--parquet")
-    if out != STDOUT and out.exists() and file.exists() and out.samefile(file):
-        raise typer.BadParameter(f"{out} is the log itself", param_hint="OUT")
-    from proximity.cli import progress
+    is_log = out != STDOUT and out.exists() and file.exists() and out.samefile(file)
+    refuse(
+        (csv and parquet, "--parquet", "expected one of --csv and --parquet"),
+        (parquet == STDOUT, "--parquet", "Parquet is not written to standard output"),
+        (is_log, "OUT", f"{out} is the log itself"),
+    )
     from proximity.recording import FrameReader, write_frames_csv
 
     reader = FrameReader(file)

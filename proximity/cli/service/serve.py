@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from proximity.cli.options import LIMIT, check_limit, check_port
-from proximity.cli.output import block, counted, filled, print_block, report, write_document
+from proximity.cli import progress
+from proximity.cli.options import LIMIT, argument, flag, option, refuse, within
+from proximity.cli.output import counted, number, print_block, report, write_document
 from proximity.cli.program import EXIT_UNUSABLE
 from proximity.errors import ServiceError
 from proximity.system.stop_signals import stop_at_input
@@ -19,60 +20,39 @@ if TYPE_CHECKING:
     from proximity.web import RunningPage
 
 ORDINARY = "ordinary priority, memory not locked, any core; --realtime asks for more"
-BEGINNING = "serving {scene}: {finger_count:1/finger} at {part_count:1/part}, {face_count:1/face}"
-BEGINNING_OF_SENSOR = "serving {scene}: {finger_count:1/finger} measured by a sensor"
-TIMES = "p50 {%s.p50_ns:us}, p99 {%s.p99_ns:us}, p99.9 {%s.p999_ns:us}, max {%s.max_ns:us} µs"
-LINES = (
-    ("ticks", "{ticks} at {rate_hz:n} Hz, {missed} missed"),
-    ("states", "{states_in_words}"),
-    ("compute", TIMES.replace("%s", "compute")),
-    ("lateness", TIMES.replace("%s", "lateness")),
-)
 UNUSED_POSES = {"future": "from the future", "backwards": "backwards in time", "too_old": "too old"}
 
 
 def serve(
-    scene: Annotated[
-        Path, typer.Argument(metavar="SCENE", help="Scene file (TOML): parts, fingers, input, addresses.")
-    ],
-    rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Ticks per second; overrides SCENE.")
-    ] = None,
+    scene: Annotated[Path, argument("SCENE", "Scene file (TOML): parts, fingers, input, addresses.")],
+    rate: Annotated[float | None, option("HZ", "Ticks per second; overrides SCENE.")] = None,
     publish: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="ADDRESS", help="Address to publish to; overrides SCENE. Can be given several times."
-        ),
+        option("ADDRESS", "Address to publish to; overrides SCENE. Can be given several times."),
     ] = None,
-    log: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Append all frames to this log; overrides SCENE.")
-    ] = None,
+    log: Annotated[Path | None, option("FILE", "Append all frames to this log; overrides SCENE.")] = None,
     real_time: Annotated[
         bool | None,
-        typer.Option(
+        flag(
             "--realtime/--no-realtime",
-            help="Ask the system for real-time priority, locked memory and a core of its own; "
-            "overrides SCENE.",
+            ("Ask the system for real-time priority, locked memory and a core of its own; overrides SCENE."),
             show_default=False,
         ),
     ] = None,
     limit: LIMIT = None,
-    ticks: Annotated[int | None, typer.Option(metavar="N", help="Stop after this many ticks.")] = None,
+    ticks: Annotated[int | None, option("N", "Stop after this many ticks.")] = None,
     web: Annotated[
-        bool, typer.Option("--web", help="Start the page of proximity view as well, and print its address.")
+        bool, flag("--web", "Start the page of proximity view as well, and print its address.")
     ] = False,
     port: Annotated[
-        int | None, typer.Option(metavar="N", help="Port of the page of --web; any free port if not given.")
+        int | None,
+        option("N", "Port of the page of --web; any free port if not given.", callback=within(0, 65535)),
     ] = None,
     as_json: Annotated[
-        bool,
-        typer.Option("--json", help="Write one JSON document at the start and one at the end: the report."),
+        bool, flag("--json", "Write one JSON document at the start and one at the end: the report.")
     ] = False,
     until_stdin: Annotated[
-        bool,
-        typer.Option(
-            "--until-stdin", help="Stop when a line arrives on standard input, or when it is closed."
-        ),
+        bool, flag("--until-stdin", "Stop when a line arrives on standard input, or when it is closed.")
     ] = False,
 ) -> None:
     """Serve the fingers and parts that SCENE describes: poses in, contacts out, every period.
@@ -92,13 +72,10 @@ def serve(
       proximity serve cell.toml --rate 500 --publish udp://192.168.7.2:9100 --log run.frames
       proximity serve cell.toml --realtime --limit 60 --json
     """
-    check_limit(limit)
-    if ticks is not None and ticks < 1:
-        raise typer.BadParameter(f"{ticks} ticks: expected 1 or more", param_hint="--ticks")
-    if port is not None and not web:
-        raise typer.BadParameter(f"{port}: expected --web, of whose page it is the port", param_hint="--port")
-    check_port(port or 0)
-    from proximity.cli import progress
+    refuse(
+        (ticks is not None and ticks < 1, "--ticks", f"{ticks} ticks: expected 1 or more"),
+        (port is not None and not web, "--port", f"{port}: expected --web, of whose page it is the port"),
+    )
     from proximity.service.hosting import serve
 
     overrides = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
@@ -148,11 +125,11 @@ def _write_beginning(beginning: "Beginning", *, as_json: bool) -> None:
     if as_json:
         write_document(begun, indent=None)
         return
-    logged = ", logged in {log}" if service.log else ""
-    report(filled(BEGINNING if beginning.part_count else BEGINNING_OF_SENSOR, begun))
-    report(
-        filled("{rate_hz:n} Hz to {addresses}" + logged, begun | {"addresses": ", ".join(service.publish)})
-    )
+    fingers, parts = counted(beginning.finger_count, "finger"), counted(beginning.part_count, "part")
+    at = f"at {parts}, {counted(beginning.face_count, 'face')}"
+    report(f"serving {begun['scene']}: {fingers} {at if beginning.part_count else 'measured by a sensor'}")
+    logged = f", logged in {service.log}" if service.log else ""
+    report(f"{number(service.rate_hz)} Hz to {', '.join(service.publish)}{logged}")
     for note in [*([] if service.real_time else [ORDINARY]), *beginning.notes]:
         report(note)
 
@@ -160,33 +137,49 @@ def _write_beginning(beginning: "Beginning", *, as_json: bool) -> None:
 def _print_end(ended: dict[str, Any]) -> None:
     states = ", ".join(f"{count} {state}" for state, count in ended["states"].items() if count)
     unused = ", ".join(f"{ended[key]} {why}" for key, why in UNUSED_POSES.items() if ended[key])
-    lines = block(LINES, ended | {"rate_hz": 1e9 / ended["period_ns"], "states_in_words": states or "none"})
+    ticks = f"{ended['ticks']} at {number(1e9 / ended['period_ns'])} Hz, {ended['missed']} missed"
+    lines = [("ticks", ticks), ("states", states or "none")]
+    for name in ("compute", "lateness"):
+        p50, p99, p999, longest = (
+            f"{ended[name][each] / 1e3:.1f}" for each in ("p50_ns", "p99_ns", "p999_ns", "max_ns")
+        )
+        lines.append((name, f"p50 {p50}, p99 {p99}, p99.9 {p999}, max {longest} µs"))
     for address, count in ended["publish_failures"].items():
         taken = f"{counted(count, 'frame')} not taken" if count else "all frames"
         lines.append(("published", f"{address}: {taken}"))
     if ended["log_written"] or ended["log_lost"]:
-        lines.append(("log", filled("{log_written} frames, {log_lost} lost", ended)))
+        lines.append(("log", f"{ended['log_written']} frames, {ended['log_lost']} lost"))
     if unused:
         lines.append(("poses", f"of fingers and parts, not used: {unused}"))
     print_block([*lines, *(("note", note) for note in ended["notes"])])
 
 
-class _PageBeside:
-    """A page in a process of its own, to which the service publishes at an address of its own."""
+class _PageBeside(threading.Thread):
+    """Starts a page in a process of its own, to which the service publishes at an address of its own."""
 
     def __init__(self, scene: Path, given: dict[str, Any], port: int) -> None:
+        super().__init__(name="starts the page", daemon=True)
         from proximity.service.config import read_scene_file
         from proximity.web.running_page import own_addresses
 
-        self._scene, self._port, self._address = str(scene), str(port), own_addresses().frames
-        given["publish"] = [*(given["publish"] or read_scene_file(scene).service.publish), self._address]
+        frames, self._scene = own_addresses().frames, str(scene)
+        given["publish"] = [*(given["publish"] or read_scene_file(scene).service.publish), frames]
+        self._words = [self._scene, "--beside", frames, "--port", str(port)]
         self._page: RunningPage | None = None
         self._is_over = False
-        self._starting = threading.Thread(target=self._start, name="starts the page", daemon=True)
 
-    def start(self) -> None:
+    def run(self) -> None:
         """Start it beside the loop, and say where it is."""
-        self._starting.start()
+        from proximity.web import RunningPage
+
+        try:
+            self._page = RunningPage(self._words, self._scene, report)
+        except ServiceError as failure:
+            report(str(failure))
+            return
+        if self._is_over:
+            self.stop()
+        report(f"the page is at {self._page.url}")
 
     def stop(self) -> None:
         """End it."""
@@ -194,16 +187,3 @@ class _PageBeside:
         if self._page is not None:
             with contextlib.suppress(ServiceError):
                 self._page.stop()
-
-    def _start(self) -> None:
-        from proximity.web import RunningPage
-
-        words = [self._scene, "--beside", self._address, "--port", self._port]
-        try:
-            self._page = RunningPage(words, self._scene, report)
-        except ServiceError as failure:
-            report(str(failure))
-            return
-        if self._is_over:
-            self.stop()
-        report(f"the page is at {self._page.url}")

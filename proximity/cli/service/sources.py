@@ -6,7 +6,17 @@ from typing import Annotated
 
 import typer
 
-from proximity.cli.options import CABLE, GLOVES, cable_stiffness, check_gear, check_range, designed
+from proximity.cli.options import (
+    CABLE,
+    GEAR,
+    GLOVES,
+    argument,
+    cable_stiffness,
+    designed,
+    flag,
+    option,
+    within,
+)
 
 LEAST_RATE_HZ, MOST_RATE_HZ = 150.0, 20000.0  # slower, each sample would trip the watchdog of 10 ms
 
@@ -21,13 +31,11 @@ class Language(StrEnum):
     cpp = "cpp"
 
 
-FOLDER = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write the files to.")]
+FOLDER = Annotated[Path, option("DIR", "Folder to write the files to.", "--out")]
 
 
 def client(
-    language: Annotated[
-        Language, typer.Argument(metavar="c|wasm|csharp|javascript|cpp", help="Language of your program.")
-    ],
+    language: Annotated[Language, argument("c|wasm|csharp|javascript|cpp", "Language of your program.")],
     out: FOLDER,
 ) -> None:
     """Write a client into a folder: sources in C++, JavaScript or C# that read frames and send
@@ -66,10 +74,11 @@ def client(
 def controller(
     out: FOLDER,
     glove: GLOVES = None,
-    drum: Annotated[
-        str | None, typer.Option(metavar="GEAR", help="Another gear: gear14, gear51 or gear111 (total).")
-    ] = None,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Rate of controller and servo.")] = 3000.0,
+    drum: GEAR = None,
+    rate: Annotated[
+        float,
+        option("HZ", "Rate of controller and servo.", callback=within(LEAST_RATE_HZ, MOST_RATE_HZ, "Hz")),
+    ] = 3000.0,
     cable: CABLE = None,
 ) -> None:
     """Write the controller of a contact drum as C99 sources for a microcontroller.
@@ -87,26 +96,23 @@ def controller(
       proximity controller --out firmware --glove glove.json
       proximity controller --out firmware --glove glove.json --cable glove.json
     """
-    check_range(rate, "--rate", "Hz", LEAST_RATE_HZ, MOST_RATE_HZ)
     from proximity.decaff.controller.chip_sources import write_controller
     from proximity.decaff.controller.settings import CableRule, ControllerSettings
     from proximity.decaff.glove.calibrated_glove import read_any_glove
     from proximity.decaff.glove.glove import Glove, with_gear
 
-    gear, gloves = check_gear(drum), [read_any_glove(path) for path in glove or ()] or [Glove()]
+    gloves = [read_any_glove(path) for path in glove or ()] or [Glove()]
     first = designed(gloves[0])
-    tip_drum = (first if gear is None else with_gear(first, gear)).tip_drum()
+    tip_drum = (first if drum is None else with_gear(first, drum)).tip_drum()
     rule = CableRule() if cable is None else CableRule(cable_stiffness(cable))
     for path in write_controller(gloves, out, ControllerSettings(rate, tip_drum, cable=rule)):
         typer.echo(f"{path}: written")
 
 
 def header(
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write to this file instead of printing.")
-    ] = None,
+    out: Annotated[Path | None, option("FILE", "Write to this file instead of printing.")] = None,
     receiver: Annotated[
-        bool, typer.Option("--receiver", help="Print the C example that receives frames over UDP instead.")
+        bool, flag("--receiver", "Print the C example that receives frames over UDP instead.")
     ] = False,
 ) -> None:
     """Print decaff_message.h, the layout of all messages for C99, C11 and C++.
@@ -134,7 +140,7 @@ def header(
         stream.write(text.encode("ascii"))
 
 
-def key(out: Annotated[Path, typer.Option(metavar="FILE", help="File to create; must not exist.")]) -> None:
+def key(out: Annotated[Path, option("FILE", "File to create; must not exist.")]) -> None:
     """Make a key for udp://HOST:PORT?key=FILE. Without a key, messages of any program are accepted.
 
     Both ends name the same file. The sender appends a tag to each message; the receiver discards and

@@ -1,14 +1,13 @@
 """``proximity watch``: show live what a service publishes."""
 
-import time
 from threading import Event
 from typing import Annotated
 
 import typer
 
-from proximity.cli.options import ADDRESS, LIMIT, check_limit
+from proximity.cli.options import ADDRESS, LIMIT, flag
 from proximity.cli.output import write_document
-from proximity.cli.program import EXIT_NOTHING
+from proximity.cli.program import EXIT_NOTHING, stop_after
 from proximity.system.stop_signals import stopped_by_signals
 
 TURN_S = 0.02  # within that a wish to stop is noticed, and a silence shown
@@ -17,9 +16,7 @@ TURN_S = 0.02  # within that a wish to stop is noticed, and a silence shown
 def watch(
     address: ADDRESS,
     limit: LIMIT = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Write every frame as one line of JSON, in SI units.")
-    ] = False,
+    as_json: Annotated[bool, flag("--json", "Write every frame as one line of JSON, in SI units.")] = False,
 ) -> None:
     """Show the fingers of the service that publishes at ADDRESS, until Ctrl-C or --limit.
 
@@ -34,36 +31,35 @@ def watch(
       proximity watch udp://127.0.0.1:9100 --limit 10 > lines.txt
       proximity watch iox2://decaff --json | head -1
     """
-    check_limit(limit)
-    ends = None if limit is None else time.monotonic() + limit
     with stopped_by_signals() as stop:
-        received = (_write_lines if as_json else _show)(address, stop, ends)
+        stop_after(limit, stop)
+        received = (_write_lines if as_json else _show)(address, stop)
     if not received:
         raise typer.Exit(EXIT_NOTHING)
 
 
-def _show(address: str, stop: Event, ends: float | None) -> int:
+def _show(address: str, stop: Event) -> int:
     """Show the newest frame, again and again; return how many came."""
-    from proximity.cli.service.follower import Follower, show
+    from proximity.cli.service.watch_view import Follower, show
     from proximity.cli.tables import Console, Screen
     from proximity.transport import open_subscriber
 
     with open_subscriber(address) as subscriber, Screen(Console()) as screen:
         follower = Follower(subscriber)
-        while not stop.is_set() and (ends is None or time.monotonic() < ends):
+        while not stop.is_set():
             show(screen, *follower.look(TURN_S))
         return subscriber.counts.received
 
 
-def _write_lines(address: str, stop: Event, ends: float | None) -> int:
+def _write_lines(address: str, stop: Event) -> int:
     """Write every frame as a line; return how many came."""
-    from proximity.cli.service.follower import frame_document
+    from proximity.cli.service.finger_view import frame_document
     from proximity.recording.frame_bytes import frame_type
     from proximity.transport import Subscriber, open_inlet
 
     inlet = open_inlet(address)
     with Subscriber(inlet, address) as subscriber:
-        while not stop.is_set() and (ends is None or time.monotonic() < ends):
+        while not stop.is_set():
             inlet.wait(TURN_S)
             for data in subscriber.frames():
                 (frame,) = data.view(frame_type(len(data)))

@@ -1,22 +1,28 @@
-"""Display of one reading for ``watch``: a table for a terminal, or a line of text."""
+"""Readings of a service for ``watch`` and ``demo``: a table for a terminal, or a line of text."""
 
 import time
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from rich.cells import cell_len
-from rich.console import Group, RenderableType
+from rich.console import ConsoleDimensions, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from proximity.cli.output import counted
 from proximity.cli.service.finger_view import FLAG_LETTERS, finger_cells, finger_words, is_tracked, ruler
+from proximity.cli.tables import Screen
 from proximity.message import Defect, State
-from proximity.transport import Counts, Reading
+from proximity.transport import Counts, Reading, Subscriber
 
 NS_IN_MS = 1e6
 NS_IN_S = 1e9
+GATHER_S = 0.005
+RATE_OVER_S = 1.0
+SAMPLED_EVERY_S = 0.05
+OTHER_LINES = 9  # of a terminal, beside the fingers
 TWO_HANDS = 10  # fingers: thumb to little finger of the left hand, then of the right
 LINE_FINGERS = 8  # reported in a line of text
 
@@ -65,6 +71,63 @@ class Seen:
     rate_hz: float  # of frames, over the last second
     silent_s: float  # since the last frame came; since the start, if none did
     part_names: tuple[str, ...] = ()  # empty: not known, parts are numbered
+
+
+class Follower:
+    """The newest reading of a subscriber, and how fast frames come.
+
+    *gather*: that frames are let come before they are looked at: to wake for each takes a third of a core at
+    1 kHz.
+    """
+
+    def __init__(
+        self, subscriber: Subscriber, *, gather: float = GATHER_S, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._subscriber = subscriber
+        self._gather = gather
+        self._clock = clock
+        self._came_at = clock()
+        self._samples = deque([(self._came_at, 0)])  # instant, frames received until then
+
+    def look(self, timeout: float) -> tuple[Reading, Seen]:
+        """Wait for new frames and return what is known.
+
+        *timeout*: how long to wait at most, where none comes.
+        """
+        time.sleep(self._gather)
+        reading = self._subscriber.wait(timeout)
+        now, counts = self._clock(), self._subscriber.counts
+        if reading.is_new:
+            self._came_at = now
+        return reading, Seen(
+            self._subscriber.address,
+            counts,
+            self._rate(now, counts.received),
+            now - self._came_at,
+            self._subscriber.part_names,
+        )
+
+    def _rate(self, now: float, received: int) -> float:
+        samples = self._samples
+        if now - samples[-1][0] >= SAMPLED_EVERY_S:
+            samples.append((now, received))
+        while len(samples) > 1 and now - samples[1][0] >= RATE_OVER_S:
+            samples.popleft()
+        then, before = samples[0]
+        return (received - before) / (now - then) if now - then >= SAMPLED_EVERY_S else 0.0
+
+
+def show(screen: Screen, reading: Reading, seen: Seen, drums: Sequence[Text] | None = None) -> None:
+    """Show a reading if it is time for it.
+
+    *drums*: what a controller does with each finger, where one runs beside.
+    """
+
+    def drawn(size: ConsoleDimensions) -> RenderableType:
+        rows = max(1, size.height - OTHER_LINES)
+        return picture(reading, seen, width=size.width, row_count=rows, drums=drums)
+
+    screen.show(lambda: line(reading, seen), drawn)
 
 
 def picture(

@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 from proximity.web.server.access import UnfitError
 
-LONGEST_TEXT = 10_000  # letters that a person may type into one field
 LONGEST_S = 1e6  # that a person may take
 
 
@@ -22,29 +21,17 @@ class Field:
 
     key: str
     label: str
-    kind: Literal["number", "text", "choice", "slider", "tick"] = "number"
-    unit: str = ""  # behind a number, or beside both ends of a slider: "soft · hard"
-    choices: tuple[str, ...] = ()
-    least: float = -math.inf  # of a number or slider, which needs both ends
+    choices: tuple[str, ...] = ()  # none: a number is asked for
+    least: float = -math.inf  # of a number
     most: float = math.inf
-    may_be_empty: bool = False  # then the value is None
 
-    def value(self, given: object) -> float | str | bool | None:
-        """Return what a page gave for this field: a number, a text, or whether it is ticked."""
-        if self.kind == "tick":
-            if given is True or (given is False and self.may_be_empty):
-                return given
-            raise FieldError(f"{self.label}: expected a tick")
+    def value(self, given: object) -> float | str:
+        """Return what a page gave for this field: a number, or one of the choices."""
         text = given.strip() if isinstance(given, str) else ""
-        if not text and self.may_be_empty:
-            return None
-        if self.kind in ("number", "slider"):
-            return self._number(text)
-        if not 0 < len(text) <= LONGEST_TEXT or (self.kind == "choice" and text not in self.choices):
-            raise FieldError(f"{self.label}: expected {'a choice' if self.kind == 'choice' else 'a text'}")
-        return text
-
-    def _number(self, text: str) -> float:
+        if self.choices:
+            if text not in self.choices:
+                raise FieldError(f"{self.label}: expected a choice")
+            return text
         try:
             value = float(text.replace(",", "."))
         except ValueError:
@@ -64,7 +51,7 @@ class Button:
     key: str
     label: str
     shortcut: str = ""  # as browsers name keys: "Enter", "ArrowLeft", "1", " "
-    look: Literal["main", "plain", "danger"] = "plain"
+    look: Literal["main", "plain"] = "plain"
     takes_fields: bool = False  # whether the fields must be filled in; else they are left out
 
 
@@ -86,8 +73,7 @@ class Step:
         """Return it as a page takes it."""
         shown = asdict(self)
         for field in shown["fields"]:
-            ends = field.pop("least"), field.pop("most")
-            field["least"], field["most"] = (end if math.isfinite(end) else None for end in ends)
+            del field["least"], field["most"]  # JSON has no infinity, and a page checks no number
         if self.picture:
             is_svg = isinstance(self.picture, str)
             content = self.picture.encode() if isinstance(self.picture, str) else self.picture
@@ -113,5 +99,5 @@ class Answer:
     """What a person answered."""
 
     button: str  # its key; "": the step's time was over
-    values: Mapping[str, float | str | bool | None]  # by the keys of the fields
+    values: Mapping[str, float | str]  # by the keys of the fields
     seconds: float  # from when the step was seen until the answer, by the page's clock

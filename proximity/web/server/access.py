@@ -5,10 +5,16 @@ address (DNS rebinding). So the name in the address must be one that was printed
 the page that was served here, and its first message must have the token, which only the printed address has.
 """
 
+import atexit
 import hmac
+import html
 import secrets
+import shutil
+import tempfile
 import time
+import webbrowser
 from dataclasses import dataclass, field
+from pathlib import Path
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 MOST_BYTES = 65_536
@@ -22,6 +28,7 @@ HELLO_S = 30.0
 
 WRONG_TOKEN, UNFIT, TOO_MUCH, HELD_UP = 4403, 4400, 4429, 4408
 """Codes with which connections are closed."""
+_REDIRECT = '<!DOCTYPE html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={url}">\n'
 
 
 class UnfitError(Exception):
@@ -89,3 +96,16 @@ class Allowance:
         self.messages = min(self.messages + elapsed * MESSAGES_PER_S, MESSAGES_PER_S * BURST_S) - 1.0
         self.size = min(self.size + elapsed * BYTES_PER_S, BYTES_PER_S * BURST_S) - size
         return self.messages >= 0.0 and self.size >= 0.0
+
+
+def open_in_browser(url: str) -> None:
+    """Have the browser read the address from a file that only this user can read, until this process ends.
+
+    Every user of the machine may see the arguments of the browser.
+    """
+    folder = tempfile.mkdtemp(prefix="proximity-open-")  # mode 0700
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    redirect = Path(folder, "open.html")
+    redirect.touch(0o600)
+    redirect.write_text(_REDIRECT.format(url=html.escape(url)), encoding="utf-8")
+    webbrowser.open(redirect.as_uri())

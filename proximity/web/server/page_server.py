@@ -32,7 +32,6 @@ REASONS = {
     200: "OK",
     403: "Forbidden",
     404: "Not Found",
-    405: "Method Not Allowed",
     421: "Misdirected Request",
 }
 

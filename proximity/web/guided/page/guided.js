@@ -74,7 +74,7 @@ function showStep(given) {
   showTime();
   enable();
   scrollTo(0, 0);
-  byId("fields").querySelector("input, textarea")?.focus();
+  byId("fields").querySelector("input")?.focus();
 }
 
 function showTable([heading, ...rows]) {
@@ -83,30 +83,18 @@ function showTable([heading, ...rows]) {
   byId("table").replaceChildren(...(heading ? [line(heading, "th"), ...rows.map((row) => line(row, "td"))] : []));
 }
 
-function fieldOf(field) {
-  const { key, label, kind, unit } = field;
-  if (kind === "choice") {
-    const rows = field.choices.map((choice) => {
+function fieldOf({ key, label, choices }) {
+  if (choices.length) {
+    const rows = choices.map((choice) => {
       const input = named("input", key, { type: "radio", value: choice });
       return made("label", "", input, made("span", ` ${choice}`));
     });
     return classed("field", made("fieldset", "", made("legend", label), classed("row", made("div", "", ...rows))));
   }
-  if (kind === "tick") {
-    const input = named("input", key, { type: "checkbox" });
-    return classed("field", made("div", "", made("label", "", input, made("span", ` ${label}`))));
-  }
-  const input = named(kind === "text" ? "textarea" : "input", key, { id: `field-${key}` });
-  const [before, after] = kind === "slider" ? unit.split(" · ") : ["", unit];
-  if (kind === "slider") {
-    const { least: min, most: max } = field;
-    Object.assign(input, { type: "range", min, max, step: "any", value: (min + max) / 2 });
-  }
-  if (kind === "number") Object.assign(input, { type: "text", inputMode: "decimal" });
+  const input = named("input", key, { id: `field-${key}`, type: "text", inputMode: "decimal" });
   const words = made("label", label);
   words.htmlFor = input.id;
-  const row = classed("row", made("div", "", made("span", before), input, made("span", after ?? "")));
-  return classed("field", made("div", "", words, row));
+  return classed("field", made("div", "", words, classed("row", made("div", "", input))));
 }
 
 function buttonOf(button) {
@@ -124,10 +112,7 @@ function answer(button) {
   isAnswered = true;
   const seconds = Math.max(0, performance.now() - shownMs) / 1000;
   const values = {};
-  for (const { key, kind } of step.fields) {
-    const inputs = byId("form").elements[key];
-    values[key] = kind === "tick" ? inputs.checked : inputs.value;
-  }
+  for (const { key } of step.fields) values[key] = byId("form").elements[key].value;
   send({ answer: { number: step.number, button: button.key, values, seconds } });
   enable();
 }
@@ -185,9 +170,9 @@ byId("stop").onclick = stop;
 byId("form").onsubmit = (event) => event.preventDefault();
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") return stop();
-  const isTyping = event.target.matches("textarea, input[type=text], input[type=range]");
+  const isTyping = event.target.matches("input[type=text]");
   if (event.repeat || event.ctrlKey || event.altKey || event.metaKey || isStopped) return;
-  if (isTyping && !(event.key === "Enter" && event.target.tagName === "INPUT")) return;
+  if (isTyping && event.key !== "Enter") return;
   if (event.key === "Enter" && event.target.tagName === "BUTTON") return; // which it presses
   const button = step.buttons?.find(({ shortcut }) => shortcut === event.key);
   if (!button) return;
