@@ -36,7 +36,7 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
 def link_library(
     target: Target, objects: list[Path], wrappers: list[tuple[str, str, str]], digest: str, folder: Path
 ) -> Path:
-    """Return the library in C, of the same objects; beside it is the target's import library, if it has one."""
+    """Return the library in C, of the same objects; beside it is its import library, where there is one."""
     library = folder / target.library
     files = [*library_objects(target, wrappers, digest, folder), *objects]
     name = [f"-Wl,-soname,{target.library}"] if target.name.startswith("linux") else []
