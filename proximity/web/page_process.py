@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable
 from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from proximity.web.geometry import scene_glb
 from proximity.web.page_content import scene_page_files
 from proximity.web.page_inbox import PageInbox
 from proximity.web.page_service import PageService, page_settings
+from proximity.web.saved_page import save_page
 from proximity.web.server.access import LOOPBACK, Access, new_token
 from proximity.web.sources import LiveFrames, LoggedFrames, OtherPrograms, Shown
 
@@ -148,7 +150,7 @@ def _shown(settings: PageSettings, report: Callable[[str], None], opened: ExitSt
             raise ServiceError(f"{name}: there is no such file")
     if len(logs) > 1:
         raise ServiceError(f"{logs[1]}: one log is shown at a time")
-    title = " + ".join(os.path.basename(name) for name in settings.files)
+    title = _title(settings)
     if settings.beside is not None:
         return _attach_to_service(settings, title, parts[0], settings.beside, opened)
     served = None
@@ -203,16 +205,46 @@ def _with_geometry(shown: Shown, settings: PageSettings, served: SceneFile | Non
     """Add the GLB, the recorded hand, and what pages say about them."""
     if shown.scene is not None and served is not None:
         shown.glb = scene_glb(shown.scene)
-        radius = served.fingers.radius
-        shown.about["radii"] = [radius] * shown.feed.count if isinstance(radius, float) else list(radius)
-        shown.about["budget"] = served.fingers.budget or DEFAULT_BUDGET
-        shown.about["first_input"] = settings.first_input
-        shown.about["drum_degrees"] = _drum_degrees(served, shown.feed.count)
+        shown.about |= _about(settings, served, shown.feed.count)
         if settings.recording is not None and shown.feed.may_pose:
             recording = read_recording(settings.recording)
-            largest = max(shown.about["radii"])
-            shown.recording = _recorded(recording, shown.scene, largest, settings)
+            shown.recording = _recorded(recording, shown.scene, max(shown.about["radii"]), settings)
     return shown
+
+
+def _about(settings: PageSettings, served: SceneFile, count: int) -> dict[str, Any]:
+    """What a page is told of its fingers."""
+    radius = served.fingers.radius
+    return {
+        "radii": [radius] * count if isinstance(radius, float) else list(radius),
+        "budget": served.fingers.budget or DEFAULT_BUDGET,
+        "first_input": settings.first_input,
+        "drum_degrees": _drum_degrees(served, count),
+    }
+
+
+def write_page(settings: PageSettings, path: Path) -> int:
+    """Write a page that computes by itself, in one file; its size in bytes."""
+    if any(name.endswith(".frames") for name in settings.files):
+        raise ServiceError("a log cannot be saved as a page, expected parts or a scene file")
+    served = page_settings(
+        settings.files, units=settings.units, rate_hz=settings.rate_hz, radius=settings.radius
+    )
+    scene, count = PartFiles().scene(served), finger_count(served, read_input(served))
+    about = _about(settings, served, count)
+    recording = None if settings.recording is None else read_recording(settings.recording)
+    welcome = {
+        "title": _title(settings),
+        **dict.fromkeys(("feeds", "may_pose", "may_move", "may_hide", "has_geometry"), True),
+        "finger_count": count,
+        "recording": recording and _recorded(recording, scene, max(about["radii"]), settings),
+        **about,
+    }
+    return save_page(path, scene, scene_glb(scene), welcome)
+
+
+def _title(settings: PageSettings) -> str:
+    return " + ".join(os.path.basename(name) for name in settings.files)
 
 
 def _drum_degrees(served: SceneFile, count: int) -> list[list[float]] | None:

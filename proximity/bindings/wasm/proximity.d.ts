@@ -64,6 +64,7 @@ export interface TrackerSettings {
 /** The fields of a contact in a message; whole numbers of 64 bits are BigInt. */
 export type Contact = Record<string, number | bigint | number[]>;
 
+export function hasRelaxed(): boolean;
 export function load(source?: BufferSource | WebAssembly.Module): Promise<Engine>;
 
 export class Engine {
@@ -83,6 +84,7 @@ export class Scene {
   pose(part: PartName): Float64Array;
   move(moves: Move[]): void;
   hide(part: PartName, isHidden?: boolean): void;
+  setSurface(part: PartName, surface?: { stiffness?: number; damping?: number }): void;
   signedDistance(points: Rows, out?: Float64Array): Float64Array;
   distance(points: Rows, out?: Float64Array): Float64Array;
   contains(points: Rows): Uint8Array;
@@ -97,6 +99,7 @@ export class Tracker {
   private constructor();
   readonly fingers: number;
   tick(positions: Rows, poseNs: ArrayLike<bigint>, nowNs: bigint): Contact[];
+  setRadius(finger: number, radius: number): void;
   reset(): void;
   close(): void;
 }

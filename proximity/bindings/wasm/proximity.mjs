@@ -38,13 +38,16 @@ export class ProximityError extends Error {
   }
 }
 
+/** Whether the browser has relaxed vector instructions, and takes proximity.relaxed.wasm. */
+export const hasRelaxed = () => typeof WebAssembly !== "undefined" && WebAssembly.validate(RELAXED);
+
 /** Start an engine. *source*: the bytes or the compiled module of one of the two .wasm files; without it, the one
  * that fits the browser, which lies beside this file. */
 export async function load(source) {
   if (typeof WebAssembly === "undefined") {
     throw new ProximityError(7, "this browser has no WebAssembly, which distances are computed with");
   }
-  let module = source ?? (await bytesBeside(`proximity.${WebAssembly.validate(RELAXED) ? "relaxed" : "plain"}.wasm`));
+  let module = source ?? (await bytesBeside(`proximity.${hasRelaxed() ? "relaxed" : "plain"}.wasm`));
   if (!(module instanceof WebAssembly.Module)) {
     module = await WebAssembly.compile(module).catch((failure) => {
       throw new ProximityError(7, `the engine cannot be compiled here: ${failure.message}`);
@@ -256,6 +259,12 @@ export class Scene {
     this.#engine.checked("hide", this.#open, this.partNumber(part), isHidden ? 1 : 0);
   }
 
+  /** Say how a part answers a touch: rigid, or with *stiffness* (N/m) as a spring with a damper (N s/m). Distances
+   * do not change. */
+  setSurface(part, { stiffness = 0, damping = 0 } = {}) {
+    this.#engine.checked("set_surface", this.#open, this.partNumber(part), stiffness, damping);
+  }
+
   // --- questions -----------------------------------------------------------------------------------------
 
   /** Signed distances of points, m, negative inside. *out*: a Float64Array for them. */
@@ -387,6 +396,11 @@ export class Tracker {
     engine.checked("tick", this.#address, rows, instants, nowNs, 0, 0, this.#contacts);
     const { view } = engine, { size } = RECORDS.contact;
     return Array.from({ length: fingers }, (_, k) => readRecord(view, this.#contacts + k * size, RECORDS.contact));
+  }
+
+  /** Set the radius of one fingertip, m. */
+  setRadius(finger, radius) {
+    this.#engine.checked("set_radius", this.#address, finger, radius);
   }
 
   /** Forget all fingers: the next tick is treated as the first. */

@@ -69,6 +69,10 @@ def view(
         Path | None,
         option("OUT", "Write a log and its parts for the viewer Rerun (.rrd) instead of showing a page."),
     ] = None,
+    save: Annotated[
+        Path | None,
+        option("PAGE", "Write a page that computes by itself, in one file (.html), instead of showing it."),
+    ] = None,
     limit: LIMIT = None,
 ) -> None:
     """Show FILES in the browser: the parts, hands, and the distance of every fingertip.
@@ -86,6 +90,7 @@ def view(
       proximity view meshes/bracket.stl --replay meshes/hand.csv
       proximity view run.frames meshes/bracket.stl
       proximity view run.frames part.step --rerun run.rrd
+      proximity view part.step --save part.html    # to mail, or to open from a disk
       proximity view cell.toml --no-browser --port 8787
     """
     if rerun is not None:
@@ -109,6 +114,11 @@ def view(
         beside=program.beside,
         may_be_framed=program.framed,
     )
+    if save is not None:
+        from proximity.web.page_process import write_page
+
+        typer.echo(f"{save}: {write_page(settings, save) / 1e6:.1f} MB")
+        return
     _show(settings, program, limit, opens_browser=browser)
 
 

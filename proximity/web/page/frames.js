@@ -45,7 +45,7 @@ export class Frames {
   }
 }
 
-function shownContact(record, state, isLogged = false) {
+export function shownContact(record, state, isLogged = false) {
   const is = (flag) => (record.flags & ContactFlag[flag]) !== 0;
   const isKnown = !KNOWS_NOTHING.includes(state) && is("TRACKED");
   const isLate = state === State.LATE;

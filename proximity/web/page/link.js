@@ -149,7 +149,7 @@ export class Link extends EventTarget {
 export const nanoseconds = (ms) => BigInt(Math.round(ms * 1e6));
 
 /** Frames a second that the service publishes, by their numbers: most are not sent to the page. */
-class Rate {
+export class Rate {
   constructor() {
     this.seen = [];
   }

@@ -15,10 +15,10 @@ import { Tools } from "./tools.js";
 const CHOICES = [["mouse", "Mouse"], ["replay", "Recorded"], ["headset", "Headset"], ["none", "None"]];
 
 class Page {
-  constructor(token) {
+  constructor(link) {
     this.panel = new Panel();
     this.stage = new Stage(byId("canvas"));
-    this.link = new Link(token);
+    this.link = link;
     this.parts = new Parts(this.stage, this.link);
     this.fingers = new Fingers(this.stage);
     this.tools = new Tools(this.stage, this.parts, this.link, this.panel);
@@ -162,8 +162,11 @@ const token = new URLSearchParams(location.hash.slice(1)).get("token");
 document.body.classList.toggle("framed", window.top !== window.self);
 if (!document.createElement("canvas").getContext("webgl2")) {
   new Panel().cover("This browser cannot draw in three dimensions: WebGL 2 is missing or switched off.");
+} else if (window.saved) {
+  const { LocalLink } = await import("./local_link.js");
+  window.page = new Page(new LocalLink(window.saved));
 } else if (!token) {
   new Panel().cover("The address has no token: open the address that proximity view printed.");
 } else {
-  window.page = new Page(token); // for tests and for the console
+  window.page = new Page(new Link(token)); // for tests and for the console
 }

@@ -39,6 +39,11 @@ class PageFiles:
         self._known["/"] = self._known["/index.html"]
         self._packed: dict[str, bytes] = {}
 
+    @property
+    def contents(self) -> dict[str, bytes]:
+        """The files by their names, which begin with a slash."""
+        return {name: content for name, (_, content) in self._known.items()}
+
     def get(self, path: str) -> tuple[str, bytes] | None:
         """Return type and compressed content of a file; None where there is none."""
         found = self._known.get(path.partition("?")[0])

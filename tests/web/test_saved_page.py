@@ -1,0 +1,90 @@
+"""A page in one file, opened from a disk: distances as Python has them, and no network."""
+
+import re
+
+import numpy as np
+import pytest
+from browsing import browser
+from project import MESHES
+
+import proximity
+from proximity import ServiceError
+from proximity.bindings import wasm_package
+from proximity.web.page_process import PageSettings, write_page
+from proximity.web.saved_page import _by_names
+
+pytestmark = pytest.mark.skipif(
+    not all((wasm_package.NATIVE / name).is_file() for name in wasm_package.MODULES),
+    reason="the engine for browsers is not compiled",
+)
+KNOWN = "window.page && page.reading.contacts.some((contact) => contact.isKnown)"
+READING = (
+    "page.reading.contacts.filter((each) => each.isKnown).map((each) => [each.distance, ...each.position])"
+)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    path = tmp_path_factory.mktemp("saved") / "bracket.html"
+    settings = PageSettings((str(MESHES / "bracket.stl"),), recording=str(MESHES / "hand.csv"))
+    assert write_page(settings, path) == path.stat().st_size <= 3_000_000
+    return path
+
+
+def test_file_names_nothing_elsewhere(saved):
+    text = re.sub(r">[A-Za-z0-9+/=]{1000,}<", "><", saved.read_text(encoding="utf-8"))
+
+    assert len(text) < 50_000
+    assert not re.search(r'(src|href)="(?!data:)[^"#]', text)
+
+
+def test_imports_are_by_name():
+    text = 'import { a } from "./b.js";\nimport * as T from "three";\nawait import("../c.mjs");\n"from here"'
+
+    assert _by_names("page/inputs/x.js", text) == (
+        'import { a } from "page/inputs/b.js";\nimport * as T from "page/vendor/three/three.module.js";\n'
+        'await import("page/c.mjs");\n"from here"'
+    )
+
+
+def test_log_is_refused(tmp_path):
+    with pytest.raises(ServiceError, match=r"a log cannot be saved as a page, expected parts"):
+        write_page(PageSettings(("run.frames",)), tmp_path / "page.html")
+
+
+@pytest.mark.browser
+def test_page_from_a_disk_computes_what_python_computes(saved):
+    with browser() as running:
+        page = running.new_page(viewport={"width": 960, "height": 600})
+        requests, failures = [], []
+        page.on("request", lambda request: requests.append(request.url))
+        page.on("pageerror", lambda failure: failures.append(str(failure)))
+        page.goto(saved.as_uri())
+        page.wait_for_function("window.page?.parts.isLoaded", timeout=90_000)
+        page.mouse.move(480, 300)
+        page.wait_for_function(KNOWN, timeout=90_000)
+        found = np.array(page.evaluate(READING))
+        instructions = page.evaluate("page.link.scene.instructions")
+        page.evaluate("page.link.say({ slice: { ticket: 1, origin: [0, 0, 0], u: [0.1, 0, 0], v: [0, 0.1, 0], "
+                      "width: 3, height: 3 } })")  # fmt: skip
+        page.evaluate("page.link.sendChanges([{ name: 'bracket', action: 0 }])")
+        page.wait_for_function("!page.parts.list[0].object.visible", timeout=30_000)
+        hidden = page.evaluate("page.reading.contacts.map((each) => each.distance)")
+
+    scene = proximity.load(MESHES / "bracket.stl", units="mm")
+    expected = scene.signed_distance(found[:, 1:]) - 0.007
+    assert len(found) == 5 and instructions == "relaxed"
+    np.testing.assert_allclose(found[:, 0], expected, rtol=0, atol=1e-15)
+    assert not [url for url in requests[1:] if not url.startswith(("blob:", "data:"))]
+    assert not failures
+    assert not np.isfinite(np.array(hidden, float)).any()
+
+
+@pytest.mark.browser
+def test_without_webassembly_the_page_says_so(saved):
+    with browser() as running:
+        page = running.new_page(viewport={"width": 960, "height": 600})
+        page.add_init_script("delete window.WebAssembly")
+        page.goto(saved.as_uri())
+        page.wait_for_function("document.getElementById('cover-text').textContent.includes('no WebAssembly')",
+                               timeout=90_000)  # fmt: skip
