@@ -3,6 +3,7 @@
 ``python bench/claims.py`` prints the table of the documentation.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -12,8 +13,9 @@ from proximity.decaff.drum import sampled_mass
 from proximity.decaff.drum.drum_model import Drum, Gear, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.glove import Glove
+from proximity.errors import ArgumentError
 from proximity.lab.paper import figure_5
-from proximity.lab.paper.walls import FINGER, RealWall, energy_excess, steady_excess
+from proximity.lab.paper.walls import FINGER, energy_excess, steady_excess
 from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, ideal_drum, real_wall
 from proximity.lab.simulation.devices import (
     COUPLED_DEVICE,
@@ -32,7 +34,6 @@ from proximity.lab.simulation.sweeps import (
     best_coupled_wall,
     coupled_row,
     drum_row,
-    needed_cable,
     with_transmission,
 )
 from proximity.lab.simulation.target_policies import Target
@@ -49,6 +50,8 @@ CABLE = TipCable.of(GLOVE)
 GEARINGS = (1, 2, 4, 6, 8, 10, 12, 14, 16, 20)  # in all, of which the least is looked for
 NEAR_FLOOR = 0.01  # of force error, above a drum that never moves
 FREE = 0.010  # s before the touch, until when the finger is free
+CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, between which one is looked for
+HALVINGS = 14  # of that, in its logarithm: to a thousandth
 STIFFEST_CABLE = 1e6  # N/m, as good as rigid
 RESTED = 0.5  # s of hold, after which the slowest compensation is through
 SMOOTH_STOP = 26.0 / 35.0  # of the damper's loss: the mean of the speed that is left over the way of a press
@@ -323,7 +326,7 @@ def _curve(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _figure(name: str) -> figure_5.Comparison:
     times, force = _curve(name)
-    return figure_5.compare(times, force, RealWall(FINGER).force(times, figure_5.PRESS))
+    return figure_5.compare(times, force, figure_5.real_wall(times))
 
 
 def _half_times(name: str) -> tuple[float, float]:
@@ -365,6 +368,25 @@ def _rest(stretch: Stretch) -> float:
     press = HAND.press(0.1, hold=RESTED)
     found = [deviation(decaff(HAND, press, glove)).steady_error for glove in _built(0.001, stretch)]
     return max(found, key=abs)
+
+
+def needed_cable(hand: Hand, glove: Decaff, speed: float, error: float, stretch: Stretch) -> float:
+    """Return the stiffness of the cable at the fingertip with which a force error is reached, N/m."""
+    usual, press = TipCable.of(Glove()), hand.press(speed)
+
+    def is_enough(stiffness: float) -> bool:
+        cable = replace(usual, stiffness=stiffness)
+        return deviation(decaff(hand, press, with_transmission(glove, cable, stretch))).error <= error
+
+    soft, stiff = CABLE_STIFFNESSES
+    if not is_enough(stiff):
+        raise ArgumentError(
+            f"no cable up to {stiff:g} N/m keeps the force error at {speed:g} m/s to {error:.3g}"
+        )
+    for _ in range(HALVINGS):
+        middle = math.sqrt(soft * stiff)
+        soft, stiff = (soft, middle) if is_enough(middle) else (middle, stiff)
+    return stiff
 
 
 def _two_digits(number: float) -> str:

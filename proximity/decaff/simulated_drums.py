@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from proximity.decaff.controller.controller import FingerController
-from proximity.decaff.controller.controller_states import (
+from proximity.decaff.controller.controller import (
     IN_CONTACT,
     DrumAction,
     DrumState,
+    FingerController,
     FrameMark,
     Observation,
     commanded,

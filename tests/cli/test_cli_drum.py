@@ -19,7 +19,7 @@ from proximity import cli
 from proximity.cli import tables
 from proximity.cli.device import drum_loop
 from proximity.cli.device.drum_loop import DrumLog
-from proximity.decaff.controller.controller_states import DrumState
+from proximity.decaff.controller.controller import DrumState
 from proximity.decaff.controller.settings import CableRule
 from proximity.decaff.drum.drum_model import Motor
 from proximity.decaff.drum.servo import DriveMode

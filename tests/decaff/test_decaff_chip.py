@@ -14,8 +14,15 @@ from wire import MS, SESSION, Clock, Wire
 
 from proximity.decaff.controller.chip_sources import controller_sources, write_controller
 from proximity.decaff.controller.compiled import HEADER, SETTINGS
-from proximity.decaff.controller.controller import FingerController, SurfaceLaw, largest_passive_stiffness
-from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
+from proximity.decaff.controller.controller import (
+    DrumState,
+    FingerController,
+    FrameMark,
+    Observation,
+    SurfaceLaw,
+    Trust,
+    largest_passive_stiffness,
+)
 from proximity.decaff.controller.settings import CableRule, ControllerSettings, Limits
 from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_model import USUAL_GEAR

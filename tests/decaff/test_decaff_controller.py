@@ -10,13 +10,19 @@ from hypothesis import strategies as st
 from sealed_frames import frame
 
 from proximity.decaff.controller import compiled
-from proximity.decaff.controller.controller import FingerController, SurfaceLaw, required_damping
-from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
+from proximity.decaff.controller.controller import (
+    DrumState,
+    FingerController,
+    FrameMark,
+    Observation,
+    SurfaceLaw,
+    Trust,
+    required_damping,
+)
 from proximity.decaff.controller.settings import (
     SERVO_LAG,
     CableRule,
     ControllerSettings,
-    Handover,
     Limits,
     SteadyRule,
 )
@@ -34,7 +40,7 @@ RATE = 1000.0
 LIMITS = Limits()
 TRACKED = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
 WALL = 0.5  # bend of the contact
-ANY_SPEED = Handover(SteadyRule(slow_speed=math.inf))
+ANY_SPEED = Limits(steady=SteadyRule(slow_speed=math.inf))
 # What records say beside where the finger touches.
 SOFT = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
 SLAVE = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
@@ -109,9 +115,7 @@ def location_of(*records):
 
 def touching(**fields):
     """A finger at the wall, the drum before it, 0.8 N between them."""
-    bench = approaching(
-        **{name: fields.pop(name) for name in ("drum", "handover", "limits") if name in fields}
-    )
+    bench = approaching(**{name: fields.pop(name) for name in ("drum", "limits") if name in fields})
     bench.bend = WALL
     bench.force = 0.8
     bench.run(3, **fields)
@@ -328,14 +332,14 @@ def test_drum_leaves_a_finger_that_leans_on_it_when_its_object_has_gone(surface)
 
 
 def test_rigid_part_of_a_scene_is_never_served_as_a_force():
-    bench = touching(handover=ANY_SPEED)
+    bench = touching(limits=ANY_SPEED)
 
     assert bench.run(400, surface=Surface.RIGID).state is DrumState.CONTACT_POSITION
 
 
 def test_teleoperation_serves_the_force_once_it_is_steady():
     slave = SLAVE | {"surface": Surface.RIGID}
-    bench = touching(handover=ANY_SPEED, **slave)
+    bench = touching(limits=ANY_SPEED, **slave)
     assert bench.action.state is DrumState.CONTACT_POSITION
     action = bench.run(200, **slave)
     assert (action.state, action.mode, action.force) == (
@@ -353,7 +357,7 @@ def test_teleoperation_serves_the_force_once_it_is_steady():
 
 def test_teleoperation_goes_back_to_position_when_the_force_is_not_measured_any_more():
     """Whether the finger is still there could not be told: the drum would press until it met something."""
-    bench = touching(handover=ANY_SPEED, **SLAVE)
+    bench = touching(limits=ANY_SPEED, **SLAVE)
     bench.run(200, **SLAVE)
     bench.force = math.nan
 
@@ -364,7 +368,7 @@ def test_teleoperation_goes_back_to_position_when_the_force_is_not_measured_any_
 
 
 def test_teleoperation_goes_back_to_position_when_the_slave_is_off_its_object():
-    bench = touching(handover=ANY_SPEED, **SLAVE)
+    bench = touching(limits=ANY_SPEED, **SLAVE)
     bench.run(200, **SLAVE)
 
     assert bench.run(1, **SLAVE, signed_distance=0.6e-3).state is DrumState.CONTACT_POSITION

@@ -11,7 +11,7 @@ import pytest
 from sealed_frames import frame
 from simulated_motors import Cia402Motor, ODriveMotor, SimpleFocMotor
 
-from proximity.decaff.controller.controller_states import DrumAction, DrumState
+from proximity.decaff.controller.controller import DrumAction, DrumState
 from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.glove.calibrated_glove import read_glove
 from proximity.decaff.glove.finger_path import FingerPath

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from proximity.decaff.controller.compiled import SETTINGS, STEADY, in_c, memory
-from proximity.decaff.controller.settings import Handover, SteadyRule, steady_numbers
+from proximity.decaff.controller.settings import Limits, SteadyRule, steady_numbers
 from proximity.errors import ArgumentError
 
 RATE = 3000.0
@@ -79,7 +79,7 @@ def test_finger_must_be_slow_for_a_window():
         (lambda: SteadyRule(window=0.0), "window is 0.0, expected a positive number of seconds"),
         (lambda: SteadyRule(ripple=-0.1), "ripple is -0.1, expected a number of newtons of 0 or more"),
         (lambda: SteadyForce(0.0), "rate is 0.0, expected a positive number of hertz"),
-        (lambda: Handover(lost_time=-1.0), "lost_time is -1.0, expected a number of seconds of 0 or more"),
+        (lambda: Limits(lost_time=-1.0), "lost_time is -1.0, expected a positive number of seconds"),
     ],
 )
 def test_what_cannot_be_is_named(make, message):

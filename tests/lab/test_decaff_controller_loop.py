@@ -7,8 +7,13 @@ import pytest
 from paper_drums import GEAR49
 from sealed_frames import frame
 
-from proximity.decaff.controller.controller import FingerController
-from proximity.decaff.controller.controller_states import DrumAction, DrumState, FrameMark, Observation
+from proximity.decaff.controller.controller import (
+    DrumAction,
+    DrumState,
+    FingerController,
+    FrameMark,
+    Observation,
+)
 from proximity.decaff.controller.settings import Limits
 from proximity.decaff.drum.servo import SERVO_RATE, DriveMode
 from proximity.decaff.glove.finger_path import FingerPath

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from proximity.errors import ArgumentError
 from proximity.lab.paper import figure_5, walls
 from proximity.lab.paper.trajectories import Press
-from proximity.lab.paper.walls import FINGER, Convention, RealWall, SpringDamper, TraditionalWall, in_series
+from proximity.lab.paper.walls import FINGER, Convention, SpringDamper, TraditionalWall, in_series
 
 MS, MM, MJ = 1e-3, 1e-3, 1e-3
 STEP = 1e-5  # s, of the curves below; the reference's was the same
@@ -79,7 +79,7 @@ def test_press_that_leaves_before_it_stops_is_refused():
 
 
 def test_conventions_differ_by_the_inertia():
-    force = {each: RealWall().force(TIMES, PRESS, each.value) for each in Convention}
+    force = {each: walls.contact_force(PRESS.at(TIMES), FINGER, each.value) for each in Convention}
     inertia = FINGER.mass * PRESS.at(TIMES).acceleration
     # Where none of the three is clamped.
     is_pushed = (PRESS.touch_time < TIMES) & (TIMES < 0.330)
@@ -93,9 +93,8 @@ def test_conventions_differ_by_the_inertia():
 
 
 def test_unknown_convention_is_named():
-    for wall in (RealWall(), TraditionalWall()):
-        with pytest.raises(ArgumentError, match="no convention 'old', expected one of newton, pad, printed"):
-            wall.force(TIMES, PRESS, "old")
+    with pytest.raises(ArgumentError, match="no convention 'old', expected one of newton, pad, printed"):
+        TraditionalWall().force(TIMES, PRESS, "old")
 
 
 def test_force_jumps_at_the_touch_and_would_pull_at_the_loss():

@@ -14,9 +14,8 @@ from scipy import integrate, stats
 from proximity.errors import MissingLibraryError
 from proximity.lab.experiment.analysis.comparison import bayes_factor_none, compare, mixed_model, within_f
 from proximity.lab.experiment.analysis.findings import Score, counts_of, exclude, find, scores_of
-from proximity.lab.experiment.analysis.plots import draw_plots
 from proximity.lab.experiment.analysis.psychometric import Shape, fit, shared_shape, threshold_mean
-from proximity.lab.experiment.analysis.report import write_report
+from proximity.lab.experiment.analysis.report import draw_plots, write_report
 from proximity.lab.experiment.analysis.simulation import (
     false_positives,
     power,

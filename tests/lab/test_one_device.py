@@ -14,8 +14,7 @@ from paper_drums import LEVER, paper_drum
 from sealed_frames import frame
 
 from proximity.decaff.controller.chip_sources import controller_sources, write_controller
-from proximity.decaff.controller.controller import FingerController
-from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation
+from proximity.decaff.controller.controller import DrumState, FingerController, FrameMark, Observation
 from proximity.decaff.controller.settings import Limits
 from proximity.decaff.drum.drum_model import GEARS, Gear, Motor, gear_named, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from sealed_frames import frame
 
-from proximity.decaff.controller.controller import FingerController
-from proximity.decaff.controller.controller_states import FrameMark, Observation
+from proximity.decaff.controller.controller import FingerController, FrameMark, Observation
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.simulated_drums import DrumPlant

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 from proximity.errors import ServiceError
-from proximity.lab.sweep.jobs import Factor, Job, Kind, Measure
+from proximity.lab.sweep.design import Factor, Job, Kind, Measure
 from proximity.lab.sweep.study_file import read_study
 from proximity.service.config.table_fields import Range
 

@@ -14,7 +14,7 @@ from proximity.cli.output import report
 from proximity.cli.program import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
-    from proximity.lab.sweep.jobs import Job
+    from proximity.lab.sweep.design import Job
     from proximity.lab.sweep.study_file import Study
     from proximity.lab.sweep.study_run import Progress
 

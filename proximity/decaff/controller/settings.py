@@ -16,6 +16,29 @@ from proximity.system.time_units import NS_PER_MS
 
 TOUCH_GAP = 30e-6  # m, of finger or link and drum: nearer is touching; assumed
 RELEASE_GAP = 1e-3  # m, farther is released; assumed
+LEAST_WINDOW = 2  # samples
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyRule:
+    """Rule by which a force counts as steady."""
+
+    cutoff: float = 50.0  # Hz, of two low-passes in a row
+    window: float = 0.050  # s, looked back on
+    ripple: float = 0.02  # N, that the force may vary by
+    ripple_share: float = 0.05  # of the force, if that is more
+    slope: float = 0.5  # N/s, over the window
+    least: float = 0.05  # N, that the force must have
+    slow_speed: float = 2e-3  # m/s, of the finger for a window's time; inf: not asked
+
+    def __post_init__(self) -> None:
+        positive("cutoff", self.cutoff, "hertz")
+        positive("window", self.window, "seconds")
+        not_negative("ripple", self.ripple, "newtons")
+        not_negative("ripple_share", self.ripple_share, "shares")
+        positive("slope", self.slope, "newtons a second")
+        not_negative("least", self.least, "newtons")
+        positive("slow_speed", self.slow_speed, "metres a second", may_be_infinite=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +68,17 @@ class Limits:
     peak_force: float = 20.0  # N
     force_time: float = 1.0  # s, over which a force is continuous; assumed
     follow_speed: float = 1e-3  # m/s: slower, a part that is touched is at rest; assumed
+    lost_force: float = 0.05  # N: with less, for a while, the contact is lost
+    lost_time: float = 0.020  # s
+    lost_distance: float = (
+        0.5e-3  # m, of slave and object: more, and the contact is lost; inf: never
+    )
+    steady: SteadyRule = field(default_factory=SteadyRule)  # by which a position gives way to a force
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            positive(one.name, getattr(self, one.name), _unit(one.name))
+        for name in (one.name for one in fields(self) if one.name != "steady"):
+            may_be_infinite = name == "lost_distance"
+            positive(name, getattr(self, name), _unit(name), may_be_infinite=may_be_infinite)
 
     def near_speed(self, mass: float) -> float:
         """Return how fast drum and finger may come together, m/s."""
@@ -68,46 +98,6 @@ def _unit(name: str) -> str:
         if name.endswith(ending):
             return unit
     return "metres"
-
-
-LEAST_WINDOW = 2  # samples
-
-
-@dataclass(frozen=True, slots=True)
-class SteadyRule:
-    """Rule by which a force counts as steady."""
-
-    cutoff: float = 50.0  # Hz, of two low-passes in a row
-    window: float = 0.050  # s, looked back on
-    ripple: float = 0.02  # N, that the force may vary by
-    ripple_share: float = 0.05  # of the force, if that is more
-    slope: float = 0.5  # N/s, over the window
-    least: float = 0.05  # N, that the force must have
-    slow_speed: float = 2e-3  # m/s, of the finger for a window's time; inf: not asked
-
-    def __post_init__(self) -> None:
-        positive("cutoff", self.cutoff, "hertz")
-        positive("window", self.window, "seconds")
-        not_negative("ripple", self.ripple, "newtons")
-        not_negative("ripple_share", self.ripple_share, "shares")
-        positive("slope", self.slope, "newtons a second")
-        not_negative("least", self.least, "newtons")
-        positive("slow_speed", self.slow_speed, "metres a second", may_be_infinite=True)
-
-
-@dataclass(frozen=True, slots=True)
-class Handover:
-    """Rule by which the modes change."""
-
-    rule: SteadyRule = field(default_factory=SteadyRule)
-    lost_force: float = 0.05  # N: with less, for a while, the contact is lost
-    lost_time: float = 0.020  # s
-    lost_distance: float = 0.5e-3  # m, of the slave from its object: more, and the contact is lost
-
-    def __post_init__(self) -> None:
-        not_negative("lost_force", self.lost_force, "newtons")
-        not_negative("lost_time", self.lost_time, "seconds")
-        positive("lost_distance", self.lost_distance, "metres", may_be_infinite=True)
 
 
 def steady_numbers(rate: float, rule: SteadyRule) -> dict[str, float]:
@@ -165,7 +155,6 @@ class ControllerSettings:
     rate: float = SERVO_RATE  # Hz, of controller and servo
     drum: Drum = DRUMS[USUAL_GEAR]
     limits: Limits = field(default_factory=Limits)
-    handover: Handover = field(default_factory=Handover)
     servo: Servo | None = None  # None: the one that suits the drum
     cable: CableRule = field(default_factory=CableRule)
 
@@ -178,10 +167,9 @@ class ControllerSettings:
         return record, content
 
     def _of_rules(self) -> dict[str, float]:
-        limits, handover = self.limits, self.handover
-        numbers = {name: getattr(limits, name) for name in Limits.__slots__ if name in (SETTINGS.names or ())}
-        numbers |= {name: getattr(handover, name) for name in ("lost_force", "lost_time", "lost_distance")}
-        return numbers | steady_numbers(self.rate, handover.rule) | {"period": 1.0 / self.rate}
+        named = (name for name in Limits.__slots__ if name in (SETTINGS.names or ()))
+        numbers = {name: getattr(self.limits, name) for name in named}
+        return numbers | steady_numbers(self.rate, self.limits.steady) | {"period": 1.0 / self.rate}
 
     def _of_motion(self, servo: Servo) -> dict[str, float]:
         braking = BRAKING_SHARE * servo.acceleration

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
-from proximity.decaff.controller.controller_states import IN_CONTACT, DrumAction, DrumState
+from proximity.decaff.controller.controller import IN_CONTACT, DrumAction, DrumState
 from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.motors.motor_driver import (

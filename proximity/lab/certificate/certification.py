@@ -25,7 +25,7 @@ from proximity.lab.certificate.subject import Subject
 from proximity.lab.certificate.wording import microseconds, three
 from proximity.lab.certificate.work import SearchGoal
 from proximity.lab.certificate.worst_positions import Progress, SearchResult, search
-from proximity.lab.sweep.jobs import Factor, Job, Kind, Measure, Values
+from proximity.lab.sweep.design import Factor, Job, Kind, Measure, Values
 from proximity.lab.sweep.node_files import NodeFiles
 from proximity.lab.sweep.part_jobs import SCENE_FACTORS, SEEDS, TRACKER_FACTORS
 from proximity.message import MAX_RECORDS

@@ -17,8 +17,7 @@ from enum import StrEnum
 import numpy as np
 
 from proximity.checks import not_negative, positive
-from proximity.decaff.controller.controller import FingerController
-from proximity.decaff.controller.controller_states import FrameMark
+from proximity.decaff.controller.controller import FingerController, FrameMark
 from proximity.decaff.controller.settings import CableRule
 from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, DrumCommand, servo_for

@@ -12,8 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from proximity.decaff.controller.controller import FingerController, SurfaceLaw
-from proximity.decaff.controller.controller_states import DrumAction, Observation, Trust
+from proximity.decaff.controller.controller import (
+    DrumAction,
+    FingerController,
+    Observation,
+    SurfaceLaw,
+    Trust,
+)
 from proximity.decaff.controller.settings import ControllerSettings, Limits
 from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove

@@ -12,7 +12,7 @@ import numpy as np
 from proximity.checks import not_negative, positive
 from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Press
-from proximity.lab.paper.walls import FINGER, RealWall, SpringDamper, TraditionalWall, in_series
+from proximity.lab.paper.walls import FINGER, SpringDamper, TraditionalWall, contact_force, in_series
 
 PRESS = Press()
 DELAY = 0.040  # s, the paper's 25 Hz
@@ -39,7 +39,7 @@ def sample_times(step: float = 1e-5) -> np.ndarray:
 
 def real_wall(times: np.ndarray) -> np.ndarray:
     """Return FIG 5a: the real wall."""
-    return RealWall(FINGER).force(times, PRESS)
+    return contact_force(PRESS.at(times), FINGER)
 
 
 def simulated_wall(figure: str, times: np.ndarray) -> np.ndarray:

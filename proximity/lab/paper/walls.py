@@ -107,17 +107,6 @@ def total_delay(sensing: float, display: float, period: float = 0.0) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class RealWall:
-    """A rigid wall that is there, FIG 2: the pad alone gives way."""
-
-    finger: SpringDamper = FINGER
-
-    def force(self, times: ArrayLike, press: Press, convention: str = Convention.NEWTON) -> np.ndarray:
-        """Return the force on the finger, (...), N."""
-        return contact_force(press.at(times), self.finger, convention)
-
-
-@dataclass(frozen=True, slots=True)
 class TraditionalWall:
     """A wall that acts through a spring-damper, when it is penetrated, and late: FIG 3, (7) to (11)."""
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from proximity.decaff.controller.controller import FingerController
-from proximity.decaff.controller.controller_states import (
+from proximity.decaff.controller.controller import (
     DrumAction,
+    FingerController,
     FrameMark,
     Observation,
     Trust,

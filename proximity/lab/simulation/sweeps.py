@@ -38,8 +38,6 @@ DAMPING_RATIOS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.5, 3.0)
 TUNING_STEP = 2e-5  # s, of the simulation
 HOPELESS = 3.0  # an error from which on a stiffer wall is not tried
 SENSOR_SMOOTHING = 10.0  # Hz, of the force that is measured, not taken from the motor's torque
-CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, between which one is looked for
-HALVINGS = 14  # of that, in its logarithm: to a thousandth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,25 +143,6 @@ def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch
         ),
         cable=cable,
     )
-
-
-def needed_cable(hand: Hand, glove: Decaff, speed: float, error: float, stretch: Stretch) -> float:
-    """Return the stiffness of the cable at the fingertip with which a force error is reached, N/m."""
-    usual, press = TipCable.of(Glove()), hand.press(speed)
-
-    def is_enough(stiffness: float) -> bool:
-        cable = replace(usual, stiffness=stiffness)
-        return deviation(decaff(hand, press, with_transmission(glove, cable, stretch))).error <= error
-
-    soft, stiff = CABLE_STIFFNESSES
-    if not is_enough(stiff):
-        raise ArgumentError(
-            f"no cable up to {stiff:g} N/m keeps the force error at {speed:g} m/s to {error:.3g}"
-        )
-    for _ in range(HALVINGS):
-        middle = math.sqrt(soft * stiff)
-        soft, stiff = (soft, middle) if is_enough(middle) else (middle, stiff)
-    return stiff
 
 
 SETTLING_SAMPLES = 15.0  # of the servo: what is left of its lag is then small

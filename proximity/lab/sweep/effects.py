@@ -9,7 +9,7 @@ import numpy as np
 
 from proximity.lab.figures import pages
 from proximity.lab.figures.pages import COLOURS, DASHES, INK
-from proximity.lab.sweep.jobs import Job, Kind
+from proximity.lab.sweep.design import Job, Kind
 from proximity.lab.sweep.study_file import PlotChoice
 
 if TYPE_CHECKING:

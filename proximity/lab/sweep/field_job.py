@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import ServiceError
-from proximity.lab.sweep.jobs import Factor, Job, Kind, Measure, Values
+from proximity.lab.sweep.design import Factor, Job, Kind, Measure, Values
 from proximity.lab.sweep.node_files import NodeFiles
 from proximity.lab.sweep.part_jobs import SCENE_FACTORS, SEEDS
 from proximity.scene.scene import Scene

@@ -26,7 +26,7 @@ from proximity.lab.simulation.simulated_press import (
     Wall,
 )
 from proximity.lab.simulation.sweeps import Stretch, best_coupled_wall, with_latency, with_transmission
-from proximity.lab.sweep.jobs import Factor, Job, Kind, Measure, Values
+from proximity.lab.sweep.design import Factor, Job, Kind, Measure, Values
 from proximity.lab.sweep.node_files import NodeFiles
 from proximity.service.config.table_fields import Range
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from proximity.errors import ServiceError
-from proximity.lab.sweep.jobs import Job, Kind
+from proximity.lab.sweep.design import Job, Kind
 from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
 

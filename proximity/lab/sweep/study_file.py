@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from proximity.checks import as_number, is_whole
-from proximity.lab.sweep.design import ConditionSet, Design, Exclusion, Levels, Span
-from proximity.lab.sweep.jobs import Factor, Job, Kind
+from proximity.lab.sweep.design import ConditionSet, Design, Exclusion, Factor, Job, Kind, Levels, Span
 from proximity.lab.sweep.node_files import file_digest
 from proximity.service.config.table_fields import REQUIRED, Range, Table, shown
 from proximity.service.config.toml_document import Document, Path, read_document

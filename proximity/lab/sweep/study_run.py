@@ -26,8 +26,7 @@ from typing import Any
 
 import proximity
 from proximity.errors import ProximityError, ServiceError
-from proximity.lab.sweep.design import Condition
-from proximity.lab.sweep.jobs import Job
+from proximity.lab.sweep.design import Condition, Job
 from proximity.lab.sweep.node_files import NodeFiles
 from proximity.lab.sweep.row_files import RowFiles, locked, read_rows, row_paths
 from proximity.lab.sweep.study_file import Study
