@@ -16,11 +16,9 @@ from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_model import Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import DRUMS
-from proximity.lab.simulation.closed_loop import DecaffLoop
-from proximity.lab.simulation.devices import Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.closed_loop import DecaffLoop, Response
+from proximity.lab.simulation.devices import Decaff, Hand
 from proximity.lab.simulation.metrics import deviation, rest
-from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.target_policies import Target, TargetPolicy
 
 SPEEDS = (0.1, 1.0)  # m/s, of the touch

@@ -62,6 +62,8 @@ def main(arguments: list[str] | None = None) -> int:
 def _parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--cases", nargs="+", metavar="MESH/PATTERN", default=DEFAULT_CASES)
+    files = "mesh files that are measured beside the cases, near and with rays"
+    parser.add_argument("--files", nargs="+", type=Path, default=[], metavar="FILE", help=files)
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--queries", type=int, default=cases.BATCH_COUNT, help="points or rays of a batch")
     quick = f"{QUICK_ROUNDS} rounds of {QUICK_QUERIES} queries"
@@ -71,6 +73,8 @@ def _parse(arguments):
     parser.add_argument("--json", type=Path, metavar="FILE", help="write everything to FILE")
     options = parser.parse_args(arguments)
     refuse_unknown(parser, "case", options.cases, CASE_NAMES)
+    added = [cases.add_file(path) for path in options.files]
+    options.cases = [*options.cases, *(f"{name}/{pattern}" for name in added for pattern in ("near", "rays"))]
     if options.quick:
         options.rounds, options.queries = QUICK_ROUNDS, QUICK_QUERIES
     return options

@@ -18,8 +18,7 @@ needs: pip install matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 
-from proximity.lab.simulation.devices import Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand
 from proximity.lab.simulation.sweeps import best_coupled_wall, coupled_row, drum_row, with_latency
 from proximity.lab.simulation.target_policies import Target
 

@@ -91,7 +91,7 @@ drum
     "proximity.lab": """
 certificate
 experiment · part_press · sweep
-claims · figures
+figures
 engine · stability
 simulation
 paper
@@ -100,19 +100,19 @@ paper
 analysis
 session
 drum_display · observers
-dataset · methods
+dataset
 display · design_file · trial_log
 plan
 design
 """,
     "proximity.lab.certificate": """
-certificate_job · document · report
+document · report
 certification
 measurement
 service_inputs · worst_positions
 starting_positions
 work
-deadlines · subject · tick_times · wording
+deadlines · subject · wording
 """,
     "proximity.cli": """
 lab

@@ -16,7 +16,7 @@ sys.path[:0] = [str(ROOT / "tools"), str(ROOT)]
 sys.dont_write_bytecode = True  # the sources are compared by their digest alone
 
 from kernel_build.state import every_set_is_wanted, is_current  # noqa: E402 — needs the paths
-from kernel_build.targets import TARGETS, Target, extension_path, host_target  # noqa: E402
+from kernel_build.targets import TARGETS, Target, host_target, made_files  # noqa: E402
 
 
 def main() -> None:
@@ -35,8 +35,8 @@ def main() -> None:
     options = parser.parse_args()
     targets = [TARGETS[name] for name in options.target] if options.target else [host_target()]
     for target in targets if options.state else []:
-        print(f"target={target.name}\nwheel={target.wheel}\nextension={extension_path(target, options.out)}")
-        print(f"library={extension_path(target, options.out).with_name(target.library)}")
+        files = os.pathsep.join(map(str, made_files(target, options.out)))
+        print(f"target={target.name}\nwheel={target.wheel}\nfiles={files}")
         print(f"is_current={'yes' if is_current(target, options.out, every_set=options.every_set) else 'no'}")
     if not options.state:
         _fix_order()

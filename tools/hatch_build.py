@@ -29,7 +29,9 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         Installers ask in a process whose arguments name the hook, as ``get_requires_for_build_editable``.
         """
         is_editable = any(argument.endswith("_editable") for argument in sys.argv)
-        if self.target_name != "wheel" or self._state(every_set=not is_editable)["is_current"] == "yes":
+        names = [None] if is_editable else [None, "wasm32"]
+        states = (self._state(name, every_set=not is_editable)["is_current"] for name in names)
+        if self.target_name != "wheel" or all(state == "yes" for state in states):
             return []
         return REQUIREMENTS
 
@@ -39,13 +41,18 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
             return
         every_set = version != "editable"  # a wheel is for all processors of its system
         state = self._state(every_set=every_set)
-        if state["is_current"] == "no":
+        is_current = state["is_current"] == "yes"
+        if is_current and every_set:
+            is_current = self._state("wasm32", every_set=True)["is_current"] == "yes"
+        if not is_current:
             self._say(
                 f"compiling kernels for {state['target']} ahead of time, at most {SECONDS} s on two cores"
             )
             started = time.perf_counter()
             try:
-                self._tool("--target", state["target"], *self._sets(every_set))
+                self._tool(
+                    "--target", state["target"], *self._sets(every_set), *self._for_browsers(every_set)
+                )
             except subprocess.CalledProcessError:
                 if version != "editable":
                     raise
@@ -58,13 +65,18 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         if version != "editable":
             build_data["pure_python"] = False
             build_data["tag"] = f"cp311-abi3-{state['wheel']}"
-            for made in (state["extension"], state["library"]):
+            modules = self._state("wasm32", every_set=True)["files"]
+            for made in f"{state['files']}{os.pathsep}{modules}".split(os.pathsep):
                 build_data["force_include"][made] = PLACE.format(Path(made).name)
 
-    def _state(self, *, every_set: bool) -> dict[str, str]:
-        """Of the target: its name, tag and extension module, and whether that is as the sources are."""
-        lines = self._tool("--state", *self._target(), *self._sets(every_set), capture=True).splitlines()
+    def _state(self, target: str | None = None, *, every_set: bool) -> dict[str, str]:
+        """Of the target: its name, tag and files, and whether they are as the sources are."""
+        chosen = ["--target", target] if target else self._target()
+        lines = self._tool("--state", *chosen, *self._sets(every_set), capture=True).splitlines()
         return dict(line.split("=", 1) for line in lines)
+
+    def _for_browsers(self, every_set: bool) -> list[str]:
+        return ["--target", "wasm32"] if every_set else []
 
     def _sets(self, every_set: bool) -> list[str]:
         return ["--every-set"] if every_set else []

@@ -6,7 +6,7 @@ from pathlib import Path
 import proximity
 from proximity.errors import ProximityError
 from proximity.message.c_header import header_text
-from proximity.system.whole_file import whole_file
+from proximity.message.clients import write_client, write_sources
 
 HERE, NATIVE = Path(__file__).parent / "c", Path(__file__).parent.parent / "native"
 LIBRARIES = ("libproximity.so", "libproximity.dylib", "proximity.dll")
@@ -38,30 +38,26 @@ def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
 
     Returned: by the files' paths, whether they were written: an example that is there already is left alone.
     """
-    library, target = library_path(), Path(folder)
-    contents = {
+    library = library_path()
+    contents: dict[str, str | bytes] = {
         f"lib/{library.name}": library.read_bytes(),
-        "include/decaff_message.h": header_text().encode(),
+        "include/decaff_message.h": header_text(),
     }
+    import_library = library.with_suffix(".lib")
+    if import_library.is_file():
+        contents[f"lib/{import_library.name}"] = import_library.read_bytes()
     for name, place in PLACES.items():
         text = (HERE / name).read_text(encoding="utf-8")
         text = text.replace("@LIBRARY@", library.name).replace("@VERSION@", proximity.__version__)
-        contents[f"{place}/{Path(name).name}"] = text.encode()
-    written = {}
-    for name, content in contents.items():
-        path = target / name
-        is_kept = name.startswith("examples/") and path.exists()
-        written[str(path)] = not is_kept
-        if not is_kept:
-            _write(path, content)
-    return written
+        contents[f"{place}/{Path(name).name}"] = text
+    return write_sources(contents, folder, [name for name in contents if name.startswith("examples/")])
 
 
-def _write(path: Path, content: bytes) -> None:
+def write_unity_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
+    """Write the client in C# as `write_client` does, and the library where it was compiled."""
+    written = write_client("csharp", folder)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as failure:
-        reason = getattr(failure, "strerror", None) or failure
-        raise ProximityError(f"{path.parent}: is not a folder and cannot be created ({reason})") from failure
-    with whole_file(path, takes_devices=False) as stream:
-        stream.write(content)
+        library = library_path()
+    except ProximityError:  # sources are of use without it, and with one of another system
+        return written
+    return written | write_sources({f"Runtime/Plugins/{library.name}": library.read_bytes()}, folder)

@@ -12,7 +12,12 @@ import numpy as np
 
 import proximity
 from proximity.kernels import layout
-from proximity.kernels.contact_record import CONTACT_RECORD, unknown_contact
+from proximity.kernels.contact_record import (
+    CONTACT_RECORD,
+    SURFACE_DEFORMABLE,
+    SURFACE_RIGID,
+    unknown_contact,
+)
 from proximity.kernels.geometry.morton_order import SORT_FROM
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.scene.dynamic_tree import SORT_STEPS
@@ -62,6 +67,8 @@ _NUMBERS = {
     "EXACT_ENOUGH": EXACT_ENOUGH,
     "FARTHEST_MOVE": FARTHEST_MOVE,
     "FASTEST_MOVE": FASTEST_MOVE,
+    "SURFACE_RIGID": SURFACE_RIGID,
+    "SURFACE_DEFORMABLE": SURFACE_DEFORMABLE,
     "LANES": layout.LANES,
     "CONTACT_SIZE": CONTACT_RECORD.itemsize,
     "FRONTIER_SIZE": FRONTIER_SIZE,

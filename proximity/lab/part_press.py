@@ -6,16 +6,14 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from proximity.decaff.controller.controller import SurfaceLaw
-from proximity.decaff.controller.drum_limits import Limits
-from proximity.decaff.controller.settings import ControllerSettings
+from proximity.decaff.controller.settings import ControllerSettings, Limits
 from proximity.decaff.drum.servo import SERVO_RATE
-from proximity.lab.engine.engine_loop import EnginePress, press_on_part
-from proximity.lab.engine.engine_setup import Distances, EngineSetup
+from proximity.lab.engine.engine_loop import Distances, EnginePress, EngineSetup, press_on_part
 from proximity.lab.engine.finger_placement import place_finger
 from proximity.lab.engine.recorded_press import RecordedPress, recorded_hand
 from proximity.lab.figures import press_plots
 from proximity.lab.figures.style import Table
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Hand
 from proximity.lab.simulation.metrics import drum_offset
 from proximity.lab.simulation.simulated_press import Felt, cable_words, felt
 from proximity.recording import Recording

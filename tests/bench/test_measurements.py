@@ -20,8 +20,7 @@ from proximity.decaff.drum.drum_model import with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.glove import DRUMS
 from proximity.lab.simulation.closed_loop import decaff
-from proximity.lab.simulation.devices import Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand
 from proximity.lab.simulation.metrics import FELT_SWING, deviation
 from proximity.recording import read_recording
 

@@ -1,6 +1,7 @@
 """The library in C: the answers of Python to the bit, whatever happens to a scene, and no damage done."""
 
 import concurrent.futures
+import ctypes
 import dataclasses
 import functools
 import json
@@ -230,6 +231,28 @@ def test_ticks_among_parts_that_hide_are_those_of_python():
     case = ticks.TickCase("hiding", lambda _: crowd(12), 5, 400, has_paths=True, change=hide_and_show)
 
     assert ticks.digests_of_case(case, MESHES, LibraryTracker) == ticks.digests_of_case(case, MESHES)
+
+
+def test_surface_of_a_part_is_in_contacts_as_in_python():
+    scene = crowd(2)
+    tracker, python = LibraryTracker(scene, fingers=1), proximity.Tracker(scene, fingers=1)
+    opened = tracker._scene
+
+    def set_surface(part, *numbers):
+        opened.call("set_surface", opened._scene, part, *map(ctypes.c_double, numbers))
+
+    for k, numbers in enumerate([(700.0, 0.5), (0.0, 0.0), (20.0, 0.0)]):
+        set_surface(0, *numbers)
+        stiffness, damping = numbers
+        scene.set_surface("part 0", stiffness=stiffness or None, damping=damping)
+        for name in ("part 0", "part 1"):
+            at, instant = [scene.part(name).pose.translation], 10**9 + 10**6 * k
+            assert tracker.tick(at, instant, instant).tobytes() == python.tick(at, instant, instant).tobytes()
+    for numbers in [(-1.0, 0.0), (np.inf, 0.0), (0.0, 0.5), (5.0, np.nan)]:
+        with pytest.raises(ArgumentError, match="expected numbers above 0, or 0 and 0 of a rigid part"):
+            set_surface(1, *numbers)
+    with pytest.raises(ArgumentError, match="there is no part 2, expected 0 to 1"):
+        set_surface(2, 1.0, 0.0)
 
 
 def test_settings_and_ticks_that_cannot_be_used_are_told():

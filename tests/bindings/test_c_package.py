@@ -160,6 +160,20 @@ def test_example_that_is_there_is_left_alone(folder, tmp_path):
     ]
 
 
+def test_folder_for_windows_has_the_import_library(monkeypatch, tmp_path):
+    for name in ("proximity.dll", "proximity.lib"):
+        (tmp_path / name).write_text(name)
+    monkeypatch.setattr(c_package, "library_path", lambda: tmp_path / "proximity.dll")
+
+    written = c_package.write_library(tmp_path / "package")
+
+    lib = tmp_path / "package" / "lib"
+    assert {path.name for path in lib.iterdir() if path.is_file()} == {"proximity.dll", "proximity.lib"}
+    assert (lib / "proximity.lib").read_text() == "proximity.lib" and written[str(lib / "proximity.lib")]
+    config = (lib / "cmake" / "proximity" / "proximity-config.cmake").read_text()
+    assert 'IMPORTED_IMPLIB "${_prefix}/lib/proximity.lib"' in config
+
+
 def test_library_that_was_not_compiled_is_told(monkeypatch, tmp_path):
     monkeypatch.setattr(c_package, "LIBRARIES", ())
 

@@ -18,7 +18,7 @@ import proximity
 from proximity.cli.device import demo
 from proximity.cli.device.drum_loop import DrumsBeside
 from proximity.cli.service import watch_view
-from proximity.decaff.simulated_drums.service_drums import DrumBench
+from proximity.decaff.simulated_drums import DrumBench
 from proximity.errors import PublishError, ServiceError
 from proximity.message import Mode
 from proximity.service import hosting

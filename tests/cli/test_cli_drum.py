@@ -21,11 +21,11 @@ from proximity.cli.device import drum_loop
 from proximity.cli.device.drum_loop import DrumLog
 from proximity.decaff.controller.controller_states import DrumState
 from proximity.decaff.controller.settings import CableRule
-from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.drum.drum_model import Motor
+from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.glove.calibrated_glove import read_glove
 from proximity.decaff.glove.glove import Glove
-from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
+from proximity.decaff.simulated_drums import DrumBench, FingerBench
 from proximity.errors import ArgumentError
 from proximity.message import CONTACT, ContactFlag, Mode, State, Surface
 from proximity.transport import Counts, Reading, open_publisher
@@ -222,7 +222,7 @@ def test_calibration_is_given_on_the_command_line(run, service, tmp_path):
     assert (result.code, result.err) == (0, "")
     glove = read_glove(path)
     if told["state"] == "approach":  # on a machine that is not too busy
-        assert float(glove.bend_of_drum(told["drum_rad"])) > WALL - 0.01
+        assert told["drum_rad"] > float(glove.drum_angle(WALL - 0.01))
 
 
 def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_frame(run, service, tmp_path):

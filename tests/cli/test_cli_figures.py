@@ -11,7 +11,7 @@ from project import MESHES
 from proximity.cli.output import plain
 from proximity.decaff.drum.drum_model import with_random_phases
 from proximity.decaff.glove.glove import DRUMS, Glove
-from proximity.lab.engine.engine_setup import EngineSetup
+from proximity.lab.engine.engine_loop import EngineSetup
 from proximity.lab.figures.catalogue import PLATES
 from proximity.lab.part_press import document as part_document
 from proximity.lab.part_press import simulate_on_part

@@ -1,13 +1,22 @@
 """``proximity client`` and ``controller``: sources that they write, what they leave alone, and refusals."""
 
+import json
+
 import pytest
 
+import proximity
+from proximity import ProximityError
+from proximity.bindings import c_package
 from proximity.decaff.controller.chip_sources import controller_sources
 from proximity.decaff.controller.settings import CableRule, ControllerSettings
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.message.clients import EXAMPLES, client_files
 
 SETTINGS = ControllerSettings(2000.0, DRUMS["gear14"])
+
+
+def not_compiled():
+    raise ProximityError("the library has not been compiled")
 
 
 @pytest.mark.parametrize(
@@ -20,20 +29,34 @@ SETTINGS = ControllerSettings(2000.0, DRUMS["gear14"])
     ],
     ids=lambda value: " ".join(map(str, value[:2])) if isinstance(value, list) else "",
 )  # fmt: skip
-def test_sources_are_written_and_examples_are_left_alone(run, words, sources, tmp_path):
+def test_sources_are_written_and_examples_are_left_alone(run, words, sources, tmp_path, monkeypatch):
+    monkeypatch.setattr(c_package, "library_path", not_compiled)
     folder = tmp_path / "a" / "b"
     result = run(*words, "--out", folder)
-    files = {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir()}
+    files = {
+        path.relative_to(folder).as_posix(): path.read_text(encoding="utf-8") for path in folder.rglob("*.*")
+    }
     assert (result.code, result.err, files) == (0, "", sources)
     assert result.out.splitlines() == [f"{folder / name}: written" for name in sources]
 
-    for path in folder.iterdir():
-        path.write_text("mine")
+    for name in files:
+        (folder / name).write_text("mine")
     again = run(*words, "--out", folder).out.splitlines()
 
-    kept = {path.name for path in folder.iterdir() if path.read_text(encoding="utf-8") == "mine"}
+    kept = {name for name in files if (folder / name).read_text(encoding="utf-8") == "mine"}
     assert kept == EXAMPLES & set(files)
     assert all(f"{folder / name}: left alone, it is there already" in again for name in kept)
+
+
+def test_package_for_unity_has_the_library_that_was_compiled(run, tmp_path, monkeypatch):
+    (tmp_path / "proximity.dll").write_bytes(b"library")
+    monkeypatch.setattr(c_package, "library_path", lambda: tmp_path / "proximity.dll")
+
+    result = run("client", "csharp", "--out", tmp_path / "package")
+
+    plugin = tmp_path / "package" / "Runtime" / "Plugins" / "proximity.dll"
+    assert plugin.read_bytes() == b"library" and f"{plugin}: written" in result.out
+    assert json.loads((tmp_path / "package" / "package.json").read_text())["version"] == proximity.__version__
 
 
 def test_stiffness_of_the_cable_is_a_number_in_the_sources(run, tmp_path):

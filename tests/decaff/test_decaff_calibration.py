@@ -113,14 +113,8 @@ def test_drum_stands_where_the_replica_will_be():
 
     for counts in HAND.counts(BENDS)[::40]:
         replica = DESIGN.potentiometer.angle(counts)
-        stands = DESIGN.drum.replica_angle(GLOVE.drum_angle(GLOVE.bend_of_counts(counts)) - MOUNTED)
+        stands = GLOVE.drum_angle(GLOVE.bend_of_counts(counts)) - MOUNTED - DESIGN.drum.alpha
         assert float(stands) == pytest.approx(float(replica), abs=1e-6)
-
-
-def test_bend_is_found_again_from_the_drum_even_when_it_is_retracted():
-    bends = np.linspace(-0.1, 1.6, 35)
-
-    np.testing.assert_allclose(GLOVE.bend_of_drum(GLOVE.drum_angle(bends)), bends, rtol=0, atol=1e-6)
 
 
 def test_finger_is_the_measured_one():

@@ -14,15 +14,12 @@ from wire import MS, SESSION, Clock, Wire
 
 from proximity.decaff.controller.chip_sources import controller_sources, write_controller
 from proximity.decaff.controller.compiled import HEADER, SETTINGS
-from proximity.decaff.controller.controller import FingerController, SurfaceLaw
+from proximity.decaff.controller.controller import FingerController, SurfaceLaw, largest_passive_stiffness
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation, Trust
-from proximity.decaff.controller.drum_limits import Limits
-from proximity.decaff.controller.passivity import largest_passive_stiffness
-from proximity.decaff.controller.settings import CableRule, ControllerSettings
+from proximity.decaff.controller.settings import CableRule, ControllerSettings, Limits
 from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
 from proximity.decaff.drum.drum_model import USUAL_GEAR
-from proximity.decaff.drum.servo import servo_for
+from proximity.decaff.drum.servo import DriveMode, DrumCommand, servo_for
 from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.message import ContactFlag, Defect, Mode, Source, Surface

@@ -13,9 +13,8 @@ from proximity.decaff.drum import drum_kernels, servo
 from proximity.decaff.drum.drum_model import Gear, Motor
 from proximity.decaff.drum.servo import servo_for, settling_time
 from proximity.errors import ArgumentError
-from proximity.lab.simulation import arrival
-from proximity.lab.simulation.devices import Decaff, Sensing
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation import sweeps
+from proximity.lab.simulation.devices import Decaff, Hand, Sensing
 
 FRICTIONLESS = replace(paper_drums.MOTOR, friction=0.0)
 
@@ -209,11 +208,11 @@ def test_look_ahead_by_bisection_and_by_formula(name):
     for latency, row in zip((0.001, 0.040), LOOK_AHEADS[name], strict=True):
         sensing = Sensing(latency=latency)
         glove = Decaff(drum, gains, sensing=sensing)
-        needs = arrival.arrival_time(drum, gains, glove.holding.retracted)
+        needs = sweeps.arrival_time(drum, gains, glove.holding.retracted)
         for speed, printed in zip((0.1, 0.25, 0.5, 1.0), row, strict=True):
-            found = arrival.needed_look_ahead(Hand(), glove, speed)
+            found = sweeps.needed_look_ahead(Hand(), glove, speed)
             assert found == pytest.approx(1e-3 * printed, abs=5e-3)
-            assert -2.1e-3 <= found - arrival.look_ahead(speed, sensing, needs) < 5e-3
+            assert -2.1e-3 <= found - sweeps.look_ahead(speed, sensing, needs) < 5e-3
 
 
 @pytest.mark.parametrize(
@@ -226,7 +225,7 @@ def test_look_ahead_by_bisection_and_by_formula(name):
         (lambda: replace(servo_for(GEAR49, 3e3), speed=math.nan), "speed is nan, expected a positive number"),
         (lambda: settling_time(GEAR49, servo_for(GEAR49, 3e3), 5e-5),
          "distance is 5e-05, expected metres, far"),
-        (lambda: arrival.needed_look_ahead(Hand(), Decaff(sensing=Sensing(latency=0.5)), 1.0),
+        (lambda: sweeps.needed_look_ahead(Hand(), Decaff(sensing=Sensing(latency=0.5)), 1.0),
          "the drum is late at 1 m/s, even when known from 0.16 m away"),
     ],
 )  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from simulated_motors import Cia402Motor, ODriveMotor, SimpleFocMotor
 
-from proximity.decaff.calibration import motor_port
+from proximity.decaff.calibration import instruments
 from proximity.decaff.calibration.drum_chirp import (
     drum_stiffness,
     free_chirp,
@@ -17,10 +17,10 @@ from proximity.decaff.calibration.drum_chirp import (
     identify_held,
     inertia,
 )
-from proximity.decaff.calibration.motor_port import MotorPort
+from proximity.decaff.calibration.instruments import MotorPort
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
-from proximity.decaff.motors.motor_set import opened_motors
+from proximity.decaff.motors.motor_drum import opened_motors
 from proximity.errors import DecaffError, MotorError
 
 GLOVE = Glove()
@@ -167,8 +167,8 @@ def test_ratio_that_is_not_the_drums_is_refused(drum):
 
 def test_answers_that_come_late_are_left_out_and_a_long_silence_is_refused():
     row = [(0.002 * i, float(i % 2), 0.1 * i, 0.0, i // 2) for i in range(50)]  # every other answer is new
-    record = motor_port._record(row)
+    record = instruments._record(row)
     assert len(record.times) == 25
     np.testing.assert_allclose(record.commanded, 0.5)
     with pytest.raises(DecaffError, match=r"^the motor did not answer for 40 ms of a swing, expected an ans"):
-        motor_port._record([row[0], (0.04, 0.0, 0.0, 0.0, 1)])
+        instruments._record([row[0], (0.04, 0.0, 0.0, 0.0, 1)])

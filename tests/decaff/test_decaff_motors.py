@@ -12,15 +12,14 @@ from sealed_frames import frame
 from simulated_motors import Cia402Motor, ODriveMotor, SimpleFocMotor
 
 from proximity.decaff.controller.controller_states import DrumAction, DrumState
-from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.glove.calibrated_glove import read_glove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.motors.motor_driver import MotorCommand, MotorScale, MotorSettings, open_motor
-from proximity.decaff.motors.motor_drum import MotorDrum
-from proximity.decaff.motors.motor_set import home_all, opened_motors
+from proximity.decaff.motors.motor_drum import MotorDrum, home_all, opened_motors
 from proximity.decaff.motors.simplefoc import SimpleFoc
-from proximity.decaff.simulated_drums.service_drums import DrumBench
+from proximity.decaff.simulated_drums import DrumBench
 from proximity.errors import MotorError
 from proximity.message import CONTACT, Mode, State
 from proximity.transport import Reading

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from moving_parts import RATE, SITUATIONS, STIFFNESS, WALL, Situation, ramp, shown
 
-from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.settings import Limits
 from proximity.decaff.drum.drum_model import USUAL_GEAR
 from proximity.decaff.glove.glove import DRUMS
 from proximity.message import Surface

@@ -5,11 +5,27 @@ import math
 import numpy as np
 import pytest
 
-from proximity.decaff.controller.steady_force import Handover, SteadyForce, SteadyRule
+from proximity.decaff.controller.compiled import SETTINGS, STEADY, in_c, memory
+from proximity.decaff.controller.settings import Handover, SteadyRule, steady_numbers
 from proximity.errors import ArgumentError
 
 RATE = 3000.0
 ANY_SPEED = SteadyRule(slow_speed=math.inf)  # as in the reference's table, whose rule does not ask for it
+
+
+class SteadyForce:
+    """Watches a force, sample by sample at a *rate* in hertz, until it is steady, as the controller does."""
+
+    def __init__(self, rate: float, rule: SteadyRule | None = None) -> None:
+        _, settings, content = memory(SETTINGS)
+        for name, number in steady_numbers(rate, rule or SteadyRule()).items():
+            settings[name] = number
+        _, self._watch, watched = memory(STEADY)
+        self._content = watched[0], content[0]
+
+    def take(self, force: float, speed: float) -> bool:
+        """Return whether the force, N, is steady by now; *speed*, m/s, is the finger's."""
+        return bool(in_c("is_steady")(*self._content, force, speed))
 
 
 def steady_at(force, speed=0.0, rule=ANY_SPEED):

@@ -9,16 +9,14 @@ from sealed_frames import frame
 
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import DrumAction, DrumState, FrameMark, Observation
-from proximity.decaff.controller.drum_limits import Limits
-from proximity.decaff.drum.drum_command import DriveMode
-from proximity.decaff.drum.servo import SERVO_RATE
+from proximity.decaff.controller.settings import Limits
+from proximity.decaff.drum.servo import SERVO_RATE, DriveMode
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
-from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
+from proximity.decaff.simulated_drums import DrumPlant
 from proximity.lab.simulation.closed_loop import decaff
-from proximity.lab.simulation.devices import Decaff
+from proximity.lab.simulation.devices import Decaff, Hand
 from proximity.lab.simulation.frame_readers import ControllerInLoop
-from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.target_policies import Target
 from proximity.message import ContactFlag, Mode, State
 

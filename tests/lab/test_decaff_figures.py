@@ -9,11 +9,11 @@ import matplotlib
 import matplotlib.figure
 import numpy as np
 import pytest
+from sampled_walls import stiffness_limit
 
-from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness, stiffness_limit
+from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness
 from proximity.errors import ArgumentError, MissingLibraryError
-from proximity.lab.engine.engine_loop import press_on_part
-from proximity.lab.engine.engine_setup import EngineSetup
+from proximity.lab.engine.engine_loop import EngineSetup, press_on_part
 from proximity.lab.engine.finger_placement import place_finger
 from proximity.lab.figures import (
     arrival_plots,
@@ -29,7 +29,7 @@ from proximity.lab.figures import (
 from proximity.lab.figures.style import Table
 from proximity.lab.paper import figure_5
 from proximity.lab.simulation import simulated_press
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Hand
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.simulated_press import Setup, Wall, simulate
 
@@ -99,9 +99,8 @@ def test_edge_of_the_stability_figure_is_where_the_model_ends(delay):
     device, table = SampledMass(delay_samples=delay), stability_plots.numbers()
     edge = table.where(delay_samples=delay, kind="edge")
     some = slice(1, -1, 57)
-    pairs = zip(edge["damping_N_s_per_m"][some], edge["stiffness_N_per_m"][some], strict=True)
-    for damping, stiffness in pairs:
-        assert stiffness_limit(device, damping) == pytest.approx(stiffness, rel=1e-9)
+    limits = stiffness_limit(device, edge["damping_N_s_per_m"][some])
+    assert limits == pytest.approx(edge["stiffness_N_per_m"][some], rel=1e-9)
     top = table.where(delay_samples=delay, kind="stiffest")
     assert top["stiffness_N_per_m"].tolist() == [maximum_stiffness(device).stiffness]
 

@@ -7,8 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from proximity.errors import ArgumentError
-from proximity.lab.paper import energies, figure_5, walls
-from proximity.lab.paper.energies import Stop
+from proximity.lab.paper import figure_5, walls
 from proximity.lab.paper.trajectories import Press
 from proximity.lab.paper.walls import FINGER, Convention, RealWall, SpringDamper, TraditionalWall, in_series
 
@@ -154,6 +153,13 @@ def test_wall_without_force_has_no_end():
     assert math.isnan(figure_5.compare(TIMES, 0.0 * TIMES, CURVES["5a"]).end_time)
 
 
+def growth(finger, gain, step):
+    """By how much a disturbance grows in a step, while the finger stays in contact: the largest root."""
+    damping, inertia = finger.damping / step, finger.mass / step**2
+    weights = np.array([finger.stiffness + damping + inertia, -damping - 2.0 * inertia, inertia])
+    return float(np.abs(np.roots([1.0, *(gain * weights)])).max())
+
+
 CRITICAL = {1: 0.019157, 2: 0.061728, 5: 0.238095, 10: 0.555556, 20: 1.111111, 40: 1.904762}
 
 
@@ -162,9 +168,9 @@ def test_critical_gain_is_that_of_the_paper_and_of_the_roots(step_ms):
     gain = figure_5.critical_gain(FINGER, step_ms * MS)
 
     assert gain * 1e3 == pytest.approx(CRITICAL[step_ms], abs=5.1e-7)
-    assert figure_5.growth(FINGER, 0.999 * gain, step_ms * MS) < 1.0
-    assert figure_5.growth(FINGER, gain, step_ms * MS) == pytest.approx(1.0, abs=1e-12)
-    assert figure_5.growth(FINGER, 1.001 * gain, step_ms * MS) > 1.0
+    assert growth(FINGER, 0.999 * gain, step_ms * MS) < 1.0
+    assert growth(FINGER, gain, step_ms * MS) == pytest.approx(1.0, abs=1e-12)
+    assert growth(FINGER, 1.001 * gain, step_ms * MS) > 1.0
 
 
 @pytest.mark.parametrize(("step_ms", "factor"), [(1, 1.248), (40, 1.367)])
@@ -174,7 +180,7 @@ def test_disturbance_grows_as_the_roots_say(step_ms, factor):
     press = Press(release_time=100.0)
     reaction = figure_5.react(press, FINGER, gain, step, end=PRESS.stop_time + 100 * step, can_pull=True)
 
-    assert figure_5.growth(FINGER, gain, step) == pytest.approx(factor, abs=5e-4)
+    assert growth(FINGER, gain, step) == pytest.approx(factor, abs=5e-4)
     steady = FINGER.stiffness * press.depth / (1.0 + gain * FINGER.stiffness)
     disturbance = np.abs(reaction.force - steady)[-20:]
     np.testing.assert_allclose(disturbance[1:] / disturbance[:-1], factor, atol=1e-3)
@@ -249,51 +255,54 @@ def test_wall_that_answers_before_is_refused():
         TraditionalWall(delay=-0.04)
 
 
+SMOOTH = 26 / 35  # of a press
+
+
 @pytest.mark.parametrize(
-    ("stop", "expected"),
-    [(Stop.QUINTIC, 26 / 35), (Stop.EXPONENTIAL, 1 / 2), ("constant deceleration", 2 / 3)],
+    ("left", "end", "factor"),
+    [
+        (lambda s: math.exp(-s), math.inf, 1 / 2),
+        (lambda s: 1.0 - s / 2.0, 2.0, 2 / 3),
+        (lambda s: float(PRESS.at(PRESS.touch_time + s * 0.004 / 0.1).velocity) / 0.1, 2.0, SMOOTH),
+    ],
 )
-def test_kappa_of_each_stop(stop, expected):
-    assert energies.kappa(stop) == pytest.approx(expected, abs=1e-8)
+def test_factor_of_the_loss_is_the_mean_of_the_speed_that_is_left(left, end, factor):
+    assert quad(left, 0.0, end)[0] == pytest.approx(1.0)
+    assert quad(lambda s: left(s) ** 2, 0.0, end)[0] == pytest.approx(factor, abs=1e-8)
 
 
-def test_kappa_of_a_stop_told_by_a_function():
-    """A press's own speeds, by its motion."""
+def energies(press, finger):
+    """Kinetic energy at the touch, work of the hand, energy of the spring, loss of the damper, J."""
 
-    def left(s):
-        return float(PRESS.at(PRESS.touch_time + s * PRESS.depth / PRESS.speed).velocity) / PRESS.speed
+    def integral(value):
+        return quad(value, press.touch_time, press.stop_time, epsabs=1e-15)[0]
 
-    assert energies.kappa(left, 2.0) == pytest.approx(energies.kappa(Stop.QUINTIC), abs=1e-8)
-    with pytest.raises(ArgumentError, match="the finger goes 2 depths until it rests, expected 1"):
-        energies.kappa(lambda s: 1.0, 2.0)
-    with pytest.raises(
-        ArgumentError, match="no stop 'soft', expected one of exponential, constant deceleration, q"
-    ):
-        energies.kappa("soft")
+    def power(t):
+        motion = press.at([t])
+        return float((walls.contact_force(motion, finger, can_pull=True) * motion.velocity)[0])
+
+    loss = integral(lambda t: finger.damping * float(press.at(t).velocity) ** 2)
+    spring = walls.spring_energy(finger.stiffness, press.depth)
+    return 0.5 * finger.mass * press.speed**2, integral(power), spring, loss
 
 
 def test_press_takes_the_muscles_work():
     """Reference on equation (12): 0.05 mJ of kinetic energy cannot pay 2.80 mJ, the hand works."""
-    found = energies.balance(PRESS, FINGER)
-    factor = energies.kappa(Stop.QUINTIC)
+    kinetic, work, spring, loss = energies(PRESS, FINGER)
 
-    assert found.residual == pytest.approx(0.0, abs=1e-17)
-    assert found.kinetic == pytest.approx(0.05 * MJ, abs=1e-9 * MJ)
-    assert found.spring == pytest.approx(1.600 * MJ, abs=1e-9 * MJ)
-    assert found.loss == pytest.approx(1.782857 * MJ, abs=5.1e-7 * MJ)
-    assert found.work == pytest.approx(3.332857 * MJ, abs=5.1e-7 * MJ)
-    assert found.loss == pytest.approx(energies.damping_loss(6.0, 0.1, 0.004, factor), rel=1e-9)
-    printed = energies.spring_energy(200.0, 0.004) + energies.damping_loss(6.0, 0.1, 0.004, 0.5)
+    assert kinetic + work == pytest.approx(spring + loss, abs=1e-13)
+    assert kinetic == pytest.approx(0.05 * MJ, abs=1e-9 * MJ)
+    assert spring == pytest.approx(1.600 * MJ, abs=1e-9 * MJ)
+    assert loss == pytest.approx(1.782857 * MJ, abs=5.1e-7 * MJ)
+    assert work == pytest.approx(3.332857 * MJ, abs=5.1e-7 * MJ)
+    assert loss == pytest.approx(walls.damping_loss(6.0, 0.1, 0.004, SMOOTH), rel=1e-9)
+    printed = walls.spring_energy(200.0, 0.004) + walls.damping_loss(6.0, 0.1, 0.004, 0.5)
     assert printed == pytest.approx(2.80 * MJ, rel=1e-12)
-    assert printed - energies.kinetic_energy(0.010, 0.1) == pytest.approx(2.75 * MJ, rel=1e-12)
 
 
 def test_energy_excess_is_that_of_the_two_presses():
-    """(13) to (15) against the energies of the motions themselves."""
-    deep = PRESS.deeper(0.004)
-    real, simulated = energies.balance(PRESS, FINGER), energies.balance(deep, figure_5.SOFT)
-    found = energies.energy_excess(PRESS, 0.004, FINGER, figure_5.SOFT, factor=energies.kappa(Stop.QUINTIC))
+    """(13) to (15) against the energies of the motions themselves: their kinetic energy is the same."""
+    real, simulated = (energies(press, FINGER)[1] for press in (PRESS, PRESS.deeper(0.004)))
+    found = walls.energy_excess(PRESS, 0.004, FINGER, factor=SMOOTH)
 
-    assert found.spring == pytest.approx(simulated.spring - real.spring, abs=1e-15)
-    assert found.damping == pytest.approx(simulated.loss - real.loss, abs=1e-12)
-    assert found.total == pytest.approx(simulated.work - real.work, abs=1e-12)  # same kinetic energy: work
+    assert found == pytest.approx(simulated - real, abs=1e-12)

@@ -13,7 +13,7 @@ from proximity.lab.experiment.design_file import read_design
 from proximity.lab.experiment.display import interval_of, trial_at
 from proximity.lab.experiment.observers import DISTANCE_RATE, Observer, unstable_walls
 from proximity.lab.experiment.plan import PlannedTrial, Stage, Text, latin_square, minutes, plan, trials_of
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Hand
 from proximity.lab.simulation.sweeps import best_coupled_wall
 
 

@@ -19,8 +19,8 @@ from proximity.errors import RecordingError
 from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design_file import read_design
 from proximity.lab.experiment.display import FRAME, TRIAL_FIELDS, Interval, Presentation
-from proximity.lab.experiment.methods import QuestPlus, Staircase
 from proximity.lab.experiment.observers import Observer, cut_at_limits
+from proximity.lab.experiment.plan import QuestPlus, Staircase
 from proximity.lab.experiment.session import Monitor, RefusedError, Session, StoppedError
 from proximity.lab.experiment.trial_log import TrialLog, read_log
 from proximity.lab.simulation.simulated_press import Wall

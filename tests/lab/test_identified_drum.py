@@ -14,8 +14,7 @@ from proximity.decaff.calibration.results import Session
 from proximity.decaff.calibration.simulated_glove import SimulatedGlove
 from proximity.decaff.calibration.tasks import Bench
 from proximity.decaff.controller.chip_sources import controller_sources
-from proximity.decaff.controller.controller import SurfaceLaw
-from proximity.decaff.controller.passivity import required_damping
+from proximity.decaff.controller.controller import SurfaceLaw, required_damping
 from proximity.decaff.controller.settings import ControllerSettings
 from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_kernels import serve_against
@@ -24,15 +23,13 @@ from proximity.decaff.drum.servo import SERVO_RATE, move, servo_for, settling_ti
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove, read_any_glove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
-from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
+from proximity.decaff.simulated_drums import DrumPlant
 from proximity.errors import ArgumentError, DecaffError
 from proximity.lab.simulation.closed_loop import decaff
-from proximity.lab.simulation.devices import Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand, TipCable
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.simulated_press import Setup, simulate
 from proximity.lab.simulation.sweeps import with_transmission
-from proximity.lab.simulation.tip_cable import TipCable
 
 GEAR51 = DRUMS["gear51"]
 NOWHERE = -1e9  # m, of a finger that touches nothing

@@ -16,20 +16,18 @@ from sealed_frames import frame
 from proximity.decaff.controller.chip_sources import controller_sources, write_controller
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import DrumState, FrameMark, Observation
-from proximity.decaff.controller.drum_limits import Limits
+from proximity.decaff.controller.settings import Limits
 from proximity.decaff.drum.drum_model import GEARS, Gear, Motor, gear_named, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.calibrated_glove import read_any_glove
-from proximity.decaff.glove.calibration import read_calibration, write_calibration
-from proximity.decaff.glove.design import glove_of, table_of
+from proximity.decaff.glove.calibration import glove_of, read_calibration, table_of, write_calibration
 from proximity.decaff.glove.drum_geometry import EccentricDrum
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import CONTACT_BEND, DRUMS, Glove, with_gear
 from proximity.decaff.motors.motor_driver import MotorScale, MotorSettings
 from proximity.errors import ArgumentError, DecaffError
 from proximity.lab.simulation import sweeps
-from proximity.lab.simulation.devices import Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand
 from proximity.lab.simulation.simulated_press import Setup
 from proximity.message import ContactFlag, Mode, State
 
@@ -72,7 +70,7 @@ def test_torque_of_a_newton_is_one_number_for_firmware_motors_and_simulation(gea
     angle = path.drum_angle(path.position(CONTACT_BEND))
 
     expected = float(glove.replica_torque(CONTACT_BEND, 1.0)) / turns  # the drum is an arm about the replica
-    assert float(glove.motor_torque(CONTACT_BEND, 1.0)) == pytest.approx(expected, rel=1e-12)
+    assert float(glove.lever(CONTACT_BEND)) / turns == pytest.approx(expected, rel=1e-12)
     assert DRUMS[gear].motor_torque(1.0) == path.drum.motor_torque(1.0) == pytest.approx(expected, rel=1e-12)
     scale = MotorScale(path, MotorSettings("motor", ratio=turns))
     assert -scale.torque(1.0, angle) == pytest.approx(expected, rel=5e-5)  # by the slope between two rows

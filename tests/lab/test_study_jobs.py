@@ -11,14 +11,12 @@ import proximity
 from proximity.decaff.drum.drum_model import PHASE_SEED, USUAL_GEAR, with_random_phases
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.errors import ArgumentError, MissingLibraryError, ServiceError
-from proximity.lab.certificate.certificate_job import CERTIFICATE
+from proximity.lab.certificate.certification import CERTIFICATE
 from proximity.lab.simulation.closed_loop import decaff
-from proximity.lab.simulation.devices import Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand, TipCable
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.simulated_press import Setup, Wall, simulate
 from proximity.lab.simulation.sweeps import Stretch, best_coupled_wall, with_transmission
-from proximity.lab.simulation.tip_cable import TipCable
 from proximity.lab.sweep import node_files
 from proximity.lab.sweep.field_job import FIELD
 from proximity.lab.sweep.node_files import NodeFiles, file_digest

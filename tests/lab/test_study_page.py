@@ -8,10 +8,10 @@ import pytest
 from study_jobs import study_of
 
 from proximity.errors import ServiceError
-from proximity.lab.sweep.condition_run import repeat
 from proximity.lab.sweep.effects import NOT_USED, Rows, effect
 from proximity.lab.sweep.row_files import MADE_BY, RowFiles, read_rows
 from proximity.lab.sweep.study_page import shown, study_page
+from proximity.lab.sweep.study_run import repeat
 
 FACTORS = "number = [1, 2, 3, 4]\nspeed = [1, 2]\nwall = ['hard', 'soft']\nstiffness = [10, 20]"
 

@@ -105,33 +105,6 @@ def test_cpp_client_compiles_for_windows(tmp_path):
     run(cross, "-std=c++20", *WARNINGS, tmp_path / "example.cpp", "-lws2_32", "-o", tmp_path / "example.exe")
 
 
-UNITY = """
-namespace UnityEngine
-{
-    public struct Vector3 { public float x, y, z; }
-    public class HideInInspectorAttribute : System.Attribute { }
-    public class Transform
-    {
-        public Vector3 position;
-        public Vector3 InverseTransformPoint(Vector3 point) { return point; }
-    }
-    public class MonoBehaviour { }
-}
-"""
-
-
-def test_component_for_unity_compiles_against_names_of_unity(tmp_path):
-    """Against stand-ins of what it uses of Unity, which is not here."""
-    write_client("csharp", tmp_path)
-    (tmp_path / "Unity.cs").write_text(UNITY)
-    sources = [
-        tmp_path / name for name in ("DecaffMessages.cs", "DecaffClient.cs", "DecaffHand.cs", "Unity.cs")
-    ]
-
-    options = ["-unsafe", "-nologo", "-warn:4", "-nowarn:0649", "-warnaserror", "-target:library"]
-    run(compiler("mcs"), *options, "-define:UNITY_5_3_OR_NEWER", *sources, f"-out:{tmp_path / 'hand.dll'}")
-
-
 @pytest.mark.parametrize("name", RECORDS)
 def test_every_field_of_javascript_is_where_numpy_has_it(name):
     assert_is_where_numpy_has_it(constant(layout_module(), "RECORDS")[name], dtype_of(RECORDS[name][1]))

@@ -10,7 +10,7 @@ from fake_service import MS, Newest, QueueInlet, filled
 from ticking import solid
 
 from proximity.decaff.glove.calibrated_glove import read_glove
-from proximity.decaff.simulated_drums.service_drums import DrumBench
+from proximity.decaff.simulated_drums import DrumBench
 from proximity.message import FRAME, GLOVE_POSES, Message, State
 from proximity.scene.scene import Scene
 from proximity.service import FingerPoses, MessageInput, TrackedContacts

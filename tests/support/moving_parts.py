@@ -9,7 +9,7 @@ from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import FrameMark, Observation
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.decaff.simulated_drums.simulated_drum import DrumPlant
+from proximity.decaff.simulated_drums import DrumPlant
 from proximity.message import ContactFlag, Mode, State, Surface
 
 PATH = FingerPath(Glove())

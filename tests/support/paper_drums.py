@@ -25,3 +25,8 @@ PAPER_DRUMS = {"gear12": GEAR12, "gear49": GEAR49, "gear122": GEAR122}
 PAPER_GLOVE = Decaff(GEAR49)
 PAPER_DESIGN = Glove(motor=MOTOR, gear=GEAR49.gear)
 PAPER_DEVICE = Link(mass=0.020, damping=0.05)  # link and rotor that a coupled wall hangs on the finger
+
+
+def steady_force(hand, depth, wall_stiffness):
+    """Force at rest of a hand that means a depth, on a wall that gives way, N."""
+    return depth / (1.0 / hand.series_stiffness + 1.0 / wall_stiffness)

@@ -14,7 +14,15 @@ from kernel_build import front_end
 from kernel_build.link import entry_table, link, link_library
 from kernel_build.objects import emit_object
 from kernel_build.state import library_digest, sources_digest
-from kernel_build.targets import Instructions, Target, extension_path, host_target, wrapper_symbol
+from kernel_build.targets import (
+    Instructions,
+    Target,
+    extension_path,
+    host_target,
+    module_path,
+    wrapper_symbol,
+)
+from kernel_build.wasm import link_module
 from proximity.native.declaration import ENTRIES
 from proximity.native.sources import PACKAGE
 
@@ -32,9 +40,13 @@ as long.
 def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]:
     """Make the extension module of each target at its `extension_path`, and the library beside it; the paths.
 
-    Of this machine's target only the best set of instructions that it has, unless *every_set*.
+    Of this machine's target only the best set of instructions that it has, unless *every_set*; for browsers
+    both.
     """
-    sets = {target.name: target.sets if every_set else usable_sets(target)[-1:] for target in targets}
+    sets = {
+        target.name: target.sets if every_set or not target.extension else usable_sets(target)[-1:]
+        for target in targets
+    }
     process_count = min(len(GROUPS), os.cpu_count() or 1)
     groups = [tuple(range(first, len(GROUPS), process_count)) for first in range(process_count)]
     with ProcessPoolExecutor(process_count) as pool:
@@ -47,7 +59,10 @@ def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]
             for instructions in sets[target.name]
             for names, content in compiled
         ]
-        made += _linked(target, objects, digest, extension_path(target, folder))
+        if target.extension:
+            made += _linked(target, objects, digest, extension_path(target, folder))
+        else:
+            made += [_linked_module(target, objects, each, folder) for each in sets[target.name]]
     return made
 
 
@@ -120,7 +135,30 @@ def _linked(target: Target, objects: list[CompiledGroup], digest: str, path: Pat
         table.write_text(entry_table(wrappers, digest), encoding="utf-8")
         extension = link(target, files, table, Path(scratch))
         library = link_library(target, files, wrappers, library_digest(), Path(scratch))
-        return [_placed(extension, path), _placed(library, path.with_name(target.library))]
+        made = [_placed(extension, path), _placed(library, path.with_name(target.library))]
+        if target.import_library:
+            made.append(
+                _placed(library.with_name(target.import_library), path.with_name(target.import_library))
+            )
+        return made
+
+
+def _linked_module(
+    target: Target, objects: list[CompiledGroup], instructions: Instructions, folder: Path
+) -> Path:
+    """Link the objects of one set of instructions to a module for browsers; its path."""
+    own = [each for each in objects if each.instructions == instructions]
+    with tempfile.TemporaryDirectory() as scratch:
+        files = [Path(scratch, f"{number}.o") for number in range(len(own))]
+        for path, each in zip(files, own, strict=True):
+            path.write_bytes(each.content)
+        symbols = [
+            (instructions.name, name, wrapper_symbol(name, instructions))
+            for each in own
+            for name in each.names
+        ]
+        module = link_module(target, files, symbols, library_digest(), Path(scratch))
+        return _placed(module, module_path(instructions, folder))
 
 
 def _placed(made: Path, path: Path) -> Path:

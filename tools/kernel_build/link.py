@@ -29,32 +29,42 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
     sources = [table, *sorted(NATIVE.glob("*.c")), *CONTROLLER.glob("*.c")]
     compiled = [_compiled(target, source, folder, *_headers(target)) for source in sources]
     files = map(str, [*compiled, *objects])
-    _zig(target, folder, "-shared", "-s", "-o", str(extension), *files, *_system(target, compiled, folder))
+    zig(target, folder, "-shared", "-s", "-o", str(extension), *files, *_system(target, compiled, folder))
     return extension
 
 
 def link_library(
     target: Target, objects: list[Path], wrappers: list[tuple[str, str, str]], digest: str, folder: Path
 ) -> Path:
-    """Return the library in C, of the same objects; `link` has been in that folder before."""
+    """Return the library in C, of the same objects; beside it is its import library, where there is one."""
     library = folder / target.library
+    files = [*library_objects(target, wrappers, digest, folder), *objects]
+    name = [f"-Wl,-soname,{target.library}"] if target.name.startswith("linux") else []
+    if target.import_library:
+        name = [f"-Wl,--out-implib,{folder / target.import_library}"]
+    zig(target, folder, "-shared", "-s", *name, "-o", str(library), *map(str, files), *_mathematics(target))
+    return library
+
+
+def library_objects(
+    target: Target, wrappers: list[tuple[str, str, str]], digest: str, folder: Path
+) -> list[Path]:
+    """Return the objects of the library's own files in C, and of the table of *wrappers*."""
     sets: dict[str, dict[str, str]] = {}
     for instructions, name, symbol in wrappers:
         sets.setdefault(instructions, {})[name] = symbol
+    (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
     (folder / "core_tables.h").write_text(tables_header(), encoding="ascii")
     table = folder / "core_tables.c"
     table.write_text(tables_source(sets.items(), digest), encoding="ascii")
     options = ["-DPROXIMITY_BUILDS", "-D_GNU_SOURCE", f"-I{LIBRARY}", f"-I{NATIVE}"]
-    compiled = [_compiled(target, each, folder, *options) for each in (table, *sorted(LIBRARY.glob("*.c")))]
-    files = [*compiled, folder / "runtime.o", folder / "processor.o", *objects]
-    name = [f"-Wl,-soname,{target.library}"] if target.name.startswith("linux") else []
-    _zig(target, folder, "-shared", "-s", *name, "-o", str(library), *map(str, files), *_mathematics(target))
-    return library
+    sources = [table, *sorted(LIBRARY.glob("*.c")), NATIVE / "runtime.c", NATIVE / "processor.c"]
+    return [_compiled(target, source, folder, *options) for source in sources]
 
 
 def _compiled(target: Target, source: Path, folder: Path, *options: str) -> Path:
     made = folder / f"{source.stem}.o"
-    _zig(target, folder, *_COMPILE, *options, f"-I{folder}", "-c", str(source), "-o", str(made))
+    zig(target, folder, *_COMPILE, *options, f"-I{folder}", "-c", str(source), "-o", str(made))
     return made
 
 
@@ -82,7 +92,8 @@ def _functions_in_c() -> list[str]:
     return re.findall(r"^int (\w+)\(void \*\*unused, void \*\*no_error, int64_t words\)", text, re.MULTILINE)
 
 
-def _zig(target: Target, folder: Path, *options: str) -> None:
+def zig(target: Target, folder: Path, *options: str) -> None:
+    """Run the compiler for a target; `SystemExit` with what it says where it fails."""
     cache = str(folder / "zig")
     done = subprocess.run(
         [sys.executable, "-m", "ziglang", "cc", "-target", target.zig, *options],

@@ -5,6 +5,8 @@ import re
 from llvmlite import binding
 
 from kernel_build.targets import WRAPPER_PREFIX, Instructions, Target, wrapper_symbol
+from kernel_build.wasm import without_fused
+from proximity.bindings.core_tables import ENTRIES
 
 LEVEL = 3
 """Of optimisation."""
@@ -33,6 +35,8 @@ def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
     """Return an object file of all wrappers, named after the set of instructions."""
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
+    if not target.extension:
+        code = without_fused(code, is_relaxed="relaxed" in instructions.features)
     module = binding.parse_assembly(code)
     machine = binding.Target.from_triple(target.triple).create_target_machine(
         cpu=instructions.cpu,
@@ -44,10 +48,14 @@ def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
     module.triple, module.data_layout = target.triple, str(machine.target_data)
     options = binding.create_pipeline_tuning_options(LEVEL)
     options.loop_vectorization = True
+    for function in module.functions if not target.extension else ():
+        name = function.name.removeprefix(WRAPPER_PREFIX)
+        if name != function.name and name not in ENTRIES:  # only Python calls it
+            function.linkage = "internal"
     builder = binding.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     for function in module.functions:
-        if function.name.startswith(WRAPPER_PREFIX):
+        if function.name.startswith(WRAPPER_PREFIX) and function.linkage == binding.Linkage.external:
             function.name = wrapper_symbol(function.name.removeprefix(WRAPPER_PREFIX), instructions)
             function.visibility = "hidden"  # nobody calls them but what they are linked with
     _refuse_undefined(module)

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from kernel_build.targets import Target, extension_path
+from kernel_build.targets import Target, made_files
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 
@@ -50,11 +50,15 @@ def library_digest() -> str:
 
 def is_current(target: Target, folder: Path, *, every_set: bool) -> bool:
     """Return whether a folder holds the extension module and the library of a target as the sources are."""
-    extension = extension_path(target, folder)
+    files = made_files(target, folder)
     sets = [f"for {each.name}" for each in target.sets if every_set]
-    wanted = {
-        extension: [sources_digest(), digest_in_c(), *sets],
-        extension.with_name(target.library): [library_digest(), *sets],
-    }
+    words = [[library_digest()]] * len(files)
+    if target.extension:
+        words = [
+            [sources_digest(), digest_in_c(), *sets],
+            [library_digest(), *sets],
+            [],
+        ]  # no import library's
+    wanted = dict(zip(files, words, strict=False))
     contents = {path: path.read_bytes() if path.is_file() else b"" for path in wanted}
     return all(word.encode() + b"\0" in contents[path] for path in wanted for word in wanted[path])

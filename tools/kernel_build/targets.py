@@ -27,14 +27,17 @@ class Target:
     zig: str  # as the linker calls it
     wheel: str  # tag of wheels
     sets: tuple[Instructions, ...]
-    extension: str = "_kernels.abi3.so"  # name of the extension module's file
+    extension: str = "_kernels.abi3.so"  # name of the extension module's file; "": a browser has none
     library: str = "libproximity.so"  # name of the library in C
+    import_library: str = ""  # by which linkers find that, where a system needs one
 
 
 _X86 = (
     Instructions("v3", "x86-64-v3", needs=("avx2", "bmi2", "fma")),
     Instructions("v4", "x86-64-v4", needs=("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")),
 )
+_WASM = "+simd128,+bulk-memory,+nontrapping-fptoint,+sign-ext"
+_WEB = Instructions("plain", "generic", _WASM), Instructions("relaxed", "generic", f"{_WASM},+relaxed-simd")
 _ARM, _APPLE = (Instructions("neon", "generic", "+neon"),), (Instructions("neon", "apple-m1"),)
 TARGETS = {
     target.name: target
@@ -65,7 +68,9 @@ TARGETS = {
             _X86,
             "_kernels.pyd",
             "proximity.dll",
+            "proximity.lib",
         ),
+        Target("wasm32", "wasm32-unknown-wasi", "wasm32-wasi", "", _WEB, "", "proximity.wasm"),
     )
 }
 
@@ -83,6 +88,20 @@ def host_target() -> Target:
 def extension_path(target: Target, folder: Path) -> Path:
     """Return where the extension module of a target belongs: that of this machine in the folder itself."""
     return (folder if target.name == _host_name() else folder / target.name) / target.extension
+
+
+def module_path(instructions: Instructions, folder: Path) -> Path:
+    """Return where the module for browsers that has a set of instructions belongs."""
+    return folder / f"proximity.{instructions.name}.wasm"
+
+
+def made_files(target: Target, folder: Path) -> list[Path]:
+    """Return the files that are built for a target: extension module and library, or modules for browsers."""
+    if not target.extension:
+        return [module_path(each, folder) for each in target.sets]
+    extension = extension_path(target, folder)
+    names = [target.library, *([target.import_library] if target.import_library else [])]
+    return [extension, *map(extension.with_name, names)]
 
 
 def wrapper_symbol(name: str, instructions: Instructions) -> str:

@@ -7,6 +7,7 @@ files (no unit is converted): distances have the unit of the mesh.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import trimesh
@@ -88,14 +89,16 @@ def load_mesh(name: str) -> Mesh:
 
 
 def _shared(file_name: str) -> Callable[[], Mesh]:
-    def load() -> Mesh:
-        path = SHARED_PARTS / file_name
-        if not path.is_file():
-            raise MissingMeshError(f"{file_name} is not here (shared/data/cad beside the project)")
-        mesh = trimesh.load_mesh(path, process=False)
-        return mesh.vertices, mesh.faces
+    return lambda: _read(
+        SHARED_PARTS / file_name, f"{file_name} is not here (shared/data/cad beside the project)"
+    )
 
-    return load
+
+def _read(path: Path, missing: str) -> Mesh:
+    if not path.is_file():
+        raise MissingMeshError(missing)
+    mesh = trimesh.load_mesh(path, process=False)
+    return mesh.vertices, mesh.faces
 
 
 def _sphere(subdivision_count: int) -> Callable[[], Mesh]:
@@ -116,6 +119,13 @@ MESHES: dict[str, Callable[[], Mesh]] = {
     "globe": _sphere(8),  # 1,310,720 faces
     "ball": _sphere(2),  # the smallest, for the smoke test
 }
+
+
+def add_file(path: Path) -> str:
+    """Have a mesh file among `MESHES`, and return its name there: that of the file up to the first dot."""
+    name = path.name.partition(".")[0]
+    MESHES[name] = lambda: _read(path, f"{path} is not here")
+    return name
 
 
 def _near(vertices, faces, count, rng):

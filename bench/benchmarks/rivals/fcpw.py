@@ -8,6 +8,16 @@ from benchmarks.rivals.interface import Contender, Task, as_float32, inf_from
 
 SMALL_BATCH = 16  # up to here single calls in a loop are faster than one array call, which starts threads
 FLOAT32_MAX = np.finfo(np.float32).max
+# What the wheel (1.2.0) calls them, which is built without vector instructions, and the source (1.2.1).
+NEWER_NAMES = {
+    "scene_3D": "Scene3D",
+    "interaction_3D": "Interaction3D",
+    "interaction_3D_list": "Interaction3DList",
+    "ray_3D": "Ray3D",
+    "float_3D_list": "Float3List",
+    "uint32_list": "Uint32List",
+    "aggregate_type": "AggregateType",
+}
 
 
 class Fcpw(Contender):
@@ -26,6 +36,9 @@ class Fcpw(Contender):
     def __init__(self) -> None:
         super().__init__()
         self.library = importlib.import_module("fcpw")
+        for older, newer in NEWER_NAMES.items():
+            if not hasattr(self.library, older):
+                setattr(self.library, older, getattr(self.library, newer))
 
     def builder(self, vertices, faces):
         positions = np.asfortranarray(vertices, dtype=np.float32)
@@ -36,7 +49,9 @@ class Fcpw(Contender):
             scene.set_object_count(1)
             scene.set_object_vertices(positions, 0)
             scene.set_object_triangles(triangles, 0)
-            scene.build(self.library.aggregate_type.bvh_surface_area, True)
+            kinds = self.library.aggregate_type
+            by_area = getattr(kinds, "bvh_surface_area", None) or kinds.Bvh_SurfaceArea
+            scene.build(by_area, True)
             return scene
 
         return build

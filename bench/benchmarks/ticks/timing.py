@@ -1,4 +1,4 @@
-"""Rows of the table of ticks; ticks are timed by ``proximity.lab.certificate.tick_times``."""
+"""Rows of the table of ticks; ticks are timed by ``proximity.lab.certificate.measurement``."""
 
 import time
 from collections import deque
@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.support.verdicts import Verdict
 from benchmarks.ticks.scenes import face_count
-from proximity.lab.certificate.tick_times import TickLog, tick_all, without_collector
+from proximity.lab.certificate.measurement import TickLog, tick_all, without_collector
 from proximity.message import ContactFlag
 from proximity.system.time_units import NS_PER_US
 

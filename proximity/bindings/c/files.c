@@ -41,6 +41,21 @@ void proximity_unmap(uint8_t *bytes, size_t size)
     _aligned_free(bytes);
 }
 
+#elif defined(__wasm__)
+
+int proximity_map_file(const char *path, uint8_t **bytes, size_t *size, proximity_error *error)
+{
+    *bytes = NULL;
+    *size = 0;
+    return proximity_refuse(error, PROXIMITY_NO_FILE, "%s: there are no files here", path);
+}
+
+void proximity_unmap(uint8_t *bytes, size_t size)
+{
+    (void)bytes;
+    (void)size;
+}
+
 #else
 
 #include <fcntl.h>

@@ -122,6 +122,11 @@ PROXIMITY_API int proximity_move(proximity_scene *scene, const int32_t *parts, s
 /* Hide a part from all that is asked (`is_hidden` not 0), or show it again. *Changes.* */
 PROXIMITY_API int proximity_hide(proximity_scene *scene, int32_t part, int is_hidden, proximity_error *error);
 
+/* Set how a part reacts to a touch, for what a tracker advises: stiffness in N/m, above 0, and damping in N s/m;
+   both 0: it is rigid. Distances do not change. *Changes.* */
+PROXIMITY_API int proximity_set_surface(proximity_scene *scene, int32_t part, double stiffness, double damping,
+                                        proximity_error *error);
+
 /* --- questions: `points`, `origins`, `directions`, `starts`, `ends` have 3 numbers a row ---------------- */
 
 enum { PROXIMITY_NONE = -1, PROXIMITY_FACE = 0, PROXIMITY_EDGE = 1, PROXIMITY_VERTEX = 2 };

@@ -102,6 +102,11 @@ public:
                      velocity != nullptr ? velocity->data() : nullptr,
                      angular_velocity != nullptr ? angular_velocity->data() : nullptr);
     }
+    /// N/m and N s/m; 0: the part is rigid.
+    void set_surface(std::int32_t part, double stiffness, double damping = 0.0)
+    {
+        detail::call(proximity_set_surface, scene_, part, stiffness, damping);
+    }
     void hide(std::int32_t part, bool is_hidden = true) { detail::call(proximity_hide, scene_, part, int{is_hidden}); }
 
     void closest(std::span<const Vector> points, std::span<ClosestPoint> answers, double limit = unlimited) const

@@ -334,6 +334,25 @@ int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count, c
     return settle(scene, error);
 }
 
+int proximity_set_surface(proximity_scene *scene, int32_t part, double stiffness, double damping,
+                          proximity_error *error)
+{
+    if (part < 0 || part >= scene->archive.part_count) {
+        return no_such_part(scene, part, error);
+    }
+    if (!(stiffness >= 0.0 && stiffness < INFINITY && damping >= 0.0 && damping < INFINITY) ||
+        (stiffness == 0.0 && damping > 0.0)) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
+                                "stiffness is %g and damping %g, expected numbers above 0, or 0 and 0 of a rigid part",
+                                stiffness, damping);
+    }
+    Frame *frame = &scene->archive.frames[part];
+    frame->surface = stiffness > 0.0 ? SURFACE_DEFORMABLE : SURFACE_RIGID;
+    frame->stiffness = stiffness;
+    frame->damping = damping;
+    return PROXIMITY_OK;
+}
+
 int proximity_hide(proximity_scene *scene, int32_t part, int is_hidden, proximity_error *error)
 {
     if (scene->is_broken) {

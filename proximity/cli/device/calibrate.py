@@ -16,7 +16,7 @@ from proximity.system.stop_signals import stopped_by_signals
 if TYPE_CHECKING:
     from proximity.cli.device.guide import Face
     from proximity.cli.device.typed_instruments import TypedInstruments
-    from proximity.decaff.calibration.motor_port import MotorPort
+    from proximity.decaff.calibration.instruments import MotorPort
     from proximity.decaff.calibration.results import Session
     from proximity.decaff.calibration.simulated_glove import SimulatedGlove
     from proximity.decaff.glove.glove import Glove

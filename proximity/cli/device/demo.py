@@ -50,8 +50,8 @@ def demo(
     from proximity.cli.device.drum_loop import DrumsBeside
     from proximity.cli.service.watch_view import Follower, show
     from proximity.cli.tables import Console, Screen
-    from proximity.decaff.controller.drum_limits import Limits
-    from proximity.decaff.simulated_drums.service_drums import DrumBench
+    from proximity.decaff.controller.settings import Limits
+    from proximity.decaff.simulated_drums import DrumBench
     from proximity.transport import open_subscriber
 
     sys.setswitchinterval(SWITCH_S)

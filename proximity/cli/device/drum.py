@@ -82,8 +82,8 @@ def drum(
     from proximity.cli.tables import Console, Screen
     from proximity.decaff.controller.settings import CableRule
     from proximity.decaff.glove.calibrated_glove import read_any_glove
-    from proximity.decaff.motors.motor_set import home_all
-    from proximity.decaff.simulated_drums.service_drums import DrumBench
+    from proximity.decaff.motors.motor_drum import home_all
+    from proximity.decaff.simulated_drums import DrumBench
     from proximity.transport import Reading, open_subscriber
 
     sys.setswitchinterval(SWITCH_S)

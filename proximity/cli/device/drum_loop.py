@@ -19,7 +19,7 @@ from proximity.cli.output import MM_PER_M, report
 from proximity.cli.service.watch_view import LINE_FINGERS
 from proximity.cli.tables import Screen
 from proximity.decaff.controller.controller_states import DrumState
-from proximity.decaff.simulated_drums.service_drums import DrumBench, FingerBench
+from proximity.decaff.simulated_drums import DrumBench, FingerBench
 from proximity.errors import RecordingError
 from proximity.transport import Counts, Reading, Subscriber
 

@@ -8,12 +8,11 @@ from contextlib import contextmanager
 import typer
 
 from proximity.cli.output import report
-from proximity.decaff.calibration.motor_port import MotorPort
+from proximity.decaff.calibration.instruments import MotorPort
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.decaff.motors.motor_drum import NOT_ON_HARDWARE, MotorDrum
-from proximity.decaff.motors.motor_set import opened_motors
+from proximity.decaff.motors.motor_drum import NOT_ON_HARDWARE, MotorDrum, opened_motors
 
 LOOK_S, SHOWN_S = 0.005, 1.0  # between two readings of motors that are not armed, and two lines of them
 

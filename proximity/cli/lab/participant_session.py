@@ -17,7 +17,7 @@ from proximity.cli.device.motors import armable_motors
 from proximity.cli.output import report
 from proximity.cli.tables import Console
 from proximity.decaff.glove.calibrated_glove import read_any_glove
-from proximity.decaff.motors.motor_set import home_all
+from proximity.decaff.motors.motor_drum import home_all
 from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design import CHOICES, Kind, Question
 from proximity.lab.experiment.display import Presentation, Trial

@@ -11,7 +11,7 @@ from proximity.cli.tables import results_console, table
 from proximity.decaff.glove.finger import Finger
 from proximity.formats import metres_per_unit
 from proximity.lab import part_press
-from proximity.lab.engine.engine_setup import Distances, EngineSetup
+from proximity.lab.engine.engine_loop import Distances, EngineSetup
 from proximity.lab.figures import press_plots, style
 from proximity.lab.simulation import simulated_press
 from proximity.lab.simulation.devices import COUPLED_DEVICE

@@ -104,7 +104,7 @@ def _run(study: "Study", results: Path, options: dict[str, Any]) -> None:
 
 
 def _jobs() -> "dict[str, Job]":
-    from proximity.lab.certificate.certificate_job import CERTIFICATE
+    from proximity.lab.certificate.certification import CERTIFICATE
     from proximity.lab.sweep.field_job import FIELD
     from proximity.lab.sweep.part_jobs import CHECK, REPLAY
     from proximity.lab.sweep.press_job import PRESS
@@ -132,8 +132,8 @@ def _write_page(folder: Path, out: Path | None) -> None:
 def _repeat(study: "Study", out: Path, key: str) -> None:
     from proximity.cli.output import MISSING, print_block
     from proximity.cli.tables import results_console, table
-    from proximity.lab.sweep.condition_run import repeat
     from proximity.lab.sweep.study_page import shown
+    from proximity.lab.sweep.study_run import repeat
 
     found = repeat(study, out, key)
     console = results_console()

@@ -22,9 +22,10 @@ LEAST_RATE_HZ, MOST_RATE_HZ = 150.0, 20000.0  # slower, each sample would trip t
 
 
 class Language(StrEnum):
-    """A language that there is a client for; in C it is the engine itself."""
+    """A language that there is a client for; in C and for browsers it is the engine itself."""
 
     c = "c"
+    wasm = "wasm"
     csharp = "csharp"
     javascript = "javascript"
     cpp = "cpp"
@@ -34,29 +35,38 @@ FOLDER = Annotated[Path, option("DIR", "Folder to write the files to.", "--out")
 
 
 def client(
-    language: Annotated[Language, argument("c|csharp|javascript|cpp", "Language of your program.")],
+    language: Annotated[Language, argument("c|wasm|csharp|javascript|cpp", "Language of your program.")],
     out: FOLDER,
 ) -> None:
     """Write a client into a folder: sources in C++, JavaScript or C# that read frames and send
-    poses; or the engine as a library in C.
+    poses; or the engine itself, for C, C++ and C#, or for browsers.
 
     It verifies frames and ages them (OK, LATE, STALE) as the subscriber of proximity does, and supports
     the keys of udp://. cpp is header only, for C++20 on POSIX systems and Windows; javascript is ES
-    modules for browsers and Node; csharp is for Unity and .NET. An example is written as well. An
-    existing example is kept; the other files are replaced.
+    modules for browsers and Node; csharp is for .NET and a package for Unity. An example is written as
+    well. An existing example is kept; the other files are replaced.
 
     c is no client but the engine, for your own process: a shared library with its header, a CMake
-    package, a pkg-config file and examples. It opens scenes that `proximity compile` writes.
+    package, a pkg-config file and examples. It opens scenes that `proximity compile` writes. csharp has
+    that library and its binding as well. wasm is the same engine for browsers and Node: WebAssembly, an
+    ES module with types, and an example.
 
     Examples:
       proximity client c --out proximity
+      proximity client wasm --out site/proximity
       proximity client cpp --out decaff
-      proximity client csharp --out Assets/Decaff
+      proximity client csharp --out Packages/org.decaff.proximity
     """
-    from proximity.bindings.c_package import write_library
+    from proximity.bindings.c_package import write_library, write_unity_package
+    from proximity.bindings.wasm_package import write_package
     from proximity.message.clients import write_client
 
-    written = write_library(out) if language is Language.c else write_client(language.value, out)
+    writers = {
+        Language.c: write_library,
+        Language.csharp: write_unity_package,
+        Language.wasm: write_package,
+    }
+    written = writers[language](out) if language in writers else write_client(language.value, out)
     for path, is_written in written.items():
         typer.echo(f"{path}: {'written' if is_written else 'left alone, it is there already'}")
 

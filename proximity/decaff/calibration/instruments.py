@@ -4,10 +4,18 @@ A laboratory's own instruments, the simulated glove and a person who types numbe
 """
 
 import math
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+
+from proximity.decaff.drum.drum_model import Drum
+from proximity.decaff.motors.motor_drum import MotorDrum
+from proximity.errors import DecaffError, MotorError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,3 +72,120 @@ class Instruments:
             "drum": (self.drum.newest_angle(), "{:.3f} rad"),
         }
         return {name: shown.format(value) for name, (value, shown) in read.items() if math.isfinite(value)}
+
+
+RATE = 500.0  # Hz of torques: what a bus and this program keep up with
+LONGEST_GAP = 0.02  # s between two answers: longer, and nobody knows what the drum did meanwhile
+LOOK_S = 0.01  # between two looks for an answer while a person works
+RATIO_OFF = 0.01  # share by which gear ratios may differ
+
+
+class MotorPort:
+    """Drum port of a motor, read from the beginning to the end of a ``with`` block."""
+
+    rate = RATE
+
+    def __init__(self, motor: MotorDrum, drum: Drum) -> None:
+        self._motor = motor
+        self._stopped, self._over = threading.Event(), threading.Event()
+        self._lock = threading.Lock()
+        self._failure: MotorError | None = None
+        self._thread = threading.Thread(target=self._watch, name="reads the motor", daemon=True)
+        ratio = motor.settings.ratio
+        if abs(ratio / drum.gear.ratio - 1.0) > RATIO_OFF:
+            raise DecaffError(
+                f"the motor's address has a ratio of {ratio:g} and the drum one of {drum.gear.ratio:g}, "
+                "expected the same: add ratio= to the address, or choose another --drum or --glove"
+            )
+
+    def __enter__(self) -> "MotorPort":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def home(self) -> None:
+        """Have the motor find its stop, which moves it, and switch it off again."""
+        self._check()
+        with self._lock, self._off_at_once():
+            self._motor.home()
+            self._motor.rest()
+
+    def angle(self) -> float:
+        """Return what the encoder reads, rad of the drum."""
+        self._check()
+        with self._lock:
+            self._motor.refresh()
+            return self._motor.angle
+
+    def newest_angle(self) -> float:
+        """Return the newest answer of the encoder, rad of the drum."""
+        self._check()
+        return self._motor.angle
+
+    def stop(self) -> None:
+        """Take the power off for good: the emergency stop, which another thread may call."""
+        self._stopped.set()
+        self._motor.switch_off()
+
+    def swing(self, torques: np.ndarray) -> DrumRecord:
+        """Switch the motor on, command torques, N m at the drum, and switch it off again."""
+        self._check()
+        with self._lock, self._off_at_once():
+            self._motor.resume()
+            rows = self._swung(torques)
+            self._motor.rest()
+        return _record(rows)
+
+    @contextmanager
+    def _off_at_once(self) -> Iterator[None]:
+        """Take the power off where anything ends what is done here, Ctrl-C too."""
+        try:
+            yield
+        except BaseException:
+            self._motor.switch_off()
+            raise
+
+    def _check(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+        if self._stopped.is_set():
+            raise self._motor.failed("the emergency stop was pressed")
+
+    def _watch(self) -> None:
+        """Read the motor while nobody else does."""
+        while self._failure is None and not self._over.wait(LOOK_S):
+            with self._lock:
+                try:
+                    self._motor.look()
+                except MotorError as failure:
+                    self._failure = failure
+
+    def _swung(self, torques: np.ndarray) -> list[tuple[float, float, float, float, int]]:
+        """Times, commands, angles, torques by the current, and how many answers there were."""
+        rows, started, due = [], time.monotonic(), time.monotonic()
+        while (now := time.monotonic() - started) < len(torques) / RATE:
+            self._check()
+            given = self._motor.push(float(torques[int(now * RATE)]))
+            reading = self._motor.reading
+            rows.append((now, given, self._motor.angle, self._motor.drum_torque, reading.answers))
+            due = max(due + 1.0 / RATE, time.monotonic())
+            time.sleep(due - time.monotonic() if due > time.monotonic() else 0.0)
+        return rows
+
+
+def _record(rows: list[tuple[float, float, float, float, int]]) -> DrumRecord:
+    """Keep samples with a new answer, and the mean of the commands from each to the next."""
+    times, commanded, angles, torques, answers = (np.array(column) for column in zip(*rows, strict=True))
+    fresh = np.flatnonzero(np.diff(answers, prepend=answers[0] - 1) > 0)
+    gap = float(np.diff(np.append(times[fresh], times[-1])).max())
+    if gap > LONGEST_GAP:
+        raise DecaffError(
+            f"the motor did not answer for {1e3 * gap:.0f} ms of a swing, expected an answer each "
+            f"{1e3 / RATE:g} ms: let nothing else run on the computer, or raise the bus's rate"
+        )
+    spans = np.diff(times, append=times[-1] + 1.0 / RATE)
+    means = np.add.reduceat(commanded * spans, fresh) / np.add.reduceat(spans, fresh)
+    return DrumRecord(times[fresh], means, angles[fresh], torques[fresh])

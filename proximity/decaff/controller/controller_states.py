@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from typing import Any, NamedTuple
 
-from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.drum.servo import DriveMode, DrumCommand
 from proximity.message import State
 
 

@@ -1,18 +1,138 @@
 """Settings of a drum's controller, and the numbers in which its C code has them."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
-from proximity.checks import positive
-from proximity.decaff.controller.compiled import SETTINGS, memory
-from proximity.decaff.controller.drum_limits import Limits
-from proximity.decaff.controller.steady_force import Handover, low_pass, steady_numbers
+from proximity.checks import not_negative, positive
+from proximity.decaff.controller.compiled import MOST_STEADY, SETTINGS, memory
 from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import DRUMS
+from proximity.errors import ArgumentError
+from proximity.system.time_units import NS_PER_MS
+
+TOUCH_GAP = 30e-6  # m, of finger or link and drum: nearer is touching; assumed
+RELEASE_GAP = 1e-3  # m, farther is released; assumed
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Ages, speeds, forces and lengths, all by our own rules: the paper gives none."""
+
+    fresh_ns: int = 20 * NS_PER_MS  # of a pose: younger, all is normal
+    stale_ns: int = 100 * NS_PER_MS  # older, nothing is known
+    future_ns: int = 5 * NS_PER_MS  # in the future: farther, the frame is wrong
+    freeze_ns: int = 250 * NS_PER_MS  # in contact, nothing known: so long nothing changes
+    ramp_ns: int = 250 * NS_PER_MS  # then the force limit goes to nothing
+    watchdog_ns: int = 10 * NS_PER_MS  # between two samples of the servo
+    touch_gap: float = TOUCH_GAP  # m
+    release_gap: float = RELEASE_GAP  # m
+    touch_force: float = 0.05  # N
+    gone_force: float = 0.1  # N: with less, a drum that froze retracts
+    standoff: float = 5e-3  # m, from a finger that began inside; assumed
+    max_speed: float = 3.0  # m/s, of whatever moves: a contact that comes nearer faster is a jump
+    object_speed: float = 0.5  # m/s, v_obj_max of old frames; assumed
+    speed_error: float = 0.05  # eps of old frames, times the finger's speed; assumed
+    late_speed: float = 0.05  # m/s, of a drum that comes late
+    late_force: float = 1.0  # N
+    late_gap: float = 0.3e-3  # m, that counts as being there; assumed
+    near_gap: float = 2e-3  # m: nearer, the energy of a bump is limited
+    near_energy: float = 1e-3  # J
+    continuous_force: float = 10.0  # N, at the fingertip
+    peak_force: float = 20.0  # N
+    force_time: float = 1.0  # s, over which a force is continuous; assumed
+    follow_speed: float = 1e-3  # m/s: slower, a part that is touched is at rest; assumed
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            positive(one.name, getattr(self, one.name), _unit(one.name))
+
+    def near_speed(self, mass: float) -> float:
+        """Return how fast drum and finger may come together, m/s."""
+        return math.sqrt(2.0 * self.near_energy / mass)
+
+
+def _unit(name: str) -> str:
+    for ending, unit in (
+        ("_ns", "nanoseconds"),
+        ("_gap", "metres"),
+        ("_force", "newtons"),
+        ("_speed", "metres a second"),
+        ("_energy", "joules"),
+        ("_time", "seconds"),
+        ("_error", "shares"),
+    ):
+        if name.endswith(ending):
+            return unit
+    return "metres"
+
+
+LEAST_WINDOW = 2  # samples
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyRule:
+    """Rule by which a force counts as steady."""
+
+    cutoff: float = 50.0  # Hz, of two low-passes in a row
+    window: float = 0.050  # s, looked back on
+    ripple: float = 0.02  # N, that the force may vary by
+    ripple_share: float = 0.05  # of the force, if that is more
+    slope: float = 0.5  # N/s, over the window
+    least: float = 0.05  # N, that the force must have
+    slow_speed: float = 2e-3  # m/s, of the finger for a window's time; inf: not asked
+
+    def __post_init__(self) -> None:
+        positive("cutoff", self.cutoff, "hertz")
+        positive("window", self.window, "seconds")
+        not_negative("ripple", self.ripple, "newtons")
+        not_negative("ripple_share", self.ripple_share, "shares")
+        positive("slope", self.slope, "newtons a second")
+        not_negative("least", self.least, "newtons")
+        positive("slow_speed", self.slow_speed, "metres a second", may_be_infinite=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Handover:
+    """Rule by which the modes change."""
+
+    rule: SteadyRule = field(default_factory=SteadyRule)
+    lost_force: float = 0.05  # N: with less, for a while, the contact is lost
+    lost_time: float = 0.020  # s
+    lost_distance: float = 0.5e-3  # m, of the slave from its object: more, and the contact is lost
+
+    def __post_init__(self) -> None:
+        not_negative("lost_force", self.lost_force, "newtons")
+        not_negative("lost_time", self.lost_time, "seconds")
+        positive("lost_distance", self.lost_distance, "metres", may_be_infinite=True)
+
+
+def steady_numbers(rate: float, rule: SteadyRule) -> dict[str, float]:
+    """Return a rule at a rate in hertz, as the settings in C have it."""
+    period = 1.0 / positive("rate", rate, "hertz")
+    samples = max(LEAST_WINDOW, round(rule.window * rate))
+    if samples > MOST_STEADY:
+        raise ArgumentError(
+            f"a steady force is looked back on for {samples} samples ({rule.window:g} s at {rate:g} Hz), "
+            f"expected at most {MOST_STEADY}"
+        )
+    numbers = {
+        f"steady_{name}": getattr(rule, name) for name in ("ripple", "ripple_share", "least", "slow_speed")
+    }
+    return numbers | {
+        "steady_samples": samples,
+        "steady_share": low_pass(rule.cutoff, period),
+        "steady_slope_of_window": rule.slope * samples * period,
+    }
+
+
+def low_pass(cutoff: float, period: float) -> float:
+    """Return the share of what is new that a low-pass of a cutoff in hertz takes in."""
+    return 1.0 - math.exp(-2.0 * math.pi * cutoff * period)
+
 
 BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger; assumed
 SERVO_LAG = 2e-3  # s, by which the drum's speed follows a new cap late: six samples of its servo; assumed

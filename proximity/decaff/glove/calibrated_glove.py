@@ -106,15 +106,7 @@ class CalibratedGlove:
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:
         """Return what the drum's encoder says as it meets the finger there, (...), rad; nan: it cannot."""
-        return self._drum_angle_of_counts(self.counts(bend))
-
-    def bend_of_drum(self, drum_angle: ArrayLike) -> np.ndarray:
-        """Return the bend at which the finger meets the drum, (...): the inverse of `drum_angle`."""
-        own = np.asarray(drum_angle, np.float64) - self.calibration.touch_offset
-        return self._extended_bend(self.glove.potentiometer.counts(self.glove.drum.replica_angle(own)))
-
-    def _drum_angle_of_counts(self, counts: np.ndarray) -> np.ndarray:
-        replica = self.glove.potentiometer.angle(counts)
+        replica = self.glove.potentiometer.angle(self.counts(bend))
         return self.glove.drum.drum_angle(replica) + self.calibration.touch_offset
 
     def _extended_bend(self, counts: np.ndarray) -> np.ndarray:

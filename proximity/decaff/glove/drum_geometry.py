@@ -7,32 +7,12 @@ of the link, ``drum`` of the arm or crank that carries the roller, as it would t
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from proximity.checks import finite, positive
 from proximity.errors import ArgumentError
-
-
-class DrumGeometry(Protocol):
-    """Interface of a drum's geometry; angles in rad, shapes (...)."""
-
-    def drum_angle(self, replica: ArrayLike) -> np.ndarray:
-        """Angle of the drum as it touches the link; nan where it cannot."""
-
-    def replica_angle(self, drum: ArrayLike) -> np.ndarray:
-        """Angle of the link as the drum touches it; nan where it cannot."""
-
-    def drum_rate(self, replica: ArrayLike) -> np.ndarray:
-        """Turn of the drum per radian of the replica."""
-
-    def lever(self, replica: ArrayLike) -> np.ndarray:
-        """Distance from the potentiometer to the roller's contact, m: torque of the replica a newton."""
-
-    def motor_lever(self, replica: ArrayLike) -> np.ndarray:
-        """Torque of the motor a newton of contact force, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +44,6 @@ class ArmDrum:
     def drum_angle(self, replica: ArrayLike) -> np.ndarray:
         """Return where the drum stands as it touches the link, (...), rad."""
         return np.asarray(replica, np.float64) + self.alpha
-
-    def replica_angle(self, drum: ArrayLike) -> np.ndarray:
-        """Return where the link is as the drum touches it, (...), rad."""
-        return np.asarray(drum, np.float64) - self.alpha
 
     def drum_rate(self, replica: ArrayLike) -> np.ndarray:
         """Return how far the drum turns a radian of the replica, (...): 1."""
@@ -114,18 +90,6 @@ class EccentricDrum:
         with np.errstate(invalid="ignore"):
             return phi + np.arcsin(self._sine(phi))
 
-    def replica_angle(self, drum: ArrayLike) -> np.ndarray:
-        """Return where the link is as the drum touches it, (...), rad; nan where it cannot.
-
-        The link is a tangent from the origin to a circle about the roller's centre, so this needs no
-        iteration.
-        """
-        psi = np.asarray(drum, np.float64)
-        x = self.motor[0] + self.crank * np.cos(psi)
-        y = self.motor[1] + self.crank * np.sin(psi)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.arctan2(y, x) - np.arcsin(self.clearance / np.hypot(x, y))
-
     def drum_rate(self, replica: ArrayLike) -> np.ndarray:
         """Return how far the drum turns a radian of the replica, (...); infinite where it locks."""
         with np.errstate(divide="ignore"):
@@ -145,6 +109,9 @@ class EccentricDrum:
     def _sine(self, phi: np.ndarray) -> np.ndarray:
         """Sine of the angle between crank and link."""
         return (self.clearance + self.motor[0] * np.sin(phi) - self.motor[1] * np.cos(phi)) / self.crank
+
+
+DrumGeometry = ArmDrum | EccentricDrum
 
 
 def _check_roller(radius: float, width: float) -> None:

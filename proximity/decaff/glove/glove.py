@@ -14,11 +14,8 @@ from numpy.typing import ArrayLike
 from proximity.decaff.drum.drum_model import GEARS, USUAL_GEAR, Drum, Gear, Motor, gear_named
 from proximity.decaff.glove.drum_geometry import ArmDrum, DrumGeometry
 from proximity.decaff.glove.finger import Finger
-from proximity.decaff.glove.linkage import Linkage
-from proximity.decaff.glove.transmission import Cable, Potentiometer
+from proximity.decaff.glove.transmission import Cable, Linkage, Potentiometer
 from proximity.errors import ArgumentError
-from proximity.message import PATH_CORNERS
-from proximity.pose import Pose
 
 CONTACT_BEND = 0.5
 """Where a finger touches unless something else is said: half way to the fist."""
@@ -77,14 +74,6 @@ class Glove:
         """Return where the drum must stand to meet the finger there, (...), rad; nan where it cannot."""
         return self.drum.drum_angle(self.replica_angle(bend))
 
-    def bend_of_drum(self, drum_angle: ArrayLike) -> np.ndarray:
-        """Return the bend at which the finger meets the drum, (...): the inverse of `drum_angle`."""
-        return self.bend(self.drum.replica_angle(drum_angle))
-
-    def path_world(self, world_from_hand: Pose, corner_count: int = PATH_CORNERS) -> np.ndarray:
-        """Return the finger's path for the tracker, evenly in bend, (K, 3), m: `Finger.path_world`."""
-        return self.finger.path_world(world_from_hand, corner_count)
-
     # --- how finely, how stiffly, with what force ---
 
     def tip_per_radian(self, bend: ArrayLike) -> np.ndarray:
@@ -106,10 +95,6 @@ class Glove:
         """Return how far the fingertip goes a radian of the drum, (...), m; also a newton's torque there."""
         replica = self.replica_angle(bend)
         return self.tip_per_radian(bend) * self.drum.motor_lever(replica) / self.drum.lever(replica)
-
-    def motor_torque(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
-        """Return the torque at the motor's shaft for a force at the fingertip, (...), N m, without losses."""
-        return self.lever(bend) * np.asarray(tip_force, np.float64) / self.gear.ratio
 
     def tip_drum(self, bend: float = CONTACT_BEND) -> Drum:
         """Return the drum as the fingertip meets it at a bend."""

@@ -2,11 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicHermiteSpline
 
-from proximity.checks import not_negative, positive, whole
+from proximity.checks import finite, not_negative, positive, whole
+from proximity.decaff.glove.finger import Finger
 from proximity.errors import ArgumentError
 
 
@@ -76,3 +79,117 @@ class Potentiometer:
     def angle(self, counts: ArrayLike) -> np.ndarray:
         """Return the angle of counts, (...), rad."""
         return (np.asarray(counts, np.float64) - self.count * self.zero_share) / self.gain
+
+
+CHECKED_BENDS = np.linspace(0.0, 1.0, 1001)
+
+
+@dataclass(frozen=True, slots=True)
+class Linkage:
+    """Anchor and bars of the linkage; the values are assumed."""
+
+    base: tuple[float, float] = (0.025, 0.015)  # m
+    first_bar: float = 0.085  # m
+    second_bar: float = 0.065  # m
+    thimble_along: float = 0.5  # share of the distal phalanx
+    thimble_dorsal: float = 0.010  # m off the phalanx
+
+    def __post_init__(self) -> None:
+        positive("first_bar", self.first_bar, "metres")
+        positive("second_bar", self.second_bar, "metres")
+        if len(self.base) != 2:
+            raise ArgumentError(f"base is {self.base!r}, expected two numbers of metres")
+        for value in (*self.base, self.thimble_along, self.thimble_dorsal):
+            finite("one of base and thimble", value, "metres")
+
+    def reach(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Return how far the thimble is from the base, (...), m."""
+        offset = self._offset(finger, bend)
+        return np.hypot(offset[..., 0], offset[..., 1])
+
+    def angle(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Return the angle of the first bar, (...), rad; nan where the bars do not reach."""
+        offset = self._offset(finger, bend)
+        reach = np.hypot(offset[..., 0], offset[..., 1])
+        with np.errstate(invalid="ignore"):
+            elbow = np.arccos(self._elbow_cosine(reach))
+        return np.arctan2(offset[..., 1], offset[..., 0]) + elbow
+
+    def angle_rate(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Return the derivative of `angle` with respect to the bend, (...), rad."""
+        offset = self._offset(finger, bend)
+        rate = finger.point_rate(bend, self.thimble_along, self.thimble_dorsal)
+        reach = np.hypot(offset[..., 0], offset[..., 1])
+        reach_rate = (offset * rate).sum(axis=-1) / reach
+        turn = (offset[..., 0] * rate[..., 1] - offset[..., 1] * rate[..., 0]) / reach**2
+        cosine = self._elbow_cosine(reach)
+        cosine_rate = 1.0 / self.first_bar - cosine / reach
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return turn - cosine_rate * reach_rate / np.sqrt(1.0 - cosine**2)
+
+    def turn(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Return how far the first bar has turned since the flat hand, (...), rad; bending is positive.
+
+        Before bend 0 and beyond 1 it goes on in a straight line: linkages may not reach there, and a hand
+        may bend a little farther than it did when it was measured.
+        """
+        position = np.asarray(bend, np.float64)
+        inside = np.clip(position, 0.0, 1.0)
+        turned = np.abs(self.angle(finger, inside) - _measured(self, finger).flat_angle)
+        beyond = position - inside
+        return turned + beyond * self.turn_rate(finger, inside) if beyond.any() else turned
+
+    def turn_rate(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Return the derivative of `turn` with respect to the bend, (...), rad."""
+        return np.abs(self.angle_rate(finger, np.clip(bend, 0.0, 1.0)))
+
+    def bend(self, finger: Finger, turn: ArrayLike) -> np.ndarray:
+        """Return the bend at which the first bar has turned so far, (...): the inverse of `turn`."""
+        inverse = _measured(self, finger).bend_of_turn
+        wanted = np.asarray(turn, np.float64)
+        inside = np.clip(wanted, inverse.x[0], inverse.x[-1])
+        position = inverse(inside)
+        beyond = wanted - inside
+        return position + beyond / self.turn_rate(finger, position) if beyond.any() else position
+
+    def check(self, finger: Finger) -> None:
+        """Refuse a linkage that does not follow the finger over its whole bend."""
+        reach = self.reach(finger, CHECKED_BENDS)
+        least, most = abs(self.first_bar - self.second_bar), self.first_bar + self.second_bar
+        is_out = ~((least < reach) & (reach < most))
+        if is_out.any():
+            row = int(np.argmax(is_out))
+            raise ArgumentError(
+                f"the linkage does not reach the thimble at bend {CHECKED_BENDS[row]:.3f}: it is "
+                f"{1e3 * reach[row]:.1f} mm from the base, expected {1e3 * least:.1f} to {1e3 * most:.1f} mm"
+            )
+        rate = self.angle_rate(finger, CHECKED_BENDS)
+        is_back = ~(rate * rate[0] > 0.0)
+        if is_back.any():
+            raise ArgumentError(
+                f"the linkage folds back at bend {CHECKED_BENDS[np.argmax(is_back)]:.3f}: expected an angle "
+                "that only grows or only shrinks from flat hand to fist"
+            )
+
+    def _offset(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
+        """Vector from the base to the thimble."""
+        return finger.point(bend, self.thimble_along, self.thimble_dorsal) - np.array(self.base)
+
+    def _elbow_cosine(self, reach: np.ndarray) -> np.ndarray:
+        """Cosine of the angle at the base between the first bar and the line to the thimble."""
+        return (self.first_bar**2 + reach**2 - self.second_bar**2) / (2.0 * self.first_bar * reach)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """Quantities that are computed once for a linkage on a finger."""
+
+    flat_angle: float  # rad
+    bend_of_turn: CubicHermiteSpline  # through the checked bends, with their true slopes: right to 1e-13
+
+
+@lru_cache(maxsize=16)
+def _measured(linkage: Linkage, finger: Finger) -> _Measured:
+    angles = linkage.angle(finger, CHECKED_BENDS)
+    slopes = 1.0 / np.abs(linkage.angle_rate(finger, CHECKED_BENDS))
+    return _Measured(float(angles[0]), CubicHermiteSpline(np.abs(angles - angles[0]), CHECKED_BENDS, slopes))

@@ -16,7 +16,7 @@ import time
 from contextlib import suppress
 from typing import Any
 
-from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.motors.motor_driver import MotorAddress, MotorCommand, MotorReading, MotorSettings
 from proximity.errors import MotorError
 

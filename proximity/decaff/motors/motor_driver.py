@@ -13,8 +13,8 @@ from importlib import import_module
 from typing import Protocol
 from urllib.parse import parse_qsl, urlsplit
 
-from proximity.decaff.drum.drum_command import DriveMode
 from proximity.decaff.drum.drum_model import GEARS, USUAL_GEAR, Drum, Motor
+from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.errors import MotorError
 from proximity.system.extras import installation

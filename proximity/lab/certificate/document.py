@@ -26,9 +26,8 @@ from proximity.lab.certificate.deadlines import Times, against, curve, missed, p
 from proximity.lab.certificate.measurement import MotionTiming
 from proximity.lab.certificate.subject import RADIUS, fingerprint
 from proximity.lab.certificate.worst_positions import SearchResult
-from proximity.lab.paper.energies import energy_excess
 from proximity.lab.paper.trajectories import Press
-from proximity.lab.paper.walls import FINGER, steady_excess, total_delay
+from proximity.lab.paper.walls import FINGER, energy_excess, steady_excess, total_delay
 from proximity.service import Histogram
 from proximity.system import machine
 
@@ -168,5 +167,5 @@ def felt(delay: float, speed: float) -> dict[str, float]:
         "speed": speed,
         "penetration": penetration,
         "force_error": steady_excess(press.depth, penetration, FINGER, FINGER),
-        "energy_error": energy_excess(press, penetration, FINGER).total,
+        "energy_error": energy_excess(press, penetration, FINGER),
     }

@@ -10,39 +10,98 @@ Forces are along the finger's path, as its one degree of freedom has them.
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 import numpy as np
 
+from proximity.checks import not_negative, positive
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.controller.controller_states import FrameMark
 from proximity.decaff.controller.settings import CableRule
-from proximity.decaff.drum.drum_command import DrumCommand
-from proximity.decaff.drum.servo import SERVO_RATE, servo_for
-from proximity.lab.engine.delayed_link import DelayedLink
-from proximity.lab.engine.engine_setup import Distances, EngineSetup
+from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum, with_random_phases
+from proximity.decaff.drum.servo import SERVO_RATE, DrumCommand, servo_for
+from proximity.decaff.glove.glove import DRUMS
+from proximity.errors import ArgumentError
 from proximity.lab.engine.finger_placement import PlacedFinger
 from proximity.lab.engine.recorded_press import RecordedPress
 from proximity.lab.engine.simulated_service import (
+    DelayedLink,
     ExactAnswers,
     Feed,
+    Latency,
     MeasuredFinger,
     SimulatedService,
     TrackedFinger,
 )
 from proximity.lab.paper.trajectories import Intent
-from proximity.lab.simulation.closed_loop import LEAD, DecaffLoop, real_wall, soft_wall
-from proximity.lab.simulation.devices import Decaff, Sensing
+from proximity.lab.simulation.closed_loop import LEAD, DecaffLoop, Response, real_wall, soft_wall
+from proximity.lab.simulation.devices import Decaff, Hand, Holding, Sensing, TipCable
 from proximity.lab.simulation.frame_readers import START_NS, ControllerReader, PolicyReader
-from proximity.lab.simulation.hand import Hand
 from proximity.lab.simulation.metrics import force_error, onset, work
-from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.sweeps import Stretch, with_transmission
-from proximity.lab.simulation.target_policies import DistanceSample, Holding, TargetPolicy
+from proximity.lab.simulation.target_policies import DistanceSample, Target, TargetPolicy
+from proximity.message import PATH_CORNERS
 from proximity.service.contact_source import TrackedContacts
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Counts, Subscriber
+
+FARTHEST = 0.100  # m, that a wall is known of; assumed
+DRUM = with_random_phases(DRUMS[USUAL_GEAR], 1)[0]
+Spans = Sequence[tuple[float, float]]
+"""From, to; s from the touch."""
+
+
+class Distances(StrEnum):
+    """Source of a controller's distances."""
+
+    ENGINE = "engine"
+    """The tracker, at the service's rate, as late as the service."""
+    IDEAL = "ideal"
+    """The true position of contact, at the servo's rate and at once: what drum and controller cost alone."""
+    SENSOR = "sensor"
+    """Teleoperation: a sensor at the far end, at the service's rate and as late."""
+
+
+@dataclass(frozen=True, slots=True)
+class EngineSetup:
+    """Setup of a press with the engine in the loop."""
+
+    distances: Distances = Distances.ENGINE
+    rate: float = 1000.0  # Hz, of the service
+    latency: Latency = 0.001  # s, from the pose until its frame has arrived
+    reading: Target | None = None  # a plain reading of distances instead of the controller
+    drum: Drum = DRUM  # its servo runs at 3 kHz
+    cable: TipCable | None = None  # between finger and link; None: the finger holds the link itself
+    stretch: Stretch = Stretch.LEFT  # of the cable, how it is made up for
+    far_force: float | None = None  # N, that the sensor measures; None: what the real wall does
+    corners: int = PATH_CORNERS  # of the polyline that a tracker takes as the finger's path
+    tolerance: float = 0.0  # of the tracker: share of a distance by which its bounds may be apart
+    budget: int | None = None  # of the tracker: nodes and leaves; None: its own
+    phase: float = 0.5  # of a period, before the first tick
+    start_distance: float = FARTHEST  # m from the touch, where a scripted hand begins
+    blind: Spans = field(default=())  # the finger is not tracked
+    silent: Spans = field(default=())  # frames are lost
+
+    def __post_init__(self) -> None:
+        positive("rate", self.rate, "hertz")
+        if self.far_force is not None:
+            not_negative("far_force", self.far_force, "newtons")
+        positive("start_distance", self.start_distance, "metres")
+        if not 0.0 <= self.phase < 1.0:
+            raise ArgumentError(f"phase is {self.phase!r}, expected 0 or more, and below 1 of a period")
+
+    @property
+    def ideal(self) -> "EngineSetup":
+        """The same drum and hand, informed without delay."""
+        return replace(self, distances=Distances.IDEAL, rate=SERVO_RATE, latency=0.0, phase=0.0)
+
+    @property
+    def expected_latency(self) -> float:
+        """For which a tracker predicts, s."""
+        return float(max(self.latency)) if isinstance(self.latency, Sequence) else float(self.latency)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

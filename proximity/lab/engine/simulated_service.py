@@ -4,30 +4,27 @@ All but the loop that keeps appointments is the service's own. What it is fed wi
 loop: poses for a tracker, or what the sensor of a far end would measure there.
 """
 
-from typing import Any, Protocol
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
+from proximity.checks import not_negative
+from proximity.errors import ArgumentError
 from proximity.lab.engine.finger_placement import PlacedFinger
 from proximity.message import PATH_CORNERS, Surface
 from proximity.service.contact_source import ContactSource, TrackedContacts
 from proximity.service.frame_builder import FrameBuilder
-from proximity.service.samples import FingerPoses, Measurements, NewestSamples, Samples
+from proximity.service.samples import FingerPoses, Measurements, NewestSamples
 from proximity.service.sensed_contacts import SensedContacts
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Outlet, Publisher
+from proximity.transport.link import NOTHING
 
 VALID_FOR, STALE_AFTER = 0.020, 0.100  # s, as of a service that is given nothing else
-
-
-class Feed(Protocol):
-    """Source of a service's samples, and of the answers to them."""
-
-    contact_source: ContactSource
-
-    def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Samples:
-        """Return what is known of the finger at an instant; a bend of nan: nothing is."""
 
 
 class TrackedFinger:
@@ -90,6 +87,10 @@ class MeasuredFinger:
         return measured
 
 
+Feed = TrackedFinger | MeasuredFinger
+"""Source of a service's samples of a finger, and of the answers to them."""
+
+
 class SimulatedService:
     """Ticks when it is asked to, and publishes."""
 
@@ -114,3 +115,65 @@ class SimulatedService:
         self._source.fill(frame_builder.contacts, newest.samples, now_ns)
         frame_builder.finish(now_ns, now_ns, 0, self._source.epoch, 0)
         self._publisher.publish(frame_builder.message)
+
+
+DRAWS = 1024  # latencies that are drawn at once
+SEED = 7
+
+Latency = float | Sequence[float]
+"""s: one that is always the same, or a sample of measured ones, of which each message has one at random."""
+
+
+class DelayedLink:
+    """Both ends of the transport; as an outlet and as an inlet of `proximity.transport`."""
+
+    shares_clock = True
+    refused = 0
+    is_keyed, unverified = False, 0
+
+    def __init__(
+        self, latency: Latency, clock: Callable[[], int], silences: Iterable[tuple[int, int]] = ()
+    ) -> None:
+        self._latencies_ns = _latencies_ns(latency)
+        self._clock, self._silences = clock, tuple(silences)
+        self._rng = np.random.default_rng(SEED)
+        self._drawn: list[int] = []
+        self._in_flight: deque[tuple[int, np.ndarray]] = deque()
+        self._last_ns = -(2**62)
+
+    def send(self, data: np.ndarray) -> None:
+        """Take one message."""
+        now_ns = self._clock()
+        self._last_ns = max(self._last_ns, now_ns + self._next_ns())
+        if not any(first <= now_ns <= last for first, last in self._silences):
+            self._in_flight.append((self._last_ns, data.copy()))
+
+    def receive(self, buffer: np.ndarray) -> int:
+        """Hand over the oldest message that has arrived."""
+        if not self._in_flight or self._in_flight[0][0] > self._clock():
+            return NOTHING
+        data = self._in_flight.popleft()[1]
+        size = min(len(data), len(buffer))
+        buffer[:size] = data[:size]
+        return len(data)
+
+    def wait(self, timeout: float) -> bool:
+        """Say whether anything is under way: in a simulation nobody waits."""
+        return bool(self._in_flight)
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def _next_ns(self) -> int:
+        if len(self._latencies_ns) == 1:
+            return self._latencies_ns[0]
+        if not self._drawn:
+            self._drawn = self._rng.choice(self._latencies_ns, DRAWS).tolist()
+        return self._drawn.pop()
+
+
+def _latencies_ns(latency: Latency) -> list[int]:
+    values = list(latency) if isinstance(latency, Sequence) else [latency]
+    if not values:
+        raise ArgumentError("no latency is given, expected seconds")
+    return [math.floor(NS_PER_S * not_negative("latency", value, "seconds") + 0.5) for value in values]

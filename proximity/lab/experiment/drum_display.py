@@ -14,14 +14,13 @@ import numpy as np
 
 from proximity.decaff.controller.controller import FingerController, SurfaceLaw
 from proximity.decaff.controller.controller_states import DrumAction, Observation, Trust
-from proximity.decaff.controller.drum_limits import Limits
-from proximity.decaff.controller.settings import ControllerSettings
-from proximity.decaff.drum.drum_command import DriveMode
+from proximity.decaff.controller.settings import ControllerSettings, Limits
+from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.motors.motor_drum import MotorDrum
-from proximity.decaff.simulated_drums.service_drums import SOFTER, DrumBench, FingerBench, with_bend
+from proximity.decaff.simulated_drums import SOFTER, DrumBench, FingerBench, with_bend
 from proximity.errors import ArgumentError
 from proximity.lab.experiment.design import Design
 from proximity.lab.experiment.display import FRAME, Interval, Presentation, interval_of, stopped_by_force

@@ -26,16 +26,13 @@ from proximity.lab.experiment.display import (
     interval_of,
     stopped_by_force,
 )
-from proximity.lab.experiment.methods import SIGMAS_OF_WIDTH
-from proximity.lab.experiment.plan import Stage, Text, is_compared
-from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall, soft_wall
-from proximity.lab.simulation.devices import CoupledWall, Decaff
+from proximity.lab.experiment.plan import SIGMAS_OF_WIDTH, Stage, Text, is_compared
+from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, real_wall, soft_wall
+from proximity.lab.simulation.devices import CoupledWall, Decaff, Hand
 from proximity.lab.simulation.frame_readers import ControllerInLoop
-from proximity.lab.simulation.hand import Hand
-from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.simulated_press import Wall
 from proximity.lab.simulation.sweeps import with_latency
-from proximity.lab.stability.coupled_limit import rests_on
+from proximity.lab.stability import rests_on
 
 DISTANCE_RATE = 1000.0  # Hz, of forces and of distances
 FRAME_PERIOD = 1e-3  # s

@@ -19,8 +19,18 @@ from proximity.lab.experiment.dataset import Dataset
 from proximity.lab.experiment.design import CHOICES, Design, Question
 from proximity.lab.experiment.design_file import sha256_of
 from proximity.lab.experiment.display import Apparatus, Presentation, Trial, trial_at
-from proximity.lab.experiment.methods import METHODS, QuestPlus, Staircase
-from proximity.lab.experiment.plan import PlannedTrial, Stage, Step, Text, minutes, plan, trials_of
+from proximity.lab.experiment.plan import (
+    METHODS,
+    PlannedTrial,
+    QuestPlus,
+    Stage,
+    Staircase,
+    Step,
+    Text,
+    minutes,
+    plan,
+    trials_of,
+)
 from proximity.lab.experiment.trial_log import Entry, TrialLog
 
 EMERGENCY = "emergency stop"

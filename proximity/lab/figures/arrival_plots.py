@@ -9,16 +9,15 @@ from proximity.decaff.drum.servo import SERVO_RATE, move, servo_for, settling_ti
 from proximity.decaff.glove.glove import Glove, tip_drums
 from proximity.lab.figures import style
 from proximity.lab.figures.style import Table, caption, gears_words, hand_words
-from proximity.lab.simulation.arrival import (
+from proximity.lab.simulation.devices import Decaff, Hand, Sensing
+from proximity.lab.simulation.sweeps import (
     ARRIVED_WITHIN,
     GRID,
     arrival_time,
     look_ahead,
     needed_look_ahead,
+    with_latency,
 )
-from proximity.lab.simulation.devices import Decaff, Sensing
-from proximity.lab.simulation.hand import Hand
-from proximity.lab.simulation.sweeps import with_latency
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

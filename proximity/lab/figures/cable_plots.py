@@ -10,11 +10,9 @@ from proximity.lab.figures import style
 from proximity.lab.figures.style import Table, caption, drum_words, hand_words
 from proximity.lab.simulation import sweeps
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff
-from proximity.lab.simulation.devices import Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import FRICTION, PRELOAD, WRAP, Decaff, Hand, TipCable
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.sweeps import Stretch
-from proximity.lab.simulation.tip_cable import FRICTION, PRELOAD, WRAP, TipCable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -36,79 +36,38 @@ class Plate:
 
 
 def _figure_5(name: str) -> Plate:
-    return Plate(
-        f"FIG {name}: {figure_5_plots.CAPTIONS[name]}",
-        f"figure-{name}",
-        partial(figure_5_plots.numbers, name),
-        figure_5_plots.drawer(name),
-        figure_5_plots.SIZE,
-    )
+    title, draw = f"FIG {name}: {figure_5_plots.CAPTIONS[name]}", figure_5_plots.drawer(name)
+    return Plate(title, f"figure-{name}", partial(figure_5_plots.numbers, name), draw, figure_5_plots.SIZE)
 
 
+def _of_drum(
+    title: str, stem: str, numbers: Callable[..., Table], draw: Callable[..., None], size: tuple[float, float]
+) -> Plate:
+    return Plate(title, stem, numbers, draw, size, has_drum=True)
+
+
+_SPEED, _LATENCY = "force error against speed", "force error against latency"
+_ENGINE = "force error with the engine in the loop, on the sample bracket"
+_PLATES = (
+    Plate("FIG 5a to 5h on a page", "figure-5", figure_5_plots.all_numbers, figure_5_plots.draw_all,
+          figure_5_plots.PAGE_SIZE),
+    Plate("stability region of the sampled wall", "stability", stability_plots.numbers, stability_plots.draw,
+          stability_plots.SIZE),
+    _of_drum(_SPEED, "error-speed", error_plots.numbers_against_speed, error_plots.draw_against_speed,
+             error_plots.SIZE),
+    _of_drum(_LATENCY, "error-latency", error_plots.numbers_against_latency, error_plots.draw_against_latency,
+             error_plots.SIZE),
+    _of_drum(_ENGINE, "error-engine", engine_plots.numbers, engine_plots.draw, engine_plots.SIZE),
+    _of_drum("what the cable costs, over its stiffness", "cable", cable_plots.numbers, cable_plots.draw,
+             cable_plots.SIZE),
+    _of_drum("how drums go to their place", "drum-motion", arrival_plots.motion_numbers,
+             arrival_plots.draw_motion, arrival_plots.MOTION_SIZE),
+    _of_drum("look-ahead that a drum needs to arrive in time", "arrival", arrival_plots.numbers,
+             arrival_plots.draw, arrival_plots.SIZE),
+)  # fmt: skip
 PLATES = {
-    **{name: _figure_5(name) for name in figure_5_plots.CAPTIONS},
-    "5": Plate(
-        "FIG 5a to 5h on a page",
-        "figure-5",
-        figure_5_plots.all_numbers,
-        figure_5_plots.draw_all,
-        figure_5_plots.PAGE_SIZE,
-    ),
-    "stability": Plate(
-        "stability region of the sampled wall",
-        "stability",
-        stability_plots.numbers,
-        stability_plots.draw,
-        stability_plots.SIZE,
-    ),
-    "error-speed": Plate(
-        "force error against speed",
-        "error-speed",
-        error_plots.numbers_against_speed,
-        error_plots.draw_against_speed,
-        error_plots.SIZE,
-        has_drum=True,
-    ),
-    "error-latency": Plate(
-        "force error against latency",
-        "error-latency",
-        error_plots.numbers_against_latency,
-        error_plots.draw_against_latency,
-        error_plots.SIZE,
-        has_drum=True,
-    ),
-    "error-engine": Plate(
-        "force error with the engine in the loop, on the sample bracket",
-        "error-engine",
-        engine_plots.numbers,
-        engine_plots.draw,
-        engine_plots.SIZE,
-        has_drum=True,
-    ),
-    "cable": Plate(
-        "what the cable costs, over its stiffness",
-        "cable",
-        cable_plots.numbers,
-        cable_plots.draw,
-        cable_plots.SIZE,
-        has_drum=True,
-    ),
-    "drum-motion": Plate(
-        "how drums go to their place",
-        "drum-motion",
-        arrival_plots.motion_numbers,
-        arrival_plots.draw_motion,
-        arrival_plots.MOTION_SIZE,
-        has_drum=True,
-    ),
-    "arrival": Plate(
-        "look-ahead that a drum needs to arrive in time",
-        "arrival",
-        arrival_plots.numbers,
-        arrival_plots.draw,
-        arrival_plots.SIZE,
-        has_drum=True,
-    ),
+    plate.stem.removeprefix("figure-"): plate
+    for plate in (*map(_figure_5, figure_5_plots.CAPTIONS), *_PLATES)
 }
 """Every figure by its name."""
 

@@ -7,14 +7,12 @@ import numpy as np
 
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError
-from proximity.lab.engine.engine_loop import press_on_part
-from proximity.lab.engine.engine_setup import EngineSetup
+from proximity.lab.engine.engine_loop import EngineSetup, press_on_part
 from proximity.lab.engine.finger_placement import place_finger
 from proximity.lab.figures import style
 from proximity.lab.figures.style import Table, caption, drum_words, hand_words
 from proximity.lab.simulation.closed_loop import ideal_drum
-from proximity.lab.simulation.devices import Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand
 from proximity.lab.simulation.metrics import deviation, drum_offset
 from proximity.lab.simulation.target_policies import Target
 from proximity.scene.loader import load

@@ -11,8 +11,7 @@ from proximity.lab.figures import style
 from proximity.lab.figures.style import Table, caption, drum_words, hand_words
 from proximity.lab.simulation import sweeps
 from proximity.lab.simulation.closed_loop import ideal_drum
-from proximity.lab.simulation.devices import Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Decaff, Hand
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.target_policies import Target
 

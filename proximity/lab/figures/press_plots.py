@@ -9,7 +9,7 @@ import numpy as np
 
 from proximity.lab.figures import style
 from proximity.lab.figures.style import COINCIDE, Table, caption, hand_words
-from proximity.lab.simulation.response import Response
+from proximity.lab.simulation.closed_loop import Response
 from proximity.lab.simulation.simulated_press import Simulation, Wall, describe
 
 if TYPE_CHECKING:

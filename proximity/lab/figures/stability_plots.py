@@ -7,7 +7,7 @@ import numpy as np
 from proximity.decaff.drum.sampled_mass import Gains, SampledMass, maximum_stiffness
 from proximity.lab.figures import style
 from proximity.lab.figures.style import Table, caption
-from proximity.lab.stability.sampled_wall import boundary
+from proximity.lab.stability import boundary
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.errors import ArgumentError
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.devices import Hand
 from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
 

@@ -12,7 +12,7 @@ import numpy as np
 from proximity.checks import not_negative, positive
 from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Press
-from proximity.lab.paper.walls import FINGER, Convention, RealWall, SpringDamper, TraditionalWall, in_series
+from proximity.lab.paper.walls import FINGER, RealWall, SpringDamper, TraditionalWall, in_series
 
 PRESS = Press()
 DELAY = 0.040  # s, the paper's 25 Hz
@@ -23,7 +23,6 @@ SOFT = in_series(FINGER, SpringDamper(stiffness=200.0, damping=np.inf))  # 5g: 1
 LIGHTLY_DAMPED = in_series(FINGER, SpringDamper(stiffness=np.inf, damping=1.2))  # 5h: 1 N·s/m
 GAIN_SHARE = 1.5  # of the gain at which 5f becomes unstable; assumed: the paper gives none
 
-REAL_WALL = RealWall(FINGER)
 SIMULATED = {
     "5b": TraditionalWall(FINGER, PENETRATION),
     "5c": TraditionalWall(FINGER, PENETRATION, DELAY),
@@ -38,21 +37,19 @@ def sample_times(step: float = 1e-5) -> np.ndarray:
     return np.arange(round(END / step) + 1) * step
 
 
-def real_wall(times: np.ndarray, press: Press = PRESS, convention: str = Convention.NEWTON) -> np.ndarray:
+def real_wall(times: np.ndarray) -> np.ndarray:
     """Return FIG 5a: the real wall."""
-    return REAL_WALL.force(times, press, convention)
+    return RealWall(FINGER).force(times, PRESS)
 
 
-def simulated_wall(
-    figure: str, times: np.ndarray, press: Press = PRESS, convention: str = Convention.NEWTON
-) -> np.ndarray:
+def simulated_wall(figure: str, times: np.ndarray) -> np.ndarray:
     """Return FIG 5b (penetrated), 5c (and late), 5d (late only), 5g (soft) or 5h (lightly damped)."""
     wall = SIMULATED.get(figure)
     if wall is None:
         raise ArgumentError(
             f"no simulated wall is shown in figure {figure!r}, expected one of {', '.join(SIMULATED)}"
         )
-    return wall.force(times, press, convention)
+    return wall.force(times, PRESS)
 
 
 def operator_reacts(times: np.ndarray, *, gain: float | None = None, step: float = DELAY) -> np.ndarray:
@@ -128,12 +125,6 @@ def critical_gain(finger: SpringDamper, step: float) -> float:
     """Return the gain above which an operator who reacts one step late is unstable, m/N."""
     now, last, before = _weights(finger, positive("step", step, "seconds"))
     return 1.0 / (now - last + before)
-
-
-def growth(finger: SpringDamper, gain: float, step: float) -> float:
-    """Return by how much a disturbance grows in a step, while the finger stays in contact."""
-    weights = _weights(finger, positive("step", step, "seconds"))
-    return float(np.abs(np.roots([1.0, *(gain * weight for weight in weights)])).max())
 
 
 def react(

@@ -1,7 +1,7 @@
 """Forces that a finger feels on a real wall, and on a traditional simulated wall.
 
 The motion of the finger is given in advance; what differs is the motion that the wall lets it make, when it
-answers, and with which spring and damper (equations 2 to 11). Numbers of equations are the
+answers, and with which spring and damper (equations 2 to 15). Numbers of equations are the
 paper's.
 """
 
@@ -75,6 +75,30 @@ def steady_excess(
 ) -> float:
     """Return by how much a wall that is entered further is felt too strong at rest, equation (10), N."""
     return equivalent.stiffness * (deflection + penetration) - finger.stiffness * deflection
+
+
+def spring_energy(stiffness: float, deflection: float) -> float:
+    """Return what a spring holds, J."""
+    return 0.5 * stiffness * deflection**2
+
+
+def damping_loss(damping: float, speed: float, depth: float, factor: float) -> float:
+    """Return what a damper takes while a finger stops, J."""
+    return factor * damping * speed * depth
+
+
+def energy_excess(press: Press, penetration: float, finger: SpringDamper, *, factor: float = 0.5) -> float:
+    """Return how much more energy a press takes on a wall that is penetrated, equations (13) to (15), J.
+
+    *factor*: the share of the speed that is left, in the mean over the way, which depends on how the finger
+    stops: 1/2 for an exponential approach, as in the paper, 2/3 for an even deceleration, 26/35 of a `Press`.
+    """
+    depth, deep = press.depth, press.depth + penetration
+    spring = spring_energy(finger.stiffness, deep) - spring_energy(finger.stiffness, depth)
+    return spring + (
+        damping_loss(finger.damping, press.speed, deep, factor)
+        - damping_loss(finger.damping, press.speed, depth, factor)
+    )
 
 
 def total_delay(sensing: float, display: float, period: float = 0.0) -> float:

@@ -7,56 +7,79 @@ every sample.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from proximity.checks import not_negative, positive
 from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum_command import DrumCommand
-from proximity.decaff.drum.servo import SIMULATION_STEP, steps_a_sample
+from proximity.decaff.drum.servo import SIMULATION_STEP, DrumCommand, steps_a_sample
 from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Intent
-from proximity.lab.simulation import loop_kernels, press_kernels
-from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Decaff, Link
-from proximity.lab.simulation.hand import Hand
-from proximity.lab.simulation.response import Response
-from proximity.lab.simulation.target_policies import Controller, DistanceSample, Message, Target
-from proximity.lab.simulation.tip_cable import TipCable
+from proximity.lab.simulation import press_kernels, target_kernels
+from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Decaff, Hand, Link, TipCable
+from proximity.lab.simulation.press_kernels import PressArrays
+from proximity.lab.simulation.target_policies import (
+    Controller,
+    DistanceSample,
+    Message,
+    Target,
+    target_arrays,
+)
+from proximity.native import packed
 
 TAIL = 0.100  # s, looked at after the hand has left: forces that come late still count
 LEAD = 0.005  # s, or m beyond the reach: free motion before anything happens
 PHASE = 0.1  # of a period, from a coupled wall's sample to the contact; assumed
+CURVES = 8  # of a response, and that of the link's speed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Response:
+    """Response of a press on a wall, instant by instant; N steps."""
+
+    hand: Hand
+    press: Intent
+    step: float  # s
+    zero: int  # row of the contact
+    force: np.ndarray  # (N,) N, of the pad on the finger
+    finger: np.ndarray  # (N,) m
+    finger_speed: np.ndarray  # (N,) m/s
+    link: np.ndarray  # (N,) m, of what meets the drum
+    link_speed: np.ndarray  # (N,) m/s; of a wall that is no device, nothing
+    thimble: np.ndarray  # (N,) m, of what the pad presses on: the cable's near end, or the link without one
+    drum: np.ndarray  # (N,) m; of a wall that is not a drum: its surface
+    contact: np.ndarray  # (N,) N, of wall or drum on the link
+
+    @property
+    def times(self) -> np.ndarray:
+        """(N,) s, from the contact."""
+        return self.step * (np.arange(len(self.force)) - self.zero)
 
 
 def real_wall(
     hand: Hand, press: Intent, *, like: Response | None = None, step: float = SIMULATION_STEP
 ) -> Response:
     """Return a press on a wall that neither moves nor pulls."""
-    response = _empty(hand, press, step, LEAD) if like is None else _same_instants(hand, press, like)
-    body = _body(hand, Link())
-    press_kernels.press_real_wall(body, press.as_array(), response.zero, response.step, response.record)
-    return response
+    return _on_surface(hand, press, math.inf, 0.0, like, step)
 
 
 def soft_wall(
-    hand: Hand,
-    press: Intent,
-    stiffness: float,
-    damping: float,
-    *,
-    like: Response | None = None,
+    hand: Hand, press: Intent, stiffness: float, damping: float, *, like: Response | None = None
 ) -> Response:
     """Return a press on a surface that gives way as a spring with a damper, without mass."""
-    numbers = np.zeros(press_kernels.WALL_SIZE)
-    numbers[press_kernels.WALL_STIFFNESS] = positive("stiffness", stiffness, "newtons a metre")
-    numbers[press_kernels.WALL_DAMPING] = not_negative("damping", damping, "newton seconds a metre")
-    response = (
-        _empty(hand, press, SIMULATION_STEP, LEAD) if like is None else _same_instants(hand, press, like)
-    )
-    body = _body(hand, Link())
-    press_kernels.press_soft_wall(
-        body, press.as_array(), numbers, response.zero, response.step, response.record
-    )
+    positive("stiffness", stiffness, "newtons a metre")
+    not_negative("damping", damping, "newton seconds a metre")
+    return _on_surface(hand, press, stiffness, damping, like, SIMULATION_STEP)
+
+
+def _on_surface(
+    hand: Hand, press: Intent, stiffness: float, damping: float, like: Response | None, step: float
+) -> Response:
+    response, arrays = _empty(hand, press, step if like is None else like.step, LEAD, like=like)
+    wall = arrays.wall[0]
+    wall.stiffness, wall.damping = stiffness, damping
+    press_kernels.press_surface(packed(arrays))
     return response
 
 
@@ -69,22 +92,23 @@ def coupled_wall(
     step: float = SIMULATION_STEP,
 ) -> Response:
     """Return a press on a traditional wall: finger and device are bound to each other by the pad."""
-    steps = steps_a_sample(wall.rate, step)
-    response = _empty(hand, press, 1.0 / (wall.rate * steps), LEAD)
-    numbers = np.array([wall.stiffness, wall.damping, wall.resolution])
-    samples = np.array([steps, round(wall.latency / response.step), round(PHASE * steps)])
-    body = _body(hand, device)
-    press_kernels.press_coupled_wall(
-        body, press.as_array(), numbers, samples, response.zero, response.step, response.record
-    )
+    every = steps_a_sample(wall.rate, step)
+    response, arrays = _empty(hand, press, 1.0 / (wall.rate * every), LEAD, link=device)
+    late, first = round(wall.latency / response.step), (response.zero - round(PHASE * every)) % every
+    arrays.wall[0] = (wall.stiffness, wall.damping, wall.resolution, every, late, first, 0.0)
+    arrays = arrays._replace(held=np.zeros(len(response.force) // every + 2))
+    press_kernels.press_device(packed(arrays))
     return response
 
 
 def ideal_drum(hand: Hand, press: Intent, *, step: float = SIMULATION_STEP) -> Response:
     """Return a press on a drum that stands at the wall and does not move: what a link alone costs."""
-    response = _empty(hand, press, step, LEAD)
-    body = _body(hand, Link())
-    loop_kernels.run_stop(body, press.as_array(), 0.0, response.zero, response.step, response.record)
+    response, arrays = _empty(hand, press, step, LEAD)
+    drum, drive = np.zeros(drum_kernels.DRUM_SIZE), np.zeros(drum_kernels.DRIVE_SIZE)
+    drum[drum_kernels.DRUM_MASS] = drum[drum_kernels.DRUM_SPEED_LIMIT] = math.inf
+    whole = packed(arrays._replace(drum=drum, drive=drive))
+    press_kernels.begin_press(whole)
+    press_kernels.press_drum(whole, 0, len(response.force))
     return response
 
 
@@ -111,24 +135,26 @@ class DecaffLoop:
 
     def __init__(self, hand: Hand, press: Intent, glove: Decaff) -> None:
         steps = steps_a_sample(glove.servo.rate)
-        lead = press.lead(glove.sensing.reach + LEAD)
-        self.response = _empty(hand, press, glove.servo.period / steps, lead, multiple=steps)
+        lead, step = press.lead(glove.sensing.reach + LEAD), glove.servo.period / steps
+        self.response, arrays = _empty(
+            hand, press, step, lead, multiple=steps, link=glove.link, cable=glove.cable
+        )
         self._steps, self._first, self._back = steps, 0, 0.0
-        self._body, self._press = _body(hand, glove.link, glove.cable), press.as_array()
         self._resolution = glove.sensing.resolution
+        self.drive, self._command = glove.drum.drive(step), np.zeros(drum_kernels.COMMAND_SIZE)
         self._drum, self._servo = glove.drum.as_array(), glove.servo.as_array()
-        self._sensing, self._holding = glove.sensing.as_array(), glove.holding.as_array()
-        self._noise = glove.sensing.noises(self.response.record.shape[1] * self.response.step)
-        self.drive = glove.drum.drive(self.response.step)
-        self._command = np.zeros(drum_kernels.COMMAND_SIZE)
-        self._message = np.zeros(loop_kernels.MESSAGE_SIZE)
+        self._press = packed(
+            arrays._replace(drum=self._drum, servo=self._servo, drive=self.drive, command=self._command)
+        )
+        targets = target_arrays(glove.holding, glove.sensing, len(self.response.force) * step)
+        self._message, self._targets = targets.message, packed(targets)
         drum_kernels.rest_drum(self._drum, self.drive, glove.holding.retracted)
-        loop_kernels.start_record(self._press, self.response.zero, self.response.step, self.response.record)
+        press_kernels.begin_press(self._press)
 
     @property
     def is_over(self) -> bool:
         """Whether the press has come to its end."""
-        return self._first >= self.response.record.shape[1]
+        return self._first >= len(self.response.force)
 
     @property
     def now(self) -> float:
@@ -139,14 +165,12 @@ class DecaffLoop:
         """Return what a controller knows at this sample."""
         self._must_go_on()
         response, row = self.response, self._first
-        loop_kernels.read_message(
-            self._sensing, self._noise, row, response.zero, response.step, response.record, self._message
-        )
-        at, link, speed, distance = (float(number) for number in self._message)
+        target_kernels.read_message(self._press, self._targets, row)
+        at, link, speed, distance = self._message[0].item()
         return DistanceSample(
             self.now,
             self._read(float(response.link[row])),
-            float(response.record[press_kernels.RECORD_LINK_SPEED, row]),
+            float(response.link_speed[row]),
             float(response.finger_speed[row]),
             float(self.drive[drum_kernels.DRIVE_POSITION]),
             self._back,
@@ -157,57 +181,29 @@ class DecaffLoop:
 
     def row(self, time: float) -> int:
         """Return the row of the record that is nearest to an instant, of those that are filled."""
-        last = min(self._first, self.response.record.shape[1] - 1)
+        last = min(self._first, len(self.response.force) - 1)
         return min(max(self.response.zero + round(time / self.response.step), 0), last)
 
     def link_at(self, time: float) -> tuple[float, float]:
         """Return where the link was by the potentiometer, m, and how fast, m/s."""
-        row, record = self.row(time), self.response.record
-        link, speed = (
-            float(record[i, row]) for i in (press_kernels.RECORD_LINK, press_kernels.RECORD_LINK_SPEED)
-        )
-        return self._read(link), speed
+        row = self.row(time)
+        return self._read(float(self.response.link[row])), float(self.response.link_speed[row])
 
     def tick(self, command: DrumCommand) -> None:
         """Serve a command for one sample, and move everything by it."""
         self._must_go_on()
-        response = self.response
         command.write(self._command)
         drum_kernels.serve(self._drum, self._servo, self.drive, self._command, self._back)
-        last = min(self._first + self._steps, response.record.shape[1])
-        self._back = loop_kernels.advance_plant(
-            self._body,
-            self._press,
-            self._drum,
-            self.drive,
-            self._first,
-            last,
-            response.zero,
-            response.step,
-            response.record,
-        )
-        self._first = last
+        last = min(self._first + self._steps, len(self.response.force))
+        press_kernels.press_drum(self._press, self._first, last)
+        self._first, self._back = last, float(self.response.contact[last - 1])
 
     def run(self, target: Target) -> None:
         """Go through the whole press with one of the four readings, in compiled code."""
         if self._first > 0:
             raise ArgumentError(f"the press is at {self.now:g} s, expected one that has not begun")
-        response = self.response
-        loop_kernels.run_loop(
-            int(target),
-            self._body,
-            self._press,
-            self._drum,
-            self._servo,
-            self.drive,
-            self._sensing,
-            self._noise,
-            self._holding,
-            self._steps,
-            response.zero,
-            response.record,
-        )
-        self._first = response.record.shape[1]
+        target_kernels.press_informed_drum(int(target), self._press, self._targets, self._steps)
+        self._first = len(self.response.force)
 
     def _read(self, link: float) -> float:
         """Position of the link as the potentiometer has it, m."""
@@ -218,35 +214,31 @@ class DecaffLoop:
             raise ArgumentError(f"the press is over at {self.now:g} s, expected one that goes on")
 
 
-def _body(hand: Hand, link: Link, cable: TipCable | None = None) -> np.ndarray:
-    body = np.zeros(press_kernels.BODY_SIZE)
-    body[press_kernels.BODY_HAND_STIFFNESS], body[press_kernels.BODY_HAND_DAMPING] = (
-        hand.stiffness,
-        hand.damping,
-    )
-    body[press_kernels.BODY_FINGER_MASS] = hand.finger_mass
-    body[press_kernels.BODY_PAD_STIFFNESS], body[press_kernels.BODY_PAD_DAMPING] = (
-        hand.pad_stiffness,
-        hand.pad_damping,
-    )
-    body[press_kernels.BODY_LINK_MASS], body[press_kernels.BODY_LINK_DAMPING] = link.mass, link.damping
-    body[press_kernels.BODY_CONTACT_STIFFNESS] = link.contact_stiffness
-    body[press_kernels.BODY_CONTACT_DAMPING] = link.contact_damping
-    if cable is not None:
-        body[press_kernels.BODY_CABLE_STIFFNESS] = cable.stiffness
-        body[press_kernels.BODY_CABLE_DAMPING] = cable.damping(link.mass)
-        body[press_kernels.BODY_PLAY] = cable.play
-        body[press_kernels.BODY_CAPSTAN], body[press_kernels.BODY_DRAG] = cable.capstan, cable.drag
-    return body
+def _empty(
+    hand: Hand,
+    press: Intent,
+    step: float,
+    lead: float,
+    *,
+    multiple: int = 1,
+    link: Link | None = None,
+    cable: TipCable | None = None,
+    like: Response | None = None,
+) -> tuple[Response, PressArrays]:
+    """Room for a press: *lead* seconds before the contact, in whole samples of *multiple* steps.
 
-
-def _empty(hand: Hand, press: Intent, step: float, lead: float, multiple: int = 1) -> Response:
-    """Room for a press: *lead* seconds before the contact, in whole samples of *multiple* steps."""
+    The arrays have no drum yet. *like*: a press with the same instants.
+    """
     positive("step", step, "seconds")
-    zero = math.ceil(lead / (step * multiple)) * multiple
-    count = zero + math.ceil((press.loss_time + TAIL) / step)
-    return Response(hand, press, step, zero, np.zeros((press_kernels.RECORD_SIZE, count)))
-
-
-def _same_instants(hand: Hand, press: Intent, like: Response) -> Response:
-    return Response(hand, press, like.step, like.zero, np.zeros_like(like.record))
+    zero = math.ceil(lead / (step * multiple)) * multiple if like is None else like.zero
+    count = zero + math.ceil((press.loss_time + TAIL) / step) if like is None else len(like.force)
+    curves, nothing, link = np.zeros((CURVES, count + 1)), np.zeros(0), link or Link()
+    body = np.zeros(1, press_kernels.BODY)
+    body[0] = (
+        hand.stiffness, hand.damping, hand.finger_mass, hand.pad_stiffness, hand.pad_damping,
+        link.mass, link.damping, link.contact_stiffness, link.contact_damping,
+        *(cable.numbers(link.mass) if cable is not None else (0.0,) * 5), step, zero,
+    )  # fmt: skip
+    wall = np.zeros(1, press_kernels.WALL)
+    arrays = PressArrays(body, press.as_array(), wall, *(nothing,) * 5, *curves)
+    return Response(hand, press, step, zero, *curves[:, :count]), arrays

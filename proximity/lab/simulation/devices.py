@@ -1,18 +1,93 @@
-"""Devices of the closed loop: links, coupled walls, and gloves with a drum."""
+"""What takes part in a press: the hand, walls, links, the cable to them, and gloves with a drum.
+
+The hand's intent is a motion given in advance (`trajectories.Press`), through the wall's surface to a depth
+that no hand reaches: springs and dampers lie between intent and finger, and between finger and surface.
+Contact is at 0, at time 0; positions are positive into the wall.
+"""
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from proximity.checks import finite, not_negative, positive, whole
-from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum, with_random_phases
+from proximity.decaff.controller.settings import RELEASE_GAP, TOUCH_GAP
+from proximity.decaff.drum.drum_model import PAD_STIFFNESS, USUAL_GEAR, Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
-from proximity.decaff.glove.glove import DRUMS, Glove
+from proximity.decaff.glove.glove import CONTACT_BEND, DRUMS, Glove
 from proximity.errors import ArgumentError
-from proximity.lab.simulation import loop_kernels
-from proximity.lab.simulation.target_policies import Holding
-from proximity.lab.simulation.tip_cable import TipCable
+from proximity.lab.paper.trajectories import Press
+from proximity.lab.simulation import target_kernels
+
+STEADY_FORCE = 0.8  # N: a pad of 200 N/m pressed in by 4 mm
+HOLD_TIME = 0.2  # s; assumed
+FRICTION = 0.1  # of a cable in a lined sheath; assumed
+WRAP = 0.5 * math.pi  # rad, all bends of the sheath together; assumed
+PRELOAD = 1.0  # N, of both strands together, which keep it taut; assumed
+LOSS = 0.05  # of critical damping, of link and cable; assumed
+
+
+@dataclass(frozen=True, slots=True)
+class Hand:
+    """Hand, finger and pad in a row: intent - (spring, damper) - finger - (spring, damper) - surface."""
+
+    stiffness: float = 300.0  # N/m, of hand and arm; assumed
+    damping: float = 3.0  # N s/m; assumed
+    finger_mass: float = 0.010  # kg; assumed
+    pad_stiffness: float = PAD_STIFFNESS
+    pad_damping: float = 6.0  # N s/m, the paper's
+
+    def __post_init__(self) -> None:
+        positive("stiffness", self.stiffness, "newtons a metre")
+        not_negative("damping", self.damping, "newton seconds a metre")
+        positive("finger_mass", self.finger_mass, "kilograms")
+        positive("pad_stiffness", self.pad_stiffness, "newtons a metre")
+        not_negative("pad_damping", self.pad_damping, "newton seconds a metre")
+
+    @property
+    def series_stiffness(self) -> float:
+        """Stiffness of hand and pad in series, N/m: force per displacement of the wall."""
+        return 1.0 / (1.0 / self.stiffness + 1.0 / self.pad_stiffness)
+
+    def press(self, speed: float, *, hold: float = HOLD_TIME) -> Press:
+        """Return the intent that comes at some speed and holds `STEADY_FORCE` against a rigid wall."""
+        depth = STEADY_FORCE / self.series_stiffness
+        rise = 2.0 * depth / positive("speed", speed, "metres a second")
+        return Press(speed, depth, touch_time=0.0, release_time=rise + positive("hold", hold, "seconds"))
+
+
+@dataclass(frozen=True, slots=True)
+class TipCable:
+    """A cable with what it costs at the fingertip: it stretches, and rubs in its sheath."""
+
+    stiffness: float  # N/m
+    capstan: float = 0.0  # share of its tension by which it rubs
+    drag: float = 0.0  # N, by which it rubs where nothing pulls
+    loss: float = LOSS
+    play: float = 0.0  # m, that the finger goes back before the link follows
+
+    def __post_init__(self) -> None:
+        positive("stiffness", self.stiffness, "newtons a metre")
+        not_negative("capstan", self.capstan, "shares")
+        not_negative("drag", self.drag, "newtons")
+        not_negative("loss", self.loss, "shares")
+        not_negative("play", self.play, "metres")
+
+    @classmethod
+    def of(
+        cls, glove: Glove, bend: float = CONTACT_BEND, *, friction: float = FRICTION, wrap: float = WRAP
+    ) -> "TipCable":
+        """Return the cable of a glove."""
+        capstan = math.expm1(not_negative("friction", friction, "shares") * not_negative("wrap", wrap, "rad"))
+        tension_a_newton = float(glove.cable_tension(bend, 1.0))
+        drag, play = capstan * PRELOAD / tension_a_newton, float(glove.tip_play(bend))
+        return cls(float(glove.tip_stiffness(bend)), capstan, drag, play=play)
+
+    def numbers(self, mass: float) -> tuple[float, ...]:
+        """Return stiffness, damping, share and force of rubbing, and play; *mass*, kg, is the link's."""
+        damping = 2.0 * self.loss * math.sqrt(self.stiffness * mass)
+        return self.stiffness, damping, self.capstan, self.drag, self.play
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,16 +160,7 @@ class Sensing:
 
     def as_array(self) -> np.ndarray:
         """Return its numbers as the kernels read them."""
-        array = np.zeros(loop_kernels.SENSING_SIZE)
-        array[loop_kernels.SENSING_RATE] = self.rate
-        array[loop_kernels.SENSING_LATENCY] = self.latency
-        array[loop_kernels.SENSING_REACH] = self.reach
-        array[loop_kernels.SENSING_BIAS] = self.bias
-        array[loop_kernels.SENSING_SCALE_ERROR] = self.scale_error
-        array[loop_kernels.SENSING_WALL_SPEED] = self.wall_speed
-        array[loop_kernels.SENSING_PHASE] = self.phase
-        array[loop_kernels.SENSING_RESOLUTION] = self.resolution
-        return array
+        return _row_of(target_kernels.SENSING, self)
 
     def noises(self, duration: float) -> np.ndarray:
         """Return the error of each distance that is measured in so many seconds, m; the same on every run."""
@@ -102,6 +168,33 @@ class Sensing:
             return np.zeros(1)
         count = math.ceil(duration * self.rate) + 1
         return self.noise * np.random.default_rng(self.seed).standard_normal(count)
+
+
+@dataclass(frozen=True, slots=True)
+class Holding:
+    """Distances at which a target is held, and the position where the drum waits otherwise."""
+
+    retracted: float = 0.030  # m; assumed
+    touch_gap: float = TOUCH_GAP  # m, of link and drum: nearer is touching
+    release_gap: float = RELEASE_GAP  # m, farther is released
+    compliance: float = (
+        0.0  # m/N, of a cable whose stretch is made up for while a target is held; 0: it is not
+    )
+    smoothing: float = (
+        2.0  # Hz, of the force that stretches it; from 10 Hz on, the motor's makes the drum swing
+    )
+    has_force_sensor: bool = False  # between link and drum; without one the motor's force is taken
+
+    def __post_init__(self) -> None:
+        positive("retracted", self.retracted, "metres")
+        positive("touch_gap", self.touch_gap, "metres")
+        positive("release_gap", self.release_gap, "metres")
+        not_negative("compliance", self.compliance, "metres a newton")
+        positive("smoothing", self.smoothing, "hertz")
+
+    def as_array(self) -> np.ndarray:
+        """Return its numbers as the kernels read them."""
+        return _row_of(target_kernels.HOLDING, self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,3 +216,8 @@ class Decaff:
     def of(cls, glove: Glove) -> "Decaff":
         """Return a glove's drum, with the wall at random within a count of its encoder, without its cable."""
         return cls(with_random_phases(glove.tip_drum(), 1)[0])
+
+
+def _row_of(kind: np.dtype[Any], source: object) -> np.ndarray:
+    """One row of a record type, whose fields are attributes of the source."""
+    return np.array([tuple(getattr(source, name) for name in kind.names or ())], kind)

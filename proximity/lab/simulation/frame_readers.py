@@ -19,9 +19,10 @@ from proximity.decaff.controller.controller_states import (
     Trust,
     commanded,
 )
-from proximity.decaff.drum.drum_command import DriveMode, DrumCommand
+from proximity.decaff.drum.servo import DriveMode, DrumCommand
 from proximity.decaff.glove.finger_path import FingerPath
-from proximity.lab.simulation.target_policies import DistanceSample, Holding, Message, TargetPolicy
+from proximity.lab.simulation.devices import Holding
+from proximity.lab.simulation.target_policies import DistanceSample, Message, TargetPolicy
 from proximity.message import CONTACT, Mode, State, Surface
 from proximity.message.contact import ContactFlag
 from proximity.system.time_units import S_PER_NS

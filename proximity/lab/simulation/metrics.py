@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.lab.simulation.closed_loop import real_wall
-from proximity.lab.simulation.response import Response
+from proximity.lab.simulation.closed_loop import Response, real_wall
 
 FELT_SWING = 0.005  # N, p-p: about the least that is felt at 250 Hz, 1 µm of a fingertip; assumed
 ONSET_FORCE = 0.1  # N, from which on a finger feels a wall; assumed

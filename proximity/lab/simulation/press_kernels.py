@@ -1,61 +1,87 @@
-"""Kernels that step a finger, driven by its hand, on a real wall and on a coupled wall.
+"""Kernels of a press: hand, finger and pad against a wall, a device or a drum, in one loop with a plug.
 
-Steps are semi-implicit (speeds first, positions with the new speeds). A run has its contact at row *zero* of
-the record; row i is the instant (i - zero) step. The device of a coupled wall is bound to the finger through
-the pad, which pushes and pulls; a real wall only pushes.
+What answers the finger is a kernel that writes force and contact of a row, and where what it moves is in the
+next row. There are three: a surface without mass, rigid or soft; a device that hangs on the finger and is
+pushed back by sampled forces, late; and a link that is free until it meets a drum.
+
+Steps are semi-implicit: speeds first, positions with the new speeds. The contact is at row *zero* of the
+curves; row i is the instant (i - zero) step. Positions are positive into the wall, in one coordinate for
+finger, link and drum.
 """
+
+from collections.abc import Callable
+from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
-from proximity.decaff.drum.drum_kernels import rounded
-from proximity.native import entry, inlined
-
-# --- a body: hand, finger, pad, link ---
-BODY_HAND_STIFFNESS = 0  # N/m
-BODY_HAND_DAMPING = 1  # N s/m
-BODY_FINGER_MASS = 2  # kg
-BODY_PAD_STIFFNESS = 3  # N/m
-BODY_PAD_DAMPING = 4  # N s/m
-BODY_LINK_MASS = 5  # kg, of what moves with the pad's far side
-BODY_LINK_DAMPING = 6  # N s/m
-BODY_CONTACT_STIFFNESS = 7  # N/m, of link on drum
-BODY_CONTACT_DAMPING = 8  # N s/m
-BODY_CABLE_STIFFNESS = 9  # N/m, at the fingertip; 0: the pad presses on the link itself
-BODY_CABLE_DAMPING = 10  # N s/m
-BODY_CAPSTAN = 11  # share of its tension by which the cable rubs in its sheath, as the tension grows
-BODY_DRAG = 12  # N, by which it rubs at least
-BODY_PLAY = 13  # m at the fingertip, of the cable's backlash: so far the finger goes back without the link
-BODY_SIZE = 14
+from proximity.decaff.drum import drum_kernels as drums
+from proximity.decaff.drum.drum_kernels import push_drum, rounded
+from proximity.native import bundle, entry, inlined, record
 
 LEAST_DAMPING = 1.0  # N s/m, of a surface that goes back: its spring alone would be there at once
 TOUCHING = 1e-9  # m; so near is touching: the positions of an approach add up with rounding
 
-# --- an intent ---
-PRESS_SPEED = 0  # m/s
-PRESS_DEPTH = 1  # m
-PRESS_RELEASE = 2  # s
+BODY = record(
+    "PressBody",
+    hand_stiffness="f8",  # N/m
+    hand_damping="f8",  # N s/m
+    finger_mass="f8",  # kg
+    pad_stiffness="f8",  # N/m
+    pad_damping="f8",  # N s/m
+    link_mass="f8",  # kg, of what moves with the pad's far side
+    link_damping="f8",  # N s/m
+    contact_stiffness="f8",  # N/m, of link on drum
+    contact_damping="f8",  # N s/m
+    cable_stiffness="f8",  # N/m, at the fingertip; 0: the pad presses on the link itself
+    cable_damping="f8",  # N s/m
+    capstan="f8",  # share of its tension by which the cable rubs in its sheath, as the tension grows
+    drag="f8",  # N, by which it rubs at least
+    play="f8",  # m at the fingertip, of the cable's backlash: so far the finger goes back without the link
+    step="f8",  # s, of the loop
+    zero="i8",  # row of the contact
+)
+WALL = record(
+    "PressWall",
+    stiffness="f8",  # N/m; inf: of a surface that is rigid
+    damping="f8",  # N s/m
+    resolution="f8",  # m, of a device's encoder; 0: none
+    every="i8",  # steps from one sample of a device to the next
+    late="i8",  # steps of its delay
+    first="i8",  # row of its first sample
+    before="f8",  # m, what it read a sample ago; written by the loop
+)
+# --- an intent: speed, m/s, depth, m, and release, s; or one that was recorded ---
 PRESS_SIZE = 3
-# One that was recorded goes on: all its positions, m, and all its speeds, m/s, at even steps.
-PRESS_BEGIN = 3  # s, of the first
-PRESS_STEP = 4  # s, from one to the next
-PRESS_TABLE = 5
+# Of the recorded one these are free; begin and step, s, follow, then all positions, m, and all speeds, m/s.
+PRESS_BEGIN, PRESS_STEP, PRESS_TABLE = 3, 4, 5
 
-# --- a row of a record ---
-RECORD_FORCE = 0  # N, of the pad on the finger
-RECORD_FINGER = 1  # m
-RECORD_FINGER_SPEED = 2  # m/s
-RECORD_LINK = 3  # m
-RECORD_LINK_SPEED = 4  # m/s
-RECORD_DRUM = 5  # m; of a wall that is not a drum: its surface
-RECORD_CONTACT = 6  # N, on the link
-RECORD_THIMBLE = 7  # m, of what the pad presses on: the cable's near end
-RECORD_SIZE = 8
 
-# --- a coupled wall ---
-WALL_STIFFNESS = 0  # N/m
-WALL_DAMPING = 1  # N s/m
-WALL_RESOLUTION = 2  # m, of the encoder; 0: none
-WALL_SIZE = 3
+class PressArrays(NamedTuple):
+    """All that a press reads and writes; curves have N rows and one more, for where the last step leads."""
+
+    body: np.ndarray  # (1,) BODY
+    intent: np.ndarray  # (K,) float64
+    wall: np.ndarray  # (1,) WALL
+    held: np.ndarray  # (M,) float64, N: the force of each sample of a device
+    drum: np.ndarray  # float64, see `drum_kernels`, as the next three
+    servo: np.ndarray
+    drive: np.ndarray
+    command: np.ndarray
+    force: np.ndarray  # (N + 1,) float64, N, of the pad on the finger
+    finger: np.ndarray  # m
+    finger_speed: np.ndarray  # m/s
+    link: np.ndarray  # m
+    link_speed: np.ndarray  # m/s
+    thimble: np.ndarray  # m, of what the pad presses on: the cable's near end
+    where: np.ndarray  # m, of the drum; of a wall that is none: its surface
+    contact: np.ndarray  # N, on the link
+
+
+bundle(
+    PressArrays, body="PressBody[:]", intent="float64[:]", wall="PressWall[:]",
+    **dict.fromkeys(PressArrays._fields[3:], "float64[:]"),
+)  # fmt: skip
 
 
 @inlined
@@ -78,14 +104,14 @@ def intent(press: np.ndarray, t: float) -> tuple[float, float]:
     """Intended position and speed of the hand at *t*: `trajectories.Press`, touching at 0."""
     if press.shape[0] > PRESS_SIZE:
         return recorded_intent(press, t)
-    speed, depth = press[PRESS_SPEED], press[PRESS_DEPTH]
+    speed, depth, release = press[0], press[1], press[2]
     rise = 2.0 * depth / speed
     if t < 0.0:
         return speed * t, speed
     if t < rise:
         s = t / rise
         return depth * s * (2.0 - s * s * (2.0 - s)), speed * (1.0 - s) * (1.0 - s) * (1.0 + 2.0 * s)
-    r = (t - press[PRESS_RELEASE]) / rise
+    r = (t - release) / rise
     if r < 0.0:
         return depth, 0.0
     if r < 1.0:
@@ -94,115 +120,162 @@ def intent(press: np.ndarray, t: float) -> tuple[float, float]:
 
 
 @inlined
-def hand_force(body: np.ndarray, press: np.ndarray, t: float, finger: float, speed: float) -> float:
-    """Force of the hand on the finger, N."""
-    wanted, wanted_speed = intent(press, t)
-    return body[BODY_HAND_STIFFNESS] * (wanted - finger) + body[BODY_HAND_DAMPING] * (wanted_speed - speed)
+def contact_force(body: np.record, link: float, link_speed: float, drum: float, drum_speed: float) -> float:
+    """Force of the drum on the link, N; never pulls."""
+    if not link > drum:
+        return 0.0
+    force = body.contact_stiffness * (link - drum) + body.contact_damping * (link_speed - drum_speed)
+    return max(0.0, force)
 
 
 @inlined
-def step_finger(
-    body: np.ndarray, press: np.ndarray, t: float, force: float, finger: float, speed: float, step: float
-) -> tuple[float, float]:
-    """Position and speed of the finger a step after *t*, driven by the hand against the pad's *force*."""
-    push = hand_force(body, press, t, finger, speed)
-    speed += (push - force) / body[BODY_FINGER_MASS] * step
-    return finger + speed * step, speed
+def cable_forces(
+    body: np.record, finger: float, speed: float, thimble: float, link: float, link_speed: float
+) -> tuple[float, float, float]:
+    """Force of the pad and tension of the cable, N at the fingertip, and speed of the thimble between them.
+
+    The thimble has no mass: it goes as fast as pad, cable and the friction in the sheath, which is where the
+    cable leaves the hand, let it. Without a cable it is the link.
+    """
+    stiffness, damping = body.pad_stiffness, body.pad_damping
+    if not body.cable_stiffness > 0.0:
+        force = stiffness * (finger - thimble) + damping * (speed - link_speed)
+        return force, force, link_speed
+    slack, own = thimble - link, body.cable_damping
+    if slack < 0.0 and body.play > 0.0:  # the finger goes back: first through the backlash
+        slack = min(0.0, slack + body.play)
+        own = own if slack < 0.0 or not damping > 0.0 else 0.0
+    stretch = body.cable_stiffness * slack
+    free = stiffness * (finger - thimble) + damping * speed - stretch + own * link_speed
+    # Capstan: e^(mu angle) - 1 where the tension grows, 1 - e^(-mu angle) where it falls.
+    share = body.capstan / (1.0 if free * stretch > 0.0 else 1.0 + body.capstan)
+    rubbing = max(body.drag, share * abs(stretch))
+    left = free - rubbing if free > rubbing else (free + rubbing if free < -rubbing else 0.0)
+    thimble_speed = left / (damping + own)
+    force = stiffness * (finger - thimble) + damping * (speed - thimble_speed)
+    return force, stretch + own * (thimble_speed - link_speed), thimble_speed
 
 
-@entry("float64[:], float64[:], int, float, float64[:, :]")
-def press_real_wall(body: np.ndarray, press: np.ndarray, zero: int, step: float, record: np.ndarray) -> None:
-    """A finger on a wall that neither moves nor pulls."""
-    finger, speed = intent(press, -zero * step)
-    for i in range(record.shape[1]):
-        force = 0.0
-        # At the surface the damper already pushes: the force begins with a step.
-        if finger >= -TOUCHING:
-            force = max(0.0, body[BODY_PAD_STIFFNESS] * finger + body[BODY_PAD_DAMPING] * speed)
-        record[RECORD_FORCE, i], record[RECORD_FINGER, i], record[RECORD_FINGER_SPEED, i] = (
-            force,
-            finger,
-            speed,
-        )
-        record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = (
-            min(finger, 0.0),
-            0.0 if finger > 0.0 else speed,
-        )
-        record[RECORD_THIMBLE, i] = record[RECORD_LINK, i]
-        record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = 0.0, force
-        finger, speed = step_finger(body, press, (i - zero) * step, force, finger, speed, step)
+@inlined
+def step_finger(press: PressArrays, i: int) -> None:
+    """Where the finger is in the next row, driven by the hand against the pad's force."""
+    body, finger, speed = press.body[0], press.finger[i], press.finger_speed[i]
+    wanted, wanted_speed = intent(press.intent, (i - body.zero) * body.step)
+    push = body.hand_stiffness * (wanted - finger) + body.hand_damping * (wanted_speed - speed)
+    speed += (push - press.force[i]) / body.finger_mass * body.step
+    press.finger[i + 1], press.finger_speed[i + 1] = finger + speed * body.step, speed
 
 
-@entry("float64[:], float64[:], float64[:], int, float, float64[:, :]")
-def press_soft_wall(
-    body: np.ndarray, press: np.ndarray, wall: np.ndarray, zero: int, step: float, record: np.ndarray
-) -> None:
-    """A finger on a surface without mass, held by a spring and a damper of its own, which never pulls.
+def pressed_on(answer: Callable[[PressArrays, int], None]) -> Callable[[PressArrays, int, int], None]:
+    """Return the loop over rows, from one to before another, with what answers the finger."""
+
+    @inlined
+    def advance(press: PressArrays, first: int, last: int) -> None:
+        for i in range(first, last):
+            answer(press, i)
+            step_finger(press, i)
+
+    return advance
+
+
+@inlined
+def begin(press: PressArrays) -> None:
+    """The first row: hand, finger and link move together, at the hand's speed."""
+    body = press.body[0]
+    where, speed = intent(press.intent, -body.zero * body.step)
+    press.finger[0] = press.link[0] = press.thimble[0] = where
+    press.finger_speed[0] = press.link_speed[0] = speed
+
+
+# --- what answers ---
+
+
+@inlined
+def meet_surface(press: PressArrays, i: int) -> None:
+    """A surface without mass, rigid, or held by a spring and a damper of its own; it never pulls.
 
     Pad and surface are in a row: the same force is on both, which tells how fast the surface gives way.
     """
-    finger, speed = intent(press, -zero * step)
-    surface = 0.0
-    for i in range(record.shape[1]):
-        force = sink = 0.0
-        if finger >= surface - TOUCHING:
-            pad = body[BODY_PAD_STIFFNESS] * (finger - surface) + body[BODY_PAD_DAMPING] * speed
-            sink = (pad - wall[WALL_STIFFNESS] * surface) / (body[BODY_PAD_DAMPING] + wall[WALL_DAMPING])
-            force = pad - body[BODY_PAD_DAMPING] * sink
-        if not force > 0.0:  # it goes back by itself
-            force = 0.0
-            sink = -wall[WALL_STIFFNESS] * surface / max(wall[WALL_DAMPING], LEAST_DAMPING)
-        record[RECORD_FORCE, i], record[RECORD_FINGER, i], record[RECORD_FINGER_SPEED, i] = (
-            force,
-            finger,
-            speed,
-        )
-        record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = max(surface, min(finger, 0.0)), sink
-        record[RECORD_THIMBLE, i] = record[RECORD_LINK, i]
-        record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = surface, force
-        finger, speed = step_finger(body, press, (i - zero) * step, force, finger, speed, step)
-        surface += sink * step
+    body, wall, surface = press.body[0], press.wall[0], press.where[i]
+    finger, speed, is_soft = press.finger[i], press.finger_speed[i], wall.stiffness < inf
+    force = sink = 0.0
+    # At the surface the damper already pushes: the force begins with a step.
+    if finger >= surface - TOUCHING:
+        pad = body.pad_stiffness * (finger - surface) + body.pad_damping * speed
+        if is_soft:
+            sink = (pad - wall.stiffness * surface) / (body.pad_damping + wall.damping)
+        force = pad - body.pad_damping * sink
+    if not force > 0.0:  # it goes back by itself
+        force = 0.0
+        sink = -wall.stiffness * surface / max(wall.damping, LEAST_DAMPING) if is_soft else 0.0
+    press.force[i] = press.contact[i] = force
+    press.link[i] = press.thimble[i] = max(surface, min(finger, 0.0)) if is_soft else min(finger, 0.0)
+    press.where[i + 1] = surface + sink * body.step
 
 
-@entry("float64[:], float64[:], float64[:], int64[:], int, float, float64[:, :]", makes_arrays=True)
-def press_coupled_wall(
-    body: np.ndarray,
-    press: np.ndarray,
-    wall: np.ndarray,
-    samples: np.ndarray,
-    zero: int,
-    step: float,
-    record: np.ndarray,
-) -> None:
-    """A finger bound to a device that a sampled spring and damper push back, late.
+@inlined
+def pull_link(press: PressArrays, i: int, back: float) -> None:
+    """The link, which the finger moves through pad and cable, and which a force pushes *back*, N."""
+    body, link, link_speed, thimble = press.body[0], press.link[i], press.link_speed[i], press.thimble[i]
+    force, tension, thimble_speed = cable_forces(
+        body, press.finger[i], press.finger_speed[i], thimble, link, link_speed
+    )
+    press.force[i], press.contact[i] = force, back
+    link_speed += (tension - back - body.link_damping * link_speed) / body.link_mass * body.step
+    link += link_speed * body.step
+    press.link[i + 1], press.link_speed[i + 1] = link, link_speed
+    press.thimble[i + 1] = thimble + thimble_speed * body.step if body.cable_stiffness > 0.0 else link
 
-    *samples*: steps from one sample to the next, steps of the delay, and steps from a sample to the contact
-    at row *zero*. The force is held from sample to sample, and never pulls.
-    """
-    every, late, phase = samples[0], samples[1], samples[2]
-    first = (zero - phase) % every
-    finger, speed = intent(press, -zero * step)
-    link, link_speed = finger, speed
-    before = rounded(link, wall[WALL_RESOLUTION])
-    forces = np.zeros(record.shape[1] // every + 2)
-    for i in range(record.shape[1]):
-        since = i - first
-        if since >= 0 and since % every == 0:
-            reported = rounded(link, wall[WALL_RESOLUTION])
-            if reported > 0.0:
-                damped = wall[WALL_DAMPING] * (reported - before) / (every * step)
-                forces[since // every] = max(0.0, wall[WALL_STIFFNESS] * reported + damped)
-            before = reported
-        push_back = forces[(since - late) // every] if since >= late else 0.0
-        force = body[BODY_PAD_STIFFNESS] * (finger - link) + body[BODY_PAD_DAMPING] * (speed - link_speed)
-        record[RECORD_FORCE, i], record[RECORD_FINGER, i], record[RECORD_FINGER_SPEED, i] = (
-            force,
-            finger,
-            speed,
-        )
-        record[RECORD_LINK, i], record[RECORD_LINK_SPEED, i] = link, link_speed
-        record[RECORD_THIMBLE, i] = link
-        record[RECORD_DRUM, i], record[RECORD_CONTACT, i] = 0.0, push_back
-        link_speed += (force - push_back - body[BODY_LINK_DAMPING] * link_speed) / body[BODY_LINK_MASS] * step
-        link += link_speed * step
-        finger, speed = step_finger(body, press, (i - zero) * step, force, finger, speed, step)
+
+@inlined
+def meet_device(press: PressArrays, i: int) -> None:
+    """A device that a sampled spring and damper push back, late; the force is held, and never pulls."""
+    wall = press.wall[0]
+    since = i - wall.first
+    if since >= 0 and since % wall.every == 0:
+        reported = rounded(press.link[i], wall.resolution)
+        if reported > 0.0:
+            damped = wall.damping * (reported - wall.before) / (wall.every * press.body[0].step)
+            press.held[since // wall.every] = max(0.0, wall.stiffness * reported + damped)
+        wall.before = reported
+    pull_link(press, i, press.held[(since - wall.late) // wall.every] if since >= wall.late else 0.0)
+
+
+@inlined
+def meet_drum(press: PressArrays, i: int) -> None:
+    """A link that is free until it meets the drum, which the motor moves."""
+    where = press.where[i] = press.drive[drums.DRIVE_POSITION]
+    link, link_speed = press.link[i], press.link_speed[i]
+    back = contact_force(press.body[0], link, link_speed, where, press.drive[drums.DRIVE_SPEED])
+    pull_link(press, i, back)
+    push_drum(press.drum, press.drive, back, press.body[0].step)
+
+
+advance_surface, advance_device, advance_drum = map(pressed_on, (meet_surface, meet_device, meet_drum))
+
+
+@entry(PressArrays)
+def press_surface(press: PressArrays) -> None:
+    """A whole press on a surface."""
+    begin(press)
+    advance_surface(press, 0, press.force.shape[0] - 1)
+
+
+@entry(PressArrays)
+def press_device(press: PressArrays) -> None:
+    """A whole press with a device that hangs on the finger."""
+    begin(press)
+    press.wall[0].before = rounded(press.link[0], press.wall[0].resolution)
+    advance_device(press, 0, press.force.shape[0] - 1)
+
+
+@entry(PressArrays)
+def begin_press(press: PressArrays) -> None:
+    """The first row."""
+    begin(press)
+
+
+@entry(PressArrays, "int, int")
+def press_drum(press: PressArrays, first: int, last: int) -> None:
+    """A press on a drum from row *first* to before row *last*; its servo does nothing meanwhile."""
+    advance_drum(press, first, last)

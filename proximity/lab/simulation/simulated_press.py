@@ -9,11 +9,9 @@ from proximity.checks import not_negative
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.glove import Glove, with_gear
 from proximity.errors import ArgumentError
-from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall
-from proximity.lab.simulation.devices import CoupledWall, Decaff
-from proximity.lab.simulation.hand import Hand
+from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, real_wall
+from proximity.lab.simulation.devices import CoupledWall, Decaff, Hand, TipCable
 from proximity.lab.simulation.metrics import drum_offset, force_error, onset, rest, work
-from proximity.lab.simulation.response import Response
 from proximity.lab.simulation.sweeps import (
     Stretch,
     best_coupled_wall,
@@ -21,7 +19,6 @@ from proximity.lab.simulation.sweeps import (
     with_transmission,
 )
 from proximity.lab.simulation.target_policies import Target
-from proximity.lab.simulation.tip_cable import TipCable
 
 SPEEDS_ALLOWED = (0.01, 10.0)  # m/s; slower presses are long, and need much memory
 RATES_ALLOWED = (5.0, 50_000.0)  # Hz

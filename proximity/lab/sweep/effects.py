@@ -1,11 +1,21 @@
 """Effects of factors on measures: levels of a factor, their means, and the share of variance they explain."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from proximity.lab.figures import pages
+from proximity.lab.figures.pages import COLOURS, DASHES, INK
 from proximity.lab.sweep.jobs import Job, Kind
+from proximity.lab.sweep.study_file import PlotChoice
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 MOST_LEVELS = 12
 """More values of a number are put into bins of equal counts; a word of more levels has no effect to show."""
@@ -121,3 +131,155 @@ def effect(rows: Rows, factor: str, measure: str) -> Effect | None:
 
 def _hashable(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
+
+
+MOST_X, MOST_LINES, MOST_PANELS = 40, 10, 4
+LOG_RATIO = 10.0
+"""From smallest to largest, from which on an axis is logarithmic."""
+CROWDED = 200.0
+"""The same, from which on its ticks are the decades alone."""
+LOWEST_SHOWN = 1e-4
+"""Of the largest value on a logarithmic axis: what is smaller may be nothing but rounding."""
+WITHOUT_X = {NOT_USED: (0, (1, 1.5)), None: (0, (6, 2))}
+"""Strokes of the level of conditions without x: dotted where x does not matter, dashed where it is absent."""
+BAND = (0.1, 0.9)
+"""Quantiles between which a band lies, where a point is the median of several conditions."""
+WIDEST, NARROWEST, PANEL_HEIGHT = 6.0, 1.9, 3.2  # inches, of all panels and of one
+ACROSS = 4  # small panels side by side
+
+
+def draw_main(rows: Rows, choice: PlotChoice) -> str:
+    """Return a measure over a factor or another measure: a line a level of one factor, a panel of another."""
+    x, measure = choice.x, choice.measure
+    assert x is not None and measure is not None, "both are chosen"
+    panels, of_panel = _levels(rows, choice.columns, MOST_PANELS)
+    lines, of_line = _levels(rows, choice.lines, MOST_LINES)
+    across, up = rows.measure(x), rows.measure(measure)
+    worst = np.max if rows.job.measures[measure].is_worse_high else np.min
+    summary = worst if choice.points == "worst" else np.median
+    draw_line = partial(_draw_line, summary=summary)
+    own = rows.values(x)
+    without = {style: np.array([each == kind for each in own], bool) for kind, style in WITHOUT_X.items()}
+
+    def draw(figure: "Figure", _: Any) -> None:
+        axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+        for number, (panel, caption) in enumerate(zip(axes, panels, strict=True)):
+            for line, label in enumerate(lines):
+                is_meant = (of_panel == number) & (of_line == line) & np.isfinite(up)
+                draw_one = _draw_points if x in rows.job.measures else draw_line
+                has_x = is_meant & np.isfinite(across)
+                draw_one(panel, across[has_x], up[has_x], line, label)
+                for style, is_without in without.items():
+                    if (is_meant & is_without).any():
+                        level = float(summary(up[is_meant & is_without]))
+                        panel.axhline(level, color=_colour(line), linestyle=style, linewidth=1.4)
+            panel.set(title=caption, xlabel=_axis(rows, x))
+            _scale(panel, across, up)
+        axes[0].set_ylabel(_axis(rows, measure))
+        handles = {
+            name: handle
+            for panel in axes
+            for handle, name in zip(*panel.get_legend_handles_labels(), strict=True)
+        }
+        if len(lines) > 1:
+            figure.legend(handles.values(), handles, loc="outside right center", fontsize=7)
+
+    width = 1.4 + max(WIDEST / len(panels), NARROWEST) * len(panels)
+    return pages.svg(draw, "main", (width, PANEL_HEIGHT))
+
+
+def draw_effects(rows: Rows, effects: list[Effect]) -> str:
+    """Return a small panel a factor: the mean of a measure at each level."""
+    height = -(-len(effects) // ACROSS)
+
+    def draw(figure: "Figure", _: Any) -> None:
+        across = min(len(effects), ACROSS)
+        axes = figure.subplots(height, across, sharey=True, squeeze=False)
+        for panel, effect in zip(axes.flat, effects, strict=False):
+            panel.plot(range(len(effect.means)), effect.means, "o-", color=COLOURS[0])
+            panel.set_xticks(range(len(effect.labels)), effect.labels, rotation=60, ha="right")
+            panel.set_title(f"{effect.factor}: {effect.share:.0%}")
+        for panel in axes.flat[len(effects) :]:
+            panel.set_axis_off()
+        for row in axes:
+            row[0].set_ylabel(f"mean of {_axis(rows, effects[0].measure)}")
+
+    return pages.svg(draw, "effects", (0.6 + 2.0 * min(len(effects), ACROSS), 2.6 * height))
+
+
+def _draw_points(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, label: str) -> None:
+    panel.plot(across, up, ".", color=_colour(line), alpha=0.7, markersize=4, label=label)
+
+
+def _draw_line(
+    panel: "Axes",
+    across: np.ndarray,
+    up: np.ndarray,
+    line: int,
+    label: str,
+    *,
+    summary: Callable[[np.ndarray], Any],
+) -> None:
+    colour, dash = _colour(line), DASHES[line % len(DASHES)]
+    points = np.unique(across)
+    if not len(points):
+        return
+    if len(points) > MOST_X:
+        _draw_points(panel, across, up, line, label)
+        return
+    groups = [up[across == point] for point in points]
+    if summary is np.median and max(map(len, groups)) > 1:
+        low, high = np.array([np.quantile(group, BAND) for group in groups]).T
+        panel.fill_between(points, low, high, color=colour, alpha=0.15, linewidth=0)
+    panel.plot(
+        points,
+        [float(summary(group)) for group in groups],
+        "o",
+        markersize=2.5,
+        linestyle=dash,
+        color=colour,
+        label=label,
+    )
+
+
+def _levels(rows: Rows, name: str | None, most: int) -> tuple[list[str], np.ndarray]:
+    """Labels of a factor's levels, and which each row has; one for all where there is no factor."""
+    if name is not None:
+        levels, ids = rows.levels(name, most)
+        if levels:
+            return [f"{name} {rows.label(name, level)}" for level in levels], ids
+    return [""], np.zeros(rows.table.num_rows, int)
+
+
+def _axis(rows: Rows, name: str) -> str:
+    factor, measure = rows.job.factors.get(name), rows.job.measures.get(name)
+    unit = factor.accepted.unit if factor is not None else measure.unit if measure is not None else ""
+    return f"{name} [{unit}]" if unit else name
+
+
+def _scale(panel: "Axes", across: np.ndarray, up: np.ndarray) -> None:
+    scales = ((across, panel.set_xscale, panel.xaxis), (up, panel.set_yscale, panel.yaxis))
+    for numbers, set_scale, axis in scales:
+        known = numbers[np.isfinite(numbers)]
+        if len(known) and known.min() > 0.0 and known.max() > LOG_RATIO * known.min():
+            set_scale("log")
+            is_long = known.max() > CROWDED * known.min()
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(_nothing if is_long else _two_and_five)
+    most = np.max(up, where=np.isfinite(up), initial=0.0)
+    if panel.get_yscale() == "log" and panel.get_ylim()[0] < LOWEST_SHOWN * most:
+        panel.set_ylim(bottom=LOWEST_SHOWN * most)
+    panel.tick_params(labelcolor=INK)
+
+
+def _two_and_five(number: float, _: float) -> str:
+    """The label of a tick between the decades of a logarithmic axis."""
+    return f"{number:g}" if f"{number:e}"[0] in "25" else ""
+
+
+def _nothing(number: float, _: float) -> str:
+    return ""
+
+
+def _colour(line: int) -> str:
+    return COLOURS[line % len(COLOURS)]

@@ -12,10 +12,9 @@ from proximity.decaff.drum.drum_model import GEARS, PHASE_SEED, USUAL_GEAR, Drum
 from proximity.decaff.drum.servo import DEADBAND_COUNTS, SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.errors import ArgumentError
-from proximity.lab.simulation import tip_cable
+from proximity.lab.simulation import devices
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff, real_wall
-from proximity.lab.simulation.devices import CoupledWall, Decaff
-from proximity.lab.simulation.hand import HOLD_TIME, Hand
+from proximity.lab.simulation.devices import HOLD_TIME, CoupledWall, Decaff, Hand
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.simulated_press import (
     LONGEST_LATENCY,
@@ -66,7 +65,7 @@ FACTORS = {
         only=ON_DRUM,
     ),
     "cable_stiffness": _number(None, Range("N/m", 10.0, 1e7), absent="rigid", only=ON_DRUM),
-    "sheath_friction": _number(tip_cable.FRICTION, Range("", 0.0, 2.0), only=WITH_CABLE),
+    "sheath_friction": _number(devices.FRICTION, Range("", 0.0, 2.0), only=WITH_CABLE),
     "stretch": Factor(Kind.WORD, Stretch.LEFT.value, words=tuple(Stretch), only=WITH_CABLE),
     "seed": Factor(Kind.WHOLE, PHASE_SEED, Range("", 0, 2**32 - 1), only=ON_DRUM),
 }
@@ -142,7 +141,7 @@ def _glove(values: Values) -> Decaff:
     glove = with_latency(Decaff(replace(drum, encoder_phase=phase), servo), values["latency"], values["rate"])
     if values["cable_stiffness"] is None:
         return glove
-    usual = tip_cable.TipCable.of(Glove(), friction=values["sheath_friction"])
+    usual = devices.TipCable.of(Glove(), friction=values["sheath_friction"])
     cable = replace(usual, stiffness=values["cable_stiffness"])
     return with_transmission(glove, cable, Stretch(values["stretch"]))
 

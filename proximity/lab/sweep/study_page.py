@@ -10,8 +10,15 @@ import numpy as np
 
 from proximity.errors import ServiceError
 from proximity.lab.figures.pages import render_page
-from proximity.lab.sweep import effect_plots
-from proximity.lab.sweep.effects import NOT_USED, Effect, Rows, effect
+from proximity.lab.sweep.effects import (
+    MOST_X,
+    NOT_USED,
+    Effect,
+    Rows,
+    draw_effects,
+    draw_main,
+    effect,
+)
 from proximity.lab.sweep.row_files import MADE_BY, read_rows
 from proximity.lab.sweep.study_file import PlotChoice, Study
 
@@ -37,8 +44,8 @@ def study_page(study: Study, folder: Path) -> str:
     of_measure = effects[main]
 
     def draw() -> dict[str, str]:
-        found = {"main": effect_plots.draw_main(rows, choice)} if choice.x is not None else {}
-        return found | ({"effects": effect_plots.draw_effects(rows, of_measure)} if of_measure else {})
+        found = {"main": draw_main(rows, choice)} if choice.x is not None else {}
+        return found | ({"effects": draw_effects(rows, of_measure)} if of_measure else {})
 
     return render_page(
         Path(__file__).with_name("study_page.html.j2"),
@@ -141,7 +148,7 @@ def _range(rows: Rows, name: str) -> str:
     values = rows.values(name)
     given = sorted(set(values) - {None, NOT_USED})
     absent = [rows.label(name, level) for level in (None, NOT_USED) if level in values]
-    if len(given) > effect_plots.MOST_X // 4:
+    if len(given) > MOST_X // 4:
         said = [f"{len(given)} values from {rows.label(name, given[0])} to {rows.label(name, given[-1])}"]
     else:
         said = [rows.label(name, value) for value in given]

@@ -12,6 +12,7 @@ try {
     std::array<double, 2> distances;
     std::array<std::uint8_t, 2> inside;
     scene.move(scene.find("bracket"), scene.pose(0));
+    scene.set_surface(0, 700.0, 0.5);
     scene.closest(points, found);
     scene.cast(points, up, hits);
     scene.closest_to_segments(points, up, nearest);

@@ -24,7 +24,7 @@ PATIENCE = 60.0
 def build(language, folder, source, target):
     """The command that runs a program of a client in *folder*; skips the test where it cannot be built."""
     write_client(language, folder)
-    if source.parent != folder:
+    if folder not in source.parents:
         shutil.copy(source, folder)
     name = source.name
     if language == "cpp":
@@ -44,8 +44,8 @@ def build(language, folder, source, target):
     if language == "javascript":
         return [compiler("node"), folder / name]
     options = ["-unsafe", "-optimize", "-warn:4", "-warnaserror", "-nologo"]
-    sources = [folder / "DecaffMessages.cs", folder / "DecaffClient.cs", folder / name]
-    run(compiler("mcs"), *options, *sources, f"-out:{folder / target}.exe")
+    sources = [folder / "Runtime" / each for each in ("DecaffMessages.cs", "DecaffClient.cs")]
+    run(compiler("mcs"), *options, *sources, source, f"-out:{folder / target}.exe")
     return [compiler("mono"), folder / f"{target}.exe"]
 
 
@@ -54,7 +54,9 @@ def driver_source(language):
 
 
 def example_source(language, folder):
-    return folder / {"cpp": "example.cpp", "javascript": "example.mjs", "csharp": "Example.cs"}[language]
+    return (
+        folder / {"cpp": "example.cpp", "javascript": "example.mjs", "csharp": "Runtime/Example.cs"}[language]
+    )
 
 
 def ask(program, *words, code=0):

@@ -19,12 +19,13 @@ extern const NamedEntry named_entries[]; /* the last one has no name */
 extern const char sources_digest[];   /* of the sources that the wrappers were compiled from */
 extern const char digest_in_c[];      /* of what is written in C beside them */
 
-/* Owner of an array that a kernel made; the first and the fourth word are read by compiled code. */
+/* Owner of an array that a kernel made; the references and the address of the data are read by compiled code,
+   whose numbers have 64 bits also where addresses have 32. */
 typedef struct {
-    size_t references;
+    uint64_t references;
     void *unused[2];
     void *data;
-    size_t size;
+    uint64_t size;
 } Owner;
 
 void release_owner(Owner *owner);

@@ -5,13 +5,13 @@
 #include <math.h>
 #include <stdlib.h>
 
-void *NRT_MemInfo_alloc_aligned(size_t size, uint32_t align)
+void *NRT_MemInfo_alloc_aligned(uint64_t size, uint32_t align)
 {
     /* One block: the owner, a gap, and the data at an address that is a multiple of `align`. */
     if (size > SIZE_MAX - sizeof(Owner) - align) {
         return NULL;
     }
-    Owner *owner = malloc(sizeof(Owner) + size + align);
+    Owner *owner = malloc(sizeof(Owner) + (size_t)size + align);
     if (owner == NULL) {
         return NULL;
     }

@@ -6,7 +6,7 @@ if(NOT TARGET proximity::proximity)
     IMPORTED_LOCATION "${_prefix}/lib/@LIBRARY@"
     INTERFACE_INCLUDE_DIRECTORIES "${_prefix}/include")
   if(WIN32)
-    set_target_properties(proximity::proximity PROPERTIES IMPORTED_IMPLIB "${_prefix}/lib/@LIBRARY@")
+    set_target_properties(proximity::proximity PROPERTIES IMPORTED_IMPLIB "${_prefix}/lib/proximity.lib")
   endif()
 endif()
 unset(_prefix)

@@ -15,7 +15,7 @@ from importlib import import_module
 import numpy as np
 from scipy.special import ndtr
 
-from proximity.lab.experiment.methods import SIGMAS_OF_WIDTH
+from proximity.lab.experiment.plan import SIGMAS_OF_WIDTH
 from proximity.system.extras import needed
 
 WIDTHS = np.geomspace(0.25, 4.0, 49)  # looked at, in expected widths

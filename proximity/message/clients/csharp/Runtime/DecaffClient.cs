@@ -9,6 +9,7 @@ using System.Diagnostics;
 using System.IO;
 using System.Net;
 using System.Net.Sockets;
+using System.Runtime.InteropServices;
 using System.Text;
 
 namespace Decaff
@@ -437,20 +438,14 @@ namespace Decaff
         /// </summary>
         private DecaffFlaw Describe(byte[] message, int size)
         {
-            if (size < sizeof(DecaffDescriptionHeader))
-                return DecaffFlaw.Short;
+            int count;
+            DecaffFlaw flaw = Check(message, size, DecaffLayout.DescriptionMagic, sizeof(DecaffDescriptionHeader),
+                sizeof(DecaffLabel), out count);
+            if (flaw != DecaffFlaw.None)
+                return flaw;
             fixed (byte* bytes = message)
             {
                 DecaffDescriptionHeader of = *(DecaffDescriptionHeader*)bytes;
-                if (of.Version != DecaffLayout.Version)
-                    return DecaffFlaw.Version;
-                int count = (size - sizeof(DecaffDescriptionHeader)) / sizeof(DecaffLabel);
-                bool isWhole = sizeof(DecaffDescriptionHeader) + count * sizeof(DecaffLabel) == size;
-                if (of.Size != size || of.HeaderSize != sizeof(DecaffDescriptionHeader) || !isWhole
-                    || count > DecaffLayout.MaxRecords)
-                    return DecaffFlaw.Size;
-                if (DecaffKey.Crc32(message, DecaffLayout.CheckedFrom, size) != of.Checksum)
-                    return DecaffFlaw.Checksum;
                 if (of.Count != count)
                     return DecaffFlaw.Size;
                 long total = (long)of.PartCount + of.FingerCount;
@@ -502,24 +497,37 @@ namespace Decaff
             return flaw;
         }
 
-        private DecaffFlaw Unpack(byte[] message, int size)
+        /// <summary>What is wrong with bytes but for what they say; the number of records that there are.</summary>
+        private static DecaffFlaw Check(byte[] message, int size, uint magic, int headerSize, int recordSize, out int count)
         {
-            if (size < sizeof(DecaffFrameHeader))
+            count = (size - headerSize) / recordSize;
+            if (size < headerSize)
                 return DecaffFlaw.Short;
             fixed (byte* bytes = message)
             {
-                arrived = *(DecaffFrameHeader*)bytes;
-                if (arrived.Magic != DecaffLayout.FrameMagic)
+                var prefix = (DecaffPrefix*)bytes;
+                if (prefix->Magic != magic)
                     return DecaffFlaw.Magic;
-                if (arrived.Version != DecaffLayout.Version)
+                if (prefix->Version != DecaffLayout.Version)
                     return DecaffFlaw.Version;
-                int count = (size - sizeof(DecaffFrameHeader)) / sizeof(DecaffContact);
-                bool isWhole = sizeof(DecaffFrameHeader) + count * sizeof(DecaffContact) == size;
-                if (arrived.Size != size || arrived.HeaderSize != sizeof(DecaffFrameHeader) || !isWhole
+                if (prefix->Size != size || prefix->HeaderSize != headerSize || headerSize + count * recordSize != size
                     || count > DecaffLayout.MaxRecords)
                     return DecaffFlaw.Size;
-                if (DecaffKey.Crc32(message, DecaffLayout.CheckedFrom, size) != arrived.Checksum)
-                    return DecaffFlaw.Checksum;
+                bool isRight = DecaffKey.Crc32(message, DecaffLayout.CheckedFrom, size) == prefix->Checksum;
+                return isRight ? DecaffFlaw.None : DecaffFlaw.Checksum;
+            }
+        }
+
+        private DecaffFlaw Unpack(byte[] message, int size)
+        {
+            int count;
+            DecaffFlaw flaw = Check(message, size, DecaffLayout.FrameMagic, sizeof(DecaffFrameHeader),
+                sizeof(DecaffContact), out count);
+            if (flaw != DecaffFlaw.None)
+                return flaw;
+            fixed (byte* bytes = message)
+            {
+                arrived = *(DecaffFrameHeader*)bytes;
                 if (arrived.Count != count)
                     return DecaffFlaw.Size;
                 if (candidate.Length != count)
@@ -807,48 +815,14 @@ namespace Decaff
                 there[i] = bytes[i];
         }
 
-        public void Send(DecaffPose[] poses, int count)
-        {
-            fixed (DecaffPose* first = poses)
-                Send(DecaffLayout.PosesMagic, 0, first, count, sizeof(DecaffPose));
-        }
-
-        public void Send(DecaffMove[] moves, int count)
-        {
-            fixed (DecaffMove* first = moves)
-                Send(DecaffLayout.MovesMagic, 1, first, count, sizeof(DecaffMove));
-        }
-
-        public void Send(DecaffPathPose[] poses, int count)
-        {
-            fixed (DecaffPathPose* first = poses)
-                Send(DecaffLayout.PathPosesMagic, 2, first, count, sizeof(DecaffPathPose));
-        }
-
-        public void Send(DecaffGlovePose[] poses, int count)
-        {
-            fixed (DecaffGlovePose* first = poses)
-                Send(DecaffLayout.GlovePosesMagic, 3, first, count, sizeof(DecaffGlovePose));
-        }
-
-        public void Send(DecaffChange[] changes, int count)
-        {
-            fixed (DecaffChange* first = changes)
-                Send(DecaffLayout.ChangesMagic, 4, first, count, sizeof(DecaffChange));
-        }
-
-        public void Send(DecaffAddition[] additions, int count)
-        {
-            fixed (DecaffAddition* first = additions)
-                Send(DecaffLayout.AdditionsMagic, 5, first, count, sizeof(DecaffAddition));
-        }
-
+        public void Send(DecaffPose[] poses, int count) { Send(DecaffLayout.PosesMagic, 0, poses, count); }
+        public void Send(DecaffMove[] moves, int count) { Send(DecaffLayout.MovesMagic, 1, moves, count); }
+        public void Send(DecaffPathPose[] poses, int count) { Send(DecaffLayout.PathPosesMagic, 2, poses, count); }
+        public void Send(DecaffGlovePose[] poses, int count) { Send(DecaffLayout.GlovePosesMagic, 3, poses, count); }
+        public void Send(DecaffChange[] changes, int count) { Send(DecaffLayout.ChangesMagic, 4, changes, count); }
+        public void Send(DecaffAddition[] additions, int count) { Send(DecaffLayout.AdditionsMagic, 5, additions, count); }
         /// <summary>All vertices of one part, 64 a record, in order.</summary>
-        public void Send(DecaffDeformation[] part, int count)
-        {
-            fixed (DecaffDeformation* first = part)
-                Send(DecaffLayout.DeformationsMagic, 6, first, count, sizeof(DecaffDeformation));
-        }
+        public void Send(DecaffDeformation[] part, int count) { Send(DecaffLayout.DeformationsMagic, 6, part, count); }
 
         public void Dispose() { socket.Close(); }
 
@@ -859,9 +833,10 @@ namespace Decaff
             awakeNs = DecaffClock.CalendarNs - DecaffClock.Ns;
         }
 
-        private void Send(uint magic, int kind, void* records, int count, int recordSize)
+        private void Send<T>(uint magic, int kind, T[] array, int count) where T : struct
         {
-            int size = sizeof(DecaffInputHeader) + count * recordSize;
+            ReadOnlySpan<byte> records = MemoryMarshal.AsBytes(new ReadOnlySpan<T>(array, 0, count));
+            int size = sizeof(DecaffInputHeader) + records.Length;
             int most = MostBytes - (key == null ? 0 : DecaffKey.TagBytes);
             if (size > most || count > DecaffLayout.MaxRecords)
                 throw new DecaffError("a message of " + size + " bytes does not fit into a datagram (expected at most "
@@ -882,7 +857,7 @@ namespace Decaff
             fixed (byte* bytes = buffer)
             {
                 *(DecaffInputHeader*)bytes = header;
-                Buffer.MemoryCopy(records, bytes + sizeof(DecaffInputHeader), most, (long)count * recordSize);
+                records.CopyTo(new Span<byte>(bytes + sizeof(DecaffInputHeader), records.Length));
                 ((DecaffPrefix*)bytes)->Checksum = DecaffKey.Crc32(buffer, DecaffLayout.CheckedFrom, size);
             }
             if (key != null)

@@ -2,8 +2,7 @@
 // transforms of the tips, thumb first, and an object that is where the scene's origin is.
 //
 // The scene file has `publish = ["udp://127.0.0.1:9100"]` in [service], `poses = "udp://127.0.0.1:9101"` in [input]
-// and five fingers. Unity is left-handed with y up, the scene right-handed: z is mirrored here, and if your parts
-// have z up, turn the origin's object by -90 degrees about x.
+// and five fingers. Mirror: see ProximityAxes.cs.
 #if UNITY_5_3_OR_NEWER
 using Decaff;
 using UnityEngine;
@@ -12,6 +11,7 @@ public sealed class DecaffHand : MonoBehaviour
 {
     public Transform origin;
     public Transform[] tips = new Transform[5];
+    public ProximityMirror mirror = ProximityMirror.YAndZ;
     public int framesPort = 9100, posesPort = 9101;
     public string keyFile = "";
     [HideInInspector] public float[] metres = new float[5]; // to the surface; NaN: nothing is known
@@ -32,8 +32,8 @@ public sealed class DecaffHand : MonoBehaviour
     {
         for (int finger = 0; finger < tips.Length; finger++)
         {
-            Vector3 tip = origin.InverseTransformPoint(tips[finger].position);
-            poses[finger] = DecaffPublisher.PoseOf((uint)finger, tip.x, tip.y, -tip.z);
+            DecaffVector tip = mirror.ToScene(origin.InverseTransformPoint(tips[finger].position));
+            poses[finger] = DecaffPublisher.PoseOf((uint)finger, tip.X, tip.Y, tip.Z);
         }
         publisher.Send(poses, tips.Length);
 

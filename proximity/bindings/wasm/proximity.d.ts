@@ -1,0 +1,102 @@
+// Types of proximity.mjs, which says what each function does.
+
+export const NO_PART: -1;
+export const NO_FACE: -1;
+export const Feature: { readonly NONE: -1; readonly FACE: 0; readonly EDGE: 1; readonly VERTEX: 2 };
+
+export class ProximityError extends Error {
+  readonly code: number;
+}
+
+/** Three numbers a row. */
+export type Rows = ArrayLike<number>;
+export type Limit = { maxDistance?: number };
+export type PartName = string | number;
+
+export interface ClosestPoints {
+  signedDistance: Float64Array;
+  point: Float64Array;
+  gradient: Float64Array;
+  barycentric: Float64Array;
+  part: Int32Array;
+  face: Int32Array;
+  feature: Int32Array;
+  isSigned: Int32Array;
+}
+
+export interface RayHits {
+  distance: Float64Array;
+  point: Float64Array;
+  normal: Float64Array;
+  barycentric: Float64Array;
+  part: Int32Array;
+  face: Int32Array;
+}
+
+export interface SegmentHits {
+  distance: Float64Array;
+  pointOnSegment: Float64Array;
+  pointOnSolid: Float64Array;
+  fraction: Float64Array;
+  barycentric: Float64Array;
+  part: Int32Array;
+  face: Int32Array;
+}
+
+export interface Move {
+  part: PartName;
+  matrix: ArrayLike<number>;
+  velocity?: ArrayLike<number>;
+  angularVelocity?: ArrayLike<number>;
+}
+
+export interface TrackerSettings {
+  radius?: number;
+  latency?: number;
+  workingRange?: number;
+  tolerance?: number;
+  horizon?: number;
+  maxSpeed?: number;
+  maxAcceleration?: number;
+  budget?: number | bigint;
+}
+
+/** The fields of a contact in a message; whole numbers of 64 bits are BigInt. */
+export type Contact = Record<string, number | bigint | number[]>;
+
+export function load(source?: BufferSource | WebAssembly.Module): Promise<Engine>;
+
+export class Engine {
+  private constructor();
+  readonly version: string;
+  open(bytes: BufferSource): Scene;
+}
+
+export class Scene {
+  private constructor();
+  readonly parts: string[];
+  readonly instructions: "relaxed" | "plain";
+  readonly bounds: { lower: Float64Array; upper: Float64Array };
+  close(): void;
+  faceCount(part: PartName): number;
+  isHidden(part: PartName): boolean;
+  pose(part: PartName): Float64Array;
+  move(moves: Move[]): void;
+  hide(part: PartName, isHidden?: boolean): void;
+  signedDistance(points: Rows, out?: Float64Array): Float64Array;
+  distance(points: Rows, out?: Float64Array): Float64Array;
+  contains(points: Rows): Uint8Array;
+  closest(points: Rows, limit?: Limit): ClosestPoints;
+  cast(origins: Rows, directions: Rows, limit?: Limit): RayHits;
+  castDistance(origins: Rows, directions: Rows, limit?: Limit): Float64Array;
+  closestToSegments(starts: Rows, ends: Rows, limit?: Limit): SegmentHits;
+  tracker(fingers: number, settings?: TrackerSettings): Tracker;
+}
+
+export class Tracker {
+  private constructor();
+  readonly fingers: number;
+  tick(positions: Rows, poseNs: ArrayLike<bigint>, nowNs: bigint): Contact[];
+  reset(): void;
+  close(): void;
+}

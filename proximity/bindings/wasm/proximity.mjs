@@ -1,0 +1,404 @@
+// proximity.mjs: exact distances, rays and segments against the parts of a compiled scene, computed here: in
+// browsers, workers and Node, without a service.
+//
+// Made by `proximity client wasm`; what is changed here is lost. A scene is the bytes of a file "....prox", which
+// `proximity compile` writes. Lengths are metres, in the scene's frame. Points are a Float64Array, or any array of
+// numbers, three a point; matrices have 16 numbers, row by row, "scene from part". Answers are those of the Python
+// package, bit for bit where the processor fuses multiply-add and the browser has relaxed vector instructions, as
+// almost all have; see `Engine.instructions`.
+
+import { readRecord } from "./decaff.mjs";
+import { RECORDS } from "./layout.mjs";
+
+/** Records of answers: names of the numbers of eight bytes, then those of four. */
+const CLOSEST = { size: 96, reals: { signedDistance: 1, point: 3, gradient: 3, barycentric: 3 },
+  words: ["part", "face", "feature", "isSigned"] };
+const HIT = { size: 88, reals: { distance: 1, point: 3, normal: 3, barycentric: 3 }, words: ["part", "face"] };
+const SEGMENT = { size: 96, reals: { distance: 1, pointOnSegment: 3, pointOnSolid: 3, fraction: 1, barycentric: 3 },
+  words: ["part", "face"] };
+const ERROR_SIZE = 512;
+const SETTINGS = ["radius", "latency", "workingRange", "tolerance", "horizon", "maxSpeed", "maxAcceleration"];
+const SETTINGS_SIZE = 64;
+// A function that has one relaxed instruction: whether it is valid says whether the browser has them.
+const RELAXED = new Uint8Array([
+  0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 15, 1, 13, 0, 65, 1, 253, 15, 65, 2, 253, 15,
+  253, 128, 2, 11,
+]);
+const text = new TextDecoder();
+
+export const NO_PART = -1, NO_FACE = -1;
+export const Feature = { NONE: -1, FACE: 0, EDGE: 1, VERTEX: 2 };
+
+/** What cannot be done: what, where, and what was expected. */
+export class ProximityError extends Error {
+  constructor(code, sentence) {
+    super(sentence);
+    this.name = "ProximityError";
+    this.code = code; // as in proximity.h
+  }
+}
+
+/** Start an engine. *source*: the bytes or the compiled module of one of the two .wasm files; without it, the one
+ * that fits the browser, which lies beside this file. */
+export async function load(source) {
+  if (typeof WebAssembly === "undefined") {
+    throw new ProximityError(7, "this browser has no WebAssembly, which distances are computed with");
+  }
+  let module = source ?? (await bytesBeside(`proximity.${WebAssembly.validate(RELAXED) ? "relaxed" : "plain"}.wasm`));
+  if (!(module instanceof WebAssembly.Module)) {
+    module = await WebAssembly.compile(module).catch((failure) => {
+      throw new ProximityError(7, `the engine cannot be compiled here: ${failure.message}`);
+    });
+  }
+  return new Engine(await WebAssembly.instantiate(module, {}));
+}
+
+async function bytesBeside(name) {
+  const url = new URL(name, import.meta.url);
+  if (url.protocol === "file:" && typeof process !== "undefined") {
+    return (await import("node:fs/promises")).readFile(url);
+  }
+  const answer = await fetch(url);
+  if (!answer.ok) throw new ProximityError(3, `${url}: ${answer.status} ${answer.statusText}`);
+  return answer.arrayBuffer();
+}
+
+/** The memory of one engine, and calls of its functions. Scenes of one engine share it; another thread needs an
+ * engine of its own. */
+export class Engine {
+  #calls;
+  #memory;
+  #scratch = [0, 0, 0]; // addresses of blocks that are written to and read from at every call
+  #sizes = [0, 0, 0];
+  #bytes;
+  #reals;
+  #error;
+
+  constructor(instance) {
+    this.#calls = instance.exports;
+    this.#memory = instance.exports.memory;
+    this.#calls._initialize();
+    this.#error = this.allocate(ERROR_SIZE);
+  }
+
+  /** The version of the package, as text. */
+  get version() {
+    return this.textAt(this.#calls.proximity_version());
+  }
+
+  /** Open the bytes of a compiled scene, which are copied. */
+  open(bytes) {
+    const given = ArrayBuffer.isView(bytes) ? bytes : new Uint8Array(bytes);
+    const address = this.allocate(given.byteLength);
+    try {
+      this.bytes.set(new Uint8Array(given.buffer, given.byteOffset, given.byteLength), address);
+      return new Scene(this, address, given.byteLength);
+    } catch (failure) {
+      this.free(address);
+      throw failure;
+    }
+  }
+
+  // --- for scenes and trackers -------------------------------------------------------------------------
+
+  get bytes() {
+    if (this.#bytes?.buffer !== this.#memory.buffer) this.#bytes = new Uint8Array(this.#memory.buffer);
+    return this.#bytes;
+  }
+
+  get reals() {
+    if (this.#reals?.buffer !== this.#memory.buffer) this.#reals = new Float64Array(this.#memory.buffer);
+    return this.#reals;
+  }
+
+  get view() {
+    return new DataView(this.#memory.buffer);
+  }
+
+  allocate(size) {
+    const address = this.#calls.malloc(size + 8) >>> 0;
+    if (address === 0) throw new ProximityError(2, `there is no memory for ${size} bytes`);
+    return address;
+  }
+
+  free(address) {
+    this.#calls.free(address);
+  }
+
+  /** The address of a block of at least so many bytes, kept from call to call. */
+  block(number, size) {
+    if (this.#sizes[number] < size) {
+      if (this.#scratch[number] !== 0) this.free(this.#scratch[number]);
+      this.#sizes[number] = 0;
+      this.#scratch[number] = this.allocate(size);
+      this.#sizes[number] = size;
+    }
+    return this.#scratch[number];
+  }
+
+  /** Write numbers into a block; its address. */
+  written(number, numbers) {
+    const address = this.block(number, 8 * numbers.length);
+    this.reals.set(numbers, address / 8);
+    return address;
+  }
+
+  textAt(address) {
+    const { bytes } = this;
+    return text.decode(bytes.slice(address, bytes.indexOf(0, address)));
+  }
+
+  call(name, ...words) {
+    return this.#calls[`proximity_${name}`](...words);
+  }
+
+  /** Call a function that returns a number of an error; its sentence is thrown. */
+  checked(name, ...words) {
+    const code = this.#calls[`proximity_${name}`](...words, this.#error);
+    if (code !== 0) throw new ProximityError(code, this.textAt(this.#error + 4));
+  }
+}
+
+function rowCount(numbers, name) {
+  if (numbers.length % 3 !== 0) {
+    throw new ProximityError(1, `${name} has ${numbers.length} numbers, expected three a row`);
+  }
+  return numbers.length / 3;
+}
+
+/** A compiled scene. */
+export class Scene {
+  #engine;
+  #bytes; // address of the file
+  #address;
+
+  constructor(engine, bytes, size) {
+    this.#engine = engine;
+    this.#bytes = bytes;
+    const place = engine.block(2, 8);
+    engine.checked("open_bytes", bytes, size, place);
+    this.#address = engine.view.getUint32(place, true);
+    const count = engine.call("part_count", this.#address);
+    /** Names of the parts; numbers of parts in answers count along them. */
+    this.parts = Array.from({ length: count }, (_, part) => engine.textAt(engine.call("part_name", this.#address, part)));
+  }
+
+  /** Free what the scene holds; it cannot be asked afterwards. */
+  close() {
+    if (this.#address !== 0) {
+      this.#engine.call("close", this.#address);
+      this.#engine.free(this.#bytes);
+    }
+    this.#address = 0;
+  }
+
+  get #open() {
+    if (this.#address === 0) throw new ProximityError(1, "the scene is closed");
+    return this.#address;
+  }
+
+  /** The instructions that it is asked with: "relaxed" or "plain". */
+  get instructions() {
+    return this.#engine.textAt(this.#engine.call("instructions", this.#open));
+  }
+
+  /** Lower and upper corner of the box around all parts, hidden ones too. */
+  get bounds() {
+    const place = this.#engine.block(2, 48);
+    this.#engine.call("bounds", this.#open, place, place + 24);
+    const numbers = this.#engine.reals.slice(place / 8, place / 8 + 6);
+    return { lower: numbers.slice(0, 3), upper: numbers.slice(3) };
+  }
+
+  /** The number of a part, by its name or its number. */
+  partNumber(part) {
+    const number = typeof part === "number" ? part : this.parts.indexOf(part);
+    if (!Number.isInteger(number) || number < 0 || number >= this.parts.length) {
+      throw new ProximityError(1, `there is no part ${JSON.stringify(part)}, expected one of ${this.parts.slice(0, 10).join(", ")}`);
+    }
+    return number;
+  }
+
+  faceCount(part) {
+    return this.#engine.call("face_count", this.#open, this.partNumber(part));
+  }
+
+  isHidden(part) {
+    return this.#engine.call("is_hidden", this.#open, this.partNumber(part)) !== 0;
+  }
+
+  /** The pose of a part, 16 numbers. */
+  pose(part) {
+    const place = this.#engine.block(2, 128);
+    this.#engine.checked("pose", this.#open, this.partNumber(part), place);
+    return this.#engine.reals.slice(place / 8, place / 8 + 16);
+  }
+
+  /** Put parts elsewhere: *moves* is a list of {part, matrix, velocity, angularVelocity}; velocities in m/s and
+   * rad/s, at rest where they are not given. If one part cannot be moved, none is. */
+  move(moves) {
+    const engine = this.#engine, count = moves.length;
+    const parts = engine.block(0, 4 * count + 8);
+    moves.forEach(({ part }, k) => engine.view.setInt32(parts + 4 * k, this.partNumber(part), true));
+    const numbers = new Float64Array(22 * count);
+    moves.forEach(({ matrix, velocity, angularVelocity }, k) => {
+      if (matrix?.length !== 16) throw new ProximityError(1, `move ${k} has no matrix of 16 numbers`);
+      numbers.set(matrix, 16 * k);
+      if (velocity) numbers.set(velocity, 16 * count + 3 * k);
+      if (angularVelocity) numbers.set(angularVelocity, 19 * count + 3 * k);
+    });
+    const at = engine.written(1, numbers);
+    engine.checked("move", this.#open, parts, count, at, at + 128 * count, at + 152 * count);
+  }
+
+  /** Hide a part from all that is asked, or show it again. */
+  hide(part, isHidden = true) {
+    this.#engine.checked("hide", this.#open, this.partNumber(part), isHidden ? 1 : 0);
+  }
+
+  // --- questions -----------------------------------------------------------------------------------------
+
+  /** Signed distances of points, m, negative inside. *out*: a Float64Array for them. */
+  signedDistance(points, out) {
+    return this.#numbers("signed_distance", points, out);
+  }
+
+  /** Distances of points to the nearest surface, m. */
+  distance(points, out) {
+    return this.#numbers("distance", points, out);
+  }
+
+  #numbers(name, points, out) {
+    const engine = this.#engine, count = rowCount(points, "points");
+    const rows = engine.written(0, points), answers = engine.block(1, 8 * count);
+    engine.checked(name, this.#open, rows, count, answers);
+    return this.#taken(answers, count, out);
+  }
+
+  #taken(address, count, out = new Float64Array(count)) {
+    const { reals } = this.#engine;
+    for (let k = 0, at = address / 8; k < count; k++) out[k] = reals[at + k];
+    return out;
+  }
+
+  /** Whether points are inside some part: a Uint8Array of 0 and 1. */
+  contains(points) {
+    const engine = this.#engine, count = rowCount(points, "points");
+    const rows = engine.written(0, points), answers = engine.block(1, count);
+    engine.checked("contains", this.#open, rows, count, answers);
+    return engine.bytes.slice(answers, answers + count);
+  }
+
+  /** The surface points nearest to points: arrays signedDistance, point, gradient, barycentric, part, face,
+   * feature, isSigned. Beyond *maxDistance*, m, there is none. */
+  closest(points, { maxDistance = Infinity } = {}) {
+    const engine = this.#engine, count = rowCount(points, "points");
+    const rows = engine.written(0, points), answers = engine.block(1, CLOSEST.size * count);
+    engine.checked("closest", this.#open, rows, count, maxDistance, answers);
+    return this.#records(CLOSEST, answers, count);
+  }
+
+  /** The first hits of rays: arrays distance, point, normal, barycentric, part, face. Directions have any length. */
+  cast(origins, directions, { maxDistance = Infinity } = {}) {
+    return this.#pairs("cast", HIT, origins, directions, maxDistance);
+  }
+
+  /** The distances of `cast` alone, faster. */
+  castDistance(origins, directions, { maxDistance = Infinity } = {}) {
+    return this.#pairs("cast_distance", null, origins, directions, maxDistance);
+  }
+
+  /** The shortest connections between segments and the surface: arrays distance, pointOnSegment, pointOnSolid,
+   * fraction, barycentric, part, face. */
+  closestToSegments(starts, ends, { maxDistance = Infinity } = {}) {
+    return this.#pairs("closest_to_segments", SEGMENT, starts, ends, maxDistance);
+  }
+
+  #pairs(name, record, first, second, maxDistance) {
+    const engine = this.#engine, count = rowCount(first, "the first array");
+    if (second.length !== first.length) {
+      throw new ProximityError(1, `the second array has ${second.length} numbers, expected ${first.length} as the first`);
+    }
+    const places = [engine.written(0, first), engine.written(2, second)];
+    const answers = engine.block(1, (record?.size ?? 8) * count);
+    engine.checked(name, this.#open, ...places, count, maxDistance, answers);
+    return record === null ? this.#taken(answers, count) : this.#records(record, answers, count);
+  }
+
+  #records(record, address, count) {
+    const { reals } = this.#engine, words = new Int32Array(reals.buffer);
+    const answers = {};
+    let offset = 0;
+    for (const [name, width] of Object.entries(record.reals)) {
+      const column = (answers[name] = new Float64Array(width * count));
+      for (let row = 0, at = (address + offset) / 8; row < count; row++, at += record.size / 8) {
+        for (let k = 0; k < width; k++) column[width * row + k] = reals[at + k];
+      }
+      offset += 8 * width;
+    }
+    for (const name of record.words) {
+      const column = (answers[name] = new Int32Array(count));
+      for (let row = 0, at = (address + offset) / 4; row < count; row++, at += record.size / 4) column[row] = words[at];
+      offset += 4;
+    }
+    return answers;
+  }
+
+  /** A tracker of so many fingertips. *settings*: radius, latency, workingRange, tolerance, horizon, maxSpeed,
+   * maxAcceleration, budget, as in Python's Tracker. Close it before the scene. */
+  tracker(fingers, settings = {}) {
+    return new Tracker(this.#engine, this.#open, fingers, settings);
+  }
+}
+
+/** Answers for every fingertip at every tick: bounds of distances, predictions, time and place of contact. */
+export class Tracker {
+  #engine;
+  #address;
+  #contacts;
+
+  constructor(engine, scene, fingers, settings) {
+    this.#engine = engine;
+    this.fingers = fingers;
+    const place = engine.block(0, SETTINGS_SIZE), to = engine.block(2, 8);
+    engine.call("default_settings", place);
+    for (const [name, value] of Object.entries(settings)) {
+      const at = SETTINGS.indexOf(name);
+      if (at >= 0) engine.reals[place / 8 + at] = value;
+      else if (name === "budget") engine.view.setBigInt64(place + 56, BigInt(value), true);
+      else throw new ProximityError(1, `there is no setting "${name}" (expected ${SETTINGS.join(", ")}, budget)`);
+    }
+    engine.checked("create_tracker", scene, fingers, place, to);
+    this.#address = engine.view.getUint32(to, true);
+    this.#contacts = engine.allocate(RECORDS.contact.size * fingers);
+  }
+
+  /** Answer for all fingers: *positions* has three numbers a finger, not finite where it is not tracked; *poseNs*,
+   * an instant a finger, and *nowNs* are BigInt, ns, on one clock. A list of contacts, with the fields of the
+   * message. */
+  tick(positions, poseNs, nowNs) {
+    if (this.#address === 0) throw new ProximityError(1, "the tracker is closed");
+    const engine = this.#engine, { fingers } = this;
+    if (positions.length !== 3 * fingers || poseNs.length !== fingers) {
+      throw new ProximityError(1, `positions have ${positions.length} numbers and there are ${poseNs.length} instants, expected ${3 * fingers} and ${fingers}`);
+    }
+    const rows = engine.written(0, positions), instants = engine.block(1, 8 * fingers);
+    poseNs.forEach((instant, k) => engine.view.setBigInt64(instants + 8 * k, instant, true));
+    engine.checked("tick", this.#address, rows, instants, nowNs, 0, 0, this.#contacts);
+    const { view } = engine, { size } = RECORDS.contact;
+    return Array.from({ length: fingers }, (_, k) => readRecord(view, this.#contacts + k * size, RECORDS.contact));
+  }
+
+  /** Forget all fingers: the next tick is treated as the first. */
+  reset() {
+    if (this.#address !== 0) this.#engine.call("reset_tracker", this.#address);
+  }
+
+  close() {
+    if (this.#address !== 0) {
+      this.#engine.call("destroy_tracker", this.#address);
+      this.#engine.free(this.#contacts);
+    }
+    this.#address = 0;
+  }
+}

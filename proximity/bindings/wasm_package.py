@@ -1,0 +1,39 @@
+"""The engine for browsers as a folder of ES modules: WebAssembly, types, and the layout of contacts."""
+
+import os
+from pathlib import Path
+
+import proximity
+from proximity.errors import ProximityError
+from proximity.message.clients import client_files, write_sources
+
+HERE, NATIVE = Path(__file__).parent / "wasm", Path(__file__).parent.parent / "native"
+MODULES = ("proximity.plain.wasm", "proximity.relaxed.wasm")
+CLIENT_FILES = ("decaff.mjs", "layout.mjs")
+"""Of the service's client: what reads the records of contacts."""
+
+
+def package_files() -> dict[str, str | bytes]:
+    """Return the contents of the package by the files' names; a `ProximityError` where it is not compiled."""
+    missing = [name for name in MODULES if not (NATIVE / name).is_file()]
+    if missing:
+        raise ProximityError(
+            "the engine for browsers has not been compiled; wheels have it, and so has a checkout after "
+            "`python tools/build_kernels.py --target wasm32` (with the extra test, some minutes)"
+        )
+    own = {
+        path.name: path.read_text(encoding="utf-8").replace("@VERSION@", proximity.__version__)
+        for path in sorted(HERE.iterdir())
+        if path.is_file()
+    }
+    client = client_files("javascript")
+    return {
+        **own,
+        **{name: client[name] for name in CLIENT_FILES},
+        **{name: (NATIVE / name).read_bytes() for name in MODULES},
+    }
+
+
+def write_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
+    """Write the package into a folder: by the files' paths, whether they were written; an example is kept."""
+    return write_sources(package_files(), folder, {"example.mjs"})

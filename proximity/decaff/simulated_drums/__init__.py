@@ -1,1 +1,0 @@
-"""Simulated drums that follow a running service."""

@@ -1,1 +1,0 @@
-"""Stability of sampled and delayed walls."""

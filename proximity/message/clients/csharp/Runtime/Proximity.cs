@@ -1,0 +1,360 @@
+// Proximity.cs: the engine in your own process, through the library in C. What a function does is said in proximity.h.
+//
+// Made by `proximity client csharp`; what is changed here is lost. Needs DecaffMessages.cs, "Allow unsafe code", spans
+// (.NET Standard 2.1: Unity 2021.2 or newer), and the library for your system: libproximity.so, proximity.dll.
+// Lengths are metres, in the scene's right-handed frame; matrices are 16 numbers row by row, "scene from part".
+// Questions fill the caller's arrays and make no garbage. Any number of threads may ask one scene at the same time;
+// Move, Hide and Dispose must not run while another thread uses it. What goes wrong is a ProximityError.
+using System;
+using System.Runtime.InteropServices;
+using System.Text;
+
+namespace Decaff
+{
+    /// <summary>What went wrong, in a sentence; the code is one of proximity.h.</summary>
+    public sealed class ProximityError : Exception
+    {
+        public readonly int Code;
+        public ProximityError(int code, string sentence) : base(sentence) => Code = code;
+    }
+
+    public enum ProximityFeature { None = -1, Face, Edge, Vertex }
+
+    /// <summary>The surface point nearest to a point; where there is none, Part is -1 and the distance infinite.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct ProximityClosestPoint
+    {
+        public double SignedDistance; // m, negative inside
+        public DecaffVector Point, Gradient, Barycentric; // Gradient: unit, where the signed distance rises most
+        public int Part, Face;
+        public ProximityFeature Feature;
+        private int isSigned;
+        public bool IsSigned => isSigned != 0; // false: the part has no inside
+    }
+
+    /// <summary>The first hit of a ray; where there is none, Part is -1 and the distance infinite.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct ProximityRayHit
+    {
+        public double Distance; // m along the ray
+        public DecaffVector Point, Normal, Barycentric; // Normal: unit, outward
+        public int Part, Face;
+    }
+
+    /// <summary>The shortest connection between a segment and the surface.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct ProximitySegmentHit
+    {
+        public double Distance; // m; 0 where they meet
+        public DecaffVector PointOnSegment, PointOnSolid;
+        public double Fraction; // where on the segment: 0 at its start, 1 at its end
+        public DecaffVector Barycentric;
+        public int Part, Face;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct ProximityTrackerSettings
+    {
+        public double Radius, Latency, WorkingRange, Tolerance, Horizon, MaxSpeed, MaxAcceleration; // proximity_tracker.h
+        public long Budget;
+        public static ProximityTrackerSettings Default => Native.proximity_default_settings();
+    }
+
+    /// <summary>A compiled scene, "....prox".</summary>
+    public sealed unsafe class ProximityScene : IDisposable
+    {
+        public const double Unlimited = double.PositiveInfinity;
+        internal readonly NativeHandle Handle = new NativeHandle();
+
+        public ProximityScene(string path)
+        {
+            IntPtr made;
+            Native.CheckInterface();
+            fixed (byte* text = Native.Utf8(path))
+                Native.Check(Native.proximity_open(text, &made, out NativeError error), ref error);
+            Handle.Take(made);
+        }
+
+        /// <summary>Open the bytes of such a file, which must stay as they are until the scene is closed.</summary>
+        public ProximityScene(byte[] content)
+        {
+            IntPtr made;
+            Native.CheckInterface();
+            Handle.Content = GCHandle.Alloc(content, GCHandleType.Pinned);
+            void* bytes = (void*)Handle.Content.AddrOfPinnedObject();
+            int code = Native.proximity_open_bytes(bytes, (UIntPtr)content.Length, &made, out NativeError error);
+            if (code != 0)
+                Handle.Content.Free();
+            Native.Check(code, ref error);
+            Handle.Take(made);
+        }
+
+        /// <summary>Close it; where a tracker of it is left, when that is disposed of.</summary>
+        public void Dispose() => Handle.Dispose();
+
+        public int PartCount => Native.proximity_part_count(Handle);
+
+        /// <summary>The name of a part; empty where there is no such part.</summary>
+        public string NameOf(int part) => Native.Text(Native.proximity_part_name(Handle, part));
+
+        /// <summary>The part of that name; -1 where there is none.</summary>
+        public int Find(string name)
+        {
+            fixed (byte* text = Native.Utf8(name))
+                return Native.proximity_find_part(Handle, text);
+        }
+
+        public void GetPose(int part, Span<double> matrix)
+        {
+            Native.Expect(matrix.Length == 16);
+            fixed (double* numbers = matrix)
+                Native.Check(Native.proximity_pose(Handle, part, numbers, out NativeError error), ref error);
+        }
+
+        public void GetBounds(out DecaffVector lower, out DecaffVector upper)
+        {
+            lower = upper = default;
+            fixed (DecaffVector* first = &lower, second = &upper)
+                Native.proximity_bounds(Handle, first, second);
+        }
+
+        /// <summary>Put parts elsewhere, with velocities in m/s and rad/s; without them they are at rest.</summary>
+        public void Move(ReadOnlySpan<int> parts, ReadOnlySpan<double> matrices,
+            ReadOnlySpan<DecaffVector> velocities = default, ReadOnlySpan<DecaffVector> angularVelocities = default)
+        {
+            int count = parts.Length;
+            Native.Expect(matrices.Length == 16 * count && (velocities.IsEmpty || velocities.Length == count)
+                && (angularVelocities.IsEmpty || angularVelocities.Length == count));
+            fixed (int* rows = parts) fixed (double* to = matrices)
+            fixed (DecaffVector* linear = velocities, angular = angularVelocities)
+                Native.Check(Native.proximity_move(Handle, rows, (UIntPtr)count, to, linear, angular,
+                    out NativeError error), ref error);
+        }
+
+        public void Move(int part, ReadOnlySpan<double> matrix) => Move(new ReadOnlySpan<int>(&part, 1), matrix);
+
+        /// <summary>Hide a part from all that is asked, or show it again.</summary>
+        public void Hide(int part, bool isHidden = true) =>
+            Native.Check(Native.proximity_hide(Handle, part, isHidden ? 1 : 0, out NativeError error), ref error);
+
+        /// <summary>Set how a part reacts to a touch, N/m and N s/m; 0: it is rigid.</summary>
+        public void SetSurface(int part, double stiffness, double damping = 0) =>
+            Native.Check(Native.proximity_set_surface(Handle, part, stiffness, damping, out NativeError error), ref error);
+
+        // --- questions: an answer for each row that is asked; none is farther than the limit, m ---
+
+        public void Closest(ReadOnlySpan<DecaffVector> points, Span<ProximityClosestPoint> answers,
+            double limit = Unlimited) =>
+            Ask(Question.Closest, points, default, answers, limit);
+
+        public ProximityClosestPoint Closest(DecaffVector point, double limit = Unlimited)
+        {
+            ProximityClosestPoint answer;
+            Closest(new ReadOnlySpan<DecaffVector>(&point, 1), new Span<ProximityClosestPoint>(&answer, 1), limit);
+            return answer;
+        }
+
+        /// <summary>Signed distances, m: as Closest, and faster.</summary>
+        public void SignedDistance(ReadOnlySpan<DecaffVector> points, Span<double> distances) =>
+            Ask(Question.Signed, points, default, distances, Unlimited);
+
+        /// <summary>Distances without sign, m: the fastest.</summary>
+        public void Distance(ReadOnlySpan<DecaffVector> points, Span<double> distances) =>
+            Ask(Question.Distance, points, default, distances, Unlimited);
+
+        /// <summary>Whether points are inside some part.</summary>
+        public void Contains(ReadOnlySpan<DecaffVector> points, Span<bool> isInside) =>
+            Ask(Question.Contains, points, default, isInside, Unlimited);
+
+        /// <summary>The first hits of rays; directions have any length but zero.</summary>
+        public void Cast(ReadOnlySpan<DecaffVector> origins, ReadOnlySpan<DecaffVector> directions,
+            Span<ProximityRayHit> answers, double limit = Unlimited) =>
+            Ask(Question.Cast, origins, directions, answers, limit);
+
+        /// <summary>The shortest connections between segments and the surface.</summary>
+        public void ClosestToSegments(ReadOnlySpan<DecaffVector> starts, ReadOnlySpan<DecaffVector> ends,
+            Span<ProximitySegmentHit> answers, double limit = Unlimited) =>
+            Ask(Question.Segments, starts, ends, answers, limit);
+
+        private enum Question { Closest, Signed, Distance, Contains, Cast, Segments }
+
+        private void Ask<T>(Question question, ReadOnlySpan<DecaffVector> rows, ReadOnlySpan<DecaffVector> others,
+            Span<T> answers, double limit) where T : struct
+        {
+            Native.Expect(answers.Length == rows.Length && (others.IsEmpty || others.Length == rows.Length));
+            var count = (UIntPtr)rows.Length;
+            NativeError e;
+            int code;
+            fixed (DecaffVector* a = rows, b = others) fixed (byte* to = MemoryMarshal.AsBytes(answers))
+                code = question == Question.Closest ? Native.proximity_closest(Handle, a, count, limit, to, out e)
+                    : question == Question.Signed ? Native.proximity_signed_distance(Handle, a, count, to, out e)
+                    : question == Question.Distance ? Native.proximity_distance(Handle, a, count, to, out e)
+                    : question == Question.Contains ? Native.proximity_contains(Handle, a, count, to, out e)
+                    : question == Question.Cast ? Native.proximity_cast(Handle, a, b, count, limit, to, out e)
+                    : Native.proximity_closest_to_segments(Handle, a, b, count, limit, to, out e);
+            Native.Check(code, ref e);
+        }
+    }
+
+    /// <summary>Answers for every fingertip at every tick. One thread at a time uses it.</summary>
+    public sealed unsafe class ProximityTracker : IDisposable
+    {
+        public readonly DecaffContact[] Contacts; // of all fingers; each tick writes over them
+        private readonly NativeHandle handle = new NativeHandle();
+
+        public ProximityTracker(ProximityScene scene, int fingers, ProximityTrackerSettings? settings = null)
+        {
+            IntPtr made;
+            ProximityTrackerSettings chosen = settings ?? ProximityTrackerSettings.Default;
+            Contacts = new DecaffContact[fingers];
+            handle.Scene = scene.Handle;
+            Native.Check(Native.proximity_create_tracker(scene.Handle, (UIntPtr)fingers, &chosen, &made,
+                out NativeError error), ref error);
+            handle.Take(made);
+        }
+
+        public void Dispose() => handle.Dispose();
+
+        /// <summary>Forget all fingers: the next tick is treated as the first.</summary>
+        public void Reset() => Native.proximity_reset_tracker(handle);
+
+        /// <summary>Set the radius of one fingertip, m.</summary>
+        public void SetRadius(int finger, double radius) =>
+            Native.Check(Native.proximity_set_radius(handle, (UIntPtr)(uint)finger, radius, out NativeError e), ref e);
+
+        /// <summary>Answer for all fingers, a row each; one whose position is not finite is not tracked. Instants are ns
+        /// of one clock, velocities m/s; corners of paths are as many a finger, one finger behind the other.</summary>
+        public DecaffContact[] Tick(ReadOnlySpan<DecaffVector> positions, ReadOnlySpan<long> poseNs, long nowNs,
+            ReadOnlySpan<DecaffVector> velocities = default, ReadOnlySpan<DecaffVector> corners = default,
+            ReadOnlySpan<double> bends = default, ReadOnlySpan<double> pathBends = default)
+        {
+            int count = Contacts.Length, each = corners.Length / count;
+            Native.Expect(positions.Length == count && poseNs.Length == count && corners.Length == each * count
+                && (velocities.IsEmpty || velocities.Length == count) && (bends.IsEmpty || bends.Length == count)
+                && (pathBends.IsEmpty || pathBends.Length == each));
+            fixed (DecaffVector* at = positions, linear = velocities, first = corners) fixed (long* instants = poseNs)
+            fixed (double* own = bends, along = pathBends) fixed (DecaffContact* to = Contacts)
+            {
+                var paths = new NativePaths { Corners = first, Count = (UIntPtr)each, OfCorners = along, OfFingers = own };
+                Native.Check(Native.proximity_tick(handle, at, instants, nowNs, linear, first == null ? null : &paths, to,
+                    out NativeError error), ref error);
+            }
+            return Contacts;
+        }
+    }
+
+    /// <summary>A scene; or a tracker, which keeps its scene open.</summary>
+    internal sealed class NativeHandle : SafeHandle
+    {
+        internal GCHandle Content; // bytes of the scene
+        internal NativeHandle Scene; // of the tracker
+        internal NativeHandle() : base(IntPtr.Zero, true) { }
+        public override bool IsInvalid => handle == IntPtr.Zero;
+
+        internal void Take(IntPtr made)
+        {
+            bool isKept = false;
+            SetHandle(made);
+            Scene?.DangerousAddRef(ref isKept);
+        }
+
+        protected override bool ReleaseHandle()
+        {
+            if (Scene != null)
+                Native.proximity_destroy_tracker(handle);
+            else
+                Native.proximity_close(handle);
+            Scene?.DangerousRelease();
+            if (Content.IsAllocated)
+                Content.Free();
+            return true;
+        }
+    }
+
+    [StructLayout(LayoutKind.Sequential, Size = 512)]
+    internal struct NativeError
+    {
+        internal int Code;
+        internal byte Sentence; // its first byte
+    }
+
+    internal unsafe struct NativePaths
+    {
+        internal void* Corners;
+        internal UIntPtr Count;
+        internal void* OfCorners, OfFingers; // bends
+    }
+
+    internal static unsafe class Native
+    {
+        internal static void CheckInterface()
+        {
+            if (proximity_interface() != 1)
+                throw new ProximityError(1, "the library has another interface than Proximity.cs: write both again");
+        }
+
+        internal static void Check(int code, ref NativeError error)
+        {
+            fixed (byte* sentence = &error.Sentence)
+                if (code != 0)
+                    throw new ProximityError(code, Text(sentence));
+        }
+
+        internal static void Expect(bool isSo)
+        {
+            if (!isSo)
+                throw new ProximityError(1, "an array has the wrong length, expected a row for each that is asked");
+        }
+
+        internal static byte[] Utf8(string text) => Encoding.UTF8.GetBytes(text + "\0");
+
+        internal static string Text(byte* text)
+        {
+            int size = 0;
+            while (text != null && text[size] != 0)
+                size++;
+            return size == 0 ? "" : Encoding.UTF8.GetString(text, size);
+        }
+
+        [DllImport("proximity")] internal static extern int proximity_interface();
+        [DllImport("proximity")] internal static extern int proximity_open(byte* path, IntPtr* scene,
+            out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_open_bytes(void* bytes, UIntPtr size,
+            IntPtr* scene, out NativeError error);
+        [DllImport("proximity")] internal static extern void proximity_close(IntPtr scene);
+        [DllImport("proximity")] internal static extern int proximity_part_count(NativeHandle scene);
+        [DllImport("proximity")] internal static extern byte* proximity_part_name(NativeHandle scene, int part);
+        [DllImport("proximity")] internal static extern int proximity_find_part(NativeHandle scene, byte* name);
+        [DllImport("proximity")] internal static extern int proximity_pose(NativeHandle scene, int part,
+            void* matrix, out NativeError error);
+        [DllImport("proximity")] internal static extern void proximity_bounds(NativeHandle scene, void* lower,
+            void* upper);
+        [DllImport("proximity")] internal static extern int proximity_move(NativeHandle scene, void* parts,
+            UIntPtr n, void* poses, void* v, void* w, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_hide(NativeHandle scene, int part,
+            int isHidden, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_set_surface(NativeHandle scene, int part,
+            double stiffness, double damping, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_closest(NativeHandle s, void* points,
+            UIntPtr n, double limit, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_signed_distance(NativeHandle s, void* points,
+            UIntPtr n, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_distance(NativeHandle s, void* points,
+            UIntPtr n, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_contains(NativeHandle s, void* points,
+            UIntPtr n, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_cast(NativeHandle s, void* a, void* b,
+            UIntPtr n, double limit, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_closest_to_segments(NativeHandle s, void* a,
+            void* b, UIntPtr n, double limit, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern ProximityTrackerSettings proximity_default_settings();
+        [DllImport("proximity")] internal static extern int proximity_create_tracker(NativeHandle s, UIntPtr fingers,
+            void* settings, IntPtr* made, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_set_radius(NativeHandle tracker,
+            UIntPtr finger, double radius, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_tick(NativeHandle t, void* at, void* poseNs,
+            long ns, void* v, void* paths, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern void proximity_reset_tracker(NativeHandle tracker);
+        [DllImport("proximity")] internal static extern void proximity_destroy_tracker(IntPtr tracker);
+    }
+}

@@ -1,0 +1,69 @@
+// ProximityDistance.cs: how far this object is from the parts of a compiled scene, which may be concave and move.
+//
+// Put it on any object. `proximity compile` makes the scene's file, for Assets/StreamingAssets. Mirror: see
+// ProximityAxes.cs. In a component that answers for fingers at every tick take a ProximityTracker.
+#if UNITY_5_3_OR_NEWER
+using System;
+using System.IO;
+using Decaff;
+using UnityEngine;
+
+public sealed class ProximityDistance : MonoBehaviour
+{
+    public string sceneFile = "bracket.prox";
+    public Transform origin; // where the scene's origin is; without scale
+    public Transform[] movers = new Transform[0]; // each moves the part that has its name
+    public ProximityMirror mirror = ProximityMirror.YAndZ;
+
+    public float metres; // negative inside
+    public Vector3 nearest, normal; // the surface point, and the direction away from it; in the world
+    public string part = "";
+
+    private ProximityScene scene;
+    private string[] names;
+    private int[] moved;
+    private double[] matrices;
+
+    private void OnEnable()
+    {
+        scene = new ProximityScene(Path.Combine(Application.streamingAssetsPath, sceneFile));
+        names = new string[scene.PartCount];
+        for (int k = 0; k < names.Length; k++)
+            names[k] = scene.NameOf(k);
+        moved = Array.ConvertAll(movers, mover => scene.Find(mover.name));
+        matrices = new double[16 * moved.Length];
+    }
+
+    private void Update() // makes no garbage
+    {
+        if (scene == null)
+            return; // it could not be opened
+        for (int k = 0; k < moved.Length; k++)
+            mirror.ToMatrix(origin.InverseTransformPoint(movers[k].position),
+                Quaternion.Inverse(origin.rotation) * movers[k].rotation, new Span<double>(matrices, 16 * k, 16));
+        if (moved.Length > 0)
+            scene.Move(moved, matrices);
+        ProximityClosestPoint found = scene.Closest(mirror.ToScene(origin.InverseTransformPoint(transform.position)));
+        metres = (float)found.SignedDistance;
+        nearest = origin.TransformPoint(mirror.ToUnity(found.Point));
+        normal = origin.TransformDirection(mirror.ToUnity(found.Gradient));
+        part = found.Part < 0 ? "" : names[found.Part];
+    }
+
+    private void OnGUI()
+    {
+        GUI.Label(new Rect(10, 10, 500, 30), (1e3f * metres).ToString("F2") + " mm to " + part);
+    }
+
+    private void OnDrawGizmos()
+    {
+        Gizmos.DrawLine(transform.position, scene == null ? transform.position : nearest);
+    }
+
+    private void OnDisable()
+    {
+        scene?.Dispose();
+        scene = null;
+    }
+}
+#endif

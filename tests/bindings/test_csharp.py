@@ -1,0 +1,222 @@
+"""The binding for C# on Mono: answers of Python to the bit; and the component for Unity, with stand-ins."""
+
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import shapes
+from compiling_c import compiler, run
+from pages import PAGES
+from project import MESHES, SUPPORT
+
+import proximity
+from proximity import Pose, ProximityError
+from proximity.bindings import c_package
+from proximity.message.clients import client_files
+
+
+def is_compiled():
+    try:
+        return c_package.library_path().is_file()
+    except ProximityError:
+        return False
+
+
+has_library = pytest.mark.skipif(
+    sys.platform == "win32" or not is_compiled(),
+    reason="the library is compiled with the kernels, and Mono is run on POSIX systems only",
+)
+CLIENTS = SUPPORT / "clients"
+FLAGS = ("-unsafe", "-langversion:latest", "-optimize", "-nologo", "-warn:4", "-warnaserror", "-nowarn:0649")
+POSE = Pose(rotation=[[0, -1, 0], [1, 0, 0], [0, 0, 1]], translation=[0.1, 0.2, 0.3])
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    """What ``proximity client csharp`` writes."""
+    folder = tmp_path_factory.mktemp("csharp")
+    c_package.write_unity_package(folder)
+    return folder
+
+
+def program(package, source, *options, files=("DecaffMessages", "Proximity")):
+    """A command that runs a program of a source, warnings being errors."""
+    made = package / f"{source.stem}.exe"
+    mcs, mono = compiler("mcs"), compiler("mono")
+    sources = [package / "Runtime" / f"{name}.cs" for name in files]
+    run(mcs, *FLAGS, *options, *sources, source, f"-out:{made}")
+    return [mono, made]
+
+
+def answer(command, *words, cwd=None):
+    """What a program prints that finds the library where the package has it."""
+    library = c_package.library_path().parent
+    done = subprocess.run(
+        [str(word) for word in (*command, *words)], cwd=cwd, capture_output=True, text=True, check=False,
+        env=os.environ | {"LD_LIBRARY_PATH": str(library), "DYLD_LIBRARY_PATH": str(library)}, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def answers(scene, points, others):
+    """All that the program asks of a scene, in bits."""
+    limited = scene.closest(points, max_distance=0.01)._table
+    limited[0] = scene.closest(points[0])._table
+    yield scene.closest(points)._table
+    yield limited
+    yield from (scene.signed_distance(points), scene.distance(points), scene.contains(points))
+    yield scene.cast(points, others, max_distance=0.2)._table
+    yield scene.closest_to_segments(points, others)._table
+    yield scene.parts[0].pose.matrix
+    yield np.array(scene.bounds)
+
+
+def contacts(scene, points):
+    """What the tracker of the program answers, tick by tick."""
+    tracker = proximity.Tracker(scene, fingers=2, radius=[0.004, 0.002])
+    name = scene.parts[0].name
+    for k in range(6):
+        if k == 3:
+            scene.move(name, POSE)
+        if k == 4:
+            scene.set_surface(name, stiffness=700.0, damping=0.5)
+        given = {
+            "velocities": points[k : k + 2], "paths": points[10 + k : 14 + k].reshape(2, 2, 3),
+            "bends": [0.1, 0.2], "path_bends": [0.0, 2.0],
+        } if k % 2 else {}  # fmt: skip
+        start = 10**9 + 10**6 * k
+        yield tracker.tick(points[k : k + 2], [start, start + 500], start + 1000, **given).copy()
+
+
+@has_library
+def test_answers_are_those_of_python(package, tmp_path):
+    scene, copy = (proximity.load(MESHES / "assembly.glb") for _ in range(2))
+    hidden = scene.parts[1].name
+    lower, upper = scene.bounds
+    rows = np.random.default_rng(3).uniform(lower - 0.02, upper + 0.02, (2, 60, 3))
+    scene.save(tmp_path / "scene.prox")
+    rows.tofile(tmp_path / "rows")
+    command = program(package, CLIENTS / "LibraryProgram.cs")
+
+    lines = answer(
+        command, tmp_path / "scene.prox", tmp_path / "rows", tmp_path / "told", hidden, cwd=tmp_path
+    ).splitlines()
+
+    copy.move(copy.parts[0].name, POSE, velocity=rows[0, 0])
+    copy.hide(hidden)
+    expected = [*answers(scene, *rows), *answers(copy, *rows), *contacts(scene, rows[0])]
+    assert (tmp_path / "told").read_bytes() == b"".join(np.asarray(each).tobytes() for each in expected)
+    count = len(scene.parts)
+    assert lines == [
+        f"{count} {hidden} -1 ''",
+        "3 none.prox: it cannot be opened (No such file or directory)",
+        "4 it is named like a compiled scene, but does not begin like one; "
+        "save the scene again with this version",
+        f"1 there is no part 7777, expected 0 to {count - 1}",
+        "5 row 0 is no rigid transform, or leads too far away, or its velocity is too large",
+        "1 an array has the wrong length, expected a row for each that is asked",
+        "1 max_distance is -1, expected a length of 0 m or more",
+        "1 there is no scene, no place for the tracker, or no finger",
+        "collections 0",
+    ]
+
+
+def test_functions_are_those_of_the_header():
+    """By the text alone: names, and how many arguments they take."""
+    header = "".join((c_package.HERE / f"proximity{name}.h").read_text() for name in ("", "_tracker"))
+    declared = {
+        name: 0 if words == "void" else words.count(",") + 1
+        for name, words in re.findall(r"PROXIMITY_API [^;(]*?(proximity_\w+)\(([^)]*)\);", header)
+    }
+    source = client_files("csharp")["Runtime/Proximity.cs"]
+    called = re.findall(r'\[DllImport\("proximity"\)\] [^;(]*?(proximity_\w+)\(([^)]*)\);', source)
+
+    assert len(called) == source.count("DllImport(") > 20
+    for name, words in called:
+        assert declared[name] == (words.count(",") + 1 if words else 0), name
+
+
+# --- Unity -----------------------------------------------------------------------------------------------
+
+
+def matrix_of(quaternion):
+    x, y, z, w = np.array(quaternion) / np.linalg.norm(quaternion)
+    axis = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * w * axis + 2 * axis @ axis
+
+
+MIRRORS = {"YAndZ": np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]), "X": np.diag([-1.0, 1, 1])}
+QUARTER = [0.0, 0.5**0.5, 0.0, 0.5**0.5]
+"""About Unity's axis that points up: what is in front goes to the right."""
+
+
+def unity_program(package):
+    names = [f"Decaff{name}" for name in ("Messages", "Client", "Hand")]
+    names += [f"Proximity{name}" for name in ("", "Axes", "Distance")]
+    return program(package, CLIENTS / "Unity.cs", "-define:UNITY_5_3_OR_NEWER", files=names)
+
+
+def test_components_compile_against_names_of_unity(package):
+    """Against stand-ins of what they use of Unity, which is not here."""
+    unity_program(package)
+
+
+@has_library
+@pytest.mark.parametrize("mirror", MIRRORS)
+def test_component_shows_the_distance_to_a_concave_part(package, tmp_path, mirror):
+    scene = proximity.Scene([proximity.Solid(*shapes.torus(0.05, 0.01), name="ring")])
+    scene.save(tmp_path / "bracket.prox")
+    rng, flip, command = np.random.default_rng(5), MIRRORS[mirror], unity_program(package)
+    for _ in range(3):
+        at, origin, mover = rng.uniform(-0.1, 0.1, (3, 7)).astype(np.float32)
+        words = [f"{word:.9g}" for word in np.concatenate([at, unit(origin), unit(mover)])]
+
+        label, *told, last = answer(command, tmp_path, mirror, "ring", *words).splitlines()
+
+        world, turn = np.array(origin[:3], float), matrix_of(origin[3:])
+        local = turn.T @ (mover[:3] - world)
+        pose = Pose(flip @ turn.T @ matrix_of(mover[3:]) @ flip, flip @ local)
+        scene.move("ring", pose)
+        found = scene.closest(flip @ turn.T @ (at[:3] - world))
+        nearest, normal = (np.array([float(word) for word in line.split()]) for line in told)
+        assert np.abs(nearest - (turn @ flip @ found.point + world)).max() < 1e-6
+        assert np.abs(normal - turn @ flip @ found.gradient).max() < 1e-4
+        assert last.split()[1] == "ring" and abs(float(last.split()[0]) - found.signed_distance) < 1e-6
+        assert label == f"{1e3 * float(last.split()[0]):.2f} mm to ring"
+
+
+def unit(pose):
+    pose[3:] /= np.linalg.norm(pose[3:])
+    return pose
+
+
+@has_library
+@pytest.mark.parametrize(("mirror", "ahead"), [("YAndZ", [0.0, 0.1, 0.0]), ("X", [0.0, 0.0, 0.1])])
+def test_part_turns_as_its_object_does(package, tmp_path, mirror, ahead):
+    """A needle that points ahead in Unity, turned about the axis that is up there, points to the right."""
+    needle = shapes.box(np.full(3, -0.001), np.array(ahead) + 0.001)
+    proximity.Scene([proximity.Solid(*needle, name="needle")]).save(tmp_path / "bracket.prox")
+    words = [0.2, 0, 0, 0, 0, 0, 1, *[0] * 6, 1, *[0] * 3, *QUARTER]
+
+    told = answer(unity_program(package), tmp_path, mirror, "needle", *words).splitlines()
+
+    assert np.abs(np.subtract([float(word) for word in told[1].split()], [0.1, 0, 0])).max() < 2e-3
+
+
+# --- the guide -------------------------------------------------------------------------------------------
+
+
+@has_library
+def test_program_of_the_guide_prints_what_is_shown(package, tmp_path):
+    page = PAGES["guide/c-library.md"]
+    code, printed = re.search(r"```csharp\n(.*?)```.*?```text\n(.*?)```", page, re.DOTALL).groups()
+    source = package / "Closest.cs"
+    source.write_text(code)
+    proximity.load(MESHES / "bracket.stl", units="mm").save(tmp_path / "bracket.prox")
+
+    assert code.count("\n") <= 30
+    assert answer(program(package, source), cwd=tmp_path) == printed

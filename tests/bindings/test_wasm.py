@@ -1,0 +1,217 @@
+"""The engine for browsers, in Node: the answers of Python to the bit, moves, trackers, and refusals."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from pages import PAGES
+from project import MESHES, SUPPORT
+
+import proximity
+from benchmarks.digest import queries, scenes
+from benchmarks.digest.library_program import through_program
+from proximity.bindings import wasm_package
+
+NODE = shutil.which("node")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::proximity.UnitsWarning"),  # some points are far away on purpose
+    pytest.mark.skipif(NODE is None, reason="there is no Node"),
+    pytest.mark.skipif(
+        not all((wasm_package.NATIVE / name).is_file() for name in wasm_package.MODULES),
+        reason="the engine for browsers is not compiled",
+    ),
+    pytest.mark.xdist_group("wasm"),
+]
+RELAXED = "--experimental-wasm-relaxed-simd"  # Node has it by itself since version 21
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The package, and a scene beside it."""
+    made = tmp_path_factory.mktemp("wasm")
+    written = wasm_package.write_package(made)
+    assert all(written.values()) and (made / "proximity.d.ts").is_file()
+    proximity.load(MESHES / "assembly.glb").save(made / "assembly.prox")
+    return made
+
+
+def run(folder, *words):
+    """Run Node in a folder; what it prints."""
+    done = subprocess.run([NODE, RELAXED, *words], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def run_module(folder, code):
+    """Run code that has the engine; what it prints, as JSON."""
+    (folder / "code.mjs").write_text('import { load, ProximityError } from "./proximity.mjs";\n' + code)
+    return json.loads(run(folder, "code.mjs"))
+
+
+def served(folder, scene, instructions):
+    command = [NODE, RELAXED, str(SUPPORT / "clients" / "module_server.mjs"), str(folder), instructions]
+    return through_program(scene, command)
+
+
+@pytest.mark.parametrize("name", ["bracket.stl", "assembly.glb", "gear.stl"])
+def test_answers_are_those_of_python_to_the_bit(folder, name):
+    scene = proximity.load(MESHES / name)
+    triangles = queries.triangles_of(scene)
+
+    expected = dict(queries.digests_of(name, scene, triangles, 3000, 1))
+    asked = dict(queries.digests_of(name, served(folder, scene, "relaxed"), triangles, 3000, 1))
+
+    assert asked == expected and len(asked) >= 5
+
+
+def test_moved_and_hidden_parts_are_answered_to_the_bit(folder):
+    rng = scenes.generator("wasm")
+    scene = scenes.random_scene(rng, 12, 0.05, 0.0)
+    scenes.change_scene(scene, rng, 0.05)
+    triangles = queries.triangles_of(scene)
+
+    expected = dict(queries.digests_of("changed", scene, triangles, 2000, 1))
+
+    assert (
+        dict(queries.digests_of("changed", served(folder, scene, "relaxed"), triangles, 2000, 1)) == expected
+    )
+
+
+def test_without_relaxed_instructions_answers_differ_by_rounding_alone(folder):
+    scene = proximity.load(MESHES / "bracket.stl", units="mm")
+    lower, upper = scene.bounds
+    points = np.random.default_rng(4).uniform(lower - 0.01, upper + 0.01, (20_000, 3))
+
+    plain = served(folder, scene, "plain").signed_distance(points)
+
+    expected = scene.signed_distance(points)
+    assert np.array_equal(np.sign(plain), np.sign(expected))
+    np.testing.assert_allclose(plain, expected, rtol=0, atol=1e-15)
+
+
+def test_parts_move_and_hide_as_in_python(folder):
+    told = run_module(
+        folder,
+        """
+const { readFileSync } = await import("node:fs");
+const scene = (await load()).open(readFileSync("assembly.prox"));
+const points = [0.1, 0.2, 0.3, 0, 0, 0];
+const before = scene.signedDistance(points);
+const pose = scene.pose(scene.parts[0]);
+pose[3] += 0.25;
+scene.move([{ part: scene.parts[0], matrix: pose, velocity: [1, 0, 0] }]);
+const moved = Array.from(scene.signedDistance(points));
+scene.hide(scene.parts[0]);
+const hidden = Array.from(scene.signedDistance(points));
+const { lower, upper } = scene.bounds;
+console.log(JSON.stringify({ parts: scene.parts, before: Array.from(before), moved, hidden,
+  isHidden: scene.isHidden(0), faces: scene.faceCount(0), instructions: scene.instructions,
+  bounds: [Array.from(lower), Array.from(upper)] }));
+""",
+    )
+    scene, points = proximity.load(folder / "assembly.prox"), np.array([[0.1, 0.2, 0.3], [0.0, 0.0, 0.0]])
+    first = scene.parts[0]
+    assert told["parts"] == [part.name for part in scene.parts]
+    assert told["before"] == scene.signed_distance(points).tolist()
+    matrix = first.pose.matrix.copy()
+    matrix[0, 3] += 0.25
+    scene.move(first.name, matrix, velocity=[1, 0, 0])
+    assert told["moved"] == scene.signed_distance(points).tolist()
+    scene.hide(first.name)
+    assert told["hidden"] == scene.signed_distance(points).tolist()
+    assert told["bounds"] == [corner.tolist() for corner in scene.bounds]
+    assert told["isHidden"] and told["faces"] == first.solid.mesh.face_count
+    assert told["instructions"] == "relaxed"
+
+
+def test_tracker_gives_the_contacts_of_python(folder):
+    told = run_module(
+        folder,
+        """
+const { readFileSync } = await import("node:fs");
+const scene = (await load()).open(readFileSync("assembly.prox"));
+const tracker = scene.tracker(2, { radius: 0.005, budget: 64 });
+const contacts = [];
+for (let k = 0; k < 200; k++) {
+  const now = 1_000_000_000n + BigInt(k) * 1_000_000n;
+  const positions = [0.3 - 0.001 * k, 0.05, 0.05, NaN, 0, 0];
+  contacts.push(...tracker.tick(positions, [now, now], now + 300n));
+}
+tracker.close();
+console.log(JSON.stringify(contacts, (_, value) => (typeof value === "bigint" ? Number(value)
+  : typeof value === "number" && !Number.isFinite(value) ? String(value) : value)));
+""",
+    )
+    scene = proximity.load(folder / "assembly.prox")
+    tracker = proximity.Tracker(scene, fingers=2, radius=0.005, budget=64)
+    expected = []
+    for k in range(200):
+        now = 1_000_000_000 + k * 1_000_000
+        positions = np.array([[0.3 - 0.001 * k, 0.05, 0.05], [np.nan, 0, 0]])
+        expected += list(tracker.tick(positions, now, now + 300).copy())
+
+    for contact, row in zip(told, expected, strict=True):
+        for name, value in contact.items():
+            numbers = np.array(np.char.replace(np.array(value).astype(str), "Infinity", "inf"), np.float64)
+            np.testing.assert_array_equal(numbers, np.float64(row[name]), name)
+
+
+def test_errors_say_what_was_expected(folder):
+    told = run_module(
+        folder,
+        """
+const { readFileSync } = await import("node:fs");
+const engine = await load();
+const bytes = readFileSync("assembly.prox");
+const scene = engine.open(bytes);
+const damaged = Uint8Array.from(bytes);
+damaged[20000] ^= 1;
+const sentences = [];
+for (const action of [() => scene.signedDistance([1, 2]), () => scene.closest([0, 0, 0], { maxDistance: -1 }),
+  () => scene.cast([0, 0, 0], [0, 0, 0]), () => scene.hide("no such part"), () => engine.open(damaged),
+  () => engine.open(new Uint8Array(100)), () => scene.tracker(1, { speed: 1 }),
+  () => { scene.close(); scene.distance([0, 0, 0]); }]) {
+  try {
+    action();
+    sentences.push("nothing");
+  } catch (failure) {
+    sentences.push(failure instanceof ProximityError ? failure.message : `other: ${failure}`);
+  }
+}
+console.log(JSON.stringify(sentences));
+""",
+    )
+    expected = (
+        "three a row", "expected a length of 0 m or more", "direction 0 is zero", "no such part", "", "",
+        "expected radius, latency", "the scene is closed",
+    )  # fmt: skip
+    assert len(told) == len(expected)
+    for sentence, words in zip(told, expected, strict=True):
+        assert words in sentence and not sentence.startswith(("other", "nothing")), sentence
+
+
+def test_example_and_program_of_the_guide_print_distances(folder):
+    printed = run(folder, "example.mjs", "assembly.prox")
+    assert re.fullmatch(r"(-?[\d.]+ mm from .+, at \(.+\) m\n){2}", printed)
+
+    page = PAGES["guide/browser-library.md"]
+    code, printed = (re.search(rf"```{kind}\n(.*?)```", page, re.DOTALL)[1] for kind in ("js", "text"))
+    proximity.load(MESHES / "bracket.stl", units="mm").save(folder / "bracket.prox")
+    (folder / "distances.mjs").write_text(code.replace("./proximity/", "./"))
+    assert run(folder, "distances.mjs") == printed
+
+
+def test_module_imports_nothing_and_is_small(tmp_path):
+    for name in wasm_package.MODULES:
+        code = f"""
+const {{ readFileSync }} = require("fs"), {{ gzipSync }} = require("zlib");
+const bytes = readFileSync({json.dumps(os.fspath(wasm_package.NATIVE / name))});
+const imports = WebAssembly.Module.imports(new WebAssembly.Module(bytes));
+console.log(JSON.stringify([imports.length, gzipSync(bytes, {{ level: 9 }}).length]));
+"""
+        import_count, size = json.loads(run(tmp_path, "-e", code))
+        assert import_count == 0 and size <= 400_000

@@ -1,0 +1,121 @@
+// Asks a scene through the binding for C#: rows of points come from a file, and the bytes of all answers go to one.
+using System;
+using System.IO;
+using System.Runtime.InteropServices;
+using Decaff;
+
+public static class LibraryProgram
+{
+    private const double Far = ProximityScene.Unlimited;
+
+    private static void Write<T>(BinaryWriter output, Span<T> answers) where T : struct
+    {
+        output.Write(MemoryMarshal.AsBytes(answers).ToArray());
+    }
+
+    private static void AskAll(ProximityScene scene, DecaffVector[] points, DecaffVector[] others, BinaryWriter output)
+    {
+        int count = points.Length;
+        var numbers = new double[count];
+        var nearest = new ProximityClosestPoint[count];
+        scene.Closest(points, nearest);
+        Write<ProximityClosestPoint>(output, nearest);
+        nearest[0] = scene.Closest(points[0]);
+        scene.Closest(new ReadOnlySpan<DecaffVector>(points, 1, count - 1), new Span<ProximityClosestPoint>(nearest, 1, count - 1), 0.01);
+        Write<ProximityClosestPoint>(output, nearest);
+        scene.SignedDistance(points, numbers);
+        Write<double>(output, numbers);
+        scene.Distance(points, numbers);
+        Write<double>(output, numbers);
+        var isInside = new bool[count];
+        scene.Contains(points, isInside);
+        Write<bool>(output, isInside);
+        var hits = new ProximityRayHit[count];
+        scene.Cast(points, others, hits, 0.2);
+        Write<ProximityRayHit>(output, hits);
+        var segments = new ProximitySegmentHit[count];
+        scene.ClosestToSegments(points, others, segments);
+        Write<ProximitySegmentHit>(output, segments);
+        var pose = new double[16];
+        scene.GetPose(0, pose);
+        Write<double>(output, pose);
+        var corners = new DecaffVector[2];
+        scene.GetBounds(out corners[0], out corners[1]);
+        Write<DecaffVector>(output, corners);
+    }
+
+    private static void Tick(ProximityScene scene, DecaffVector[] points, double[] pose, BinaryWriter output)
+    {
+        ProximityTrackerSettings settings = ProximityTrackerSettings.Default;
+        settings.Radius = 0.004;
+        using (var tracker = new ProximityTracker(scene, 2, settings))
+        {
+            tracker.SetRadius(1, 0.002);
+            for (int k = 0; k < 6; k++)
+            {
+                if (k == 3)
+                    scene.Move(0, pose);
+                if (k == 4)
+                    scene.SetSurface(0, 700, 0.5);
+                var at = new ReadOnlySpan<DecaffVector>(points, k, 2);
+                var pathEnds = new ReadOnlySpan<DecaffVector>(points, 10 + k, 4);
+                var instants = new[] { 1000000000L + 1000000 * k, 1000000500L + 1000000 * k };
+                Write<DecaffContact>(output, k % 2 == 0 ? tracker.Tick(at, instants, 1000001000L + 1000000 * k)
+                    : tracker.Tick(at, instants, 1000001000L + 1000000 * k, at, pathEnds, new[] { 0.1, 0.2 }, new[] { 0.0, 2.0 }));
+            }
+        }
+    }
+
+    private static void Tell(Action wrong)
+    {
+        try
+        {
+            wrong();
+        }
+        catch (ProximityError error)
+        {
+            Console.WriteLine(error.Code + " " + error.Message);
+        }
+    }
+
+    public static int Main(string[] words)
+    {
+        DecaffVector[] rows = MemoryMarshal.Cast<byte, DecaffVector>(File.ReadAllBytes(words[1])).ToArray();
+        var points = new ReadOnlySpan<DecaffVector>(rows, 0, rows.Length / 2).ToArray();
+        var others = new ReadOnlySpan<DecaffVector>(rows, rows.Length / 2, rows.Length / 2).ToArray();
+        using (var output = new BinaryWriter(File.Create(words[2])))
+        using (var scene = new ProximityScene(words[0]))
+        using (var copy = new ProximityScene(File.ReadAllBytes(words[0])))
+        {
+            double[] pose = { 0, -1, 0, 0.1, 1, 0, 0, 0.2, 0, 0, 1, 0.3, 0, 0, 0, 1 };
+            AskAll(scene, points, others, output);
+            copy.Move(new[] { 0 }, pose, new[] { points[0] });
+            copy.Hide(copy.Find(words[3]));
+            AskAll(copy, points, others, output);
+            Tick(scene, points, pose, output);
+            Console.WriteLine(scene.PartCount + " " + scene.NameOf(scene.Find(words[3])) + " " + scene.Find("none")
+                + " '" + scene.NameOf(-1) + "'");
+            Tell(() => new ProximityScene("none.prox"));
+            Tell(() => new ProximityScene(new byte[64]));
+            Tell(() => scene.Hide(7777));
+            Tell(() => scene.Move(0, new double[16]));
+            Tell(() => scene.Distance(points, new double[3]));
+            Tell(() => scene.Closest(points[0], -1));
+            Tell(() => new ProximityTracker(scene, 0));
+            var left = new ProximityTracker(scene, 1);
+            var (one, distance, instants) = (new DecaffVector[1], new double[1], new long[1]);
+            scene.Dispose(); // its tracker keeps it open
+            int before = GC.CollectionCount(0);
+            for (int k = 0; k < 200000; k++)
+            {
+                copy.SignedDistance(one, distance);
+                copy.Closest(points[0]);
+                if (k % 10 == 0)
+                    left.Tick(one, instants, 0);
+            }
+            Console.WriteLine("collections " + (GC.CollectionCount(0) - before));
+            left.Dispose();
+        }
+        return 0;
+    }
+}

@@ -1,0 +1,93 @@
+// Answers questions about a scene that come on its standard input, with the module for browsers:
+// node module_server.mjs FOLDER SET SCENE.prox. A question is a number, how many rows, a limit, and the rows; see
+// bench/benchmarks/digest/library_program.py.
+import { readFileSync, readSync, writeSync } from "node:fs";
+import { pathToFileURL } from "node:url";
+
+const [folder, set, file] = process.argv.slice(2);
+const { load, ProximityError } = await import(pathToFileURL(`${folder}/proximity.mjs`).href);
+const engine = await load(readFileSync(`${folder}/proximity.${set}.wasm`));
+const scene = engine.open(readFileSync(file));
+
+function taken(size) {
+  const bytes = new Uint8Array(size);
+  for (let at = 0; at < size; ) {
+    let count = 0;
+    try {
+      count = readSync(0, bytes, at, size - at, null);
+    } catch (failure) {
+      if (failure.code !== "EAGAIN") throw failure;
+      continue;
+    }
+    if (count === 0) return null;
+    at += count;
+  }
+  return bytes;
+}
+
+function told(bytes) {
+  for (let at = 0; at < bytes.length; ) {
+    try {
+      at += writeSync(1, bytes, at, bytes.length - at);
+    } catch (failure) {
+      if (failure.code !== "EAGAIN") throw failure;
+    }
+  }
+}
+
+/** Columns as the records that C writes, row by row. */
+function records(count, reals, words) {
+  const size = 8 * reals.reduce((sum, [, width]) => sum + width, 0) + 4 * words.length;
+  const bytes = new ArrayBuffer(size * count), view = new DataView(bytes);
+  for (let row = 0, at = 0; row < count; row++) {
+    for (const [column, width] of reals) {
+      for (let k = 0; k < width; k++, at += 8) view.setFloat64(at, column[width * row + k], true);
+    }
+    for (const column of words) {
+      view.setInt32(at, column[row], true);
+      at += 4;
+    }
+  }
+  return new Uint8Array(bytes);
+}
+
+const bytesOf = (array) => new Uint8Array(array.buffer, array.byteOffset, array.byteLength);
+const QUESTIONS = [
+  (n, p, _, limit) => {
+    const a = scene.closest(p, limit);
+    const reals = [[a.signedDistance, 1], [a.point, 3], [a.gradient, 3], [a.barycentric, 3]];
+    return records(n, reals, [a.part, a.face, a.feature, a.isSigned]);
+  },
+  (n, p) => bytesOf(scene.signedDistance(p)),
+  (n, p) => bytesOf(scene.distance(p)),
+  (n, p) => scene.contains(p),
+  (n, p, q, limit) => {
+    const a = scene.cast(p, q, limit);
+    return records(n, [[a.distance, 1], [a.point, 3], [a.normal, 3], [a.barycentric, 3]], [a.part, a.face]);
+  },
+  (n, p, q, limit) => bytesOf(scene.castDistance(p, q, limit)),
+  (n, p, q, limit) => {
+    const a = scene.closestToSegments(p, q, limit);
+    const reals = [[a.distance, 1], [a.pointOnSegment, 3], [a.pointOnSolid, 3], [a.fraction, 1], [a.barycentric, 3]];
+    return records(n, reals, [a.part, a.face]);
+  },
+];
+const SIZES = [96, 8, 8, 1, 88, 8, 96];
+
+for (let head = taken(24); head !== null; head = taken(24)) {
+  const view = new DataView(head.buffer);
+  const question = Number(view.getBigInt64(0, true)), count = Number(view.getBigInt64(8, true));
+  const limit = { maxDistance: view.getFloat64(16, true) };
+  const first = new Float64Array(taken(24 * count).buffer);
+  const second = question >= 4 ? new Float64Array(taken(24 * count).buffer) : null;
+  let code = 0, answers = new Uint8Array(SIZES[question] * count);
+  try {
+    answers = QUESTIONS[question](count, first, second, limit);
+  } catch (failure) {
+    if (!(failure instanceof ProximityError)) throw failure;
+    code = failure.code;
+  }
+  told(new Uint8Array(new BigInt64Array([BigInt(code)]).buffer));
+  told(answers);
+}
+scene.close();
