@@ -4,18 +4,14 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from proximity.cli.options import ADDRESS, CABLE, GLOVES, LIMIT, cable_stiffness, flag, option, refuse, within
+from proximity.cli.output import report
 from proximity.cli.program import EXIT_NOTHING, stop_after
 from proximity.system.stop_signals import stopped_by_signals
-
-if TYPE_CHECKING:
-    from proximity.decaff.controller.settings import CableRule
-    from proximity.decaff.glove.calibrated_glove import CalibratedGlove
-    from proximity.decaff.glove.glove import Glove
 
 MOST_RATE_HZ = 5000.0
 LEAST_RATE_HZ = 150.0  # slower, each sample would trip the watchdog of 10 ms
@@ -82,12 +78,17 @@ def drum(
         (arm and not motor, "--arm", "requires --motor"),
     )
     from proximity.cli.device.drum_loop import DrumLog, DrumsBeside, show_drums, summary
-    from proximity.cli.device.motors import armable_motors, ready_bench, watch_motors
+    from proximity.cli.device.motors import armable_motors, watch_motors
     from proximity.cli.tables import Console, Screen
+    from proximity.decaff.controller.settings import CableRule
+    from proximity.decaff.glove.calibrated_glove import read_any_glove
+    from proximity.decaff.motors.motor_drum import home_all
+    from proximity.decaff.simulated_drums import DrumBench
     from proximity.transport import Reading, open_subscriber
 
     sys.setswitchinterval(SWITCH_S)
-    gloves, rule = _worn(glove or [], cable, max_age)
+    rule = CableRule() if cable is None else CableRule(cable_stiffness(cable, max_age))
+    gloves = [read_any_glove(path, max_age) for path in glove or ()]
     with stopped_by_signals() as stop, armable_motors(motor or [], gloves) as motors:
         if motors and not arm:
             stop_after(limit, stop)
@@ -98,7 +99,9 @@ def drum(
             DrumLog(log) as written,
             Screen(Console(), is_silent=as_json) as screen,
         ):
-            bench = ready_bench(rate, gloves, motors, stop, rule)
+            bench = DrumBench(rate, gloves, motors=motors, cable=rule)
+            bench.warm_up()  # what takes long is done before a motor is on
+            home_all(motors, stop.wait, report)
             started = time.monotonic()
             stop_after(limit, stop)
             newest = [subscriber.read()]
@@ -115,14 +118,3 @@ def drum(
         typer.echo(json.dumps(summary(bench, address, counts, time.monotonic() - started), indent=2))
     if not counts.received:
         raise typer.Exit(EXIT_NOTHING)
-
-
-def _worn(
-    paths: list[Path], cable: str | None, max_age: float | None
-) -> tuple[list["Glove | CalibratedGlove"], "CableRule"]:
-    """The gloves, and the cable whose stretch is made up for."""
-    from proximity.decaff.controller.settings import CableRule
-    from proximity.decaff.glove.calibrated_glove import read_any_glove
-
-    rule = CableRule() if cable is None else CableRule(cable_stiffness(cable, max_age))
-    return [read_any_glove(path, max_age) for path in paths], rule

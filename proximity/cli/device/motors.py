@@ -9,12 +9,10 @@ import typer
 
 from proximity.cli.output import report
 from proximity.decaff.calibration.instruments import MotorPort
-from proximity.decaff.controller.settings import CableRule
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.decaff.motors.motor_drum import NOT_ON_HARDWARE, MotorDrum, home_all, opened_motors
-from proximity.decaff.simulated_drums import DrumBench
+from proximity.decaff.motors.motor_drum import NOT_ON_HARDWARE, MotorDrum, opened_motors
 
 LOOK_S, SHOWN_S = 0.005, 1.0  # between two readings of motors that are not armed, and two lines of them
 
@@ -31,23 +29,6 @@ def armable_motors(addresses: list[str], gloves: list[Glove | CalibratedGlove]) 
     paths = [FingerPath(glove) for glove in each[: len(addresses)]]
     with opened_motors(addresses, paths, report) as motors:
         yield motors
-
-
-def ready_bench(
-    rate: float,
-    gloves: list[Glove | CalibratedGlove],
-    motors: list[MotorDrum],
-    stop: threading.Event,
-    cable: CableRule | None = None,
-) -> DrumBench:
-    """Return the drums of all fingers, their motors homed; what takes long is done before a motor is on.
-
-    *cable*: whose stretch is made up for; none where not given.
-    """
-    bench = DrumBench(rate, gloves, motors=motors, cable=cable)
-    bench.warm_up()
-    home_all(motors, stop.wait, report)
-    return bench
 
 
 def watch_motors(motors: list[MotorDrum], stop: threading.Event) -> None:
