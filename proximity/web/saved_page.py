@@ -17,14 +17,13 @@ from proximity.web.page_content import scene_page_files
 LEVEL = 6  # of the compression
 _IMPORTED = re.compile(r"""(\bfrom\s*|\bimport\s*\(?\s*)(["'])([^"']+)\2""")
 _THREE = "page/vendor/three/three.module.js"
-_IMPORT_MAP = re.compile(
-    r'<script type="importmap">.*?</script>\s*<script type="module".*?</script>', re.DOTALL
-)
+_SCRIPTS = re.compile(r'<script type="(?:importmap|module)".*?</script>\n', re.DOTALL)
 _LINK = re.compile(r'<link rel="(?:icon|stylesheet)" href="\./(\w+\.\w+)">')
 BEGIN = """
 (async () => {
   const bytesOf = async (name) => {
-    const packed = Uint8Array.from(atob(document.getElementById(name).textContent), (each) => each.charCodeAt(0));
+    const text = atob(document.getElementById(name).textContent);
+    const packed = Uint8Array.from(text, (character) => character.charCodeAt(0));
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
     return new Response(stream).arrayBuffer();
   };
@@ -80,7 +79,7 @@ def save_page(path: Path, scene: Scene, geometry: bytes, welcome: dict[str, Any]
         f'<script type="application/octet-stream" id="{name}">{_packed(content)}</script>'
         for name, content in packed.items()
     ]
-    page = _IMPORT_MAP.sub("", files["/index.html"].decode())
+    page = _SCRIPTS.sub("", files["/index.html"].decode())
     page = _LINK.sub(lambda link: _inside(files[f"/{link[1]}"], link[1]), page)
     page = page.replace("</body>", "\n".join([*blocks, f"<script>{BEGIN}</script>", "</body>"]))
     with whole_file(path) as stream:
