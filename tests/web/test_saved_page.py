@@ -18,9 +18,9 @@ pytestmark = pytest.mark.skipif(
     reason="the engine for browsers is not compiled",
 )
 KNOWN = "window.page && page.reading.contacts.some((contact) => contact.isKnown)"
-READING = (
-    "page.reading.contacts.filter((each) => each.isKnown).map((each) => [each.distance, ...each.position])"
-)
+KNOWN_FINGERS = "page.reading.contacts.filter((each) => each.isKnown)"
+READING = f"{KNOWN_FINGERS}.map((each) => [each.distance, ...each.position])"
+SLICE = "{ ticket: 1, origin: [0, 0, 0], u: [0.1, 0, 0], v: [0, 0.1, 0], width: 3, height: 3 }"
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +65,7 @@ def test_page_from_a_disk_computes_what_python_computes(saved):
         page.wait_for_function(KNOWN, timeout=90_000)
         found = np.array(page.evaluate(READING))
         instructions = page.evaluate("page.link.scene.instructions")
-        page.evaluate("page.link.say({ slice: { ticket: 1, origin: [0, 0, 0], u: [0.1, 0, 0], v: [0, 0.1, 0], "
-                      "width: 3, height: 3 } })")  # fmt: skip
+        sliced = page.evaluate(f"Array.from(page.link.sliced({SLICE}).values)")
         page.evaluate("page.link.sendChanges([{ name: 'bracket', action: 0 }])")
         page.wait_for_function("!page.parts.list[0].object.visible", timeout=30_000)
         hidden = page.evaluate("page.reading.contacts.map((each) => each.distance)")
@@ -75,6 +74,8 @@ def test_page_from_a_disk_computes_what_python_computes(saved):
     expected = scene.signed_distance(found[:, 1:]) - 0.007
     assert len(found) == 5 and instructions == "relaxed"
     np.testing.assert_allclose(found[:, 0], expected, rtol=0, atol=1e-15)
+    grid = np.array([[0.05 * column, 0.05 * row, 0.0] for row in range(3) for column in range(3)])
+    assert sliced == np.float32(scene.signed_distance(grid)).tolist()
     assert not [url for url in requests[1:] if not url.startswith(("blob:", "data:"))]
     assert not failures
     assert not np.isfinite(np.array(hidden, float)).any()
