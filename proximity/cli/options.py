@@ -52,7 +52,8 @@ UNITS = Annotated[
 ADDRESS = Annotated[
     str,
     typer.Argument(
-        metavar="ADDRESS", help="iox2://NAME (this machine), udp://HOST:PORT (to listen on) or zenoh://KEY."
+        metavar="ADDRESS",
+        help="shm://NAME or iox2://NAME (this machine), udp://HOST:PORT (to listen on) or zenoh://KEY.",
     ),
 ]
 
