@@ -28,6 +28,7 @@ OK, NOBODY = 0, 1
 SYSTEM = 7
 FIRST_BYTES = 8192
 """Of a message at first: the ring holds 15, or 74 frames of five fingers. A longer one enlarges it."""
+HEADER_BYTES = 128
 SLICE = 0.1
 """s: who waits looks up so often, for signals and for a file that was removed by hand."""
 _BOX, _TEXT, _WORD, _LONG = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64
@@ -43,6 +44,7 @@ _TYPES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "is_over": (_WORD, (_BOX, _WORD)),
     "is_written": (_WORD, (_BOX,)),
     "close": (None, (_BOX,)),
+    "within": (None, (_BOX, _BOX, _LONG)),
     "reason": (_TEXT, (_WORD,)),
 }
 _LONG_CALLS = ("create", "enlarge", "wait")
@@ -113,16 +115,25 @@ class SharedMemoryOutlet(_Mailbox):
             raise self._refusal(outcome)
         self._is_open = True
 
+    def loop_end(self, largest: int) -> dict[str, Any]:
+        """What a loop of compiled code has to know to send messages of up to *largest* bytes from here."""
+        if largest > FIRST_BYTES:
+            self._enlarge(largest)
+        return {"socket": -1, "box": self._box}
+
     def send(self, data: np.ndarray) -> None:
         """Copy the message into the ring; one that is longer than all before makes another ring."""
         if not self._is_open:
             raise PublishError(f"{self._address.text}: was closed, nothing can be sent")
         if self._call.write(self._box, _address_of(data), len(data)):
             return
-        outcome = self._call.enlarge(self._box, len(data))
+        self._enlarge(len(data))
+        self._call.write(self._box, _address_of(data), len(data))
+
+    def _enlarge(self, size: int) -> None:
+        outcome = self._call.enlarge(self._box, size)
         if outcome != OK:
             raise self._refusal(outcome)
-        self._call.write(self._box, _address_of(data), len(data))
 
 
 class SharedMemoryInlet(_Mailbox):
@@ -144,6 +155,11 @@ class SharedMemoryInlet(_Mailbox):
     def is_written(self) -> bool:
         """Whether somebody has the mailbox open for writing, and lives."""
         return self._is_open and bool(self._call.is_written(self._box))
+
+    def loop_end(self) -> dict[str, Any]:
+        """What a loop of compiled code has to know to receive here."""
+        self._text = ctypes.create_string_buffer(self._name)
+        return {"socket": -1, "box": self._box, "name": ctypes.addressof(self._text), "looked_ns": 1}
 
     def receive(self, buffer: np.ndarray) -> int:
         """Copy the next message of the ring."""
@@ -195,6 +211,31 @@ class SharedMemoryInlet(_Mailbox):
             raise self._refusal(outcome)
         self._is_open = outcome == OK
         return self._is_open
+
+
+class PrivateMailbox:
+    """A mailbox without a file or a name: a loop of compiled code adds to it, and a thread of Python reads.
+
+    *ring*: bytes, a power of two.
+    """
+
+    def __init__(self, ring: int) -> None:
+        self._call: Any = _Functions()
+        self._memory = np.zeros(HEADER_BYTES + ring, np.uint8)
+        self._memory.fill(0)  # here, and not page by page in the loop
+        self._writer, self._reader = np.zeros((2, self._call.size()), np.uint8)
+        for box in (self._writer, self._reader):
+            self._call.within(box.ctypes.data, self._memory.ctypes.data, ring)
+
+    @property
+    def writer(self) -> int:
+        """Where the writer's end is."""
+        return int(self._writer.ctypes.data)
+
+    def receive(self, buffer: np.ndarray) -> int:
+        """Copy the next message."""
+        size: int = self._call.read(self._reader.ctypes.data, _address_of(buffer), len(buffer))
+        return size
 
 
 open_outlet = SharedMemoryOutlet

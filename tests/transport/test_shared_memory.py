@@ -71,7 +71,7 @@ def test_only_its_owner_may_open_the_file_and_it_is_gone_after_close(address, pa
 
 def test_one_writer_at_a_time(address):
     outlet = open_outlet(address)
-    with pytest.raises(PublishError, match="another program has it open for writing"):
+    with pytest.raises(PublishError, match="is in use: another program publishes there"):
         open_outlet(address)
     outlet.close()
     open_outlet(address).close()

@@ -95,10 +95,10 @@ static inline int64_t decaff_mailbox_now_ns(void)
 static inline const char *decaff_mailbox_reason(int outcome)
 {
     static const char *const reasons[] = {
-        "it is open",
-        "nobody has it open for writing",
+        "is open",
+        "nobody publishes there",
         "a name of shared memory has at most 200 characters, and no slash",
-        "another program has it open for writing",
+        "is in use: another program publishes there",
         "it belongs to another user, or others may open it (expected permissions 0600)",
         "it is not a mailbox of proximity, or damaged (expected to be removed by whoever made it)",
         "it is of another version of proximity (expected the same version at both ends)",
@@ -429,8 +429,8 @@ static inline int decaff_mailbox_enlarge(decaff_mailbox *box, uint64_t largest)
     return outcome;
 }
 
-/* Put a message in; whether there is room for one as long. Never waits. */
-static inline int decaff_mailbox_write(decaff_mailbox *box, const void *message, uint32_t size)
+/* Put a message in, and wake nobody; whether there is room for one as long. Never waits. */
+static inline int decaff_mailbox_add(decaff_mailbox *box, const void *message, uint32_t size)
 {
     decaff_mailbox_header *header = box->header;
     uint64_t head = header->head, floor = header->floor, room = decaff_mailbox_room_for(size);
@@ -449,6 +449,14 @@ static inline int decaff_mailbox_write(decaff_mailbox *box, const void *message,
     header->written_ns = decaff_mailbox_now_ns();
     __atomic_store_n(&header->newest, head, __ATOMIC_RELEASE);
     __atomic_store_n(&header->head, head + room, __ATOMIC_RELEASE);
+    return 1;
+}
+
+/* Put a message in, and wake who waits for it; whether there is room for one as long. */
+static inline int decaff_mailbox_write(decaff_mailbox *box, const void *message, uint32_t size)
+{
+    if (!decaff_mailbox_add(box, message, size))
+        return 0;
     decaff_mailbox_wake(box);
     return 1;
 }

@@ -17,6 +17,7 @@ PROXIMITY_API int proximity_mailbox_wait(decaff_mailbox *box, int64_t until_ns);
 PROXIMITY_API int proximity_mailbox_is_over(const decaff_mailbox *box, int looks_at_name);
 PROXIMITY_API int proximity_mailbox_is_written(const decaff_mailbox *box);
 PROXIMITY_API void proximity_mailbox_close(decaff_mailbox *box);
+PROXIMITY_API void proximity_mailbox_within(decaff_mailbox *box, void *memory, uint64_t ring);
 PROXIMITY_API const char *proximity_mailbox_reason(int outcome);
 
 int64_t proximity_mailbox_size(void)
@@ -77,6 +78,16 @@ int proximity_mailbox_is_written(const decaff_mailbox *box)
 void proximity_mailbox_close(decaff_mailbox *box)
 {
     decaff_mailbox_close(box);
+}
+
+/* One without a file, in zeroed memory of this process: either end of it. The ring is a power of two of bytes. */
+void proximity_mailbox_within(decaff_mailbox *box, void *memory, uint64_t ring)
+{
+    memset(box, 0, sizeof *box);
+    box->header = memory;
+    box->ring = ring;
+    box->file = -1;
+    box->header->writer = getpid();
 }
 
 const char *proximity_mailbox_reason(int outcome)

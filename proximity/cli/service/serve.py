@@ -56,6 +56,13 @@ def serve(
             show_default=False,
         ),
     ] = None,
+    loop: Annotated[
+        str | None,
+        typer.Option(
+            metavar="python|compiled",
+            help="What runs the loop: compiled never waits for Python (Linux); overrides SCENE.",
+        ),
+    ] = None,
     limit: LIMIT = None,
     ticks: Annotated[int | None, typer.Option(metavar="N", help="Stop after this many ticks.")] = None,
     web: Annotated[
@@ -101,7 +108,13 @@ def serve(
     from proximity.cli import progress
     from proximity.service.hosting import serve
 
-    overrides = {"rate_hz": rate, "publish": publish or None, "log": log, "real_time": real_time}
+    overrides = {
+        "rate_hz": rate,
+        "publish": publish or None,
+        "log": log,
+        "real_time": real_time,
+        "loop": loop,
+    }
     page = _PageBeside(scene, overrides, port or 0) if web else None
     stop = threading.Event()
     if until_stdin:
