@@ -61,10 +61,11 @@ checked_query
 batches · results
 """,
     "proximity.service": """
-loop
+compiled_loop
+loop · loop_memory
 inputs
-contact_source · frame_builder · frame_publisher · hosting · sensed_contacts
-samples
+contact_source · frame_builder · hosting · mailbox_log · sensed_contacts
+frame_publisher · samples
 clock · config · description · finger_kernels · realtime · report
 """,
     "proximity.service.inputs": """

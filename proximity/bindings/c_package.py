@@ -7,30 +7,20 @@ import proximity
 from proximity.errors import ProximityError
 from proximity.message.c_header import header_text
 from proximity.message.clients import write_client, write_sources
+from proximity.system.library_in_c import library_path
 
-HERE, NATIVE = Path(__file__).parent / "c", Path(__file__).parent.parent / "native"
-LIBRARIES = ("libproximity.so", "libproximity.dylib", "proximity.dll")
+HERE = Path(__file__).parent / "c"
 PLACES = {
     "proximity.h": "include",
     "proximity_tracker.h": "include",
     "proximity.hpp": "include",
+    "decaff_mailbox.h": "include",
     "package/proximity-config.cmake": "lib/cmake/proximity",
     "package/proximity.pc": "lib/pkgconfig",
     "examples/distances.c": "examples",
     "examples/moving.c": "examples",
 }
 """Files beside this one, and the folders that they are written to."""
-
-
-def library_path() -> Path:
-    """Return the library that was compiled for this system; a `ProximityError` where there is none."""
-    for name in LIBRARIES:
-        if (NATIVE / name).is_file():
-            return NATIVE / name
-    raise ProximityError(
-        "the library in C has not been compiled for this system; wheels have it, and so has a checkout "
-        "after `python -m pip install -e .`, which fetches the compiler (ziglang)"
-    )
 
 
 def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:

@@ -24,6 +24,7 @@ from proximity.kernels.scene.dynamic_tree import SORT_STEPS
 from proximity.kernels.scene.model_validation import FAULT_SIZE, SOUND
 from proximity.kernels.scene.part_trees import NEVER, STATIC_COPIES
 from proximity.kernels.scene.stored_bytes import HEADER_SIZE, PAGE
+from proximity.kernels.tracking import motion
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
 from proximity.kernels.tracking.finger_distance import CROWD
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
@@ -45,7 +46,7 @@ ENTRIES = (
     "closest_batch", "signed_batch", "distance_batch", "contains_batch", "cast_batch", "segment_batch",
     "morton_order", "ray_order", "fault_in_header", "fault_in_arrays", "complete_model", "first_unfit",
     "move_parts", "copies_in_use", "make_static", "thin_static", "bring_up_to_date", "forget_surfaces",
-    "adopt_parts", "tick",
+    "adopt_parts", "tick", "observe", "update_newest", "drop_stale",
 )  # fmt: skip
 """The entry points that the library calls."""
 _NUMBERS = {
@@ -79,6 +80,10 @@ _NUMBERS = {
     "POSE_COLUMNS": POSE_COLUMNS,
     "WORKSPACE_SIZE": WORKSPACE_SIZE,
     "MOST_NS": MOST_NS,
+    "USABLE": motion.USABLE,
+    "FUTURE": motion.FUTURE,
+    "TOO_OLD": motion.TOO_OLD,
+    "BACKWARDS": motion.BACKWARDS,
     "AHEAD_NS": MAX_FUTURE_NS,
     "OTHER_CLOCK_NS": OTHER_CLOCK_NS,
     "MOST_BUDGET": tracker_arguments.MOST,

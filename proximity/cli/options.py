@@ -105,7 +105,10 @@ UNITS = Annotated[
 
 
 ADDRESS = Annotated[
-    str, argument("ADDRESS", "iox2://NAME (this machine), udp://HOST:PORT (to listen on) or zenoh://KEY.")
+    str,
+    argument(
+        "ADDRESS", "shm://NAME or iox2://NAME (this machine), udp://HOST:PORT (to listen on) or zenoh://KEY."
+    ),
 ]
 
 JSON = Annotated[bool, flag("--json", "Write one JSON document.")]

@@ -2,10 +2,12 @@
 
     input (poses) → newest samples → contact source → frame builder (times, state) → frame publisher (log)
 
-`Service` is the loop. It knows no geometry and no files: its contact source and its clock are given to it.
+`Service` is the loop, and `CompiledService` the same without an interpreter. It knows no geometry and no
+files: its contact source and its clock are given to it.
 """
 
 from proximity.service.clock import Clock, MonotonicClock, SkippingClock
+from proximity.service.compiled_loop import CompiledService
 from proximity.service.contact_source import ContactSource, TrackedContacts
 from proximity.service.description import Describer
 from proximity.service.frame_publisher import Log
@@ -26,6 +28,7 @@ __all__ = [
     "CallableInput",
     "ChangesInput",
     "Clock",
+    "CompiledService",
     "ContactSource",
     "Describer",
     "FingerPoses",

@@ -50,7 +50,7 @@ class Service:
         real_time: RealTime | None = None,
         describer: Describer | None = None,
     ) -> None:
-        self._period_ns = _nanoseconds("period", period)
+        self._period_ns = nanoseconds("period", period)
         self._source, self._input = contact_source, pose_input
         self._next: ContactSource | None = None
         self._retired: ContactSource | None = None  # before the last replacement
@@ -59,10 +59,10 @@ class Service:
         self._epoch_offset = 0
         self._clock: Clock = MonotonicClock() if clock is None else clock
         self._newest = NewestSamples(
-            contact_source.new_samples(), _nanoseconds("stale_after", stale_after), pose_input.address
+            contact_source.new_samples(), nanoseconds("stale_after", stale_after), pose_input.address
         )
         self._frame_builder = FrameBuilder(
-            contact_source.count, contact_source.source, self._period_ns, _nanoseconds("valid_for", valid_for)
+            contact_source.count, contact_source.source, self._period_ns, nanoseconds("valid_for", valid_for)
         )
         self._frame_publisher = FramePublisher(publishers, log, len(self._frame_builder.message.data))
         self._real_time, self._describer = real_time, describer
@@ -221,7 +221,8 @@ class Service:
                 stack.callback(opened.close)
 
 
-def _nanoseconds(name: str, seconds: Any) -> int:
+def nanoseconds(name: str, seconds: Any) -> int:
+    """Return a span of a service in nanoseconds; a `ServiceError` where it cannot be one."""
     if not SHORTEST_PERIOD <= as_number(seconds) <= LONGEST_PERIOD:
         raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} s")
     return round(NS_PER_S * seconds)

@@ -34,15 +34,24 @@ def undisturbed() -> Iterator[None]:
     gc.freeze()
     gc.disable()
     sys.setswitchinterval(SWITCH_INTERVAL)
+    try:
+        with sharp_timers():
+            yield
+    finally:
+        sys.setswitchinterval(interval)
+        if was_enabled:
+            gc.enable()
+        gc.unfreeze()
+
+
+@contextmanager
+def sharp_timers() -> Iterator[None]:
+    """Have the thread that enters woken when it is due, on Linux: without 50 µs of slack."""
     slack_ns = _set_timer_slack(1)
     try:
         yield
     finally:
         _set_timer_slack(slack_ns)
-        sys.setswitchinterval(interval)
-        if was_enabled:
-            gc.enable()
-        gc.unfreeze()
 
 
 class RealTime:

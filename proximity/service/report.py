@@ -26,6 +26,13 @@ class Histogram:
         self.max_ns = 0
         self._counts = [0] * BIN_COUNT
 
+    @classmethod
+    def of(cls, count: int, max_ns: int, counts: list[int]) -> "Histogram":
+        """Return what was counted elsewhere, bin by bin."""
+        made = cls()
+        made.count, made.max_ns, made._counts = count, max_ns, counts
+        return made
+
     def record(self, duration_ns: int) -> None:
         """Count a duration; one below zero counts as zero."""
         if duration_ns > self.max_ns:

@@ -384,3 +384,24 @@ class Tracker:
 
     def __repr__(self) -> str:
         return f"Tracker({self.scene!r}, {len(self.contacts)} fingers)"
+
+
+def arrays_of(tracker: Tracker, *given: np.ndarray) -> tuple[Model, track.TrackerArrays, bool]:
+    """The model and the arrays that a loop of compiled code ticks with from now on, in place of the tracker.
+
+    *given*: velocities, paths, bends at their corners, and bends. Also whether parts may have moved since the
+    last tick.
+    """
+    model = tracker._scene.snapshot()
+    is_moved = model is not tracker._last_model()
+    if is_moved:
+        tracker._adopt_model(model)
+        tracker._last_model, tracker._last_epoch = weakref.ref(model), model.epoch
+    tracker._read_from(given)  # type: ignore[arg-type]
+    records = tracker.contacts.view(np.ndarray).view(CONTACT_RECORD)
+    return model, track.TrackerArrays(**tracker._arrays, records=records), is_moved
+
+
+def note_answers(tracker: Tracker, answers: int) -> None:
+    """Note what the ticks of such a loop have answered about poses."""
+    tracker._pose_notes.add(answers, tracker.contacts.copy(), tracker._scene.snapshot())

@@ -40,9 +40,9 @@ def open_publisher(address: str) -> Publisher:
     Parameters
     ----------
     address : str
-        ``mailbox:NAME`` inside this process, ``iox2://NAME`` on this machine, ``udp://HOST:PORT`` to
-        whatever listens there (``?bind=ADDRESS``: address to send from, default loopback; ``?key=FILE``:
-        append tags of that key), ``zenoh://KEY`` across machines.
+        ``mailbox:NAME`` inside this process, ``shm://NAME`` or ``iox2://NAME`` on this machine,
+        ``udp://HOST:PORT`` to whatever listens there (``?bind=ADDRESS``: address to send from, default
+        loopback; ``?key=FILE``: append tags of that key), ``zenoh://KEY`` across machines.
 
     Returns
     -------

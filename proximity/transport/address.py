@@ -55,7 +55,8 @@ def parse(text: str) -> Address:
     location = unquote(parts.netloc + parts.path)
     if not parts.scheme or not location or parts.fragment:
         raise PublishError(
-            f"{text}: expected an address such as iox2://NAME, udp://HOST:PORT, zenoh://KEY or mailbox:NAME"
+            f"{text}: expected an address such as iox2://NAME, udp://HOST:PORT, shm://NAME, zenoh://KEY or "
+            "mailbox:NAME"
         )
     options = dict(pairs)
     if len(options) < len(pairs):

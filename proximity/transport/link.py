@@ -77,6 +77,7 @@ TRANSPORTS = {
         "proximity.transport.iceoryx",
         "pip install iceoryx2 (made for Linux and Windows on x86_64, and for macOS on arm64)",
     ),
+    "shm": Transport("proximity.transport.shared_memory", ""),
     "udp": Transport("proximity.transport.udp", ""),
     "zenoh": Transport("proximity.transport.zenoh", installation("zenoh")),
 }

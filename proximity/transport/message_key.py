@@ -12,6 +12,8 @@ import stat
 from hashlib import blake2s
 from typing import Any
 
+import numpy as np
+
 from proximity.errors import PublishError
 from proximity.transport.address import Address
 
@@ -31,6 +33,7 @@ class Key:
     """
 
     def __init__(self, secret: bytes) -> None:
+        self.secret = np.frombuffer(secret, np.uint8)  # as a compiled loop reads it
         self._begun = blake2s(key=secret, digest_size=TAG_BYTES)
 
     def tag(self, message: Any) -> bytes:

@@ -3,7 +3,9 @@
 import threading
 import time
 from types import TracebackType
+from typing import Any
 
+from proximity.errors import PublishError
 from proximity.message import Message
 from proximity.transport.link import Outlet
 
@@ -94,3 +96,14 @@ class Publisher:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def loop_end(publisher: Publisher, largest: int) -> dict[str, Any]:
+    """What a loop of compiled code has to know to publish in place of this: messages of *largest* bytes."""
+    end = getattr(publisher._outlet, "loop_end", None)
+    if end is None:
+        raise PublishError(
+            f"{publisher.address}: a compiled loop publishes by shm:// and udp:// "
+            '(expected one of these, or service.loop = "python")'
+        )
+    return {"session": publisher.session, "awake_ns": publisher._awake_ns, **end(largest)}

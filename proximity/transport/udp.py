@@ -115,6 +115,10 @@ class UdpOutlet:
         except OSError as failure:
             self._failed(failure, datagram)
 
+    def loop_end(self, largest: int) -> dict[str, Any]:
+        """What a loop of compiled code has to know to send messages of up to *largest* bytes from here."""
+        return {"socket": self._socket.fileno(), "key": _address_of(self._key)}
+
     def _failed(self, failure: OSError, datagram: memoryview | bytes) -> None:
         """Judge why a datagram was not sent; one that was refused in place of this is not its fault."""
         if failure.errno in _NOBODY:
@@ -166,6 +170,18 @@ class UdpInlet:
         self._poll = select.poll() if hasattr(select, "poll") else None
         if self._poll is not None:
             self._poll.register(self._socket, select.POLLIN)
+
+    def loop_end(self) -> dict[str, Any]:
+        """What a loop of compiled code has to know to receive here; a `PublishError` where it cannot."""
+        hosts = [host for host in sorted(self._hosts) if ":" not in host]
+        if not self.shares_clock or self._socket.family != socket.AF_INET:
+            raise PublishError(
+                f"{self._text}: a compiled loop takes poses from senders on this machine, by IPv4 "
+                '(expected service.loop = "python" for others)'
+            )
+        packed = [int.from_bytes(socket.inet_aton(host), sys.byteorder) for host in hosts]
+        hosts_of = {"hosts": packed + [0] * (4 - len(packed)), "host_count": len(packed), "port": self._port}
+        return {"socket": self._socket.fileno(), "key": _address_of(self._key), **hosts_of}
 
     def receive(self, buffer: np.ndarray) -> int:
         """Take the next datagram of the one to listen to."""
@@ -284,6 +300,11 @@ def _open(address: Address, endpoint: _Endpoint) -> socket.socket:
             f"cannot use {endpoint.host}, port {endpoint.port} ({_reason(failure)})"
         ) from failure
     return opened
+
+
+def _address_of(key: Key | None) -> int:
+    """Where the bytes of a key are; 0: there is none."""
+    return 0 if key is None else int(key.secret.ctypes.data)
 
 
 def _reason(failure: Exception) -> str:

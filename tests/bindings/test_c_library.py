@@ -19,14 +19,14 @@ import proximity
 from benchmarks.digest import queries, scenes, ticks
 from benchmarks.digest.library import LibraryScene, LibraryTracker, through_library
 from proximity import ArgumentError, MeshFormatError, NotWatertightError, Pose, PoseError, ProximityError
-from proximity.bindings import c_package
 from proximity.native import IS_AHEAD, mode
 from proximity.scene.queries import batches
+from proximity.system import library_in_c
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::proximity.UnitsWarning"),  # some points are far away on purpose
     pytest.mark.skipif(
-        not (IS_AHEAD and any((c_package.NATIVE / name).is_file() for name in c_package.LIBRARIES)),
+        not (IS_AHEAD and any((library_in_c.NATIVE / name).is_file() for name in library_in_c.LIBRARIES)),
         reason="the library is compiled with the kernels",
     ),
 ]

@@ -15,9 +15,10 @@ from project import MESHES, SUPPORT
 import proximity
 from proximity import ProximityError
 from proximity.bindings import c_package
+from proximity.system import library_in_c
 
 has_library = pytest.mark.skipif(
-    not any((c_package.NATIVE / name).is_file() for name in c_package.LIBRARIES),
+    not any((library_in_c.NATIVE / name).is_file() for name in library_in_c.LIBRARIES),
     reason="the library is compiled with the kernels",
 )
 POINTS = ["0", "0", "0.02", "0.06", "0.02", "0.004"]
@@ -175,7 +176,7 @@ def test_folder_for_windows_has_the_import_library(monkeypatch, tmp_path):
 
 
 def test_library_that_was_not_compiled_is_told(monkeypatch, tmp_path):
-    monkeypatch.setattr(c_package, "LIBRARIES", ())
+    monkeypatch.setattr(library_in_c, "LIBRARIES", ())
 
     with pytest.raises(ProximityError, match="the library in C has not been compiled for this system"):
         c_package.write_library(tmp_path)
@@ -185,9 +186,10 @@ def test_library_that_was_not_compiled_is_told(monkeypatch, tmp_path):
 @pytest.mark.skipif(sys.platform != "linux", reason="names of symbols are read as Linux has them")
 def test_nothing_but_the_interface_can_be_seen():
     tool = compiler("nm")
-    symbols = run(tool, "-D", "--defined-only", c_package.library_path()).splitlines()
+    symbols = run(tool, "-D", "--defined-only", library_in_c.library_path()).splitlines()
     names = {line.split()[-1] for line in symbols}
-    headers = "".join((c_package.HERE / f"proximity{name}.h").read_text() for name in ("", "_tracker"))
+    declaring = ("proximity.h", "proximity_tracker.h", "mailbox.c", "loop.c")
+    headers = "".join((c_package.HERE / name).read_text() for name in declaring)
 
     declared = set(re.findall(r"PROXIMITY_API [^;(]*?(proximity_\w+)\(", headers))
     assert names - {"proximity_sets"} == declared and len(declared) > 20

@@ -11,11 +11,12 @@ from project import ROOT, SUPPORT
 from proximity.bindings import c_package
 from proximity.message.c_header import header_text
 from proximity.native import IS_AHEAD
+from proximity.system import library_in_c
 
 OPTIONS = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-D_GNU_SOURCE"]
 NO_SETS = "const InstructionSet proximity_sets[] = {\n    {NULL, {NULL}}};"
 pytestmark = pytest.mark.skipif(
-    not (IS_AHEAD and any((c_package.NATIVE / name).is_file() for name in c_package.LIBRARIES)),
+    not (IS_AHEAD and any((library_in_c.NATIVE / name).is_file() for name in library_in_c.LIBRARIES)),
     reason="the library is compiled with the kernels",
 )
 
@@ -54,7 +55,7 @@ def test_sanitizers_find_nothing(tmp_path):
 
     done = subprocess.run(
         [tmp_path / "driver", *paths],
-        env=os.environ | {"LIBRARY": str(c_package.library_path())},
+        env=os.environ | {"LIBRARY": str(library_in_c.library_path())},
         capture_output=True,
         text=True,
         timeout=280,

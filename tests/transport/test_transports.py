@@ -1,4 +1,4 @@
-"""What every transport promises: one set of tests over mailbox, UDP, shared memory and Zenoh."""
+"""What every transport promises: one set of tests over mailbox, UDP, both shared memories and Zenoh."""
 
 import gc
 import os
@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 import tracemalloc
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,7 +23,7 @@ from proximity.message import State
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
 from proximity.transport.link import NOTHING
 
-SCHEMES = ("mailbox", "udp", "iox2", "zenoh")
+SCHEMES = ("mailbox", "udp", "shm", "iox2", "zenoh")
 LIBRARIES = {"iox2": "iceoryx2", "zenoh": "zenoh"}
 WHOLE_SKIN = 96 + 4096 * 328
 """Bytes of the largest frame."""
@@ -32,16 +33,22 @@ between_processes = pytest.mark.parametrize("scheme", SCHEMES[1:])
 
 
 @pytest.fixture
-def ends(scheme):
+def ends(scheme, request):
     """The addresses of who sends and of who receives."""
+    if scheme == "shm" and sys.platform != "linux":
+        pytest.skip("mailboxes in shared memory are for Linux")
     if scheme in LIBRARIES:
         pytest.importorskip(LIBRARIES[scheme], reason=f"there is no {LIBRARIES[scheme]} here")
     if scheme == "udp":
         return (f"udp://127.0.0.1:{free_port()}",) * 2
+    if scheme == "shm":
+        request.addfinalizer(
+            lambda: [left.unlink() for left in Path("/dev/shm").glob(f"proximity.test-{os.getpid()}-*")]
+        )
     if scheme == "zenoh":
         key, place = f"zenoh://{new_name()}", f"tcp/127.0.0.1:{free_port(kind=socket.SOCK_STREAM)}"
         return f"{key}?listen={place}", f"{key}?connect={place}"
-    return (f"{scheme}:{'//' * (scheme == 'iox2')}{new_name()}",) * 2
+    return (f"{scheme}:{'//' * (scheme in ('iox2', 'shm'))}{new_name()}",) * 2
 
 
 class Link:
@@ -103,7 +110,7 @@ def test_messages_arrive_whole_and_in_order_by_whichever_thread(link):
     assert link.inlet.refused == 0 and not link.inlet.is_keyed
 
 
-@pytest.mark.parametrize("scheme", ["mailbox", "iox2", "zenoh"])
+@pytest.mark.parametrize("scheme", ["mailbox", "shm", "iox2", "zenoh"])
 def test_whole_skin_arrives(link):
     until(lambda: link.arrives(7, 0.5, WHOLE_SKIN))  # on a loaded machine Zenoh may drop it
     assert link.taken()[0] == (7, WHOLE_SKIN)
@@ -118,7 +125,9 @@ def test_of_a_message_longer_than_the_room_the_beginning_is_taken(link):
     assert link.inlet.receive(link.room) == NOTHING
 
 
-@pytest.mark.parametrize(("scheme", "most"), [("mailbox", 1), ("udp", 200), ("iox2", 64), ("zenoh", 66)])
+@pytest.mark.parametrize(
+    ("scheme", "most"), [("mailbox", 1), ("udp", 200), ("shm", 200), ("iox2", 64), ("zenoh", 66)]
+)
 def test_who_reads_too_seldom_gets_the_latest(link, most):
     for number in range(200):
         link.send(number)
@@ -132,7 +141,13 @@ def test_who_reads_too_seldom_gets_the_latest(link, most):
 
 @pytest.mark.parametrize(
     ("scheme", "at_once", "with_the_next"),
-    [("mailbox", [2], [3]), ("udp", [], [3]), ("iox2", [], [2, 3]), ("zenoh", [], [3])],
+    [
+        ("mailbox", [2], [3]),
+        ("udp", [], [3]),
+        ("shm", [2], [3]),
+        ("iox2", [], [2, 3]),
+        ("zenoh", [], [3]),
+    ],
 )
 def test_who_comes_late_gets_the_latest_or_the_next(ends, at_once, with_the_next):
     """That nobody listens is no error."""
@@ -167,7 +182,7 @@ def test_wait_ends_with_a_message_or_with_the_time(link):
     assert link.taken() == [(7, 100)]
 
 
-@pytest.mark.parametrize("scheme", ["mailbox", "udp", "iox2"])
+@pytest.mark.parametrize("scheme", ["mailbox", "udp", "shm", "iox2"])
 def test_what_was_sent_last_is_received_after_the_publisher_has_closed(link):
     assert link.arrives(1) and link.taken()
     link.send(3)
@@ -176,7 +191,7 @@ def test_what_was_sent_last_is_received_after_the_publisher_has_closed(link):
     assert link.taken() == [(3, 100)]
 
 
-@pytest.mark.parametrize("scheme", ["mailbox", "udp", "iox2"])
+@pytest.mark.parametrize("scheme", ["mailbox", "udp", "shm", "iox2"])
 def test_nothing_grows(link):
     def to_and_fro(count):
         for _ in range(count):
@@ -199,6 +214,7 @@ def test_nothing_grows(link):
 CLOSED = {
     "mailbox": (None, None),
     "udp": (r": cannot send \(", r": cannot receive \("),
+    "shm": ("was closed, nothing can be sent", None),
     "iox2": ("was closed, nothing can be sent", None),
     "zenoh": ("was closed, nothing can be sent", None),
 }
@@ -233,6 +249,7 @@ def test_name_is_free_after_close(scheme, ends):
     ("address", "known"),
     [
         ("mailbox:a?from=b", "it has none"),
+        ("shm://a?from=b", "it has none"),
         ("iox2://a?from=b", "it has none"),
         ("udp://127.0.0.1:9100?x=b", "expected (bind|from), key"),
         ("zenoh://a?from=b", "expected connect, listen, config"),
@@ -261,7 +278,7 @@ def test_without_its_library_the_error_says_what_to_install(scheme, sentence, mo
         open_publisher(f"{scheme}://decaff")
 
 
-@pytest.mark.parametrize("scheme", ["mailbox", "udp", "iox2"])
+@pytest.mark.parametrize("scheme", ["mailbox", "udp", "shm", "iox2"])
 def test_frames_travel_by_public_names(ends):
     with proximity.open_subscriber(ends[1]) as subscriber, proximity.open_publisher(ends[0]) as publisher:
         publisher.publish(frame(time.monotonic_ns(), 2, valid_for=10**10))
@@ -308,7 +325,7 @@ def test_subscriber_ages_when_the_publisher_is_killed_and_takes_to_the_next(ends
         assert subscriber.counts.sessions == 2 and not subscriber.counts.flawed
 
 
-READERS = [("udp", 1, 2), ("iox2", 9, 5), ("zenoh", 1, 2)]
+READERS = [("udp", 1, 2), ("shm", 9, 2), ("iox2", 9, 5), ("zenoh", 1, 2)]
 """How many a process opens, and how many processes are killed, one after the other."""
 
 
@@ -326,7 +343,7 @@ def test_killed_subscribers_keep_neither_the_publisher_nor_their_places(ends, co
             until(lambda: publisher.publish(touch(untracked_frame())) or subscriber.wait(0.1).is_new)
 
 
-@pytest.mark.parametrize(("scheme", "count"), [("udp", 1), ("iox2", 16), ("zenoh", 2)])
+@pytest.mark.parametrize(("scheme", "count"), [("udp", 1), ("shm", 16), ("iox2", 16), ("zenoh", 2)])
 def test_program_that_forgets_to_close_ends_without_a_word(ends, count):
     with open_publisher(ends[0]) as publisher, FarEnd("hold", ends[1], count) as program:
         for _ in range(50):

@@ -30,7 +30,7 @@ KEPT_LINES = 40
 """Of what the child has said: how it ended is among them."""
 SPOKEN_BY = "proximity: "
 EXIT_UNUSABLE = 2
-OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log"}
+OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log", "loop": "--loop"}
 SWITCHES = {"real_time": ("--no-realtime", "--realtime")}
 LOGGER = logging.getLogger("proximity.hosting")
 
@@ -217,8 +217,8 @@ def start_service(
         Called with messages by another thread: edits that took effect or were refused, and failures.
         Default: they are logged as warnings of "proximity.hosting".
     overrides
-        Values that replace those of the file's [service]: ``publish``, ``rate_hz``, ``log``, ``real_time``.
-        None: as in the file.
+        Values that replace those of the file's [service]: ``publish``, ``rate_hz``, ``log``, ``real_time``,
+        ``loop``. None: as in the file.
 
     Returns
     -------

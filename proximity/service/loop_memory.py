@@ -1,0 +1,133 @@
+"""The memory that Python shares with the loop of compiled code: its structures, and the arrays they name.
+
+``bindings/c/loop.h`` is the one description of the structures; here it is read.
+"""
+
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from proximity.errors import ServiceError
+from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
+from proximity.message import FRAME, MAX_RECORDS, PATH_CORNERS, PATH_POSES, Message
+from proximity.native.mode import MODE
+from proximity.service.contact_source import METRES_A_BEND, TrackedContacts
+from proximity.service.finger_kernels import LOST
+from proximity.service.samples import NEVER_NS, FingerPoses
+from proximity.system.library_in_c import libraries
+from proximity.tracker.tracker import arrays_of
+from proximity.transport import forget
+from proximity.transport.udp import LARGEST_DATAGRAM
+
+HEADER = Path(__file__).parent.parent / "bindings" / "c" / "loop.h"
+_STRUCTURE = re.compile(r"typedef struct (\w+) \{\n(.*?)\n\} \1;", re.DOTALL)
+_DECLARATION = re.compile(r"(?m)^    (\w+) ([\w\[\], ]+);")
+_DEFINED = re.compile(r"#define (\w+) (\d+)")
+
+
+@cache
+def structures() -> dict[str, np.dtype]:
+    """Structures of the header by their names."""
+    text = HEADER.read_text(encoding="ascii")
+    lengths = dict(_DEFINED.findall(text))
+    kinds: dict[str, Any] = {"int64_t": "<i8", "uint64_t": "<u8", "double": "<f8"}
+    for name, body in _STRUCTURE.findall(text):
+        fields: list[Any] = []
+        for kind, declared in _DECLARATION.findall(body):
+            for each in declared.split(", "):
+                field, _, length = each.removesuffix("]").partition("[")
+                shape = (int(lengths.get(length, length)),) if length else ()
+                fields.append((field, kinds[kind], shape))
+        kinds[name] = np.dtype(fields)
+    return kinds
+
+
+def run_function() -> Any:
+    """The function that runs the loop; other threads of Python run meanwhile."""
+    try:
+        lets_run, _ = libraries()
+        is_same = lets_run.proximity_loop_size() == structures()["Loop"].itemsize
+    except (OSError, AttributeError):
+        is_same = False
+    if not is_same or MODE in ("jit", "interpreted"):
+        raise ServiceError(
+            'service.loop is "compiled", which needs Linux, and kernels and the library in C that were '
+            'compiled with this version (expected "python" elsewhere)'
+        )
+    return lets_run.proximity_loop_run
+
+
+def words_of(arrays: Any) -> np.ndarray:
+    """Address and lengths of each array, as kernels take them."""
+    return np.array([word for each in arrays for word in (each.ctypes.data, *each.shape)], np.int64)
+
+
+class SourceMemory:
+    """A scene and its tracker as the loop takes them; kept as long as that may use them."""
+
+    def __init__(self, contacts: TrackedContacts, memory: "LoopMemory") -> None:
+        tracker = contacts.tracker
+        tracker.write_to(memory.message.records)
+        self.contacts = contacts
+        model, arrays, is_moved = arrays_of(tracker, *memory.optional)
+        self._arrays = model, arrays
+        self._model = words_of((model.reals, model.words, model.frames, model.parts))
+        self._words = words_of(arrays)
+        self._bends = np.zeros((contacts.count, ESTIMATES), ESTIMATE)
+        self.record = np.zeros(1, structures()["LoopSource"])
+        self.record["model"], self.record["tracker"] = self._model.ctypes.data, self._words.ctypes.data
+        self.record["bend_motions"] = self._bends.ctypes.data
+        self.record["epoch"], self.record["is_moved"] = model.epoch, is_moved
+
+    @property
+    def address(self) -> int:
+        """Where its record is."""
+        return int(self.record.ctypes.data)
+
+
+class LoopMemory:
+    """All that a loop of so many fingers reads and writes, allocated beforehand."""
+
+    def __init__(self, count: int) -> None:
+        self.message = Message(FRAME, count)
+        forget(self.message.records)
+        self.message.records["finger"] = np.arange(count)
+        self.poses = FingerPoses(count)
+        velocities, bends = np.full((count, 3), np.nan), np.full(count, np.nan)
+        paths = np.full((count, PATH_CORNERS, 3), np.nan)
+        self.optional = velocities, paths, np.linspace(0.0, 1.0, PATH_CORNERS), bends
+        self._name = np.frombuffer(MODE.encode() + b"\0", np.uint8)
+        self._arrays = {
+            "instructions": self._name,
+            "frame": self.message.data,
+            "pose_ns": self.poses.pose_ns,
+            "positions": self.poses.positions,
+            "refused_ns": np.full(count, NEVER_NS),
+            "row_of": np.arange(count),
+            "velocities": velocities,
+            "paths": paths,
+            "bends": bends,
+            "given_ns": np.zeros(MAX_RECORDS, np.int64),
+            "given": np.zeros((MAX_RECORDS, 3)),
+            "fingers": np.zeros(MAX_RECORDS, np.int64),
+            "defects": np.zeros(MAX_RECORDS, np.uint8),
+            "datagram": np.zeros(LARGEST_DATAGRAM, np.uint8),
+        }
+        self._received = np.zeros(PATH_POSES.size(MAX_RECORDS) + 8, np.uint8)
+        self.record = np.zeros(1, structures()["Loop"])
+        self.loop: Any = self.record.view(np.recarray)[0]
+        self.loop.count, self.loop.ticks_wanted = count, -1
+        self.loop.lost_hand, self.loop.metres_a_bend = LOST, METRES_A_BEND
+        for name, array in self._arrays.items():
+            self.loop[name] = array.ctypes.data
+        self.input, self.outputs = self.loop.input, self.loop.outputs
+        self.input["message"], self.input["longest"] = self._received.ctypes.data, len(self._received)
+        self.input["socket"] = -1
+
+    @property
+    def address(self) -> int:
+        """Where the structure is."""
+        return int(self.record.ctypes.data)

@@ -1,0 +1,34 @@
+"""The library in C that was compiled for this system: where it is, and Python's handles of it."""
+
+import ctypes
+from functools import cache
+from pathlib import Path
+
+from proximity.errors import ProximityError
+
+NATIVE = Path(__file__).parent.parent / "native"
+LIBRARIES = ("libproximity.so", "libproximity.dylib", "proximity.dll")
+
+
+def library_path() -> Path:
+    """Return the library that was compiled for this system; a `ProximityError` where there is none."""
+    for name in LIBRARIES:
+        if (NATIVE / name).is_file():
+            return NATIVE / name
+    raise ProximityError(
+        "the library in C has not been compiled for this system; wheels have it, and so has a checkout "
+        "after `python -m pip install -e .`, which fetches the compiler (ziglang)"
+    )
+
+
+@cache
+def libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
+    """Return the library twice: for calls that let other threads of Python run meanwhile, and for short ones.
+
+    `ProximityError` where it is missing, or cannot be loaded.
+    """
+    path = str(library_path())
+    try:
+        return ctypes.CDLL(path, use_errno=True), ctypes.PyDLL(path, use_errno=True)
+    except OSError as failure:
+        raise ProximityError(f"{path} cannot be loaded ({failure})") from failure

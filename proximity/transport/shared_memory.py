@@ -1,0 +1,242 @@
+"""``shm://NAME``: a mailbox in shared memory between processes of one machine, without a server.
+
+One writer and any readers share a name. A message is copied into a ring once, and each reader copies it out
+at its own pace; nobody waits for anybody. Who reads too seldom loses the oldest messages; who comes late
+begins with the newest. A reader that waits is woken by the message itself. When a writer is killed, its
+readers go on with the next one, which takes the name from the dead.
+
+The mailbox is a file in ``/dev/shm`` that only its owner may open, so all ends run as one user.
+``decaff_mailbox.h`` is its layout, and what C and C++ read and write it with; Python calls the same code.
+"""
+
+import ctypes
+import os
+import time
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from proximity.errors import ProximityError, PublishError
+from proximity.system.library_in_c import libraries
+from proximity.system.time_units import NS_PER_S
+from proximity.transport.address import Address
+from proximity.transport.link import NOTHING, wait_until
+
+OK, NOBODY = 0, 1
+"""Outcomes of opening a mailbox, as ``decaff_mailbox.h`` numbers them; the others are refusals."""
+SYSTEM = 7
+FIRST_BYTES = 8192
+"""Of a message at first: the ring holds 15, or 74 frames of five fingers. A longer one enlarges it."""
+HEADER_BYTES = 128
+SLICE = 0.1
+"""s: who waits looks up so often, for signals and for a file that was removed by hand."""
+_BOX, _TEXT, _WORD, _LONG = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64
+_TYPES: dict[str, tuple[Any, tuple[Any, ...]]] = {
+    "size": (ctypes.c_int64, ()),
+    "create": (_WORD, (_BOX, _TEXT, _LONG)),
+    "enlarge": (_WORD, (_BOX, _LONG)),
+    "write": (_WORD, (_BOX, _BOX, ctypes.c_uint32)),
+    "open": (_WORD, (_BOX, _TEXT, _WORD)),
+    "read": (ctypes.c_int64, (_BOX, _BOX, _LONG)),
+    "has": (_WORD, (_BOX,)),
+    "wait": (_WORD, (_BOX, ctypes.c_int64)),
+    "is_over": (_WORD, (_BOX, _WORD)),
+    "is_written": (_WORD, (_BOX,)),
+    "close": (None, (_BOX,)),
+    "within": (None, (_BOX, _BOX, _LONG)),
+    "reason": (_TEXT, (_WORD,)),
+}
+_LONG_CALLS = ("create", "enlarge", "wait")
+
+
+class _Functions:
+    """The functions of the library, by the names in `_TYPES`."""
+
+    def __init__(self) -> None:
+        lets_run, short = libraries()
+        for name, (result, arguments) in _TYPES.items():
+            library = lets_run if name in _LONG_CALLS else short
+            function = getattr(library, f"proximity_mailbox_{name}")
+            function.restype, function.argtypes = result, arguments
+            setattr(self, name, function)
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(name)
+
+
+class _Mailbox:
+    """A mailbox, open or not, of the name that an address has."""
+
+    def __init__(self, address: Address) -> None:
+        address.check_options()
+        try:
+            self._call: Any = _Functions()
+        except (ProximityError, AttributeError) as missing:
+            raise address.refuse(
+                "shared memory needs Linux and the library in C that was compiled with this version "
+                f"({missing}; udp:// needs neither)"
+            ) from missing
+        self._address = address
+        self._name = quote(address.location, safe="").encode("ascii")
+        self._memory = np.zeros(self._call.size(), np.uint8)
+        self._box = self._memory.ctypes.data
+        self._is_open = False
+
+    def _refusal(self, outcome: int) -> PublishError:
+        reason = self._call.reason(outcome).decode()
+        if outcome == SYSTEM:
+            reason += f" ({os.strerror(ctypes.get_errno())})"
+        return self._address.refuse(reason)
+
+    def close(self) -> None:
+        """Give the memory back, and a writer its name."""
+        if self._is_open:
+            self._is_open = False
+            self._call.close(self._box)
+
+    def __del__(self) -> None:
+        if getattr(self, "_is_open", False):
+            self.close()
+
+
+def _address_of(array: np.ndarray) -> int:
+    at: int = array.__array_interface__["data"][0]  # three times as fast as `array.ctypes.data`
+    return at
+
+
+class SharedMemoryOutlet(_Mailbox):
+    """Writes to a mailbox, which is made here."""
+
+    def __init__(self, address: Address) -> None:
+        super().__init__(address)
+        outcome = self._call.create(self._box, self._name, FIRST_BYTES)
+        if outcome != OK:
+            raise self._refusal(outcome)
+        self._is_open = True
+
+    def loop_end(self, largest: int) -> dict[str, Any]:
+        """What a loop of compiled code has to know to send messages of up to *largest* bytes from here."""
+        if largest > FIRST_BYTES:
+            self._enlarge(largest)
+        return {"socket": -1, "box": self._box}
+
+    def send(self, data: np.ndarray) -> None:
+        """Copy the message into the ring; one that is longer than all before makes another ring."""
+        if not self._is_open:
+            raise PublishError(f"{self._address.text}: was closed, nothing can be sent")
+        if self._call.write(self._box, _address_of(data), len(data)):
+            return
+        self._enlarge(len(data))
+        self._call.write(self._box, _address_of(data), len(data))
+
+    def _enlarge(self, size: int) -> None:
+        outcome = self._call.enlarge(self._box, size)
+        if outcome != OK:
+            raise self._refusal(outcome)
+
+
+class SharedMemoryInlet(_Mailbox):
+    """Reads a mailbox as soon as there is one, and the next one after it was closed."""
+
+    shares_clock = True
+    refused = 0
+    is_keyed, unverified = False, 0
+
+    def __init__(self, address: Address) -> None:
+        super().__init__(address)
+        self._is_closed = False
+        self._is_next = 0  # whether all of the next mailbox is news: this was here first
+        self._looked = 0.0  # when the name was looked at
+        self._follow()
+        self._is_next = 1
+
+    @property
+    def is_written(self) -> bool:
+        """Whether somebody has the mailbox open for writing, and lives."""
+        return self._is_open and bool(self._call.is_written(self._box))
+
+    def loop_end(self) -> dict[str, Any]:
+        """What a loop of compiled code has to know to receive here."""
+        self._text = ctypes.create_string_buffer(self._name)
+        return {"socket": -1, "box": self._box, "name": ctypes.addressof(self._text), "looked_ns": 1}
+
+    def receive(self, buffer: np.ndarray) -> int:
+        """Copy the next message of the ring."""
+        if self._is_closed or (not self._is_open and not self._follow()):
+            return NOTHING
+        size: int = self._call.read(self._box, _address_of(buffer), len(buffer))
+        if size == NOTHING and self._is_over() and self._follow():
+            size = self._call.read(self._box, _address_of(buffer), len(buffer))
+        return size
+
+    def wait(self, timeout: float) -> bool:
+        """Wait at the mailbox to be woken; while there is none, look again and again."""
+        ends = time.monotonic() + timeout
+        while True:
+            left = min(ends - time.monotonic(), SLICE)
+            if self._is_closed or self._has_messages() or left <= 0.0:
+                return not self._is_closed and self._has_messages()
+            if self._is_open:
+                self._call.wait(self._box, time.monotonic_ns() + round(NS_PER_S * left))
+            else:
+                wait_until(self._has_messages, left)
+
+    def close(self) -> None:
+        """Leave."""
+        self._is_closed = True
+        super().close()
+
+    def _has_messages(self) -> bool:
+        if not self._is_open and not self._follow():
+            return False
+        return bool(self._call.has(self._box)) or (
+            self._is_over() and self._follow() and bool(self._call.has(self._box))
+        )
+
+    def _is_over(self) -> bool:
+        """Whether nothing more comes where all has been read; the file's name is looked at now and then."""
+        now = time.monotonic()
+        looks = now - self._looked > SLICE
+        if looks:
+            self._looked = now
+        return bool(self._call.is_over(self._box, looks))
+
+    def _follow(self) -> bool:
+        """Open the mailbox that has the name now; whether there is one."""
+        if self._is_open:
+            super().close()
+        outcome = self._call.open(self._box, self._name, self._is_next)
+        if outcome not in (OK, NOBODY):
+            raise self._refusal(outcome)
+        self._is_open = outcome == OK
+        return self._is_open
+
+
+class PrivateMailbox:
+    """A mailbox without a file or a name: a loop of compiled code adds to it, and a thread of Python reads.
+
+    *ring*: bytes, a power of two.
+    """
+
+    def __init__(self, ring: int) -> None:
+        self._call: Any = _Functions()
+        self._memory = np.zeros(HEADER_BYTES + ring, np.uint8)
+        self._memory.fill(0)  # here, and not page by page in the loop
+        self._writer, self._reader = np.zeros((2, self._call.size()), np.uint8)
+        for box in (self._writer, self._reader):
+            self._call.within(box.ctypes.data, self._memory.ctypes.data, ring)
+
+    @property
+    def writer(self) -> int:
+        """Where the writer's end is."""
+        return int(self._writer.ctypes.data)
+
+    def receive(self, buffer: np.ndarray) -> int:
+        """Copy the next message."""
+        size: int = self._call.read(self._reader.ctypes.data, _address_of(buffer), len(buffer))
+        return size
+
+
+open_outlet = SharedMemoryOutlet
+open_inlet = SharedMemoryInlet

@@ -1,0 +1,352 @@
+"""The loop of compiled code: the frames of the loop in Python to the bit; time, messages, and scenes."""
+
+import itertools
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from fake_service import MS, ManualClock
+from far_end import PATIENCE, new_name, until
+from ports import free_port
+from project import MESHES
+
+import proximity
+from proximity import PATH_POSES, POSES, Message
+from proximity.errors import PublishError
+from proximity.message import FRAME, State, parts_of
+from proximity.native.mode import IS_AHEAD
+from proximity.recording import FrameLog, FrameReader
+from proximity.service import CompiledService, Describer, MessageInput, Service, TrackedContacts
+from proximity.tracker.tracker import Tracker
+from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
+from proximity.transport.link import NOTHING
+from proximity.transport.message_key import write_key
+
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux" or not IS_AHEAD, reason="it needs Linux and compiled kernels"
+)
+COUNT = 5
+BEGIN_NS = 1000 * MS
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return proximity.load(MESHES / "bracket.stl")
+
+
+def names():
+    return [f"shm://{new_name()}" for _ in range(4)]
+
+
+def contacts_of(scene, count=COUNT):
+    return TrackedContacts(Tracker(scene, fingers=count, radius=0.005))
+
+
+class Poses:
+    """Messages of a hand that goes about the bracket, with all that sensors and senders do."""
+
+    def __init__(self, scene, seed):
+        self.rng = np.random.default_rng(seed)
+        lower, upper = scene.bounds
+        self.begin = self.rng.uniform(lower, upper, (COUNT, 3))
+        self.goal = self.rng.uniform(lower - 0.01, upper + 0.01, (COUNT, 3))
+        self.with_paths = seed % 3 == 2
+        self.with_velocities = seed % 3 >= 1
+
+    def messages(self, tick, now_ns):
+        """What comes before that tick: mostly one message; none, two, a part of the hand, or nonsense."""
+        chance = self.rng.random()
+        for k in range(0 if chance < 0.1 else 2 if chance < 0.2 else 1):
+            yield self.message(tick, now_ns - (2 - k) * MS // 4)
+
+    def message(self, tick, pose_ns):
+        kind = PATH_POSES if self.with_paths and self.rng.random() < 0.9 else POSES
+        rows = np.sort(self.rng.permutation(COUNT + 1)[: self.rng.integers(1, COUNT + 2)])
+        if self.rng.random() < 0.7:
+            rows = np.arange(COUNT)
+        message = Message(kind, len(rows))
+        records, share = message.records, 0.5 - 0.5 * np.cos(tick / 60)
+        places = np.vstack([self.begin + share * (self.goal - self.begin), [[0.1, 0.1, 0.1]]])
+        records["finger"], records["pose_ns"], message.header["send_ns"] = rows, pose_ns, pose_ns
+        records["position"] = places[rows] + self.rng.normal(0.0, 2e-5, (len(rows), 3))
+        if self.with_velocities and self.rng.random() < 0.9:
+            records["velocity"] = self.rng.normal(0.0, 0.1, (len(rows), 3))
+            records["bend"] = self.rng.uniform(0.0, 1.0, len(rows))
+        if kind is PATH_POSES:
+            along = np.linspace(-0.03, 0.03, proximity.message.PATH_CORNERS)
+            records["corners"] = records["position"][:, None] + along[:, None] * self.rng.normal(size=3)
+        odd = self.rng.random(len(rows))
+        records["position"][odd < 0.03] = np.nan
+        records["pose_ns"][(odd > 0.03) & (odd < 0.05)] += 50 * MS
+        records["pose_ns"][(odd > 0.05) & (odd < 0.07)] -= 500 * MS
+        records["pose_ns"][(odd > 0.07) & (odd < 0.09)] -= 3 * MS
+        if odd[0] > 0.98:
+            records["position"] = 0.01
+        return message
+
+
+class Pair:
+    """Both loops, fed with the same messages by the same clock."""
+
+    def __init__(self, scene, feed, ticks, **settings):
+        self.feed, self.ends, self.ticks = feed, names(), ticks
+        self.publishers = [open_publisher(address) for address in self.ends[:2]]
+        self.readers = [open_inlet(address) for address in self.ends[2:]]
+        self.settings = {"period": 0.001, "valid_for": 0.005, **settings}
+        self.sources = [contacts_of(scene) for _ in range(2)]
+        self.frames = [[], []]
+
+    def run(self):
+        clock, ticks = ManualClock(BEGIN_NS), itertools.count()
+        compiled = CompiledService(
+            self.sources[1],
+            open_inlet(self.ends[1]),
+            self.ends[1],
+            [open_publisher(self.ends[3])],
+            simulated_ns=BEGIN_NS,
+            **self.settings,
+        )
+        compiled.begin()
+
+        def at_each_tick(due_ns):
+            clock.now = max(clock.now, due_ns)
+            tick = next(ticks)
+            if tick >= self.ticks:
+                return  # the frames that say STOPPING
+            for message in self.feed(tick, due_ns):
+                for publisher in self.publishers:
+                    publisher.publish(message)
+            compiled.advance(1)
+            self.take()
+
+        clock.sleep_until = at_each_tick
+        pose_input = MessageInput(self.ends[0], COUNT, clock=clock.now_ns)
+        publisher = open_publisher(self.ends[2])
+        service = Service(self.sources[0], pose_input, [publisher], clock=clock, **self.settings)
+        report = service.run(tick_count=self.ticks)
+        self.take()
+        for end in (*self.publishers, *self.readers):
+            end.close()
+        return report, compiled.report
+
+    def take(self):
+        room = np.zeros(4096, np.uint8)
+        for reader, frames in zip(self.readers, self.frames, strict=True):
+            while (size := reader.receive(room)) != NOTHING:
+                data = room[:size].copy()
+                data[4:8] = data[16:24] = 0  # checksum and session
+                frames.append(data)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_frames_are_those_of_the_loop_in_python_to_the_bit(scene, seed):
+    poses = Poses(scene, seed)
+    pair = Pair(scene, poses.messages, 300)
+    theirs, ours = pair.run()
+
+    assert len(pair.frames[1]) == 300
+    for tick, (one, other) in enumerate(zip(*pair.frames, strict=False)):
+        assert one.tobytes() == other.tobytes(), (tick, *(parts_of(each, FRAME) for each in (one, other)))
+    reports = [
+        {**each.as_dict(), "compute": 0, "lateness": 0, "publish_failures": 0} for each in (theirs, ours)
+    ]
+    reports = [{**each, "notes": [note.partition(": ")[2] for note in each["notes"]]} for each in reports]
+    assert reports[0] == reports[1]
+    assert theirs.states[State.OK] + theirs.states[State.DEGRADED] > 100 and theirs.future and theirs.too_old
+
+
+class Served:
+    """A service with a compiled loop in this process, and its two ends."""
+
+    def __init__(self, scene, poses, frames, **settings):
+        self.over, self.poses, self.frames = threading.Event(), poses, frames
+        source, self.report = contacts_of(scene), None
+        describer = Describer([f"finger {k}" for k in range(COUNT)], [0.005] * COUNT)
+        settings = {"period": 0.001, "describer": describer, **settings}
+        self.service = CompiledService(source, open_inlet(poses), poses, [open_publisher(frames)], **settings)
+        self._thread = threading.Thread(target=self._run)
+
+    def _run(self):
+        self.report = self.service.run(stop=self.over)
+
+    def __enter__(self):
+        self.publisher, self.subscriber = open_publisher(self.poses), open_subscriber(self.frames)
+        self._thread.start()
+        until(lambda: self.subscriber.wait(0.1).is_new)
+        return self
+
+    def __exit__(self, *_):
+        self.over.set()
+        self._thread.join(PATIENCE)
+        self.publisher.close()
+        self.subscriber.close()
+
+    def pose(self, positions):
+        """Publish a pose of now; its instant."""
+        message, now_ns = Message(POSES, COUNT), time.monotonic_ns()
+        message.records["finger"], message.records["position"] = np.arange(COUNT), positions
+        message.header["send_ns"] = message.records["pose_ns"] = now_ns
+        self.publisher.publish(message)
+        return now_ns
+
+    def answer(self, positions):
+        """The first valid reading that is made of a pose; it is given again where a frame came too late."""
+
+        def look():
+            pose_ns = self.pose(positions)
+            ends = time.monotonic() + 1.0
+            while time.monotonic() < ends:
+                reading = self.subscriber.wait(0.1)
+                if reading.is_valid and reading.contacts["pose_ns"][0] == pose_ns:
+                    return reading
+            return None
+
+        return until(look)
+
+
+ABOVE = np.linspace([0.05, 0.03, 0.15], [0.07, 0.03, 0.15], COUNT)
+
+
+def by_shared_memory():
+    return names()[:2]
+
+
+def by_udp(key=""):
+    return [f"udp://127.0.0.1:{free_port()}{key}" for _ in range(2)]
+
+
+def holds(scene, reading):
+    """Whether bounds hold of all that a frame says is tracked and valid."""
+    contacts = reading.contacts[(reading.contacts["flags"] & 1) != 0]
+    true = scene.signed_distance(contacts["position"]) - 0.005
+    return (contacts["lower"] <= true + 1e-12).all() and (true <= contacts["upper"] + 1e-12).all()
+
+
+@pytest.mark.parametrize("ends", [by_shared_memory, by_udp])
+def test_pose_that_comes_wakes_it(scene, ends):
+    """Of a period of some seconds: the frame is there before a tick would have been due."""
+    with Served(scene, *ends(), period=2.0, valid_for=8.0, stale_after=10.0) as served:
+        for lift in (0.0, 0.01, 0.02):
+            before_ns = int(served.subscriber.read().header["publish_ns"])
+            reading = served.answer(ABOVE + np.array([0.0, 0.0, lift]))
+            assert int(reading.header["start_ns"]) - before_ns < 2 * 10**9
+            assert holds(scene, reading) and reading.state is State.OK
+    assert served.report.ticks >= 4
+
+
+def test_frames_come_every_period_without_poses(scene):
+    with Served(scene, *by_shared_memory(), period=0.0001) as served:
+        until(lambda: served.service.report.ticks > 300)
+    report = served.report
+    assert report.states[State.STARTING] == report.ticks == report.lateness.count == report.compute.count
+
+
+def test_names_are_described_and_a_scene_is_exchanged_between_two_frames(scene):
+    with Served(scene, *by_shared_memory()) as served:
+        until(lambda: served.subscriber.wait(0.1) and served.subscriber.part_names)
+        first = served.answer(ABOVE)
+        distance, epoch = first.contacts["signed_distance"].copy(), int(first.header["epoch"])
+        lifted = proximity.load(MESHES / "bracket.stl")
+        lifted.move(lifted.parts[0].name, proximity.Pose(translation=[0.0, 0.0, 0.05]))
+        served.service.replace(contacts_of(lifted))
+        second = served.answer(ABOVE)
+        assert second.header["epoch"] > epoch
+        assert (np.abs(second.contacts["signed_distance"] - distance) > 0.01).all() and holds(lifted, second)
+        until(lambda: served.subscriber.wait(0.1) and served.subscriber.part_names)
+
+
+def test_flood_of_garbage_and_forged_poses_makes_no_wrong_frame(scene, tmp_path):
+    """With a key what others send is counted; every valid frame is of true poses and within its bounds."""
+    key = tmp_path / "poses.key"
+    write_key(str(key))
+    poses, frames = by_udp(f"?key={key}")
+    forger, over, true = open_outlet(poses.partition("?")[0]), threading.Event(), set()
+
+    def flood():
+        message, rng = Message(POSES, COUNT), np.random.default_rng(0)
+        message.records["finger"], message.records["position"] = np.arange(COUNT), [0.0, 0.0, 1.0]
+        while not over.wait(0.0002):
+            message.header["send_ns"] = message.records["pose_ns"] = time.monotonic_ns()
+            forger.send(message.seal(time.time_ns(), 1))
+            forger.send(rng.integers(0, 256, 500, np.uint8))
+
+    flooder = threading.Thread(target=flood)
+    with Served(scene, poses, frames) as served:
+        flooder.start()
+        for lift in np.linspace(0.0, 0.05, 100):
+            true.add(served.pose(ABOVE + np.array([0.0, 0.0, lift])))
+            reading = served.subscriber.wait(0.1)
+            if reading.is_valid:
+                assert set(reading.contacts["pose_ns"].tolist()) <= true and holds(scene, reading)
+        over.set()
+        flooder.join()
+        served.answer(ABOVE)
+    assert any("not verified by the key" in note for note in served.report.notes)
+    forger.close()
+
+
+def test_sender_that_ends_leaves_frames_late_then_stale_and_the_next_is_taken(scene):
+    with Served(scene, *by_shared_memory(), valid_for=0.02) as served:
+        for _ in range(3):
+            assert holds(scene, served.answer(ABOVE))
+            until(lambda: served.subscriber.wait(0.01).state is State.STALE)
+            served.publisher.close()
+            served.publisher = open_publisher(served.poses)
+
+
+def test_every_frame_is_logged(scene, tmp_path):
+    with Served(scene, *by_shared_memory(), log=FrameLog(tmp_path / "run.frames")) as served:
+        until(lambda: served.service.report.ticks > 100)
+    report = served.report
+    headers = np.concatenate([run["header"] for run in FrameReader(tmp_path / "run.frames")])
+    assert report.log_written == report.ticks + 3 and report.log_lost == 0
+    np.testing.assert_array_equal(headers["sequence"], np.arange(report.ticks + 3))
+    is_last = headers["state"] == State.STOPPING
+    assert is_last[-3:].all() and not is_last[:-3].any()
+
+
+class FullDisk:
+    """A log that takes ten frames."""
+
+    def __init__(self):
+        self.taken = 0
+
+    def append(self, data):
+        self.taken += 1
+        if self.taken > 10:
+            raise OSError("no space left on device")
+
+    def close(self):
+        pass
+
+
+def test_full_disk_is_told_and_stops_nothing(scene):
+    with Served(scene, *by_shared_memory(), log=FullDisk()) as served:
+        until(lambda: served.service.report.ticks > 50)
+        assert holds(scene, served.answer(ABOVE))
+    report = served.report
+    assert (report.log_written, report.log_lost) == (10, report.ticks + 3 - 10)
+    assert any(
+        note.endswith("frames were not logged, first: no space left on device") for note in report.notes
+    )
+
+
+@pytest.mark.parametrize(
+    ("poses", "frames", "sentence"),
+    [
+        ("udp://0.0.0.0:{}?from=192.0.2.1", "shm://{}", "takes poses from senders on this machine, by IPv4"),
+        ("mailbox:{}", "shm://{}", r"takes poses by shm:// and udp://"),
+        ("shm://{}", "mailbox:{}", "publishes by shm:// and udp://"),
+    ],
+)
+def test_what_it_cannot_serve_is_refused(scene, poses, frames, sentence):
+    poses, frames = (each.format(free_port()) for each in (poses, frames))
+    inlet = open_inlet(poses)
+    with (
+        open_publisher(frames) as publisher,
+        pytest.raises(PublishError, match=f"a compiled loop {sentence}"),
+    ):
+        CompiledService(contacts_of(scene), inlet, poses, [publisher], period=0.001)
+    inlet.close()
