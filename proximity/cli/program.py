@@ -64,7 +64,7 @@ class _Plain(NamedTuple):
         kind, is_many = self.kind.annotation, param.multiple or param.nargs == -1
         if value is None:
             return () if is_many else None
-        if kind is str or (kind is type(value) and not self.kind.is_ranged):
+        if kind is str or (kind is type(value) and (value == param.default or not self.kind.is_ranged)):
             return value
         if kind is Path and isinstance(value, str):
             return Path(value)

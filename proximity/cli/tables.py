@@ -34,12 +34,12 @@ def results_console() -> Console:
     return console if console.is_terminal else Console(width=UNBOUNDED)
 
 
-def table(left: Iterable[str], right: Iterable[str] = ()) -> Table:
-    """Return an empty table without lines between its cells; text in square brackets is no mark.
+def table(left: Iterable[str], right: Iterable[str] = (), rows: Iterable[Iterable[str]] = ()) -> Table:
+    """Return a table without lines between its cells; text in square brackets is no mark.
 
     *left*, *right*: titles of the columns of words, and of those of numbers behind them.
     """
-    return table_of([(title, False) for title in left] + [(title, True) for title in right])
+    return table_of([(title, False) for title in left] + [(title, True) for title in right], rows)
 
 
 def table_of(columns: Iterable[tuple[str, bool]], rows: Iterable[Iterable[str]] = ()) -> Table:

@@ -53,15 +53,16 @@ def write(reported: dict[str, Any]) -> None:
 
 
 def _positions(goals: list[dict[str, Any]]) -> Table:
-    rows = table(["worst finger position"], ("work", "at random", "x", "y", "z", "bracket [mm]"))
+    rows = []
     for goal in goals:
         worst = goal["places"][0]
         coordinates = map(wording.millimetres, worst["position"])
         typical = goal["typical_work"]
         shown = wording.UNKNOWN if typical != typical else f"{typical:.0f}"
         bracket = f"{1e3 * worst['lower']:.3f} to {1e3 * worst['upper']:.3f}"
-        rows.add_row(wording.goal(goal), str(worst["work"]), shown, *coordinates, bracket)
-    return rows
+        rows.append([wording.goal(goal), str(worst["work"]), shown, *coordinates, bracket])
+    titles = ("work", "at random", "x", "y", "z", "bracket [mm]")
+    return table(["worst finger position"], titles, rows)
 
 
 def _times(reported: dict[str, Any]) -> Table:

@@ -193,11 +193,11 @@ def power(
     sizes = tuple(participants or simulation.PARTICIPANTS)
     with progress.spinner("simulating participants") as show:
         found = simulation.power(read, sizes, repetitions, watch=show)
-    shown = table(("task", "comparison"), [f"{size} participants" for size in sizes])
+    rows = []
     for task, comparison in dict.fromkeys((one.task, one.comparison) for one in found):
         own = [one.share for one in found if (one.task, one.comparison) == (task, comparison)]
-        shown.add_row(task, comparison, *(f"{share:.0%}" for share in own))
-    results_console().print(shown)
+        rows.append([task, comparison, *(f"{share:.0%}" for share in own)])
+    results_console().print(table(("task", "comparison"), [f"{size} participants" for size in sizes], rows))
 
 
 @_command("check comparison.toml --repetitions 100")

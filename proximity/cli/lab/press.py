@@ -25,12 +25,12 @@ NOTED = ("part", "approach", "reported by", "drum", "cable")  # below the figure
 SHAKING = 0.1  # of the real force at rest: ripple of a wall that does not come to rest
 SHOWN_LONG = 1e7  # less is shown with all its digits
 ROWS = (  # label, field, factor from SI units, digits
-    ("force begins \\[ms after the touch]", "onset", 1e3, 2),
-    ("peak force \\[N]", "peak", 1.0, 3),
-    ("force at rest \\[N]", "steady", 1.0, 3),
-    ("ripple at rest \\[mN rms]", "ripple", 1e3, 1),
-    ("{} gives way by, at most \\[mm]", "penetration", 1e3, 3),
-    ("work of the finger \\[mJ]", "work", 1e3, 3),
+    ("force begins [ms after the touch]", "onset", 1e3, 2),
+    ("peak force [N]", "peak", 1.0, 3),
+    ("force at rest [N]", "steady", 1.0, 3),
+    ("ripple at rest [mN rms]", "ripple", 1e3, 1),
+    ("{} gives way by, at most [mm]", "penetration", 1e3, 3),
+    ("work of the finger [mJ]", "work", 1e3, 3),
 )
 AT_REST = ("steady", "ripple")
 """What a recorded hand has none of: it does not come to rest."""
@@ -53,9 +53,9 @@ def simulate_press(surface: WallOptions, out: Path | None, *, as_json: bool) -> 
         lines += [("spring, damper", gains), ("device", device)]
     real = simulated_press.felt(press.real)
     rows = _rows("wall", (press.felt, real))
-    rows.append(("force error \\[% rms]", _shown(100.0 * press.force_error, 1), "0.0"))
+    rows.append(("force error [% rms]", _shown(100.0 * press.force_error, 1), "0.0"))
     if setup.wall == simulated_press.Wall.DECAFF:
-        rows.append(("drum past the wall at contact \\[mm]", f"{1e3 * press.drum_offset:.3f}", MISSING))
+        rows.append(("drum past the wall at contact [mm]", f"{1e3 * press.drum_offset:.3f}", MISSING))
     _print(lines, ("this wall", "real wall"), rows)
     if press.felt.ripple > SHAKING * abs(real.steady):
         results_console().print(
@@ -95,10 +95,10 @@ def simulate_press_on_part(
     both = (press.engine, press.ideal)
     rows = [
         *_rows("surface", press.felt, () if press.speed is not None else AT_REST),
-        ("force error \\[% rms]", *(f"{100.0 * one.error.share:.1f}" for one in both), "0.0"),
-        ("force error \\[mN rms]", *(f"{1e3 * one.error.rms:.1f}" for one in both), "0.0"),
+        ("force error [% rms]", *(f"{100.0 * one.error.share:.1f}" for one in both), "0.0"),
+        ("force error [mN rms]", *(f"{1e3 * one.error.rms:.1f}" for one in both), "0.0"),
         (
-            "drum past the surface at contact \\[mm]",
+            "drum past the surface at contact [mm]",
             *(f"{1e3 * drum_offset(one.response):.3f}" for one in both),
             MISSING,
         ),
@@ -140,12 +140,9 @@ def _rows(surface: str, felt: Any, left_out: tuple[str, ...] = ()) -> list[tuple
 
 def _print(lines: Any, titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
     print_block(lines)
-    shown = table([""], titles)
-    for row in rows:
-        shown.add_row(*row)
     console = results_console()
     console.print()
-    console.print(shown)
+    console.print(table([""], titles, rows))
 
 
 def _shown(value: float, digits: int) -> str:

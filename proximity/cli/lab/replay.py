@@ -11,7 +11,7 @@ import typer
 import proximity
 from proximity.cli import progress
 from proximity.cli.options import FILE, JSON, UNITS, argument, option, with_option_groups, within
-from proximity.cli.output import report
+from proximity.cli.output import in_unit, in_units, report
 from proximity.system.time_units import MS_PER_S
 
 if TYPE_CHECKING:
@@ -70,17 +70,6 @@ class Placement:
             return proximity.Pose(rotation, origin)
         return fitted_pose(scene, recorded, radius, rotation=rotation, scale=self.scale)
 
-    def report(self, pose: "proximity.Pose", metres: float) -> dict[str, Any]:
-        """Return the part of the report about them, in the user's unit."""
-        from proximity.cli.output import in_units
-
-        return {
-            "is_fitted": self.place is None,
-            "position": in_units(pose.translation, metres).tolist(),
-            "turn_degrees": list(self.turn),
-            "scale": self.scale,
-        }
-
 
 @dataclass(frozen=True, slots=True)
 class TrackerOptions:
@@ -117,18 +106,6 @@ class TrackerOptions:
             "latency": self.latency / MS_PER_S,
             "budget": self.budget,
             "working_range": working_range,
-        }
-
-    def report(self, settings: dict[str, Any], metres: float) -> dict[str, Any]:
-        """Return the part of the report about them, in the user's unit."""
-        from proximity.cli.output import in_unit
-
-        return {
-            "rate_hz": self.rate,
-            "radius": in_unit(settings["radius"], metres),
-            "latency_ms": self.latency,
-            "budget": self.budget,
-            "working_range": in_unit(settings["working_range"], metres),
         }
 
 
@@ -199,8 +176,19 @@ def replay(
             write_contacts(out, run.contacts, ticked.times_ns, ticked.fingers)
     ended = {
         **replay_report.inputs(scene, str(file), recorded, units),
-        "placement": placement.report(pose, metres),
-        "settings": tracker.report(settings, metres),
+        "placement": {
+            "is_fitted": placement.place is None,
+            "position": in_units(pose.translation, metres).tolist(),
+            "turn_degrees": list(placement.turn),
+            "scale": placement.scale,
+        },
+        "settings": {
+            "rate_hz": tracker.rate,
+            "radius": in_unit(settings["radius"], metres),
+            "latency_ms": tracker.latency,
+            "budget": tracker.budget,
+            "working_range": in_unit(settings["working_range"], metres),
+        },
         **replay_report.results(summary, metres),
         "out": None if out is None else str(out),
     }

@@ -140,12 +140,12 @@ def _repeat(study: "Study", out: Path, key: str) -> None:
     given = {name: value for name, value in found.condition.values.items() if value is not None}
     print_block([("key", found.condition.key), *((name, shown(given[name])) for name in given)])
     console.print()
-    rows = table([""], ("now", "recorded"))
-    for name in study.job.measures:
-        value = found.results[name]
-        recorded = MISSING if found.recorded is None else _digits(found.recorded.get(name))
-        rows.add_row(name, _digits(value), recorded)
-    console.print(rows)
+    recorded = found.recorded
+    rows = [
+        [name, _digits(found.results[name]), MISSING if recorded is None else _digits(recorded.get(name))]
+        for name in study.job.measures
+    ]
+    console.print(table([""], ("now", "recorded"), rows))
     print_block([(name, found.results[name]) for name in study.job.texts])
 
 
