@@ -327,6 +327,10 @@ static void begin(Loop *loop)
 {
     int64_t now_ns = clock_now_ns(loop), *pose_ns = POINTER(loop->pose_ns);
     double *positions = POINTER(loop->positions);
+    decaff_mailbox *box = POINTER(loop->input.box);
+    if (box != NULL && box->header != NULL && !loop->is_simulated) {
+        decaff_mailbox_skip(box); /* what has come while the scene was loaded is old */
+    }
     for (int64_t k = 0; k < loop->count; k++) {
         pose_ns[k] = now_ns - loop->stale_after_ns;
         positions[3 * k] = NAN;
