@@ -1,7 +1,8 @@
 """Compare both loops of a service on this machine, in turns: ``python bench/loop.py [--rounds N] [--busy]``.
 
 A pose of five fingers above a part is published at instants that have nothing to do with ticks, and who
-published it looks without pause for the frame that has been made of it. Times are in µs. ``--busy``: a
+published it looks without pause for the frame that has been made of it. Times are in µs; *published* and
+*seen* count from the pose. ``--busy``: a
 process beside that computes all the time; ``--thread``: a thread of Python in the service's process that
 does; ``--rate HZ``: of ticks.
 """
@@ -41,10 +42,11 @@ count = 5
 poses = "{poses}"
 """
 ABOVE = np.linspace([0.05, 0.03, 0.07], [0.07, 0.03, 0.07], 5)
+Delays = tuple[float, float]
 UP = np.array([0.0, 0.0, 1.0])
 SPIN = "while True: pass"
-POSE_NS_AT = 96 + 8
-"""Of the first contact of a frame."""
+POSE_NS_AT, PUBLISH_NS_AT = 96 + 8, 48
+"""In a frame: of the first contact, and of the header."""
 
 
 def child(path: str, *, has_thread: bool) -> None:
@@ -57,10 +59,10 @@ def child(path: str, *, has_thread: bool) -> None:
     print(json.dumps(report.as_dict()), flush=True)
 
 
-def seen_after(publisher, inlet, message, seconds: float, rng) -> list[float]:
-    """Publish poses for so long; after how many µs a frame of each was seen, of those that were."""
+def seen_after(publisher, inlet, message, seconds: float, rng) -> list[Delays]:
+    """Publish poses for so long; after how many µs a frame of each was published, and seen."""
     data, taken, ends = np.zeros(1 << 16, np.uint8), [], time.monotonic() + seconds
-    of_frame = data[POSE_NS_AT : POSE_NS_AT + 8].view("<i8")
+    of_frame, published = (data[at : at + 8].view("<i8") for at in (POSE_NS_AT, PUBLISH_NS_AT))
     while time.monotonic() < ends:
         pose_ns = time.monotonic_ns()
         message.records["pose_ns"] = message.header["send_ns"] = pose_ns
@@ -69,13 +71,13 @@ def seen_after(publisher, inlet, message, seconds: float, rng) -> list[float]:
         gives_up = pose_ns + 50_000_000
         while time.monotonic_ns() < gives_up:
             if inlet.receive(data) != NOTHING and int(of_frame[0]) == pose_ns:
-                taken.append(1e-3 * (time.monotonic_ns() - pose_ns))
+                taken.append((1e-3 * (int(published[0]) - pose_ns), 1e-3 * (time.monotonic_ns() - pose_ns)))
                 break
         time.sleep(rng.uniform(0.0005, 0.0015))
     return taken
 
 
-def measured(loop: str, options: argparse.Namespace, folder: str) -> tuple[dict, list[float]]:
+def measured(loop: str, options: argparse.Namespace, folder: str) -> tuple[dict, list[Delays]]:
     """Report of one run, and delays from pose to frame."""
     name = f"shm://bench-{os.getpid()}-{time.time_ns()}"
     path = Path(folder, f"{loop}.toml")
@@ -111,7 +113,7 @@ def main() -> None:
     if options.child:
         child(options.child, has_thread=options.thread)
         return
-    found: dict[str, list[tuple[dict, list[float]]]] = {"python": [], "compiled": []}
+    found: dict[str, list[tuple[dict, list[Delays]]]] = {"python": [], "compiled": []}
     busy = [subprocess.Popen([sys.executable, "-c", SPIN])] if options.busy else []
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(options.rounds):
@@ -120,19 +122,21 @@ def main() -> None:
     for process in busy:
         process.kill()
     print(f"load {os.getloadavg()[0]:.1f}; {os.cpu_count()} cores; µs")
-    print("loop      tick p50   p99 | late p50   p99  p99.9 | pose to frame p50   p99 | missed of")
+    print(
+        "loop      tick p50   p99 | late p50   p99  p99.9 | published p50   p99 | seen p50   p99 | missed of"
+    )
     for loop, runs in found.items():
         numbers = [_figures(_merged(runs, key)) for key in ("compute", "lateness")]
-        delays = np.percentile(np.concatenate([each for _, each in runs]), (50, 99))
+        made, seen = np.percentile(np.concatenate([each for _, each in runs]), (50, 99), axis=0).T
         missed, ticks = (sum(report[key] for report, _ in runs) for key in ("missed", "ticks"))
         (tick, tick99, _), (late, late99, late999) = numbers
         print(
             f"{loop:9} {tick:8.1f} {tick99:5.0f} | {late:8.1f} {late99:5.0f} {late999:6.0f} | "
-            f"{delays[0]:17.0f} {delays[1]:5.0f} | {missed} {missed + ticks}"
+            f"{made[0]:13.0f} {made[1]:5.0f} | {seen[0]:8.0f} {seen[1]:5.0f} | {missed} {missed + ticks}"
         )
 
 
-def _merged(runs: list[tuple[dict, list[float]]], key: str) -> Histogram:
+def _merged(runs: list[tuple[dict, list[Delays]]], key: str) -> Histogram:
     """The durations of all runs."""
     merged = Histogram()
     for report, _ in runs:
