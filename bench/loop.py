@@ -43,7 +43,6 @@ poses = "{poses}"
 """
 ABOVE = np.linspace([0.05, 0.03, 0.07], [0.07, 0.03, 0.07], 5)
 Delays = tuple[float, float]
-UP = np.array([0.0, 0.0, 1.0])
 SPIN = "while True: pass"
 POSE_NS_AT, PUBLISH_NS_AT = 96 + 8, 48
 """In a frame: of the first contact, and of the header."""
@@ -66,10 +65,9 @@ def seen_after(publisher, inlet, message, seconds: float, rng) -> list[Delays]:
     while time.monotonic() < ends:
         pose_ns = time.monotonic_ns()
         message.records["pose_ns"] = message.header["send_ns"] = pose_ns
-        message.records["position"] = ABOVE + 0.01 * np.sin(1e-9 * pose_ns) * UP
+        message.records["position"] = ABOVE + 0.01 * np.sin(1e-9 * pose_ns) * np.eye(3)[2]
         publisher.publish(message)
-        gives_up = pose_ns + 50_000_000
-        while time.monotonic_ns() < gives_up:
+        while time.monotonic_ns() < pose_ns + 50_000_000:
             if inlet.receive(data) != NOTHING and int(of_frame[0]) == pose_ns:
                 taken.append((1e-3 * (int(published[0]) - pose_ns), 1e-3 * (time.monotonic_ns() - pose_ns)))
                 break
@@ -90,11 +88,10 @@ def measured(loop: str, options: argparse.Namespace, folder: str) -> tuple[dict,
     assert service.stdout.readline() == "begun\n"
     message = Message(POSES, len(ABOVE))
     message.records["finger"] = np.arange(len(ABOVE))
-    inlet = open_inlet(name)
     with open_publisher(f"{name}-poses") as publisher:
+        inlet = open_inlet(name)
         delays = seen_after(publisher, inlet, message, options.seconds, np.random.default_rng(0))
-        service.stdin.write("stop\n")
-        service.stdin.flush()
+        print("stop", file=service.stdin, flush=True)
         report = json.loads(service.stdout.readline())
     service.wait()
     return report, delays
@@ -103,9 +100,8 @@ def measured(loop: str, options: argparse.Namespace, folder: str) -> tuple[dict,
 def main() -> None:
     """Print a table, a row a loop."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=5.0)
-    parser.add_argument("--rate", type=float, default=1000.0)
+    for name, default in (("rounds", 3), ("seconds", 5.0), ("rate", 1000.0)):
+        parser.add_argument(f"--{name}", type=type(default), default=default)
     for switch in ("realtime", "busy", "thread"):
         parser.add_argument(f"--{switch}", action="store_true")
     parser.add_argument("--child", help=argparse.SUPPRESS)
