@@ -88,6 +88,7 @@ class CompiledService:
         self._real_time, self._describer = real_time, describer
         self._source = contact_source
         self._used: SourceMemory | None = None
+        self._kept: list[SourceMemory | None] = []
         self._has_run = self._is_running = False
         self._warned: set[str] = set()
         self._outcome = 0
@@ -181,6 +182,8 @@ class CompiledService:
         while loop.next and self._is_running and time.monotonic() < gives_up:
             time.sleep(POLL_INTERVAL)
         before, self._used, self._source = self._used, following, contact_source
+        if loop.next:  # it has not come to it: what it uses has to stay
+            self._kept.append(before)
         del before  # here, not in the loop: to free a large scene takes milliseconds
 
     def _work(self) -> None:

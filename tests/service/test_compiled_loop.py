@@ -1,9 +1,12 @@
 """The loop of compiled code: the frames of the loop in Python to the bit; time, messages, and scenes."""
 
 import itertools
+import os
+import signal
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,11 +17,12 @@ from project import MESHES
 
 import proximity
 from proximity import PATH_POSES, POSES, Message
-from proximity.errors import PublishError
+from proximity.errors import PublishError, ServiceError
 from proximity.message import FRAME, State, parts_of
 from proximity.native.mode import IS_AHEAD
 from proximity.recording import FrameLog, FrameReader
 from proximity.service import CompiledService, Describer, MessageInput, Service, TrackedContacts
+from proximity.service.hosting import start_service
 from proximity.tracker.tracker import Tracker
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
 from proximity.transport.link import NOTHING
@@ -34,6 +38,14 @@ BEGIN_NS = 1000 * MS
 @pytest.fixture(scope="module")
 def scene():
     return proximity.load(MESHES / "bracket.stl")
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_left():
+    """Mailboxes of writers that were killed stay until there is another one."""
+    yield
+    for left in Path("/dev/shm").glob(f"proximity.test-{os.getpid()}-*"):
+        left.unlink()
 
 
 def names():
@@ -350,3 +362,64 @@ def test_what_it_cannot_serve_is_refused(scene, poses, frames, sentence):
     ):
         CompiledService(contacts_of(scene), inlet, poses, [publisher], period=0.001)
     inlet.close()
+
+
+SCENE = """\
+[service]
+publish = ["{frames}"]
+loop = "compiled"
+[[parts]]
+file = "{part}"
+[fingers]
+count = 5
+radius = 0.005
+[input]
+poses = "{poses}"
+"""
+
+
+def test_service_that_is_held_and_killed_says_nothing_wrong(scene, tmp_path, request):
+    """Held by SIGSTOP, and killed, three times: readings that may be used are in time, and bounds hold."""
+    poses, frames = by_shared_memory()
+    path, over = tmp_path / "cell.toml", threading.Event()
+    path.write_text(SCENE.format(frames=frames, poses=poses, part=MESHES / "bracket.stl"))
+
+    def send():
+        message = Message(POSES, COUNT)
+        message.records["finger"] = np.arange(COUNT)
+        with open_publisher(poses) as publisher:
+            while not over.wait(0.003):
+                now_ns = time.monotonic_ns()
+                message.header["send_ns"] = message.records["pose_ns"] = now_ns
+                message.records["position"] = ABOVE + 0.03 * np.sin(6e-9 * now_ns)
+                publisher.publish(message)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    request.addfinalizer(sender.join)
+    request.addfinalizer(over.set)
+    used, sessions = 0, set()
+    with open_subscriber(frames) as subscriber:
+
+        def look():
+            nonlocal used
+            reading = subscriber.wait(0.02)
+            if reading.is_valid:
+                used += 1
+                sessions.add(int(reading.header["session"]))
+                header = reading.header
+                assert reading.now_ns <= min(header["valid_until_ns"], header["pose_ns"] + 20 * MS)
+                assert not reading.is_new or holds(scene, reading)
+            return reading
+
+        for _ in range(3):
+            with pytest.raises(ServiceError, match="exit code -9"), start_service(path) as service:
+                until(lambda: look().is_valid)
+                os.kill(service.beginning["pid"], signal.SIGSTOP)
+                until(lambda: look().state is State.STALE)
+                os.kill(service.beginning["pid"], signal.SIGCONT)
+                until(lambda: look().is_valid)
+                os.kill(service.beginning["pid"], signal.SIGKILL)
+                until(lambda: look().state is State.STALE)
+                service.stop()
+        assert used >= 6 and len(sessions) == 3 and not subscriber.counts.flawed

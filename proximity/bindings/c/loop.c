@@ -55,7 +55,8 @@ static int wait_for_message(Loop *loop, int64_t until_ns)
     LoopInput *input = &loop->input;
     decaff_mailbox *box = POINTER(input->box);
     if (box != NULL) {
-        if (box->header == NULL && !follow_mailbox(input)) {
+        int is_gone = box->header == NULL || (decaff_mailbox_is_closed(box) && !decaff_mailbox_has(box));
+        if (is_gone && !follow_mailbox(input)) {
             int64_t again_ns = decaff_mailbox_now_ns() + OPEN_NS;
             sleep_until(again_ns < until_ns ? again_ns : until_ns);
             return 0;
@@ -103,31 +104,6 @@ static void skip_what_is_past(Loop *loop, int64_t now_ns)
 static const InstructionSet *set_of(const Loop *loop)
 {
     return POINTER(loop->set);
-}
-
-/* Count poses that are left out, and remember how far off the first ones were. */
-static void count_defects(Loop *loop, int64_t rows, int64_t now_ns)
-{
-    const uint8_t *defects = POINTER(loop->defects);
-    const int64_t *given_ns = POINTER(loop->given_ns), *fingers = POINTER(loop->fingers), *newest = POINTER(loop->pose_ns);
-    int64_t *counts[4] = {&loop->future, &loop->too_old, &loop->backwards, &loop->lost_hands};
-    const int kinds[4] = {FUTURE, TOO_OLD, BACKWARDS, (int)loop->lost_hand};
-    for (int kind = 0; kind < 4; kind++) {
-        int64_t found = 0, off_ns = INT64_MIN;
-        for (int64_t row = 0; row < rows; row++) {
-            if (defects[row] == kinds[kind]) {
-                int64_t each_ns = kind == 1   ? now_ns - given_ns[row]
-                                  : kind == 2 ? newest[fingers[row]] - given_ns[row]
-                                              : given_ns[row] - now_ns;
-                off_ns = each_ns > off_ns ? each_ns : off_ns;
-                found++;
-            }
-        }
-        if (found > 0 && *counts[kind] == 0) {
-            loop->first_off_ns[kind] = off_ns;
-        }
-        *counts[kind] += found;
-    }
 }
 
 /* Keep numbers that come beside positions: of whoever has none in this message they are not known any more. */
@@ -178,7 +154,9 @@ static void take_poses(Loop *loop, uint8_t *message)
     int64_t words[] = {loop->pose_ns, count, loop->positions, count, 3, loop->refused_ns, count, loop->row_of, count,
                        loop->fingers, rows, loop->given_ns, rows, loop->given, rows, 3, loop->defects, rows,
                        now_ns - loop->stale_after_ns, now_ns + DECAFF_AHEAD_NS, 0};
-    proximity_call(set_of(loop), UPDATE_NEWEST, words);
+    if (!proximity_call(set_of(loop), UPDATE_NEWEST, words)) {
+        return;
+    }
     count_defects(loop, rows, now_ns);
     keep_optional(loop, rows, records, stride, offsetof(decaff_pose, velocity), 3, POINTER(loop->velocities),
                   &loop->has_velocities);
@@ -227,6 +205,15 @@ static void write_bends(Loop *loop, LoopSource *source, decaff_contact *contacts
     }
 }
 
+/* Let nothing be known: a tick was not done, and what is there is of the one before. */
+static void forget_all(const Loop *loop, decaff_contact *contacts)
+{
+    for (int64_t k = 0; k < loop->count; k++) {
+        memcpy(&contacts[k], proximity_unknown_contact, sizeof *contacts);
+        contacts[k].finger = (uint32_t)k;
+    }
+}
+
 static void tick_tracker(Loop *loop, decaff_contact *contacts, int64_t now_ns)
 {
     LoopSource *source = POINTER(loop->source);
@@ -236,10 +223,12 @@ static void tick_tracker(Loop *loop, decaff_contact *contacts, int64_t now_ns)
     settings->has_paths = loop->has_paths != 0;
     int64_t words[] = {source->model, source->tracker, loop->positions, loop->count, 3, loop->pose_ns, loop->count,
                        now_ns, source->is_moved, 0};
-    if (proximity_call(set_of(loop), TICK, words)) {
-        source->is_moved = 0;
-        source->answers |= words[9];
+    if (!proximity_call(set_of(loop), TICK, words) || words[9] == 0) {
+        forget_all(loop, contacts);
+        return;
     }
+    source->is_moved = 0;
+    source->answers |= words[9];
     write_bends(loop, source, contacts);
 }
 
@@ -319,13 +308,11 @@ static void tick(Loop *loop, int is_for_pose)
     take_messages(loop);
     int64_t words[] = {loop->pose_ns, loop->count, loop->positions, loop->count, 3, start_ns - loop->stale_after_ns, 0};
     proximity_call(set_of(loop), DROP_STALE, words);
-    loop->is_filled = 0;
     tick_tracker(loop, contacts, start_ns);
     loop->epoch = ((LoopSource *)POINTER(loop->source))->epoch + loop->epoch_offset;
     int64_t publish_ns = clock_now_ns(loop);
     skip_what_is_past(loop, publish_ns);
     int state = finish_frame(loop, start_ns, publish_ns);
-    loop->is_filled = 1;
     publish(loop, (uint8_t *)frame, frame->size, 0);
     record(&loop->compute, decaff_mailbox_now_ns() - begun_ns);
     if (!is_for_pose) {
@@ -340,6 +327,10 @@ static void begin(Loop *loop)
 {
     int64_t now_ns = clock_now_ns(loop), *pose_ns = POINTER(loop->pose_ns);
     double *positions = POINTER(loop->positions);
+    decaff_mailbox *box = POINTER(loop->input.box);
+    if (box != NULL && box->header != NULL && !loop->is_simulated) {
+        decaff_mailbox_skip(box); /* what has come while the scene was loaded is old */
+    }
     for (int64_t k = 0; k < loop->count; k++) {
         pose_ns[k] = now_ns - loop->stale_after_ns;
         positions[3 * k] = NAN;

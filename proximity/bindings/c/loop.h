@@ -82,7 +82,7 @@ typedef struct Loop {
     int64_t stop, ticks_wanted; /* -1: no limit */
     int64_t pending, pending_size; /* a message of the description, to be sent behind the next frame */
     int64_t is_begun, due_ns, posed_ns, epoch_offset, epoch;
-    int64_t has_started, reported_missed, is_filled, timer;
+    int64_t has_started, reported_missed, timer;
     int64_t ticks, missed, states[LOOP_STATES];
     int64_t future, backwards, too_old, lost_hands;
     int64_t first_off_ns[4]; /* of the first ones of these kinds */

@@ -6,6 +6,7 @@
 #include <netinet/in.h>
 #include <sys/socket.h>
 
+#include "core.h"
 #include "decaff_mailbox.h"
 #include "decaff_message.h"
 #include "loop.h"
@@ -249,6 +250,31 @@ static int is_usable(LoopInput *input, const uint8_t *message, int64_t size, int
     }
     accept_message(input, kind, header, now_ns);
     return 1;
+}
+
+/* Count poses that are left out, and remember how far off the first ones were. */
+static void count_defects(Loop *loop, int64_t rows, int64_t now_ns)
+{
+    const uint8_t *defects = POINTER(loop->defects);
+    const int64_t *given_ns = POINTER(loop->given_ns), *fingers = POINTER(loop->fingers), *newest = POINTER(loop->pose_ns);
+    int64_t *counts[4] = {&loop->future, &loop->too_old, &loop->backwards, &loop->lost_hands};
+    const int kinds[4] = {FUTURE, TOO_OLD, BACKWARDS, (int)loop->lost_hand};
+    for (int kind = 0; kind < 4; kind++) {
+        int64_t found = 0, off_ns = INT64_MIN;
+        for (int64_t row = 0; row < rows; row++) {
+            if (defects[row] == kinds[kind]) {
+                int64_t each_ns = kind == 1   ? now_ns - given_ns[row]
+                                  : kind == 2 ? newest[fingers[row]] - given_ns[row]
+                                              : given_ns[row] - now_ns;
+                off_ns = each_ns > off_ns ? each_ns : off_ns;
+                found++;
+            }
+        }
+        if (found > 0 && *counts[kind] == 0) {
+            loop->first_off_ns[kind] = off_ns;
+        }
+        *counts[kind] += found;
+    }
 }
 
 /* --- out ------------------------------------------------------------------------------------------------ */
