@@ -70,9 +70,7 @@ class Limits:
     follow_speed: float = 1e-3  # m/s: slower, a part that is touched is at rest; assumed
     lost_force: float = 0.05  # N: with less, for a while, the contact is lost
     lost_time: float = 0.020  # s
-    lost_distance: float = (
-        0.5e-3  # m, of slave and object: more, and the contact is lost; inf: never
-    )
+    lost_distance: float = 0.5e-3  # m, of slave and object: more, and the contact is lost; inf: never
     steady: SteadyRule = field(default_factory=SteadyRule)  # by which a position gives way to a force
 
     def __post_init__(self) -> None:
