@@ -13,15 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from proximity.decaff.calibration.instruments import DrumRecord
-from proximity.decaff.drum.drum_kernels import (
-    SWING_DAMPING,
-    SWING_FRICTION,
-    SWING_INERTIA,
-    SWING_SIZE,
-    SWING_STIFFNESS,
-    SWING_VISCOUS,
-    swing,
-)
+from proximity.decaff.drum.drum_kernels import SWING, swing
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
@@ -117,9 +109,7 @@ def identify_free(record: DrumRecord, drum: Drum) -> dict[str, float]:
     scale[2] = 0.1 * scale[1]
 
     def plant(numbers: np.ndarray) -> np.ndarray:
-        made = np.zeros(SWING_SIZE)
-        made[[SWING_INERTIA, SWING_FRICTION, SWING_VISCOUS]] = numbers[:3]
-        return made
+        return np.array([(*numbers[:3], 0.0, 0.0)], SWING)
 
     starts = [scale * [share, 1.0, 1.0, 1.0] for share in SEARCHED]
     span = max(1, round(0.25 / (free_chirp(drum).last * _period(record))))
@@ -135,10 +125,8 @@ def identify_held(record: DrumRecord, drum: Drum, glove: Glove, viscous: float) 
     scale = np.array([stiff, 0.1 * math.sqrt(stiff * mass), mass, friction, _period(record)])
 
     def plant(numbers: np.ndarray) -> np.ndarray:
-        made = np.zeros(SWING_SIZE)
-        made[[SWING_STIFFNESS, SWING_DAMPING, SWING_INERTIA, SWING_FRICTION]] = numbers[:4]
-        made[SWING_VISCOUS] = viscous
-        return made
+        stiffness, damping, inertia, friction = numbers[:4]
+        return np.array([(inertia, friction, viscous, stiffness, damping)], SWING)
 
     starts = [scale * [share, 2.0 * math.sqrt(share), 1.2, 1.0, 1.0] for share in SEARCHED]
     names = ("stiffness", "damping", "inertia", "friction", "latency")
@@ -189,8 +177,8 @@ def _fitted(
     def misfit(numbers: np.ndarray) -> np.ndarray:
         made = plant(numbers * scale)
         # What the search asks of things that cannot be is answered by the nearest that can.
-        made[SWING_INERTIA] = max(made[SWING_INERTIA], 0.05 * sizes[SWING_INERTIA])
-        made[SWING_FRICTION] = max(made[SWING_FRICTION], 0.0)
+        made["inertia"] = np.maximum(made["inertia"], 0.05 * sizes["inertia"])
+        made["friction"] = np.maximum(made["friction"], 0.0)
         computed = answer(made, record, numbers[-1] * scale[-1])
         return seen(computed) - angles
 

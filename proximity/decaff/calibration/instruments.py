@@ -1,6 +1,9 @@
-"""Interface of what a calibration measures with: the hand's potentiometer, and the drum's encoder and motor.
+"""Interface of what a calibration measures with: potentiometer of the hand, encoder and motor of the drum.
 
-A laboratory's own instruments, the simulated glove and a person who types numbers stand behind it alike.
+A laboratory's own instruments, the simulated glove and a person who types numbers stand behind it alike; and
+a real motor, which is on during a swing only. Messages of its bus do not come at even intervals: a record has
+the samples with an answer of their own, each at its own time, and between two of them the mean of what was
+commanded.
 """
 
 import math

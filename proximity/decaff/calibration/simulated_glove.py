@@ -14,14 +14,7 @@ from proximity.decaff.calibration.fit import step_latency
 from proximity.decaff.calibration.instruments import DrumRecord, Instruments
 from proximity.decaff.calibration.readings import Asked
 from proximity.decaff.calibration.tasks import BACKLASH, FREE, HELD, POSES, PULL, TENSION, TOUCH
-from proximity.decaff.drum.drum_kernels import (
-    SWING_DAMPING,
-    SWING_FRICTION,
-    SWING_INERTIA,
-    SWING_SIZE,
-    SWING_STIFFNESS,
-    SWING_VISCOUS,
-)
+from proximity.decaff.drum.drum_kernels import SWING
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 
@@ -135,16 +128,15 @@ class SimulatedGlove:
 
     def swing(self, torques: np.ndarray) -> DrumRecord:
         """Swing the drum, which stands free or at the replica as the task says."""
-        plant = np.zeros(SWING_SIZE)
-        plant[SWING_INERTIA] = inertia(self._drum)
-        plant[SWING_FRICTION] = self._drum.friction * self._drum.lever
-        plant[SWING_VISCOUS] = 0.01 * plant[SWING_FRICTION]
+        mass, friction = inertia(self._drum), self._drum.friction * self._drum.lever
+        stiffness = damping = 0.0
         if self._asked == HELD.key:
-            plant[SWING_INERTIA] += LINK_INERTIA
-            plant[SWING_STIFFNESS] = stiffness = drum_stiffness(self._glove, self._glove.cable.stiffness)
-            plant[SWING_DAMPING] = 2.0 * HELD_DAMPING * math.sqrt(stiffness * plant[SWING_INERTIA])
+            mass += LINK_INERTIA
+            stiffness = drum_stiffness(self._glove, self._glove.cable.stiffness)
+            damping = 2.0 * HELD_DAMPING * math.sqrt(stiffness * mass)
         else:
             assert self._asked == FREE.key, "only these tasks swing the drum"
+        plant = np.array([(mass, friction, 0.01 * friction, stiffness, damping)], SWING)
         times = np.arange(len(torques)) / RATE
         disturbed = torques + TORQUE_NOISE * np.ptp(torques) / 2.0 * self._random.normal(size=len(torques))
         angles = answer(plant, DrumRecord(times, disturbed, times, disturbed), self._drum_latency, FINE_STEP)

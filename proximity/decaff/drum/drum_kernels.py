@@ -10,7 +10,7 @@ from math import exp, floor, inf, pi, sqrt
 
 import numpy as np
 
-from proximity.native import entry, inlined
+from proximity.native import entry, inlined, record
 
 # --- a drum ---
 DRUM_MASS = 0  # kg, with the rotor behind its gear
@@ -318,28 +318,30 @@ def serve_against(
 
 
 # --- a drum that is swung by torques, in angles; positive is away from the finger ---
-SWING_INERTIA = 0  # kg m²
-SWING_FRICTION = 1  # N m, Coulomb
-SWING_VISCOUS = 2  # N m s
-SWING_STIFFNESS = 3  # N m/rad, of what the drum presses on below angle 0; 0: nothing there
-SWING_DAMPING = 4  # N m s, of the same
-SWING_SIZE = 5
+SWING = record(
+    "DrumSwing",
+    inertia="f8",  # kg m²
+    friction="f8",  # N m, Coulomb
+    viscous="f8",  # N m s
+    stiffness="f8",  # N m/rad, of what the drum presses on below angle 0; 0: nothing there
+    damping="f8",  # N m s, of the same
+)
 
 
-@entry("float64[:], float64[:], int, float, float64[:]")
-def swing(plant: np.ndarray, torques: np.ndarray, steps: int, step: float, angles: np.ndarray) -> None:
+@entry("DrumSwing[:], float64[:], int, float, float64[:]")
+def swing(plants: np.ndarray, torques: np.ndarray, steps: int, step: float, angles: np.ndarray) -> None:
     """Angles of a drum that starts at rest at 0; *torques* are means over each step, *steps* to an angle.
 
     Leapfrog: exact under a constant torque, and without damping of its own against a spring.
     """
-    angle = speed = 0.0
+    plant, angle, speed = plants[0], 0.0, 0.0
     for i in range(angles.shape[0]):
         angles[i] = angle
         for j in range(i * steps, (i + 1) * steps):
             angle += 0.5 * step * speed
-            reaction = min(0.0, plant[SWING_STIFFNESS] * angle + plant[SWING_DAMPING] * speed)
-            if plant[SWING_STIFFNESS] <= 0.0 or angle > 0.0:
+            reaction = min(0.0, plant.stiffness * angle + plant.damping * speed)
+            if plant.stiffness <= 0.0 or angle > 0.0:
                 reaction = 0.0
-            torque = torques[j] - plant[SWING_VISCOUS] * speed - reaction
-            speed = slid(speed, torque, plant[SWING_FRICTION], plant[SWING_INERTIA], step)
+            torque = torques[j] - plant.viscous * speed - reaction
+            speed = slid(speed, torque, plant.friction, plant.inertia, step)
             angle += 0.5 * step * speed

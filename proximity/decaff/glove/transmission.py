@@ -1,4 +1,9 @@
-"""Transmission from hand to replica: a sheathed cable on two pulleys, and the potentiometer."""
+"""Transmission from hand to replica: linkage of two bars, sheathed cable on two pulleys, and potentiometer.
+
+In the finger's frame (see `finger`) the linkage's base is fixed to the back of the hand; the first bar turns
+about it, and the second leads from the first to the thimble on the distal phalanx. The elbow lies on the
+dorsal side.
+"""
 
 import math
 from dataclasses import dataclass

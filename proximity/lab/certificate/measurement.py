@@ -2,6 +2,7 @@
 
 Each tick is timed on its own: by the processor's time of the thread, and by the clock on the wall, which
 others on the machine share in. Where processors are lent by a host, the first has some of that as well.
+Nothing is subtracted of what the clocks themselves cost.
 """
 
 import gc

@@ -1,4 +1,4 @@
-"""Simulation of a press on a CAD part with the real engine in the loop, from hand to drum.
+"""Press on a CAD part with the real engine in the loop, from hand to drum: its setup, and its simulation.
 
 The finger of the closed loop moves on its path before a part. At the service's rate its pose goes to a
 tracker, the answer becomes a frame, its bytes arrive after the service's latency, are examined, and the

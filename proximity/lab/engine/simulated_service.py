@@ -1,7 +1,8 @@
 """The distance service inside a simulation, by the simulation's clock.
 
 All but the loop that keeps appointments is the service's own. What it is fed with is a finger of the closed
-loop: poses for a tracker, or what the sensor of a far end would measure there.
+loop: poses for a tracker, or what the sensor of a far end would measure there. Its messages arrive after a
+latency and do not overtake each other; who reads them examines their bytes as those of any other transport.
 """
 
 import math

@@ -11,14 +11,7 @@ from proximity.decaff.calibration.drum_chirp import HELD_BEND, answer
 from proximity.decaff.calibration.instruments import DrumRecord
 from proximity.decaff.calibration.results import Session
 from proximity.decaff.calibration.tasks import FREE, HELD, POSE_TASKS, POSES, TOUCH, Task
-from proximity.decaff.drum.drum_kernels import (
-    SWING_DAMPING,
-    SWING_FRICTION,
-    SWING_INERTIA,
-    SWING_SIZE,
-    SWING_STIFFNESS,
-    SWING_VISCOUS,
-)
+from proximity.decaff.drum.drum_kernels import SWING
 from proximity.lab.figures import style
 
 if TYPE_CHECKING:
@@ -30,13 +23,6 @@ BENDS = np.linspace(0.0, 1.0, 201)
 MEASURED: style.Stroke = {"color": "#D55E00", "marker": "o", "linestyle": "none"}
 LEFT_OUT: style.Stroke = {"color": "0.5", "marker": "x", "linestyle": "none"}
 FITTED = style.line(style.TIME_STAMPED)
-DRUM_PARTS = {
-    "inertia": SWING_INERTIA,
-    "friction": SWING_FRICTION,
-    "viscous": SWING_VISCOUS,
-    "stiffness": SWING_STIFFNESS,
-    "damping": SWING_DAMPING,
-}
 
 
 def write(session: Session, path: Path) -> None:
@@ -95,12 +81,10 @@ def _draw_touches(panel: "Axes", session: Session) -> None:
 def _draw_chirp(panel: "Axes", session: Session, task: Task) -> None:
     reading = session.of(task)[-1]
     record = _record(reading["record"])
-    plant = np.zeros(SWING_SIZE)
-    for name, part in DRUM_PARTS.items():
-        plant[part] = reading.get(name, 0.0)
+    plant = np.array([tuple(reading.get(name, 0.0) for name in SWING.names or ())], SWING)
     if task is HELD:
         free = session.of(FREE)
-        plant[SWING_VISCOUS] = float(np.mean([one["viscous"] for one in free])) if free else 0.0
+        plant["viscous"] = float(np.mean([one["viscous"] for one in free])) if free else 0.0
     fitted = answer(plant, record, reading["latency"])
     read = np.degrees(record.angles - record.angles.mean())
     fitted = np.degrees(fitted - fitted.mean())

@@ -112,8 +112,9 @@ def stretched(now: float, pressing: float, holding: np.record, memory: np.record
     elapsed, memory.now = now - memory.now, now
     share = 1.0 - exp(-2.0 * pi * holding.smoothing * max(elapsed, 0.0))
     memory.first += share * (pressing - memory.first)
-    memory.force += share * (memory.first - memory.force)
-    return holding.compliance * max(memory.force, 0.0)
+    force: float = memory.force + share * (memory.first - memory.force)
+    memory.force = force
+    return holding.compliance * max(force, 0.0)
 
 
 @entry("int, float, float, float, float", TargetArrays, "-> float")

@@ -1,4 +1,4 @@
-"""Effects of factors on measures: levels of a factor, their means, and the share of variance they explain."""
+"""Effects of factors on measures: shares of variance, means of levels, and the plots of a study's page."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
