@@ -20,6 +20,7 @@ from proximity.decaff.calibration.readings import Readings
 from proximity.decaff.calibration.results import Session, as_document, contradiction
 from proximity.decaff.calibration.simulated_glove import SimulatedGlove
 from proximity.decaff.calibration.tasks import FREE, PULL, TOUCH, Bench
+from proximity.decaff.drum.drum_kernels import SWING
 from proximity.decaff.glove.glove import Glove, with_gear
 from proximity.errors import DecaffError
 
@@ -157,7 +158,7 @@ def record_of(chirp, plant, latency=1e-3, step=1e-9, rate=3000.0):
     torques = chirp.torques(rate)
     times = np.arange(len(torques)) / rate
     bare = DrumRecord(times, torques, times, torques)
-    angles = np.rint(answer(np.array(plant), bare, latency) / step) * step
+    angles = np.rint(answer(np.array([tuple(plant)], SWING), bare, latency) / step) * step
     return DrumRecord(times, torques, angles, torques)
 
 
