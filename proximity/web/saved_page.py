@@ -82,9 +82,10 @@ def save_page(path: Path, scene: Scene, geometry: bytes, welcome: dict[str, Any]
     page = _SCRIPTS.sub("", files["/index.html"].decode())
     page = _LINK.sub(lambda link: _inside(files[f"/{link[1]}"], link[1]), page)
     page = page.replace("</body>", "\n".join([*blocks, f"<script>{BEGIN}</script>", "</body>"]))
+    content = page.encode()
     with whole_file(path) as stream:
-        stream.write(page.encode())
-    return len(page)
+        stream.write(content)
+    return len(content)
 
 
 def _by_names(module: str, text: str) -> str:
