@@ -15,7 +15,8 @@ ROOT = Path(proximity.__file__).parent.parent
 PICTURES = {
     "proximity": """
 cli
-bindings · lab · web
+lab · web
+bindings
 service
 tracker
 scene
@@ -76,7 +77,7 @@ gloves · inbox · openxr_input · part_prediction · sources
 guided · running_page
 page_process
 bridge
-sources
+saved_page · sources
 geometry · page_content · page_service
 page_inbox
 server
