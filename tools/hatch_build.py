@@ -29,9 +29,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         Installers ask in a process whose arguments name the hook, as ``get_requires_for_build_editable``.
         """
         is_editable = any(argument.endswith("_editable") for argument in sys.argv)
-        names = [None] if is_editable else [None, "wasm32"]
-        states = (self._state(name, every_set=not is_editable)["is_current"] for name in names)
-        if self.target_name != "wheel" or all(state == "yes" for state in states):
+        if self.target_name != "wheel" or self._is_current(every_set=not is_editable):
             return []
         return REQUIREMENTS
 
@@ -41,10 +39,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
             return
         every_set = version != "editable"  # a wheel is for all processors of its system
         state = self._state(every_set=every_set)
-        is_current = state["is_current"] == "yes"
-        if is_current and every_set:
-            is_current = self._state("wasm32", every_set=True)["is_current"] == "yes"
-        if not is_current:
+        if not self._is_current(every_set=every_set):
             self._say(
                 f"compiling kernels for {state['target']} ahead of time, at most {SECONDS} s on two cores"
             )
@@ -75,8 +70,15 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         lines = self._tool("--state", *chosen, *self._sets(every_set), capture=True).splitlines()
         return dict(line.split("=", 1) for line in lines)
 
+    def _is_current(self, *, every_set: bool) -> bool:
+        targets = [None, "wasm32"] if self._for_browsers(every_set) else [None]
+        states = (self._state(target, every_set=every_set)["is_current"] for target in targets)
+        return all(state == "yes" for state in states)
+
     def _for_browsers(self, every_set: bool) -> list[str]:
-        return ["--target", "wasm32"] if every_set else []
+        """What a wheel has too, and a checkout whose environment asks for every set of instructions."""
+        is_wanted = every_set or os.environ.get("PROXIMITY_INSTRUCTIONS") == "all"
+        return ["--target", "wasm32"] if is_wanted else []
 
     def _sets(self, every_set: bool) -> list[str]:
         return ["--every-set"] if every_set else []
