@@ -24,7 +24,6 @@ pytestmark = [
         not all((wasm_package.NATIVE / name).is_file() for name in wasm_package.MODULES),
         reason="the engine for browsers is not compiled",
     ),
-    pytest.mark.xdist_group("wasm"),
 ]
 RELAXED = "--experimental-wasm-relaxed-simd"  # Node has it by itself since version 21
 
