@@ -113,7 +113,7 @@ class CompiledService:
         sent = list(zip(self._publishers, self._memory.outputs, strict=False))
         report.publish_failures = {publisher.address: int(each["failures"]) for publisher, each in sent}
         if self._log is not None:
-            report.log_written, report.log_lost = self._log.written, self._log.lost
+            report.log_written, report.log_lost = self._log.written, self._log.failed + self._log.lost
         report.notes = [] if self._real_time is None else list(self._real_time.notes)
         report.notes += [*self._input_notes(), *self._source.notes]
         report.notes += [

@@ -36,40 +36,77 @@ class Log(Protocol):
         """Finish."""
 
 
-class LogWriter:
-    """Appends frames to a log, in a thread of its own.
+class LogThread:
+    """What a thread that appends frames to a log counts and says, wherever it takes the frames from."""
 
-    *log*: asked from that thread only, until it is closed. *depth*: frames that wait at most, if they are no
-    larger than `MOST_RING_BYTES` together; those beyond are lost, and counted.
-    """
-
-    written: int  # frames appended
-    failed: int  # frames that the log refused
-    lost: int  # frames that found no room
-
-    def __init__(self, log: Log, size: int, depth: int = DEPTH) -> None:
-        self.written = self.failed = self.lost = 0
-        self.first_failure = ""
+    def __init__(self, log: Log) -> None:
+        self.written = 0  # frames appended
+        self.failed = 0  # frames that the log refused
+        self.lost = 0  # frames that found no room
+        self._first_failure = ""
         self._log = log
-        self._rows = np.empty((min(depth, max(MOST_RING_BYTES // size, FEWEST)), size), np.uint8)
-        self._rows.fill(0)  # here, and not page by page in the loop
-        self._head = self._tail = 0  # frames put in, and taken out
         self._is_closing = False
-        # Held while there is nothing to do: to let go of it wakes the writer, and costs the loop the least.
-        self._idle = threading.Lock()
-        self._idle.acquire()
         self._thread = threading.Thread(target=self._write_all, name="frame log", daemon=True)
-        self._thread.start()
 
     @property
     def notes(self) -> list[str]:
         """Sentences on frames that were not written, and why."""
         notes = []
         if self.failed:
-            notes.append(f"{self.failed} frames were not logged, first: {self.first_failure}")
+            notes.append(f"{self.failed} frames were not logged, first: {self._first_failure}")
         if self.lost:
             notes.append(f"{self.lost} frames were not logged: the log was slower than the service")
         return notes
+
+    def _write_all(self) -> None:
+        """Append what comes until closing, and what is there then; the work of the thread."""
+        self._append_all()
+        try:
+            self._log.close()
+        except Exception as failure:
+            self._count(failure)
+
+    def _append_all(self) -> None:
+        raise NotImplementedError
+
+    def _append(self, data: np.ndarray) -> None:
+        try:
+            self._log.append(data)
+            self.written += 1
+        except Exception as failure:
+            self.failed += 1
+            self._count(failure)
+
+    def _count(self, failure: Exception) -> None:
+        if not self._first_failure:
+            self._first_failure = str(failure)
+            LOGGER.warning("frames cannot be logged: %s", failure)
+
+    def _has_ended(self) -> bool:
+        """Wait until all is written, some seconds at most; whether it is."""
+        self._thread.join(CLOSE_TIMEOUT)
+        if self._thread.is_alive():
+            LOGGER.warning("the log does not respond: it is abandoned")
+            return False
+        return True
+
+
+class LogWriter(LogThread):
+    """Appends frames to a log, in a thread of its own.
+
+    *log*: asked from that thread only, until it is closed. *depth*: frames that wait at most, if they are no
+    larger than `MOST_RING_BYTES` together; those beyond are lost, and counted.
+    """
+
+    def __init__(self, log: Log, size: int, depth: int = DEPTH) -> None:
+        super().__init__(log)
+        self._rows = np.empty((min(depth, max(MOST_RING_BYTES // size, FEWEST)), size), np.uint8)
+        self._rows.fill(0)  # here, and not page by page in the loop
+        self._head = self._tail = 0  # frames put in, and taken out
+        # Held while there is nothing to do: to let go of it wakes the writer, and costs the loop the least.
+        self._idle = threading.Lock()
+        self._idle.acquire()
+        self._thread.start()
 
     def put(self, data: np.ndarray) -> None:
         """Keep a frame until `wake`; never waits."""
@@ -90,12 +127,10 @@ class LogWriter:
         """Wait until all is written, some seconds at most, and close the log."""
         self._is_closing = True
         self.wake()
-        self._thread.join(CLOSE_TIMEOUT)
-        if self._thread.is_alive():
+        if not self._has_ended():
             self.lost += self._head - self._tail
-            LOGGER.warning("the log does not respond: it is abandoned")
 
-    def _write_all(self) -> None:
+    def _append_all(self) -> None:
         while True:
             # Asked first: nothing is put in afterwards, so what is found then is all.
             is_closing = self._is_closing
@@ -106,23 +141,6 @@ class LogWriter:
                 continue
             self._append(self._rows[self._tail % len(self._rows)])
             self._tail += 1
-        try:
-            self._log.close()
-        except Exception as failure:
-            self._count(failure)
-
-    def _append(self, data: np.ndarray) -> None:
-        try:
-            self._log.append(data)
-            self.written += 1
-        except Exception as failure:
-            self.failed += 1
-            self._count(failure)
-
-    def _count(self, failure: Exception) -> None:
-        if not self.first_failure:
-            self.first_failure = str(failure)
-            LOGGER.warning("frames cannot be logged: %s", failure)
 
 
 class FramePublisher:

@@ -8,7 +8,7 @@ import { load } from "./proximity.mjs";
 const { State, PartAction } = ENUMS;
 
 export class LocalLink extends EventTarget {
-  /** *saved*: what the file has: welcome, scene, geometry, and the two modules of the engine. */
+  /** *saved*: what the file has: welcome, scene, geometry, and the engine's module that fits. */
   constructor(saved) {
     super();
     this.isOpen = false;
@@ -17,8 +17,6 @@ export class LocalLink extends EventTarget {
     this.latencies = [];
     this.rate = new Rate();
     this.count = 0; // of ticks
-    this.contacts = [];
-    this.header = null;
     this.begin(saved).catch((failure) => this.emit("closed", { sentence: failure.message, isFinal: true }));
   }
 
