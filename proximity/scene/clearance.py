@@ -6,7 +6,13 @@ import numpy as np
 
 from proximity.errors import NotWatertightError
 from proximity.kernels.layout import NO_FACE
-from proximity.kernels.pair.part_query import ANSWER_SIZE, connect_parts
+from proximity.kernels.pair.part_query import (
+    ANSWER_DISTANCE,
+    ANSWER_FACES,
+    ANSWER_POINTS,
+    ANSWER_SIZE,
+    connect_parts,
+)
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 
@@ -58,15 +64,16 @@ def clearance(scene: Scene, first: str, second: str) -> Clearance:
     answer = np.empty(ANSWER_SIZE)
     # In this order whoever asks first: so both ways the answer is the same.
     is_swapped = rows[0] > rows[1]
-    connect_parts(model.packed, min(rows), max(rows), answer)
-    ends = (answer[1:4].copy(), int(answer[7])), (answer[4:7].copy(), int(answer[8]))
+    connect_parts(model.packed, min(rows), max(rows), np.inf, 0.0, 0, answer)
+    points = answer[ANSWER_POINTS:ANSWER_FACES].reshape(2, 3)
+    ends = (points[0], int(answer[ANSWER_FACES])), (points[1], int(answer[ANSWER_FACES + 1]))
     (one, face), (other, other_face) = ends[::-1] if is_swapped else ends
-    if answer[0] > 0.0 and _may_be_inside(model.frames[rows]):
+    if answer[ANSWER_DISTANCE] > 0.0 and _may_be_inside(model.frames[rows]):
         for part, around in (parts, parts[::-1]):
             inside = _inside(around, part)
             if len(inside):
                 return Clearance(0.0, inside[0], inside[0], NO_FACE, NO_FACE)
-    return Clearance(float(answer[0]), one, other, face, other_face)
+    return Clearance(float(answer[ANSWER_DISTANCE]), one, other, face, other_face)
 
 
 def _may_be_inside(frames: np.ndarray) -> bool:

@@ -7,7 +7,8 @@ import trimesh
 from manifold3d import Manifold, Mesh
 
 import proximity
-from proximity import Scene, SceneError, Solid, clearance
+from proximity import NO_FACE, Scene, SceneError, Solid, clearance
+from proximity.kernels.pair import part_query
 
 FAR = 100.0
 
@@ -225,3 +226,26 @@ def test_parts_of_very_different_sizes_are_measured():
     top = scene.part("a").solid.mesh.vertices[:, 2].max()
 
     assert clearance(scene, "a", "b").distance == pytest.approx(lowest - top, abs=1e-11)
+
+
+def connection_of(scene, *, limit=np.inf, tolerance=0.0, budget=0):
+    answer = np.empty(part_query.ANSWER_SIZE)
+    part_query.connect_parts(scene.snapshot().packed, 0, 1, limit, tolerance, budget, answer)
+    return answer
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_bounds_hold_with_a_limit_a_tolerance_and_a_budget(seed):
+    solids = [Solid(*shapes.torus(0.05, 0.02), name="a"), Solid(*shapes.sphere(0.03, 3), name="b")]
+    scene = Scene(solids)
+    scene.move("b", proximity.Pose(shapes.rotation(seed), [0.11, 0.01 * seed, 0.02]))
+    lower, exact = connection_of(scene)[:2]
+
+    assert lower == exact == clearance(scene, "a", "b").distance > 0.0
+    for options in ({"tolerance": 0.2}, *({"budget": steps} for steps in (1, 10, 30, 100))):
+        lower, upper = connection_of(scene, **options)[:2]
+        assert lower <= exact <= upper
+        assert "budget" in options or lower >= upper / 1.2 * (1.0 - 1e-12)
+    assert connection_of(scene, limit=1.5 * exact)[1] == exact
+    missed = connection_of(scene, limit=0.9 * exact)
+    assert missed[0] == 0.9 * exact and missed[1] == np.inf and list(missed[8:]) == [NO_FACE, NO_FACE]

@@ -208,11 +208,12 @@ def _nearer_in_blocks(reals, first, second, turn, offset, slack, best, axis, slo
 
 
 @kernel
-def nearest_of_parts(model, first, second, best, slots):
-    """Squared distance, in the local frame of part *first*, to part *second*; `CROSSING` where they cross.
+def nearest_of_parts(model, first, second, best, tolerance, budget, slots):
+    """Squared distance, in the local frame of part *first*, to part *second*, and one that none is below.
 
-    *best*: a squared distance; only what is nearer is looked for. *slots* (2,) int64: filled with the slots
-    of the nearest triangles, or those that cross, or `NO_SLOT`.
+    `CROSSING` where they cross. *best*: only what is nearer is looked for, and nothing that is nearer by less
+    than a share of *tolerance*. *budget*: opened nodes and blocks at most; 0: as many as it takes. *slots*
+    (2,) int64: filled with the slots of the nearest triangles, or those that cross, or `NO_SLOT`.
     """
     reals, words, frames, parts = model
     turn, offset = stack_f64(9), stack_f64(3)
@@ -240,28 +241,36 @@ def nearest_of_parts(model, first, second, best, slots):
         if limits[k] < limits[nearest]:
             nearest = k
     _swap(positions, limits, nearest, at - 1)
-    while at > 0 and best > 0.0:
+    share_sq = 1.0 / ((1.0 + tolerance) * (1.0 + tolerance))
+    reach, steps = best * share_sq, 0
+    while at > 0 and best > 0.0 and (budget == 0 or steps < budget):
         at -= 1
-        if not limits[at] < best:
+        if not limits[at] < reach:
             continue
+        steps += 1
         one, other = positions[at, 0], positions[at, 1]
         below_one = load_int(words, one + NODE_CHILDREN)
         below_other = load_int(words, other + NODE_CHILDREN)
         if below_one < 0 and below_other < 0:
             best = _nearer_in_blocks(reals, ~below_one, ~below_other, turn, offset, slack, best, axis, slots)
+            reach = best * share_sq
         elif below_other < 0 or (below_one >= 0 and _size_at(words, one) > ratio * _size_at(words, other)):
             node = NODE_STRIDE * below_one
             mapped_box_at(words, other, turn, offset, axis, box)
             opened = boxes_at(words, node)
             bounds = gaps_sq(opened, lanes_of(box), margin)
             bounds = farther(bounds, splat(box[6]), ends_of(opened, axis), margin)
-            is_open = bits(bounds < splat(best)) & _used(words, node)
+            is_open = bits(bounds < splat(reach)) & _used(words, node)
             at = _wait(waiting, at, node, other, bounds, is_open, True)
         else:
             node = NODE_STRIDE * below_other
             box_at(words, one, axis, box)
             bounds = gaps_sq(lanes_of(box), mapped_boxes(words, node, turn, offset), margin)
             bounds = farther(bounds, begins_of(words, node, turn, offset, axis), splat(box[6]), margin)
-            is_open = bits(bounds < splat(best)) & _used(words, node)
+            is_open = bits(bounds < splat(reach)) & _used(words, node)
             at = _wait(waiting, at, one, node, bounds, is_open, False)
-    return best
+    # What still waits was not looked into.
+    lower = reach
+    for k in range(at):
+        lower = min(lower, limits[k])
+    return best, lower
