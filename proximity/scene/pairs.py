@@ -38,7 +38,7 @@ WIDER = 1.0 + 2.0**-40
 _RELATIONS = {
     part_query.APART: Relation.APART,
     part_query.MAY_BE_INSIDE: Relation.APART,
-    part_query.TOUCHING: Relation.TOUCHING,
+    part_query.TOUCHES: Relation.TOUCHING,
     part_query.CROSSES: Relation.CROSSING,
 }
 
@@ -102,9 +102,11 @@ class PairQueries:
 
         Notes
         -----
-        Thread: as all queries. Cost: 10 to 200 µs for parts of 3 to 80 thousand faces that are apart; several
-        ms where large surfaces run along each other at a small distance.
-        Degenerate: a part that is not closed contains nothing.
+        Degenerate: a part that is not closed contains nothing. Parts that cross only where edges meet edges,
+        the diagonal of a square for example, may be said to touch.
+        Cost: 10 to 200 µs for parts of 3 to 80 thousand faces that are apart; several ms where large surfaces
+        run along each other at a small distance.
+        Thread: as all queries.
         """
         _check_limits(tolerance, budget)
         model, solids = self._state_with_solids()
