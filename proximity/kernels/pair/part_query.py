@@ -4,7 +4,7 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import to_scene
+from proximity.kernels.geometry.frames import rounding_at, to_scene
 from proximity.kernels.layout import NO_FACE, NO_SLOT, ModelArrays
 from proximity.kernels.pair.blocks import read_both
 from proximity.kernels.pair.boxes import frames_between
@@ -12,15 +12,22 @@ from proximity.kernels.pair.connection import BOTH, connect, cross_at
 from proximity.kernels.pair.triangles import CROSSING
 from proximity.kernels.pair.walk import nearest_of_parts
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
-from proximity.native import entry, kernel
+from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
-ANSWER_SIZE = 10
-"""A distance that none is below, and the distance, m; a point on each part, m, scene's frame; the faces."""
+ANSWER_SIZE = 11
+"""A distance that none is below, and the distance, m; a point on each part, m, scene's frame; the faces; how
+the parts lie to each other."""
 ANSWER_LOWER = 0
 ANSWER_DISTANCE = 1
 ANSWER_POINTS = 2
 ANSWER_FACES = 8
+ANSWER_RELATION = 10
+APART = 0
+TOUCHING = 1
+CROSSES = 2
+MAY_BE_INSIDE = 3
+"""Relations; the last one: apart, but the boxes overlap, so that one part may be inside the other."""
 
 
 @entry(ModelArrays, "int, int, float, float, int, float64[:]")
@@ -31,6 +38,46 @@ def connect_parts(model, first, second, limit, tolerance, budget, answer):
     *tolerance*. *budget*: opened nodes and blocks at most; 0: as many as it takes. What is not found is inf
     long, between nan and `NO_FACE`.
     """
+    # In this order whoever asks first: so both ways the answer is the same.
+    is_crossing = _shortest(model, min(first, second), max(first, second), limit, tolerance, budget, answer)
+    if first > second:
+        for k in range(3):
+            one, other = ANSWER_POINTS + k, ANSWER_POINTS + 3 + k
+            answer[one], answer[other] = answer[other], answer[one]
+        one, other = ANSWER_FACES, ANSWER_FACES + 1
+        answer[one], answer[other] = answer[other], answer[one]
+    if is_crossing:
+        answer[ANSWER_RELATION] = CROSSES
+    elif not answer[ANSWER_DISTANCE] <= rounding_at(
+        model.frames, *_point(answer)
+    ):  # of nothing, not even nan
+        answer[ANSWER_RELATION] = (
+            MAY_BE_INSIDE if _overlap(model.frames[first], model.frames[second]) else APART
+        )
+    else:
+        answer[ANSWER_RELATION] = TOUCHING
+
+
+@inlined
+def _point(answer):
+    """The end on the first part."""
+    return answer[ANSWER_POINTS], answer[ANSWER_POINTS + 1], answer[ANSWER_POINTS + 2]
+
+
+@inlined
+def _overlap(one, other):
+    """Whether the boxes of two parts overlap."""
+    overlap = True
+    for k in range(3):
+        overlap = (
+            overlap and one.box_lower[k] <= other.box_upper[k] and other.box_lower[k] <= one.box_upper[k]
+        )
+    return overlap
+
+
+@kernel
+def _shortest(model, first, second, limit, tolerance, budget, answer):
+    """Fill distance, ends and faces of an answer; whether the parts cross."""
     _, words, frames, parts = model
     slots, scale = stack_i64(2), frames[first].scale
     slots[0] = slots[1] = NO_SLOT
@@ -41,7 +88,7 @@ def connect_parts(model, first, second, limit, tolerance, budget, answer):
         for k in range(6):
             answer[ANSWER_POINTS + k] = np.nan
         answer[ANSWER_FACES] = answer[ANSWER_FACES + 1] = NO_FACE
-        return
+        return False
     distance = fill_connection(model, first, second, best == CROSSING, slots, answer, ANSWER_POINTS)
     # Where all was looked into, the bound is the distance but for its rounding.
     is_exact = best == CROSSING or (tolerance == 0.0 and lower_sq >= best)
@@ -49,6 +96,7 @@ def connect_parts(model, first, second, limit, tolerance, budget, answer):
     answer[ANSWER_DISTANCE] = distance
     answer[ANSWER_FACES] = load_int(words, parts[first].slot_faces + slots[0])
     answer[ANSWER_FACES + 1] = load_int(words, parts[second].slot_faces + slots[1])
+    return best == CROSSING
 
 
 @kernel
