@@ -6,10 +6,11 @@ import numpy as np
 
 from proximity.kernels.geometry.frames import rounding_at, to_scene
 from proximity.kernels.layout import NO_FACE, NO_SLOT, ModelArrays
+from proximity.kernels.pair.blocks import read_both
 from proximity.kernels.pair.boxes import frames_between
 from proximity.kernels.pair.connection import BOTH, connect, cross_at
 from proximity.kernels.pair.triangles import CROSSING
-from proximity.kernels.pair.walk import nearest_of_parts, read_both
+from proximity.kernels.pair.walk import nearest_of_parts
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
@@ -79,6 +80,7 @@ def _shortest(model, first, second, limit, tolerance, budget, answer):
     """Fill distance, ends and faces of an answer; whether the parts cross."""
     _, words, frames, parts = model
     slots, scale = stack_i64(2), frames[first].scale
+    slots[0] = slots[1] = NO_SLOT
     reach = limit * scale
     best, lower_sq = nearest_of_parts(model, first, second, reach * reach, tolerance, budget, slots)
     if slots[0] == NO_SLOT:
