@@ -1,6 +1,6 @@
 """Scenes: parts with poses, with the same queries as one solid."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -141,13 +141,13 @@ class Scene(Queries):
         """Bytes held by meshes and trees."""
         return self._parts.memory_bytes
 
-    def part(self, name: str) -> Part:
-        """Return the part of that name.
+    def part(self, name: str | int) -> Part:
+        """Return the part of that name or index; ``scene[name]`` is the same.
 
         Parameters
         ----------
-        name : str
-            As in `parts`.
+        name : str or int
+            Name as in `parts`, or index: ``scene[hit.part]``.
 
         Raises
         ------
@@ -156,6 +156,14 @@ class Scene(Queries):
         """
         with self._lock:
             return self._parts[self._parts.find(name)]
+
+    __getitem__ = part
+
+    def __iter__(self) -> Iterator[Part]:
+        return iter(self.parts)
+
+    def __len__(self) -> int:
+        return len(self._parts)
 
     def move(
         self, name: str, pose: Any, *, velocity: Any = NO_VELOCITY, angular_velocity: Any = NO_VELOCITY
