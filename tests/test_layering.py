@@ -92,7 +92,7 @@ drum
 """,
     "proximity.lab": """
 certificate
-experiment · part_press · sweep
+claims · experiment · part_press · sweep
 figures
 engine · stability
 simulation

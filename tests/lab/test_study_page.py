@@ -54,7 +54,7 @@ def test_page_has_factors_effects_worst_conditions_and_how_to_repeat_them(tmp_pa
     assert "Fixed: position 0, 0, 0" in words
     assert "square m² 1 3.25 6.5 10.75 16" in words
     assert "number 100%" in words  # the square is of the number alone
-    assert "proximity study &#39;/studies/some file.toml&#39; --only KEY" in page
+    assert "proximity study run &#39;/studies/some file.toml&#39; --only CONDITION" in page
     worst = words.partition("Worst conditions")[2].partition("Made by")[0]
     keys = {one.key for one in conditions if one.values["number"] == 4}
     assert {key for key in keys if key in worst} == keys

@@ -34,8 +34,8 @@ def _command(example: str) -> Callable[[Callable[..., None]], Callable[..., None
     return experiment.command(example.partition(" ")[0], cls=Command, epilog=epilog, no_args_is_help=True)
 
 
-@_command("new comparison.toml")
-def new(path: Annotated[Path, argument("FILE", "File to write.")]) -> None:
+@_command("new --out comparison.toml")
+def new(path: Annotated[Path, option("FILE", "File to write.", "--out")]) -> None:
     """Write the design that is shipped: DECAFF against coupled walls of 1, 3 and 10 ms."""
     from importlib.resources import files
 

@@ -31,17 +31,17 @@ def simulate(
     or writes it as CSV every 0.1 ms.
 
     With --scene the wall is a CAD part, and the engine controls the drum: the tracker on the finger's
-    path, frames with the latency of --latency-ms, and the drum's controller. The result is compared
+    path, frames with the latency of --latency, and the drum's controller. The result is compared
     with the ideal distance in the same loop, and with the true surface. --stiffness and --damping make
     the part deformable. With --recording the hand repeats the motion of a recorded fingertip.
 
     Examples:
       proximity simulate
-      proximity simulate --speed 0.5 --latency-ms 10 --policy latched --out late.png
+      proximity simulate --speed 0.5 --latency 10 --policy latched --out late.png
       proximity simulate --cable 1212 --stretch torque
       proximity simulate --glove glove.json --stretch torque
-      proximity simulate --wall coupled --latency-ms 3 --stiffness 734 --damping 4.4 --json
-      proximity simulate --scene bracket.stl --at 48 30 20 --latency-ms 10 --out bracket.png
+      proximity simulate --wall coupled --latency 3 --stiffness 734 --damping 4.4 --json
+      proximity simulate --scene bracket.stl --at 48 30 20 --latency 10 --out bracket.png
       proximity simulate --scene bracket.stl --recording hand.csv
     """
     pressed.check()

@@ -68,7 +68,7 @@ def study_page(study: Study, folder: Path) -> str:
             "worst": _worst(study, rows),
             "failed": failed.slice(0, FAILURES).to_pylist(),
             "listed": recorded.rows.slice(0, ROWS_LISTED).to_pylist(),
-            "command": f"proximity study {shlex.quote(recorded.source)} --only",
+            "command": f"proximity study run {shlex.quote(recorded.source)} --only",
         },
         draw,
         (shown,),
