@@ -1,16 +1,14 @@
 """The service: takes poses and publishes a frame every period, with times, validity and a safe late state.
 
-    input (poses) → newest samples → contact source → frame builder (times, state) → frame publisher (log)
+    input (poses) → loop (compiled): newest poses → contacts → times, state → publishers, log
 
-`Service` is the loop, and `CompiledService` the same without an interpreter. It knows no geometry and no
-files: its contact source and its clock are given to it.
+`Service` is the loop. It knows no geometry and no files: its contact source is given to it.
 """
 
-from proximity.service.clock import Clock, MonotonicClock, SkippingClock
-from proximity.service.compiled_loop import CompiledService
+from proximity.service.clock import Clock, SkippingClock
 from proximity.service.contact_source import ContactSource, TrackedContacts
 from proximity.service.description import Describer
-from proximity.service.frame_publisher import Log
+from proximity.service.frame_log import Log
 from proximity.service.inputs.changes_input import Addition, ChangesInput, Request, carry_out
 from proximity.service.inputs.gloves import GloveChoices
 from proximity.service.inputs.message_input import MessageInput
@@ -28,7 +26,6 @@ __all__ = [
     "CallableInput",
     "ChangesInput",
     "Clock",
-    "CompiledService",
     "ContactSource",
     "Describer",
     "FingerPoses",
@@ -37,7 +34,6 @@ __all__ = [
     "Log",
     "Measurements",
     "MessageInput",
-    "MonotonicClock",
     "MovesInput",
     "OpenXrInput",
     "PoseInput",

@@ -17,7 +17,11 @@ LOGGER = logging.getLogger("proximity.service")
 
 
 class PoseInput(Protocol):
-    """An input of samples; its methods are called by the loop, and neither wait nor raise."""
+    """An input of samples; its methods neither wait nor raise.
+
+    Where it has ``wait(timeout)``, a thread waits there and polls it; otherwise each tick does. Where it has
+    ``loop_end()`` that returns something, the loop takes poses from there by itself.
+    """
 
     is_over: bool
     """Whether nothing will come any more: a recording that has ended."""
