@@ -14,7 +14,7 @@ from proximity.service.inputs.gloves import GloveChoices
 from proximity.service.inputs.message_input import MessageInput
 from proximity.service.inputs.moves_input import MovesInput
 from proximity.service.inputs.openxr_input import OpenXrInput
-from proximity.service.inputs.sources import CallableInput, PoseInput, RecordingInput
+from proximity.service.inputs.sources import PoseInput, RecordingInput
 from proximity.service.loop import Service
 from proximity.service.realtime import RealTime
 from proximity.service.report import Histogram, Report
@@ -23,7 +23,6 @@ from proximity.service.sensed_contacts import SensedContacts
 
 __all__ = [
     "Addition",
-    "CallableInput",
     "ChangesInput",
     "Clock",
     "ContactSource",

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 
-from proximity.errors import PublishError
+from proximity.errors import PublishError, ServiceError
 from proximity.message import DESCRIPTION, FRAME, PATH_CORNERS, PATH_POSES, POSES, Message
 from proximity.message.description import MOST_LABELS
 from proximity.message.envelope import unpack_prefix
@@ -101,7 +101,8 @@ class PoseBridge(_Worker):
         records["velocity"] = np.nan if poses.velocities is None else poses.velocities
         records["bend"] = np.nan if poses.bends is None else poses.bends
         if poses.paths is not None:
-            assert poses.paths.shape[1] == PATH_CORNERS, "paths are as messages have them"
+            if poses.paths.shape[1] != PATH_CORNERS:
+                raise ServiceError(f"paths have {poses.paths.shape[1]} corners, expected {PATH_CORNERS}")
             records["corners"] = poses.paths
         return message
 
