@@ -33,7 +33,8 @@ HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line br
 )
 
 MODULE_OF = {
-    "query": "parts.query", "check": "parts.check", "picture": "parts.picture", "replay": "lab.replay",
+    "query": "parts.query", "check": "parts.check", "clearance": "parts.clearance",
+    "picture": "parts.picture", "replay": "lab.replay",
     "compile": "parts.check", "serve": "service.serve", "record": "service.record",
     "export": "service.record", "watch": "service.watch", "view": "parts.view", "demo": "device.demo",
     "drum": "device.drum", "header": "service.sources", "client": "service.sources",
