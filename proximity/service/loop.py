@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
 from typing import Any
 
-from proximity.checks import as_number
 from proximity.errors import ServiceError
 from proximity.service.clock import Clock, SkippingClock
 from proximity.service.contact_source import ContactSource, TrackedContacts
@@ -30,23 +29,23 @@ from proximity.service.loop_memory import (
     answers_in_c,
     defined,
     fill,
+    nanoseconds,
     run_function,
 )
 from proximity.service.loop_watch import LoopWatch
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
 from proximity.service.samples import NewestSamples
-from proximity.system.time_units import NS_PER_S
 from proximity.transport import Publisher
 from proximity.transport.publisher import numbering, outlet_of
 
 LOGGER = logging.getLogger("proximity.service")
 LOOK = 0.02
 """s between two looks of Python at the loop: for descriptions, and what is to be warned of."""
+OPENS_ENDS = sys.platform == "linux"
+"""Whether the loop knows mailboxes and sockets of this system; otherwise all ends are threads."""
 REPLACE_TIMEOUT, POLL_INTERVAL = 1.0, 1e-3
 """s, beyond a period, that a replacement is waited for; and between two looks whether it is in use."""
-SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
-"""s, of periods."""
 _PYTHON = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
 _POSES, _PARTS, _BOUNDS, _CONTACTS = (
     defined(f"LOOP_ASK_{name}") for name in ("POSES", "PARTS", "BOUNDS", "CONTACTS")
@@ -87,6 +86,7 @@ class Service:
         self._memory.message.header["source"] = contact_source.source
         self._loop.is_simulated, self._loop.is_ahead = clock is not None, isinstance(clock, SkippingClock)
         self._loop.counts_processor = counts_processor
+        self._loop.is_coarse = time.get_clock_info("monotonic").implementation.startswith("GetTickCount")
         self._used: dict[int, SourceMemory] = {}  # by address: the source in use, and one that follows
         self._current: SourceMemory | None = None
         self._log = None if log is None else FrameLogThread(log, len(self._memory.message.data))
@@ -104,7 +104,7 @@ class Service:
         self._newest: NewestSamples | None = None
         self._bridge = PoseBridge(pose_input, contact_source.count)
         self._memory.input["box"] = self._bridge.reader
-        end = getattr(pose_input, "loop_end", lambda: None)() if sys.platform == "linux" else None
+        end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
         self._is_direct = end is not None and answers_in_c(contact_source)
         if not answers_in_c(contact_source):
             stale_after_ns = int(self._loop.stale_after_ns)
@@ -136,7 +136,7 @@ class Service:
         self._bridges: dict[int, FrameBridge] = {}
         for number, publisher in enumerate(self._publishers):
             end = getattr(outlet_of(publisher), "loop_end", None)
-            if end is None or sys.platform != "linux":
+            if end is None or not OPENS_ENDS:
                 self._bridges[number] = bridge = FrameBridge(publisher, size)
                 values: dict[str, Any] = {"socket": -1, "box": bridge.writer}
             else:
@@ -397,10 +397,3 @@ class Service:
             for number, bridge in self._bridges.items():
                 stack.callback(bridge.close, published[number])
             stack.callback(self._bridge.close)
-
-
-def nanoseconds(name: str, seconds: Any) -> int:
-    """Return a span of a service in nanoseconds; a `ServiceError` where it cannot be one."""
-    if not SHORTEST_PERIOD <= as_number(seconds) <= LONGEST_PERIOD:
-        raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} s")
-    return round(NS_PER_S * seconds)

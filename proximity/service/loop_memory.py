@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from proximity.checks import as_number
 from proximity.errors import ProximityError, ServiceError
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
 from proximity.message import FRAME, MAX_RECORDS, PATH_CORNERS, PATH_POSES, Message
@@ -20,11 +21,14 @@ from proximity.service.contact_source import METRES_A_BEND, ContactSource, Track
 from proximity.service.finger_kernels import LOST
 from proximity.service.samples import NEVER_NS, FingerPoses
 from proximity.system.library_in_c import libraries
+from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker, arrays_of, note_answers
 from proximity.transport import forget
 from proximity.transport.udp import LARGEST_DATAGRAM
 
 HEADER = Path(__file__).parent.parent / "bindings" / "c" / "loop" / "loop.h"
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
+"""s, of periods."""
 _STRUCTURE = re.compile(r"typedef struct (\w+) \{\n(.*?)\n\} \1;", re.DOTALL)
 _DECLARATION = re.compile(r"(?m)^    (\w+) ([\w\[\], ]+);")
 _DEFINED = re.compile(r"#define (\w+) (\d+)")
@@ -75,6 +79,13 @@ def answers_in_c(contacts: ContactSource) -> bool:
 def words_of(arrays: Any) -> np.ndarray:
     """Address and lengths of each array, as kernels take them."""
     return np.array([word for each in arrays for word in (each.ctypes.data, *each.shape)], np.int64)
+
+
+def nanoseconds(name: str, seconds: Any) -> int:
+    """Return a span of a service in nanoseconds; a `ServiceError` where it cannot be one."""
+    if not SHORTEST_PERIOD <= as_number(seconds) <= LONGEST_PERIOD:
+        raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} s")
+    return round(NS_PER_S * seconds)
 
 
 def fill(record: Any, values: dict[str, Any]) -> None:

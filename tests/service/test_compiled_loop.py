@@ -21,7 +21,7 @@ from proximity.errors import ServiceError
 from proximity.message import FRAME, State, parts_of
 from proximity.native.mode import IS_AHEAD
 from proximity.recording import FrameLog, FrameReader
-from proximity.service import Describer, MessageInput, Service, TrackedContacts
+from proximity.service import Describer, MessageInput, Service, TrackedContacts, loop
 from proximity.service.hosting import start_service
 from proximity.tracker.tracker import Tracker
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
@@ -237,6 +237,14 @@ def test_pose_that_comes_wakes_it(scene, ends):
             assert int(reading.header["start_ns"]) - before_ns < 2 * 10**9
             assert holds(scene, reading) and reading.state is State.OK
     assert served.report.ticks >= 4
+
+
+@pytest.mark.parametrize("ends", [by_shared_memory, by_udp])
+def test_threads_send_and_receive_where_the_loop_does_not_know_the_system(scene, ends, monkeypatch):
+    monkeypatch.setattr(loop, "OPENS_ENDS", False)
+    with Served(scene, *ends()) as served:
+        assert holds(scene, served.answer(ABOVE))
+    assert not served.report.publish_failures[served.frames]
 
 
 def test_frames_come_every_period_without_poses(scene):

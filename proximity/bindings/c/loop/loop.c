@@ -301,6 +301,7 @@ int proximity_loop_run(Loop *loop)
     if (!open_timer(&loop->input)) {
         return 2;
     }
+    system_clock_is_coarse = loop->is_coarse != 0;
     make_checksum_tables();
     if (!loop->is_begun) {
         begin(loop);

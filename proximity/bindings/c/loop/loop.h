@@ -79,6 +79,7 @@ typedef struct Loop {
     int64_t count;        /* of fingers */
     int64_t period_ns, valid_for_ns, stale_after_ns;
     int64_t is_simulated, simulated_ns; /* a clock that stands, and jumps to the next instant */
+    int64_t is_coarse;    /* whether the system's monotonic clock is the coarse one of Windows */
     int64_t is_ahead;     /* whether that clock runs ahead of the one that readers of frames have */
     int64_t counts_processor; /* whether ticks are timed by the processor's time for the thread */
     int64_t python, asked; /* int64_t (*)(int64_t what, int64_t now_ns), 0 where all is well; and for what */

@@ -8,11 +8,15 @@
 #include <windows.h>
 #endif
 
+static int system_clock_is_coarse; /* Windows: that of Python before 3.13, which goes on every 16 ms */
+
 #ifdef _WIN32
 static int64_t system_now_ns(void)
 {
     LARGE_INTEGER now, rate;
 
+    if (system_clock_is_coarse)
+        return (int64_t)GetTickCount64() * 1000000;
     QueryPerformanceCounter(&now);
     QueryPerformanceFrequency(&rate);
     return now.QuadPart / rate.QuadPart * 1000000000 + now.QuadPart % rate.QuadPart * 1000000000 / rate.QuadPart;
