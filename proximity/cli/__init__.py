@@ -81,7 +81,7 @@ class Commands(Mapping[str, Any]):
         if name not in self._made:
             app = getattr(import_module(f"proximity.cli.{COMMANDS[name][0]}"), name)
             if not isinstance(app, typer.Typer):  # which is a group of its own
-                app = add_command(typer.Typer(), app, name, is_bare=name in RUN_BARE)
+                app = add_command(typer.Typer(add_completion=False), app, name, is_bare=name in RUN_BARE)
             self._made[name] = typer.main.get_command(app)
         return self._made[name]
 
