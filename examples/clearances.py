@@ -12,7 +12,6 @@ pairs that overlap: the volume that both parts fill, and the size of the box aro
 """
 
 import sys
-from itertools import combinations
 from pathlib import Path
 
 import proximity
@@ -27,19 +26,17 @@ def millimetres(point):
 
 def main():
     scene = proximity.load(sys.argv[1] if len(sys.argv) > 1 else SAMPLE)
-    names = [part.name for part in scene.parts]
 
-    # Every pair of parts once. The result has the distance and its two end points, in metres.
-    found = [(proximity.clearance(scene, *pair), *pair) for pair in combinations(names, 2)]
-    found.sort(key=lambda row: row[0].distance)
+    # Every pair of parts once, the nearest first. A result has the distance and its two ends, in metres.
+    found = scene.closest_pairs()
 
-    width = max(map(len, [*names, "second"]))
+    width = max(map(len, [part.name for part in scene.parts] + ["second"]))
     print(f"{'first':<{width}} {'second':<{width}} {'mm':>7}  from, mm -> to, mm")
-    for gap, first, second in found:
+    for gap in found:
         ends = f"{millimetres(gap.point_on_first)} -> {millimetres(gap.point_on_second)}"
-        print(f"{first:<{width}} {second:<{width}} {1e3 * gap.distance:7.3f}  {ends}")
+        print(f"{gap.first:<{width}} {gap.second:<{width}} {1e3 * gap.distance:7.3f}  {ends}")
     print()
-    print_overlaps(scene, [pair for gap, *pair in found if gap.distance == 0.0])
+    print_overlaps(scene, [(gap.first, gap.second) for gap in found if gap.distance == 0.0])
 
 
 def print_overlaps(scene, pairs):

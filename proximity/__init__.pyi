@@ -34,11 +34,11 @@ from proximity.message import Source as Source
 from proximity.message import State as State
 from proximity.message import Surface as Surface
 from proximity.pose import Pose as Pose
-from proximity.scene.clearance import Clearance as Clearance
-from proximity.scene.clearance import clearance as clearance
 from proximity.scene.loader import load as load
 from proximity.scene.overlap import Overlap as Overlap
 from proximity.scene.overlap import overlap as overlap
+from proximity.scene.pairs import Clearance as Clearance
+from proximity.scene.pairs import Relation as Relation
 from proximity.scene.part import LoadReport as LoadReport
 from proximity.scene.part import Part as Part
 from proximity.scene.queries.results import NO_FACE as NO_FACE

@@ -47,9 +47,9 @@ layout
 """,
     "proximity.scene": """
 picture · trimesh_scene
-clearance · loader · overlap
+loader · overlap
 scene
-scene_parts
+pairs · scene_parts
 deformation · part · saved
 solid
 queries · solid_arrays

@@ -19,6 +19,7 @@ from proximity.kernels.contact_record import (
     unknown_contact,
 )
 from proximity.kernels.geometry.morton_order import SORT_FROM
+from proximity.kernels.pair import part_query
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.scene.dynamic_tree import SORT_STEPS
 from proximity.kernels.scene.model_validation import FAULT_SIZE, SOUND
@@ -47,6 +48,7 @@ ENTRIES = (
     "morton_order", "ray_order", "fault_in_header", "fault_in_arrays", "complete_model", "first_unfit",
     "move_parts", "copies_in_use", "make_static", "thin_static", "bring_up_to_date", "forget_surfaces",
     "adopt_parts", "tick", "observe", "update_newest", "drop_stale",
+    "connect_parts", "surface_faces", "contains_corner",
 )  # fmt: skip
 """The entry points that the library calls."""
 _NUMBERS = {
@@ -68,6 +70,8 @@ _NUMBERS = {
     "EXACT_ENOUGH": EXACT_ENOUGH,
     "FARTHEST_MOVE": FARTHEST_MOVE,
     "FASTEST_MOVE": FASTEST_MOVE,
+    "CLEARANCE_SIZE": part_query.ANSWER_SIZE,
+    "MAY_BE_INSIDE": part_query.MAY_BE_INSIDE,
     "SURFACE_RIGID": SURFACE_RIGID,
     "SURFACE_DEFORMABLE": SURFACE_DEFORMABLE,
     "LANES": layout.LANES,

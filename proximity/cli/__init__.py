@@ -25,6 +25,7 @@ PANELS = {
     "ask": {
         "query": ("parts.query", "distances from points, rays or segments to the parts"),
         "check": ("parts.check", "what is in a file, part by part, and what is wrong with it"),
+        "clearance": ("parts.clearance", "how far parts are apart, or how they cross"),
         "picture": ("parts.picture", "a PNG of the parts, of points and of a slice"),
         "view": ("parts.view", "the parts in the browser, with a probe and hands"),
         "compile": ("parts.check", "a file that opens in milliseconds, with the same answers"),
@@ -59,6 +60,7 @@ RUN_BARE = ("demo", "figures", "claims", "simulate")
 MEANT = {
     **dict.fromkeys(("distance", "distances", "measure", "closest", "nearest", "ray", "sdf"), "query"),
     **dict.fromkeys(("info", "inspect", "validate", "list", "stats"), "check"),
+    **dict.fromkeys(("gap", "collide", "collision", "intersect", "interference", "overlap"), "clearance"),
     **dict.fromkeys(("convert", "prepare", "save"), "compile"),
     **dict.fromkeys(("draw", "render", "image", "screenshot", "slice"), "picture"),
     **dict.fromkeys(("show", "open", "page", "gui"), "view"),

@@ -9,6 +9,7 @@ from proximity.checks import refuse_trimesh
 from proximity.errors import SceneError
 from proximity.scene.model.assembly import Model
 from proximity.scene.model.scene_state import SceneState
+from proximity.scene.pairs import PairQueries
 from proximity.scene.part import NO_VELOCITY, LoadReport, Part, checked_part, parts_of_mesh
 from proximity.scene.part_motion import checked_move, checked_moves, checked_surface
 from proximity.scene.queries.queries import Queries
@@ -19,7 +20,7 @@ from proximity.scene.solid import Solid
 from proximity.system.locks import fork_safe_lock
 
 
-class Scene(Queries):
+class Scene(Queries, PairQueries):
     """Parts that are queried together. They may be moved, deformed, added and removed between queries.
 
     Parameters
@@ -39,8 +40,8 @@ class Scene(Queries):
 
     Notes
     -----
-    Thread: many threads may query while another moves parts; every answer is consistent with one state,
-    before or after the move. Only `deform` must not run at the same time as queries.
+    Thread: many threads may query while another moves parts; every answer is of one state, before or after
+    the move. Only `deform` must not run at the same time as queries.
     """
 
     report: LoadReport | None
@@ -102,6 +103,12 @@ class Scene(Queries):
         A snapshot does not change. Release it when no longer needed: each further one needs more memory.
         """
         return self._parts.state.current or self._updated()
+
+    def _state_with_solids(self) -> tuple[Model, list[Solid]]:
+        while True:
+            parts, model = self._parts, self.snapshot()
+            if parts is self._parts:
+                return model, parts.solids
 
     def _updated(self) -> Model:
         with self._lock:
@@ -188,10 +195,6 @@ class Scene(Queries):
             If there is no such part, or a velocity is not finite, or beyond 1e9 m/s or rad/s.
         PoseError
             If the pose is not a rigid transform.
-
-        Notes
-        -----
-        Cost: as `move_many`.
         """
         with self._lock:
             row = np.array([self._parts.find(name)], np.int64)
@@ -262,7 +265,7 @@ class Scene(Queries):
             self._parts = self._parts.with_part(part)
 
     def remove(self, name: str) -> None:
-        """Remove a part; the indices of later parts go down by one.
+        """Remove a part, at the cost of `add`; the indices of later parts go down by one.
 
         Parameters
         ----------
@@ -273,10 +276,6 @@ class Scene(Queries):
         ------
         SceneError
             If there is no such part, or it is the only one.
-
-        Notes
-        -----
-        Cost: as `add`.
         """
         with self._lock:
             row = self._parts.find(name)

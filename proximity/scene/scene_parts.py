@@ -29,6 +29,7 @@ class SceneParts:
     def __init__(self, parts: list[Part], state: SceneState) -> None:
         self.state = state
         self.row_of = {part.name: row for row, part in enumerate(parts)}
+        self.solids = [part.solid for part in parts]
         self._parts = parts
         self._versions = state.versions.copy()  # of the rows that `_parts` shows
         self._last_rows: tuple[list[str], np.ndarray] = [], np.empty(0, np.int64)
@@ -166,7 +167,7 @@ class SceneParts:
         except (ArgumentError, MeshError):  # nothing has changed
             self._interrupted = None
             raise
-        self._parts[row] = replace(part, solid=solid)
+        self._parts[row], self.solids[row] = replace(part, solid=solid), solid
         state.reshape(row)
         self._interrupted = None
 

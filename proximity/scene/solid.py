@@ -7,9 +7,9 @@ import numpy as np
 
 from proximity.checks import refuse_trimesh
 from proximity.kernels.mesh.faces import signed_volume
+from proximity.kernels.scene.part_containment import surface_faces
 from proximity.kernels.tree.refit import UNUSED
 from proximity.mesh.bvh import Bvh, LocalFrame
-from proximity.mesh.connected_faces import linked_components
 from proximity.mesh.diagnosis import Diagnosis, diagnose
 from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import Topology, build_topology, corners_of
@@ -182,14 +182,10 @@ class Solid(Queries):
         return np.where(corner == UNUSED, np.int32(UNUSED), first[corner])
 
     @cached_property
-    def surface_points(self) -> np.ndarray:
-        """A vertex of each connected surface, (S, 3) m."""
-        faces = self.first_vertices[self.mesh.faces]
-        begins, ends = np.concatenate([faces[:, :2], faces[:, 1:]]).T
-        used = np.unique(faces)
-        labels = linked_components(self.mesh.vertex_count, begins, ends)[used]
-        points: np.ndarray = self.mesh.vertices[used[np.unique(labels, return_index=True)[1]]]
-        return points
+    def surface_faces(self) -> np.ndarray:
+        """The first face of each surface that is connected across edges, (S,) int32."""
+        waiting, faces = np.empty((2, self.mesh.face_count), np.int32)
+        return faces[: surface_faces(self.snapshot().packed, 0, waiting, faces)].copy()
 
     @property
     def memory_bytes(self) -> int:

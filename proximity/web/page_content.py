@@ -10,7 +10,6 @@ from proximity.errors import SceneError
 from proximity.message import clients
 from proximity.message.fields import VECTOR, Field, dtype_of
 from proximity.message.javascript_layout import layout_module
-from proximity.scene.clearance import clearance
 from proximity.scene.scene import Scene
 from proximity.web.page_inbox import FARTHEST
 from proximity.web.server.access import UnfitError
@@ -83,7 +82,7 @@ def clearance_document(scene: Scene, asked: Any) -> dict[str, Any]:
     if not (isinstance(asked, list) and len(asked) == 2 and all(isinstance(name, str) for name in asked)):
         raise UnfitError("how far parts are apart is asked with two names")
     try:
-        found = clearance(scene, *asked)
+        found = scene.clearance(*asked)
     except SceneError as unfit:
         raise UnfitError(str(unfit)) from unfit
     return {

@@ -4,6 +4,7 @@ import concurrent.futures
 import ctypes
 import dataclasses
 import functools
+import itertools
 import json
 import os
 import subprocess
@@ -18,7 +19,17 @@ from project import IMPORT_PATHS, MESHES, ROOT, TRIALS
 import proximity
 from benchmarks.digest import queries, scenes, ticks
 from benchmarks.digest.library import LibraryScene, LibraryTracker, through_library
-from proximity import ArgumentError, MeshFormatError, NotWatertightError, Pose, PoseError, ProximityError
+from proximity import (
+    ArgumentError,
+    MeshFormatError,
+    NotWatertightError,
+    Pose,
+    PoseError,
+    ProximityError,
+    Relation,
+    Scene,
+    Solid,
+)
 from proximity.native import IS_AHEAD, mode
 from proximity.scene.queries import batches
 from proximity.system import library_in_c
@@ -391,6 +402,43 @@ def test_what_cannot_be_done_is_told(tmp_path):
     with pytest.raises(NotWatertightError, match="no part has an inside"):
         sheet.contains(point)
     assert answers(opened) == answers(crowd(3))  # nothing of this has changed anything
+
+
+def bits_of(clearance):
+    return [np.asarray(each).tobytes() if not isinstance(each, str) else each for each in clearance]
+
+
+@pytest.mark.parametrize("instructions", SETS)
+def test_pairs_of_parts_are_as_far_apart_as_in_python(instructions):
+    rng = np.random.default_rng(7)
+    solids = [
+        Solid(*shapes.torus(0.05, 0.02), name="torus"),
+        Solid(*shapes.sphere(0.03, 2), name="sphere"),
+        Solid(*shapes.cube(0.4, (0.0, 0.0, 0.0)), name="around"),
+        Solid(*shapes.cube(0.01), name="cube"),
+    ]
+    scene, seen = Scene(solids), set()
+    asked = through_library(scene, instructions)
+    for _ in range(20):
+        poses = [Pose(shapes.rotation(rng.integers(100)), rng.normal(size=3) * 0.1) for _ in solids]
+        scene.move_many([each.name for each in solids], poses)
+        asked.move_many([each.name for each in solids], [pose.matrix for pose in poses])
+        for first, second in itertools.permutations((each.name for each in solids), 2):
+            for limits in ({}, {"tolerance": 0.1}, {"budget": 20}):
+                found = asked.clearance(first, second, **limits)
+                assert bits_of(found) == bits_of(scene.clearance(first, second, **limits))
+                seen.add(found.relation)
+    assert seen >= {Relation.APART, Relation.CROSSING, Relation.FIRST_INSIDE, Relation.SECOND_INSIDE}
+
+
+def test_pairs_that_cannot_be_measured_are_told():
+    scene = Scene([Solid(*shapes.cube(0.1), name="a"), Solid(*shapes.cube(0.1, (0.3, 0, 0)), name="b")])
+    asked = through_library(scene)
+
+    assert asked.clearance("a", "b", max_distance=0.1).distance == np.inf
+    for names, limits in ((("a", "a"), {}), (("a", "c"), {}), (("a", "b"), {"max_distance": -1.0})):
+        with pytest.raises(ArgumentError, match="expected"):
+            asked.clearance(*names, **limits)
 
 
 def test_blocks_are_sorted_as_in_python():

@@ -1,5 +1,8 @@
 """The clearance between two parts, beside shapes that are known and another library."""
 
+import threading
+from itertools import combinations
+
 import numpy as np
 import pytest
 import shapes
@@ -7,7 +10,8 @@ import trimesh
 from manifold3d import Manifold, Mesh
 
 import proximity
-from proximity import Scene, SceneError, Solid, clearance
+from proximity import NO_FACE, ArgumentError, Scene, SceneError, Solid
+from proximity.kernels.pair import part_query
 
 FAR = 100.0
 
@@ -16,7 +20,7 @@ def test_of_two_cubes_it_is_the_gap_between_their_sides():
     scene = Scene([Solid(*shapes.cube(0.1), name="a"), Solid(*shapes.cube(0.1), name="b")])
     scene.move("b", proximity.Pose(None, [0.13, 0.02, 0.0]))
 
-    found = clearance(scene, "a", "b")
+    found = scene.clearance("a", "b")
 
     assert found.distance == pytest.approx(0.03, abs=1e-15)
     np.testing.assert_allclose(found.point_on_second - found.point_on_first, [0.03, 0, 0], atol=1e-15)
@@ -40,23 +44,34 @@ def test_it_is_what_another_library_finds(seed):
         )
         solids.append(Manifold(single))
 
-    found = clearance(scene, "a", "b")
+    found = scene.clearance("a", "b")
 
     assert found.distance == pytest.approx(
         solids[0].min_gap(solids[1], FAR), abs=1e-7
     )  # it computes in float32
     apart = np.linalg.norm(found.point_on_second - found.point_on_first)
     assert found.distance == pytest.approx(apart, abs=1e-15)
-    assert clearance(scene, "b", "a").distance == found.distance
+    assert scene.clearance("b", "a").distance == found.distance
 
 
-def test_parts_that_cross_or_are_inside_one_another_have_none():
+@pytest.mark.parametrize(
+    ("place", "there", "back"),
+    [
+        ([0.05, 0.01, 0.02], "crossing", "crossing"),
+        ([0.01, 0.01, 0.01], "second inside first", "first inside second"),
+        ([0.06, 0.01, 0.02], "touching", "touching"),
+    ],
+)
+def test_parts_that_meet_have_none_and_how_they_meet_is_told(place, there, back):
     middle = (0, 0, 0)
     scene = Scene([Solid(*shapes.cube(0.1, middle), name="a"), Solid(*shapes.cube(0.02, middle), name="b")])
-    for place in ([0.05, 0.01, 0.02], [0.01, 0.01, 0.01]):
-        scene.move("b", proximity.Pose(None, place))
-        assert clearance(scene, "a", "b").distance == 0.0
-        assert clearance(scene, "b", "a").distance == 0.0
+    scene.move("b", proximity.Pose(None, place))
+
+    for names, relation in (("ab", there), ("ba", back)):
+        found = scene.clearance(*names)
+        assert (found.first, found.second) == tuple(names)
+        assert found.lower == found.distance == pytest.approx(0.0, abs=1e-16)
+        assert found.relation == relation
 
 
 def test_what_is_hidden_is_measured_and_stays_hidden():
@@ -65,14 +80,14 @@ def test_what_is_hidden_is_measured_and_stays_hidden():
     )
     scene.hide("b")
 
-    assert clearance(scene, "a", "b").distance == pytest.approx(0.1)
+    assert scene.clearance("a", "b").distance == pytest.approx(0.1)
     assert scene.part("b").is_hidden
 
 
 def test_a_part_that_is_not_there_is_named():
     scene = Scene([Solid(*shapes.cube(0.1), name="a")])
     with pytest.raises(SceneError, match="'lid'"):
-        clearance(scene, "a", "lid")
+        scene.clearance("a", "lid")
 
 
 def brute_force_clearance(one, other, count=41):
@@ -87,7 +102,7 @@ def brute_force_clearance(one, other, count=41):
 
 
 def clearance_of(one, other):
-    return clearance(Scene([Solid(*one, name="a"), Solid(*other, name="b")]), "a", "b")
+    return Scene([Solid(*one, name="a"), Solid(*other, name="b")]).clearance("a", "b")
 
 
 def test_a_small_box_above_a_large_plate_is_as_far_as_its_bottom():
@@ -131,7 +146,7 @@ def test_it_is_what_brute_force_finds(seed):
         turned = mesh.vertices * rng.uniform(0.3, 1.0, 3) @ shapes.rotation(seed)
         solids.append(Solid(turned + place, mesh.faces, name=str(offset)))
 
-    found = clearance(Scene(solids), "0.0", "0.15")
+    found = Scene(solids).clearance("0.0", "0.15")
 
     expected = brute_force_clearance(*solids)
     assert found.distance <= expected + 1e-15
@@ -157,11 +172,11 @@ def test_triangles_are_as_far_apart_as_projection_to_and_fro_finds(seed):
     first, second = rng.normal(size=(2, 3, 3))
     second[:, 0] += rng.choice([0.0, 1.0, 3.0])
 
-    found = clearance(Scene([single(*first, name="a"), single(*second, name="b")]), "a", "b")
+    found = Scene([single(*first, name="a"), single(*second, name="b")]).clearance("a", "b")
 
     assert found.distance == pytest.approx(nearest_by_projection(first, second), abs=2e-3)
     assert found.distance <= nearest_by_projection(first, second) + 1e-12
-    for solid, point in zip((first, second), found[1:3], strict=True):
+    for solid, point in zip((first, second), (found.point_on_first, found.point_on_second), strict=True):
         assert Solid(solid, [[0, 1, 2]]).distance(point) == pytest.approx(0.0, abs=1e-14)
     assert np.linalg.norm(found.point_on_second - found.point_on_first) == pytest.approx(
         found.distance, abs=1e-14
@@ -190,7 +205,7 @@ FLAT = ((0, 0, 0), (1, 0, 0), (0, 1, 0))
 def test_distance_of_two_triangles_is_known(other, distance):
     for place in ([0, 0, 0], [1e3, -2e3, 5e2]):
         moved = [np.array(each, dtype=float) + place for each in (FLAT, other)]
-        found = clearance(Scene([single(*moved[0], name="a"), single(*moved[1], name="b")]), "a", "b")
+        found = Scene([single(*moved[0], name="a"), single(*moved[1], name="b")]).clearance("a", "b")
 
         assert found.distance == pytest.approx(distance, abs=1e-12 if place == [0, 0, 0] else 1e-11)
 
@@ -204,15 +219,16 @@ def test_moving_both_and_swapping_changes_nothing(seed):
     ]
     scene = Scene(solids)
     scene.move("b", proximity.Pose(shapes.rotation(seed), rng.normal(size=3) * 0.1))
-    found = clearance(scene, "a", "b")
+    found = scene.clearance("a", "b")
     together = proximity.Pose(shapes.rotation(seed + 9), rng.normal(size=3))
     moved = Scene(solids)
     moved.move("a", together)
     moved.move("b", together @ scene.part("b").pose)
 
-    assert clearance(scene, "b", "a").distance == found.distance
-    assert clearance(moved, "a", "b").distance == pytest.approx(found.distance, abs=1e-14)
-    for name, point, face in zip("ab", found[1:3], found[3:], strict=True):
+    assert scene.clearance("b", "a").distance == found.distance
+    assert moved.clearance("a", "b").distance == pytest.approx(found.distance, abs=1e-14)
+    ends = (found.point_on_first, found.point_on_second), (found.face_on_first, found.face_on_second)
+    for name, point, face in zip("ab", *ends, strict=True):
         part = scene.part(name)
         corners = part.pose.point(part.solid.mesh.vertices[part.solid.mesh.faces[face]])
         assert Solid(corners, [[0, 1, 2]]).distance(point) == pytest.approx(0.0, abs=1e-14)
@@ -224,4 +240,119 @@ def test_parts_of_very_different_sizes_are_measured():
     lowest = (scene.part("b").pose.point(scene.part("b").solid.mesh.vertices))[:, 2].min()
     top = scene.part("a").solid.mesh.vertices[:, 2].max()
 
-    assert clearance(scene, "a", "b").distance == pytest.approx(lowest - top, abs=1e-11)
+    assert scene.clearance("a", "b").distance == pytest.approx(lowest - top, abs=1e-11)
+
+
+def connection_of(scene, *, limit=np.inf, tolerance=0.0, budget=0):
+    answer = np.empty(part_query.ANSWER_SIZE)
+    part_query.connect_parts(scene.snapshot().packed, 0, 1, limit, tolerance, budget, answer)
+    return answer
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_bounds_hold_with_a_limit_a_tolerance_and_a_budget(seed):
+    solids = [Solid(*shapes.torus(0.05, 0.02), name="a"), Solid(*shapes.sphere(0.03, 3), name="b")]
+    scene = Scene(solids)
+    scene.move("b", proximity.Pose(shapes.rotation(seed), [0.11, 0.01 * seed, 0.02]))
+    lower, exact = connection_of(scene)[:2]
+
+    assert lower == exact == scene.clearance("a", "b").distance > 0.0
+    for options in ({"tolerance": 0.2}, *({"budget": steps} for steps in (1, 10, 30, 100))):
+        lower, upper = connection_of(scene, **options)[:2]
+        assert lower <= exact <= upper
+        assert "budget" in options or lower >= upper / 1.2 * (1.0 - 1e-12)
+    assert connection_of(scene, limit=1.5 * exact)[1] == exact
+    missed = connection_of(scene, limit=0.9 * exact)
+    assert missed[0] == 0.9 * exact and missed[1] == np.inf and list(missed[8:10]) == [NO_FACE, NO_FACE]
+
+
+def test_a_part_and_itself_are_no_pair():
+    scene = Scene([Solid(*shapes.cube(0.1), name="a")])
+    with pytest.raises(SceneError, match="'a' is asked how far it is from itself, expected two parts"):
+        scene.clearance("a", "a")
+
+
+@pytest.mark.parametrize("limits", [{"tolerance": -0.1}, {"tolerance": np.nan}, {"budget": 0}])
+def test_limits_that_are_none_are_refused(limits):
+    scene = Scene([Solid(*shapes.cube(0.1), name="a"), Solid(*shapes.cube(0.1, (1, 0, 0)), name="b")])
+    with pytest.raises(ArgumentError, match="expected"):
+        scene.clearance("a", "b", **limits)
+
+
+# --- all pairs -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    """Parts of three kinds all over the place: apart, crossing, and one inside another."""
+    rng = np.random.default_rng(4)
+    kinds = shapes.torus(0.03, 0.01), shapes.sphere(0.02, 2), shapes.cube(0.05, (0.0, 0.0, 0.0))
+    scene = Scene([Solid(*kinds[k % 3], name=f"part {k}") for k in range(14)])
+    for k in range(14):
+        scene.move(f"part {k}", proximity.Pose(shapes.rotation(k), rng.uniform(-0.12, 0.12, 3)))
+    scene.move("part 1", scene.part("part 2").pose)
+    scene.hide("part 5")
+    return scene
+
+
+def every_pair(scene):
+    names = [part.name for part in scene.parts if not part.is_hidden]
+    found = [scene.clearance(*pair) for pair in combinations(names, 2)]
+    return sorted(found, key=lambda pair: pair.distance)
+
+
+@pytest.mark.parametrize(
+    "limits", [{}, {"max_distance": 0.03}, {"most": 5}, {"most": 9, "max_distance": 0.05}, {"most": 0}]
+)
+def test_closest_pairs_are_those_of_all_pairs(cloud, limits):
+    found, expected = cloud.closest_pairs(**limits), every_pair(cloud)
+
+    expected = [pair for pair in expected if pair.distance <= limits.get("max_distance", np.inf)]
+    expected = expected[: limits.get("most")]
+    assert [tuple(map(str, pair)) for pair in found] == [tuple(map(str, pair)) for pair in expected]
+    assert not limits or len(found) < 78
+
+
+def test_closest_pairs_of_one_part_are_its_own(cloud):
+    found = cloud.closest_pairs(of="part 5", max_distance=0.1)
+
+    others = {pair.first if pair.second == "part 5" else pair.second for pair in found}
+    assert "part 5" not in others and len(others) == len(found) > 2
+    assert all(pair.distance == cloud.clearance(pair.first, pair.second).distance for pair in found)
+
+
+def test_pairs_at_exactly_the_distance_are_found():
+    cubes = [Solid(*shapes.cube(0.5, (float(k), 0.0, 0.0)), name=str(k)) for k in range(3)]
+
+    assert [pair.distance for pair in Scene(cubes).closest_pairs(max_distance=0.5)] == [0.5, 0.5]
+
+
+@pytest.mark.parametrize("limits", [{"max_distance": -1.0}, {"max_distance": np.nan}, {"most": -1}])
+def test_pairs_within_no_distance_are_refused(cloud, limits):
+    with pytest.raises(ArgumentError, match="expected"):
+        cloud.closest_pairs(**limits)
+
+
+def test_pairs_are_of_one_state_while_parts_move():
+    """Two parts jump together, 1 m: no answer mixes poses of before and after."""
+    solids = [Solid(*shapes.cube(0.1, (0, 0, 0)), name=name) for name in "ab"]
+    scene, ended = Scene(solids), threading.Event()
+    places = [[np.eye(4), np.eye(4)], [np.eye(4), np.eye(4)]]
+    for k in range(2):
+        places[k][0][0, 3], places[k][1][0, 3] = k, k + 0.2
+
+    def jump():
+        k = 0
+        while not ended.is_set():
+            k = 1 - k
+            scene.move_many(["a", "b"], places[k])
+
+    scene.move_many(["a", "b"], places[0])
+    mover = threading.Thread(target=jump)
+    mover.start()
+    try:
+        seen = {round(scene.clearance("a", "b").distance, 9) for _ in range(2000)}
+    finally:
+        ended.set()
+        mover.join()
+    assert seen == {0.1}

@@ -203,7 +203,7 @@ def test_two_parts_are_measured(page, scene):
 
     page.until("document.getElementById('tool-hint').textContent.startsWith('pin and pin_2: ')")
 
-    found = proximity.clearance(scene, "pin", "pin_2")
+    found = scene.clearance("pin", "pin_2")
     assert f"{1e3 * found.distance:.2f} mm apart" in page.ask(
         "document.getElementById('tool-hint').textContent"
     )

@@ -24,7 +24,7 @@ PUBLIC = {
     "Loading": ("load", "from_trimesh", "LoadReport"),
     "Scenes and parts": ("Scene", "Part", "Solid", "TriangleMesh", "Pose", "SignMethod", "Surface"),
     "Answers": (
-        "ClosestPoints", "RayHits", "SegmentHits", "Feature", "clearance", "Clearance",
+        "ClosestPoints", "RayHits", "SegmentHits", "Feature", "Clearance", "Relation",
         "overlap", "Overlap", "NO_FACE", "NO_PART",
     ),
     "Tracker": ("Tracker", "ContactFlag", "warm_up", "kernels_are_cached"),

@@ -9,11 +9,13 @@ import numpy as np
 
 from proximity import (
     ArgumentError,
+    Clearance,
     MeshFormatError,
     NotWatertightError,
     Part,
     PoseError,
     ProximityError,
+    Relation,
     Scene,
 )
 from proximity.bindings.c_package import library_path
@@ -29,6 +31,19 @@ ERRORS = {
 }
 WIDTHS = {"closest": 12, "cast": 11, "closest_to_segments": 12}
 ALIGNMENT = 8
+CLEARANCE = np.dtype(
+    [
+        ("lower", "f8"),
+        ("distance", "f8"),
+        ("point_on_first", "f8", 3),
+        ("point_on_second", "f8", 3),
+        ("face_on_first", "i4"),
+        ("face_on_second", "i4"),
+        ("relation", "i4"),
+        ("unused", "i4"),
+    ]
+)
+"""``proximity_clearance_answer``."""
 
 
 class Error(ctypes.Structure):
@@ -176,6 +191,23 @@ class LibraryScene:
         self, starts: Any, ends: Any, *, max_distance: float = np.inf, workers: int = 1
     ) -> SegmentHits:
         return self._record(SegmentHits(), "closest_to_segments", starts, ends, limit=max_distance)
+
+    def clearance(
+        self,
+        first: str,
+        second: str,
+        *,
+        max_distance: float = np.inf,
+        tolerance: float = 0.0,
+        budget: int | None = None,
+    ) -> Clearance:
+        """The shortest connection of two parts."""
+        table = np.empty((), CLEARANCE)
+        limits = ctypes.c_double(max_distance), ctypes.c_double(tolerance), ctypes.c_size_t(budget or 0)
+        self.call("clearance", self._scene, self._part(first), self._part(second), *limits, _address(table))
+        lower, distance, *ends, face, other_face, relation, _ = table.tolist()
+        ends = [np.array(each) for each in ends]
+        return Clearance(first, second, distance, lower, list(Relation)[relation], *ends, face, other_face)
 
 
 def _address(array: np.ndarray) -> ctypes.c_void_p:

@@ -191,6 +191,33 @@ PROXIMITY_API int proximity_closest_to_segments(const proximity_scene *scene, co
                                                 const double *ends, size_t count, double max_distance,
                                                 proximity_segment_hit *answers, proximity_error *error);
 
+/* --- two parts ------------------------------------------------------------------------------------------ */
+
+enum {
+    PROXIMITY_APART = 0,
+    PROXIMITY_TOUCHING = 1, /* surfaces meet but for rounding, and no face crosses another */
+    PROXIMITY_CROSSING = 2,
+    PROXIMITY_FIRST_INSIDE = 3, /* the first part, or one of its surfaces, is inside the second */
+    PROXIMITY_SECOND_INSIDE = 4
+};
+
+typedef struct proximity_clearance_answer {
+    double lower;             /* m: the distance is no less; equal to it where the search was not ended early */
+    double distance;          /* m; 0 unless the parts are apart; infinite beyond the limit */
+    double point_on_first[3]; /* the ends of the shortest connection; nan where there is none */
+    double point_on_second[3];
+    int32_t face_on_first, face_on_second; /* or PROXIMITY_NO_FACE */
+    int32_t relation;                      /* PROXIMITY_APART, ... */
+    int32_t unused;
+} proximity_clearance_answer;
+
+/* The shortest connection of two parts, hidden or not, if it is shorter than `max_distance`. `tolerance`: the
+   distance returned may be longer by this share. `budget`: boxes and groups of triangles that are looked at, at
+   most; 0: as many as it takes. Where boxes of parts meet, memory of 8 bytes a face is used meanwhile. *Asks.* */
+PROXIMITY_API int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t second,
+                                      double max_distance, double tolerance, size_t budget,
+                                      proximity_clearance_answer *answer, proximity_error *error);
+
 #ifdef __cplusplus
 }
 #endif

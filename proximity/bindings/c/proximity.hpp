@@ -22,6 +22,7 @@ using Matrix = std::array<double, 16>;  // row by row, scene from part
 using ClosestPoint = proximity_closest_point;
 using RayHit = proximity_ray_hit;
 using SegmentHit = proximity_segment_hit;
+using Clearance = proximity_clearance_answer;
 
 inline constexpr double unlimited = std::numeric_limits<double>::infinity();
 
@@ -144,6 +145,13 @@ public:
         detail::same(starts.size(), answers.size());
         detail::call(proximity_closest_to_segments, get(), detail::numbers(starts), detail::numbers(ends),
                      starts.size(), limit, answers.data());
+    }
+    Clearance clearance(std::int32_t first, std::int32_t second, double limit = unlimited, double tolerance = 0.0,
+                        std::size_t budget = 0) const
+    {
+        Clearance answer;
+        detail::call(proximity_clearance, get(), first, second, limit, tolerance, budget, &answer);
+        return answer;
     }
 
 private:

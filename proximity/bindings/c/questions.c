@@ -218,3 +218,78 @@ int proximity_closest_to_segments(const proximity_scene *scene, const double *st
     Question question = {SEGMENT_BATCH, MORTON_ORDER, 2, sizeof *answers / 8, 8, SORT_FROM};
     return ask(scene, &question, starts, ends, count, max_distance, answers, error);
 }
+
+/* --- two parts ----------------------------------------------------------------------------------------- */
+
+/* Whether a surface of part `inner` is inside another part, 1 or 0, and a point of it; -1: no memory was left. */
+static int has_inside(const proximity_scene *scene, int64_t part, int64_t inner, double *point)
+{
+    int64_t faces = scene->archive.parts[inner].face_count;
+    int32_t *found = malloc(2 * (size_t)faces * sizeof *found);
+    if (found == NULL) {
+        return -1;
+    }
+    int64_t surfaces[] = {WORD(scene->model), inner, WORD(found + faces), faces, WORD(found), faces, 0};
+    int answer = proximity_call(scene->set, SURFACE_FACES, surfaces) ? 0 : -1;
+    int64_t words[] = {WORD(scene->model), part, inner, WORD(found), surfaces[6], WORD(point), 3, 0};
+    if (answer == 0) {
+        answer = proximity_call(scene->set, CONTAINS_CORNER, words) ? words[7] & 1 : -1;
+    }
+    free(found);
+    return answer;
+}
+
+int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t second, double max_distance,
+                        double tolerance, size_t budget, proximity_clearance_answer *answer, proximity_error *error)
+{
+    double told[CLEARANCE_SIZE];
+    if (scene->is_broken) {
+        return proximity_refuse(error, PROXIMITY_BROKEN, "a change of the scene failed half way; close it");
+    }
+    if (!is_part(scene, first) || !is_part(scene, second) || first == second || answer == NULL) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
+                                "parts are %d and %d, expected two different numbers from 0 to %d, and a place for the "
+                                "answer",
+                                (int)first, (int)second, (int)scene->archive.part_count - 1);
+    }
+    if (!(max_distance >= 0.0) || !(tolerance >= 0.0)) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
+                                "max_distance is %g and tolerance %g, expected 0 or more each", max_distance,
+                                tolerance);
+    }
+    int64_t limits[2];
+    memcpy(limits, &max_distance, sizeof max_distance);
+    memcpy(limits + 1, &tolerance, sizeof tolerance);
+    int64_t words[] = {WORD(scene->model), first, second, limits[0], limits[1], (int64_t)budget, WORD(told),
+                       CLEARANCE_SIZE, 0};
+    if (!proximity_call(scene->set, CONNECT_PARTS, words)) {
+        return no_memory(error);
+    }
+    proximity_clearance_answer found = {.lower = told[0],
+                                        .distance = told[1],
+                                        .point_on_first = {told[2], told[3], told[4]},
+                                        .point_on_second = {told[5], told[6], told[7]},
+                                        .face_on_first = (int32_t)told[8],
+                                        .face_on_second = (int32_t)told[9],
+                                        .relation = (int32_t)told[10]};
+    int64_t parts[] = {first, second, first};
+    int is_asked = found.relation == MAY_BE_INSIDE;
+    found.relation = is_asked ? PROXIMITY_APART : found.relation;
+    for (int k = 0; k < 2 && is_asked; k++) {
+        double point[3];
+        int is_inside = has_inside(scene, parts[k + 1], parts[k], point);
+        if (is_inside < 0) {
+            return no_memory(error);
+        }
+        if (is_inside) {
+            found.lower = found.distance = 0.0;
+            memcpy(found.point_on_first, point, sizeof point);
+            memcpy(found.point_on_second, point, sizeof point);
+            found.face_on_first = found.face_on_second = PROXIMITY_NO_FACE;
+            found.relation = PROXIMITY_FIRST_INSIDE + k;
+            is_asked = 0;
+        }
+    }
+    *answer = found;
+    return PROXIMITY_OK;
+}

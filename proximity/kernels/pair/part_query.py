@@ -4,32 +4,110 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import to_scene
-from proximity.kernels.layout import ModelArrays
+from proximity.kernels.geometry.frames import rounding_at, to_scene
+from proximity.kernels.layout import NO_FACE, NO_SLOT, ModelArrays
+from proximity.kernels.pair.blocks import read_both
 from proximity.kernels.pair.boxes import frames_between
 from proximity.kernels.pair.connection import BOTH, connect, cross_at
 from proximity.kernels.pair.triangles import CROSSING
-from proximity.kernels.pair.walk import nearest_of_parts, read_both
+from proximity.kernels.pair.walk import nearest_of_parts
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
-from proximity.native import entry
+from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
-ANSWER_SIZE = 9
-"""Distance, m; a point on each part, m, scene's frame; the face of each."""
+ANSWER_SIZE = 11
+"""A distance that none is below, and the distance, m; a point on each part, m, scene's frame; the faces; how
+the parts lie to each other."""
+ANSWER_LOWER = 0
+ANSWER_DISTANCE = 1
+ANSWER_POINTS = 2
+ANSWER_FACES = 8
+ANSWER_RELATION = 10
+APART = 0
+TOUCHES = 1
+CROSSES = 2
+MAY_BE_INSIDE = 3
+"""Relations; the last one: apart, but the boxes overlap, so that one part may be inside the other."""
 
 
-@entry(ModelArrays, "int, int, float64[:]")
-def connect_parts(model, first, second, answer):
-    """Fill the shortest connection of two parts, (`ANSWER_SIZE`,): 0 long where they cross."""
-    reals, words, frames, parts = model
-    slots, turn, offset = stack_i64(2), stack_f64(9), stack_f64(3)
+@entry(ModelArrays, "int, int, float, float, int, float64[:]")
+def connect_parts(model, first, second, limit, tolerance, budget, answer):
+    """Fill the shortest connection of two parts, (`ANSWER_SIZE`,): 0 long where they cross.
+
+    Only connections shorter than *limit*, m, are looked for, and none that is shorter by less than a share of
+    *tolerance*. *budget*: opened nodes and blocks at most; 0: as many as it takes. What is not found is inf
+    long, between nan and `NO_FACE`.
+    """
+    # In this order whoever asks first: so both ways the answer is the same.
+    is_crossing = _shortest(model, min(first, second), max(first, second), limit, tolerance, budget, answer)
+    if first > second:
+        for k in range(3):
+            one, other = ANSWER_POINTS + k, ANSWER_POINTS + 3 + k
+            answer[one], answer[other] = answer[other], answer[one]
+        one, other = ANSWER_FACES, ANSWER_FACES + 1
+        answer[one], answer[other] = answer[other], answer[one]
+    if is_crossing:
+        answer[ANSWER_RELATION] = CROSSES
+    elif not answer[ANSWER_DISTANCE] <= rounding_at(
+        model.frames, *_point(answer)
+    ):  # of nothing, not even nan
+        answer[ANSWER_RELATION] = (
+            MAY_BE_INSIDE if _overlap(model.frames[first], model.frames[second]) else APART
+        )
+    else:
+        answer[ANSWER_RELATION] = TOUCHES
+
+
+@inlined
+def _point(answer):
+    """The end on the first part."""
+    return answer[ANSWER_POINTS], answer[ANSWER_POINTS + 1], answer[ANSWER_POINTS + 2]
+
+
+@inlined
+def _overlap(one, other):
+    """Whether the boxes of two parts overlap."""
+    overlap = True
+    for k in range(3):
+        overlap = (
+            overlap and one.box_lower[k] <= other.box_upper[k] and other.box_lower[k] <= one.box_upper[k]
+        )
+    return overlap
+
+
+@kernel
+def _shortest(model, first, second, limit, tolerance, budget, answer):
+    """Fill distance, ends and faces of an answer; whether the parts cross."""
+    _, words, frames, parts = model
+    slots, scale = stack_i64(2), frames[first].scale
+    slots[0] = slots[1] = NO_SLOT
+    reach = limit * scale
+    best, lower_sq = nearest_of_parts(model, first, second, reach * reach, tolerance, budget, slots)
+    if slots[0] == NO_SLOT:
+        answer[ANSWER_LOWER], answer[ANSWER_DISTANCE] = min(sqrt(lower_sq) / scale, limit), np.inf
+        for k in range(6):
+            answer[ANSWER_POINTS + k] = np.nan
+        answer[ANSWER_FACES] = answer[ANSWER_FACES + 1] = NO_FACE
+        return False
+    distance = fill_connection(model, first, second, best == CROSSING, slots, answer, ANSWER_POINTS)
+    # Where all was looked into, the bound is the distance but for its rounding.
+    is_exact = best == CROSSING or (tolerance == 0.0 and lower_sq >= best)
+    answer[ANSWER_LOWER] = distance if is_exact else min(sqrt(lower_sq) / scale, distance)
+    answer[ANSWER_DISTANCE] = distance
+    answer[ANSWER_FACES] = load_int(words, parts[first].slot_faces + slots[0])
+    answer[ANSWER_FACES + 1] = load_int(words, parts[second].slot_faces + slots[1])
+    return best == CROSSING
+
+
+@kernel
+def fill_connection(model, first, second, is_crossing, slots, answer, at):
+    """Write the ends, scene's frame, of the shortest connection of two triangles; return its length, m."""
+    reals, _, frames, parts = model
+    turn, offset = stack_f64(9), stack_f64(3)
     corners, ends = stack_f64(BOTH), stack_f64(6)
-    best = nearest_of_parts(model, first, second, np.inf, slots)
     frames_between(frames, first, second, turn, offset)
     read_both(reals, slots, turn, offset, corners)
-    apart_sq = cross_at(corners, ends) if best == CROSSING else connect(corners, ends)
-    answer[0] = sqrt(apart_sq) / frames[first].scale
-    to_scene(frames, parts, first, ends, 0, answer, 1)
-    to_scene(frames, parts, first, ends, 3, answer, 4)
-    answer[7] = load_int(words, parts[first].slot_faces + slots[0])
-    answer[8] = load_int(words, parts[second].slot_faces + slots[1])
+    apart_sq = cross_at(corners, ends) if is_crossing else connect(corners, ends)
+    to_scene(frames, parts, first, ends, 0, answer, at)
+    to_scene(frames, parts, first, ends, 3, answer, at + 3)
+    return sqrt(apart_sq) / frames[first].scale

@@ -8,21 +8,24 @@ around it.
 Boxes and pairs are looked at in float64: the turned boxes of the second part are the looser ones by far.
 """
 
-from math import sqrt
-
 import numpy as np
 
-from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, dot, offset_of
+from proximity.kernels.geometry.closest_feature import (
+    CLOSEST_POINT,
+    CLOSEST_SIZE,
+    closest_on_triangle,
+    read_corners,
+)
 from proximity.kernels.layout import (
-    BLOCK_STRIDE,
     LANES,
     MAX_DEPTH,
     NO_SLOT,
     NODE_CHILDREN,
     NODE_STRIDE,
+    STACKS_SIZE,
 )
+from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_in_blocks, turn_axis
 from proximity.kernels.pair.boxes import (
-    SHRINK,
     begins_of,
     box_at,
     boxes_at,
@@ -35,28 +38,22 @@ from proximity.kernels.pair.boxes import (
     mapped_box_at,
     mapped_boxes,
 )
-from proximity.kernels.pair.connection import BOTH, connect
-from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, triangles_apart
-from proximity.kernels.stack_arrays import stack_f64, stack_i64_rows
+from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part
+from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64, stack_i64_rows
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
-    horizontal_min,
     load,
     load_int,
-    maximum,
-    minimum,
-    select,
     splat,
-    square_root,
     store,
     trailing_zeros,
 )
 
+MOST_TURNS = 4
+"""Times that a search between surfaces goes to and fro."""
 MOST_PAIRS = 2 * MAX_DEPTH * (LANES - 1) + LANES * LANES
 """Each opened box leaves at most seven children waiting; at first all children of both roots wait."""
-MAP_ROUNDING = 2.0**-48
-"""More than rounding can move a box that is taken into the other frame, in sizes of coordinates."""
 
 
 @inlined
@@ -106,115 +103,73 @@ def _swap(positions, limits, one, other):
         positions[one, k], positions[other, k] = positions[other, k], positions[one, k]
 
 
-@inlined
-def _triangle_in_all(reals, at):
-    """The corners of the triangle at *at*, in all lanes."""
-    return (
-        (splat(reals[at]), splat(reals[at + 8]), splat(reals[at + 16])),
-        (splat(reals[at + 24]), splat(reals[at + 32]), splat(reals[at + 40])),
-        (splat(reals[at + 48]), splat(reals[at + 56]), splat(reals[at + 64])),
-    )
-
-
-@inlined
-def _box_of(triangle):
-    """The boxes of triangles."""
-    a, b, c = triangle
-    return (
-        (
-            minimum(minimum(a[0], b[0]), c[0]),
-            minimum(minimum(a[1], b[1]), c[1]),
-            minimum(minimum(a[2], b[2]), c[2]),
-        ),
-        (
-            maximum(maximum(a[0], b[0]), c[0]),
-            maximum(maximum(a[1], b[1]), c[1]),
-            maximum(maximum(a[2], b[2]), c[2]),
-        ),
-    )
-
-
-@inlined
-def _gap_along(axis, triangle, others, slack, axis_sq):
-    """Squared distances between triangles as seen along an axis of any length, to both sides."""
-    a0, a1, a2 = dot(*axis, *triangle[0]), dot(*axis, *triangle[1]), dot(*axis, *triangle[2])
-    b0, b1, b2 = dot(*axis, *others[0]), dot(*axis, *others[1]), dot(*axis, *others[2])
-    above = minimum(minimum(b0, b1), b2) - maximum(maximum(a0, a1), a2)
-    below = minimum(minimum(a0, a1), a2) - maximum(maximum(b0, b1), b2)
-    # In units of the axis' length, and so is the slack.
-    gap = maximum(maximum(above, below) - slack * square_root(axis_sq), splat(0.0))
-    return select(axis_sq > splat(TINY), gap * gap * splat(SHRINK) / axis_sq, splat(0.0))
-
-
 @kernel
-def read_both(reals, slots, turn, offset, corners):
-    """Write the corners of two triangles, (18,), in the first frame."""
-    for number in range(2):
-        at = offset_of(slots[number])
-        for k in range(3):
-            x, y, z = reals[at + 24 * k], reals[at + 24 * k + 8], reals[at + 24 * k + 16]
-            if number:
-                x, y, z = mapped(turn, offset, x, y, z)
-            to = 9 * number + 3 * k
-            corners[to], corners[to + 1], corners[to + 2] = x, y, z
+def _begin(model, first, second, turn, offset, best, axis, slots):
+    """Set slots and axis to those of a short connection, if it is below *best*; return the lesser square.
 
-
-@kernel
-def _turn_axis(reals, slots, turn, offset, axis):
-    """Set the axis to the direction of the best connection, from the first part to the second."""
-    corners, ends = stack_f64(BOTH), stack_f64(6)
-    read_both(reals, slots, turn, offset, corners)
-    length = sqrt(connect(corners, ends))
-    for k in range(3):
-        axis[k] = (ends[3 + k] - ends[k]) / length if length > 0.0 else 0.0
-
-
-@kernel
-def _nearer_in_blocks(reals, first, second, turn, offset, slack, best, axis, slots):
-    """Update the best squared distance, its slots and its axis with triangles of two blocks; return it."""
-    a, b, c = corners_of_block(reals, BLOCK_STRIDE * second)
-    others = mapped(turn, offset, *a), mapped(turn, offset, *b), mapped(turn, offset, *c)
-    other_boxes = _box_of(others)
-    normals = cross(*between(others[0], others[1]), *between(others[0], others[2]))
-    normal_sq = dot(*normals, *normals)
-    margin, rounding_sq = splat(MAP_ROUNDING * slack), splat(SIDE_ROUNDING * slack * SIDE_ROUNDING * slack)
-    for lane in range(LANES):
-        at = BLOCK_STRIDE * first + lane
-        if reals[at] != reals[at]:
+    It is that of the last slots, or else, from the second part's middle, the nearest of the nearest, to and
+    fro.
+    """
+    reals, _, _, parts = model
+    stacks, tried = stack_f32(STACKS_SIZE), stack_i64(2)
+    tried[0], tried[1], slots[0], slots[1] = slots[0], slots[1], NO_SLOT, NO_SLOT
+    turns = MOST_TURNS if tried[0] == NO_SLOT else 0
+    if turns == 0:
+        best = _keep_shorter(reals, tried, turn, offset, best, axis, slots)
+    inverse_sq = 1.0 / (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+    x, y, z = offset[0], offset[1], offset[2]
+    for _ in range(turns):
+        before = best
+        _, tried[0] = closest_in_part(
+            model, first, parts[first].root, (x, y, z), np.inf, np.int64(NO_SLOT), NOTHING_SEEN, stacks
+        )
+        x, y, z = _nearest_on(reals, tried[0], x, y, z)
+        dx, dy, dz = x - offset[0], y - offset[1], z - offset[2]
+        x = (turn[0] * dx + turn[3] * dy + turn[6] * dz) * inverse_sq
+        y = (turn[1] * dx + turn[4] * dy + turn[7] * dz) * inverse_sq
+        z = (turn[2] * dx + turn[5] * dy + turn[8] * dz) * inverse_sq
+        _, tried[1] = closest_in_part(
+            model, second, parts[second].root, (x, y, z), np.inf, np.int64(NO_SLOT), NOTHING_SEEN, stacks
+        )
+        x, y, z = _nearest_on(reals, tried[1], x, y, z)
+        x, y, z = mapped(turn, offset, x, y, z)
+        best = _keep_shorter(reals, tried, turn, offset, best, axis, slots)
+        if not best < before:
             break
-        triangle = _triangle_in_all(reals, at)
-        may_be = gaps_sq(_box_of(triangle), other_boxes, margin) < splat(best)
-        along = splat(axis[0]), splat(axis[1]), splat(axis[2])
-        may_be = may_be & (_gap_along(along, triangle, others, margin, splat(1.0)) < splat(best))
-        if not bits(may_be):
-            continue
-        normal = cross(*between(triangle[0], triangle[1]), *between(triangle[0], triangle[2]))
-        axis_sq = dot(*normal, *normal)
-        may_be = may_be & (_gap_along(normal, triangle, others, margin, axis_sq) < splat(best))
-        may_be = may_be & (_gap_along(normals, triangle, others, margin, normal_sq) < splat(best))
-        if not bits(may_be):
-            continue
-        apart_sq = triangles_apart(triangle, others, rounding_sq)
-        apart_sq = select(apart_sq < splat(best), apart_sq, splat(np.inf))
-        smallest = horizontal_min(apart_sq)
-        if smallest < best:
-            best = smallest
-            slots[0] = LANES * first + lane
-            slots[1] = LANES * second + trailing_zeros(bits(apart_sq <= splat(smallest)))
-            if best == CROSSING:
-                break
-            _turn_axis(reals, slots, turn, offset, axis)
     return best
 
 
 @kernel
-def nearest_of_parts(model, first, second, best, slots):
-    """Squared distance, in the local frame of part *first*, to part *second*; `CROSSING` where they cross.
+def _keep_shorter(reals, tried, turn, offset, best, axis, slots):
+    """Keep slots whose connection is shorter than the best, and its direction; return the lesser square."""
+    direction = stack_f64(3)
+    length_sq = turn_axis(reals, tried, turn, offset, direction)
+    if not length_sq < best:
+        return best
+    slots[0], slots[1] = tried[0], tried[1]
+    axis[0], axis[1], axis[2] = direction[0], direction[1], direction[2]
+    return length_sq
 
-    *best*: a squared distance; only what is nearer is looked for. *slots* (2,) int64: filled with the slots
-    of the nearest triangles, or those that cross, or `NO_SLOT`.
+
+@kernel
+def _nearest_on(reals, slot, x, y, z):
+    """The point of a triangle that is nearest to another point."""
+    closest = stack_f64(CLOSEST_SIZE)
+    read_corners(reals, slot, closest)
+    closest_on_triangle(x, y, z, closest)
+    return closest[CLOSEST_POINT], closest[CLOSEST_POINT + 1], closest[CLOSEST_POINT + 2]
+
+
+@kernel
+def nearest_of_parts(model, first, second, best, tolerance, budget, slots):
+    """Squared distance, in the local frame of part *first*, to part *second*, and one that none is below.
+
+    `CROSSING` where they cross. *best*: only what is nearer is looked for, and nothing that is nearer by less
+    than a share of *tolerance*. *budget*: opened nodes and blocks at most; 0: as many as it takes. *slots*
+    (2,) int64: of the last answer, or `NO_SLOT`; filled with those of the nearest triangles, or of two that
+    cross, or `NO_SLOT`.
     """
-    reals, words, frames, parts = model
+    _, words, frames, parts = model
     turn, offset = stack_f64(9), stack_f64(3)
     frames_between(frames, first, second, turn, offset)
     positions, limits = stack_i64_rows(MOST_PAIRS, 2), stack_f64(MOST_PAIRS)
@@ -226,7 +181,7 @@ def nearest_of_parts(model, first, second, best, slots):
     for k in range(3):
         slack = max(slack, abs(offset[k]) + 2.0 * ratio)
     margin = splat(MAP_ROUNDING * slack)
-    slots[0] = slots[1] = NO_SLOT
+    best = _begin(model, first, second, turn, offset, best, axis, slots)
     one, other = NODE_STRIDE * parts[first].root, NODE_STRIDE * parts[second].root
     at, left = 0, _used(words, one)
     while left:
@@ -240,28 +195,47 @@ def nearest_of_parts(model, first, second, best, slots):
         if limits[k] < limits[nearest]:
             nearest = k
     _swap(positions, limits, nearest, at - 1)
-    while at > 0 and best > 0.0:
+    share_sq = 1.0 / ((1.0 + tolerance) * (1.0 + tolerance))
+    reach, steps = best * share_sq, 0
+    while at > 0 and best > 0.0 and (budget == 0 or steps < budget):
         at -= 1
-        if not limits[at] < best:
+        if not limits[at] < reach:
             continue
+        steps += 1
         one, other = positions[at, 0], positions[at, 1]
         below_one = load_int(words, one + NODE_CHILDREN)
         below_other = load_int(words, other + NODE_CHILDREN)
         if below_one < 0 and below_other < 0:
-            best = _nearer_in_blocks(reals, ~below_one, ~below_other, turn, offset, slack, best, axis, slots)
+            best = nearer_in_blocks(
+                model,
+                parts[first].block_boxes,
+                ~below_one,
+                ~below_other,
+                turn,
+                offset,
+                slack,
+                best,
+                axis,
+                slots,
+            )
+            reach = best * share_sq
         elif below_other < 0 or (below_one >= 0 and _size_at(words, one) > ratio * _size_at(words, other)):
             node = NODE_STRIDE * below_one
             mapped_box_at(words, other, turn, offset, axis, box)
             opened = boxes_at(words, node)
             bounds = gaps_sq(opened, lanes_of(box), margin)
             bounds = farther(bounds, splat(box[6]), ends_of(opened, axis), margin)
-            is_open = bits(bounds < splat(best)) & _used(words, node)
+            is_open = bits(bounds < splat(reach)) & _used(words, node)
             at = _wait(waiting, at, node, other, bounds, is_open, True)
         else:
             node = NODE_STRIDE * below_other
             box_at(words, one, axis, box)
             bounds = gaps_sq(lanes_of(box), mapped_boxes(words, node, turn, offset), margin)
             bounds = farther(bounds, begins_of(words, node, turn, offset, axis), splat(box[6]), margin)
-            is_open = bits(bounds < splat(best)) & _used(words, node)
+            is_open = bits(bounds < splat(reach)) & _used(words, node)
             at = _wait(waiting, at, one, node, bounds, is_open, False)
-    return best
+    # What still waits was not looked into.
+    lower = reach
+    for k in range(at):
+        lower = min(lower, limits[k])
+    return best, lower

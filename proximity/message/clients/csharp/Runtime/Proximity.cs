@@ -52,6 +52,19 @@ namespace Decaff
         public int Part, Face;
     }
 
+    public enum ProximityRelation { Apart, Touching, Crossing, FirstInside, SecondInside }
+
+    /// <summary>The shortest connection of two parts; the true distance is between Lower and Distance.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct ProximityClearance
+    {
+        public double Lower, Distance; // m; 0 unless the parts are apart, infinite beyond the limit
+        public DecaffVector PointOnFirst, PointOnSecond;
+        public int FaceOnFirst, FaceOnSecond;
+        public ProximityRelation Relation;
+        private readonly int unused;
+    }
+
     [StructLayout(LayoutKind.Sequential)]
     public struct ProximityTrackerSettings
     {
@@ -175,6 +188,15 @@ namespace Decaff
         public void ClosestToSegments(ReadOnlySpan<DecaffVector> starts, ReadOnlySpan<DecaffVector> ends,
             Span<ProximitySegmentHit> answers, double limit = Unlimited) =>
             Ask(Question.Segments, starts, ends, answers, limit);
+
+        /// <summary>The shortest connection of two parts; it may be longer than the distance by the tolerance.</summary>
+        public ProximityClearance Clearance(int first, int second, double limit = Unlimited, double tolerance = 0,
+            ulong budget = 0)
+        {
+            Native.Check(Native.proximity_clearance(Handle, first, second, limit, tolerance, (UIntPtr)budget,
+                out ProximityClearance answer, out NativeError error), ref error);
+            return answer;
+        }
 
         private enum Question { Closest, Signed, Distance, Contains, Cast, Segments }
 
@@ -335,6 +357,8 @@ namespace Decaff
             int isHidden, out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_set_surface(NativeHandle scene, int part,
             double stiffness, double damping, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_clearance(NativeHandle s, int first,
+            int second, double limit, double tolerance, UIntPtr budget, out ProximityClearance to, out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_closest(NativeHandle s, void* points,
             UIntPtr n, double limit, void* to, out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_signed_distance(NativeHandle s, void* points,

@@ -1,0 +1,208 @@
+"""``proximity clearance``: how far the parts of a file are apart, and which touch or overlap."""
+
+import csv
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from proximity.cli import progress
+from proximity.cli.options import (
+    FILE,
+    JSON,
+    Reading,
+    argument,
+    flag,
+    option,
+    refuse,
+    with_option_groups,
+    within,
+)
+from proximity.cli.output import MISSING, counted, in_unit, length, print_block, printable, write_document
+
+if TYPE_CHECKING:
+    import proximity
+
+EXIT_NEARER = 1
+PAIRS_SHOWN = 20
+DIGITS = 6
+"""Significant, of numbers in the table."""
+DISPENSABLE = ("to", "from", "overlap")
+"""Columns to leave out, in this order, until the table is as narrow as the terminal."""
+Values = dict[str, Any]
+
+
+@with_option_groups
+def clearance(
+    file: FILE,
+    parts: Annotated[
+        list[str] | None, argument("[PART [PART]]", "One part against the others, or two parts.")
+    ] = None,
+    below: Annotated[
+        float | None,
+        option("DISTANCE", "Only pairs nearer than this; the exit code tells.", callback=within(0.0)),
+    ] = None,
+    list_all: Annotated[bool, flag("--all", "All pairs, not only the nearest 20.")] = False,
+    csv_path: Annotated[Path | None, option("FILE", "Write the pairs to a CSV file, too.", "--csv")] = None,
+    as_json: JSON = False,
+    *,
+    reading: Reading,
+) -> None:
+    """Measure how far the parts of FILE are apart, the nearest pair first.
+
+    For every two parts: the shortest distance, its two ends, whether the parts touch, cross, or one is
+    inside the other, and the volume that both of them fill. One PART is measured against all others, two
+    against each other; `proximity check` lists the names.
+
+    Distances are exact to the triangles. In a STEP file, parts that touch may be 1e-6 mm apart or cross by as
+    much: then the overlap is 0.
+
+    With --below the exit code is 1 if a pair is nearer than that, and 0 if none is.
+
+    Examples:
+      proximity clearance gearbox.step
+      proximity clearance gearbox.step shaft
+      proximity clearance gearbox.step lid base --json
+      proximity clearance gearbox.step --below 0.5 --csv too_near.csv
+    """
+    names = parts or []
+    refuse(
+        (len(names) > 2, "PART", f"{len(names)} names are given, expected two at most"),
+        (len(names) == 2 and list_all, "--all", "two parts are one pair"),
+    )
+    from proximity.formats import metres_per_unit
+
+    metres, scene = metres_per_unit(reading.units), reading.load(file)
+    with progress.spinner(f"measuring {file}"):
+        found = _pairs(scene, names, None if below is None else below * metres, is_whole=list_all)
+        pairs = [_values(scene, pair, metres) for pair in found]
+    if csv_path is not None:
+        _write_csv(csv_path, pairs, reading.units)
+    if as_json:
+        write_document({"file": str(file), "units": reading.units, "below": below, "pairs": pairs})
+    elif len(names) == 2 and pairs:
+        print_block(_lines(pairs[0], reading.units))
+    else:
+        _print_table(pairs if list_all else pairs[:PAIRS_SHOWN], reading.units)
+        typer.echo(_summary(pairs, below, reading.units, names, len(scene.parts), is_whole=list_all))
+    if below is not None and pairs:
+        raise typer.Exit(EXIT_NEARER)
+
+
+def _pairs(
+    scene: "proximity.Scene", names: list[str], below: float | None, *, is_whole: bool
+) -> list["proximity.Clearance"]:
+    """The pairs that are asked for; *below*: m."""
+    if len(names) == 2:
+        found = [scene.clearance(*names)]
+    else:
+        most = None if is_whole or below is not None else PAIRS_SHOWN
+        limit = {} if below is None else {"max_distance": below}
+        found = scene.closest_pairs(most=most, of=names[0] if names else None, **limit)
+    return [pair for pair in found if below is None or pair.distance < below]
+
+
+def _values(scene: "proximity.Scene", pair: "proximity.Clearance", metres: float) -> Values:
+    """What is said about a pair, in the user's unit."""
+    from proximity.cli.output import in_units
+
+    ends = pair.point_on_first[None], pair.point_on_second[None]
+    return {
+        "first": pair.first,
+        "second": pair.second,
+        "distance": float(in_units([pair.distance], metres, *ends)[0]),
+        "relation": str(pair.relation),
+        "overlap": _overlap(scene, pair, metres),
+        "from": in_units(ends[0], metres)[0].tolist(),
+        "to": in_units(ends[1], metres)[0].tolist(),
+    }
+
+
+def _overlap(scene: "proximity.Scene", pair: "proximity.Clearance", metres: float) -> float | None:
+    """The volume that two parts have in common; None where a part is open."""
+    from proximity.errors import MeshError
+    from proximity.scene.overlap import overlap
+
+    if pair.distance > 0.0:
+        return 0.0
+    try:
+        common = overlap(scene, pair.first, pair.second)
+    except MeshError:
+        return None
+    return 0.0 if common is None else in_unit(common.volume, metres**3)
+
+
+def _volume(pair: Values) -> str:
+    if pair["overlap"] is None:
+        return "unknown: a part is open"
+    return length(pair["overlap"], DIGITS) if pair["overlap"] else MISSING
+
+
+def _point(position: list[float]) -> str:
+    return "  ".join(length(coordinate, DIGITS) for coordinate in position)
+
+
+def _lines(pair: Values, units: str) -> Iterator[tuple[str, str]]:
+    """Labels and values of one pair."""
+    yield "distance", f"{length(pair['distance'])} {units}, {pair['relation']}"
+    for end, part in (("from", "first"), ("to", "second")):
+        yield end, f"{_point(pair[end])} {units} ({pair[part]})"
+    if pair["overlap"] != 0.0:
+        yield "overlap", _volume(pair) + (f" {units}\N{SUPERSCRIPT THREE}" if pair["overlap"] else "")
+
+
+def _print_table(pairs: list[Values], units: str) -> None:
+    from proximity.cli.tables import Column, print_fitting, results_console
+
+    if not pairs:
+        return
+    columns = [
+        Column("first", "first", False, [printable(pair["first"]) for pair in pairs]),
+        Column("second", "second", False, [printable(pair["second"]) for pair in pairs]),
+        Column("distance", f"distance [{units}]", True, [length(pair["distance"], DIGITS) for pair in pairs]),
+        Column("relation", "relation", False, [pair["relation"] for pair in pairs]),
+        Column("overlap", f"overlap [{units}\N{SUPERSCRIPT THREE}]", True, list(map(_volume, pairs))),
+        Column("from", f"from [{units}]", True, [_point(pair["from"]) for pair in pairs]),
+        Column("to", f"to [{units}]", True, [_point(pair["to"]) for pair in pairs]),
+    ]
+    print_fitting(results_console(), [columns], DISPENSABLE, "a wider one, a pipe or --json")
+
+
+def _summary(
+    pairs: list[Values], below: float | None, units: str, names: list[str], part_count: int, *, is_whole: bool
+) -> str:
+    """One sentence about what was found."""
+    of = "parts" if not names else f"{printable(names[0])} and another part"
+    if len(names) == 2:
+        of = " and ".join(map(printable, names))
+    count = part_count - 1 if names else part_count * (part_count - 1) // 2
+    if below is not None:
+        near = f"nearer than {length(below)} {units}"
+        if not pairs:
+            return f"No pair of {of} is {near}." if len(names) < 2 else f"{of} are not {near}."
+        hidden = len(pairs) - PAIRS_SHOWN
+        shown = f"; these are the first {PAIRS_SHOWN}, --all lists all" if hidden > 0 and not is_whole else ""
+        return f"{counted(len(pairs), 'pair')} of {count} {'is' if len(pairs) == 1 else 'are'} {near}{shown}."
+    if len(pairs) < count:
+        return f"These are the nearest {len(pairs)} of {counted(count, 'pair')}; --all lists all."
+    meeting = sum(pair["distance"] == 0.0 for pair in pairs)
+    return f"{counted(count, 'pair')}; {meeting} of them touch or overlap."
+
+
+def _write_csv(path: Path, pairs: list[Values], units: str) -> None:
+    """Write a line a pair; columns of lengths end in their unit."""
+    from proximity.system.table_text import table_text
+    from proximity.system.whole_file import whole_file
+
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    ends = [f"{end}_{axis}_{units}" for end in ("from", "to") for axis in "xyz"]
+    writer.writerow(["first", "second", f"distance_{units}", "relation", f"overlap_{units}3", *ends])
+    for pair in pairs:
+        volume = "" if pair["overlap"] is None else pair["overlap"]
+        named = table_text(pair["first"]), table_text(pair["second"])
+        writer.writerow([*named, pair["distance"], pair["relation"], volume, *pair["from"], *pair["to"]])
+    with whole_file(path) as stream:
+        stream.write(text.getvalue().encode())

@@ -1,0 +1,178 @@
+"""The nearest two triangles of two leaf blocks.
+
+Most blocks are dismissed as a whole: what separates them along the best connection so far, or along the mean
+normal of either, is farther than the best. What is left is compared triangle by triangle with eight, and
+dismissed along that connection, along the line between their middles, and along their normals.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, dot, offset_of
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, ORIENTED_STRIDE
+from proximity.kernels.pair.boxes import SHRINK, mapped
+from proximity.kernels.pair.connection import BOTH, connect
+from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, triangles_apart
+from proximity.kernels.stack_arrays import stack_f64
+from proximity.native import inlined, kernel
+from proximity.native.simd import (
+    bits,
+    horizontal_min,
+    maximum,
+    minimum,
+    select,
+    splat,
+    square_root,
+    trailing_zeros,
+)
+
+REACH_ROUNDING = 1.0 + 2.0**-40
+"""Factor on distances, where their squares have `SHRINK`."""
+MAP_ROUNDING = 2.0**-48
+"""More than rounding can move a box that is taken into the other frame, in sizes of coordinates."""
+
+
+@inlined
+def _triangle_in_all(reals, at):
+    """The corners of the triangle at *at*, in all lanes."""
+    return (
+        (splat(reals[at]), splat(reals[at + 8]), splat(reals[at + 16])),
+        (splat(reals[at + 24]), splat(reals[at + 32]), splat(reals[at + 40])),
+        (splat(reals[at + 48]), splat(reals[at + 56]), splat(reals[at + 64])),
+    )
+
+
+@inlined
+def _gap_along(axis, triangle, others, slack, axis_sq):
+    """Squared distances between triangles as seen along an axis of any length, to both sides."""
+    a0, a1, a2 = dot(*axis, *triangle[0]), dot(*axis, *triangle[1]), dot(*axis, *triangle[2])
+    b0, b1, b2 = dot(*axis, *others[0]), dot(*axis, *others[1]), dot(*axis, *others[2])
+    above = minimum(minimum(b0, b1), b2) - maximum(maximum(a0, a1), a2)
+    below = minimum(minimum(a0, a1), a2) - maximum(maximum(b0, b1), b2)
+    # In units of the axis' length, and so is the slack.
+    gap = maximum(maximum(above, below) - slack * square_root(axis_sq), splat(0.0))
+    return select(axis_sq > splat(TINY), gap * gap * splat(SHRINK) / axis_sq, splat(0.0))
+
+
+@kernel
+def read_both(reals, slots, turn, offset, corners):
+    """Write the corners of two triangles, (18,), in the first frame."""
+    for number in range(2):
+        at = offset_of(slots[number])
+        for k in range(3):
+            x, y, z = reals[at + 24 * k], reals[at + 24 * k + 8], reals[at + 24 * k + 16]
+            if number:
+                x, y, z = mapped(turn, offset, x, y, z)
+            to = 9 * number + 3 * k
+            corners[to], corners[to + 1], corners[to + 2] = x, y, z
+
+
+@kernel
+def turn_axis(reals, slots, turn, offset, axis):
+    """Set the axis to the direction of the best connection, from the first part to the second; its square."""
+    corners, ends = stack_f64(BOTH), stack_f64(6)
+    read_both(reals, slots, turn, offset, corners)
+    length_sq = connect(corners, ends)
+    length = sqrt(length_sq)
+    for k in range(3):
+        axis[k] = (ends[3 + k] - ends[k]) / length if length > 0.0 else 0.0
+    return length_sq
+
+
+@inlined
+def _ends_along(axis, triangles):
+    """Where eight triangles begin and end along an axis, all of them together; unused lanes are nan."""
+    x, y, z = splat(axis[0]), splat(axis[1]), splat(axis[2])
+    a, b, c = dot(x, y, z, *triangles[0]), dot(x, y, z, *triangles[1]), dot(x, y, z, *triangles[2])
+    begins, ends = minimum(minimum(a, b), c), maximum(maximum(a, b), c)
+    far = splat(np.inf)
+    return (
+        ends,
+        horizontal_min(select(begins < far, begins, far)),
+        -horizontal_min(select(ends < far, -ends, far)),
+    )
+
+
+@inlined
+def _block_normal(words, at):
+    """The mean normal of a block's triangles, about 1 long."""
+    return np.float64(words[at]), np.float64(words[at + 3]), np.float64(words[at + 6])
+
+
+@inlined
+def _are_apart(axis, one, other, reach, margin):
+    """Whether all of eight triangles are beyond *reach* of eight others along an axis, to either side."""
+    _, begin, end = _ends_along(axis, one)
+    _, other_begin, other_end = _ends_along(axis, other)
+    gap = max(other_begin - end, begin - other_end) - margin * 2.0
+    return gap > 0.0 and gap * gap > reach * reach * dot(*axis, *axis)
+
+
+@inlined
+def _gap_between_middles(triangle, others, slack):
+    """Squared distances between triangles as seen along the lines between their middles."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = triangle
+    (px, py, pz), (qx, qy, qz), (rx, ry, rz) = others
+    line = (px + qx + rx) - (ax + bx + cx), (py + qy + ry) - (ay + by + cy), (pz + qz + rz) - (az + bz + cz)
+    return _gap_along(line, triangle, others, slack, dot(*line, *line))
+
+
+@kernel
+def nearer_in_blocks(model, boxes, first, second, turn, offset, slack, best, axis, slots):
+    """Update the best squared distance, its slots and its axis with triangles of two blocks; return it.
+
+    *boxes*: in words, where the oriented boxes of blocks begin.
+    """
+    reals, words, _, _ = model
+    base, nearer = BLOCK_STRIDE * first, MAP_ROUNDING * slack
+    triangles = corners_of_block(reals, base)
+    a, b, c = corners_of_block(reals, BLOCK_STRIDE * second)
+    others = mapped(turn, offset, *a), mapped(turn, offset, *b), mapped(turn, offset, *c)
+    ends, _, _ = _ends_along(axis, triangles)
+    _, begin, _ = _ends_along(axis, others)
+    reach = sqrt(best) * REACH_ROUNDING
+    left = bits(ends > splat(begin - reach - nearer))
+    if not left or _are_apart(
+        _block_normal(words, boxes + ORIENTED_STRIDE * first), triangles, others, reach, nearer
+    ):
+        return best
+    x, y, z = _block_normal(words, boxes + ORIENTED_STRIDE * second)
+    normal = (
+        turn[0] * x + turn[1] * y + turn[2] * z,
+        turn[3] * x + turn[4] * y + turn[5] * z,
+        turn[6] * x + turn[7] * y + turn[8] * z,
+    )
+    if _are_apart(normal, triangles, others, reach, nearer * sqrt(dot(*normal, *normal))):
+        return best
+    normals = cross(*between(others[0], others[1]), *between(others[0], others[2]))
+    normal_sq = dot(*normals, *normals)
+    margin, rounding_sq = splat(nearer), splat(SIDE_ROUNDING * slack * SIDE_ROUNDING * slack)
+    while left:
+        lane = trailing_zeros(left)
+        left &= left - 1
+        triangle = _triangle_in_all(reals, base + lane)
+        along = splat(axis[0]), splat(axis[1]), splat(axis[2])
+        may_be = _gap_along(along, triangle, others, margin, splat(1.0)) < splat(best)
+        if not bits(may_be):
+            continue
+        may_be = may_be & (_gap_between_middles(triangle, others, margin) < splat(best))
+        if not bits(may_be):
+            continue
+        normal = cross(*between(triangle[0], triangle[1]), *between(triangle[0], triangle[2]))
+        axis_sq = dot(*normal, *normal)
+        may_be = may_be & (_gap_along(normal, triangle, others, margin, axis_sq) < splat(best))
+        may_be = may_be & (_gap_along(normals, triangle, others, margin, normal_sq) < splat(best))
+        if not bits(may_be):
+            continue
+        apart_sq = triangles_apart(triangle, others, rounding_sq)
+        apart_sq = select(apart_sq < splat(best), apart_sq, splat(np.inf))
+        smallest = horizontal_min(apart_sq)
+        if smallest < best:
+            best = smallest
+            slots[0] = LANES * first + lane
+            slots[1] = LANES * second + trailing_zeros(bits(apart_sq <= splat(smallest)))
+            if best == CROSSING:
+                break
+            turn_axis(reals, slots, turn, offset, axis)
+    return best

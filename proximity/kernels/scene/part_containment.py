@@ -1,0 +1,76 @@
+"""Whether one part is inside another: as a whole, or one of its surfaces.
+
+Where no faces of two parts cross, each connected surface of one is inside the other as a whole, or not at
+all: one point of each tells.
+"""
+
+from proximity.kernels.geometry.frames import to_local, to_scene
+from proximity.kernels.layout import SIGN_NONE, ModelArrays
+from proximity.kernels.scene.chunk_tables import new_workspace, reset_recent
+from proximity.kernels.scene.containment import depth_in_part, state_in_part
+from proximity.kernels.sign.inside_grid import CELL_INSIDE, CELL_OUTSIDE
+from proximity.native import entry, inlined
+from proximity.native.simd import load_int
+
+
+@entry(ModelArrays, "int, int32[:], int32[:] -> int")
+def surface_faces(model, part, waiting, faces):
+    """Fill the first face of each surface that is connected across edges; how many they are.
+
+    *waiting*, *faces*: (F,), as many as the part has faces; the latter also keeps which were seen.
+    """
+    row = model.parts[part]
+    for face in range(row.face_count):
+        faces[face] = 0
+    count = 0
+    for first in range(row.face_count):
+        if faces[first]:
+            continue
+        left, faces[first], waiting[0] = 1, 1, first
+        while left:
+            left -= 1
+            at = row.neighbors + 3 * waiting[left]
+            for edge in range(3):
+                face = load_int(model.words, at + edge)
+                if face >= 0 and not faces[face]:
+                    faces[face], waiting[left] = 1, face
+                    left += 1
+        # All faces up to here were seen, and their places stay marks.
+        faces[count] = first + 1
+        count += 1
+    for k in range(count):
+        faces[k] -= 1
+    return count
+
+
+@inlined
+def _is_in_box(frame, point):
+    """Whether a point of the scene's frame is in the box around a part."""
+    return (
+        frame.box_lower[0] <= point[0] <= frame.box_upper[0]
+        and frame.box_lower[1] <= point[1] <= frame.box_upper[1]
+        and frame.box_lower[2] <= point[2] <= frame.box_upper[2]
+    )
+
+
+@entry(ModelArrays, "int, int, int32[:], float64[:] -> bool")
+def contains_corner(model, part, inner, faces, point):
+    """Whether a part contains a corner of some of another part's *faces*; fills it, (3,) m, scene's frame."""
+    reals, words, frames, parts = model
+    if parts[part].sign == SIGN_NONE:
+        return False
+    workspace = new_workspace()
+    reset_recent(workspace)
+    for k in range(len(faces)):
+        corner = load_int(words, parts[inner].faces + 3 * faces[k])
+        to_scene(frames, parts, inner, reals, parts[inner].corners + 3 * corner, point, 0)
+        if _is_in_box(frames[part], point):
+            p = to_local(frames, parts, part, point[0], point[1], point[2])
+            state = state_in_part(model, part, p)
+            if state == CELL_INSIDE:
+                return True
+            if state != CELL_OUTSIDE:
+                _, slot = depth_in_part(model, part, p, state, workspace)
+                if slot >= 0:
+                    return True
+    return False
