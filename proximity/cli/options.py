@@ -134,26 +134,24 @@ CABLE = Annotated[
     str | None,
     option(
         "N/M|FILE",
-        "Stiffness of the cable at the fingertip, or the calibration of the glove that it was"
-        " measured in. Without it, no cable.",
+        "Stiffness of the cable at the fingertip, or a glove file with its measured stiffness. "
+        "Default: no cable.",
     ),
 ]
 GLOVE = Annotated[
     Path | None,
     option(
         "FILE",
-        "File of the glove, as calibrate or a builder wrote it: motor, gear, lever, linkage "
-        "and cable. Default: a glove with assumed dimensions.",
+        "Glove file, written by calibrate or by hand: motor, gear, lever, linkage and cable. "
+        "Default: a glove with assumed dimensions.",
     ),
 ]
 GLOVES = Annotated[
     list[Path] | None,
     option(
         "FILE",
-        "File of the glove, as calibrate or a builder wrote it: one for all fingers, or one "
-        "for each. Default: a glove with assumed dimensions.",
-        "--glove",
-        "--calibration",
+        "Glove file, written by calibrate or by hand: one for all fingers, or one for each. "
+        "Default: a glove with assumed dimensions.",
     ),
 ]
 

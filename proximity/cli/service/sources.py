@@ -103,7 +103,7 @@ def controller(
 
     It receives frames from udp://, with or without a key, and decides at a fixed rate where each drum
     stands. States, limits, safe behaviour and servo are those of the controller in proximity drum. It
-    needs no heap, from <math.h> only sqrt, and a processor with double precision, such as a Cortex-M7.
+    needs no heap, only sqrt from <math.h>, and a processor with double precision, such as a Cortex-M7.
     With --glove, decaff_glove.c contains the finger paths of your glove, and the constants are those of
     its motor, gear and lever, as measured: run this command again after each calibration. With --cable
     the drum makes up for the stretch of the cable while it holds a position, from the measured force,
