@@ -266,8 +266,8 @@ class DrumBench:
         if bendless and "motors" not in self._announced:
             self._announced.add("motors")
             reported.append(
-                f"the service reports no bend for finger {', '.join(map(str, bendless))}: its motor keeps the "
-                "drum retracted, since a bend comes from a path or a glove"
+                f"the service reports no bend for finger {', '.join(map(str, bendless))}: its motor keeps "
+                "the drum retracted, since a bend comes from a path or a glove"
             )
         silent = silent[len(bendless) :]
         if self._motors and self._is_stale and "stale" not in self._announced:
