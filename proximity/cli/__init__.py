@@ -25,7 +25,7 @@ PANELS = {
     "ask": {
         "query": ("parts.query", "distances from points, rays or segments to the parts"),
         "check": ("parts.check", "what is in a file, part by part, and what is wrong with it"),
-        "clearance": ("parts.clearance", "how far parts are apart, or how they cross"),
+        "clearance": ("parts.clearance", "how far parts are apart, and which overlap"),
         "picture": ("parts.picture", "a PNG of the parts, of points and of a slice"),
         "view": ("parts.view", "the parts in the browser, with a probe and hands"),
         "compile": ("parts.check", "a file that opens in milliseconds, with the same answers"),
@@ -59,8 +59,8 @@ RUN_BARE = ("demo", "figures", "claims", "simulate")
 """Those that do something without an argument; of the others that prints their help."""
 MEANT = {
     **dict.fromkeys(("distance", "distances", "measure", "closest", "nearest", "ray", "sdf"), "query"),
+    **dict.fromkeys(("gap", "gaps", "clearances", "collision", "collide", "interference", "overlap"), "clearance"),
     **dict.fromkeys(("info", "inspect", "validate", "list", "stats"), "check"),
-    **dict.fromkeys(("gap", "collide", "collision", "intersect", "interference", "overlap"), "clearance"),
     **dict.fromkeys(("convert", "prepare", "save"), "compile"),
     **dict.fromkeys(("draw", "render", "image", "screenshot", "slice"), "picture"),
     **dict.fromkeys(("show", "open", "page", "gui"), "view"),

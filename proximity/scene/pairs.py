@@ -4,7 +4,7 @@ from bisect import insort
 from collections.abc import Iterator
 from enum import StrEnum
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -68,9 +68,15 @@ class Clearance(NamedTuple):
 class PairQueries:
     """What a scene answers about pairs of its parts."""
 
+    _parts: Any
+    snapshot: Any
+
     def _state_with_solids(self) -> tuple[Model, list[Solid]]:
         """A model and the solids of its parts."""
-        raise NotImplementedError
+        while True:
+            parts, model = self._parts, self.snapshot()
+            if parts is self._parts:
+                return model, parts.solids
 
     def clearance(
         self, first: str, second: str, *, tolerance: float = 0.0, budget: int | None = None

@@ -104,12 +104,6 @@ class Scene(Queries, PairQueries):
         """
         return self._parts.state.current or self._updated()
 
-    def _state_with_solids(self) -> tuple[Model, list[Solid]]:
-        while True:
-            parts, model = self._parts, self.snapshot()
-            if parts is self._parts:
-                return model, parts.solids
-
     def _updated(self) -> Model:
         with self._lock:
             model = self._parts.updated()
