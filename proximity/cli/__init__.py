@@ -59,7 +59,7 @@ RUN_BARE = ("demo", "figures", "claims", "simulate")
 """Those that do something without an argument; of the others that prints their help."""
 MEANT = {
     **dict.fromkeys(("distance", "distances", "measure", "closest", "nearest", "ray", "sdf"), "query"),
-    **dict.fromkeys(("gap", "gaps", "clearances", "collision", "collide", "interference"), "clearance"),
+    **dict.fromkeys(("gap", "gaps", "clearances", "collision", "collide", "interference", "overlap"), "clearance"),
     **dict.fromkeys(("info", "inspect", "validate", "list", "stats"), "check"),
     **dict.fromkeys(("convert", "prepare", "save"), "compile"),
     **dict.fromkeys(("draw", "render", "image", "screenshot", "slice"), "picture"),
@@ -83,7 +83,7 @@ class Commands(Mapping[str, Any]):
         if name not in self._made:
             app = getattr(import_module(f"proximity.cli.{COMMANDS[name][0]}"), name)
             if not isinstance(app, typer.Typer):  # which is a group of its own
-                app = add_command(typer.Typer(), app, name, is_bare=name in RUN_BARE)
+                app = add_command(typer.Typer(add_completion=False), app, name, is_bare=name in RUN_BARE)
             self._made[name] = typer.main.get_command(app)
         return self._made[name]
 

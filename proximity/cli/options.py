@@ -17,6 +17,7 @@ from proximity.cli.output import report
 if TYPE_CHECKING:
     from proximity.decaff.glove.calibrated_glove import CalibratedGlove
     from proximity.decaff.glove.glove import Glove
+    from proximity.lab.figures.style import Sheet
 
 LARGEST = sys.float_info.max
 LONGEST_S = 1e9
@@ -133,26 +134,24 @@ CABLE = Annotated[
     str | None,
     option(
         "N/M|FILE",
-        "Stiffness of the cable at the fingertip, or the calibration of the glove that it was"
-        " measured in. Without it, no cable.",
+        "Stiffness of the cable at the fingertip, or a glove file with its measured stiffness. "
+        "Default: no cable.",
     ),
 ]
 GLOVE = Annotated[
     Path | None,
     option(
         "FILE",
-        "File of the glove, as calibrate or a builder wrote it: motor, gear, lever, linkage "
-        "and cable. Default: a glove with assumed dimensions.",
+        "Glove file, written by calibrate or by hand: motor, gear, lever, linkage and cable. "
+        "Default: a glove with assumed dimensions.",
     ),
 ]
 GLOVES = Annotated[
     list[Path] | None,
     option(
         "FILE",
-        "File of the glove, as calibrate or a builder wrote it: one for all fingers, or one "
-        "for each. Default: a glove with assumed dimensions.",
-        "--glove",
-        "--calibration",
+        "Glove file, written by calibrate or by hand: one for all fingers, or one for each. "
+        "Default: a glove with assumed dimensions.",
     ),
 ]
 
@@ -190,6 +189,25 @@ class Reading:
         if seconds > SLOW_S and doing == "reading":
             report(f"note: reading took {seconds:.1f} s; a file of `proximity compile {file}` opens at once")
         return scene
+
+
+@dataclass(frozen=True, slots=True)
+class Printing:
+    """How a figure is printed."""
+
+    width: Annotated[
+        float | None,
+        option("MM", "Width of the figure; the size of the text stays.", callback=within(40.0, 1000.0, "mm")),
+    ] = None
+    caption: Annotated[
+        bool, flag("--caption/--no-caption", "Whether conditions stand below the figure.", show_default=False)
+    ] = True
+
+    def sheet(self) -> "Sheet":
+        """Return what the library takes."""
+        from proximity.lab.figures.style import Sheet
+
+        return Sheet(None if self.width is None else self.width / 1e3, self.caption)
 
 
 def cable_stiffness(text: str, max_age: float | None = None) -> float:

@@ -17,7 +17,7 @@ import proximity
 from proximity import cli
 from proximity.cli import progress
 from proximity.cli.output import in_units
-from proximity.cli.parts import answers, query
+from proximity.cli.parts import answer_text, query
 from proximity.errors import MeshFormatError
 
 
@@ -223,7 +223,10 @@ def test_help_fits_one_screen_and_names_every_command(run):
 def test_types_of_flags_and_arguments_are_not_shown(run):
     words = run("query", "--help").words
 
-    assert not {"<bool>", "<path>"} & set(words.split()) and "--step-tolerance MM" in words
+    assert (
+        not {"<bool>", "<path>", "--install-completion"} & set(words.split())
+        and "--step-tolerance MM" in words
+    )
 
 
 @pytest.mark.parametrize("word", [*cli.MEANT, "qurey"])
@@ -267,7 +270,7 @@ def terminal(monkeypatch, width=200):
         return Console(file=screen, force_terminal=True, width=width, color_system=None)
 
     monkeypatch.setattr(progress, "is_terminal", lambda: True)
-    monkeypatch.setattr(answers.sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(answer_text.sys.stdout, "isatty", lambda: True, raising=False)
     monkeypatch.setattr("proximity.cli.tables.Console", console)
     return screen
 
@@ -367,7 +370,7 @@ def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
 
     result = run("query", "ball.stl", *[0, 0, 1] * 101)
 
-    assert len(result.out.splitlines()) == 1 + answers.TERMINAL_ROWS
+    assert len(result.out.splitlines()) == 1 + answer_text.TERMINAL_ROWS
     assert result.err == "proximity: these are 100 of 101; --csv FILE or a pipe shows all\n"
 
 

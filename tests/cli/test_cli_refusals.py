@@ -96,7 +96,7 @@ client rust --out new | No such command 'rust'
 controller --out new --cable stiff | 'stiff': expected a stiffness in N/m
 controller --out file | file: is not a folder and cannot be created (File exists)
 controller --out new --rate 100 | 100 Hz: expected 150 to 20000
-controller --out new --calibration none.json | none.json
+controller --out new --glove none.json | none.json
 calibrate glove.json --drum gear5 | drum is 'gear5', expected one of gear14, gear51, gear111
 calibrate glove.json --seed 3 | requires --simulate
 calibrate glove.json --simulate --counts udp://127.0.0.1:1 | a simulated glove has its own counts

@@ -45,6 +45,11 @@ def test_study_runs_reports_and_repeats(run, presses):
     assert second.out == f"{results}: 4 conditions (4 of them earlier)\n"
     assert "4 of 4 conditions" in page and "a few presses" in page
     assert now == recorded
+    beside = {path.name for path in results.glob("study-*")}
+    assert beside == {
+        f"study-{plot}.{form}" for plot in ("main", "effects") for form in ("png", "pdf", "csv")
+    }
+    assert "speed [m/s]" in (results / "study-main.csv").read_text().splitlines()[0]
 
 
 def test_interrupted_study_says_what_is_kept(run, presses, monkeypatch):

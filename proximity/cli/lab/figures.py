@@ -9,13 +9,23 @@ from typing import Annotated, Any
 import typer
 
 from proximity.cli import progress
-from proximity.cli.options import GLOVE, JSON_SUMMARY, argument, designed, flag, option
+from proximity.cli.options import (
+    GLOVE,
+    JSON_SUMMARY,
+    Printing,
+    argument,
+    designed,
+    flag,
+    option,
+    with_option_groups,
+)
 from proximity.cli.output import report
 
 WIDEST = 120  # columns, of a table of sentences
 LINK = re.compile(r"\[(.*?)\]\(.*?\)")
 
 
+@with_option_groups
 def figures(
     names: Annotated[
         list[str] | None,
@@ -30,6 +40,8 @@ def figures(
     form: Annotated[str, option("FORMAT", "File format: png, svg or pdf.", "--format")] = "png",
     glove: GLOVE = None,
     as_json: JSON_SUMMARY = False,
+    *,
+    printing: Printing,
 ) -> None:
     """Draw the named figures, or all of them, each with its numbers as CSV in SI units.
 
@@ -42,7 +54,7 @@ def figures(
 
     Examples:
       proximity figures
-      proximity figures 5c 5h stability --out paper --format pdf
+      proximity figures 5c 5h stability --out paper --format pdf --width 86 --no-caption
       proximity figures drum-motion --glove glove.json --json
     """
     from proximity.cli.output import write_document
@@ -57,7 +69,7 @@ def figures(
         started, title = time.monotonic(), catalogue.PLATES[name].title
         with progress.spinner(f"drawing {title}, figure") as count:
             count(number, len(chosen))
-            paths = catalogue.write_figure(name, out, form, worn)
+            paths = catalogue.write_figure(name, out, form, worn, printing.sheet())
         seconds = time.monotonic() - started
         file_count += len(paths)
         figures.append(

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from proximity.cli.lab.press_options import PartOptions, WallOptions
-from proximity.cli.options import JSON_SI, option, with_option_groups
+from proximity.cli.options import JSON_SI, Printing, option, with_option_groups
 from proximity.cli.output import report
 
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
@@ -16,6 +16,7 @@ SUFFIXES = (".png", ".svg", ".pdf", ".csv")
 def simulate(
     surface: WallOptions,
     pressed: PartOptions,
+    printing: Printing,
     out: Annotated[
         Path | None, option("FILE", "Write a drawing (.png, .svg, .pdf) or numbers (.csv).")
     ] = None,
@@ -54,8 +55,8 @@ def simulate(
     from proximity.cli.lab.press import simulate_press, simulate_press_on_part
 
     if pressed.scene is None:
-        simulate_press(surface, out, as_json=as_json)
+        simulate_press(surface, out, printing.sheet(), as_json=as_json)
     else:
-        simulate_press_on_part(surface, pressed, pressed.scene, out, as_json=as_json)
+        simulate_press_on_part(surface, pressed, out, printing.sheet(), as_json=as_json)
     if out is not None:
         report(f"wrote {out}")

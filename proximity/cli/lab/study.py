@@ -115,19 +115,25 @@ def _jobs() -> "dict[str, Job]":
 
 def _write_page(folder: Path, out: Path | None) -> None:
     from proximity.errors import ServiceError
+    from proximity.lab.figures import style
     from proximity.lab.sweep.study_file import read_study
-    from proximity.lab.sweep.study_page import study_page
-    from proximity.system.whole_file import whole_file
+    from proximity.lab.sweep.study_page import study_report
 
     source = folder / "study.toml"
     if not source.is_file():
         raise ServiceError(f"{folder}: no results of a study, expected the folder of proximity study run")
     page = folder / PAGE if out is None else out
     with progress.spinner(f"writing {page}"):
-        content = study_page(read_study(source, _jobs(), with_files=False), folder)
-        with whole_file(page) as stream:
-            stream.write(content.encode())
-    output.report(f"wrote {page}")
+        report = study_report(read_study(source, _jobs(), with_files=False), folder)
+        style.write_bytes(page, report.page.encode())
+        for name, plot in report.plots.items():
+            beside = page.with_name(f"{page.stem}-{name}.csv")
+            style.write_table(beside, plot.numbers)
+            for form in ("png", "pdf"):
+                drawn = style.render(plot.draw, None, plot.size, form)
+                style.write_bytes(beside.with_suffix(f".{form}"), drawn)
+    plots = "".join(f", {page.stem}-{name}.png, .pdf, .csv" for name in report.plots)
+    output.report(f"wrote {page}{plots}")
 
 
 def _repeat(study: "Study", out: Path, key: str) -> None:

@@ -1,4 +1,4 @@
-"""Answers to queries as JSON and CSV for programs, and as labelled lines or a table for people.
+"""Answers to queries, and as JSON and CSV for programs.
 
 All come from `FIELDS`. Points are read, answered and written in chunks. Lengths are in the user's unit with
 at most 15 significant digits; JSON and CSV hold numbers that read back as the same float64. CSV writes nan
@@ -8,12 +8,10 @@ and inf as NumPy and pandas read them; what is missing is empty, and no text is 
 import csv
 import json
 import math
-import shutil
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
@@ -26,7 +24,6 @@ from proximity.cli.output import (
     length,
     number,
     plain,
-    print_block,
     printable,
     report,
 )
@@ -35,21 +32,12 @@ from proximity.errors import ArgumentError, ProximityError
 from proximity.scene.queries.results import NO_FACE, Feature
 from proximity.system.table_text import table_text
 
-TERMINAL_ROWS = 100  # more than a person reads from a screen
-TABLE_WIDTH = 100  # columns; a narrower terminal has fewer
 NUMBER_WIDTH = 9  # of a column, as -123.4567
 SMALLEST_M = 1e-7  # shown in a table: 4 decimals of a millimetre
 DIRECTION_DECIMALS = 9
 DIGITS = 9  # significant, of numbers in lines
 FAR = 1000.0
 """Sizes of the scene: points beyond are noted."""
-SIDE_WORDS = {"surface": "on the surface", "unknown": "which side is unknown"}
-ON_FEATURES = {"face": "a face", "edge": "an edge", "vertex": "a corner"}
-SIGN_WORDS = {
-    True: "inside and outside of this part are known",
-    False: "this part has no inside: the distance has no sign; `proximity check` says why",
-}
-ENDINGS = {"face": " of the file", "fraction": " of the segment"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +97,6 @@ ANSWERED = {  # by kind of query, behind the points asked from; named as in the 
     "ray": ("distance", "point", "normal", *FACES, "barycentric"),
     "segment": ("distance", "fraction", "point_on_segment", "point_on_solid", *FACES),
 }
-DISPENSABLE = ("part_name", "point", "point_on_segment", "point_on_solid", "side")
-"""Fields to leave out, in this order, until a table is as narrow as the terminal."""
-
 Answers = dict[str, list[Any]]
 """By names of fields: an entry an answer, which is a number, three numbers, a word, or None for nothing."""
 
@@ -136,7 +121,7 @@ class Question:
         self._size = float((self._upper - self._lower).max())
         self._asked, self._far_count, self._farthest = 0, 0, 0.0
         self.decimals = max(1, min(7, round(math.log10(metres / SMALLEST_M))))
-        self._own = {each.name_in_csv for each in _columns({key: [] for key in ANSWERED[self.mode]}, units)}
+        self._own = {each.name_in_csv for each in columns_of({key: [] for key in ANSWERED[self.mode]}, units)}
 
     def answers(self, chunks: Iterable[Points]) -> Iterator[Answers]:
         """Answer chunk by chunk; at least one chunk, which may be empty."""
@@ -232,7 +217,7 @@ def write_json(question: Question, file: str, chunks: Iterable[Answers]) -> None
     head = {"file": file, "units": question.units, "mode": question.mode}
     opening, separator, write = json.dumps(head)[:-1] + ', "answers": [', "\n", sys.stdout.write
     try:
-        for chunk in _counted(chunks):
+        for chunk in counted_answers(chunks):
             write(opening)
             opening = ""
             for values in zip(*chunk.values(), strict=True):
@@ -250,8 +235,8 @@ def write_json(question: Question, file: str, chunks: Iterable[Answers]) -> None
 def write_csv(question: Question, stream: TextIO, chunks: Iterable[Answers]) -> None:
     """Write a header and a line an answer; three numbers take three columns, lengths name their unit."""
     writer, has_header = csv.writer(stream, lineterminator="\n"), False
-    for chunk in _counted(chunks):
-        columns = list(_columns(chunk, question.units))
+    for chunk in counted_answers(chunks):
+        columns = list(columns_of(chunk, question.units))
         if not has_header:
             writer.writerow(column.name_in_csv for column in columns)
             has_header = True
@@ -269,32 +254,7 @@ def _text_cell(value: Any) -> Any:
     return value
 
 
-def write_text(question: Question, chunks: Iterator[Answers]) -> None:
-    """Write labelled lines for a single answer; for several a table, on a terminal its start."""
-    first = next(chunks)
-    count, more = _count(first), None
-    if count == 1:
-        print_block(_lines(question, {name: values[0] for name, values in first.items()}))
-        next(chunks, None)  # a line behind it may be none
-        return
-    if sys.stdout.isatty():
-        more = next(chunks, None)
-        chunks, first = iter(()), {name: values[:TERMINAL_ROWS] for name, values in first.items()}
-    row = 0
-    for chunk in _counted(chain([first], chunks)):
-        columns = _shown(question, chunk, row)
-        if not row:
-            _write_row(columns, [column.title for column in columns])
-        for cells in zip(*(map(column.cell, column.values) for column in columns), strict=True):
-            _write_row(columns, cells)
-        row += _count(chunk)
-        sys.stdout.flush()
-    if count > row or more:
-        known = f"{count} or more" if more else str(count)
-        report(f"these are {row} of {known}; --csv FILE or a pipe shows all")
-
-
-class _Column(NamedTuple):
+class Column(NamedTuple):
     name: str
     title: str
     name_in_csv: str
@@ -314,20 +274,20 @@ class _Column(NamedTuple):
         return next((text for text in texts if len(text) <= self.width), f"{value:.2g}")
 
 
-def _counted(chunks: Iterable[Answers]) -> Iterator[Answers]:
+def counted_answers(chunks: Iterable[Answers]) -> Iterator[Answers]:
     """Answers as they come, with their number on stderr where they do not run into that."""
     if sys.stdout.isatty():
         yield from chunks
         return
     with progress.spinner("answered") as show:
-        yield from progress.counted(chunks, show, _count)
+        yield from progress.counted(chunks, show, count_of)
 
 
-def _count(answers: Answers) -> int:
+def count_of(answers: Answers) -> int:
     return len(next(iter(answers.values())))
 
 
-def _columns(answers: Answers, units: str, decimals: int = 4) -> Iterator[_Column]:
+def columns_of(answers: Answers, units: str, decimals: int = 4) -> Iterator[Column]:
     for name, values in answers.items():
         field = FIELDS.get(name, GIVEN)
         ending = f"_{units}" if field.is_length else ""
@@ -337,81 +297,4 @@ def _columns(answers: Answers, units: str, decimals: int = 4) -> Iterator[_Colum
             each = [vector[axis] for vector in values] if letter else values
             title = field.title.format(letter, unit=units)
             width = -TEXT_WIDTHS.get(name, 0) if field.is_text else max(NUMBER_WIDTH, len(title))
-            yield _Column(name, title, words + ending, field, each, width, decimals)
-
-
-def _shown(question: Question, answers: Answers, first_row: int) -> list[_Column]:
-    """Columns of a table: name or number, the points, distance, side, closest points; the part at the end."""
-    columns = [column for column in _columns(answers, question.units, question.decimals) if column.title]
-    if "is_signed" in answers:
-        signs = zip(answers["signed_distance"], answers["is_signed"], strict=True)
-        behind = [column.name for column in columns].index("signed_distance") + 1
-        sides = [_side(*pair) for pair in signs]
-        columns.insert(behind, _Column("side", "side", "", FIELDS["side"], sides, -TEXT_WIDTHS["side"], 0))
-    if "name" not in columns[0].name:
-        rows = list(range(first_row, first_row + _count(answers)))
-        columns.insert(0, _Column("#", "#", "", GIVEN, rows, 5, 0))
-    width = min(TABLE_WIDTH, shutil.get_terminal_size().columns) if sys.stdout.isatty() else TABLE_WIDTH
-    all_count = len(columns)
-    for name in (None, *DISPENSABLE):
-        columns = [column for column in columns if column.name != name]
-        left = width - sum(abs(column.width) + 1 for column in columns)
-        if left >= (len("part") if columns[-1].name == "part_name" else 0):
-            break
-    if len(columns) < all_count and not first_row:
-        report("note: the terminal is narrow: columns are left out; --csv FILE or a pipe shows all")
-    return [each._replace(width=-left) if each.name == "part_name" else each for each in columns]
-
-
-def _write_row(columns: list[_Column], cells: Iterable[str]) -> None:
-    widths = (column.width for column in columns)
-    aligned = (
-        cell.rjust(width) if width > 0 else cell.ljust(-width)
-        for cell, width in zip(cells, widths, strict=True)
-    )
-    sys.stdout.write(" ".join(aligned).rstrip() + "\n")
-
-
-def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Labels and values of one answer, with the names of its points where they have some."""
-    is_closest, is_found = question.mode == "closest", answer["face"] is not None
-    for name, value in answer.items():
-        field = FIELDS.get(name, GIVEN)
-        if not field.label or value is None or not (is_found or name.endswith("name")):
-            continue
-        ending = f" {question.units}" if field.is_length else ENDINGS.get(name, "")
-        if name == "signed_distance":
-            where = str(_side(value, answer["is_signed"]))
-            ending += f", {SIDE_WORDS.get(where, where)}"
-        elif name == "distance" and "start" in answer and value == 0.0:
-            ending += ", touches the surface"
-        words = "  ".join(map(field.shown, value if field.axes else [value]))
-        label = "point" if name == "point" and not is_closest else field.label
-        yield label, (ON_FEATURES[value] if name == "feature" else words) + ending
-    if not is_found:
-        yield "distance", _why_nothing(question.mode, answer)
-    elif is_closest:
-        yield "sign", SIGN_WORDS[answer["is_signed"]]
-
-
-def _why_nothing(mode: str, answer: dict[str, Any]) -> str:
-    distance = answer["signed_distance" if mode == "closest" else "distance"]
-    asked = [answer[name] for name in ("query", "origin", "direction", "start", "end") if name in answer]
-    if not all(math.isfinite(value) for values in asked for value in values):
-        why = "the point is not finite" if mode == "closest" else "the numbers given are not finite"
-    elif math.isnan(distance):
-        why = "too far away to be computed"
-    else:
-        why = "nothing in that direction" if mode == "ray" else "nothing"
-    return f"{number(distance)} ({why})"
-
-
-def _side(signed_distance: float, is_signed: bool) -> str | None:
-    """On which side of the surface a point is, in a word; None where there is no answer."""
-    if math.isnan(signed_distance):
-        return None
-    if signed_distance == 0.0:
-        return "surface"
-    if not is_signed:
-        return "unknown"
-    return "inside" if signed_distance < 0.0 else "outside"
+            yield Column(name, title, words + ending, field, each, width, decimals)

@@ -70,7 +70,7 @@ def query(
     asked = chain([next(asked)], asked)  # what begins badly is refused before the file is loaded
     # What imports and kernels leave behind is no garbage: to look at it again and again is 4 % of a query.
     with collector_paused():
-        from proximity.cli.parts import answers
+        from proximity.cli.parts import answer_text, answers
         from proximity.formats import metres_per_unit
         from proximity.scene.loader import notes_on_sizes
 
@@ -86,7 +86,7 @@ def query(
             with text_output(csv) as stream:
                 answers.write_csv(question, stream, answered)
         else:
-            answers.write_text(question, answered)
+            answer_text.write_text(question, answered)
     finally:
         question.note_far_points()
 

@@ -24,10 +24,7 @@ FOLDER = Annotated[Path, option("DIR", "Folder to write the files to.", "--out")
 
 
 def c(out: FOLDER) -> None:
-    """Write the engine for C and C++: a shared library that your own process loads.
-
-    With its header, a CMake package, a pkg-config file and examples. It opens scenes that
-    `proximity compile` writes.
+    """Write the engine for C and C++: a shared library for your own process, header, CMake package, examples.
 
     Examples:
       proximity client c --out proximity
@@ -38,9 +35,7 @@ def c(out: FOLDER) -> None:
 
 
 def wasm(out: FOLDER) -> None:
-    """Write the engine for browsers and Node: WebAssembly, an ES module with types, and an example.
-
-    It opens scenes that `proximity compile` writes.
+    """Write the engine for browsers and Node: WebAssembly, an ES module with types, an example.
 
     Examples:
       proximity client wasm --out site/proximity
@@ -67,9 +62,7 @@ def javascript(out: FOLDER) -> None:
     Examples:
       proximity client javascript --out site/decaff
     """
-    from proximity.message.clients import write_client
-
-    _report(write_client("javascript", out))
+    _write_client("javascript", out)
 
 
 def cpp(out: FOLDER) -> None:
@@ -78,9 +71,13 @@ def cpp(out: FOLDER) -> None:
     Examples:
       proximity client cpp --out decaff
     """
+    _write_client("cpp", out)
+
+
+def _write_client(language: str, out: Path) -> None:
     from proximity.message.clients import write_client
 
-    _report(write_client("cpp", out))
+    _report(write_client(language, out))
 
 
 def _report(written: dict[Any, bool]) -> None:
@@ -103,7 +100,7 @@ def controller(
 
     It receives frames from udp://, with or without a key, and decides at a fixed rate where each drum
     stands. States, limits, safe behaviour and servo are those of the controller in proximity drum. It
-    needs no heap, from <math.h> only sqrt, and a processor with double precision, such as a Cortex-M7.
+    needs no heap, only sqrt from <math.h>, and a processor with double precision, such as a Cortex-M7.
     With --glove, decaff_glove.c contains the finger paths of your glove, and the constants are those of
     its motor, gear and lever, as measured: run this command again after each calibration. With --cable
     the drum makes up for the stretch of the cable while it holds a position, from the measured force,
@@ -181,7 +178,7 @@ client = group_of(
     "Write what your own program needs.\n\n"
     "cpp, csharp and javascript read the frames of a service and send poses. They verify frames and report "
     "their age (OK, LATE, STALE), as Python's subscriber does, and support the keys of udp://. c and wasm "
-    "are the engine itself, without a service; csharp includes it.",
+    "are the engine itself, for scenes that `proximity compile` writes; csharp has it, too.",
     *(c, cpp, csharp, javascript, wasm, header, key),
     bare=("header",),
 )
