@@ -1,13 +1,14 @@
-"""Compare both loops of a service on this machine, in turns: ``python bench/loop.py [--rounds N] [--busy]``.
+"""Measure the loop of a service on this machine: ``python bench/loop.py [--realtime] [--busy]``.
 
 A pose of five fingers above a part is published at instants that have nothing to do with ticks, and who
 published it looks without pause for the frame that has been made of it. Times are in µs; *published* and
-*seen* count from the pose. ``--busy``: a
-process beside that computes all the time; ``--thread``: a thread of Python in the service's process that
-does; ``--rate HZ``: of ticks.
+*seen* count from the pose. ``--busy``: a process beside that computes all the time; ``--thread``: a thread of
+Python in the service's process that does; ``--rate HZ``: of ticks. ``--csv FILE`` appends how late they were,
+``--plot FILE`` draws such a file.
 """
 
 import argparse
+import csv
 import json
 import os
 import subprocess
@@ -17,14 +18,16 @@ import threading
 import time
 from pathlib import Path
 
+import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from proximity import POSES, Message
+from proximity.lab.figures.style import LOOK
 from proximity.service.hosting import serve
-from proximity.service.report import Histogram
 from proximity.transport import open_inlet, open_publisher
 from proximity.transport.link import NOTHING
 
@@ -33,7 +36,6 @@ SCENE = """\
 rate_hz = {rate}
 publish = ["{frames}"]
 real_time = {real_time}
-loop = "{loop}"
 [[parts]]
 file = "{part}"
 [fingers]
@@ -42,6 +44,8 @@ count = 5
 poses = "{poses}"
 """
 ABOVE = np.linspace([0.05, 0.03, 0.07], [0.07, 0.03, 0.07], 5)
+COLOURS = {"python": "#D55E00", "compiled": "#0072B2"}  # Okabe and Ito
+LINES = {"quiet": "-", "busy process": "--", "busy thread": ":"}
 Delays = tuple[float, float]
 SPIN = "while True: pass"
 POSE_NS_AT, PUBLISH_NS_AT = 96 + 8, 48
@@ -54,8 +58,15 @@ def child(path: str, *, has_thread: bool) -> None:
     threading.Thread(target=lambda: (sys.stdin.readline(), stop.set()), daemon=True).start()
     if has_thread:
         threading.Thread(target=exec, args=(SPIN, {}), daemon=True).start()
-    report = serve(path, stop=stop, begun=lambda _: print("begun", flush=True))
-    print(json.dumps(report.as_dict()), flush=True)
+    began: list[float] = []
+
+    def begun(_: object) -> None:
+        began[:] = time.process_time(), time.monotonic()
+        print("begun", flush=True)
+
+    report = serve(path, stop=stop, begun=begun)
+    share = (time.process_time() - began[0]) / (time.monotonic() - began[1])
+    print(json.dumps({**report.as_dict(), "cpu": share}), flush=True)
 
 
 def seen_after(publisher, inlet, message, seconds: float, rng) -> list[Delays]:
@@ -75,12 +86,12 @@ def seen_after(publisher, inlet, message, seconds: float, rng) -> list[Delays]:
     return taken
 
 
-def measured(loop: str, options: argparse.Namespace, folder: str) -> tuple[dict, list[Delays]]:
+def measured(options: argparse.Namespace, folder: str) -> tuple[dict, list[Delays]]:
     """Report of one run, and delays from pose to frame."""
     name = f"shm://bench-{os.getpid()}-{time.time_ns()}"
-    path = Path(folder, f"{loop}.toml")
+    path = Path(folder, "scene.toml")
     addresses = {"frames": name, "poses": f"{name}-poses", "part": ROOT / "meshes" / "bracket.stl"}
-    text = SCENE.format(rate=options.rate, loop=loop, real_time=str(options.realtime).lower(), **addresses)
+    text = SCENE.format(rate=options.rate, real_time=str(options.realtime).lower(), **addresses)
     path.write_text(text, encoding="utf-8")
     command = [sys.executable, __file__, "--child", str(path)] + ["--thread"] * options.thread
     service = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -98,52 +109,82 @@ def measured(loop: str, options: argparse.Namespace, folder: str) -> tuple[dict,
 
 
 def main() -> None:
-    """Print a table, a row a loop."""
+    """Measure and print, or draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for name, default in (("rounds", 3), ("seconds", 5.0), ("rate", 1000.0)):
-        parser.add_argument(f"--{name}", type=type(default), default=default)
+    for name, default in (("seconds", 20.0), ("rate", 1000.0)):
+        parser.add_argument(f"--{name}", type=float, default=default)
     for switch in ("realtime", "busy", "thread"):
         parser.add_argument(f"--{switch}", action="store_true")
+    for name in ("csv", "plot"):
+        parser.add_argument(f"--{name}", type=Path)
     parser.add_argument("--child", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:
         child(options.child, has_thread=options.thread)
         return
-    found: dict[str, list[tuple[dict, list[Delays]]]] = {"python": [], "compiled": []}
+    if options.plot:
+        draw(options.csv or ROOT / "bench" / "published" / "lateness.csv", options.plot)
+        return
     busy = [subprocess.Popen([sys.executable, "-c", SPIN])] if options.busy else []
     with tempfile.TemporaryDirectory() as folder:
-        for _ in range(options.rounds):
-            for loop, runs in found.items():
-                runs.append(measured(loop, options, folder))
+        report, delays = measured(options, folder)
     for process in busy:
         process.kill()
-    print(f"load {os.getloadavg()[0]:.1f}; {os.cpu_count()} cores; µs")
-    print(
-        "loop      tick p50   p99 | late p50   p99  p99.9 | published p50   p99 | seen p50   p99 | missed of"
-    )
-    for loop, runs in found.items():
-        numbers = [_figures(_merged(runs, key)) for key in ("compute", "lateness")]
-        made, seen = np.percentile(np.concatenate([each for _, each in runs]), (50, 99), axis=0).T
-        missed, ticks = (sum(report[key] for report, _ in runs) for key in ("missed", "ticks"))
-        (tick, tick99, _), (late, late99, late999) = numbers
-        print(
-            f"{loop:9} {tick:8.1f} {tick99:5.0f} | {late:8.1f} {late99:5.0f} {late999:6.0f} | "
-            f"{made[0]:13.0f} {made[1]:5.0f} | {seen[0]:8.0f} {seen[1]:5.0f} | {missed} {missed + ticks}"
-        )
+    if options.csv:
+        append(options.csv, options, report["lateness"]["rows"])
+    print(f"load {os.getloadavg()[0]:.1f}; {os.cpu_count()} cores; {report['cpu']:.2f} of a core; µs")
+    for name in ("compute", "lateness"):
+        shares = ((share, 1e-3 * report[name][f"{share}_ns"]) for share in ("p50", "p99", "p999", "max"))
+        print(f"{name:9}", ", ".join(f"{share} {late:.1f}" for share, late in shares))
+    for name, times in zip(("published", "seen"), np.transpose(delays), strict=True):
+        p50, p99 = np.percentile(times, (50, 99))
+        print(f"{name:9} p50 {p50:.0f}, p99 {p99:.0f} after the pose")
+    print(f"{report['missed']} of {report['missed'] + report['ticks']} ticks were missed")
 
 
-def _merged(runs: list[tuple[dict, list[Delays]]], key: str) -> Histogram:
-    """The durations of all runs."""
-    merged = Histogram()
-    for report, _ in runs:
-        for lower, _, count in report[key]["rows"]:
-            for _ in range(count):
-                merged.record(lower)
-    return merged
+COLUMNS = "loop,beside,priority,load,least_ns,most_ns,ticks"
 
 
-def _figures(histogram: Histogram) -> list[float]:
-    return [1e-3 * histogram.percentile(share) for share in (50.0, 99.0, 99.9)]
+def append(path: Path, options: argparse.Namespace, rows: list[tuple[int, int, int]]) -> None:
+    """Write a row a bin: what computes beside, and how many ticks were so late."""
+    beside = "busy process" if options.busy else "busy thread" if options.thread else "quiet"
+    priority = "real-time" if options.realtime else "ordinary"
+    lines = [] if path.exists() else [COLUMNS]
+    for row in rows:
+        numbers = f"{os.getloadavg()[0]:.1f},{','.join(map(str, row))}"
+        lines.append(f"compiled,{beside},{priority},{numbers}")
+    with path.open("a", encoding="ascii") as file:
+        file.write("".join(f"{line}\n" for line in lines))
+
+
+def draw(source: Path, path: Path) -> None:
+    """Draw the share of ticks that were woken later than a time, a panel for each priority."""
+    with source.open(encoding="ascii") as file:
+        rows = list(csv.DictReader(file))
+    with matplotlib.rc_context(LOOK):
+        figure = Figure((7.6, 3.1), layout="constrained")
+        panels = figure.subplots(1, 2, sharey=True)
+        for panel, priority in zip(panels, ("real-time", "ordinary"), strict=True):
+            own = [row for row in rows if row["priority"] == priority]
+            for key in dict.fromkeys((row["loop"], row["beside"]) for row in own):
+                bins = [row for row in own if (row["loop"], row["beside"]) == key]
+                late = np.array([1e-3 * float(row["most_ns"]) for row in bins])
+                ticks = np.array([int(row["ticks"]) for row in bins])[np.argsort(late)]
+                share = 1.0 - np.cumsum(ticks)[:-1] / ticks.sum()
+                style = {"color": COLOURS[key[0]], "linestyle": LINES[key[1]]}
+                label = f"{key[0]}, {key[1]}, load {bins[0]['load']}"
+                panel.plot(np.sort(late)[:-1], share, label=label, linewidth=1.1, **style)
+            panel.set(
+                xscale="log",
+                yscale="log",
+                xlim=(5.0, 1e5),
+                title=f"{priority} priority",
+                xlabel="woken late, µs",
+            )
+            panel.axvline(1000.0, color="0.8", linewidth=0.8, zorder=0)
+            panel.legend(fontsize=6.0, handlelength=2.4)
+        panels[0].set_ylabel("share of ticks that are later")
+        figure.savefig(path, dpi=130)
 
 
 if __name__ == "__main__":

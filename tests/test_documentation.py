@@ -76,6 +76,16 @@ def test_options_in_commands_are_those_of_the_program(code, printed):
             assert used <= known, f"{line}: {sorted(used - known)}"
 
 
+@pytest.mark.parametrize("name", PAGES)
+def test_links_lead_to_files_of_the_checkout(name):
+    """Pages are read on a code host as well, where nothing that a build makes is there."""
+    prose = re.sub(r"```.*?```", "", PAGES[name], flags=re.DOTALL)
+    targets = [target for target in re.findall(r"\]\(([^)#\s]+)", prose) if "://" not in target]
+
+    assert [target for target in targets if not (ROOT / "docs" / name).parent.joinpath(target).exists()] == []
+    assert "--8<--" not in PAGES[name]
+
+
 def commands_of(line):
     """The words of each call of the program in a line."""
     words = shlex.split(line, comments=True)

@@ -63,12 +63,14 @@ checked_query
 batches · results
 """,
     "proximity.service": """
-compiled_loop
-loop · loop_memory
+hosting
+loop
+loop_watch
+loop_ends · loop_memory
 inputs
-contact_source · frame_builder · hosting · mailbox_log · sensed_contacts
-frame_publisher · samples
-clock · config · description · finger_kernels · realtime · report
+contact_source · sensed_contacts
+samples
+clock · config · description · finger_kernels · frame_log · realtime · report
 """,
     "proximity.service.inputs": """
 changes_input · message_input · moves_input
@@ -93,7 +95,7 @@ drum
 """,
     "proximity.lab": """
 certificate
-experiment · part_press · sweep
+claims · experiment · part_press · sweep
 figures
 engine · stability
 simulation

@@ -35,10 +35,11 @@ def test_public_names_are_those_agreed():
         "ContactFlag", "DecaffError", "Feature", "FileError", "LoadReport", "MeshError", "MeshFormatError",
         "Message", "MissingLibraryError", "Mode", "MotorError", "NotWatertightError", "Overlap", "Part",
         "PartAction", "Pose", "PoseError", "ProximityError", "PublishError", "Publisher", "RayHits",
-        "Reading", "RecordingError", "RunningPage", "RunningService", "Scene", "SceneError", "SegmentHits",
-        "ServiceError", "SignMethod", "Solid", "Source", "State", "Subscriber", "Surface", "Tracker",
-        "TriangleMesh", "UnitsWarning", "from_trimesh", "kernels_are_cached", "load",
-        "open_publisher", "open_subscriber", "overlap", "serve", "start_service", "view", "warm_up",
+        "Reading", "RecordingError", "Relation", "RunningPage", "RunningService", "Scene", "SceneError",
+        "SegmentHits", "ServiceError", "SignMethod", "Solid", "Source", "State", "Subscriber", "Surface",
+        "Tracker", "TriangleMesh", "UnitsWarning", "from_mesh", "from_trimesh", "kernels_are_cached",
+        "load", "open_publisher", "open_subscriber", "overlap", "serve", "start_service", "to_trimesh",
+        "view", "warm_up",
     }  # fmt: skip
 
 

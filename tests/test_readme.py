@@ -209,4 +209,4 @@ def test_functions_of_the_flows_are_where_the_page_says():
     assert sum(map(len, hops)) == len(re.findall(r"^\d+\. ", PAGES["design/flows.md"], re.MULTILINE))
     for path, function in (hop for flow in hops for hop in flow):
         source = (ROOT / "proximity" / path).read_text(encoding="utf-8")
-        assert re.search(rf"^ *def {function}\(", source, re.MULTILINE), f"{path}: {function}"
+        assert re.search(rf"^( *def|static \w+) {function}\(", source, re.MULTILINE), f"{path}: {function}"

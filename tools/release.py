@@ -79,7 +79,7 @@ def try_wheel(work: Path, wheel: Path) -> None:
     if not imported.is_relative_to((work / "empty").resolve()):
         raise SystemExit(f"release: proximity was imported from {imported}, not from the wheel")
     say("running the demo")
-    empty.run("proximity", "demo", "--seconds", "3", folder=place)
+    empty.run("proximity", "demo", "--limit", "3", folder=place)
     for number, (code, printed) in enumerate(examples(), start=1):
         say(f"running Python block {number} of the README")
         found = empty.run("python", "-c", code, folder=place)

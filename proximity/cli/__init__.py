@@ -15,37 +15,63 @@ from typing import Annotated, Any, ClassVar
 import typer
 
 import proximity
-from proximity.cli.program import Command, Group, help_and_examples
+from proximity.cli.program import SETTINGS, Group, add_command
 
-HELP = "\n\n".join(  # a paragraph a string: some versions of Typer keep line breaks, some do not
-    (
-        "Exact distance from points, rays and segments to CAD parts.",
-        "Reads STL, OBJ, PLY, OFF, glTF/GLB, 3MF, STEP and compiled scenes (see compile). Every part of a "
-        "file is measured separately. Signed distance is negative inside. Coordinates and answers are in "
-        "millimetres; --units chooses another unit.",
-        "Exit codes: 0: done. 1: the command ran, but the result is negative: check --strict found a part "
-        "without an inside, a bound or a certified time of replay did not hold, a scene does not fit the "
-        "--gate of bench, a condition of study failed, record, watch, drum or demo received no frame, or "
-        "calibrate received too little "
-        "input. 2: a file, a point, an address or an option cannot be used, or the log of serve lacks "
-        "frames. 130: interrupted. 141: the reader of the output ended first.",
-    )
+HELP = (
+    "Exact distances to CAD parts (STL, OBJ, PLY, OFF, glTF, 3MF, STEP).\n"
+    "Coordinates and answers are in millimetres; the distance is negative inside."
 )
-
-MODULE_OF = {
-    "query": "parts.query", "check": "parts.check", "clearance": "parts.clearance",
-    "picture": "parts.picture", "replay": "lab.replay",
-    "compile": "parts.check", "serve": "service.serve", "record": "service.record",
-    "export": "service.record", "watch": "service.watch", "view": "parts.view", "demo": "device.demo",
-    "drum": "device.drum", "header": "service.sources", "client": "service.sources",
-    "controller": "service.sources", "calibrate": "device.calibrate", "key": "service.sources",
-    "bench": "lab.bench", "figures": "lab.figures", "simulate": "lab.simulate", "study": "lab.study",
-    "experiment": "lab.experiment",
-}  # fmt: skip
-"""Where each command is, in the order in which the help lists them."""
-RUN_BARE = ("demo", "header", "figures", "simulate")
+PANELS = {
+    "ask": {
+        "query": ("parts.query", "distances from points, rays or segments to the parts"),
+        "check": ("parts.check", "what is in a file, part by part, and what is wrong with it"),
+        "clearance": ("parts.clearance", "how far parts are apart, and which overlap"),
+        "picture": ("parts.picture", "a PNG of the parts, of points and of a slice"),
+        "view": ("parts.view", "the parts in the browser, with a probe and hands"),
+        "compile": ("parts.check", "a file that opens in milliseconds, with the same answers"),
+    },
+    "serve": {
+        "serve": ("service.serve", "a service for fingers: poses in, distances out"),
+        "watch": ("service.watch", "the fingers of a service, live"),
+        "record": ("service.record", "the frames of a service in a log"),
+        "export": ("service.record", "a log as CSV or Parquet"),
+        "client": ("service.sources", "sources and libraries for your own program; keys"),
+        "replay": ("lab.replay", "a recorded hand at the parts, with every bound checked"),
+    },
+    "glove": {
+        "drum": ("device.drum", "the drums of a service, simulated or with motors"),
+        "calibrate": ("device.calibrate", "the glove of one finger, step by step"),
+        "controller": ("service.sources", "the controller of a drum, as C for a microcontroller"),
+    },
+    "research": {
+        "bench": ("lab.bench", "whether every tick of a scene fits a haptic period"),
+        "simulate": ("lab.simulate", "a press on a wall, compared with a real wall"),
+        "figures": ("lab.figures", "the figures of the paper and of this project"),
+        "claims": ("lab.figures", "each claim of the paper beside what is computed here"),
+        "study": ("lab.study", "a job for every combination of factors, on all cores"),
+        "experiment": ("lab.experiment", "walls compared in an experiment with people"),
+    },
+    "demo": {"demo": ("device.demo", "a service, its drums and a recorded hand, without setup")},
+}
+"""The commands as the help lists them: where each is, and what it gives."""
+COMMANDS = {name: where for panel in PANELS.values() for name, where in panel.items()}
+RUN_BARE = ("demo", "figures", "claims", "simulate")
 """Those that do something without an argument; of the others that prints their help."""
-SETTINGS = {"help_option_names": ["-h", "--help"]}
+MEANT = {
+    **dict.fromkeys(("distance", "distances", "measure", "closest", "nearest", "ray", "sdf"), "query"),
+    **dict.fromkeys(("gap", "gaps", "clearances", "collision", "collide", "interference", "overlap"), "clearance"),
+    **dict.fromkeys(("info", "inspect", "validate", "list", "stats"), "check"),
+    **dict.fromkeys(("convert", "prepare", "save"), "compile"),
+    **dict.fromkeys(("draw", "render", "image", "screenshot", "slice"), "picture"),
+    **dict.fromkeys(("show", "open", "page", "gui"), "view"),
+    **dict.fromkeys(("start", "run", "service"), "serve"),
+    **dict.fromkeys(("listen", "monitor", "subscribe"), "watch"),
+    **dict.fromkeys(("log", "frames"), "record"),
+    **dict.fromkeys(("latency", "benchmark", "certificate", "time"), "bench"),
+    **dict.fromkeys(("plot", "figure", "paper"), "figures"),
+    "header": "client header", "key": "client key", "sdk": "client", "sweep": "study", "press": "simulate",
+}  # fmt: skip
+"""Words that people try, and the command that does it."""
 
 
 class Commands(Mapping[str, Any]):
@@ -55,40 +81,40 @@ class Commands(Mapping[str, Any]):
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._made:
-            module = import_module(f"proximity.cli.{MODULE_OF[name]}")
-            function = getattr(module, name)
-            app = function
-            if not isinstance(function, typer.Typer):  # experiment is a group of its own
-                text, examples = help_and_examples(function)
-                app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-                app.command(
-                    name,
-                    cls=Command,
-                    help=text,
-                    epilog=examples,
-                    no_args_is_help=name not in RUN_BARE,
-                    context_settings=SETTINGS,
-                )(function)
+            app = getattr(import_module(f"proximity.cli.{COMMANDS[name][0]}"), name)
+            if not isinstance(app, typer.Typer):  # which is a group of its own
+                app = add_command(typer.Typer(add_completion=False), app, name, is_bare=name in RUN_BARE)
             self._made[name] = typer.main.get_command(app)
         return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(MODULE_OF)
+        return iter(COMMANDS)
 
     def __len__(self) -> int:
-        return len(MODULE_OF)
+        return len(COMMANDS)
 
 
 class Program(Group):
     """The group of all commands."""
 
+    meant: ClassVar[dict[str, str]] = MEANT
+
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self.commands: Any = Commands()
 
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write a line a command, in panels, so that all fit one screen."""
+        formatter.write(f"{HELP}\n\n")
+        for panel, commands in PANELS.items():
+            for row, (name, (_, words)) in enumerate(commands.items()):
+                title = typer.style(f"{'' if row else panel:10}", bold=True)
+                formatter.write(f"{title}{typer.style(f'{name:12}', fg='cyan')}{words}\n")
+        formatter.write("\nHelp: proximity COMMAND --help. Also: --version, --install-completion.\n")
+
 
 app = typer.Typer(
-    cls=Program, help=HELP, no_args_is_help=True, pretty_exceptions_enable=False, context_settings=SETTINGS
+    cls=Program, no_args_is_help=True, pretty_exceptions_enable=False, context_settings=SETTINGS
 )
 
 

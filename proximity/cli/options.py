@@ -2,6 +2,7 @@
 
 import inspect
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
@@ -11,13 +12,17 @@ import typer
 
 import proximity
 from proximity.cli import progress
+from proximity.cli.output import report
 
 if TYPE_CHECKING:
     from proximity.decaff.glove.calibrated_glove import CalibratedGlove
     from proximity.decaff.glove.glove import Glove
+    from proximity.lab.figures.style import Sheet
 
 LARGEST = sys.float_info.max
 LONGEST_S = 1e9
+SLOW_S = 2.0
+"""After a longer time to read a file, the command that avoids it is named."""
 SOFTEST_CABLE, STIFFEST_CABLE = 10.0, 1e6  # N/m at the fingertip
 
 
@@ -28,9 +33,12 @@ def _complete_units(incomplete: str) -> list[str]:
 
 
 def _unit_name(text: str) -> str:
-    """The unit as the library spells it: MM, inch and inches are taken too."""
-    unit = text.lower()
-    return "in" if unit in ("inch", "inches") else unit
+    """The unit as the library spells it: MM, inch and metres are taken too."""
+    if text in ("mm", "m"):
+        return text
+    from proximity.formats import unit_name  # slow
+
+    return unit_name(text)
 
 
 def check_range(
@@ -114,13 +122,9 @@ ADDRESS = Annotated[
 JSON = Annotated[bool, flag("--json", "Write one JSON document.")]
 JSON_SI = Annotated[bool, flag("--json", "Write one JSON document, in SI units.")]
 JSON_SUMMARY = Annotated[bool, flag("--json", "Write the summary as a JSON document.")]
+SECONDS = within(0.0, LONGEST_S, "seconds", is_open=True)
 LIMIT = Annotated[
-    float | None,
-    option(
-        "SECONDS",
-        "Stop after this many seconds; Ctrl-C stops at any time.",
-        callback=within(0.0, LONGEST_S, "seconds", is_open=True),
-    ),
+    float | None, option("S", "Stop after this many seconds; Ctrl-C stops at any time.", callback=SECONDS)
 ]
 GEAR = Annotated[
     str | None,
@@ -130,26 +134,24 @@ CABLE = Annotated[
     str | None,
     option(
         "N/M|FILE",
-        "Stiffness of the cable at the fingertip, or the calibration of the glove that it was"
-        " measured in. Without it, no cable.",
+        "Stiffness of the cable at the fingertip, or a glove file with its measured stiffness. "
+        "Default: no cable.",
     ),
 ]
 GLOVE = Annotated[
     Path | None,
     option(
         "FILE",
-        "File of the glove, as calibrate or a builder wrote it: motor, gear, lever, linkage "
-        "and cable. Default: a glove with assumed dimensions.",
+        "Glove file, written by calibrate or by hand: motor, gear, lever, linkage and cable. "
+        "Default: a glove with assumed dimensions.",
     ),
 ]
 GLOVES = Annotated[
     list[Path] | None,
     option(
         "FILE",
-        "File of the glove, as calibrate or a builder wrote it: one for all fingers, or one "
-        "for each. Default: a glove with assumed dimensions.",
-        "--glove",
-        "--calibration",
+        "Glove file, written by calibrate or by hand: one for all fingers, or one for each. "
+        "Default: a glove with assumed dimensions.",
     ),
 ]
 
@@ -173,16 +175,39 @@ class Reading:
 
     def load(self, file: Path, doing: str = "reading") -> "proximity.Scene":
         """Return the scene in a file, with a spinner, compiling kernels first where that is needed."""
-
         progress.prepare_kernels()
+        started = time.monotonic()
         with progress.spinner(f"{doing} {file}") as count:
-            return proximity.load(
+            scene = proximity.load(
                 str(file),
                 units=self.units,
                 progress=count,
                 step_tolerance=self.step_tolerance / 1e3,
                 unpacked_limit=self.unpacked_limit * 1e9,
             )
+        seconds = time.monotonic() - started
+        if seconds > SLOW_S and doing == "reading":
+            report(f"note: reading took {seconds:.1f} s; a file of `proximity compile {file}` opens at once")
+        return scene
+
+
+@dataclass(frozen=True, slots=True)
+class Printing:
+    """How a figure is printed."""
+
+    width: Annotated[
+        float | None,
+        option("MM", "Width of the figure; the size of the text stays.", callback=within(40.0, 1000.0, "mm")),
+    ] = None
+    caption: Annotated[
+        bool, flag("--caption/--no-caption", "Whether conditions stand below the figure.", show_default=False)
+    ] = True
+
+    def sheet(self) -> "Sheet":
+        """Return what the library takes."""
+        from proximity.lab.figures.style import Sheet
+
+        return Sheet(None if self.width is None else self.width / 1e3, self.caption)
 
 
 def cable_stiffness(text: str, max_age: float | None = None) -> float:

@@ -4,11 +4,14 @@ What a command found is nested values, in people's units: JSON is these, and the
 infinity become null in JSON, which has no word for them.
 """
 
+import io
 import json
 import math
 import sys
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
@@ -19,6 +22,7 @@ DIGITS = 15
 """Significant decimal digits that every float64 keeps; the two behind them are rounding of the conversion."""
 MM_PER_M = 1e3
 MISSING = "-"
+STDOUT = Path("-")
 FEW_DIGITS = 6  # significant, of numbers that a reader only looks over
 NO_LENGTH = 1e-12
 """Of any unit: what is smaller is rounding of lengths that people have."""
@@ -28,6 +32,18 @@ def write_document(result: Any, *, indent: int | None = 1) -> None:
     """Write one JSON document to stdout at once: somebody may wait for it."""
     sys.stdout.write(json.dumps(plain(result), allow_nan=False, indent=indent) + "\n")
     sys.stdout.flush()
+
+
+@contextmanager
+def text_output(path: Path) -> Iterator[TextIO]:
+    """Give a stream for the text of a file, which is replaced at the end; ``-`` is standard output."""
+    if path == STDOUT:
+        yield sys.stdout
+        return
+    from proximity.system.whole_file import whole_file
+
+    with whole_file(path) as stream, io.TextIOWrapper(stream, encoding="utf-8", newline="") as text:
+        yield text
 
 
 def plain(value: Any) -> Any:

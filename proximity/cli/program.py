@@ -10,12 +10,12 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, ClassVar, NamedTuple, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -31,6 +31,7 @@ EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE: the reader, say `head`, went first
 _NO_SUCH_OPTION: Any = vars(sys.modules[typer.BadParameter.__module__])["NoSuchOption"]
 """Of Click, or of the copy of it that newer versions of Typer have."""
 
+SETTINGS = {"help_option_names": ["-h", "--help"]}
 NEGATIVE = re.compile(r"-(\d|\.\d|(inf|infinity|nan)$)", re.IGNORECASE)
 """What begins a negative number, be it misspelt as -1,5: no option begins like that."""
 DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
@@ -53,6 +54,32 @@ def help_and_examples(command: Callable[..., Any]) -> tuple[str, str]:
     return "\n\n".join(paragraphs).replace("[", "\\["), f"\nExamples:\n{examples}\n"
 
 
+def add_command(
+    app: typer.Typer, function: Callable[..., Any], name: str = "", *, is_bare: bool = False
+) -> typer.Typer:
+    """Add a command to *app* by its function, whose docstring is the help; *is_bare*: needs no argument."""
+    text, examples = help_and_examples(function)
+    app.command(
+        name or function.__name__,
+        cls=Command,
+        help=text,
+        epilog=examples,
+        no_args_is_help=not is_bare,
+        context_settings=SETTINGS,
+    )(function)
+    return app
+
+
+def group_of(name: str, help: str, *functions: Callable[..., Any], bare: Iterable[str] = ()) -> typer.Typer:
+    """Return a command that is a group: a command for each function; *bare*: those without arguments."""
+    app = typer.Typer(
+        name=name, cls=Group, help=help, no_args_is_help=True, add_completion=False, context_settings=SETTINGS
+    )
+    for function in functions:
+        add_command(app, function, is_bare=function.__name__ in bare)
+    return app
+
+
 class _Plain(NamedTuple):
     """Passes on text, paths and defaults; Typer converts the rest by Pydantic: a third of a query's time."""
 
@@ -73,13 +100,19 @@ class _Plain(NamedTuple):
         return self.of_typer().coerce(value, param=param, ctx=ctx)
 
 
+def _no_type(ctx: Any) -> None:
+    """What stands in the help for the type of a flag, or of an argument, which has a name."""
+
+
 class _Plainly:
     """A command or a group whose values `_Plain` converts."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return arguments and options, that for help as well."""
+        """Return arguments and options, that for help as well; only values have a type in the help."""
         params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
         for param in params:
+            if param.param_type_name == "argument" or param.is_flag:
+                param.display_type_rich = _no_type
             of_typer = getattr(param, "get_runtime_param", None)  # versions without it are let be
             if of_typer is not None and not isinstance(of_typer, partial):
                 param.get_runtime_param = partial(_Plain, of_typer, param.type_descriptor)
@@ -109,6 +142,16 @@ class Command(_Plainly, TyperCommand):
 
 class Group(_Plainly, TyperGroup):
     """Commands whose expected ends are exit codes."""
+
+    meant: ClassVar[dict[str, str]] = {}
+    """Words that are no commands, and the command that people mean by them."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that is asked for; of an unknown one, name the one that is meant."""
+        word = args[0].lower()
+        if self.get_command(ctx, args[0]) is None and word in self.meant:
+            ctx.fail(f"No such command {args[0]!r}. Did you mean {self.meant[word]!r}?")
+        return super().resolve_command(ctx, args)
 
     def make_context(self, *args: Any, **options: Any) -> Any:
         """Read the arguments, and print help or version where that is asked for."""

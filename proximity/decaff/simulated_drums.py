@@ -266,8 +266,8 @@ class DrumBench:
         if bendless and "motors" not in self._announced:
             self._announced.add("motors")
             reported.append(
-                f"no bend is reported of finger {', '.join(map(str, bendless))}: its motor keeps the drum "
-                "retracted, since a bend comes from a path or a glove"
+                f"the service reports no bend for finger {', '.join(map(str, bendless))}: its motor keeps "
+                "the drum retracted, since a bend comes from a path or a glove"
             )
         silent = silent[len(bendless) :]
         if self._motors and self._is_stale and "stale" not in self._announced:
@@ -276,10 +276,9 @@ class DrumBench:
         if silent and "bends" not in self._announced:
             self._announced.add("bends")
             reported.append(
-                f"no bend is reported of finger {', '.join(map(str, silent))}: shown as if it bent "
+                f"the service reports no bend for finger {', '.join(map(str, silent))}: shown as if it bent "
                 "straight towards the nearest surface; a real drum stays retracted without a bend, "
-                "which comes from a "
-                "path or a glove"
+                "which comes from a path or a glove"
             )
         for i, finger in enumerate(self.fingers):
             if finger.action is not None and finger.action.is_hot and f"heat {i}" not in self._announced:

@@ -14,11 +14,12 @@ from proximity.formats.file_reader import read_geometries
 from proximity.formats.format_detection import EXTENSIONS
 from proximity.formats.step.step import STEP_TOLERANCE
 from proximity.formats.threemf.threemf import UNPACKED_LIMIT
-from proximity.formats.units import UNITS, likely_unit, metres_per_unit, size_notes
+from proximity.formats.units import SYNONYMS, UNITS, likely_unit, metres_per_unit, size_notes, unit_name
 
 __all__ = [
     "EXTENSIONS",
     "STEP_TOLERANCE",
+    "SYNONYMS",
     "UNITS",
     "UNPACKED_LIMIT",
     "FileContents",
@@ -27,4 +28,5 @@ __all__ = [
     "metres_per_unit",
     "read_geometries",
     "size_notes",
+    "unit_name",
 ]

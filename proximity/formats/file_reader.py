@@ -15,7 +15,7 @@ from proximity.formats.gltf import gltf
 from proximity.formats.ply import ply, ply_header
 from proximity.formats.step import step
 from proximity.formats.threemf import threemf
-from proximity.formats.units import UNITS, metres_per_unit
+from proximity.formats.units import UNITS, metres_per_unit, unit_name
 from proximity.system.regular_file import NotRegularFileError, open_regular
 
 _LARGE_BYTES, _HEAD_BYTES = 1 << 26, 1 << 20
@@ -46,6 +46,7 @@ def read_geometries(
     of a STEP file. *unpacked_limit*: what a 3MF file, which is an archive, may unpack to. Returned: at least
     one geometry; nothing merged, dropped or repaired. Identical instances share their arrays.
     """
+    units = unit_name(units)
     metres = metres_per_unit(units)
     tolerance = positive("step_tolerance", step_tolerance, "metres")
     read_step = partial(step.read_step, tolerance=tolerance, undeclared_metres=metres)

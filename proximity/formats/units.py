@@ -24,6 +24,13 @@ UNITS: dict[str, float] = {
     "mil": 2.54e-5,
 }
 """Name of a unit -> metres."""
+PREFIXES = {"": "", "milli": "m", "centi": "c", "deci": "d", "micro": "u", "nano": "n", "kilo": "k"}
+SYNONYMS = {prefix + word: short + "m" for prefix, short in PREFIXES.items() for word in ("metre", "meter")}
+SYNONYMS |= {
+    "micron": "um", "\N{GREEK SMALL LETTER MU}m": "um", "inch": "in", "inche": "in", "foot": "ft",
+    "feet": "ft", "yard": "yd", "mile": "mi", "thou": "mil",
+}  # fmt: skip
+"""Other words for units, in small letters and without an s at the end."""
 
 SMALLEST_PART = 0.0005
 """m; a part is not likely to be smaller."""
@@ -37,11 +44,18 @@ UNIT_NAMES = {"mm": "millimetres", "in": "inches", "m": "metres", "um": "microme
 """Units that modelling programs commonly write."""
 
 
+def unit_name(name: str) -> str:
+    """Return the key of `UNITS` for a unit, also where it is spelt as a word or in capitals."""
+    if isinstance(name, str):
+        word = name.casefold()
+        if (unit := SYNONYMS.get(word.removesuffix("s"), word)) in UNITS:
+            return unit
+    raise MeshError(f"there is no unit {name!r}, expected one of {', '.join(UNITS)}")
+
+
 def metres_per_unit(name: str) -> float:
     """Return the length of one unit in metres."""
-    if isinstance(name, str) and name in UNITS:
-        return UNITS[name]
-    raise MeshError(f"there is no unit {name!r}, expected one of {', '.join(UNITS)}")
+    return UNITS[unit_name(name)]
 
 
 def likely_unit(size: float, units: str) -> str | None:

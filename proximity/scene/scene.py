@@ -1,6 +1,6 @@
 """Scenes: parts with poses, with the same queries as one solid."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -104,12 +104,6 @@ class Scene(Queries, PairQueries):
         """
         return self._parts.state.current or self._updated()
 
-    def _state_with_solids(self) -> tuple[Model, list[Solid]]:
-        while True:
-            parts, model = self._parts, self.snapshot()
-            if parts is self._parts:
-                return model, parts.solids
-
     def _updated(self) -> Model:
         with self._lock:
             model = self._parts.updated()
@@ -148,13 +142,13 @@ class Scene(Queries, PairQueries):
         """Bytes held by meshes and trees."""
         return self._parts.memory_bytes
 
-    def part(self, name: str) -> Part:
-        """Return the part of that name.
+    def part(self, name: str | int) -> Part:
+        """Return the part of that name or index; ``scene[name]`` is the same.
 
         Parameters
         ----------
-        name : str
-            As in `parts`.
+        name : str or int
+            Name as in `parts`, or index: ``scene[hit.part]``.
 
         Raises
         ------
@@ -163,6 +157,14 @@ class Scene(Queries, PairQueries):
         """
         with self._lock:
             return self._parts[self._parts.find(name)]
+
+    __getitem__ = part
+
+    def __iter__(self) -> Iterator[Part]:
+        return iter(self.parts)
+
+    def __len__(self) -> int:
+        return len(self._parts)
 
     def move(
         self, name: str, pose: Any, *, velocity: Any = NO_VELOCITY, angular_velocity: Any = NO_VELOCITY

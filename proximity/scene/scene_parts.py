@@ -99,10 +99,12 @@ class SceneParts:
         solids = {part.solid for part in self._parts}  # one may be in several parts
         return self.state.latest.memory_bytes + sum(solid._mesh_bytes for solid in solids)
 
-    def find(self, name: str) -> int:
-        """Return the row of the part of that name; a `SceneError` if there is none."""
+    def find(self, name: str | int) -> int:
+        """Return the row of the part of that name or index; a `SceneError` if there is none."""
+        if isinstance(name, int | np.integer) and 0 <= name < len(self._parts):  # -1 is `NO_PART`
+            return int(name)
         try:
-            return self.row_of[name]
+            return self.row_of[name]  # type: ignore[index]
         except (KeyError, TypeError):
             known = ", ".join(repr(known) for known in list(self.row_of)[:10])
             more = "" if len(self.row_of) <= 10 else f" and {len(self.row_of) - 10} more"

@@ -1,37 +1,21 @@
-"""Objects of trimesh as scenes. This module does not import trimesh."""
+"""Meshes of trimesh, PyVista and Open3D as scenes, by their arrays; and scenes as objects of trimesh."""
 
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from proximity.checks import trimesh_kind
-from proximity.errors import MeshError, PoseError
-from proximity.formats import UNITS, Geometry, metres_per_unit
+from proximity.checks import as_points, trimesh_kind
+from proximity.errors import ArgumentError, MeshError, PoseError
+from proximity.formats import UNITS, Geometry, metres_per_unit, unit_name
 from proximity.formats.node_placement import Placement, place
+from proximity.pose import Pose
 from proximity.scene.loader import scene_of
 from proximity.scene.part import LoadReport
 from proximity.scene.scene import Scene
 
 Placed = tuple[str, Any, np.ndarray | None]
 """Name of a part, its mesh or other geometry, and the matrix that places it."""
-SYNONYMS = {
-    "meter": "m",
-    "meters": "m",
-    "centimeter": "cm",
-    "centimeters": "cm",
-    "millimeter": "mm",
-    "millimeters": "mm",
-    "micron": "um",
-    "microns": "um",
-    "inch": "in",
-    "inches": "in",
-    "foot": "ft",
-    "feet": "ft",
-    "yard": "yd",
-    "yards": "yd",
-}
-"""Units as trimesh writes them out, and what they are called here."""
 
 
 def from_trimesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> Scene:
@@ -75,12 +59,93 @@ def from_trimesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> 
     return scene_of(_geometries(meshes, metres_per_unit(units)), f"trimesh.{kind}", report)
 
 
+def from_mesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> Scene:
+    """Return the scene of a mesh of trimesh, PyVista or Open3D.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh, trimesh.Scene, pyvista.PolyData or open3d.geometry.TriangleMesh
+        Also any object with arrays ``vertices`` and ``faces``. All faces must be triangles.
+    units : str
+        Unit of the coordinates: "mm", "m", "in", ...; only a mesh of trimesh may name it itself.
+    name : str
+        Name of the part.
+
+    Returns
+    -------
+    Scene
+        In metres. A mesh that is several bodies is split; ``part.source_faces`` has the rows of the mesh's
+        faces.
+
+    Raises
+    ------
+    MeshError
+        If it is none of these, has no unit, has other faces than triangles, or cannot be used.
+    """
+    if trimesh_kind(mesh) is not None:
+        return from_trimesh(mesh, units=units, name=name)
+    units, kind = _agreed_units(set(), units), type(mesh).__name__
+    vertices, faces = _arrays_of(mesh)
+    vertices = as_points(vertices, "vertices") * metres_per_unit(units)
+    if not len(faces):
+        raise MeshError(f"the {kind} holds no faces")
+    geometry = Geometry(name, vertices, faces, np.arange(len(faces), dtype=np.int32), Pose())
+    return scene_of([geometry], kind, LoadReport("", kind, units, False, ()))
+
+
+def _arrays_of(mesh: Any) -> tuple[Any, np.ndarray]:
+    if hasattr(mesh, "triangles"):  # Open3D
+        return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    if hasattr(mesh, "points") and hasattr(mesh, "faces"):  # PyVista: 3, i, j, k, 3, i, j, k, ...
+        rows = np.asarray(mesh.faces)
+        if rows.size % 4 or (rows[::4] != 3).any():
+            raise MeshError("the mesh has faces that are no triangles: its method triangulate() makes these")
+        return np.asarray(mesh.points), rows.reshape(-1, 4)[:, 1:]
+    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+        return mesh.vertices, np.asarray(mesh.faces)
+    raise MeshError(f"a {type(mesh).__name__} was given, expected a mesh of trimesh, PyVista or Open3D")
+
+
+def to_trimesh(scene: Scene) -> Any:
+    """Return a scene as a `trimesh.Scene`, for example to boolean, section or export its parts.
+
+    Parameters
+    ----------
+    scene : Scene
+        Every part becomes a node with its name and pose. Parts that share a mesh share a geometry.
+
+    Returns
+    -------
+    trimesh.Scene
+        In metres, and its meshes say so. The arrays are copies.
+
+    Raises
+    ------
+    ArgumentError
+        If *scene* is none.
+    """
+    import trimesh
+
+    if not isinstance(scene, Scene):
+        raise ArgumentError(f"a {type(scene).__name__} was given, expected a proximity.Scene")
+    made, geometries = trimesh.Scene(), {}
+    for part in scene.parts:
+        mesh = part.solid.mesh
+        if id(mesh) not in geometries:
+            geometry = trimesh.Trimesh(mesh.vertices.copy(), mesh.faces.copy(), process=False)
+            geometry.units = "m"
+            geometries[id(mesh)] = geometry
+        made.add_geometry(
+            geometries[id(mesh)], node_name=part.name, geom_name=part.name, transform=part.pose.matrix
+        )
+    return made
+
+
 def _agreed_units(declared: set[str], given: str | None) -> str:
     """The unit that all meshes agree on, and the caller too."""
-    names = {SYNONYMS.get(name.lower(), name.lower()) for name in declared}
+    names = set(map(unit_name, declared))
     if given is not None:
-        metres_per_unit(given)  # refuses what is no unit
-        names.add(given)
+        names.add(unit_name(given))
     if not names:
         raise MeshError(f"the mesh names no unit, expected units to be given: one of {', '.join(UNITS)}")
     if len(names) > 1:

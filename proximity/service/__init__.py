@@ -1,22 +1,20 @@
 """The service: takes poses and publishes a frame every period, with times, validity and a safe late state.
 
-    input (poses) → newest samples → contact source → frame builder (times, state) → frame publisher (log)
+    input (poses) → loop (compiled): newest poses → contacts → times, state → publishers, log
 
-`Service` is the loop, and `CompiledService` the same without an interpreter. It knows no geometry and no
-files: its contact source and its clock are given to it.
+`Service` is the loop. It knows no geometry and no files: its contact source is given to it.
 """
 
-from proximity.service.clock import Clock, MonotonicClock, SkippingClock
-from proximity.service.compiled_loop import CompiledService
+from proximity.service.clock import Clock, SkippingClock
 from proximity.service.contact_source import ContactSource, TrackedContacts
 from proximity.service.description import Describer
-from proximity.service.frame_publisher import Log
+from proximity.service.frame_log import Log
 from proximity.service.inputs.changes_input import Addition, ChangesInput, Request, carry_out
 from proximity.service.inputs.gloves import GloveChoices
 from proximity.service.inputs.message_input import MessageInput
 from proximity.service.inputs.moves_input import MovesInput
 from proximity.service.inputs.openxr_input import OpenXrInput
-from proximity.service.inputs.sources import CallableInput, PoseInput, RecordingInput
+from proximity.service.inputs.sources import PoseInput, RecordingInput
 from proximity.service.loop import Service
 from proximity.service.realtime import RealTime
 from proximity.service.report import Histogram, Report
@@ -25,10 +23,8 @@ from proximity.service.sensed_contacts import SensedContacts
 
 __all__ = [
     "Addition",
-    "CallableInput",
     "ChangesInput",
     "Clock",
-    "CompiledService",
     "ContactSource",
     "Describer",
     "FingerPoses",
@@ -37,7 +33,6 @@ __all__ = [
     "Log",
     "Measurements",
     "MessageInput",
-    "MonotonicClock",
     "MovesInput",
     "OpenXrInput",
     "PoseInput",

@@ -1,4 +1,4 @@
-"""Clocks of the service's loop.
+"""Clocks that a service's loop is driven by in place of the system's.
 
 All times are whole nanoseconds of one monotonic clock, the one that frames are stamped with.
 """
@@ -6,49 +6,19 @@ All times are whole nanoseconds of one monotonic clock, the one that frames are 
 import time
 from typing import Protocol
 
-from proximity.system.time_units import NS_PER_S
-
 
 class Clock(Protocol):
-    """A clock that the loop reads and waits on."""
+    """A clock that the loop is driven by, tick by tick, in place of the system's."""
 
     @property
     def skipped_ns(self) -> int:
         """Time by which it is ahead of the clock that subscribers read, ns."""
-
-    def stopwatch_ns(self) -> int:
-        """Return what durations are measured by, ns: it runs even where the clock stands still."""
 
     def now_ns(self) -> int:
         """Return the present instant, ns."""
 
     def sleep_until(self, due_ns: int) -> None:
         """Return at that instant, or at once where it is past; never before."""
-
-
-class MonotonicClock:
-    """The system's monotonic clock, as ``time.monotonic_ns`` and C's ``CLOCK_MONOTONIC`` read it.
-
-    *spin*: sleep until that long before the instant, and look at the clock without pause from then on. It
-    makes up for a system that wakes late, and keeps a core busy meanwhile.
-    """
-
-    skipped_ns = 0
-
-    def __init__(self, spin: float = 0.0) -> None:
-        self._spin_ns = round(NS_PER_S * spin)
-        self.now_ns = self.stopwatch_ns = time.monotonic_ns
-
-    def sleep_until(self, due_ns: int) -> None:
-        """Sleep, then spin."""
-        now_ns = time.monotonic_ns
-        wakes_ns = due_ns - self._spin_ns
-        left = wakes_ns - now_ns()
-        while left > 0:
-            time.sleep(1e-9 * left)
-            left = wakes_ns - now_ns()
-        while now_ns() < due_ns:
-            pass
 
 
 class SkippingClock:
@@ -61,7 +31,6 @@ class SkippingClock:
 
     def __init__(self) -> None:
         self._now_ns = time.monotonic_ns()
-        self.stopwatch_ns = time.monotonic_ns
 
     @property
     def skipped_ns(self) -> int:

@@ -32,6 +32,8 @@ class ContactSource(Protocol):
     """Of fingers."""
     source: Source
     """Where its distances come from."""
+    is_ticked_by_loop: bool
+    """Whether it has a tracker that the loop may tick by itself; otherwise `fill` is asked in each tick."""
 
     @property
     def epoch(self) -> int:
@@ -72,11 +74,15 @@ class TrackedContacts:
     """
 
     source = Source.GEOMETRY
+    takes_changes: bool
+    """Whether parts are looked at before each tick: messages move or change them, or another thread does."""
+    is_ticked_by_loop = True
 
     def __init__(self, tracker: Tracker, moves: Any = None, changes: Any = None) -> None:
         self.tracker = tracker
         self.moves = moves
         self.changes = changes
+        self.takes_changes = moves is not None or changes is not None
         self.count = len(tracker.contacts)
         self._bends = Bends(self.count)
         self._filled: np.ndarray | None = None  # the records that ticks write to
@@ -139,10 +145,7 @@ class TrackedContacts:
         if contacts is not self._filled:
             tracker.write_to(contacts)
             self._filled = contacts
-        if self.changes is not None:
-            self.changes.apply(tracker.scene)
-        if self.moves is not None:
-            self.moves.apply(tracker.scene, now_ns, samples)
+        self.edit(samples, now_ns)
         tracker.advance(
             samples.positions,
             samples.pose_ns,
@@ -151,10 +154,21 @@ class TrackedContacts:
             paths=paths,
             bends=None if paths is None else bends,
         )
-        if self.moves is not None:
-            self.moves.widen(contacts)
+        self.widen(contacts)
         if bends is not None:
             self._bends.write(contacts, bends, samples.pose_ns)
+
+    def edit(self, samples: FingerPoses, now_ns: int) -> None:
+        """Change and move the parts that are to change and move, before a tick."""
+        if self.changes is not None:
+            self.changes.apply(self.tracker.scene)
+        if self.moves is not None:
+            self.moves.apply(self.tracker.scene, now_ns, samples)
+
+    def widen(self, contacts: np.ndarray) -> None:
+        """Widen the bounds of a tick by what is not known of parts that move."""
+        if self.moves is not None:
+            self.moves.widen(contacts)
 
     def close(self) -> None:
         """Close the inputs of moves and changes."""

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 
-from proximity.kernels.contact_record import BOUNDED, IN_RANGE, TRACKED
 from proximity.kernels.tracking.motion import (
     JUMPED,
     REPEATED,
@@ -33,7 +32,6 @@ ERROR_SUMS_SIZE = 2
 LARGEST_DISTANCE_ERROR = 1e3
 """m: what is off by more is as good as not known, and must fade like others."""
 
-LATEST = np.int64(2**63 - 1)
 REFUSED = 255
 """Defect of a sample that was refused before: it is not counted again."""
 LOST = 254
@@ -104,23 +102,6 @@ def drop_stale(newest_ns, newest, oldest_ns):
     for i in range(len(newest_ns)):
         if newest_ns[i] < oldest_ns:
             newest[i, 0] = np.nan
-
-
-@entry("Contact[:] -> int, int, int")
-def overview(contacts):
-    """Summarise contacts: oldest pose, fingers tracked, fingers uncertain.
-
-    Uncertain is who is near and has bounds only. Without a finger that is tracked the instant is `LATEST`.
-    """
-    oldest, tracked, uncertain = LATEST, 0, 0
-    for i in range(len(contacts)):
-        flags = np.int64(contacts[i]["flags"])
-        if flags & TRACKED:
-            tracked += 1
-            oldest = min(oldest, contacts[i].pose_ns)
-            if flags & BOUNDED and flags & IN_RANGE:
-                uncertain += 1
-    return oldest, tracked, uncertain
 
 
 @inlined

@@ -1,39 +1,64 @@
-"""The service loop: publishes the newest poses as a frame every period, and skips ticks that are too late."""
+"""The service loop: a thread of compiled code that publishes the newest poses as a frame.
 
+A pose that comes wakes it, and its frame leaves when it is computed; ticks for poses are half a period apart,
+or half a millisecond where that is less, and at least every period a frame leaves. On Linux it takes poses
+from ``shm://`` and ``udp://`` of this machine by itself, and sends frames by them; other ends are threads of
+Python beside it. In a tick it waits for Python only where parts are moved or changed by messages, where a
+sensor measures, and where poses are polled.
+"""
+
+import ctypes
+import logging
+import sys
 import threading
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, nullcontext
 from typing import Any
 
-from proximity.checks import as_number
 from proximity.errors import ServiceError
-from proximity.service.clock import Clock, MonotonicClock
-from proximity.service.contact_source import ContactSource
+from proximity.service.clock import Clock, SkippingClock
+from proximity.service.contact_source import ContactSource, TrackedContacts
 from proximity.service.description import Describer
-from proximity.service.frame_builder import FrameBuilder
-from proximity.service.frame_publisher import FramePublisher, Log
+from proximity.service.frame_log import FrameLogThread, Log
 from proximity.service.inputs.sources import PoseInput
+from proximity.service.loop_ends import FrameBridge, PoseBridge
+from proximity.service.loop_memory import (
+    LoopMemory,
+    SourceMemory,
+    answers_in_c,
+    defined,
+    fill,
+    nanoseconds,
+    run_function,
+)
+from proximity.service.loop_watch import LoopWatch
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
 from proximity.service.samples import NewestSamples
-from proximity.system.time_units import NS_PER_S
 from proximity.transport import Publisher
+from proximity.transport.publisher import numbering, outlet_of
 
-STOPPING_FRAMES = 3
-"""Frames that say STOPPING: a datagram may be lost."""
+LOGGER = logging.getLogger("proximity.service")
+LOOK = 0.02
+"""s between two looks of Python at the loop: for descriptions, and what is to be warned of."""
+OPENS_ENDS = sys.platform == "linux"
+"""Whether the loop knows mailboxes and sockets of this system; otherwise all ends are threads."""
 REPLACE_TIMEOUT, POLL_INTERVAL = 1.0, 1e-3
 """s, beyond a period, that a replacement is waited for; and between two looks whether it is in use."""
-SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
-"""s, of periods."""
+_PYTHON = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+_POSES, _PARTS, _BOUNDS, _CONTACTS = (
+    defined(f"LOOP_ASK_{name}") for name in ("POSES", "PARTS", "BOUNDS", "CONTACTS")
+)
 
 
 class Service:
-    """Takes poses in, has them answered, and publishes frames, every period.
+    """Takes poses in, has them answered, and publishes frames, every period and when poses come.
 
     *pose_input*: where samples come from, of as many fingers. Closed at the end. *valid_for*: age of the
-    oldest pose up to which a frame may be used as it is. *log*: what frames are appended to, by another
-    thread. Closed at the end. *describer*: makes the messages with names of parts and fingers.
+    oldest pose up to which a frame may be used as it is. *clock*: drives it tick by tick; None: the system's.
+    *log*: what frames are appended to, by another thread. Closed at the end. *describer*: makes the messages
+    with names of parts and fingers. *counts_processor*: whether ticks are timed by the processor's time.
     """
 
     def __init__(
@@ -49,43 +74,93 @@ class Service:
         log: Log | None = None,
         real_time: RealTime | None = None,
         describer: Describer | None = None,
+        counts_processor: bool = False,
     ) -> None:
-        self._period_ns = nanoseconds("period", period)
-        self._source, self._input = contact_source, pose_input
-        self._next: ContactSource | None = None
-        self._retired: ContactSource | None = None  # before the last replacement
-        self._has_run = False
+        self._run_loop = run_function()
+        self._memory = LoopMemory(contact_source.count)
+        self._loop: Any = self._memory.loop
+        self._source, self._input, self._publishers = contact_source, pose_input, list(publishers)
+        self._clock, self._real_time, self._describer = clock, real_time, describer
+        for name, seconds in (("period", period), ("valid_for", valid_for), ("stale_after", stale_after)):
+            self._loop[f"{name}_ns"] = nanoseconds(name, seconds)
+        self._memory.message.header["source"] = contact_source.source
+        self._loop.is_simulated, self._loop.is_ahead = clock is not None, isinstance(clock, SkippingClock)
+        self._loop.counts_processor = counts_processor
+        self._loop.is_coarse = time.get_clock_info("monotonic").implementation.startswith("GetTickCount")
+        self._used: dict[int, SourceMemory] = {}  # by address: the source in use, and one that follows
+        self._current: SourceMemory | None = None
+        self._log = None if log is None else FrameLogThread(log, len(self._memory.message.data))
+        self._loop.log = 0 if self._log is None else self._log.writer
+        self._set_input(contact_source, pose_input)
+        self._set_outputs()
+        self._watch = LoopWatch(self._memory, pose_input.address, self._publishers, self._bridges)
+        self._has_run = self._is_running = False
         self._thread: int | None = None  # that the loop runs in
-        self._epoch_offset = 0
-        self._clock: Clock = MonotonicClock() if clock is None else clock
-        self._newest = NewestSamples(
-            contact_source.new_samples(), nanoseconds("stale_after", stale_after), pose_input.address
-        )
-        self._frame_builder = FrameBuilder(
-            contact_source.count, contact_source.source, self._period_ns, nanoseconds("valid_for", valid_for)
-        )
-        self._frame_publisher = FramePublisher(publishers, log, len(self._frame_builder.message.data))
-        self._real_time, self._describer = real_time, describer
-        self._report = Report(self._period_ns)
+        self._failure: BaseException | None = None
+        self._outcome = 0
 
-    @property
-    def report(self) -> Report:
-        """Counts and times so far; the same object each time."""
-        report, newest, publisher = self._report, self._newest, self._frame_publisher
-        future, backwards, too_old = self._source.refused
-        report.future, report.backwards = newest.future + future, newest.backwards + backwards
-        report.too_old = newest.too_old + too_old
-        report.publish_failures = dict(publisher.failures)
-        report.log_written, report.log_lost = publisher.log_written, publisher.log_lost
-        real_time = [] if self._real_time is None else self._real_time.notes
-        inputs = [*self._input.notes, *newest.notes, *self._source.notes]
-        report.notes = [*real_time, *inputs, *publisher.notes]
-        return report
+    def _set_input(self, contact_source: ContactSource, pose_input: PoseInput) -> None:
+        """Have poses come in: to the loop itself, by a thread, or polled at each tick."""
+        self._newest: NewestSamples | None = None
+        self._bridge = PoseBridge(pose_input, contact_source.count)
+        self._memory.input["box"] = self._bridge.reader
+        end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
+        self._is_direct = end is not None and answers_in_c(contact_source)
+        if not answers_in_c(contact_source):
+            stale_after_ns = int(self._loop.stale_after_ns)
+            self._newest = NewestSamples(contact_source.new_samples(), stale_after_ns, pose_input.address)
+            self._loop.asked = _CONTACTS
+        elif self._is_direct and end is not None:
+            fill(self._memory.input, {"box": 0, **end})
+            self._memory.is_direct = True
+        elif self._clock is not None or not self._bridge.waits:
+            self._loop.asked = _POSES
+        if not self._newest and contact_source.takes_changes:  # type: ignore[attr-defined]
+            self._loop.asked |= _PARTS | _BOUNDS
+        self._steps = {
+            _POSES: self._poll,
+            _PARTS: self._edit,
+            _BOUNDS: self._widen,
+            _CONTACTS: self._make_contacts,
+        }
+        self._python = _PYTHON(self._do)
+        self._loop.python = ctypes.cast(self._python, ctypes.c_void_p).value
+
+    def _set_outputs(self) -> None:
+        """Have frames go out: from the loop itself, or by a thread for each publisher."""
+        outputs, size = self._memory.outputs, len(self._memory.message.data)
+        if len(self._publishers) > len(outputs):
+            raise ServiceError(
+                f"{len(self._publishers)} addresses to publish at, expected {len(outputs)} at most"
+            )
+        self._bridges: dict[int, FrameBridge] = {}
+        for number, publisher in enumerate(self._publishers):
+            end = getattr(outlet_of(publisher), "loop_end", None)
+            if end is None or not OPENS_ENDS:
+                self._bridges[number] = bridge = FrameBridge(publisher, size)
+                values: dict[str, Any] = {"socket": -1, "box": bridge.writer}
+            else:
+                values = end(size)
+            fill(outputs[number], {**numbering(publisher), **values})
+        if not self._publishers:  # frames are numbered for the log alone
+            fill(outputs[0], {"socket": -1, "session": time.time_ns()})
+        self._loop.output_count = max(len(self._publishers), 1)
 
     @property
     def contact_source(self) -> ContactSource:
         """The source of contacts at present."""
-        return self._source
+        return self._source if self._current is None else self._used[int(self._loop.source)].contacts
+
+    @property
+    def report(self) -> Report:
+        """Counts and times so far."""
+        report = self._watch.report(self._input, self._newest, self.contact_source)
+        if self._log is not None:
+            report.log_written, report.log_lost = self._log.written, self._log.failed + self._log.lost
+            report.notes += self._log.notes
+        if self._real_time is not None:
+            report.notes[:0] = self._real_time.notes
+        return report
 
     def run(self, *, stop: threading.Event | None = None, tick_count: int | None = None) -> Report:
         """Serve until asked to stop, or until the input is over; then say STOPPING and close everything.
@@ -98,15 +173,33 @@ class Service:
         if self._has_run:
             raise ServiceError("this service has already run and is closed: make a new one")
         self._has_run = True
+        asks_to_stop = (lambda: False) if stop is None else stop.is_set
         with ExitStack() as stack:
             stack.callback(self._close)
-            self._rehearse()
-            stack.enter_context(undisturbed())
-            if self._real_time is not None:
-                stack.enter_context(self._real_time)
-            stack.callback(self._publish_stopping)
-            self._serve(stop, tick_count)
+            self._source.rehearse()
+            self._begin()
+            self._loop.ticks_wanted = -1 if tick_count is None else tick_count
+            if self._clock is not None:
+                self._drive(self._clock, asks_to_stop)
+            else:
+                self._run_beside(asks_to_stop)
+        if self._failure is not None:
+            raise self._failure
+        if self._outcome:
+            raise ServiceError(
+                "the system has no timer for the loop, or the processor not the kernels' instructions"
+            )
         return self.report
+
+    def step(self, now_ns: int) -> None:
+        """Make one tick at an instant of the clock that drives it, in place of `run`."""
+        if self._current is None:
+            self._begin()
+            self._advance(0)
+        self._loop.due_ns = self._loop.simulated_ns = now_ns
+        self._advance(1)
+        if self._failure is not None:
+            raise self._failure
 
     def replace(self, contact_source: ContactSource) -> None:
         """Have contacts made by another source from the next tick on: a scene was edited.
@@ -118,111 +211,189 @@ class Service:
         -----
         Thread: any, but one at a time.
         """
-        before, after = self._source, contact_source
+        before, after, loop = self.contact_source, contact_source, self._loop
         if after.count != before.count or after.source != before.source:
             raise ServiceError(
                 f"contacts of {after.count} fingers from {after.source.name.lower()} cannot replace "
                 f"those of {before.count} from {before.source.name.lower()} in a running service"
             )
         after.rehearse()
-        self._next = after
-        gives_up = time.monotonic() + REPLACE_TIMEOUT + 1e-9 * self._period_ns
-        while self._next is after and self._is_running_elsewhere() and time.monotonic() < gives_up:
+        if self._current is None:
+            self._source = after
+            return
+        following = SourceMemory(after, self._memory)
+        self._used[following.address] = following
+        loop.next = following.address
+        gives_up = time.monotonic() + REPLACE_TIMEOUT + 1e-9 * float(loop.period_ns)
+        while loop.next and self._is_running_elsewhere() and time.monotonic() < gives_up:
             time.sleep(POLL_INTERVAL)
-        # Here, not in the loop: to free a large scene takes milliseconds.
-        self._retired = None
+        # Here, not in the loop: to free a large scene takes milliseconds. What it has not left has to stay.
+        kept = following.address, int(loop.source), self._current.address
+        for address in [address for address in self._used if address not in kept]:
+            del self._used[address]
 
     def _is_running_elsewhere(self) -> bool:
-        return self._thread not in (None, threading.get_ident())
+        return self._is_running and self._thread != threading.get_ident()
 
-    def _rehearse(self) -> None:
-        """Compile and touch all that a tick needs."""
-        self._source.rehearse()
-        newest = NewestSamples(self._source.new_samples(), 0)
-        newest.start(0)
-        newest.update(self._source.new_samples(), 0)
-        newest.drop_stale(0)
-        self._frame_builder.finish(0, 0, 0, 0, 0)
+    def _begin(self) -> None:
+        """Hand the scene over."""
+        self._current = SourceMemory(self._source, self._memory)
+        self._used[self._current.address] = self._current
+        self._loop.source = self._current.address
+        now_ns = time.monotonic_ns() if self._clock is None else self._clock.now_ns()
+        self._loop.simulated_ns = now_ns
+        if self._newest is not None:
+            self._newest.start(now_ns)
 
-    def _serve(self, stop: threading.Event | None, tick_count: int | None) -> None:
-        is_asked_to_stop = threading.Event().is_set if stop is None else stop.is_set
+    def _run_beside(self, asks_to_stop: Callable[[], bool]) -> None:
+        """Run the loop in a thread of its own, and look at it."""
+        if self._bridge.waits and not self._is_direct and not self._newest:
+            self._bridge.start(None)
+        for bridge in self._bridges.values():
+            bridge.start(self._real_time)
+        worker = threading.Thread(target=self._work, name="loop", daemon=True)
+        self._is_running = True
+        worker.start()
+        try:
+            while worker.is_alive():
+                if asks_to_stop() or self._bridge.failure or self._is_input_over():
+                    self._loop.stop = 1
+                self._look()
+                worker.join(LOOK)
+        finally:
+            self._loop.stop = 1
+            worker.join()
+            self._failure = self._failure or self._bridge.failure
+
+    def _is_input_over(self) -> bool:
+        """Whether a thread has put in the last pose; where poses are polled, the tick looks at that."""
+        return self._input.is_over and not self._loop.asked & (_POSES | _CONTACTS)
+
+    def _work(self) -> None:
+        """Run the loop, in a thread of its own."""
         self._thread = threading.get_ident()
-        begin_ns = self._clock.now_ns()
-        self._newest.start(begin_ns)
-        self._due_ns = begin_ns + self._period_ns
-        report, pose_input = self._report, self._input
-        while not is_asked_to_stop() and report.ticks != tick_count and not pose_input.is_over:
-            self._tick()
-            self._skip_what_is_past(self._clock.now_ns())
-            self._due_ns += self._period_ns
+        try:
+            with undisturbed(), self._real_time or nullcontext():
+                self._call()
+                if not self._loop.stop:  # all ticks are made: it has not said STOPPING
+                    self._loop.stop = 1
+                    self._call()
+        except BaseException as failure:
+            self._failure = failure
+        finally:
+            self._is_running = False
 
-    def _tick(self) -> None:
-        """Make one frame."""
-        clock, report, newest = self._clock, self._report, self._newest
-        frame_builder, due_ns = self._frame_builder, self._due_ns
-        clock.sleep_until(due_ns)
-        start_ns, begun_ns = clock.now_ns(), clock.stopwatch_ns()
-        if self._next is not None:
-            self._exchange_source()
-        for samples in self._input.poll(start_ns):
+    def _call(self) -> None:
+        self._outcome = self._run_loop(ctypes.c_void_p(self._memory.address))
+
+    def _drive(self, clock: Clock, asks_to_stop: Callable[[], bool]) -> None:
+        """Make the ticks one by one, in this thread, by another clock than the system's."""
+        loop, wanted = self._loop, int(self._loop.ticks_wanted)
+        self._is_running, self._thread = True, threading.get_ident()
+        with undisturbed(), self._real_time or nullcontext():
+            self._advance(0)
+            while not (loop.stop or asks_to_stop() or loop.ticks == wanted or self._input.is_over):
+                clock.sleep_until(int(loop.due_ns))
+                loop.simulated_ns = clock.now_ns()
+                self._advance(1)
+            if not loop.stop:
+                loop.stop = 1
+                self._advance(0)
+        self._is_running = False
+
+    def _advance(self, ticks: int) -> None:
+        """Make so many ticks more, and do what else Python does of it."""
+        self._loop.ticks_wanted = int(self._loop.ticks) + ticks
+        self._call()
+        self._look()
+        for bridge in self._bridges.values():
+            bridge.send_all()
+
+    def _do(self, what: int, now_ns: int) -> int:
+        """Python's part of a tick; not 0: it failed, and the loop ends."""
+        try:
+            self._steps[what](now_ns)
+            if self._clock is not None:
+                self._loop.simulated_ns = self._clock.now_ns()
+        except BaseException as failure:
+            self._failure = failure
+            return 1
+        return 0
+
+    def _source_now(self) -> SourceMemory:
+        """The source that the loop uses in this tick."""
+        current, address = self._current, int(self._loop.source)
+        assert current is not None, "the loop runs"
+        if current.address != address:
+            current = self._current = self._used[address]
+        return current
+
+    def _poll(self, now_ns: int) -> None:
+        self._bridge.poll(now_ns)
+        self._end_with_input()
+
+    def _end_with_input(self) -> None:
+        if self._input.is_over:
+            self._loop.ticks_wanted = int(self._loop.ticks) + 1
+
+    def _edit(self, now_ns: int) -> None:
+        """Change and move the parts that are to change and move."""
+        memory = self._source_now()
+        source = memory.contacts
+        assert isinstance(source, TrackedContacts), "only a scene has parts"
+        source.edit(self._memory.poses, now_ns)
+        memory.look(source.tracker)
+
+    def _widen(self, _: int) -> None:
+        memory = self._source_now()
+        source = memory.contacts
+        assert isinstance(source, TrackedContacts), "only a scene has parts"
+        source.widen(self._memory.message.records)
+        self._finish(memory)
+
+    def _make_contacts(self, now_ns: int) -> None:
+        memory, newest, clock = self._source_now(), self._newest, self._clock
+        assert newest is not None, "samples are kept for a source that answers in Python"
+        for samples in self._input.poll(now_ns):
             # Not by the start: where the system kept us from running since, new poses are after it.
-            newest.update(samples, clock.now_ns())
-        newest.drop_stale(start_ns)
-        source = self._source
-        source.fill(frame_builder.begin(), newest.samples, start_ns)
-        publish_ns = clock.now_ns()
-        self._skip_what_is_past(publish_ns)
-        epoch = source.epoch + self._epoch_offset
-        frame_builder.finish(start_ns, publish_ns, report.missed, epoch, clock.skipped_ns, source.is_late)
-        self._frame_publisher.publish(frame_builder.message)
-        report.compute.record(clock.stopwatch_ns() - begun_ns)
-        report.lateness.record(start_ns - due_ns)
-        report.ticks += 1
-        report.states[frame_builder.state] += 1
-        if self._describer is not None:
-            self._describe(self._describer, epoch, publish_ns - clock.skipped_ns)
-        self._frame_publisher.flush_log()
+            newest.update(samples, time.monotonic_ns() if clock is None else clock.now_ns())
+        newest.drop_stale(now_ns)
+        memory.contacts.fill(self._memory.message.records, newest.samples, now_ns)
+        self._finish(memory)
+        self._end_with_input()
 
-    def _describe(self, describer: Describer, epoch: int, now_ns: int) -> None:
-        """Publish what is due of the description, behind the frame."""
-        message = describer.message(epoch, now_ns, self._source.labels)
-        if message is not None:
-            self._frame_publisher.publish_description(message)
+    def _finish(self, memory: SourceMemory) -> None:
+        """Say what the frame says of a source, and have described it, where that is due."""
+        self._loop.is_late = memory.contacts.is_late
+        self._describe(memory.say_epoch() + int(self._loop.epoch_offset), memory.contacts)
 
-    def _skip_what_is_past(self, now_ns: int) -> None:
-        """Go on from the last deadline that is past; those before it are missed, not made up for."""
-        past = (now_ns - self._due_ns) // self._period_ns
-        if past > 0:
-            self._report.missed += past
-            self._due_ns += past * self._period_ns
+    def _describe(self, epoch: int, source: ContactSource) -> None:
+        """Have published what is due of the description, behind the next frame."""
+        loop = self._loop
+        if self._describer is not None and not loop.pending:
+            clock = self._clock
+            now_ns = time.monotonic_ns() if clock is None else clock.now_ns() - clock.skipped_ns
+            message = self._describer.message(epoch, now_ns, source.labels)
+            if message is not None:
+                loop.pending_size, loop.pending = len(message.data), message.data.ctypes.data
 
-    def _exchange_source(self) -> None:
-        """Use the next source; whatever epoch its scene has, that of frames grows."""
-        assert self._next is not None
-        epoch = self._source.epoch + self._epoch_offset
-        self._retired = self._source
-        self._source, self._next = self._next, None
-        self._epoch_offset = epoch + 1 - self._source.epoch
-
-    def _publish_stopping(self) -> None:
-        """Publish that no frames will come any more."""
-        clock = self._clock
-        for _ in range(STOPPING_FRAMES):
-            now_ns = clock.now_ns()
-            self._frame_builder.stop(now_ns - clock.skipped_ns)
-            self._frame_publisher.publish(self._frame_builder.message)
-            self._frame_publisher.flush_log()
-            clock.sleep_until(now_ns + self._period_ns)
+    def _look(self) -> None:
+        """Have described what is due of the description, and warn of what is new."""
+        loop = self._loop
+        if loop.ticks and not loop.next and not loop.asked & (_BOUNDS | _CONTACTS):
+            self._describe(int(loop.epoch), self.contact_source)
+        if self._newest is None:
+            self._used[int(loop.source)].note_answers()
+        self._watch.warn()
 
     def _close(self) -> None:
-        self._thread = None
+        published = [int(output["sequences"][0]) for output in self._memory.outputs]
         with ExitStack() as stack:
-            for opened in (self._input, self._source, self._frame_publisher):
+            closing: tuple[Any, ...] = (self._input, self.contact_source, *self._publishers)
+            for opened in closing:
                 stack.callback(opened.close)
-
-
-def nanoseconds(name: str, seconds: Any) -> int:
-    """Return a span of a service in nanoseconds; a `ServiceError` where it cannot be one."""
-    if not SHORTEST_PERIOD <= as_number(seconds) <= LONGEST_PERIOD:
-        raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} s")
-    return round(NS_PER_S * seconds)
+            if self._log is not None:
+                stack.callback(self._log.close, published[0])
+            for number, bridge in self._bridges.items():
+                stack.callback(bridge.close, published[number])
+            stack.callback(self._bridge.close)

@@ -8,7 +8,7 @@ import gc
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from types import TracebackType
 from typing import Any
 
@@ -82,6 +82,16 @@ class RealTime:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._undo.close()
+
+    @contextmanager
+    def beside(self) -> Iterator[None]:
+        """Give a thread that sends what the loop has made the priority just below, where that is allowed."""
+        with ExitStack() as undo:
+            with suppress(AttributeError, OSError, ValueError):
+                before, settings = os.sched_getscheduler(0), os.sched_getparam(0)
+                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self._priority - 1))
+                undo.callback(os.sched_setscheduler, 0, before, settings)
+            yield
 
     def _try(self, what: str, attempt: Callable[[], str]) -> None:
         try:

@@ -107,6 +107,11 @@ class NewestSamples:
         """A sentence on hands that were lost."""
         return [f"{self._origin}: {self.lost} {LOST_HANDS} are not used"] if self.lost else []
 
+    @property
+    def refused(self) -> tuple[int, int, int]:
+        """Samples left out so far: from the future, older than the one before, and too old."""
+        return self.future, self.backwards, self.too_old
+
     def start(self, now_ns: int) -> None:
         """Make all fingers unknown; they are unseen since as long as samples can be used."""
         self.samples.pose_ns[:] = now_ns - self._stale_after_ns
@@ -133,7 +138,7 @@ class NewestSamples:
         self.backwards += self._count(
             defects == BACKWARDS, self.backwards, OUT_OF_ORDER, on_backwards, back_ns
         )
-        self.lost += self._count(defects == finger_kernels.LOST, self.lost, LOST_HANDS, _on_lost, ahead_ns)
+        self.lost += self._count(defects == finger_kernels.LOST, self.lost, LOST_HANDS, on_lost, ahead_ns)
         is_usable = defects == USABLE
         newest.copy_optional(given, fingers[is_usable], is_usable)
 
@@ -150,5 +155,6 @@ class NewestSamples:
         return int(which.sum())
 
 
-def _on_lost(_: int) -> str:
+def on_lost(_: int) -> str:
+    """Advice to whoever sends all fingers of a hand at one place."""
     return "the hand is lost there: send nan"

@@ -36,6 +36,7 @@ class SensedContacts:
     """
 
     source = Source.TELEOPERATION
+    is_ticked_by_loop = False
     epoch = 0
     refused = 0, 0, 0
     is_late = False

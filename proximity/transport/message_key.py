@@ -58,7 +58,7 @@ def key_of(address: Address) -> Key | None:
     except (OSError, ValueError) as failure:
         reason = getattr(failure, "strerror", None) or failure
         raise address.refuse(
-            f"the key {path!r} cannot be read ({reason}; `proximity key --out FILE` makes one)"
+            f"the key {path!r} cannot be read ({reason}; `proximity client key --out FILE` makes one)"
         ) from failure
     try:
         _check_file(address, path, os.fstat(number))
@@ -72,7 +72,7 @@ def key_of(address: Address) -> Key | None:
         secret = b""
     if len(secret) != KEY_BYTES or len(digits) != _DIGITS:
         raise address.refuse(
-            f"{path!r} is not a key (expected {_DIGITS} hexadecimal digits, as `proximity key` writes them)"
+            f"{path!r} is not a key (expected {_DIGITS} hexadecimal digits, as `proximity client key` writes)"
         )
     return Key(secret)
 

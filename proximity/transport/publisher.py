@@ -5,7 +5,6 @@ import time
 from types import TracebackType
 from typing import Any
 
-from proximity.errors import PublishError
 from proximity.message import Message
 from proximity.transport.link import Outlet
 
@@ -98,12 +97,11 @@ class Publisher:
         self.close()
 
 
-def loop_end(publisher: Publisher, largest: int) -> dict[str, Any]:
-    """What a loop of compiled code has to know to publish in place of this: messages of *largest* bytes."""
-    end = getattr(publisher._outlet, "loop_end", None)
-    if end is None:
-        raise PublishError(
-            f"{publisher.address}: a compiled loop publishes by shm:// and udp:// "
-            '(expected one of these, or service.loop = "python")'
-        )
-    return {"session": publisher.session, "awake_ns": publisher._awake_ns, **end(largest)}
+def numbering(publisher: Publisher) -> dict[str, int]:
+    """What whoever numbers and seals messages in place of a publisher has to know."""
+    return {"session": publisher.session, "awake_ns": publisher._awake_ns}
+
+
+def outlet_of(publisher: Publisher) -> Any:
+    """The outlet of a publisher, for messages that are sealed already."""
+    return publisher._outlet

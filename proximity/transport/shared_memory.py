@@ -11,6 +11,7 @@ The mailbox is a file in ``/dev/shm`` that only its owner may open, so all ends 
 
 import ctypes
 import os
+import sys
 import time
 from typing import Any
 from urllib.parse import quote
@@ -29,6 +30,8 @@ SYSTEM = 7
 FIRST_BYTES = 8192
 """Of a message at first: the ring holds 15, or 74 frames of five fingers. A longer one enlarges it."""
 HEADER_BYTES = 128
+FEWEST_PRIVATE, FEWEST_IN_ANY_CASE, MOST_RING_BYTES = 64, 8, 1 << 26
+"""Messages that a private mailbox has room for, also of thousands of fingers, and bytes that they take."""
 SLICE = 0.1
 """s: who waits looks up so often, for signals and for a file that was removed by hand."""
 _BOX, _TEXT, _WORD, _LONG = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64
@@ -51,18 +54,17 @@ _LONG_CALLS = ("create", "enlarge", "wait")
 
 
 class _Functions:
-    """The functions of the library, by the names in `_TYPES`."""
+    """The functions of the library, by the names in `_TYPES`, as far as this system has them."""
 
     def __init__(self) -> None:
-        lets_run, short = libraries()
-        for name, (result, arguments) in _TYPES.items():
-            library = lets_run if name in _LONG_CALLS else short
-            function = getattr(library, f"proximity_mailbox_{name}")
-            function.restype, function.argtypes = result, arguments
-            setattr(self, name, function)
+        self._lets_run, self._short = libraries()
 
     def __getattr__(self, name: str) -> Any:
-        raise AttributeError(name)
+        library = self._lets_run if name in _LONG_CALLS else self._short
+        function = getattr(library, f"proximity_mailbox_{name}")
+        function.restype, function.argtypes = _TYPES[name]
+        setattr(self, name, function)
+        return function
 
 
 class _Mailbox:
@@ -72,6 +74,7 @@ class _Mailbox:
         address.check_options()
         try:
             self._call: Any = _Functions()
+            self._call.open  # noqa: B018 — not every system has it
         except (ProximityError, AttributeError) as missing:
             raise address.refuse(
                 "shared memory needs Linux and the library in C that was compiled with this version "
@@ -116,7 +119,7 @@ class SharedMemoryOutlet(_Mailbox):
         self._is_open = True
 
     def loop_end(self, largest: int) -> dict[str, Any]:
-        """What a loop of compiled code has to know to send messages of up to *largest* bytes from here."""
+        """What the loop of a service has to know to send messages of up to *largest* bytes from here."""
         if largest > FIRST_BYTES:
             self._enlarge(largest)
         return {"socket": -1, "box": self._box}
@@ -157,7 +160,7 @@ class SharedMemoryInlet(_Mailbox):
         return self._is_open and bool(self._call.is_written(self._box))
 
     def loop_end(self) -> dict[str, Any]:
-        """What a loop of compiled code has to know to receive here."""
+        """What the loop of a service has to know to receive here."""
         self._text = ctypes.create_string_buffer(self._name)
         return {"socket": -1, "box": self._box, "name": ctypes.addressof(self._text), "looked_ns": 1}
 
@@ -214,13 +217,15 @@ class SharedMemoryInlet(_Mailbox):
 
 
 class PrivateMailbox:
-    """A mailbox without a file or a name: a loop of compiled code adds to it, and a thread of Python reads.
+    """A mailbox without a file or a name, between the loop of a service and a thread; on any system.
 
-    *ring*: bytes, a power of two.
+    *size*: of the messages that it has room for, of some dozens at least. *most*: bytes of all of them.
     """
 
-    def __init__(self, ring: int) -> None:
+    def __init__(self, size: int, count: int = FEWEST_PRIVATE, most: int = MOST_RING_BYTES) -> None:
         self._call: Any = _Functions()
+        needed = max(min(count * (size + 32), most), FEWEST_IN_ANY_CASE * (size + 32))
+        ring = 1 << (needed - 1).bit_length()
         self._memory = np.zeros(HEADER_BYTES + ring, np.uint8)
         self._memory.fill(0)  # here, and not page by page in the loop
         self._writer, self._reader = np.zeros((2, self._call.size()), np.uint8)
@@ -232,10 +237,28 @@ class PrivateMailbox:
         """Where the writer's end is."""
         return int(self._writer.ctypes.data)
 
+    @property
+    def reader(self) -> int:
+        """Where the reader's end is."""
+        return int(self._reader.ctypes.data)
+
+    def send(self, data: np.ndarray) -> None:
+        """Put a message in, and wake who waits for it."""
+        self._call.write(self.writer, _address_of(data), len(data))
+
     def receive(self, buffer: np.ndarray) -> int:
         """Copy the next message."""
-        size: int = self._call.read(self._reader.ctypes.data, _address_of(buffer), len(buffer))
+        size: int = self._call.read(self.reader, _address_of(buffer), len(buffer))
         return size
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until a message is there, or that many seconds; whether one is."""
+        if not sys.platform.startswith("linux"):
+            return wait_until(lambda: bool(self._call.has(self.reader)), timeout)
+        return bool(self._call.wait(self.reader, time.monotonic_ns() + round(NS_PER_S * timeout)))
+
+    def close(self) -> None:
+        """Do nothing: its memory is given back with it."""
 
 
 open_outlet = SharedMemoryOutlet

@@ -149,6 +149,22 @@ class Subscriber:
         is_of_frame = (held.header["session"], held.header["epoch"]) == (newest.session, newest.epoch)
         return newest.part_names if is_of_frame else ()
 
+    def part_name(self, contact: Any) -> str | None:
+        """Return the name of the part that a contact of the last reading refers to.
+
+        Parameters
+        ----------
+        contact : CONTACT
+            One of ``contacts``.
+
+        Returns
+        -------
+        str or None
+            None if the contact refers to no part, or until the name is known.
+        """
+        names, row = self.part_names, int(contact["part"])
+        return names[row] if 0 <= row < len(names) else None
+
     @property
     def finger_names(self) -> tuple[str, ...]:
         """Names of the fingers of a frame; empty until known."""

@@ -116,7 +116,7 @@ class UdpOutlet:
             self._failed(failure, datagram)
 
     def loop_end(self, largest: int) -> dict[str, Any]:
-        """What a loop of compiled code has to know to send messages of up to *largest* bytes from here."""
+        """What the loop of a service has to know to send messages of up to *largest* bytes from here."""
         return {"socket": self._socket.fileno(), "key": _address_of(self._key)}
 
     def _failed(self, failure: OSError, datagram: memoryview | bytes) -> None:
@@ -171,14 +171,11 @@ class UdpInlet:
         if self._poll is not None:
             self._poll.register(self._socket, select.POLLIN)
 
-    def loop_end(self) -> dict[str, Any]:
-        """What a loop of compiled code has to know to receive here; a `PublishError` where it cannot."""
+    def loop_end(self) -> dict[str, Any] | None:
+        """What the loop of a service has to know to receive here; None: it cannot."""
         hosts = [host for host in sorted(self._hosts) if ":" not in host]
         if not self.shares_clock or self._socket.family != socket.AF_INET:
-            raise PublishError(
-                f"{self._text}: a compiled loop takes poses from senders on this machine, by IPv4 "
-                '(expected service.loop = "python" for others)'
-            )
+            return None
         packed = [int.from_bytes(socket.inet_aton(host), sys.byteorder) for host in hosts]
         hosts_of = {"hosts": packed + [0] * (4 - len(packed)), "host_count": len(packed), "port": self._port}
         return {"socket": self._socket.fileno(), "key": _address_of(self._key), **hosts_of}

@@ -288,7 +288,7 @@ def _tls(settings: PageSettings) -> ssl.SSLContext | None:
     if settings.certificate is None or settings.key is None:
         if not is_local or settings.certificate or settings.key:
             raise ServiceError(
-                f"a page at {settings.bind} needs a certificate and its key, expected --cert and --key: "
+                f"a page at {settings.bind} needs a certificate and its key, expected --cert and --cert-key: "
                 "without them others could read the connection, and browsers do not offer a headset"
             )
         return None

@@ -188,7 +188,7 @@ def test_nothing_but_the_interface_can_be_seen():
     tool = compiler("nm")
     symbols = run(tool, "-D", "--defined-only", library_in_c.library_path()).splitlines()
     names = {line.split()[-1] for line in symbols}
-    declaring = ("proximity.h", "proximity_tracker.h", "mailbox.c", "loop.c")
+    declaring = ("proximity.h", "proximity_tracker.h", "mailbox.c", "loop/loop.c")
     headers = "".join((c_package.HERE / name).read_text() for name in declaring)
 
     declared = set(re.findall(r"PROXIMITY_API [^;(]*?(proximity_\w+)\(", headers))

@@ -17,7 +17,7 @@ import proximity
 from proximity import cli
 from proximity.cli import progress
 from proximity.cli.output import in_units
-from proximity.cli.parts import answers, query
+from proximity.cli.parts import answer_text, query
 from proximity.errors import MeshFormatError
 
 
@@ -202,14 +202,50 @@ def test_version_is_printed(run):
         (("--help",), "--version"),
         (("query", "--help"), "shuf points.txt | proximity query bracket.stl --points - --workers -1"),
         (("check", "--help"), "With --strict it is 1 if a part has no inside"),
-        (("-h",), "Exit codes: 0: done. 1: the command ran, but the result is negative"),
+        (("-h",), "proximity COMMAND --help"),
     ],
 )
-def test_help_has_examples_and_exit_codes(run, arguments, words):
+def test_help_has_examples(run, arguments, words):
     result = run(*arguments)
 
     assert result.code == 0
     assert words in result.words
+
+
+def test_help_fits_one_screen_and_names_every_command(run):
+    lines = run("--help").out.splitlines()
+
+    assert len(lines) <= 32 and max(map(len, lines)) <= 80
+    names = [line[10:].split()[0] for line in lines if line[10:11].isalpha() and line[9:10] == " "]
+    assert set(cli.COMMANDS) <= set(names)
+
+
+def test_types_of_flags_and_arguments_are_not_shown(run):
+    words = run("query", "--help").words
+
+    assert (
+        not {"<bool>", "<path>", "--install-completion"} & set(words.split())
+        and "--step-tolerance MM" in words
+    )
+
+
+@pytest.mark.parametrize("word", [*cli.MEANT, "qurey"])
+def test_unknown_command_names_the_right_one(run, word):
+    result = run(word)
+
+    expected = cli.MEANT.get(word, "query")
+    assert (result.code, f"Did you mean '{expected}'?" in result.words) == (2, True)
+    assert expected.split()[0] in cli.COMMANDS and word not in cli.COMMANDS
+
+
+def test_slow_reading_names_the_command_that_avoids_it(run, monkeypatch):
+    monkeypatch.setattr("proximity.cli.options.SLOW_S", -1.0)
+
+    result = run("query", "ball.stl", 1, 2, 3)
+
+    assert result.err.startswith(
+        "proximity: note: reading took 0.0 s; a file of `proximity compile ball.stl`"
+    )
 
 
 def test_first_compilation_is_announced_on_stderr(run, monkeypatch):
@@ -234,7 +270,7 @@ def terminal(monkeypatch, width=200):
         return Console(file=screen, force_terminal=True, width=width, color_system=None)
 
     monkeypatch.setattr(progress, "is_terminal", lambda: True)
-    monkeypatch.setattr(answers.sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(answer_text.sys.stdout, "isatty", lambda: True, raising=False)
     monkeypatch.setattr("proximity.cli.tables.Console", console)
     return screen
 
@@ -305,46 +341,37 @@ def test_check_on_a_narrow_terminal_cuts_no_number(run, monkeypatch):
     assert "\N{HORIZONTAL ELLIPSIS}" not in screen.getvalue()
 
 
-def test_table_on_a_narrow_terminal_leaves_out_normals_and_cuts_nothing(run, monkeypatch):
-    screen = terminal(monkeypatch, width=80)
-
-    result = run("query", "ball.stl", 0, 0, 12.3456789, 0, 0, 1)
-
-    assert "normal_x" not in screen.getvalue()
-    assert "2.3456789" in screen.getvalue()
-    assert "…" not in screen.getvalue()
-    assert result.err == (
-        "proximity: note: the terminal is narrow: columns are left out (normal_x, normal_y, normal_z); "
-        "--csv, --json or a pipe shows all\n"
-    )
-
-
 @pytest.mark.parametrize(
-    ("width", "digits", "note"),
+    ("width", "title"),
     [
-        (110, "-8.26795", "numbers have 6 digits"),
-        (62, "-8.26794919", "columns are left out (normal_x, normal_y, normal_z, face, on, part)"),
-        (50, "-8.26795", "normal_z, face, on, part) and numbers have 6 digits"),
+        (100, "#      x_mm      y_mm      z_mm distance_mm side      point_x   point_y   point_z part"),
+        (86, "#      x_mm      y_mm      z_mm distance_mm side      point_x   point_y   point_z"),
+        (60, "#      x_mm      y_mm      z_mm distance_mm side"),
+        (48, "#      x_mm      y_mm      z_mm distance_mm"),
     ],
 )
-def test_table_on_a_narrow_terminal_breaks_no_number(run, monkeypatch, width, digits, note):
+def test_table_on_a_narrow_terminal_leaves_out_columns_and_cuts_no_number(run, monkeypatch, width, title):
     """Was: -0.004579 in one line, which looks complete, and 43201 in the next."""
-    screen = terminal(monkeypatch, width=width)
+    terminal(monkeypatch)
+    monkeypatch.setenv("COLUMNS", str(width))
 
-    result = run("query", "ball.stl", 1, 1, 1, -1, 1, -1)
+    result = run("query", "ball.stl", 1, 1, 1, -1, 1, -1234)
 
-    first, second = screen.getvalue().splitlines()[1:]
-    assert first.split()[1] == second.split()[1] == digits
-    assert note in result.err
+    lines = result.out.splitlines()
+    assert lines[0].strip() == title
+    assert all(len(line) < width for line in lines)
+    assert lines[1].split()[4] == "-8.2679"
+    assert ("columns are left out" in result.err) == (width < 100)
 
 
 def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
-    screen = terminal(monkeypatch)
+    terminal(monkeypatch)
+    monkeypatch.setenv("COLUMNS", "200")
 
     result = run("query", "ball.stl", *[0, 0, 1] * 101)
 
-    assert len(screen.getvalue().splitlines()) == 1 + answers.TERMINAL_ROWS
-    assert result.err == "proximity: these are 100 of 101; --csv, --json or a pipe shows all\n"
+    assert len(result.out.splitlines()) == 1 + answer_text.TERMINAL_ROWS
+    assert result.err == "proximity: these are 100 of 101; --csv FILE or a pipe shows all\n"
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def test_without_matplotlib_the_numbers_are_written_and_the_gate_holds(
 
 
 def test_scene_file_says_how_it_is_ticked(run):
-    result = run(DEMO, "--out", "cell.json", "--seed", 3, "--ticks", 1234, "--seconds", 0.5)
+    result = run(DEMO, "--out", "cell.json", "--seed", 3, "--ticks", 1234, "--limit", 0.5)
 
     asked = result.asked[0]
     assert (asked.tick_count, asked.seconds, asked.seed) == (1234, 0.5, 3)
@@ -148,7 +148,7 @@ def test_all_of_it_runs_on_a_box(run, monkeypatch):
     monkeypatch.setattr(package, "certify", certification.certify)
     box = str(make.FOLDER / "box.stl")
 
-    result = run(box, "--ticks", 1000, "--seconds", 0.05, "--no-realtime", "--json")
+    result = run(box, "--ticks", 1000, "--limit", 0.05, "--no-realtime", "--json")
 
     document = json.loads(result.out)
     assert result.code == 0 and result.err == ""

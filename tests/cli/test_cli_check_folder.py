@@ -61,7 +61,7 @@ def test_one_file_that_takes_for_ever_does_not_stop_the_others(run, tmp_path, mo
         (tmp_path / name).touch()
     os.mkfifo(tmp_path / "pipe.stl")  # no file: left out
 
-    result = run(tmp_path, "--time-limit", 2)
+    result = run(tmp_path, "--limit", 2)
 
     assert result.code == 1
     assert f"{tmp_path / 'slow.obj'}: it was not read within 2 s" in result.out

@@ -30,7 +30,7 @@ def cubes(tmp_path, monkeypatch):
             Solid(vertices, faces[:-1], name="open"),
         ]
     )
-    places = [[0, 0, 0], [0.008, 0.001, 0.001], [-0.002, 0, 0], [0, 0.012, 0], [0.001, -0.009, 0.001]]
+    places = [[0, 0, 0], [0.008, 0.001, 0.001], [-0.002, 0, 0], [0, 0.012, 0], [0.001, -0.009, 0.002]]
     scene.move_many([part.name for part in scene.parts], [Pose(None, place).matrix for place in places])
     scene.save("cubes.prox")
     return "cubes.prox"

@@ -20,7 +20,7 @@ def folder(monkeypatch, tmp_path):
 
 
 def test_one_line_says_what_was_written(run, tmp_path):
-    result = run("compile", MESHES / "assembly.glb", "cell.prox")
+    result = run("compile", MESHES / "assembly.glb", "--out", "cell.prox")
 
     size = (tmp_path / "cell.prox").stat().st_size
     assert (result.code, result.err) == (0, "")
@@ -29,7 +29,7 @@ def test_one_line_says_what_was_written(run, tmp_path):
 
 @pytest.mark.parametrize("options", [("--json",), ("--ray", 0, 0, -1)])
 def test_compiled_scene_answers_as_its_file(options, run):
-    run("compile", MESHES / "assembly.glb", "cell.prox")
+    run("compile", MESHES / "assembly.glb", "--out", "cell.prox")
 
     compiled = run("query", "cell.prox", 30, 20, 7.5, *options)
 
@@ -39,7 +39,7 @@ def test_compiled_scene_answers_as_its_file(options, run):
 
 
 def test_check_says_what_the_scene_was_compiled_from(run):
-    run("compile", MESHES / "bracket.stl", "cell.prox", "--units", "cm")
+    run("compile", MESHES / "bracket.stl", "--out", "cell.prox", "--units", "cm")
 
     shown = run("check", "cell.prox").out.splitlines()
 
@@ -52,7 +52,7 @@ def test_check_says_what_the_scene_was_compiled_from(run):
 
 
 def test_check_as_json_is_that_of_the_file(run):
-    run("compile", MESHES / "assembly.glb", "cell.prox")
+    run("compile", MESHES / "assembly.glb", "--out", "cell.prox")
 
     compiled = json.loads(run("check", "cell.prox", "--json").out)
     direct = json.loads(run("check", MESHES / "assembly.glb", "--json").out)
@@ -63,9 +63,9 @@ def test_check_as_json_is_that_of_the_file(run):
 
 
 def test_compiled_scene_is_compiled_again(run, tmp_path):
-    run("compile", MESHES / "assembly.glb", "a.prox")
+    run("compile", MESHES / "assembly.glb", "--out", "a.prox")
 
-    assert run("compile", "a.prox", "b.prox").code == 0
+    assert run("compile", "a.prox", "--out", "b.prox").code == 0
 
     assert (tmp_path / "a.prox").read_bytes() == (tmp_path / "b.prox").read_bytes()
 
@@ -73,7 +73,7 @@ def test_compiled_scene_is_compiled_again(run, tmp_path):
 def test_file_that_cannot_be_used_leaves_nothing(run, tmp_path):
     (tmp_path / "part.stl").write_bytes(b"no mesh")
 
-    result = run("compile", "part.stl", "part.prox")
+    result = run("compile", "part.stl", "--out", "part.prox")
 
     assert result.code == 2
     assert result.err.startswith("proximity: part.stl: ")
@@ -81,14 +81,14 @@ def test_file_that_cannot_be_used_leaves_nothing(run, tmp_path):
 
 
 def test_damaged_scene_is_one_line(run, tmp_path):
-    run("compile", MESHES / "box.stl", "box.prox")
+    run("compile", MESHES / "box.stl", "--out", "box.prox")
     data = (tmp_path / "box.prox").read_bytes()
     (tmp_path / "box.prox").write_bytes(data[:-1])
 
     for arguments in (
         ("query", "box.prox", 0, 0, 0),
         ("check", "box.prox"),
-        ("compile", "box.prox", "b.prox"),
+        ("compile", "box.prox", "--out", "b.prox"),
     ):
         result = run(*arguments)
         assert (result.code, result.out) == (2, "")
@@ -99,7 +99,7 @@ def test_damaged_scene_is_one_line(run, tmp_path):
 
 
 def test_units_of_a_file_that_declares_none_are_taken(run):
-    run("compile", MESHES / "box.stl", "box.prox", "--units", "in")
+    run("compile", MESHES / "box.stl", "--out", "box.prox", "--units", "in")
 
     (answer,) = json.loads(run("query", "box.prox", 43, 0, 0, "--units", "in", "--json").out)["answers"]
 
@@ -117,7 +117,7 @@ def test_file_is_never_written_over_itself(link, run, tmp_path):
         link(source, out)
     before = source.stat()
 
-    result = run("compile", source, out)
+    result = run("compile", source, "--out", out)
 
     assert (result.code, result.out) == (2, "")
     assert "itself, expected another file" in " ".join(result.err.replace("│", " ").split())
@@ -136,7 +136,7 @@ def test_a_part_named_as_a_formula_is_text_in_a_spreadsheet(run):
     proximity.Scene(parts).save("cell.prox")
     points = "".join(f"{1000 * row} 0 0 @name\r\n" for row in range(4))
 
-    result = run("query", "cell.prox", "--points", "-", "--csv", stdin=f"x y z name\n{points}")
+    result = run("query", "cell.prox", "--points", "-", "--csv", "-", stdin=f"x y z name\n{points}")
 
     rows = list(csv.DictReader(io.StringIO(result.out)))
     assert [row["part_name"] for row in rows] == ['\'=HYPERLINK("http://x")', "'+1??@sum", "'-2?[2J", "a=b?c"]

@@ -115,7 +115,7 @@ def run(run, monkeypatch):
 
 
 def test_demo_shows_lines_and_ends_with_what_was_done(run):
-    result = run("--seconds", 0.5)
+    result = run("--limit", 0.5)
 
     lines = result.out.splitlines()
     assert (result.code, result.err) == (0, "")
@@ -156,7 +156,7 @@ def test_terminal_shows_the_drums_beside_until_ctrl_c(run, monkeypatch):
 def test_service_that_fails_ends_the_demo(run):
     run.service = {"failure": ServiceError("demo.toml: the service has failed with exit code 1: oh")}
 
-    result = run("--seconds", 30)
+    result = run("--limit", 30)
 
     assert result.code == 2
     assert result.err == "proximity: demo.toml: the service has failed with exit code 1: oh\n"
@@ -179,7 +179,7 @@ def test_ctrl_c_while_the_service_starts_is_quiet(run, monkeypatch):
 def test_demo_without_frames_is_exit_code_1(run):
     run.service = {"count": 0}
 
-    result = run("--seconds", 0.3)
+    result = run("--limit", 0.3)
 
     assert result.code == 1
     assert "drums       0 frames seen" in result.out
@@ -213,7 +213,7 @@ def test_demo_runs_in_one_command_and_leaves_nothing_behind():
     environment = {
         key: value for key, value in os.environ.items() if key not in ("FORCE_COLOR", "GITHUB_ACTIONS")
     }
-    command = [sys.executable, "-m", "proximity", "demo", "--seconds", "300"]
+    command = [sys.executable, "-m", "proximity", "demo", "--limit", "300"]
     program = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
     )

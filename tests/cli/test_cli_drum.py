@@ -216,7 +216,7 @@ def test_contact_becomes_a_drum_angle_by_the_calibrated_glove(tmp_path):
 
 def test_calibration_is_given_on_the_command_line(run, service, tmp_path):
     path = glove_files.write(tmp_path / "glove.json")
-    result = run(ADDRESS, "--limit", 0.6, "--json", "--calibration", path)
+    result = run(ADDRESS, "--limit", 0.6, "--json", "--glove", path)
     told = json.loads(result.out)["fingers"][0]
 
     assert (result.code, result.err) == (0, "")
@@ -227,7 +227,7 @@ def test_calibration_is_given_on_the_command_line(run, service, tmp_path):
 
 def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_frame(run, service, tmp_path):
     path = glove_files.write(tmp_path / "glove.json")
-    result = run(ADDRESS, "--limit", 20, *["--calibration", path] * 3)
+    result = run(ADDRESS, "--limit", 20, *["--glove", path] * 3)
 
     assert result.code == 2
     assert result.err == ("proximity: 3 calibrations for 2 fingers, expected one for all, or one for each\n")
@@ -245,7 +245,7 @@ def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_fr
 def test_calibration_that_does_not_fit_is_refused_with_one_sentence(run, tmp_path, name, more, message):
     glove_files.write(tmp_path / "old.json", days_ago=31.0)
     glove_files.write(tmp_path / "far.json", counts=np.linspace(60_000, 70_000, 7))
-    result = run(ADDRESS, "--limit", 1, "--calibration", tmp_path / name, *more)
+    result = run(ADDRESS, "--limit", 1, "--glove", tmp_path / name, *more)
 
     assert result.code == 2
     assert len(result.err.splitlines()) == 1 and re.search(message, result.err)
@@ -267,7 +267,7 @@ def test_drum_without_bends_is_shown_as_if_fingers_bent_straight_and_that_is_sai
     assert finger.action.state.value == "position" and finger.touches == 1
     assert finger.plant.force == pytest.approx(0.2, rel=0.15)  # 200 N/m of a pad
     assert bench.warnings() == [
-        "no bend is reported of finger 0: shown as if it bent straight towards the nearest surface; "
+        "the service reports no bend for finger 0: shown as if it bent straight towards the nearest surface; "
         "a real drum stays "
         "retracted without a bend, which comes from a path or a glove"
     ]
@@ -288,7 +288,9 @@ def test_all_fingers_without_bends_are_named_though_somebody_asks_in_the_midst_o
     step(bench, told)
 
     reported += bench.warnings()
-    assert [sentence[:34] for sentence in reported] == ["no bend is reported of finger 0, 1"]
+    assert [sentence.partition(":")[0] for sentence in reported] == [
+        "the service reports no bend for finger 0, 1"
+    ]
 
 
 @pytest.mark.parametrize(("stiffness", "is_said"), [(100.0, False), (1e5, True)])
@@ -324,7 +326,7 @@ def test_doubts_are_said_on_stderr(run):
 
     assert result.code == 0
     assert result.err.startswith(
-        "proximity: no bend is reported of finger 0, 1: shown as if it bent straight"
+        "proximity: the service reports no bend for finger 0, 1: shown as if it bent straight"
     )
     assert len(result.err.splitlines()) == 1
 

@@ -35,8 +35,8 @@ def experiment(monkeypatch, capsys):
 def test_new_design_is_written_once_and_can_be_planned(experiment, tmp_path):
     path = tmp_path / "walls.toml"
 
-    assert experiment("new", path)[:2] == (0, f"{path}: written\n")
-    code, _, err = experiment("new", path)
+    assert experiment("new", "--out", path)[:2] == (0, f"{path}: written\n")
+    code, _, err = experiment("new", "--out", path)
     assert code == 2 and "cannot be written (File exists): choose another name" in err.replace("\n", " ")
     path.write_text(path.read_text().replace("stiffness = 100.0", "stiffness = 200.0"))
     code, out, err = experiment("plan", path, "--slot", 1)
@@ -49,7 +49,7 @@ def test_new_design_is_written_once_and_can_be_planned(experiment, tmp_path):
 
 def test_commands_in_the_shipped_design_exist(experiment, tmp_path):
     path = tmp_path / "comparison.toml"
-    experiment("new", path)
+    experiment("new", "--out", path)
     named = re.findall(r"proximity experiment (\w+) \S+((?: p\d+)?(?: --\w+ \S+)*)", path.read_text())
 
     assert [name for name, _ in named] == ["new", "plan", "simulate", "run"]

@@ -70,7 +70,7 @@ def test_press_on_every_wall_is_told_and_drawn(run, tmp_path, wall):
 
 
 def test_wall_that_shakes_is_called_unstable(run):
-    gains = ("--stiffness", 3900, "--damping", 60, "--rate-hz", 200, "--latency-ms", 0)
+    gains = ("--stiffness", 3900, "--damping", 60, "--rate", 200, "--latency", 0)
     result = run("simulate", "--wall", "coupled", *gains)
 
     assert result.code == 0
@@ -78,7 +78,7 @@ def test_wall_that_shakes_is_called_unstable(run):
 
 
 def test_json_of_a_press_is_the_models(run):
-    options = ("--latency-ms", 10, "--rate-hz", 500, "--drum", "gear111", "--policy", "latched")
+    options = ("--latency", 10, "--rate", 500, "--drum", "gear111", "--policy", "latched")
     result = run("simulate", *options, "--speed", 1, "--json")
 
     expected = document(simulate(Setup(Wall.DECAFF, 1.0, 0.010, 500.0, gear="gear111", policy="latched")))
@@ -121,7 +121,7 @@ FAST = ("--scene", BOX, "--at", 20, 15, 25, "--speed", 1)
 
 
 def test_press_on_a_part_is_told_beside_the_ideal_and_the_real(run, tmp_path):
-    result = run("simulate", *FAST, "--latency-ms", 3, "--out", "press.csv")
+    result = run("simulate", *FAST, "--latency", 3, "--out", "press.csv")
 
     assert (result.code, result.err) == (0, "proximity: wrote press.csv\n")
     assert "part            box, rigid, touched at (20.00, 15.00, 20.00) mm, incidence 1.000" in result.out

@@ -58,17 +58,12 @@ def test_no_points_are_no_error(text):
     ("text", "notes"),
     [
         ("x,y,z\n1,2,3\n", []),
-        ("Name,x,y,z\nA,1,2,3\n", []),
         ("1 2 3\n", []),
-        ("Point,x,y,z\nA,1,2,3\n",
-         ["points.csv: only a column called name is copied to the answers, not 'Point'"]),
-        ("x,y,z,a,b,c,d,e\n1,2,3,,,,,\n",
-         ["points.csv: only a column called name is copied to the answers, not 'a', 'b', 'c' and 2 more"]),
         ("x,y,z\n", ["points.csv holds no points"]),
         ("", ["points.csv holds no points"]),
     ],
 )  # fmt: skip
-def test_what_is_not_used_is_noted(text, notes):
+def test_text_without_points_is_noted(text, notes):
     said = []
 
     list(parse_points(text.splitlines(), "points.csv", note=said.append))
@@ -85,7 +80,7 @@ def test_points_come_in_chunks_and_the_last_is_shorter():
 def test_no_points_are_one_empty_chunk():
     (chunk,) = parse_points([], "points.csv")
 
-    assert len(chunk) == 0 and chunk.names is None
+    assert len(chunk) == 0 and chunk.kept == {}
 
 
 def test_points_before_a_bad_line_come_before_the_error():
@@ -96,12 +91,13 @@ def test_points_before_a_bad_line_come_before_the_error():
         next(chunks)
 
 
-def test_names_of_points_are_kept():
-    text = 'z,name,y,x\n3,"a, b #1",2,1\n6,,5,4\n9,c#2,8,7\n'
+def test_other_columns_of_points_are_kept():
+    text = 'z,Name,y,Id,x\n3,"a, b #1",2,7,1\n6,,5,8,4\n9,c#2,8,9,7\n'
 
     first, second = parse_points(text.splitlines(), "points.csv", limit=2)
 
-    assert first.names == ["a, b #1", ""] and second.names == ["c#2"]
+    assert first.kept == {"name": ["a, b #1", ""], "Id": ["7", "8"]}
+    assert second.kept == {"name": ["c#2"], "Id": ["9"]}
     assert list(second.coordinates) == [7.0, 8.0, 9.0]
 
 

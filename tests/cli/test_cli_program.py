@@ -70,10 +70,10 @@ def test_help_and_version_import_nothing_heavy(arguments):
     [
         ["query", "bracket.stl", "30", "10", "5"],
         ["check", "bracket.stl"],
-        ["compile", "bracket.stl", "{out}/bracket.prox"],
+        ["compile", "bracket.stl", "--out", "{out}/bracket.prox"],
         ["replay", "bracket.stl", "hand.csv", "--limit", "0.2"],
         ["simulate", "--speed", "0.5"],
-        ["demo", "--seconds", "0.2"],
+        ["demo", "--limit", "0.2"],
     ],
     ids=lambda arguments: arguments[0],
 )
@@ -131,7 +131,7 @@ __main__.main()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
-@pytest.mark.parametrize("option", ["--csv", "--units=mm"])
+@pytest.mark.parametrize("option", ["--csv=-", "--units=mm"])
 def test_reader_that_stops_early_causes_no_complaint(option, tmp_path):
     points = tmp_path / "points.txt"  # a pipe would fill: answers are written while points are read
     points.write_text("1 2 3\n" * 50_000, encoding="utf-8")
@@ -157,7 +157,7 @@ def test_reader_that_stops_early_causes_no_complaint(option, tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
 def test_first_answers_come_while_points_are_still_written():
     code = ON_A_SPHERE.format(
-        tests=str(SUPPORT), arguments=["query", "ball.stl", "--points", "-", "--csv"], before=""
+        tests=str(SUPPORT), arguments=["query", "ball.stl", "--points", "-", "--csv", "-"], before=""
     )
     program = subprocess.Popen(
         [sys.executable, "-c", code],
@@ -208,7 +208,7 @@ def test_reader_that_has_gone_before_lines_for_people_ends_as_any_other(argument
     "arguments",
     [
         ["query", "ball.stl", "1", "2", "3"],
-        ["query", "ball.stl", "--points", "-", "--csv"],
+        ["query", "ball.stl", "--points", "-", "--csv", "-"],
         ["check", "ball.stl", "--json"],
         ["--help"],
     ],
@@ -325,7 +325,7 @@ def test_completion_works_in_bash(tmp_path):
 
 def test_key_is_made_once(run, tmp_path):
     path = tmp_path / "poses.key"
-    made, again = run("key", "--out", path), run("key", "--out", path)
+    made, again = run("client", "key", "--out", path), run("client", "key", "--out", path)
 
     assert (made.code, made.err) == (0, "")
     assert made.out == f'{path}: made; name it at both ends: "udp://HOST:PORT?key={path}"\n'
@@ -335,7 +335,10 @@ def test_key_is_made_once(run, tmp_path):
 
 
 def test_header_is_printed_or_written(run, tmp_path):
-    printed, written = run("header"), run("header", "--out", tmp_path / "decaff_message.h")
+    printed, written = (
+        run("client", "header"),
+        run("client", "header", "--out", tmp_path / "decaff_message.h"),
+    )
 
     assert (printed.code, printed.out, printed.err) == (0, header_text(), "")
     assert (written.code, written.out) == (0, "")

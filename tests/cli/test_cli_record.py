@@ -59,7 +59,7 @@ def test_every_frame_is_written_until_told_to_stop(run, tmp_path, number):
 
     path.touch()
     thread = beside(service)
-    result = run(ADDRESS, path)
+    result = run(ADDRESS, "--out", path)
     thread.join()
 
     assert result.code == 0
@@ -79,7 +79,7 @@ def test_what_is_lost_and_refused_is_told(run, tmp_path):
     outlet.send(damaged)
     outlet.send(np.frombuffer(sealed([0], session=2 * 10**18), np.uint8))
 
-    result = run(ADDRESS, tmp_path / "run.frames", "--limit", 0.05)
+    result = run(ADDRESS, "--out", tmp_path / "run.frames", "--limit", 0.05)
 
     assert result.code == 0
     assert (
@@ -95,7 +95,7 @@ def test_json_is_the_summary_as_a_document(run, tmp_path):
     for number in (0, 3, 3):
         outlet.send(np.frombuffer(sealed([number]), np.uint8))
 
-    result = run(ADDRESS, path, "--limit", 0.05, "--json")
+    result = run(ADDRESS, "--out", path, "--limit", 0.05, "--json")
 
     told = json.loads(result.out)
     assert (result.code, result.err) == (0, "")
@@ -115,7 +115,7 @@ def test_log_is_continued_and_what_was_torn_is_told(run, tmp_path):
     path.write_bytes(sealed([0, 1])[:-7])
     publish(2, fingers=1)
 
-    result = run(ADDRESS, path, "--limit", 0.05)
+    result = run(ADDRESS, "--out", path, "--limit", 0.05)
 
     torn = FRAME.size(1) - 7
     assert result.err == f"proximity: {path}: {torn} bytes of a torn frame at its end were cut off\n"
@@ -125,7 +125,7 @@ def test_log_is_continued_and_what_was_torn_is_told(run, tmp_path):
 def test_no_frame_is_exit_code_1(run, tmp_path, monkeypatch):
     monkeypatch.setattr(record, "ANNOUNCE_AFTER_S", 0.02)
 
-    result = run(ADDRESS, tmp_path / "run.frames", "--limit", 0.2)
+    result = run(ADDRESS, "--out", tmp_path / "run.frames", "--limit", 0.2)
 
     assert result.code == 1
     assert result.err == f"proximity: no frame has come from {ADDRESS} yet\n"
@@ -140,7 +140,7 @@ def test_full_disk_ends_the_recording_with_a_sentence(run, tmp_path):
 
     resource.setrlimit(resource.RLIMIT_FSIZE, (3 * FRAME.size(1) + 9, hard))
     try:
-        result = run(ADDRESS, path, "--limit", 30)
+        result = run(ADDRESS, "--out", path, "--limit", 30)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 

@@ -28,7 +28,7 @@ query box.stl --json | give a point, or --points FILE
 query box.stl 1 2 3 --points - | points are given as arguments already
 query box.stl 1 2 3 --segment | points are taken in pairs (start, end), but there are 1
 query box.stl 1 2 3 --segment --ray 0 0 1 | give one of them, not both
-query box.stl 1 2 3 --json --csv | give one of them, not both
+query box.stl 1 2 3 --json --csv - | give one of them, not both
 query box.stl 1 2 3 --workers 0 | 0 threads: expected 1 or more, or -1
 query box.stl 1 2 3 --workers two | Invalid value for '--workers'
 query box.stl 1 2 3 --unpacked-limit 0 | 0: expected more than 0
@@ -38,8 +38,8 @@ query 30 10 5 box.stl | is not a number; FILE comes first, before X Y Z
 query box.stl --points none.csv | none.csv: cannot be read (No such file or directory)
 query none.stl 1 2 3 | none.stl: there is no such file
 check none.stl | none.stl: there is no such file
-compile box.stl part.stl | part.stl does not end in .prox
-compile box.stl none/box.prox | none/box.prox: cannot be written (No such file or directory)
+compile box.stl --out part.stl | part.stl does not end in .prox
+compile box.stl --out none/box.prox | none/box.prox: cannot be written (No such file or directory)
 picture box.stl -o box.jpg | box.jpg does not end in .png
 picture box.stl -o box.png --size wide | 'wide': expected width and height, for example 1400x800
 picture box.stl -o box.png --slice 3 | '3': expected an axis and a position, for example z=3
@@ -51,8 +51,8 @@ replay box.stl hand.csv --scale -1 | -1 times the size: expected 1e-06 to 1e+06
 replay box.stl hand.csv --latency -1 | -1 ms: expected 0 to 1000
 replay box.stl hand.csv --budget 0 | 0 nodes and leaves: expected 1 to
 replay box.stl hand.csv --limit 0 | 0 seconds: expected 0.001 to 1e+09
-replay box.stl hand.csv --range inf | inf: expected a length above zero
-replay box.stl hand.csv --radius 0.101 --units m | 0.101: 101 mm by --units, expected at most 100 mm
+replay box.stl hand.csv --range inf | inf mm: expected more than 0, up to 10000
+replay box.stl hand.csv --radius 101 | 101 mm: expected more than 0, up to 100
 replay box.stl hand.csv --place 0 1e300 0 | 1e+300: expected coordinates of at most 1e+09 mm
 replay box.stl none.csv | none.csv: cannot be read (No such file or directory)
 replay none.stl hand.csv | none.stl
@@ -66,11 +66,11 @@ serve cell.toml --rate 0 | service.rate_hz is 0, expected a number from 1 to 100
 serve cell.toml --rate nan | service.rate_hz is nan, expected a number from 1 to 100000 (Hz)
 serve cell.toml --publish decaff | decaff: expected an address such as iox2://
 serve cell.toml --log none/run.frames | none/run.frames: cannot be opened (No such file or directory)
-record iox9://a a.frames | iox9://a: no transport is called 'iox9'
-record mailbox:a none/a.frames | none/a.frames: cannot be opened (No such file or directory)
-record mailbox:a box.stl | box.stl: not a frame log, expected a file that begins with
-record mailbox:a a.frames --limit 0 | 0 seconds: expected more than 0, up to 1e+09
-record mailbox:a a.frames --limit nan | nan seconds: expected more than 0, up to 1e+09
+record iox9://a --out a.frames | iox9://a: no transport is called 'iox9'
+record mailbox:a --out none/a.frames | none/a.frames: cannot be opened (No such file or directory)
+record mailbox:a --out box.stl | box.stl: not a frame log, expected a file that begins with
+record mailbox:a --out a.frames --limit 0 | 0 seconds: expected more than 0, up to 1e+09
+record mailbox:a --out a.frames --limit nan | nan seconds: expected more than 0, up to 1e+09
 export none.frames --csv a | none.frames: cannot be read (No such file or directory)
 export hand.csv --csv a | hand.csv: no frame was found in its
 export run.frames --csv none/a | none/a: cannot be written (No such file or directory)
@@ -81,22 +81,22 @@ watch decaff | decaff: expected an address such as iox2://NAME
 view box.stl --rate 0 | 0 Hz: expected 1 to 100000
 view box.stl --radius 0 | 0 mm: expected more than 0, up to 1000
 view box.stl --port 70000 | 70000: expected 0 to 65535
-view box.stl --rerun a.rrd | expected one log of frames (.frames) among FILES
-demo --seconds 0 | 0 seconds: expected more than 0, up to 1e+09
-demo --seconds nan | nan seconds: expected more than 0, up to 1e+09
+view box.stl --out a.rrd | expected one log of frames (.frames) among FILES
+demo --limit 0 | 0 seconds: expected more than 0, up to 1e+09
+demo --limit nan | nan seconds: expected more than 0, up to 1e+09
 drum mailbox:a --limit 1 --max-age 5 | requires --glove
 drum mailbox:a --rate 100 | expected 150 to 5000
 drum mailbox:a --rate nan | expected 150 to 5000
 drum mailbox:a --arm | requires --motor
 drum mailbox:a --limit 1 --log none/drum.csv | drum.csv: cannot be written (No such file or directory)
 drum mailbox:a --glove none.json | none.json: cannot be read (No such file or directory)
-header --out none/x.h | x.h: cannot be written (No such file or directory)
+client header --out none/x.h | x.h: cannot be written (No such file or directory)
 client cpp --out file | file: is not a folder and cannot be created (File exists)
-client rust --out new | 'rust' is not one of
+client rust --out new | No such command 'rust'
 controller --out new --cable stiff | 'stiff': expected a stiffness in N/m
 controller --out file | file: is not a folder and cannot be created (File exists)
 controller --out new --rate 100 | 100 Hz: expected 150 to 20000
-controller --out new --calibration none.json | none.json
+controller --out new --glove none.json | none.json
 calibrate glove.json --drum gear5 | drum is 'gear5', expected one of gear14, gear51, gear111
 calibrate glove.json --seed 3 | requires --simulate
 calibrate glove.json --simulate --counts udp://127.0.0.1:1 | a simulated glove has its own counts
@@ -109,7 +109,7 @@ calibrate glove.json --page --port 70000 | expected 0 to 65535
 calibrate glove.json --phalanges 45 -26 20 | one of phalanges is -0.026
 bench box.stl --gate soon | 'soon' is not a period, expected a time or a rate such as 1ms, 200us or 1kHz
 bench box.stl --ticks 10 | 10 ticks are too few for p99.9, expected 1000 or more
-bench box.stl --seconds 0 | the loop cannot run for 0 s
+bench box.stl --limit 0 | the loop cannot run for 0 s
 bench box.stl --fingers 0 | 0 fingers cannot be tracked, expected 1 or more
 bench box.stl --out cell.pdf | cell.pdf does not end in .html or .json
 bench box.stl --recording no.csv | no.csv
@@ -120,7 +120,7 @@ simulate --wall coupled --drum gear51 | a coupled wall has none
 simulate --stiffness 5 | a decaff wall has none
 simulate --out press.gif | press.gif does not end in .png, .svg, .pdf, .csv
 simulate --wall coupled --stiffness 5 | expected both or neither
-simulate --latency-ms -3 | -3 ms: expected 0 to 1000
+simulate --latency -3 | -3 ms: expected 0 to 1000
 simulate --wall real --cable 1212 | a real wall has none
 simulate --stretch torque | there is no --cable that stretches
 simulate --scene box.stl --stretch torque | there is no --cable that stretches
@@ -134,10 +134,8 @@ simulate --scene box.stl --wall real | on a part of a scene there is only decaff
 simulate --scene box.stl --damping 2 | a part that has it has a --stiffness as well
 simulate --scene box.stl --part lid | lid
 simulate --scene none.stl | none.stl
-study report | expected proximity study report DIR
-study some.toml elsewhere | expected proximity study STUDY, or report DIR
-study report nowhere | nowhere: holds no results of a study, expected the folder of
-study nowhere.toml | nowhere.toml: cannot be read (No such file or directory)
+study report nowhere | nowhere: no results of a study, expected the folder of
+study run nowhere.toml | nowhere.toml: cannot be read (No such file or directory)
 experiment run design.toml p01 --address mailbox:a --arm | a motor moves only with both --motor and --arm
 experiment plan design.toml --slot -1 | -1: the design has 2 participants, expected 0 to 1
 experiment plan design.toml --slot 2 | 2: the design has 2 participants, expected 0 to 1

@@ -101,7 +101,7 @@ def test_without_a_place_the_hand_still_touches(run):
 
 
 def test_units_hold_for_all_lengths(run):
-    options = ("--place", -0.5, 0, "1e-1", "--turn", 0, 0, 90, "--scale", 0.5, "--radius", 0.4, "--range", 5)
+    options = ("--place", -0.5, 0, "1e-1", "--turn", 0, 0, 90, "--scale", 0.5, "--radius", 4, "--range", 50)
     result = run(BRACKET, HAND, *SHORT, *options, "--units", "cm", "--json")
 
     report = json.loads(result.out)

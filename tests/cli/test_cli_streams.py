@@ -33,7 +33,7 @@ def test_answers_before_a_bad_line_are_written_as_csv(ball, run, monkeypatch):
     # Was: none.
     monkeypatch.setattr(query, "POINTS_PER_CHUNK", 2)
 
-    result = run("query", "ball.stl", "--points", "-", "--csv", stdin=BAD)
+    result = run("query", "ball.stl", "--points", "-", "--csv", "-", stdin=BAD)
 
     rows = list(csv.DictReader(io.StringIO(result.out)))
     assert [row["signed_distance_mm"] for row in rows] == ["1.0", "2.0", "3.0"]
@@ -44,7 +44,7 @@ def test_segments_before_one_without_an_end_are_answered(ball, run, monkeypatch)
     monkeypatch.setattr(query, "POINTS_PER_CHUNK", 1)
     stdin = "0 0 12\n0 0 30\n" * 2 + "0 0 40\n"
 
-    result = run("query", "ball.stl", "--points", "-", "--segment", "--csv", stdin=stdin)
+    result = run("query", "ball.stl", "--points", "-", "--segment", "--csv", "-", stdin=stdin)
 
     assert [row["distance_mm"] for row in csv.DictReader(io.StringIO(result.out))] == ["2.0", "2.0"]
     assert result.code == 2
@@ -76,13 +76,13 @@ def test_stream_without_an_end_is_answered_as_it_comes(ball, run, monkeypatch):
     class Enough(Exception):
         pass
 
-    def write(question, chunks):
+    def write(question, stream, chunks):
         for _, chunk in zip(range(3), chunks, strict=False):
             assert chunk["signed_distance"] == [1.0] * 10
         raise Enough
 
     monkeypatch.setattr("proximity.cli.parts.answers.write_csv", write)
-    monkeypatch.setattr(sys, "argv", ["proximity", "query", "ball.stl", "--points", "-", "--csv"])
+    monkeypatch.setattr(sys, "argv", ["proximity", "query", "ball.stl", "--points", "-", "--csv", "-"])
     monkeypatch.setattr(sys, "stdin", Endless())
 
     with pytest.raises(Enough):
@@ -95,9 +95,9 @@ NAMED = "name,x,y,z\nA1,0,0,11\nB2,0,0,12\n"
 def test_own_csv_is_read_again_with_its_names_and_parts(ball, run, monkeypatch):
     scene = FakeScene(name="pin#2, left")
     monkeypatch.setitem(vars(proximity), "load", lambda path, **options: scene)
-    written = run("query", "b.stl", "--points", "-", "--csv", stdin=NAMED).out
+    written = run("query", "b.stl", "--points", "-", "--csv", "-", stdin=NAMED).out
 
-    assert run("query", "b.stl", "--points", "-", "--csv", stdin=written).out == written
+    assert run("query", "b.stl", "--points", "-", "--csv", "-", stdin=written).out == written
 
 
 def cube_of(size, tmp_path):

@@ -53,28 +53,32 @@ SCENES = {
         query ball.stl 0 0 0 0 0 30 --segment
         query ball.stl --points - --segment < 0 0 nan;0 0 nan
         query ball.stl --points -
-        query ball.stl --points - --csv
+        query ball.stl --points - --csv -
         query ball.stl --points - --json
         query ball.stl 0 0 1.5 --units cm --json
         query ball.stl 1e308 0 0 --units km --json
         query ball.stl --json --units mm -0 -.6e1 -8
         query ball.stl 0 0 20 90 0 20 --ray 0 0 -1
         query ball.stl --ray 0 0 -1 -6 0 20 0 0 20 --json
-        query ball.stl --ray 0 0 -1 -6 0 20 0 0 20 --csv
+        query ball.stl --ray 0 0 -1 -6 0 20 0 0 20 --csv -
         query ball.stl 0 0 20 90 0 20 0 0 20 90 0 20 --segment
         query ball.stl 0 0 12 0 0 30 0 15 0 0 40 0 --segment --json
-        query ball.stl 0 0 12 0 0 30 0 15 0 0 40 0 --segment --csv
+        query ball.stl 0 0 12 0 0 30 0 15 0 0 40 0 --segment --csv -
         query ball.stl --points - < # none
         query ball.stl --points - --json < # none
-        query ball.stl --points - --csv < # none
+        query ball.stl --points - --csv - < # none
+        query ball.stl --points - --csv - < id,x,y,z,residual,part,side,note;7,0,0,11,-0.5,lid,left,=A1
+        query ball.stl --points - --json < id,x,y,z,part,side;7,0,0,11,lid,left
+        query ball.stl --points - --segment --csv - < id,x,y,z;7,0,0,11;8,0,0,12
+        query ball.stl 1e5 123456.789 -1e12 0.00001 -0.00001 0
         query ball.stl --points - --json < 0 0 11;0 0 12;0 0 13;0 0;0 0 14
         query ball.stl --points - < 0 0 11;0 0 12;0 0 13;0 0;0 0 14
-        query ball.stl --points - --segment --csv < 0 0 12;0 0 30;0 0 12;0 0 30;0 0 40
-        query ball.stl --points - --segment --csv < name,x,y,z;A1,0,0,11;B2,0,0,12
+        query ball.stl --points - --segment --csv - < 0 0 12;0 0 30;0 0 12;0 0 30;0 0 40
+        query ball.stl --points - --segment --csv - < name,x,y,z;A1,0,0,11;B2,0,0,12
         query ball.stl --points - --segment < name,x,y,z;A1,0,0,11;B2,0,0,12
         query ball.stl --points - < name,x,y,z;A1,0,0,11
-        query ball.stl 0 0 50 --ray 0 0 -1 --csv --units in
-        query ball.stl --points - --csv < 0 0 11;0 0 20009;0 0 20011;-3e6 4e6 10;nan 0 0
+        query ball.stl 0 0 50 --ray 0 0 -1 --csv - --units in
+        query ball.stl --points - --csv - < 0 0 11;0 0 20009;0 0 20011;-3e6 4e6 10;nan 0 0
         query ball.stl --points - --units cm < x_mm,y_mm,z_mm;0,0,1
         check ball.stl
         check ball.stl --json

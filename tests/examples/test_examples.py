@@ -63,7 +63,7 @@ def printed(program, *words, folder, notes=r""):
 
 def shown(name):
     """What the page shows of an example: the block of text in the section that has its code."""
-    (section,) = (part for part in PAGES["examples.md"].split("\n## ") if f'"{name}"' in part)
+    (section,) = (part for part in PAGES["examples.md"].split("\n## ") if f"(../examples/{name})" in part)
     (block,) = re.findall(r"```text\n(.*?)```", section, re.DOTALL)
     return block
 
@@ -96,7 +96,7 @@ def test_example_is_short_and_listed(path):
 
     assert len(lines) <= 80
     assert f"`{folder}`" in (EXAMPLES / "README.md").read_text(encoding="utf-8")
-    assert f'"{path.relative_to(EXAMPLES).as_posix()}"' in PAGES["examples.md"]
+    assert f"(../examples/{path.relative_to(EXAMPLES).as_posix()})" in PAGES["examples.md"]
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if path.suffix == ".py"], ids=lambda path: path.name)

@@ -11,6 +11,7 @@ from proximity.lab.certificate import measurement, service_inputs, wording
 from proximity.lab.certificate.document import document
 from proximity.lab.certificate.subject import read_subject
 from proximity.pose import Pose
+from proximity.service import TrackedContacts
 from proximity.service.inputs.gloves import points_on
 from proximity.tracker.tracker import Tracker
 
@@ -94,7 +95,8 @@ def test_fingers_are_on_their_paths_and_parts_move_in_those_motions_alone(ticks)
     assert subject.scene.parts[0].pose.is_identity
 
 
-def test_loop_is_told_what_the_service_may_be_told(ticks):
+def test_loop_is_told_what_the_service_may_be_told(ticks, monkeypatch):
+    monkeypatch.setattr(TrackedContacts, "is_ticked_by_loop", False)  # where ticks can be seen
     subject = ball_subject(real_time=False, corners=CORNERS, moves=True)
 
     report = measurement.run_loop(subject, found(), 0.05, 3)

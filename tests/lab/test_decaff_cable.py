@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import claims
 import numpy as np
 import pytest
 from paper_drums import GEAR49, MOTOR, PAPER_GLOVE, steady_force
@@ -15,6 +14,7 @@ from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError
+from proximity.lab import claims
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff
 from proximity.lab.simulation.devices import Hand, TipCable
 from proximity.lab.simulation.frame_readers import ControllerInLoop

@@ -2,7 +2,6 @@
 
 from functools import partial
 
-import claims
 import numpy as np
 import pytest
 from pages import PAGES
@@ -12,6 +11,7 @@ from scipy.stats import qmc
 from proximity.decaff.drum import sampled_mass
 from proximity.decaff.drum.sampled_mass import SampledMass
 from proximity.decaff.drum.servo import SIMULATION_STEP, steps_a_sample
+from proximity.lab import claims
 from proximity.lab.simulation import closed_loop
 
 
@@ -21,7 +21,7 @@ def found():
 
 
 def test_page_has_every_claim_with_its_figures(found):
-    """Run ``python bench/claims.py`` for what belongs there."""
+    """Run ``python -m proximity.lab.claims`` for what belongs there."""
     assert claims.markdown(found) in PAGES["science/paper.md"]
 
 

@@ -146,6 +146,17 @@ def test_figure_is_written_with_its_numbers(form, tmp_path):
     assert sorted(path.name for path in paths[0].parent.iterdir()) == sorted(path.name for path in paths)
 
 
+def test_figure_has_the_width_that_is_asked_for_and_no_caption(tmp_path):
+    def texts(sheet):
+        image, _ = catalogue.write_figure("5h", tmp_path, "svg", sheet=sheet)
+        return image.read_text()
+
+    designed, plain = texts(style.AS_DESIGNED), texts(style.Sheet(0.120, has_caption=False))
+
+    assert 'width="244.8pt"' in designed and 'width="340.15' in plain
+    assert "N/m" in designed and "N/m" not in plain
+
+
 @pytest.mark.parametrize("name", ["5", "5a", "stability"])
 def test_every_kind_of_figure_is_drawn(name, tmp_path):
     image, _ = catalogue.write_figure(name, tmp_path, "svg")

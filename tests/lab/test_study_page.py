@@ -10,7 +10,7 @@ from study_jobs import study_of
 from proximity.errors import ServiceError
 from proximity.lab.sweep.effects import NOT_USED, Rows, effect
 from proximity.lab.sweep.row_files import MADE_BY, RowFiles, read_rows
-from proximity.lab.sweep.study_page import shown, study_page
+from proximity.lab.sweep.study_page import shown, study_report
 from proximity.lab.sweep.study_run import repeat
 
 FACTORS = "number = [1, 2, 3, 4]\nspeed = [1, 2]\nwall = ['hard', 'soft']\nstiffness = [10, 20]"
@@ -45,7 +45,7 @@ def text_of(page):
 def test_page_has_factors_effects_worst_conditions_and_how_to_repeat_them(tmp_path):
     study = study_of(tmp_path, FACTORS)
     conditions = record(tmp_path, study)
-    page = study_page(study, tmp_path)
+    page = study_report(study, tmp_path).page
     words = text_of(page)
 
     assert "<h1>some file</h1>" in page
@@ -54,7 +54,7 @@ def test_page_has_factors_effects_worst_conditions_and_how_to_repeat_them(tmp_pa
     assert "Fixed: position 0, 0, 0" in words
     assert "square m² 1 3.25 6.5 10.75 16" in words
     assert "number 100%" in words  # the square is of the number alone
-    assert "proximity study &#39;/studies/some file.toml&#39; --only KEY" in page
+    assert "proximity study run &#39;/studies/some file.toml&#39; --only CONDITION" in page
     worst = words.partition("Worst conditions")[2].partition("Made by")[0]
     keys = {one.key for one in conditions if one.values["number"] == 4}
     assert {key for key in keys if key in worst} == keys
@@ -76,7 +76,7 @@ def test_first_plot_is_the_one_that_the_file_asks_for(tmp_path, plot, said):
     study = study_of(tmp_path, FACTORS, tail=f"[plot]\n{plot}")
     record(tmp_path, study)
 
-    assert said in text_of(study_page(study, tmp_path))
+    assert said in text_of(study_report(study, tmp_path).page)
 
 
 def test_conditions_in_which_x_is_absent_have_a_line_of_their_own(tmp_path):
@@ -84,13 +84,13 @@ def test_conditions_in_which_x_is_absent_have_a_line_of_their_own(tmp_path):
     study = study_of(tmp_path, factors, tail='[plot]\nx = "stiffness"')
     record(tmp_path, study)
 
-    assert "Dotted: wall hard. Dashed: stiffness rigid." in text_of(study_page(study, tmp_path))
+    assert "Dotted: wall hard. Dashed: stiffness rigid." in text_of(study_report(study, tmp_path).page)
 
 
 def test_what_failed_is_listed_and_counts_nowhere_else(tmp_path):
     study = study_of(tmp_path, FACTORS)
     record(tmp_path, study, failing=(4,))
-    words = text_of(study_page(study, tmp_path))
+    words = text_of(study_report(study, tmp_path).page)
 
     assert "24 of 24 conditions have a row, 6 of them failed" in words
     assert "it was &lt;late&gt;" in words
@@ -103,14 +103,14 @@ def test_page_of_a_study_that_is_not_finished_says_so(tmp_path):
     more = study_of(tmp_path, "number = [1, 2, 3]")
     RowFiles(tmp_path, more.job).write_design((one.key for one in more.conditions), "x")
 
-    assert "2 of 3 conditions have a row" in text_of(study_page(more, tmp_path))
+    assert "2 of 3 conditions have a row" in text_of(study_report(more, tmp_path).page)
 
 
 def test_page_of_one_condition_has_no_plots_and_no_mistakes(tmp_path):
     study = study_of(tmp_path, "number = 2")
     record(tmp_path, study)
 
-    page = study_page(study, tmp_path)
+    page = study_report(study, tmp_path).page
 
     assert "<svg" not in page
     assert "<title>Study: some file</title>" in page
@@ -121,7 +121,7 @@ def test_page_of_nothing_is_refused(tmp_path):
     record(tmp_path, study)
     RowFiles(tmp_path, study.job).write_design(iter(["00" * 10]), "x")
     with pytest.raises(ServiceError, match="no condition is finished yet, run the study first"):
-        study_page(study, tmp_path)
+        study_report(study, tmp_path)
 
 
 def test_effect_is_the_share_of_variance_between_levels(tmp_path):

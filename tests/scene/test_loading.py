@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import mesh_files
 import numpy as np
@@ -12,8 +13,8 @@ import trimesh
 from project import MESHES
 
 import proximity
-from proximity import Part, Scene, Solid, from_trimesh
-from proximity.errors import ArgumentError, MeshError
+from proximity import Part, Scene, Solid, from_mesh, from_trimesh, to_trimesh
+from proximity.errors import ArgumentError, MeshError, SceneError
 from proximity.scene import sign
 
 
@@ -225,3 +226,67 @@ def test_trimesh_is_not_imported_to_be_refused():
         "import sys, proximity; proximity.Solid; proximity.from_trimesh; assert 'trimesh' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+VERTICES, FACES = shapes.cube(2.0)
+OPEN3D = SimpleNamespace(vertices=VERTICES, triangles=FACES)
+PYVISTA = SimpleNamespace(points=VERTICES, faces=np.insert(FACES, 0, 3, axis=1).ravel())
+
+
+@pytest.mark.parametrize(
+    "mesh", [OPEN3D, PYVISTA, proximity.TriangleMesh(VERTICES, FACES), box(units="in", size=2.0)]
+)
+def test_meshes_of_other_libraries_are_taken_by_their_arrays(mesh):
+    scene = from_mesh(mesh, units="inches", name="die")
+
+    assert scene["die"].solid.has_inside
+    np.testing.assert_allclose(np.ptp(scene.bounds, axis=0), np.ptp(np.asarray(VERTICES), axis=0) * 0.0254)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "units", "message"),
+    [
+        (OPEN3D, None, "the mesh names no unit, expected units to be given"),
+        (OPEN3D, "parsec", "there is no unit 'parsec', expected one of m, dm"),
+        (
+            SimpleNamespace(points=VERTICES, faces=[4, 0, 1, 2, 3]),
+            "m",
+            "the mesh has faces that are no triangles",
+        ),
+        (SimpleNamespace(vertices=VERTICES, triangles=FACES[:0]), "m", "the SimpleNamespace holds no faces"),
+        (VERTICES, "m", "a ndarray was given, expected a mesh of trimesh, PyVista or Open3D"),
+    ],
+)
+def test_what_is_no_mesh_is_refused(mesh, units, message):
+    with pytest.raises(MeshError, match=f"^{re.escape(message)}"):
+        from_mesh(mesh, units=units)
+
+
+def test_scene_becomes_one_of_trimesh_and_comes_back(tmp_path):
+    scene = proximity.load(MESHES / "assembly.glb")
+    scene.move("lid", proximity.Pose(None, [0.1, 0.0, 0.0]))
+
+    there = to_trimesh(scene)
+    back = from_mesh(there)
+
+    assert set(there.graph.nodes_geometry) == {part.name for part in scene}
+    np.testing.assert_allclose(back.bounds, scene.bounds)
+    assert back["lid"].pose.translation.tolist() == [0.1, 0.0, 0.0]
+    with pytest.raises(ArgumentError, match=r"^a Trimesh was given, expected a proximity\.Scene"):
+        to_trimesh(box())
+
+
+def test_parts_are_found_by_name_and_by_index():
+    scene = proximity.load(MESHES / "assembly.glb")
+    hit = scene.closest([0.03, 0.02, 0.1])
+
+    assert scene[hit.part] is scene["lid"] is scene.part(3)
+    assert [part.name for part in scene] == [part.name for part in scene.parts] and len(scene) == 4
+    for missing in (4, "cover", None, proximity.NO_PART):
+        with pytest.raises(SceneError, match=r"^no part is named"):
+            scene[missing]
+
+
+@pytest.mark.parametrize("units", ["inch", "Inches", "IN", "in"])
+def test_units_may_be_spelt_as_people_do(units):
+    assert proximity.load(MESHES / "box.stl", units=units).report.units == "in"

@@ -1,4 +1,4 @@
-"""The loop of compiled code: the frames of the loop in Python to the bit; time, messages, and scenes."""
+"""The loop: what it does by itself is what Python does, to the bit; time, messages, and scenes."""
 
 import itertools
 import os
@@ -17,11 +17,11 @@ from project import MESHES
 
 import proximity
 from proximity import PATH_POSES, POSES, Message
-from proximity.errors import PublishError, ServiceError
+from proximity.errors import ServiceError
 from proximity.message import FRAME, State, parts_of
 from proximity.native.mode import IS_AHEAD
 from proximity.recording import FrameLog, FrameReader
-from proximity.service import CompiledService, Describer, MessageInput, Service, TrackedContacts
+from proximity.service import Describer, MessageInput, Service, TrackedContacts, loop
 from proximity.service.hosting import start_service
 from proximity.tracker.tracker import Tracker
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
@@ -29,7 +29,7 @@ from proximity.transport.link import NOTHING
 from proximity.transport.message_key import write_key
 
 pytestmark = pytest.mark.skipif(
-    sys.platform != "linux" or not IS_AHEAD, reason="it needs Linux and compiled kernels"
+    sys.platform != "linux" or not IS_AHEAD, reason="it needs mailboxes of Linux and compiled kernels"
 )
 COUNT = 5
 BEGIN_NS = 1000 * MS
@@ -99,67 +99,46 @@ class Poses:
         return message
 
 
-class Pair:
-    """Both loops, fed with the same messages by the same clock."""
+def frames_of(scene, seed, *, in_python, ticks=300):
+    """Frames and report of a service that is driven by a clock; messages are the same each time."""
+    poses, frames = names()[:2]
+    feed, clock, taken = Poses(scene, seed), ManualClock(BEGIN_NS), []
+    sender, reader, due = open_publisher(poses), open_inlet(frames), itertools.count()
+    room = np.zeros(4096, np.uint8)
 
-    def __init__(self, scene, feed, ticks, **settings):
-        self.feed, self.ends, self.ticks = feed, names(), ticks
-        self.publishers = [open_publisher(address) for address in self.ends[:2]]
-        self.readers = [open_inlet(address) for address in self.ends[2:]]
-        self.settings = {"period": 0.001, "valid_for": 0.005, **settings}
-        self.sources = [contacts_of(scene) for _ in range(2)]
-        self.frames = [[], []]
+    def take():
+        while (size := reader.receive(room)) != NOTHING:
+            data = room[:size].copy()
+            data[4:8] = data[16:24] = 0  # checksum and session
+            taken.append(data)
 
-    def run(self):
-        clock, ticks = ManualClock(BEGIN_NS), itertools.count()
-        compiled = CompiledService(
-            self.sources[1],
-            open_inlet(self.ends[1]),
-            self.ends[1],
-            [open_publisher(self.ends[3])],
-            simulated_ns=BEGIN_NS,
-            **self.settings,
-        )
-        compiled.begin()
+    def sleep_until(due_ns):
+        take()
+        clock.now = max(clock.now, due_ns)
+        for message in feed.messages(next(due), due_ns):
+            sender.publish(message)
 
-        def at_each_tick(due_ns):
-            clock.now = max(clock.now, due_ns)
-            tick = next(ticks)
-            if tick >= self.ticks:
-                return  # the frames that say STOPPING
-            for message in self.feed(tick, due_ns):
-                for publisher in self.publishers:
-                    publisher.publish(message)
-            compiled.advance(1)
-            self.take()
-
-        clock.sleep_until = at_each_tick
-        pose_input = MessageInput(self.ends[0], COUNT, clock=clock.now_ns)
-        publisher = open_publisher(self.ends[2])
-        service = Service(self.sources[0], pose_input, [publisher], clock=clock, **self.settings)
-        report = service.run(tick_count=self.ticks)
-        self.take()
-        for end in (*self.publishers, *self.readers):
-            end.close()
-        return report, compiled.report
-
-    def take(self):
-        room = np.zeros(4096, np.uint8)
-        for reader, frames in zip(self.readers, self.frames, strict=True):
-            while (size := reader.receive(room)) != NOTHING:
-                data = room[:size].copy()
-                data[4:8] = data[16:24] = 0  # checksum and session
-                frames.append(data)
+    clock.sleep_until = sleep_until
+    source = contacts_of(scene)
+    source.is_ticked_by_loop = not in_python
+    pose_input = MessageInput(poses, COUNT, clock=clock.now_ns)
+    service = Service(
+        source, pose_input, [open_publisher(frames)], period=0.001, valid_for=0.005, clock=clock
+    )
+    report = service.run(tick_count=ticks)
+    take()
+    sender.close()
+    reader.close()
+    return taken, report
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_frames_are_those_of_the_loop_in_python_to_the_bit(scene, seed):
-    poses = Poses(scene, seed)
-    pair = Pair(scene, poses.messages, 300)
-    theirs, ours = pair.run()
+def test_frames_are_those_that_python_makes_to_the_bit(scene, seed):
+    """What the loop does by itself is what NumPy and the tracker do with the same messages."""
+    (ones, theirs), (others, ours) = (frames_of(scene, seed, in_python=way) for way in (True, False))
 
-    assert len(pair.frames[1]) == 300
-    for tick, (one, other) in enumerate(zip(*pair.frames, strict=False)):
+    assert len(ones) == len(others) == 303
+    for tick, (one, other) in enumerate(zip(ones, others, strict=True)):
         assert one.tobytes() == other.tobytes(), (tick, *(parts_of(each, FRAME) for each in (one, other)))
     reports = [
         {**each.as_dict(), "compute": 0, "lateness": 0, "publish_failures": 0} for each in (theirs, ours)
@@ -170,14 +149,14 @@ def test_frames_are_those_of_the_loop_in_python_to_the_bit(scene, seed):
 
 
 class Served:
-    """A service with a compiled loop in this process, and its two ends."""
+    """A service in this process, and its two ends."""
 
     def __init__(self, scene, poses, frames, **settings):
         self.over, self.poses, self.frames = threading.Event(), poses, frames
         source, self.report = contacts_of(scene), None
         describer = Describer([f"finger {k}" for k in range(COUNT)], [0.005] * COUNT)
         settings = {"period": 0.001, "describer": describer, **settings}
-        self.service = CompiledService(source, open_inlet(poses), poses, [open_publisher(frames)], **settings)
+        self.service = Service(source, MessageInput(poses, COUNT), [open_publisher(frames)], **settings)
         self._thread = threading.Thread(target=self._run)
 
     def _run(self):
@@ -225,6 +204,18 @@ def by_shared_memory():
     return names()[:2]
 
 
+def by_iceoryx():
+    return [f"iox2://{new_name()}" for _ in range(2)]
+
+
+def by_threads():
+    return [f"mailbox:{new_name()}" for _ in range(2)]
+
+
+def by_ipv6():
+    return [f"udp://[::1]:{free_port()}" for _ in range(2)]
+
+
 def by_udp(key=""):
     return [f"udp://127.0.0.1:{free_port()}{key}" for _ in range(2)]
 
@@ -236,7 +227,7 @@ def holds(scene, reading):
     return (contacts["lower"] <= true + 1e-12).all() and (true <= contacts["upper"] + 1e-12).all()
 
 
-@pytest.mark.parametrize("ends", [by_shared_memory, by_udp])
+@pytest.mark.parametrize("ends", [by_shared_memory, by_udp, by_iceoryx, by_threads, by_ipv6])
 def test_pose_that_comes_wakes_it(scene, ends):
     """Of a period of some seconds: the frame is there before a tick would have been due."""
     with Served(scene, *ends(), period=2.0, valid_for=8.0, stale_after=10.0) as served:
@@ -246,6 +237,14 @@ def test_pose_that_comes_wakes_it(scene, ends):
             assert int(reading.header["start_ns"]) - before_ns < 2 * 10**9
             assert holds(scene, reading) and reading.state is State.OK
     assert served.report.ticks >= 4
+
+
+@pytest.mark.parametrize("ends", [by_shared_memory, by_udp])
+def test_threads_send_and_receive_where_the_loop_does_not_know_the_system(scene, ends, monkeypatch):
+    monkeypatch.setattr(loop, "OPENS_ENDS", False)
+    with Served(scene, *ends()) as served:
+        assert holds(scene, served.answer(ABOVE))
+    assert not served.report.publish_failures[served.frames]
 
 
 def test_frames_come_every_period_without_poses(scene):
@@ -345,29 +344,9 @@ def test_full_disk_is_told_and_stops_nothing(scene):
     )
 
 
-@pytest.mark.parametrize(
-    ("poses", "frames", "sentence"),
-    [
-        ("udp://0.0.0.0:{}?from=192.0.2.1", "shm://{}", "takes poses from senders on this machine, by IPv4"),
-        ("mailbox:{}", "shm://{}", r"takes poses by shm:// and udp://"),
-        ("shm://{}", "mailbox:{}", "publishes by shm:// and udp://"),
-    ],
-)
-def test_what_it_cannot_serve_is_refused(scene, poses, frames, sentence):
-    poses, frames = (each.format(free_port()) for each in (poses, frames))
-    inlet = open_inlet(poses)
-    with (
-        open_publisher(frames) as publisher,
-        pytest.raises(PublishError, match=f"a compiled loop {sentence}"),
-    ):
-        CompiledService(contacts_of(scene), inlet, poses, [publisher], period=0.001)
-    inlet.close()
-
-
 SCENE = """\
 [service]
 publish = ["{frames}"]
-loop = "compiled"
 [[parts]]
 file = "{part}"
 [fingers]

@@ -2,12 +2,20 @@
 
 import numpy as np
 import pytest
-from fake_service import FakeAnswers, serve
+from fake_service import (
+    FakeAnswers,
+    KeepingOutlet,
+    ManualClock,
+    ScriptedInput,
+    publisher,
+    serve,
+    steady,
+)
 from wire import Reader, frame
 
 from proximity.message import DESCRIPTION, FRAME, Defect, Message, parts_of
 from proximity.message.description import encoded_name
-from proximity.service import Describer
+from proximity.service import Describer, Service
 
 
 def labels(count, hidden=()):
@@ -106,14 +114,21 @@ def test_service_publishes_it_behind_the_first_frame():
 
 
 def test_description_that_is_not_published_is_noted():
-    from fake_service import KeepingOutlet, publisher
+    answers = FakeAnswers()
+    answers.labels = labels(2)
+    outlet = KeepingOutlet(refused={1})
+    service = Service(
+        answers,
+        ScriptedInput(steady),
+        [publisher(outlet)],
+        period=0.001,
+        clock=ManualClock(),
+        describer=Describer(["thumb", "index"], [0.007] * 2),
+    )
 
-    from proximity.service.frame_publisher import FramePublisher
+    report = service.run(tick_count=3)
 
-    outputs = FramePublisher([publisher(KeepingOutlet(refused=(0,)))], None, 0)
-    outputs.publish_description(Message(DESCRIPTION, 1))
-
-    assert outputs.failures == {"keeping:": 0}
-    assert outputs.notes == [
+    assert report.publish_failures == {"keeping:": 0}
+    assert report.notes == [
         "keeping:: names of parts and fingers were not published, first: keeping: no room"
     ]

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from proximity.kernels.contact_record import BOUNDED, CONTACT_RECORD, EXACT, IN_RANGE, TRACKED
 from proximity.kernels.tracking.motion import BACKWARDS, FUTURE, TOO_OLD, USABLE
 from proximity.service import finger_kernels
 
@@ -90,19 +89,3 @@ def test_samples_from_before_an_instant_are_dropped(how):
 
     assert np.isnan(newest[:, 0]).tolist() == [True, False, False]
     assert newest_ns.tolist() == [9, 10, 11]
-
-
-@HOW
-def test_overview_of_contacts(how):
-    contacts = np.zeros(5, CONTACT_RECORD)
-    contacts["flags"] = [
-        TRACKED | BOUNDED | IN_RANGE,
-        TRACKED | BOUNDED,
-        TRACKED | IN_RANGE | EXACT,
-        BOUNDED | IN_RANGE,  # not tracked
-        0,
-    ]
-    contacts["pose_ns"] = [30, 20, 40, 10, 5]
-
-    assert how(finger_kernels.overview)(contacts) == (20, 3, 1)
-    assert how(finger_kernels.overview)(contacts[3:]) == (finger_kernels.LATEST, 0, 0)

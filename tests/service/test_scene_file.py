@@ -221,8 +221,6 @@ service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
 {PART}{POSES}[service]\nlatency = -0.001\n | 6: service.latency is -0.001, expected a number from 0 to 1 (s)
 {PART}{POSES}[service]\nreal_time = 1\n | 6: service.real_time is 1, expected true or false
 {PART}{POSES}[service]\ncore = 1.5\n | 6: service.core is 1.5, expected a whole number from 0 to 4095
-{PART}{POSES}[service]\nloop = 'c'\n | 6: service.loop is 'c', expected "python" or "compiled"
-{PART}{POSES}moves = 'udp://127.0.0.1:1'\n[service]\nloop = 'compiled'\n | 7: service.loop is "compiled",
 {PART}{POSES}[service]\nlog = ''\n | 6: service.log is '', expected the file to write, as text in quotes
 {PART}{POSES}[service]\npublish = 3\n | 6: service.publish is 3, expected an address such as iox2://decaff, a
 {PART}{POSES}[service]\npublish = [\n'mailbox:a',\n'decaff',\n]\nrate_hz = 0\n | 6: service.publish cannot be

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from fake_service import KeepingOutlet, ManualClock, filled, publisher
+from fake_service import KeepingOutlet, ManualClock, ScriptedInput, filled, publisher
 from ticking import MS, line, plate
 
 from proximity.message import ContactFlag
 from proximity.scene.scene import Scene
-from proximity.service import CallableInput, FingerPoses, Service, TrackedContacts
+from proximity.service import FingerPoses, Service, TrackedContacts
 from proximity.tracker.tracker import Tracker
 
 RATE = 2.0  # bends a second
@@ -48,8 +48,8 @@ def test_bend_that_is_told_without_a_path_is_published_with_its_rate(answers, ev
     assert not (contacts["flags"] & (ContactFlag.ON_PATH | ContactFlag.CONTACT_FOUND)).any()
 
 
-def test_bend_that_a_function_tells_reaches_the_published_contact(answers):
-    def tell(now_ns):
+def test_bend_that_an_input_tells_reaches_the_published_contact(answers):
+    def tell(_, now_ns):
         poses = FingerPoses(3)
         poses.positions[:] = [[0.02 * finger, 0.0, 0.05] for finger in range(3)]  # at one place: a lost hand
         poses.pose_ns[:] = now_ns
@@ -58,9 +58,7 @@ def test_bend_that_a_function_tells_reaches_the_published_contact(answers):
 
     answers.rehearse()
     outlet = KeepingOutlet()
-    service = Service(
-        answers, CallableInput(tell, 3), [publisher(outlet)], period=0.001, clock=ManualClock(0)
-    )
+    service = Service(answers, ScriptedInput(tell), [publisher(outlet)], period=0.001, clock=ManualClock(0))
     service.run(tick_count=8)
     contacts = outlet.records[7]
 

@@ -21,7 +21,6 @@ from project import MESHES
 import proximity
 from proximity.errors import ServiceError
 from proximity.message import POSES, ContactFlag, Message, Mode, State
-from proximity.native.mode import IS_AHEAD
 from proximity.recording import FrameReader
 from proximity.service.hosting import start_service
 from proximity.transport import open_publisher, open_subscriber
@@ -39,7 +38,6 @@ SCENE = """\
 rate_hz = 1000
 publish = "{name}"
 real_time = false
-loop = "{loop}"
 [fingers]
 count = 3
 """
@@ -48,10 +46,7 @@ PART = """\
 file = "bracket.stl"
 """
 TRACKED = int(ContactFlag.TRACKED)
-COMPILED = pytest.param(
-    "compiled",
-    marks=pytest.mark.skipif(sys.platform != "linux" or not IS_AHEAD, reason="for Linux, compiled"),
-)
+MAILBOXES = pytest.param("shm", marks=pytest.mark.skipif(sys.platform != "linux", reason="for Linux"))
 ABOVE = np.array([[0.05, 0.03, 0.15], [0.06, 0.03, 0.15], [0.07, 0.03, 0.15]])
 
 
@@ -125,7 +120,7 @@ def test_service_killed_and_started_anew_is_read_again_and_every_frame_is_accoun
         shutil.copy(MESHES / name, tmp_path)
     path, address, log = tmp_path / "cell.toml", name_of("frames"), tmp_path / "run.frames"
     path.write_text(
-        SCENE.format(name=address, loop="python").replace("count = 3\n", "")
+        SCENE.format(name=address).replace("count = 3\n", "")
         + f'{PART}[input]\nrecording = "hand.csv"\nrepeat = true\n'
     )
 
@@ -199,14 +194,14 @@ class Feeding:
         self._publisher.close()
 
 
-@pytest.fixture(scope="module", params=["python", COMPILED])
+@pytest.fixture(scope="module", params=["iox2", MAILBOXES])
 def served(request, tmp_path_factory):
-    """A service that is fed live, for all tests that leave it alive; with each loop."""
-    folder, loop = tmp_path_factory.mktemp("served"), request.param
+    """A service that is fed live, for all tests that leave it alive; by each memory."""
+    folder = tmp_path_factory.mktemp("served")
     shutil.copy(MESHES / "bracket.stl", folder)
     path, said = folder / "cell.toml", []
-    address = name_of("frames", "iox2" if loop == "python" else "shm")
-    path.write_text(SCENE.format(name=address, loop=loop) + f'{PART}[input]\nposes = "{address}/poses"\n')
+    address = name_of("frames", request.param)
+    path.write_text(SCENE.format(name=address) + f'{PART}[input]\nposes = "{address}/poses"\n')
     with start_service(path, say=said.append) as service, Feeding(f"{address}/poses") as feeding:
         yield SimpleNamespace(service=service, address=address, path=path, said=said, feeding=feeding)
         report = service.stop(timeout=PATIENCE)
@@ -322,7 +317,7 @@ def test_scene_file_that_is_replaced_is_taken_or_refused_between_two_frames(serv
     beside.replace(served.path)
     until(lambda: distance_is_of_its_scene(subscriber.wait(0.1)) or len(served.said) > said, PATIENCE)
     assert served.said[-1].startswith(
-        f"the edit is refused, the previous scene stays in use: {served.path}:9: parts[0].file is "
+        f"the edit is refused, the previous scene stays in use: {served.path}:8: parts[0].file is "
         "'brocket.stl'"
     )
     still = seen(subscriber, is_ok, distance_is_of_its_scene)

@@ -8,7 +8,7 @@ from proximity.errors import ServiceError
 from proximity.kernels.contact_record import PREDICTED, TRACKED
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES, MAX_ACCELERATION, MAX_SPEED, observe
 from proximity.recording import Recording
-from proximity.service import CallableInput, FingerPoses, RecordingInput
+from proximity.service import FingerPoses, RecordingInput
 from proximity.service.samples import NewestSamples
 
 NOW = 5000 * MS
@@ -111,99 +111,6 @@ def test_recording_of_one_instant_is_over_at_once_or_comes_again_and_again():
 def test_latency_of_a_recording_that_cannot_be_is_refused(latency):
     with pytest.raises(ServiceError, match=r"^a recording with a latency of .* s, expected 0 to 1 s$"):
         RecordingInput(recording([0]), latency=latency)
-
-
-def test_callable_may_tell_positions_of_now():
-    asked = []
-    source = CallableInput(lambda now_ns: asked.append(now_ns) or [[1, 2, 3], [4, 5, 6]], 2)
-
-    poses = polled(source, NOW)
-
-    assert asked == [NOW]
-    np.testing.assert_array_equal(poses.positions, [[1, 2, 3], [4, 5, 6]])
-    assert poses.pose_ns.tolist() == [NOW, NOW]
-    assert poses.velocities is None
-
-
-@pytest.mark.parametrize("instants", [NOW - 3, np.array([NOW - 3, NOW - 4]), [NOW - 3, NOW - 4]])
-def test_callable_may_tell_positions_and_their_instants(instants):
-    source = CallableInput(lambda now_ns: (np.ones((2, 3)), instants), 2)
-
-    assert polled(source, NOW).pose_ns.tolist() == np.broadcast_to(instants, 2).tolist()
-
-
-def test_callable_may_tell_hands_which_are_taken_as_float64():
-    told = hands_at(np.zeros((2, 3)), [NOW, NOW - 1], velocities=np.ones((2, 3)))
-    told.positions = np.float32([[1, 2, 3], [4, 5, 6]])
-    source = CallableInput(lambda now_ns: told, 2)
-
-    poses = polled(source, NOW)
-
-    assert poses.positions.dtype == np.float64 and poses.positions[1, 2] == 6
-    assert poses.pose_ns.tolist() == [NOW, NOW - 1]
-    assert (poses.velocities == 1).all() and poses.velocities is not told.velocities
-
-
-def test_velocities_that_a_callable_told_once_are_not_those_of_later_positions():
-    told = [hands_at(np.zeros((2, 3)), NOW, velocities=np.ones((2, 3))), np.ones((2, 3))]
-    told[0].paths, told[0].bends = np.ones((2, 4, 3)), np.ones(2)
-    source = CallableInput(lambda now_ns: told.pop(0), 2)
-    polled(source, NOW)
-
-    poses = polled(source, NOW + MS)
-
-    assert poses.velocities is None and poses.paths is None and poses.bends is None
-
-
-def test_callable_with_nothing_new_tells_none():
-    source = CallableInput(lambda now_ns: None, 2)
-
-    assert polled(source, NOW) is None and source.failures == 0 and source.notes == []
-
-
-def hands_with(**fields):
-    """A function that tells two hands of which something does not fit."""
-    told = hands_at(np.zeros((2, 3)), NOW)
-    for name, value in fields.items():
-        setattr(told, name, value)
-    return lambda now_ns: told
-
-
-def fail(now_ns):
-    raise ValueError("no camera")
-
-
-@pytest.mark.parametrize(
-    ("function", "message"),
-    [
-        (fail, "ValueError: no camera"),
-        (lambda now_ns: [[0, 0, 0]], r"positions have shape (1, 3), expected (2, 3)"),
-        (lambda now_ns: "up", "positions have dtype <U2, expected numbers of shape (2, 3)"),
-        (lambda now_ns: (np.zeros((2, 3)), 0.5), "instants are 0.5, expected whole nanoseconds"),
-        (lambda now_ns: (np.zeros((2, 3)), [1, 2, 3]),
-         "ValueError: could not broadcast input array from shape (3,) into shape (2,)"),
-        (lambda now_ns: FingerPoses(3), "poses of 3 fingers, expected 2 fingers"),
-        (hands_with(paths=np.zeros((2, 1, 3))),
-         "paths have shape (2, 1, 3), expected (2, K, 3) with K of 2 or more"),
-        (hands_with(bends=0.5), "bends have shape (), expected (2,)"),
-    ],
-)  # fmt: skip
-def test_callable_that_fails_is_counted_and_said_once(function, message, caplog):
-    source = CallableInput(function, 2)
-
-    assert [polled(source, NOW + k) for k in range(3)] == [None] * 3
-
-    assert source.failures == 3
-    assert source.notes == [f"the pose callback raised 3 times, first: {message}"]
-    assert [record.message for record in caplog.records] == [f"the pose callback raised: {message}"]
-    assert caplog.records[0].name == "proximity.service"
-
-
-def test_callable_recovers():
-    source = CallableInput(lambda now_ns: fail(now_ns) if now_ns == NOW else np.zeros((1, 3)), 1)
-
-    assert polled(source, NOW) is None
-    assert polled(source, NOW + 1).pose_ns.tolist() == [NOW + 1]
 
 
 AHEAD = (
@@ -333,20 +240,6 @@ def test_sample_that_was_left_out_is_not_given_again(pose_ns):
     assert newest.future + newest.backwards == 1
     assert np.isnan(newest.samples.positions[0, 0]) and newest.samples.positions[1].tolist() == [599] * 3
     assert newest.samples.velocities.tolist() == [[0, 0, 0]] * 2 and newest.samples.bends.tolist() == [0, 0]
-
-
-def test_arrays_of_a_callable_are_not_written_into():
-    told = hands_at(np.ones((1, 3)), NOW + 6 * MS, velocities=np.ones((1, 3)))
-    told.paths, told.bends = np.ones((1, 2, 3)), np.ones(1)
-    newest, source = NewestSamples(FingerPoses(1), 100 * MS), CallableInput(lambda now_ns: told, 1)
-    newest.start(NOW)
-
-    newest.update(polled(source, NOW), NOW)
-
-    assert newest.future == 1
-    for array in (told.positions, told.velocities, told.paths, told.bends):
-        assert (array == 1).all()
-    assert told.pose_ns.tolist() == [NOW + 6 * MS]
 
 
 def test_hand_whose_fingers_are_all_at_one_place_is_lost_and_counted(caplog):

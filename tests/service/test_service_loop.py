@@ -93,23 +93,6 @@ def test_frame_of_parts_that_nothing_more_is_told_of_is_late():
     assert report.states[State.LATE] == 2 and report.missed == 0
 
 
-def test_publisher_that_takes_too_long_makes_the_next_frame_late():
-    clock, outlet = ManualClock(), KeepingOutlet()
-    send = outlet.send
-
-    def send_slowly(data):
-        send(data)
-        clock.spend(5 * MS // 2 if outlet.count == 2 else 0)
-
-    outlet.send = send_slowly
-    service = Service(FakeAnswers(), ScriptedInput(steady), [publisher(outlet)], period=0.001, clock=clock)
-
-    report = service.run(tick_count=4)
-
-    assert report.missed == 2
-    assert outlet.states[:4] == [State.OK, State.OK, State.LATE, State.OK]
-
-
 def test_tick_that_fails_midway_still_says_stopping_closes_and_leaves_none_of_its_contacts():
     def fail(tick):  # after the contacts were written
         if tick == 2:

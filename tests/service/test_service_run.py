@@ -113,7 +113,9 @@ def test_parts_that_move_come_and_go_while_they_are_served(hand):
     (ball,) = proximity.load(MESHES / "sphere.stl").parts
     ball = replace(ball, name="ball", pose=Pose(translation=(0, 0, 0.5)))
     stop = threading.Event()
-    service = Service(answers(scene, hand), RecordingInput(hand, repeat=True), [], period=0.001, log=log)
+    source = answers(scene, hand)
+    source.takes_changes = True
+    service = Service(source, RecordingInput(hand, repeat=True), [], period=0.001, log=log)
     thread = threading.Thread(target=service.run, kwargs={"stop": stop})
     thread.start()
     try:

@@ -713,7 +713,7 @@ def test_mistake_within_the_block_is_the_one_that_is_raised(child):
 def test_override_that_no_option_has_is_refused(scene_path):
     with pytest.raises(
         ServiceError,
-        match=r"^core can only be set in the scene file, expected rate_hz, publish, log, loop, real_time$",
+        match=r"^core can only be set in the scene file, expected rate_hz, publish, log, real_time$",
     ):
         start_service(scene_path, core=1)
 

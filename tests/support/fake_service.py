@@ -26,8 +26,6 @@ class ManualClock:
     def now_ns(self):
         return self.now
 
-    stopwatch_ns = now_ns
-
     def sleep_until(self, due_ns):
         self.sleeps.append(due_ns)
         late = self.oversleeps.pop(0) if self.oversleeps else 0
@@ -65,6 +63,7 @@ class FakeAnswers:
     """
 
     source = Source.GEOMETRY
+    is_ticked_by_loop = False
     refused = 0, 0, 0
     is_late = False
 

@@ -127,7 +127,7 @@ OTHERS = r"x.key' may be used by others: its permissions are {:04o} \(expected 0
         ("text:" + "xy" * 32, NO_KEY),
         ("text:" + "ab" * 32 + "\nab", NO_KEY),
         ("text:" + "ab" * 5000, NO_KEY),
-        ("none", r"cannot be read \(No such file .*`proximity key --out FILE`"),
+        ("none", r"cannot be read \(No such file .*`proximity client key --out FILE`"),
         ("pipe", "is not a regular file"),
         ("/dev/zero", "is not a regular file"),
         ("/tmp", "is not a regular file"),

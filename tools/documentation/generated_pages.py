@@ -21,7 +21,7 @@ import proximity
 from proximity import cli
 
 PUBLIC = {
-    "Loading": ("load", "from_trimesh", "LoadReport"),
+    "Loading": ("load", "from_mesh", "from_trimesh", "to_trimesh", "LoadReport"),
     "Scenes and parts": ("Scene", "Part", "Solid", "TriangleMesh", "Pose", "SignMethod", "Surface"),
     "Answers": (
         "ClosestPoints", "RayHits", "SegmentHits", "Feature", "Clearance", "Relation",
@@ -45,8 +45,10 @@ PUBLIC = {
 }  # fmt: skip
 """All public names, in the order in which a reader meets them."""
 
-NOTEBOOK = Path(__file__).parents[2] / "examples" / "notebook.ipynb"
-NOTEBOOK_CELLS = "    <!-- cells of notebook.ipynb -->"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PROGRAM = re.compile(r"^The program: \[.*\]\(\.\./examples/(.*)\)$", re.MULTILINE)
+"""A link that a code host follows; a built page has the program itself."""
+LANGUAGES = {".py": "py", ".ipynb": "py", ".c": "c", ".h": "c", ".toml": "toml"}
 
 STATES = {
     "State of a frame": "state",
@@ -66,19 +68,20 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, **_):
-    """Write the layouts below the page on messages, and the notebook's cells into that on examples."""
+    """Write the layouts below the page on messages, and the programs into that on examples."""
     if page.file.src_uri == "reference/messages.md":
         return f"{markdown}\n{message_tables.records()}"
-    return (
-        markdown.replace(NOTEBOOK_CELLS, _cells(NOTEBOOK)) if page.file.src_uri == "examples.md" else markdown
-    )
+    return PROGRAM.sub(lambda link: _program(link[1]), markdown)
 
 
-def _cells(path):
-    """Return the code of a notebook, indented as the content of a block that opens."""
-    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-    code = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
-    return textwrap.indent(f"```py\n{code}\n```", "    ")
+def _program(name):
+    """Return an example as a block that opens; of a notebook its code."""
+    code = (EXAMPLES / name).read_text(encoding="utf-8")
+    if name.endswith(".ipynb"):
+        cells = json.loads(code)["cells"]
+        code = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    block = textwrap.indent(f"```{LANGUAGES[Path(name).suffix]}\n{code.rstrip()}\n```", "    ")
+    return f'??? example "{name}"\n\n{block}'
 
 
 def pages():

@@ -58,7 +58,13 @@ def library_objects(
     table = folder / "core_tables.c"
     table.write_text(tables_source(sets.items(), digest), encoding="ascii")
     options = ["-DPROXIMITY_BUILDS", "-D_GNU_SOURCE", f"-I{LIBRARY}", f"-I{NATIVE}"]
-    sources = [table, *sorted(LIBRARY.glob("*.c")), NATIVE / "runtime.c", NATIVE / "processor.c"]
+    sources = [
+        table,
+        *sorted(LIBRARY.glob("*.c")),
+        *LIBRARY.glob("loop/*.c"),
+        NATIVE / "runtime.c",
+        NATIVE / "processor.c",
+    ]
     return [_compiled(target, source, folder, *options) for source in sources]
 
 

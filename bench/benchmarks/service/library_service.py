@@ -34,7 +34,8 @@ class LibraryContacts:
         Of their spheres.
     """
 
-    source, epoch, refused, is_late = Source.GEOMETRY, 0, (0, 0), False
+    source, epoch, refused, is_late = Source.GEOMETRY, 0, (0, 0, 0), False
+    is_ticked_by_loop = False
     notes: tuple[str, ...] = ()
 
     def __init__(self, contender: Contender, count: int, radius: float) -> None:

@@ -22,24 +22,26 @@
 #ifndef DECAFF_MAILBOX_H
 #define DECAFF_MAILBOX_H
 
-#ifndef _GNU_SOURCE
-#error "define _GNU_SOURCE before all headers: mailboxes need futexes and locks of open files"
-#endif
 #include <errno.h>
-#include <fcntl.h>
-#include <linux/futex.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
+#ifdef __linux__
+#ifndef _GNU_SOURCE
+#error "define _GNU_SOURCE before all headers: mailboxes need futexes and locks of open files"
+#endif
+#include <fcntl.h>
+#include <linux/futex.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
-#include <time.h>
 #include <unistd.h>
 
 #ifndef F_OFD_GETLK
 #define F_OFD_GETLK 36
 #define F_OFD_SETLK 37
+#endif
 #endif
 
 #define DECAFF_MAILBOX_FOLDER "/dev/shm/"
@@ -88,7 +90,11 @@ static inline int64_t decaff_mailbox_now_ns(void)
 {
     struct timespec now;
 
+#ifdef __linux__
     clock_gettime(CLOCK_MONOTONIC, &now);
+#else
+    timespec_get(&now, TIME_UTC);
+#endif
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
@@ -137,9 +143,12 @@ static inline void decaff_mailbox_put(decaff_mailbox *box, uint64_t position, co
 static inline void decaff_mailbox_wake(decaff_mailbox *box)
 {
     __atomic_add_fetch(&box->header->count, 1, __ATOMIC_SEQ_CST);
+#ifdef __linux__
     syscall(SYS_futex, &box->header->count, FUTEX_WAKE, INT32_MAX, NULL, NULL, 0);
+#endif
 }
 
+#ifdef __linux__
 /* Have the lock of the open file, or (F_OFD_GETLK) ask whether somebody else has it; 0: so it is. */
 static inline int decaff_mailbox_lock(int file, int command)
 {
@@ -238,6 +247,7 @@ static inline int decaff_mailbox_open(decaff_mailbox *box, const char *name)
     box->position = __atomic_load_n(&box->header->newest, __ATOMIC_ACQUIRE);
     return DECAFF_MAILBOX_OK;
 }
+#endif
 
 /* Whether a message waits. */
 static inline int decaff_mailbox_has(const decaff_mailbox *box)
@@ -251,6 +261,7 @@ static inline int decaff_mailbox_is_closed(const decaff_mailbox *box)
     return __atomic_load_n(&box->header->writer, __ATOMIC_ACQUIRE) == 0;
 }
 
+#ifdef __linux__
 /* Whether somebody has it open for writing: it was not closed, and its writer lives. */
 static inline int decaff_mailbox_is_written(const decaff_mailbox *box)
 {
@@ -266,6 +277,7 @@ static inline int decaff_mailbox_is_over(const decaff_mailbox *box)
     return decaff_mailbox_is_closed(box) || fstat(box->file, &here) != 0
            || lstat(box->path, &there) != 0 || here.st_ino != there.st_ino;
 }
+#endif
 
 /* Copy the next message, of which the beginning if it is longer than `room`; its size, or DECAFF_MAILBOX_NOTHING. */
 static inline int64_t decaff_mailbox_read(decaff_mailbox *box, void *to, uint64_t room)
@@ -306,6 +318,7 @@ static inline void decaff_mailbox_skip(decaff_mailbox *box)
     box->position = newest > box->position ? newest : box->position;
 }
 
+#ifdef __linux__
 /* Wait until a message is there, or it is closed, or that instant has come; whether a message is there. It also ends
    where a signal came. */
 static inline int decaff_mailbox_wait(decaff_mailbox *box, int64_t until_ns)
@@ -428,6 +441,7 @@ static inline int decaff_mailbox_enlarge(decaff_mailbox *box, uint64_t largest)
         *box = before;
     return outcome;
 }
+#endif
 
 /* Put a message in, and wake nobody; whether there is room for one as long. Never waits. */
 static inline int decaff_mailbox_add(decaff_mailbox *box, const void *message, uint32_t size)

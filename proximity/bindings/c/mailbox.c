@@ -3,27 +3,54 @@
 
 #include <stdint.h>
 
-#ifdef __linux__
+#ifndef __wasm__
 #include "decaff_mailbox.h"
 
 PROXIMITY_API int64_t proximity_mailbox_size(void);
-PROXIMITY_API int proximity_mailbox_create(decaff_mailbox *box, const char *name, uint64_t largest);
-PROXIMITY_API int proximity_mailbox_enlarge(decaff_mailbox *box, uint64_t largest);
 PROXIMITY_API int proximity_mailbox_write(decaff_mailbox *box, const void *message, uint32_t size);
-PROXIMITY_API int proximity_mailbox_open(decaff_mailbox *box, const char *name, int is_next);
 PROXIMITY_API int64_t proximity_mailbox_read(decaff_mailbox *box, void *to, uint64_t room);
 PROXIMITY_API int proximity_mailbox_has(const decaff_mailbox *box);
-PROXIMITY_API int proximity_mailbox_wait(decaff_mailbox *box, int64_t until_ns);
-PROXIMITY_API int proximity_mailbox_is_over(const decaff_mailbox *box, int looks_at_name);
-PROXIMITY_API int proximity_mailbox_is_written(const decaff_mailbox *box);
-PROXIMITY_API void proximity_mailbox_close(decaff_mailbox *box);
 PROXIMITY_API void proximity_mailbox_within(decaff_mailbox *box, void *memory, uint64_t ring);
-PROXIMITY_API const char *proximity_mailbox_reason(int outcome);
 
 int64_t proximity_mailbox_size(void)
 {
     return sizeof(decaff_mailbox);
 }
+
+int proximity_mailbox_write(decaff_mailbox *box, const void *message, uint32_t size)
+{
+    return decaff_mailbox_write(box, message, size);
+}
+
+int64_t proximity_mailbox_read(decaff_mailbox *box, void *to, uint64_t room)
+{
+    return decaff_mailbox_read(box, to, room);
+}
+
+int proximity_mailbox_has(const decaff_mailbox *box)
+{
+    return decaff_mailbox_has(box);
+}
+
+/* One without a file, in zeroed memory of this process: either end of it. The ring is a power of two of bytes. */
+void proximity_mailbox_within(decaff_mailbox *box, void *memory, uint64_t ring)
+{
+    memset(box, 0, sizeof *box);
+    box->header = memory;
+    box->ring = ring;
+    box->file = -1;
+    box->header->writer = 1;
+}
+
+#ifdef __linux__
+PROXIMITY_API int proximity_mailbox_create(decaff_mailbox *box, const char *name, uint64_t largest);
+PROXIMITY_API int proximity_mailbox_enlarge(decaff_mailbox *box, uint64_t largest);
+PROXIMITY_API int proximity_mailbox_open(decaff_mailbox *box, const char *name, int is_next);
+PROXIMITY_API int proximity_mailbox_wait(decaff_mailbox *box, int64_t until_ns);
+PROXIMITY_API int proximity_mailbox_is_over(const decaff_mailbox *box, int looks_at_name);
+PROXIMITY_API int proximity_mailbox_is_written(const decaff_mailbox *box);
+PROXIMITY_API void proximity_mailbox_close(decaff_mailbox *box);
+PROXIMITY_API const char *proximity_mailbox_reason(int outcome);
 
 int proximity_mailbox_create(decaff_mailbox *box, const char *name, uint64_t largest)
 {
@@ -35,11 +62,6 @@ int proximity_mailbox_enlarge(decaff_mailbox *box, uint64_t largest)
     return decaff_mailbox_enlarge(box, largest);
 }
 
-int proximity_mailbox_write(decaff_mailbox *box, const void *message, uint32_t size)
-{
-    return decaff_mailbox_write(box, message, size);
-}
-
 /* Of one that follows another, which was closed, all messages are given. */
 int proximity_mailbox_open(decaff_mailbox *box, const char *name, int is_next)
 {
@@ -48,16 +70,6 @@ int proximity_mailbox_open(decaff_mailbox *box, const char *name, int is_next)
         box->position = __atomic_load_n(&box->header->floor, __ATOMIC_ACQUIRE);
     }
     return outcome;
-}
-
-int64_t proximity_mailbox_read(decaff_mailbox *box, void *to, uint64_t room)
-{
-    return decaff_mailbox_read(box, to, room);
-}
-
-int proximity_mailbox_has(const decaff_mailbox *box)
-{
-    return decaff_mailbox_has(box);
 }
 
 int proximity_mailbox_wait(decaff_mailbox *box, int64_t until_ns)
@@ -80,18 +92,9 @@ void proximity_mailbox_close(decaff_mailbox *box)
     decaff_mailbox_close(box);
 }
 
-/* One without a file, in zeroed memory of this process: either end of it. The ring is a power of two of bytes. */
-void proximity_mailbox_within(decaff_mailbox *box, void *memory, uint64_t ring)
-{
-    memset(box, 0, sizeof *box);
-    box->header = memory;
-    box->ring = ring;
-    box->file = -1;
-    box->header->writer = getpid();
-}
-
 const char *proximity_mailbox_reason(int outcome)
 {
     return decaff_mailbox_reason(outcome);
 }
+#endif
 #endif

@@ -273,7 +273,9 @@ int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t sec
                                         .face_on_second = (int32_t)told[9],
                                         .relation = (int32_t)told[10]};
     int64_t parts[] = {first, second, first};
-    for (int k = 0; k < 2 && found.relation == MAY_BE_INSIDE; k++) {
+    int is_asked = found.relation == MAY_BE_INSIDE;
+    found.relation = is_asked ? PROXIMITY_APART : found.relation;
+    for (int k = 0; k < 2 && is_asked; k++) {
         double point[3];
         int is_inside = has_inside(scene, parts[k + 1], parts[k], point);
         if (is_inside < 0) {
@@ -285,9 +287,9 @@ int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t sec
             memcpy(found.point_on_second, point, sizeof point);
             found.face_on_first = found.face_on_second = PROXIMITY_NO_FACE;
             found.relation = PROXIMITY_FIRST_INSIDE + k;
+            is_asked = 0;
         }
     }
-    found.relation = found.relation == MAY_BE_INSIDE ? PROXIMITY_APART : found.relation;
     *answer = found;
     return PROXIMITY_OK;
 }

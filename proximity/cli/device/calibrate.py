@@ -30,7 +30,7 @@ class Measured:
     """What is measured, and with what."""
 
     simulate: Annotated[bool, flag("--simulate", "Measure a simulated glove, for practice.")] = False
-    seed: Annotated[int, option("N", "Number of the simulated glove: each is another one.")] = 0
+    seed: Annotated[int, option("N", "Seed of the simulated glove.")] = 0
     counts: Annotated[
         str | None,
         option("ADDRESS", "Address of glove_poses messages with the counts. Default: you type them."),
@@ -87,8 +87,8 @@ def calibrate(
     The steps are shown in the terminal; with --page in the browser, with a picture of each pose.
 
     With --motor alone the motor of the drum is only read, and nothing is calibrated. With --arm as well
-    it searches its mechanical stop and swings the drum. URL is that of proximity drum. The drivers were
-    never run on hardware, only against simulated motors.
+    it searches its mechanical stop and swings the drum. The URL is the same as for proximity drum. The
+    drivers were tested with simulated motors only, never on hardware.
 
     You type the counts of the potentiometer, or --counts takes them from messages. --simulate measures
     a simulated glove, and prints its true numbers beside the measured ones. Readings and results are

@@ -10,7 +10,7 @@ import typer
 
 import proximity
 from proximity.cli import progress
-from proximity.cli.options import LONGEST_S, option, sample, within
+from proximity.cli.options import SECONDS, option, sample
 from proximity.cli.output import report
 from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from proximity.cli.service.watch_view import Seen
     from proximity.service.hosting import RunningService
 
-SECONDS = 20.0
 TURN_S = 0.02
 DRUM_RATE_HZ = 250.0
 WATCHDOG_NS = 200_000_000  # a drum would be switched off after 10 ms; here nobody is hurt by a busy machine
@@ -29,23 +28,20 @@ SCENE = "demo.toml"
 
 
 def demo(
-    seconds: Annotated[
-        float,
-        option(
-            "S", "Duration; Ctrl-C ends it earlier.", callback=within(0.0, LONGEST_S, "seconds", is_open=True)
-        ),
-    ] = SECONDS,
+    limit: Annotated[
+        float, option("S", "Stop after this many seconds; Ctrl-C stops earlier.", callback=SECONDS)
+    ] = 20.0,
 ) -> None:
     """Demonstrate the whole chain with a recorded hand at the sample bracket. Nothing has to be
     configured.
 
     A service follows the hand 1000 times a second, in a process of its own. Controllers of simulated
     drums listen to it, as `proximity drum` runs them. This terminal shows both until Ctrl-C or
-    --seconds, and then a summary. No files are left behind.
+    --limit, and then a summary. No files are left behind.
 
     Examples:
       proximity demo
-      proximity demo --seconds 5 | cat
+      proximity demo --limit 5 | cat
     """
     from proximity.cli.device.drum_loop import DrumsBeside
     from proximity.cli.service.watch_view import Follower, show
@@ -66,7 +62,7 @@ def demo(
             service = opened.enter_context(_start({to_drums, to_watch}, stop))
         drums = opened.enter_context(DrumsBeside(bench, listening[0], DRUM_RATE_HZ))
         follower = Follower(listening[1])
-        screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + seconds
+        screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + limit
         while True:
             reading, seen = follower.look(TURN_S)
             show(screen, reading, seen, drums.reported())

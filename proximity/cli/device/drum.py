@@ -33,7 +33,7 @@ MAX_AGE = Annotated[
 ]
 MOTOR = Annotated[
     list[str] | None,
-    option("URL", "Motor of finger 0. Can be given several times: then of finger 1, and so on.", "--motor"),
+    option("URL", "Motor of finger 0; a second one is that of finger 1, and so on.", "--motor"),
 ]
 ARM = Annotated[bool, flag("--arm", "Let the motors move: home them, then follow. Requires --motor.")]
 

@@ -36,7 +36,7 @@ def bench(
         int | None, option("N", "Number of fingers at the worst positions. Default: that of SCENE, else 5.")
     ] = None,
     ticks: Annotated[int, option("N", "Number of ticks for each motion.")] = 20_000,
-    seconds: Annotated[float, option("S", "Duration of the service's loop.")] = 3.0,
+    limit: Annotated[float, option("S", "Duration of the service's loop.")] = 3.0,
     seed: Annotated[int, option("N", "Seed of the search and of the random motion.")] = 0,
     real_time: Annotated[
         bool | None,
@@ -75,7 +75,7 @@ def bench(
     page = REPORT if out is None and not as_json else out
     if page is not None:
         certificate.check_report_name(page)
-    certificate.check_request(ticks, seconds, seed)
+    certificate.check_request(ticks, limit, seed)
     progress.prepare_kernels()
     with progress.spinner(f"reading {scene}"):
         subject = certificate.read_subject(
@@ -94,7 +94,7 @@ def bench(
         found = certificate.certify(
             subject,
             tick_count=ticks,
-            seconds=seconds,
+            seconds=limit,
             seed=seed,
             progress=lambda doing, share: show(share, 1.0, f"{share:.0%} {doing}"),
         )

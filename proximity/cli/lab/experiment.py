@@ -15,8 +15,8 @@ from proximity.cli.program import EXIT_INTERRUPTED, Command, Group
 
 HELP = (
     "Compare walls in an experiment with people: DECAFF, coupled walls, real surfaces.\n\n"
-    "Participants are pseudonyms. The data are a folder as BIDS lays it out. A session that ends early, even "
-    "by a crash, goes on with the same command: only the trial at hand is lost."
+    "Participants are pseudonyms. The data are a BIDS folder. The same command continues a session that was "
+    "stopped, even by a crash; only the current trial is lost."
 )
 SHIPPED = "decaff_against_coupled.toml"
 
@@ -24,8 +24,8 @@ experiment = typer.Typer(name="experiment", cls=Group, help=HELP, no_args_is_hel
 
 DESIGN = Annotated[Path, argument("DESIGN", "Design of the experiment (.toml).")]
 DATA = Annotated[Path, argument("DATA", "Folder of the data.")]
-PARTICIPANT = Annotated[str, argument("PARTICIPANT", "Pseudonym, as p07.")]
-OUT = Annotated[Path, option("DIR", "Folder of the data; made where missing.", "--data")]
+PARTICIPANT = Annotated[str, argument("PARTICIPANT", "Pseudonym, such as p07.")]
+OUT = Annotated[Path, option("DIR", "Folder of the data; created if missing.", "--data")]
 
 
 def _command(example: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -34,9 +34,9 @@ def _command(example: str) -> Callable[[Callable[..., None]], Callable[..., None
     return experiment.command(example.partition(" ")[0], cls=Command, epilog=epilog, no_args_is_help=True)
 
 
-@_command("new comparison.toml")
-def new(path: Annotated[Path, argument("FILE", "File to write.")]) -> None:
-    """Write the design that is shipped: DECAFF against coupled walls of 1, 3 and 10 ms."""
+@_command("new --out comparison.toml")
+def new(path: Annotated[Path, option("FILE", "File to write.", "--out")]) -> None:
+    """Write the sample design: DECAFF against coupled walls of 1, 3 and 10 ms."""
     from importlib.resources import files
 
     text = (files("proximity.lab.experiment") / SHIPPED).read_text(encoding="utf-8")
@@ -52,12 +52,12 @@ def new(path: Annotated[Path, argument("FILE", "File to write.")]) -> None:
 @_command("plan comparison.toml --slot 3")
 def plan(
     design: DESIGN,
-    slot: Annotated[int, option("N", "Place among the participants, from 0.")] = 0,
+    slot: Annotated[int, option("N", "Number of the participant in the plan, from 0.")] = 0,
 ) -> None:
-    """Print what a participant will be shown, in order, as tab-separated lines; notes go to stderr.
+    """Print the trials of a participant in their order, as tab-separated lines; notes go to stderr.
 
-    step: number of the trial. run: pass of its task through the conditions.
-    odd: interval, 1 or 2, that differs from the other. level: of the stimulus.
+    The column step is the number of the trial, run the pass of its task through the conditions, odd the
+    interval (1 or 2) that differs from the other, and level that of the stimulus.
     """
     from proximity.lab.experiment import plan as planning
     from proximity.lab.experiment.design_file import read_design
@@ -93,9 +93,7 @@ def run(
     address: Annotated[str, option("ADDRESS", "Where the service publishes its frames.")],
     data: OUT = Path("experiment"),
     finger: Annotated[int, option("N", "Finger that presses.", min=0)] = 0,
-    terminal: Annotated[
-        bool, flag("--terminal", "Ask in the terminal; else on a page, with a second one beside.")
-    ] = False,
+    terminal: Annotated[bool, flag("--terminal", "Ask in the terminal instead of on a page.")] = False,
     browser: Annotated[
         bool, flag("--browser/--no-browser", "Open the participant's page in a browser.")
     ] = True,
@@ -105,7 +103,7 @@ def run(
     motor: MOTOR = None,
     arm: ARM = False,
 ) -> None:
-    """Do a session with a person, on the drum of a service's finger, simulated or with a motor."""
+    """Run a session with a participant, on a drum of a service that is simulated or has a motor."""
     from proximity.cli.lab.participant_session import Drums, run_session
     from proximity.lab.experiment.dataset import Dataset, check_pseudonym
     from proximity.lab.experiment.design_file import read_design
@@ -127,9 +125,11 @@ def run(
 def simulate(
     design: DESIGN,
     data: OUT = Path("experiment"),
-    participant: Annotated[str | None, option("NAME", "Only this one; else all, as p01.")] = None,
+    participant: Annotated[
+        str | None, option("NAME", "Only this participant, such as p01; all if not given.")
+    ] = None,
 ) -> None:
-    """Run the whole experiment with simulated observers, through the log, as people would."""
+    """Run the whole experiment with simulated observers, which fill the same log as people."""
     from proximity.lab.experiment.dataset import Dataset
     from proximity.lab.experiment.design_file import read_design
     from proximity.lab.experiment.observers import Observer
@@ -149,7 +149,9 @@ def simulate(
 @_command("report simulated")
 def report(
     data: DATA,
-    out: Annotated[Path | None, option("DIR", "Where to; else derivatives/report in DATA.")] = None,
+    out: Annotated[
+        Path | None, option("DIR", "Folder to write to; derivatives/report in DATA if not given.")
+    ] = None,
 ) -> None:
     """Analyse the data: a page, plots, tables as CSV, and a methods paragraph."""
     from proximity.lab.experiment.analysis.findings import find
@@ -174,16 +176,20 @@ def report(
 @_command("power comparison.toml --participants 8 --participants 12 --effect 1.5")
 def power(
     design: DESIGN,
-    participants: Annotated[list[int] | None, option("N", "Number; can be repeated.", min=3)] = None,
+    participants: Annotated[
+        list[int] | None, option("N", "Number of participants. Can be given several times.", min=3)
+    ] = None,
     effect: Annotated[
         float | None,
         option(
-            "RATIO", "Threshold of the others, in the first condition's; holds for thresholds only.", min=0.01
+            "RATIO",
+            "Thresholds of the other conditions divided by the first; as designed if not given.",
+            min=0.01,
         ),
     ] = None,
-    repetitions: Annotated[int, option("N", "", min=10)] = 1000,
+    repetitions: Annotated[int, option("N", "Number of simulated experiments.", min=10)] = 1000,
 ) -> None:
-    """Simulate how often an effect is found with so many participants; without --effect the expected one."""
+    """Simulate how often the analysis finds an effect, for several numbers of participants."""
     from proximity.cli.tables import results_console, table
     from proximity.lab.experiment.analysis import simulation
     from proximity.lab.experiment.design_file import read_design
@@ -201,8 +207,10 @@ def power(
 
 
 @_command("check comparison.toml --repetitions 100")
-def check(design: DESIGN, repetitions: Annotated[int, option("N", "", min=1)] = 100) -> None:
-    """Try the analysis on simulated observers: false positives, and thresholds found again."""
+def check(
+    design: DESIGN, repetitions: Annotated[int, option("N", "Number of simulated experiments.", min=1)] = 100
+) -> None:
+    """Check the analysis with simulated observers: false positives, and errors of thresholds."""
     from proximity.lab.experiment.analysis import simulation
     from proximity.lab.experiment.design_file import read_design
 

@@ -1,16 +1,31 @@
-"""``proximity figures``: the figures of the paper and of this project, with their numbers."""
+"""``proximity figures`` and ``claims``: the figures of the paper and of this project, with their numbers."""
 
+import re
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from proximity.cli import progress
-from proximity.cli.options import GLOVE, JSON_SUMMARY, argument, designed, option
+from proximity.cli.options import (
+    GLOVE,
+    JSON_SUMMARY,
+    Printing,
+    argument,
+    designed,
+    flag,
+    option,
+    with_option_groups,
+)
 from proximity.cli.output import report
 
+WIDEST = 120  # columns, of a table of sentences
+LINK = re.compile(r"\[(.*?)\]\(.*?\)")
 
+
+@with_option_groups
 def figures(
     names: Annotated[
         list[str] | None,
@@ -25,6 +40,8 @@ def figures(
     form: Annotated[str, option("FORMAT", "File format: png, svg or pdf.", "--format")] = "png",
     glove: GLOVE = None,
     as_json: JSON_SUMMARY = False,
+    *,
+    printing: Printing,
 ) -> None:
     """Draw the named figures, or all of them, each with its numbers as CSV in SI units.
 
@@ -37,7 +54,7 @@ def figures(
 
     Examples:
       proximity figures
-      proximity figures 5c 5h stability --out paper --format pdf
+      proximity figures 5c 5h stability --out paper --format pdf --width 86 --no-caption
       proximity figures drum-motion --glove glove.json --json
     """
     from proximity.cli.output import write_document
@@ -52,7 +69,7 @@ def figures(
         started, title = time.monotonic(), catalogue.PLATES[name].title
         with progress.spinner(f"drawing {title}, figure") as count:
             count(number, len(chosen))
-            paths = catalogue.write_figure(name, out, form, worn)
+            paths = catalogue.write_figure(name, out, form, worn, printing.sheet())
         seconds = time.monotonic() - started
         file_count += len(paths)
         figures.append(
@@ -65,3 +82,29 @@ def figures(
         write_document({"out": str(out), "figures": figures, "seconds": round(seconds, 3)})
     else:
         typer.echo(f"{out}: {len(chosen)} figures, {file_count} files, {seconds:.1f} s")
+
+
+def claims(as_json: Annotated[bool, flag("--json", "Write one JSON document.")] = False) -> None:
+    """Compare each claim of the paper with what the models of this project give.
+
+    Every claim has a verdict and the numbers behind it, which are computed now; that takes some seconds.
+
+    Examples:
+      proximity claims
+      proximity claims --json > claims.json
+    """
+    from proximity.cli.output import write_document
+    from proximity.cli.tables import Console, table
+    from proximity.lab.claims import claims as computed
+
+    with progress.spinner("computing"):
+        found = computed()
+    if as_json:
+        write_document({"claims": [asdict(one) for one in found]})
+        return
+    console = Console()
+    rows = ((one.paper, one.holds, LINK.sub(r"\1", one.here)) for one in found)
+    made = table(("the paper says", "holds", "here"), rows=rows)
+    made.leading, made.columns[0].ratio, made.columns[2].ratio = 1, 2, 4
+    made.expand, made.columns[1].min_width = True, len("only if")
+    console.print(made, width=min(console.width, WIDEST))

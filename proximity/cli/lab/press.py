@@ -36,13 +36,13 @@ AT_REST = ("steady", "ripple")
 """What a recorded hand has none of: it does not come to rest."""
 
 
-def simulate_press(surface: WallOptions, out: Path | None, *, as_json: bool) -> None:
+def simulate_press(surface: WallOptions, out: Path | None, sheet: style.Sheet, *, as_json: bool) -> None:
     """Simulate a press on a wall, and report it."""
     setup = surface.setup(is_on_part=False)
     with progress.spinner("simulating"):
         press = simulated_press.simulate(setup)
         if out is not None:
-            press_plots.write(out, press)
+            press_plots.write(out, press, sheet)
     if as_json:
         write_document(simulated_press.document(press))
         return
@@ -64,10 +64,11 @@ def simulate_press(surface: WallOptions, out: Path | None, *, as_json: bool) -> 
 
 
 def simulate_press_on_part(
-    surface: WallOptions, pressed: PartOptions, file: Path, out: Path | None, *, as_json: bool
+    surface: WallOptions, pressed: PartOptions, out: Path | None, sheet: style.Sheet, *, as_json: bool
 ) -> None:
     """Simulate a press on a part, and report it; without a policy the drum's controller reads distances."""
-    setup = surface.setup(is_on_part=True)
+    setup, file = surface.setup(is_on_part=True), pressed.scene
+    assert file is not None, "asked for"
     reported = EngineSetup(
         Distances.SENSOR if pressed.sensor else Distances.ENGINE,
         setup.rate,
@@ -88,7 +89,7 @@ def simulate_press_on_part(
         if out is not None:
             noted = [f"{name} {words}" for name, words in part_press.describe(press) if name in NOTED]
             note = f"{'; '.join(noted)}. {style.hand_words(press.engine.response.hand)}"
-            press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF, note)
+            press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF, note, sheet)
     if as_json:
         write_document(part_press.document(press))
         return

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from proximity.lab.simulation.simulated_press import Setup
 
 USED_BY = {  # options that only some walls have
-    "--latency-ms": ("coupled", "decaff"),
-    "--rate-hz": ("coupled", "decaff"),
+    "--latency": ("coupled", "decaff"),
+    "--rate": ("coupled", "decaff"),
     "--drum": ("decaff",),
     "--glove": ("decaff",),
     "--policy": ("decaff",),
@@ -42,10 +42,8 @@ class WallOptions:
 
     wall: Annotated[str, option("WALL", "Kind of wall: real, coupled or decaff.")] = "decaff"
     speed: Annotated[float, option("M/S", "Speed of the approach.")] = 0.1
-    latency_ms: Annotated[float | None, option("MS", "Latency of forces or distances; 1 if not given.")] = (
-        None
-    )
-    rate_hz: Annotated[float | None, option("HZ", "Rate of forces or distances; 1000 if not given.")] = None
+    latency: Annotated[float | None, option("MS", "Latency of forces or distances; 1 if not given.")] = None
+    rate: Annotated[float | None, option("HZ", "Rate of forces or distances; 1000 if not given.")] = None
     drum: GEAR = None
     glove: GLOVE = None
     policy: Annotated[
@@ -102,18 +100,18 @@ class WallOptions:
         """Return the setup of the simulation."""
         from proximity.lab.simulation import simulated_press
 
-        if self.latency_ms is not None:
-            check_range(self.latency_ms, "--latency-ms", 0.0, 1e3 * simulated_press.LONGEST_LATENCY, "ms")
+        if self.latency is not None:
+            check_range(self.latency, "--latency", 0.0, 1e3 * simulated_press.LONGEST_LATENCY, "ms")
         options = self._worn() | {
             "gear": self.drum,
             "policy": self.policy,
-            "rate": self.rate_hz,
+            "rate": self.rate,
             "stiffness": None if is_on_part else self.stiffness,
             "damping": None if is_on_part else self.damping,
             "stretch": self.stretch,
         }
-        if self.latency_ms is not None:
-            options["latency"] = 1e-3 * self.latency_ms
+        if self.latency is not None:
+            options["latency"] = 1e-3 * self.latency
         if self.cable is not None:
             options["cable"] = cable_stiffness(self.cable)
         chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}

@@ -1,6 +1,5 @@
 """``proximity replay``: run a recorded hand through a scene tick by tick, and check the bounds."""
 
-import math
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,15 +10,13 @@ import typer
 import proximity
 from proximity.cli import progress
 from proximity.cli.options import FILE, JSON, UNITS, argument, option, with_option_groups, within
-from proximity.cli.output import in_unit, in_units, report
+from proximity.cli.output import MM_PER_M, in_unit, in_units, report
 from proximity.system.time_units import MS_PER_S
 
 if TYPE_CHECKING:
     from proximity.recording import Recording
 
 EXIT_BROKEN_BOUND = 1
-RADIUS_M = 0.007
-RANGE_M = 0.12
 FARTHEST_M = 1e6
 """How far away a recording may be put, and how large a fingertip may be."""
 
@@ -78,10 +75,12 @@ class TrackerOptions:
     rate: Annotated[float, option("HZ", "Ticks per second.", callback=within(1.0, 1e6, "ticks a second"))] = (
         1000.0
     )
-    radius: Annotated[float | None, option("R", "Radius of the fingertips; 7 mm if not given.")] = None
-    latency: Annotated[
-        float, option("MS", "Age of a pose at its tick, in milliseconds.", callback=within(0.0, 1e3, "ms"))
-    ] = 1.0
+    radius: Annotated[
+        float, option("MM", "Radius of the fingertips.", callback=within(0.0, 100.0, "mm", is_open=True))
+    ] = 7.0
+    latency: Annotated[float, option("MS", "Age of a pose at its tick.", callback=within(0.0, 1e3, "ms"))] = (
+        1.0
+    )
     budget: Annotated[
         int | None,
         option(
@@ -91,21 +90,23 @@ class TrackerOptions:
         ),
     ] = None
     working_range: Annotated[
-        float | None,
-        option("D", "Distance beyond which only bounds are reported; 120 mm if not given.", "--range"),
-    ] = None
+        float,
+        option(
+            "MM",
+            "Distance beyond which only bounds are reported.",
+            "--range",
+            callback=within(0.0, 10_000.0, "mm", is_open=True),
+        ),
+    ] = 120.0
 
-    def settings(self, metres: float) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         """Return what `proximity.Tracker` calls these options, in SI units."""
-        from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE
-
-        working_range = _in_metres(self.working_range, "--range", RANGE_M, metres, LARGEST_WORKING_RANGE)
         return {
-            "radius": _in_metres(self.radius, "--radius", RADIUS_M, metres, LARGEST_RADIUS),
+            "radius": self.radius / MM_PER_M,
             "period": 1.0 / self.rate,
             "latency": self.latency / MS_PER_S,
             "budget": self.budget,
-            "working_range": working_range,
+            "working_range": self.working_range / MM_PER_M,
         }
 
 
@@ -117,7 +118,7 @@ def replay(
     tracker: TrackerOptions,
     limit: Annotated[
         float | None,
-        option("SECONDS", "Replay only this much of the recording.", callback=within(1e-3, 1e9, "seconds")),
+        option("S", "Replay only this much of the recording.", callback=within(1e-3, 1e9, "seconds")),
     ] = None,
     out: Annotated[
         Path | None, option("FILE", "Write all contacts to this file: .npz, .npy or .csv.")
@@ -149,7 +150,7 @@ def replay(
     from proximity.tracker.replay import replay, summarise
 
     metres = metres_per_unit(units)
-    settings = tracker.settings(metres)
+    settings = tracker.settings()
     origin = placement.origin(metres, units)
     if out is not None:
         check_log_name(out)
@@ -198,16 +199,3 @@ def replay(
         report(sentence)
     if sentences:
         raise typer.Exit(EXIT_BROKEN_BOUND)
-
-
-def _in_metres(length: float | None, option: str, default: float, metres: float, most: float) -> float:
-    if length is None:
-        return default
-    if not 0.0 < length * metres < math.inf:
-        raise typer.BadParameter(f"{length:g}: expected a length above zero", param_hint=option)
-    if length * metres > most:
-        raise typer.BadParameter(
-            f"{length:g}: {1e3 * length * metres:g} mm by --units, expected at most {1e3 * most:g} mm",
-            param_hint=option,
-        )
-    return length * metres

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from proximity.cli.lab.press_options import PartOptions, WallOptions
-from proximity.cli.options import JSON_SI, option, with_option_groups
+from proximity.cli.options import JSON_SI, Printing, option, with_option_groups
 from proximity.cli.output import report
 
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
@@ -16,6 +16,7 @@ SUFFIXES = (".png", ".svg", ".pdf", ".csv")
 def simulate(
     surface: WallOptions,
     pressed: PartOptions,
+    printing: Printing,
     out: Annotated[
         Path | None, option("FILE", "Write a drawing (.png, .svg, .pdf) or numbers (.csv).")
     ] = None,
@@ -31,17 +32,17 @@ def simulate(
     or writes it as CSV every 0.1 ms.
 
     With --scene the wall is a CAD part, and the engine controls the drum: the tracker on the finger's
-    path, frames with the latency of --latency-ms, and the drum's controller. The result is compared
+    path, frames with the latency of --latency, and the drum's controller. The result is compared
     with the ideal distance in the same loop, and with the true surface. --stiffness and --damping make
     the part deformable. With --recording the hand repeats the motion of a recorded fingertip.
 
     Examples:
       proximity simulate
-      proximity simulate --speed 0.5 --latency-ms 10 --policy latched --out late.png
+      proximity simulate --speed 0.5 --latency 10 --policy latched --out late.png
       proximity simulate --cable 1212 --stretch torque
       proximity simulate --glove glove.json --stretch torque
-      proximity simulate --wall coupled --latency-ms 3 --stiffness 734 --damping 4.4 --json
-      proximity simulate --scene bracket.stl --at 48 30 20 --latency-ms 10 --out bracket.png
+      proximity simulate --wall coupled --latency 3 --stiffness 734 --damping 4.4 --json
+      proximity simulate --scene bracket.stl --at 48 30 20 --latency 10 --out bracket.png
       proximity simulate --scene bracket.stl --recording hand.csv
     """
     pressed.check()
@@ -54,8 +55,8 @@ def simulate(
     from proximity.cli.lab.press import simulate_press, simulate_press_on_part
 
     if pressed.scene is None:
-        simulate_press(surface, out, as_json=as_json)
+        simulate_press(surface, out, printing.sheet(), as_json=as_json)
     else:
-        simulate_press_on_part(surface, pressed, pressed.scene, out, as_json=as_json)
+        simulate_press_on_part(surface, pressed, out, printing.sheet(), as_json=as_json)
     if out is not None:
         report(f"wrote {out}")

@@ -8,65 +8,52 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from proximity.cli import progress
+from proximity.cli import output, progress
 from proximity.cli.options import argument, flag, option
-from proximity.cli.output import report
-from proximity.cli.program import EXIT_INTERRUPTED
+from proximity.cli.program import EXIT_INTERRUPTED, group_of
 
 if TYPE_CHECKING:
     from proximity.lab.sweep.design import Job
     from proximity.lab.sweep.study_file import Study
     from proximity.lab.sweep.study_run import Progress
 
-REPORT = "report"
 PAGE = "study.html"
 EXIT_FAILED = 1
 SAY_EVERY_S = 30.0  # where no terminal shows a bar
 
 
-def study(
-    study: Annotated[Path, argument("STUDY", "A study file (.toml); or the word report, with DIR.")],
-    folder: Annotated[Path | None, argument("DIR", "With report: the folder of results.")] = None,
-    out: Annotated[
-        Path | None, option("PATH", "Folder of results; with report the page, else in DIR.")
-    ] = None,
+def run(
+    study: Annotated[Path, argument("STUDY", "Study file (.toml).")],
+    out: Annotated[Path | None, option("DIR", "Folder of results; beside STUDY if not given.")] = None,
     address: Annotated[str | None, option("HOST:PORT", "Ray cluster; this machine if not given.")] = None,
     cores: Annotated[int | None, option("N", "Cores of this machine; all if not given.", min=1)] = None,
     resume: Annotated[
         bool, flag("--resume/--from-scratch", "Keep the rows that are there, or remove them first.")
     ] = True,
     retry_failed: Annotated[
-        bool, flag("--retry-failed", "Do conditions again whose row says that they failed.")
+        bool, flag("--retry-failed", "Run conditions again whose row says that they failed.")
     ] = False,
-    only: Annotated[str | None, option("KEY", "Repeat one condition here, beside what its row says.")] = None,
+    only: Annotated[
+        str | None,
+        option("CONDITION", "Repeat one condition, named as on the page, and compare it with its row."),
+    ] = None,
 ) -> None:
-    """Run the study in STUDY, a TOML file: a job for every combination of factors, on all cores.
+    """Run a study: a job for every combination of factors, on all cores.
 
     Jobs are press (a simulated press on a wall), replay (a hand through a scene), certificate (whether
-    a scene holds its period), check (repairs and sign of parts) and field (signed distance for others
-    to train on). Results go to a folder named like STUDY, as Parquet: one row a condition. A study that
-    was stopped or killed goes on where it was.
+    a scene holds its period), check (repairs and sign of parts) and field (signed distances to train
+    on). Results go to a folder named like STUDY, as Parquet: one row for each condition. The same
+    command continues a study that was stopped.
 
-    With the word report and the folder of the results it makes one page: factors, effects, plots, the
-    worst conditions, and a key that repeats each of them with --only.
-
-    The exit code is 1 if conditions failed. Needs: pip install 'cad-proximity[study]'.
+    The exit code is 1 if conditions failed. Requires: pip install 'cad-proximity[study]'.
 
     Examples:
-      proximity study force-error.toml
-      proximity study report force-error.results
-      proximity study force-error.toml --only KEY
-      proximity study catalogue.toml --address 10.0.0.5:6379
+      proximity study run force-error.toml
+      proximity study run force-error.toml --only 3f2a91c07b55
+      proximity study run catalogue.toml --address 10.0.0.5:6379
     """
-    is_report = str(study) == REPORT
-    if is_report != (folder is not None):
-        expected = "proximity study report DIR" if is_report else "proximity study STUDY, or report DIR"
-        raise typer.BadParameter(f"expected {expected}", param_hint="DIR")
     from proximity.lab.sweep.study_file import read_study
 
-    if folder is not None:
-        _write_page(folder, out)
-        return
     with progress.spinner(f"reading {study}"):
         read = read_study(study, _jobs())
     results = out or study.with_suffix(".results")
@@ -76,6 +63,20 @@ def study(
         return
     options = {"address": address, "cores": cores, "is_resumed": resume, "with_failed": retry_failed}
     _run(read, results, options)
+
+
+def report(
+    folder: Annotated[Path, argument("DIR", "Folder of results.")],
+    out: Annotated[Path | None, option("FILE", "Page to write; study.html in DIR if not given.")] = None,
+) -> None:
+    """Write the results of a study as a page: factors, effects, plots and the worst conditions.
+
+    Plots and their numbers are written beside the page, too (PNG, PDF, CSV).
+
+    Examples:
+      proximity study report force-error.results
+    """
+    _write_page(folder, out)
 
 
 def _run(study: "Study", results: Path, options: dict[str, Any]) -> None:
@@ -98,7 +99,7 @@ def _run(study: "Study", results: Path, options: dict[str, Any]) -> None:
             if newest is None
             else f": {newest.earlier + newest.done} of {newest.total} conditions are kept"
         )
-        report(f"stopped{kept}; the same command goes on")
+        output.report(f"stopped{kept}; the same command goes on")
         raise typer.Exit(EXIT_INTERRUPTED) from None
     _report_end(ended, results)
 
@@ -114,19 +115,25 @@ def _jobs() -> "dict[str, Job]":
 
 def _write_page(folder: Path, out: Path | None) -> None:
     from proximity.errors import ServiceError
+    from proximity.lab.figures import style
     from proximity.lab.sweep.study_file import read_study
-    from proximity.lab.sweep.study_page import study_page
-    from proximity.system.whole_file import whole_file
+    from proximity.lab.sweep.study_page import study_report
 
     source = folder / "study.toml"
     if not source.is_file():
-        raise ServiceError(f"{folder}: holds no results of a study, expected the folder of proximity study")
+        raise ServiceError(f"{folder}: no results of a study, expected the folder of proximity study run")
     page = folder / PAGE if out is None else out
     with progress.spinner(f"writing {page}"):
-        content = study_page(read_study(source, _jobs(), with_files=False), folder)
-        with whole_file(page) as stream:
-            stream.write(content.encode())
-    report(f"wrote {page}")
+        report = study_report(read_study(source, _jobs(), with_files=False), folder)
+        style.write_bytes(page, report.page.encode())
+        for name, plot in report.plots.items():
+            beside = page.with_name(f"{page.stem}-{name}.csv")
+            style.write_table(beside, plot.numbers)
+            for form in ("png", "pdf"):
+                drawn = style.render(plot.draw, None, plot.size, form)
+                style.write_bytes(beside.with_suffix(f".{form}"), drawn)
+    plots = "".join(f", {page.stem}-{name}.png, .pdf, .csv" for name in report.plots)
+    output.report(f"wrote {page}{plots}")
 
 
 def _repeat(study: "Study", out: Path, key: str) -> None:
@@ -160,7 +167,7 @@ def _report_end(ended: "Progress", results: Path) -> None:
     took = f" in {ended.seconds:.1f} s, {ended.rate:.3g} a second" if ended.done else ""
     failed = f"; {ended.failed} failed, see their rows" if ended.failed else ""
     typer.echo(f"{results}: {ended.total} conditions{earlier}{took}{failed}")
-    report(f"for the page: proximity study report {results}")
+    output.report(f"for the page: proximity study report {results}")
     if ended.failed:
         raise typer.Exit(EXIT_FAILED)
 
@@ -181,7 +188,7 @@ def _progress(name: str) -> "Iterator[Callable[[Progress], None]]":
             show(done, total, words)
             if not progress.is_terminal() and time.monotonic() >= due:
                 due = time.monotonic() + SAY_EVERY_S
-                report(words)
+                output.report(words)
 
         yield watch
 
@@ -190,3 +197,11 @@ def _duration(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+study = group_of(
+    "study",
+    "Run a study, and write its report.\n\n"
+    "A study is a TOML file: a job, and the levels of its factors. Every combination is a condition.",
+    *(run, report),
+)

@@ -1,4 +1,4 @@
-"""Answers to queries as JSON and CSV for programs, and as labelled lines or a table for people.
+"""Answers to queries, and as JSON and CSV for programs.
 
 All come from `FIELDS`. Points are read, answered and written in chunks. Lengths are in the user's unit with
 at most 15 significant digits; JSON and CSV hold numbers that read back as the same float64. CSV writes nan
@@ -12,21 +12,18 @@ import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
 import proximity
 from proximity.cli import progress
 from proximity.cli.output import (
-    FEW_DIGITS,
     MISSING,
     in_units,
     length,
     number,
     plain,
-    print_block,
     printable,
     report,
 )
@@ -35,15 +32,12 @@ from proximity.errors import ArgumentError, ProximityError
 from proximity.scene.queries.results import NO_FACE, Feature
 from proximity.system.table_text import table_text
 
-TERMINAL_ROWS = 100  # more than a person reads from a screen
-COUNT_WIDTH = 9
+NUMBER_WIDTH = 9  # of a column, as -123.4567
+SMALLEST_M = 1e-7  # shown in a table: 4 decimals of a millimetre
 DIRECTION_DECIMALS = 9
-DIGITS = 9  # significant, of numbers in a table
+DIGITS = 9  # significant, of numbers in lines
 FAR = 1000.0
 """Sizes of the scene: points beyond are noted."""
-SIDE_WORDS = {"surface": "on the surface", "unknown": "which side is unknown"}
-ON_FEATURES = {"face": "a face", "edge": "an edge", "vertex": "a corner"}
-ENDINGS = {"face": " of the file", "fraction": " of the segment"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,45 +48,48 @@ class Field:
     label: str = ""  # of its line
     axes: str = ""  # of three numbers
     is_length: bool = False  # in the user's unit
-    width: int = 16  # of its column where lines are streamed, as -1.23456789e-100; negative: to the left
     is_text: bool = False
 
-    def shown(self, value: Any, digits: int = DIGITS) -> str:
+    def shown(self, value: Any) -> str:
         """Return a value for people; components of directions that are rounding errors are zeros."""
         if self.is_text:
             return MISSING if value is None else printable(str(value))
         if self.is_length:
-            return length(value, digits)
-        return number(round(value, DIRECTION_DECIMALS) if self.axes else value, digits)
+            return length(value, DIGITS)
+        return number(round(value, DIRECTION_DECIMALS) if self.axes else value, DIGITS)
 
 
-_text = partial(Field, width=-len("outside"), is_text=True)
+_text = partial(Field, is_text=True)
 FIELDS = {
-    "name": _text("name", "name", width=-12),
-    "start_name": _text("start_name", "start name", width=-12),
-    "end_name": _text("end_name", "end name", width=-12),
-    "query": Field(axes="xyz", is_length=True),
-    "origin": Field(axes="xyz", is_length=True),
+    "name": _text("name", "name"),
+    "start_name": _text("name", "start name"),
+    "end_name": _text(label="end name"),
+    "query": Field("{}_{unit}", axes="xyz", is_length=True),
+    "origin": Field("{}_{unit}", axes="xyz", is_length=True),
     "direction": Field(axes="xyz"),
     "start": Field(axes="xyz", is_length=True),
     "end": Field(axes="xyz", is_length=True),
-    "signed_distance": Field("distance", "signed distance", is_length=True),
-    "distance": Field("distance", "distance", is_length=True),
+    "signed_distance": Field("distance_{unit}", "signed distance", is_length=True),
+    "distance": Field("distance_{unit}", "distance", is_length=True),
     "side": _text("side"),
     "is_signed": Field(),
     "fraction": Field(label="fraction"),
-    "point": Field("point_", "closest point", axes="xyz", is_length=True),
-    "point_on_segment": Field("segment_", "on segment", axes="xyz", is_length=True),
-    "point_on_solid": Field("solid_", "on solid", axes="xyz", is_length=True),
-    "gradient": Field("normal_", "normal", axes="xyz"),
-    "normal": Field("normal_", "normal", axes="xyz"),
+    "point": Field("point_{}", "closest point", axes="xyz", is_length=True),
+    "point_on_segment": Field("segment_{}", "on segment", axes="xyz", is_length=True),
+    "point_on_solid": Field("solid_{}", "on solid", axes="xyz", is_length=True),
+    "gradient": Field(label="normal", axes="xyz"),
+    "normal": Field(label="normal", axes="xyz"),
     "part": Field(),
     "part_name": _text("part", "part"),
-    "face": _text("face", "face", width=COUNT_WIDTH),
+    "face": _text(label="face"),
     "face_id": Field(),
-    "feature": _text("on", "on"),
+    "feature": _text(label="on"),
     "barycentric": Field(axes="012"),
 }
+TITLED = ("name", "start_name", "end_name")
+GIVEN = _text()
+"""Field of a column of the points that only passes through."""
+TEXT_WIDTHS = {"name": 10, "start_name": 10, "side": len("outside")}
 FACES = ("part", "part_name", "face", "face_id")
 """``face`` is the row of the file's faces, ``face_id`` that of the part's mesh."""
 ANSWERED = {  # by kind of query, behind the points asked from; named as in the library's results
@@ -100,9 +97,6 @@ ANSWERED = {  # by kind of query, behind the points asked from; named as in the 
     "ray": ("distance", "point", "normal", *FACES, "barycentric"),
     "segment": ("distance", "fraction", "point_on_segment", "point_on_solid", *FACES),
 }
-DISPENSABLE = ("gradient", "normal", "point_on_segment", "face", "feature", "part_name")
-"""Fields to leave out, in this order, until a table is as narrow as the terminal."""
-
 Answers = dict[str, list[Any]]
 """By names of fields: an entry an answer, which is a number, three numbers, a word, or None for nothing."""
 
@@ -126,6 +120,8 @@ class Question:
         self._lower, self._upper = in_units(np.array(scene.bounds), metres)
         self._size = float((self._upper - self._lower).max())
         self._asked, self._far_count, self._farthest = 0, 0, 0.0
+        self.decimals = max(1, min(7, round(math.log10(metres / SMALLEST_M))))
+        self._own = {each.name_in_csv for each in columns_of({key: [] for key in ANSWERED[self.mode]}, units)}
 
     def answers(self, chunks: Iterable[Points]) -> Iterator[Answers]:
         """Answer chunk by chunk; at least one chunk, which may be empty."""
@@ -134,14 +130,21 @@ class Question:
             rows = np.array(chunk.coordinates, dtype=np.float64).reshape(-1, 3)
             self._count_far(rows)
             rows = rows[: len(rows) // 2 * 2] if is_pair else rows
-            found: Answers = {}
-            if chunk.names is not None:
-                names = chunk.names[: len(rows)]
-                pair = {"start_name": names[0::2], "end_name": names[1::2]}
-                found = pair if is_pair else {"name": names}
-            yield found | self._answered(rows)
+            yield self._given(chunk.kept, len(rows)) | self._answered(rows)
         if is_pair and self._asked % 2 == 1:
             raise ArgumentError(f"points are taken in pairs (start, end), but there are {self._asked}")
+
+    def _given(self, kept: dict[str, list[str]], count: int) -> Answers:
+        """Return the other columns of the points; where these are answers, without what is answered anew."""
+        kept = {name: kept[name] for name in kept if name not in self._own} if self._own <= {*kept} else kept
+        texts: Answers = {name: values[:count] for name, values in kept.items()}
+        if self.mode == "segment":
+            starts = {f"start_{name}": values[0::2] for name, values in texts.items()}
+            texts = starts | {f"end_{name}": values[1::2] for name, values in texts.items()}
+        return {
+            f"given_{name}" if name in self._own or (name in FIELDS and name not in TITLED) else name: values
+            for name, values in texts.items()
+        }
 
     def _answered(self, rows: np.ndarray) -> Answers:
         with np.errstate(over="ignore"):  # too far for a float64 is not finite, and answered so
@@ -214,7 +217,7 @@ def write_json(question: Question, file: str, chunks: Iterable[Answers]) -> None
     head = {"file": file, "units": question.units, "mode": question.mode}
     opening, separator, write = json.dumps(head)[:-1] + ', "answers": [', "\n", sys.stdout.write
     try:
-        for chunk in _counted(chunks):
+        for chunk in counted_answers(chunks):
             write(opening)
             opening = ""
             for values in zip(*chunk.values(), strict=True):
@@ -229,157 +232,69 @@ def write_json(question: Question, file: str, chunks: Iterable[Answers]) -> None
     write("\n]}\n")
 
 
-def write_csv(question: Question, chunks: Iterable[Answers]) -> None:
+def write_csv(question: Question, stream: TextIO, chunks: Iterable[Answers]) -> None:
     """Write a header and a line an answer; three numbers take three columns, lengths name their unit."""
-    writer, has_header = csv.writer(sys.stdout, lineterminator="\n"), False
-    for chunk in _counted(chunks):
-        columns = list(_columns(chunk, question.units))
+    writer, has_header = csv.writer(stream, lineterminator="\n"), False
+    for chunk in counted_answers(chunks):
+        columns = list(columns_of(chunk, question.units))
         if not has_header:
             writer.writerow(column.name_in_csv for column in columns)
             has_header = True
-        cells = (map(table_text, each.values) if each.field.is_text else each.values for each in columns)
+        cells = (map(_text_cell, each.values) if each.field.is_text else each.values for each in columns)
         writer.writerows(zip(*cells, strict=True))
-        sys.stdout.flush()
+        stream.flush()
 
 
-def write_text(question: Question, chunks: Iterator[Answers]) -> None:
-    """Write labelled lines for a single answer; for several a table, on a terminal its start."""
-    first = next(chunks)
-    count = _count(first)
-    if count == 1:
-        print_block(_lines(question, {name: values[0] for name, values in first.items()}))
-        next(chunks, None)  # a line behind it may be none
-    elif sys.stdout.isatty():
-        _draw({name: values[:TERMINAL_ROWS] for name, values in first.items()}, question.units)
-        more = next(chunks, None)
-        if count > TERMINAL_ROWS or more:
-            known = f"{count} or more" if more else str(count)
-            report(f"these are {TERMINAL_ROWS} of {known}; --csv, --json or a pipe shows all")
-    else:
-        row = 0
-        for chunk in _counted(chain([first], chunks)):
-            columns = _shown(chunk, question.units)
-            if not row:
-                _write_row("#", columns, [column.title for column in columns])
-            for cells in zip(*(column.cells() for column in columns), strict=True):
-                _write_row(str(row), columns, cells)
-                row += 1
-            sys.stdout.flush()
+def _text_cell(value: Any) -> Any:
+    """A cell of text; numbers of the points' own columns stay as they are written."""
+    try:
+        float(value)
+    except (TypeError, ValueError):
+        return table_text(value)
+    return value
 
 
-class _Column(NamedTuple):
+class Column(NamedTuple):
     name: str
     title: str
     name_in_csv: str
     field: Field
     values: list[Any]
+    width: int  # negative: aligned to the left
+    decimals: int
 
-    def cells(self, digits: int = DIGITS) -> list[str]:
-        return [self.field.shown(value, digits) for value in self.values]
+    def cell(self, value: Any) -> str:
+        """Return a value within the width of the column, where that is possible."""
+        if self.field.is_text:
+            text = self.field.shown(value)
+            return text if self.width > 0 or len(text) <= -self.width else f"{text[: -self.width - 1]}…"
+        if not math.isfinite(value):
+            return str(value)
+        texts = (f"{round(value, digits) + 0.0:.{digits}f}" for digits in range(self.decimals, -1, -1))
+        return next((text for text in texts if len(text) <= self.width), f"{value:.2g}")
 
 
-def _counted(chunks: Iterable[Answers]) -> Iterator[Answers]:
+def counted_answers(chunks: Iterable[Answers]) -> Iterator[Answers]:
     """Answers as they come, with their number on stderr where they do not run into that."""
     if sys.stdout.isatty():
         yield from chunks
         return
     with progress.spinner("answered") as show:
-        yield from progress.counted(chunks, show, _count)
+        yield from progress.counted(chunks, show, count_of)
 
 
-def _count(answers: Answers) -> int:
+def count_of(answers: Answers) -> int:
     return len(next(iter(answers.values())))
 
 
-def _columns(answers: Answers, units: str) -> Iterator[_Column]:
+def columns_of(answers: Answers, units: str, decimals: int = 4) -> Iterator[Column]:
     for name, values in answers.items():
-        field = FIELDS[name]
+        field = FIELDS.get(name, GIVEN)
         ending = f"_{units}" if field.is_length else ""
         for axis, letter in enumerate(field.axes or [""]):
             # Plain x, y, z of the points asked from: what is written can be read again as points.
             words = "_".join(filter(None, ("" if name == "query" else name, letter)))
             each = [vector[axis] for vector in values] if letter else values
-            title = f"{field.title}{letter}{ending}" if field.title else ""
-            yield _Column(name, title, words + ending, field, each)
-
-
-def _shown(answers: Answers, units: str) -> list[_Column]:
-    """Columns of a table: those with a title, the side behind the distance, and names of parts at the end."""
-    columns = [column for column in _columns(answers, units) if column.title]
-    if "is_signed" in answers:
-        signs = zip(answers["signed_distance"], answers["is_signed"], strict=True)
-        behind = [column.name for column in columns].index("signed_distance") + 1
-        sides = [_side(*pair) for pair in signs]
-        columns.insert(behind, _Column("side", "side", "", FIELDS["side"], sides))
-    return sorted(columns, key=lambda column: column.name == "part_name")
-
-
-def _write_row(first: str, columns: list[_Column], cells: Iterable[str]) -> None:
-    widths = (column.field.width for column in columns)
-    aligned = (
-        cell.rjust(width) if width > 0 else cell.ljust(-width)
-        for cell, width in zip(cells, widths, strict=True)
-    )
-    sys.stdout.write(" ".join([first.rjust(COUNT_WIDTH), *aligned]).rstrip() + "\n")
-
-
-def _draw(answers: Answers, units: str) -> None:
-    """Draw the table of a few answers on a terminal, where that is narrow with fewer digits and columns."""
-    from proximity.cli.tables import Column, Console, print_fitting
-
-    columns, row_count = _shown(answers, units), _count(answers)
-    numbers = Column("#", "#", True, list(map(str, range(row_count))))
-    by_digits = [
-        [
-            numbers,
-            *(Column(each.name, each.title, each.field.width > 0, each.cells(digits)) for each in columns),
-        ]
-        for digits in (DIGITS, FEW_DIGITS)
-    ]
-    print_fitting(Console(), by_digits, DISPENSABLE, "--csv, --json or a pipe")
-
-
-def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Labels and values of one answer, with the names of its points where they have some."""
-    is_closest, is_found = question.mode == "closest", answer["face"] is not None
-    for name, value in answer.items():
-        field = FIELDS[name]
-        if not field.label or value is None or not (is_found or name.endswith("name")):
-            continue
-        ending = f" {question.units}" if field.is_length else ENDINGS.get(name, "")
-        if name == "signed_distance":
-            where = str(_side(value, answer["is_signed"]))
-            ending += f", {SIDE_WORDS.get(where, where)}"
-        elif name == "distance" and "start" in answer and value == 0.0:
-            ending += ", touches the surface"
-        words = "  ".join(map(field.shown, value if field.axes else [value]))
-        label = "point" if name == "point" and not is_closest else field.label
-        yield label, (ON_FEATURES[value] if name == "feature" else words) + ending
-    if not is_found:
-        yield "distance", _why_nothing(question.mode, answer)
-    elif is_closest:
-        solid = question.scene.parts[answer["part"]].solid
-        yield "sign", f"{solid.sign_method.value}: {solid.sign_reason}"
-
-
-def _why_nothing(mode: str, answer: dict[str, Any]) -> str:
-    distance = answer["signed_distance" if mode == "closest" else "distance"]
-    asked = [answer[name] for name in ("query", "origin", "direction", "start", "end") if name in answer]
-    if not all(math.isfinite(value) for values in asked for value in values):
-        why = "the point is not finite" if mode == "closest" else "the numbers given are not finite"
-    elif math.isnan(distance):
-        why = "too far away to be computed"
-    else:
-        why = "nothing in that direction" if mode == "ray" else "nothing"
-    return f"{number(distance)} ({why})"
-
-
-def _side(signed_distance: float, is_signed: bool) -> str | None:
-    """On which side of the surface a point is, in a word; None where there is no answer."""
-    if math.isnan(signed_distance):
-        return None
-    if signed_distance == 0.0:
-        return "surface"
-    if not is_signed:
-        return "unknown"
-    return "inside" if signed_distance < 0.0 else "outside"
+            title = field.title.format(letter, unit=units)
+            width = -TEXT_WIDTHS.get(name, 0) if field.is_text else max(NUMBER_WIDTH, len(title))
+            yield Column(name, title, words + ending, field, each, width, decimals)

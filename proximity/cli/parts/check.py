@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from proximity.cli import progress
-from proximity.cli.options import FILE, JSON, Reading, argument, flag, option, with_option_groups
+from proximity.cli.options import FILE, JSON, Reading, flag, option, with_option_groups
 from proximity.cli.output import counted, printable, write_document
 
 EXIT_NO_INSIDE = 1
@@ -18,7 +18,7 @@ def check(
     as_json: JSON = False,
     list_all: Annotated[bool, flag("--all", "List all parts, not only the first 20.")] = False,
     strict: Annotated[bool, flag("--strict", "Exit with code 1 if a part has no inside.")] = False,
-    time_limit: Annotated[float, option("S", "Longest time for a file of a folder.", min=0.1)] = 60.0,
+    limit: Annotated[float, option("S", "Longest time for a file of a folder.", min=0.1)] = 60.0,
     *,
     reading: Reading,
 ) -> None:
@@ -39,12 +39,12 @@ def check(
       proximity check gearbox.step --all
       proximity check gearbox.step --json
       proximity check scan.ply --units m --strict
-      proximity check catalogue --time-limit 20
+      proximity check catalogue --limit 20
     """
     if file.is_dir():
         from proximity.cli.parts.folder_report import check_folder
 
-        is_bad = check_folder(file, reading, time_limit, as_json=as_json, is_strict=strict)
+        is_bad = check_folder(file, reading, limit, as_json=as_json, is_strict=strict)
     else:
         from proximity.cli.parts.check_report import print_report, report_of
         from proximity.formats import metres_per_unit
@@ -65,22 +65,22 @@ def check(
 @with_option_groups
 def compile(
     file: FILE,
-    out: Annotated[Path, argument("OUT", "File to write; its name ends in .prox.")],
     reading: Reading,
+    out: Annotated[Path | None, option("FILE", "File to write (.prox); beside FILE if not given.")] = None,
 ) -> None:
-    """Prepare FILE for fast loading, and write it to OUT.
+    """Write FILE as a compiled scene (.prox), which opens in milliseconds and gives the same answers.
 
-    OUT can be given wherever a FILE is expected. It opens in milliseconds and gives exactly the same
-    answers. Another version of proximity may refuse it; compile FILE again then. An existing OUT is
-    replaced only when the new one is complete.
+    A compiled scene can be given wherever a FILE is expected. Another version of proximity may refuse it;
+    compile FILE again then. An existing compiled scene is replaced only when the new one is complete.
 
     Examples:
-      proximity compile gearbox.step gearbox.prox
-      proximity compile scan.ply scan.prox --units m
+      proximity compile gearbox.step
+      proximity compile scan.ply --units m --out fast/scan.prox
       proximity query gearbox.prox 30 10 5
     """
+    out = file.with_suffix(".prox") if out is None else out
     if out.exists() and file.exists() and out.samefile(file):
-        raise typer.BadParameter(f"{out} is {file} itself, expected another file", param_hint="OUT")
+        raise typer.BadParameter(f"{out} is {file} itself, expected another file", param_hint="--out")
     from proximity.scene.saved.archive import check_extension
 
     check_extension(out)

@@ -18,22 +18,11 @@ from proximity.errors import ArgumentError
 
 STANDARD_INPUT = "-"
 BEGINS_A_NUMBER = tuple("+-.0123456789")
-PREFIXES = {"": "", "milli": "m", "centi": "c", "deci": "d", "micro": "u", "nano": "n", "kilo": "k"}
-WORDS_FOR_UNITS = {
-    prefix + word: short + "m" for prefix, short in PREFIXES.items() for word in ("metre", "meter")
-}
-WORDS_FOR_UNITS |= {
-    "micron": "um", "\N{GREEK SMALL LETTER MU}m": "um", "inch": "in", "inche": "in", "foot": "ft",
-    "feet": "ft", "yard": "yd", "mile": "mi", "thou": "mil",
-}  # fmt: skip
-"""Other words for units than `proximity.formats.UNITS` has, without an s at the end."""
 NO_LETTER = re.compile(r"[\W\d_]")
 BEFORE_COMMENT = re.compile(r'(?:"[^"]*"|[^#]|(?<=\S)#)*')
 """What stands before a # at the start of a line or after white space; others belong to names, as in pin#2."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-NAME = "name"
-"""The column that goes through to the answers."""
-NAMES_NOTED = 3
+NAME = "name"  # of a column, however its letters are
 LONGEST_LINE = 1_000_000
 """Characters: what never ends is no text of points."""
 
@@ -45,7 +34,7 @@ class Points:
     """Points as they were typed or read."""
 
     coordinates: array = field(default_factory=lambda: array("d"))  # flat: x y z x y z ...
-    names: list[str] | None = None  # one a point; None where there is no such column
+    kept: dict[str, list[str]] = field(default_factory=dict)  # by the names of the other columns
 
     def __len__(self) -> int:
         return len(self.coordinates) // 3
@@ -55,7 +44,7 @@ class Columns(NamedTuple):
     """Which fields of a line are what."""
 
     axes: tuple[int, ...] = (0, 1, 2)
-    name: int | None = None
+    kept: tuple[tuple[str, int], ...] = ()  # the others: their names, and which fields they are
     field_count: int = 3
     is_header: bool = False  # whether the first line says so
 
@@ -68,11 +57,11 @@ def read_points(
     Blank lines and comments are skipped; a comment begins with ``#`` at the start of a line or behind white
     space. Fields stand between commas, semicolons or white space. The first line may name the columns: x, y
     and z among others, with their unit behind them or not, or three other names in this order. No name begins
-    like a number. A column called ``name`` is kept.
+    like a number. Other columns are kept as text.
 
     *units*: of the coordinates; a header that names another unit contradicts it. *limit*: points in a chunk.
     A shorter chunk is the last; there is at least one, perhaps empty. *note*: is given a sentence about
-    columns that are not used, and about text without a point.
+    text without a point.
     """
     name = "standard input" if path == STANDARD_INPUT else path
     if path == STANDARD_INPUT and sys.stdin is None:
@@ -113,13 +102,12 @@ def parse_points(
             if columns is None:
                 columns = _header(fields, where, units) or Columns()
                 if columns.is_header:
-                    points.names = None if columns.name is None else []
-                    _note_unused(columns, fields, name, note)
+                    points = _empty(columns)
                     continue
             _append(points, columns, fields, line, where)
             if len(points) >= limit:
                 yield points
-                points, has_yielded = Points(names=None if points.names is None else []), True
+                points, has_yielded = _empty(columns), True
     except (ArgumentError, OSError):
         if len(points):
             yield points
@@ -132,6 +120,10 @@ def parse_points(
 
 def _lines(stream: TextIO) -> Iterator[str]:
     return iter(partial(stream.readline, LONGEST_LINE), "")
+
+
+def _empty(columns: Columns) -> Points:
+    return Points(kept={name: [] for name, _ in columns.kept})
 
 
 def _fields(line: str, where: str) -> list[str]:
@@ -168,8 +160,8 @@ def _append(points: Points, columns: Columns, fields: list[str], line: str, wher
         are_numbers = all(word in with_comma or _is_number(word) for word in words)
         is_comma = len(words) >= 3 and with_comma and (are_numbers or ";" in line)
         raise ArgumentError(f"{where}: {_why_no_number(with_comma[0]) if is_comma else unfit}") from unfit
-    if columns.name is not None and points.names is not None:
-        points.names.append(fields[columns.name])
+    for name, column in columns.kept:
+        points.kept[name].append(fields[column])
 
 
 def _header(fields: list[str], where: str, units: str) -> Columns | None:
@@ -189,8 +181,12 @@ def _header(fields: list[str], where: str, units: str) -> Columns | None:
         )
     for axis in axes:
         _check_unit(fields[axis], units, where)
-    name = names.index(NAME) if NAME in names and names.index(NAME) not in axes else None
-    return Columns(axes, name, len(fields), is_header=True)
+    others = {
+        NAME if name.lower() == NAME else name: column
+        for column, name in enumerate(fields)
+        if name and column not in axes
+    }
+    return Columns(axes, tuple(others.items()), len(fields), is_header=True)
 
 
 def _check_unit(name: str, units: str, where: str) -> None:
@@ -198,22 +194,14 @@ def _check_unit(name: str, units: str, where: str) -> None:
     behind = [word for word in NO_LETTER.split(name.casefold()) if word][1:]
     if not behind or behind[-1] == units:
         return
-    from proximity.formats import UNITS  # slow, and only for who says more than x
+    from proximity.formats import SYNONYMS, UNITS  # slow, and only for who says more than x
 
-    known = [unit for word in behind if (unit := WORDS_FOR_UNITS.get(word.rstrip("s"), word)) in UNITS]
+    known = [unit for word in behind if (unit := SYNONYMS.get(word.removesuffix("s"), word)) in UNITS]
     if known and units not in known:
         spelt = "inches" if known[-1] == "in" else known[-1]
         raise ArgumentError(
             f"{where}: column {_shown(name)} is in {spelt}, expected {units}; add --units {known[-1]}"
         )
-
-
-def _note_unused(columns: Columns, fields: list[str], file: str, note: Note) -> None:
-    names = [_shown(name) for at, name in enumerate(fields) if at not in (*columns.axes, columns.name)]
-    if names:
-        more = f" and {len(names) - NAMES_NOTED} more" if len(names) > NAMES_NOTED else ""
-        shown = ", ".join(names[:NAMES_NOTED])
-        note(f"{file}: only a column called {NAME} is copied to the answers, not {shown}{more}")
 
 
 def number(text: str, *, is_finite: bool = False) -> float:

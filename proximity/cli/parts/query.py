@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from proximity.cli.options import FILE, JSON, Reading, argument, flag, option, refuse, with_option_groups
-from proximity.cli.output import report
+from proximity.cli.output import report, text_output
 from proximity.cli.parts.points import Points, number, read_points
 from proximity.system.memory import collector_paused
 
@@ -31,37 +31,38 @@ def query(
         bool, flag("--segment", "Take the points in pairs: start and end of a segment.")
     ] = False,
     as_json: JSON = False,
-    as_csv: Annotated[bool, flag("--csv", "Write CSV with a header.")] = False,
+    csv: Annotated[Path | None, option("FILE", "Write CSV to this file; - is standard output.")] = None,
     workers: Annotated[int, option("N", "Number of threads for many queries; -1 uses all cores.")] = 1,
     *,
     reading: Reading,
 ) -> None:
     """Measure from points, rays or segments to the nearest part of FILE.
 
-    A single point is answered with labelled lines, several points with a table. --json and --csv write
-    lengths with 15 digits. Signed distance is negative inside. A part without an inside has unsigned
-    distances, which are marked.
+    A single point is answered with labelled lines, several points with a table. --csv and --json give all
+    fields, and lengths with 15 digits. Signed distance is negative inside. A part without an inside has
+    unsigned distances, which are marked.
 
     A file of points has one point per line, separated by commas, semicolons or spaces. The first line may
-    name the columns and their unit, which must be that of --units. A column called name is copied to the
-    answers. # at the start of a line or after a space begins a comment. A point that is not finite is
-    answered with nan.
+    name the columns and their unit, which must be that of --units. All other columns are copied to CSV
+    and JSON, as given_NAME where the answers have a column of that name; a column called name is shown in
+    the table as well. # at the start of a line or after a space begins a comment. A point that is not
+    finite is answered with nan.
 
-    Answers are written while points are read. If a line is not a point, the answers before it are written,
-    the error names the line, and the exit code is 2; a JSON document then ends with the key error. CSV
-    columns of lengths end in their unit.
+    Answers are written while points are read. If a line is not a point, the error names it and the exit
+    code is 2. Standard output then has the answers before that line (a JSON document ends with the key
+    error); a CSV file is not written.
 
     Examples:
       proximity query bracket.stl 30 10 5
       proximity query bracket.stl -1 -2.5 -3e-2 --units in
-      proximity query gearbox.step --points points.csv --csv > query_answers.csv
+      proximity query gearbox.step --points points.csv --csv answers.csv
       proximity query bracket.stl 30 10 50 --ray 0 0 -1
       proximity query bracket.stl 0 0 50  60 0 50 --segment --json
       shuf points.txt | proximity query bracket.stl --points - --workers -1
     """
     refuse(
         (ray and segment, "--ray and --segment", "give one of them, not both"),
-        (as_json and as_csv, "--json and --csv", "give one of them, not both"),
+        (as_json and csv, "--json and --csv", "give one of them, not both"),
         (workers == 0 or workers < -1, "--workers", f"{workers} threads: expected 1 or more, or -1"),
     )
     direction = None if ray is None else _numbers(ray, "--ray")
@@ -69,7 +70,7 @@ def query(
     asked = chain([next(asked)], asked)  # what begins badly is refused before the file is loaded
     # What imports and kernels leave behind is no garbage: to look at it again and again is 4 % of a query.
     with collector_paused():
-        from proximity.cli.parts import answers
+        from proximity.cli.parts import answer_text, answers
         from proximity.formats import metres_per_unit
         from proximity.scene.loader import notes_on_sizes
 
@@ -81,10 +82,11 @@ def query(
         answered = question.answers(asked)
         if as_json:
             answers.write_json(question, str(file), answered)
-        elif as_csv:
-            answers.write_csv(question, answered)
+        elif csv is not None:
+            with text_output(csv) as stream:
+                answers.write_csv(question, stream, answered)
         else:
-            answers.write_text(question, answered)
+            answer_text.write_text(question, answered)
     finally:
         question.note_far_points()
 

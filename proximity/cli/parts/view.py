@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from proximity.cli import progress
-from proximity.cli.options import LIMIT, UNITS, argument, flag, option, sample, with_option_groups, within
+from proximity.cli.options import (
+    LIMIT,
+    UNITS,
+    argument,
+    flag,
+    option,
+    refuse,
+    sample,
+    with_option_groups,
+    within,
+)
 from proximity.cli.output import report
 from proximity.cli.program import stop_after
 from proximity.system.stop_signals import stop_at_input, stopped_by_signals
@@ -23,14 +33,15 @@ class Listening:
 
     port: Annotated[int, option("N", "Port to listen on; 0: any free port.", callback=within(0, 65535))] = 0
     bind: Annotated[
-        str, option("ADDRESS", "Address to listen on. Other than 127.0.0.1, it requires --cert and --key.")
+        str,
+        option("ADDRESS", "Address to listen on. Other than 127.0.0.1 requires --cert, --cert-key."),
     ] = "127.0.0.1"
     name: Annotated[
         list[str] | None,
         option("NAME", "Host name by which other machines reach this one. Can be given several times."),
     ] = None
     cert: Annotated[Path | None, option("FILE", "Certificate for TLS, PEM.")] = None
-    key: Annotated[Path | None, option("FILE", "Private key of the certificate, PEM.")] = None
+    cert_key: Annotated[Path | None, option("FILE", "Private key of the certificate, PEM.")] = None
 
 
 @dataclass(frozen=True)
@@ -65,13 +76,13 @@ def view(
             callback=within(0.0, 1e3, "mm", is_open=True),
         ),
     ] = None,
-    rerun: Annotated[
+    out: Annotated[
         Path | None,
-        option("OUT", "Write a log and its parts for the viewer Rerun (.rrd) instead of showing a page."),
-    ] = None,
-    save: Annotated[
-        Path | None,
-        option("PAGE", "Write a page that computes by itself, in one file (.html), instead of showing it."),
+        option(
+            "FILE",
+            "Write a file instead of showing a page: .html, a page that computes by itself; .rrd, a log and "
+            "its parts for the viewer Rerun.",
+        ),
     ] = None,
     limit: LIMIT = None,
 ) -> None:
@@ -89,12 +100,13 @@ def view(
       proximity view part.step
       proximity view meshes/bracket.stl --replay meshes/hand.csv
       proximity view run.frames meshes/bracket.stl
-      proximity view run.frames part.step --rerun run.rrd
-      proximity view part.step --save part.html    # to mail, or to open from a disk
+      proximity view run.frames part.step --out run.rrd
+      proximity view part.step --out part.html    # to mail, or to open from a disk
       proximity view cell.toml --no-browser --port 8787
     """
-    if rerun is not None:
-        _write_rerun(files, rerun, units, radius)
+    refuse((out and out.suffix not in (".html", ".rrd"), "--out", f"{out} does not end in .html or .rrd"))
+    if out is not None and out.suffix == ".rrd":
+        _write_rerun(files, out, units, radius)
         return
     from proximity.web.page_process import PageSettings
 
@@ -110,14 +122,14 @@ def view(
         bind=listening.bind,
         names=tuple(listening.name or ()),
         certificate=None if listening.cert is None else str(listening.cert),
-        key=None if listening.key is None else str(listening.key),
+        key=None if listening.cert_key is None else str(listening.cert_key),
         beside=program.beside,
         may_be_framed=program.framed,
     )
-    if save is not None:
+    if out is not None:
         from proximity.web.page_process import write_page
 
-        typer.echo(f"{save}: {write_page(settings, save) / 1e6:.1f} MB")
+        typer.echo(f"{out}: {write_page(settings, out) / 1e6:.1f} MB")
         return
     _show(settings, program, limit, opens_browser=browser)
 
@@ -149,7 +161,7 @@ def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None)
     """Write a log of frames, and the parts that it is of, for Rerun."""
     logs = [name for name in files if name.suffix == ".frames"]
     if len(logs) != 1:
-        raise typer.BadParameter("expected one log of frames (.frames) among FILES", param_hint="--rerun")
+        raise typer.BadParameter("expected one log of frames (.frames) among FILES", param_hint="--out")
     from proximity.recording import FrameReader
     from proximity.recording.rerun_log import ShownPart, write_rerun
     from proximity.scene.loader import load

@@ -1,6 +1,5 @@
 """``proximity record`` and ``export``: every frame of a service in a log, and a log as a table."""
 
-import io
 import sys
 import time
 from collections.abc import Iterable
@@ -13,7 +12,7 @@ import typer
 
 from proximity.cli import progress
 from proximity.cli.options import ADDRESS, JSON_SUMMARY, LIMIT, argument, option, refuse
-from proximity.cli.output import counted, report, write_document
+from proximity.cli.output import STDOUT, counted, report, text_output, write_document
 from proximity.cli.program import EXIT_NOTHING, stop_after
 from proximity.system.stop_signals import stopped_by_signals
 
@@ -26,24 +25,23 @@ if TYPE_CHECKING:
 TURN_S = 0.05  # within that a wish to stop is noticed
 GATHER_S = 0.002  # that frames are let come: to wake for each would cost more; buffers hold 60 and more
 ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame before that is said
-STDOUT = Path("-")
 
 
 def record(
     address: ADDRESS,
-    file: Annotated[Path, argument("FILE", "Log of frames. Created if missing, otherwise continued.")],
+    out: Annotated[Path, option("FILE", "Log of frames (.frames). Created if missing, else continued.")],
     limit: LIMIT = None,
     as_json: JSON_SUMMARY = False,
 ) -> None:
-    """Write every frame published at ADDRESS to FILE, until Ctrl-C, SIGTERM or --limit.
+    """Write every frame published at ADDRESS to a log, until Ctrl-C, SIGTERM or --limit.
 
-    FILE is only appended to: an existing log is continued, and a crash loses at most the frame that was
+    The log is only appended to: an existing log is continued, and a crash loses at most the frame that was
     being written. Frames that were lost in transit are gaps in the sequence numbers. The exit code is 1
     if no frame came.
 
     Examples:
-      proximity record iox2://decaff run.frames
-      proximity record udp://127.0.0.1:9100 run.frames --limit 60 --json
+      proximity record iox2://decaff --out run.frames
+      proximity record udp://127.0.0.1:9100 --out run.frames --limit 60 --json
       proximity export run.frames --csv run.csv
     """
     from proximity.recording import FrameLog
@@ -53,9 +51,9 @@ def record(
         stop = opened.enter_context(stopped_by_signals())
         inlet = open_inlet(address)
         subscriber = opened.enter_context(Subscriber(inlet, address))
-        log = opened.enter_context(FrameLog(file))
+        log = opened.enter_context(FrameLog(out))
         if log.cut_size:
-            report(f"{file}: {log.cut_size} bytes of a torn frame at its end were cut off")
+            report(f"{out}: {log.cut_size} bytes of a torn frame at its end were cut off")
         started = time.monotonic()
         stop_after(limit, stop)
         try:
@@ -113,8 +111,8 @@ def _record(inlet: "Inlet", subscriber: "Subscriber", log: "FrameLog", stop: Eve
 
 def export(
     file: Annotated[Path, argument("FILE", "Log of frames.")],
-    csv: Annotated[Path | None, option("OUT", "Write CSV to this file; - is standard output.")] = None,
-    parquet: Annotated[Path | None, option("OUT", "Write Parquet to this file. Requires pyarrow.")] = None,
+    csv: Annotated[Path | None, option("FILE", "Write CSV to this file; - is standard output.")] = None,
+    parquet: Annotated[Path | None, option("FILE", "Write Parquet to this file. Requires pyarrow.")] = None,
 ) -> None:
     """Write the frames in FILE, a log of record or serve, as a table with one line for each finger
     and frame.
@@ -133,7 +131,7 @@ def export(
     refuse(
         (csv and parquet, "--parquet", "expected one of --csv and --parquet"),
         (parquet == STDOUT, "--parquet", "Parquet is not written to standard output"),
-        (is_log, "OUT", f"{out} is the log itself"),
+        (is_log, "--csv or --parquet", f"{out} is the log itself"),
     )
     from proximity.recording import FrameReader, write_frames_csv
 
@@ -152,11 +150,12 @@ def export(
 def _write(out: Path, runs: "Iterable[np.ndarray]", *, is_parquet: bool) -> int:
     """Write a table in place of what is there, at once and wholly; how many lines."""
     from proximity.recording import load_pyarrow, write_frames_csv, write_frames_parquet
-    from proximity.system.whole_file import whole_file
 
     if is_parquet:
         load_pyarrow()  # where it is missing, not even an unfinished file is made
+        from proximity.system.whole_file import whole_file
+
         with whole_file(out) as stream:
             return write_frames_parquet(stream, runs)
-    with whole_file(out) as stream, io.TextIOWrapper(stream, encoding="utf-8", newline="") as text:
+    with text_output(out) as text:
         return write_frames_csv(text, runs)

@@ -39,13 +39,6 @@ def serve(
             show_default=False,
         ),
     ] = None,
-    loop: Annotated[
-        str | None,
-        typer.Option(
-            metavar="python|compiled",
-            help="What runs the loop: compiled never waits for Python (Linux); overrides SCENE.",
-        ),
-    ] = None,
     limit: LIMIT = None,
     ticks: Annotated[int | None, option("N", "Stop after this many ticks.")] = None,
     web: Annotated[
@@ -90,7 +83,6 @@ def serve(
         "publish": publish or None,
         "log": log,
         "real_time": real_time,
-        "loop": loop,
     }
     page = _PageBeside(scene, overrides, port or 0) if web else None
     stop = threading.Event()

@@ -1,8 +1,7 @@
 """Commands for programs at the other end: their sources, the layout of messages, and keys."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -10,65 +9,81 @@ from proximity.cli.options import (
     CABLE,
     GEAR,
     GLOVES,
-    argument,
     cable_stiffness,
     designed,
     flag,
     option,
     within,
 )
+from proximity.cli.program import group_of
 
 LEAST_RATE_HZ, MOST_RATE_HZ = 150.0, 20000.0  # slower, each sample would trip the watchdog of 10 ms
-
-
-class Language(StrEnum):
-    """A language that there is a client for; in C and for browsers it is the engine itself."""
-
-    c = "c"
-    wasm = "wasm"
-    csharp = "csharp"
-    javascript = "javascript"
-    cpp = "cpp"
 
 
 FOLDER = Annotated[Path, option("DIR", "Folder to write the files to.", "--out")]
 
 
-def client(
-    language: Annotated[Language, argument("c|wasm|csharp|javascript|cpp", "Language of your program.")],
-    out: FOLDER,
-) -> None:
-    """Write a client into a folder: sources in C++, JavaScript or C# that read frames and send
-    poses; or the engine itself, for C, C++ and C#, or for browsers.
-
-    It verifies frames and ages them (OK, LATE, STALE) as the subscriber of proximity does, and supports
-    the keys of udp://. cpp is header only, for C++20 on POSIX systems and Windows; javascript is ES
-    modules for browsers and Node; csharp is for .NET and a package for Unity. An example is written as
-    well. An existing example is kept; the other files are replaced.
-
-    c is no client but the engine, for your own process: a shared library with its header, a CMake
-    package, a pkg-config file and examples. It opens scenes that `proximity compile` writes. csharp has
-    that library and its binding as well. wasm is the same engine for browsers and Node: WebAssembly, an
-    ES module with types, and an example.
+def c(out: FOLDER) -> None:
+    """Write the engine for C and C++: a shared library for your own process, header, CMake package, examples.
 
     Examples:
       proximity client c --out proximity
+    """
+    from proximity.bindings.c_package import write_library
+
+    _report(write_library(out))
+
+
+def wasm(out: FOLDER) -> None:
+    """Write the engine for browsers and Node: WebAssembly, an ES module with types, an example.
+
+    Examples:
       proximity client wasm --out site/proximity
-      proximity client cpp --out decaff
+    """
+    from proximity.bindings.wasm_package import write_package
+
+    _report(write_package(out))
+
+
+def csharp(out: FOLDER) -> None:
+    """Write a package for Unity and .NET: a client of the service, and the engine with its binding.
+
+    Examples:
       proximity client csharp --out Packages/org.decaff.proximity
     """
-    from proximity.bindings.c_package import write_library, write_unity_package
-    from proximity.bindings.wasm_package import write_package
+    from proximity.bindings.c_package import write_unity_package
+
+    _report(write_unity_package(out))
+
+
+def javascript(out: FOLDER) -> None:
+    """Write a client of the service as ES modules, for browsers and Node.
+
+    Examples:
+      proximity client javascript --out site/decaff
+    """
+    _write_client("javascript", out)
+
+
+def cpp(out: FOLDER) -> None:
+    """Write a client of the service for C++20, header only, for POSIX systems and Windows.
+
+    Examples:
+      proximity client cpp --out decaff
+    """
+    _write_client("cpp", out)
+
+
+def _write_client(language: str, out: Path) -> None:
     from proximity.message.clients import write_client
 
-    writers = {
-        Language.c: write_library,
-        Language.csharp: write_unity_package,
-        Language.wasm: write_package,
-    }
-    written = writers[language](out) if language in writers else write_client(language.value, out)
+    _report(write_client(language, out))
+
+
+def _report(written: dict[Any, bool]) -> None:
+    """Print which files were written; an example that is there already is kept."""
     for path, is_written in written.items():
-        typer.echo(f"{path}: {'written' if is_written else 'left alone, it is there already'}")
+        typer.echo(f"{path}: {'written' if is_written else 'kept, it is there already'}")
 
 
 def controller(
@@ -85,7 +100,7 @@ def controller(
 
     It receives frames from udp://, with or without a key, and decides at a fixed rate where each drum
     stands. States, limits, safe behaviour and servo are those of the controller in proximity drum. It
-    needs no heap, from <math.h> only sqrt, and a processor with double precision, such as a Cortex-M7.
+    needs no heap, only sqrt from <math.h>, and a processor with double precision, such as a Cortex-M7.
     With --glove, decaff_glove.c contains the finger paths of your glove, and the constants are those of
     its motor, gear and lever, as measured: run this command again after each calibration. With --cable
     the drum makes up for the stretch of the cable while it holds a position, from the measured force,
@@ -122,8 +137,8 @@ def header(
     microcontroller that receives udp:// datagrams needs nothing else.
 
     Examples:
-      proximity header --out decaff_message.h
-      proximity header --receiver --out receiver.c    # the example of a receiver
+      proximity client header --out decaff_message.h
+      proximity client header --receiver --out receiver.c    # the example of a receiver
     """
     from proximity import transport
     from proximity.message.c_header import header_text
@@ -149,10 +164,21 @@ def key(out: Annotated[Path, option("FILE", "File to create; must not exist.")])
     each address, and copy it where nobody else reads it, with scp -p for example.
 
     Examples:
-      proximity key --out poses.key
+      proximity client key --out poses.key
       proximity watch "udp://127.0.0.1:9100?key=frames.key"
     """
     from proximity.transport.message_key import write_key
 
     write_key(str(out))
     typer.echo(f'{out}: made; name it at both ends: "udp://HOST:PORT?key={out}"')
+
+
+client = group_of(
+    "client",
+    "Write what your own program needs.\n\n"
+    "cpp, csharp and javascript read the frames of a service and send poses. They verify frames and report "
+    "their age (OK, LATE, STALE), as Python's subscriber does, and support the keys of udp://. c and wasm "
+    "are the engine itself, for scenes that `proximity compile` writes; csharp has it, too.",
+    *(c, cpp, csharp, javascript, wasm, header, key),
+    bare=("header",),
+)

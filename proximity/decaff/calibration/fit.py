@@ -1,7 +1,7 @@
 """Fit of a calibration's numbers to measurements (docs/guide/motors.md).
 
 Each function refuses what cannot have been measured right. From readings to the file that ``proximity drum
---calibration`` and a scene file's [glove] take::
+--glove`` and a scene file's [glove] take::
 
     from datetime import UTC, datetime
 

@@ -24,7 +24,7 @@ ANSWER_POINTS = 2
 ANSWER_FACES = 8
 ANSWER_RELATION = 10
 APART = 0
-TOUCHING = 1
+TOUCHES = 1
 CROSSES = 2
 MAY_BE_INSIDE = 3
 """Relations; the last one: apart, but the boxes overlap, so that one part may be inside the other."""
@@ -55,7 +55,7 @@ def connect_parts(model, first, second, limit, tolerance, budget, answer):
             MAY_BE_INSIDE if _overlap(model.frames[first], model.frames[second]) else APART
         )
     else:
-        answer[ANSWER_RELATION] = TOUCHING
+        answer[ANSWER_RELATION] = TOUCHES
 
 
 @inlined

@@ -12,7 +12,7 @@ from scipy.stats import beta
 
 from proximity.errors import ServiceError
 from proximity.service import Histogram
-from proximity.service.loop import LONGEST_PERIOD, SHORTEST_PERIOD
+from proximity.service.loop_memory import LONGEST_PERIOD, SHORTEST_PERIOD
 
 SURE = 0.95
 SHARES = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}

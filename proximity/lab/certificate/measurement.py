@@ -22,7 +22,7 @@ from proximity.lab.certificate.work import UNLIMITED, SearchGoal, StartMode
 from proximity.lab.certificate.worst_positions import Progress, SearchResult
 from proximity.message import ContactFlag
 from proximity.recording import Recording
-from proximity.service import MonotonicClock, RealTime, RecordingInput, Report, Service
+from proximity.service import RealTime, RecordingInput, Report, Service
 from proximity.system.memory import collector_paused
 from proximity.tracker.replay import motions
 from proximity.tracker.tracker import Tracker
@@ -265,14 +265,6 @@ def _run(
     return log
 
 
-class ProcessorClock(MonotonicClock):
-    """A clock whose stopwatch runs only while the processor works for this thread."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.stopwatch_ns = time.thread_time_ns
-
-
 def run_loop(subject: Subject, found: Results, seconds: float, seed: int) -> Report:
     """Return what the service's own loop did with fingers that pass through the worst positions.
 
@@ -290,7 +282,7 @@ def run_loop(subject: Subject, found: Results, seconds: float, seed: int) -> Rep
         pose_input,
         [open_publisher(ADDRESS)],
         period=subject.period,
-        clock=ProcessorClock(),
+        counts_processor=True,
         real_time=RealTime(core=subject.core) if subject.real_time else None,
     )
     return service.run(tick_count=ticks)

@@ -17,15 +17,13 @@ from proximity.errors import ArgumentError
 from proximity.lab.engine.finger_placement import PlacedFinger
 from proximity.message import PATH_CORNERS, Surface
 from proximity.service.contact_source import ContactSource, TrackedContacts
-from proximity.service.frame_builder import FrameBuilder
-from proximity.service.samples import FingerPoses, Measurements, NewestSamples
+from proximity.service.loop import Service
+from proximity.service.samples import FingerPoses, Measurements
 from proximity.service.sensed_contacts import SensedContacts
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Outlet, Publisher
 from proximity.transport.link import NOTHING
-
-VALID_FOR, STALE_AFTER = 0.020, 0.100  # s, as of a service that is given nothing else
 
 
 class TrackedFinger:
@@ -93,29 +91,37 @@ Feed = TrackedFinger | MeasuredFinger
 
 
 class SimulatedService:
-    """Ticks when it is asked to, and publishes."""
+    """Ticks when it is asked to, and publishes; clock and input of its loop are its own."""
+
+    is_over, skipped_ns = False, 0
+    address = "simulation"
 
     def __init__(self, feed: Feed, outlet: Outlet, period: float) -> None:
         source = feed.contact_source
-        self._feed, self._source = feed, source
-        self._newest = NewestSamples(source.new_samples(), round(NS_PER_S * STALE_AFTER))
-        self._frame_builder = FrameBuilder(
-            source.count, source.source, round(NS_PER_S * period), round(NS_PER_S * VALID_FOR)
-        )
-        self._publisher = Publisher(outlet, "simulation")
-        self._has_begun = False
+        source.is_ticked_by_loop = False  # paths have as many corners as one likes
+        self._feed, self._now_ns = feed, 0
+        self._known: dict[str, Any] = {}
+        self.notes: list[str] = []
+        self._loop = Service(source, self, [Publisher(outlet, self.address)], period=period, clock=self)
 
     def tick(self, now_ns: int, **known: Any) -> None:
         """Make a frame of what is known now."""
-        newest, frame_builder = self._newest, self._frame_builder
-        if not self._has_begun:
-            newest.start(now_ns)
-            self._has_begun = True
-        newest.update(self._feed.samples(now_ns, **known), now_ns)
-        newest.drop_stale(now_ns)
-        self._source.fill(frame_builder.contacts, newest.samples, now_ns)
-        frame_builder.finish(now_ns, now_ns, 0, self._source.epoch, 0)
-        self._publisher.publish(frame_builder.message)
+        self._now_ns, self._known = now_ns, known
+        self._loop.step(now_ns)
+
+    def now_ns(self) -> int:
+        """Return the instant of the tick."""
+        return self._now_ns
+
+    def sleep_until(self, due_ns: int) -> None:
+        """Do nothing: ticks come when they are asked for."""
+
+    def poll(self, now_ns: int) -> tuple[FingerPoses | Measurements]:
+        """Give what is known."""
+        return (self._feed.samples(now_ns, **self._known),)
+
+    def close(self) -> None:
+        """Do nothing."""
 
 
 DRAWS = 1024  # latencies that are drawn at once

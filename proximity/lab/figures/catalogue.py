@@ -20,7 +20,7 @@ from proximity.lab.figures import (
     stability_plots,
     style,
 )
-from proximity.lab.figures.style import Table
+from proximity.lab.figures.style import AS_DESIGNED, Sheet, Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,11 @@ def chosen_names(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def write_figure(
-    name: str, folder: str | os.PathLike[str], form: str = "png", glove: Glove | None = None
+    name: str,
+    folder: str | os.PathLike[str],
+    form: str = "png",
+    glove: Glove | None = None,
+    sheet: Sheet = AS_DESIGNED,
 ) -> tuple[Path, Path]:
     """Write a figure of a glove and its numbers, each at once and wholly; return both paths."""
     (name,) = chosen_names([name])
@@ -92,7 +96,7 @@ def write_figure(
     _make(folder)
     worn = {"glove": glove or Glove()} if plate.has_drum else {}
     table = plate.numbers(**worn)
-    drawn = style.render(partial(plate.draw, **worn), table, plate.size, form)
+    drawn = style.render(partial(plate.draw, **worn), table, plate.size, form, sheet=sheet)
     image, numbers = folder / f"{plate.stem}.{form}", folder / f"{plate.stem}.csv"
     style.write_bytes(image, drawn)
     style.write_table(numbers, table)

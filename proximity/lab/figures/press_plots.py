@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from proximity.lab.figures import style
-from proximity.lab.figures.style import COINCIDE, Table, caption, hand_words
+from proximity.lab.figures.style import AS_DESIGNED, COINCIDE, Sheet, Table, caption, hand_words
 from proximity.lab.simulation.closed_loop import Response
 from proximity.lab.simulation.simulated_press import Simulation, Wall, describe
 
@@ -20,6 +20,9 @@ BEFORE = 40.0  # ms shown before the contact
 AFTER = 30.0  # ms shown after the hand has left
 MARGIN = 1.0  # mm, above and below what finger and wall do
 DEEPEST = -4.0  # mm: farther off, the finger is on its path
+IMPULSE = 5.0  # ms around the touch, whose forces do not set the scale
+HEADROOM = 1.2
+LEAVES_SCALE = f"The impulse, within {IMPULSE:g} ms of the touch, may leave the scale."
 STROKES = {
     Wall.REAL: style.REAL,
     Wall.COUPLED: style.COUPLED,
@@ -54,54 +57,54 @@ def curves(response: Response, real: Response, *, has_drum: bool, ideal: Respons
 
 
 def draw(figure: "Figure", table: Table, wall: Wall, note: str = "") -> None:
-    """Draw a press."""
+    """Draw a press: positions, forces, and how far the force is off."""
     above, below, error = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
     times, stroke = 1e3 * table["time_s"], style.line(STROKES[wall])
     is_there = table["finger_m"] >= 1e-3 * DEEPEST
     above.plot(times, 1e3 * table["finger_m"], **stroke, label="finger")
     for name, dashes in (("link", (0, (1, 1))), ("drum", (0, (6, 2, 1, 2)))):
         if f"{name}_m" in table.columns and wall != Wall.REAL:
-            curve = 1e3 * table[f"{name}_m"]
-            above.plot(times, curve, color="0.45", linestyle=dashes, label=name)
-    below.plot(times, table["real_force_N"], **style.REAL, label="force, real wall")
-    is_engine = "ideal_force_N" in table.columns
-    if is_engine:
-        ideal = style.line(style.COUPLED)
-        below.plot(times, table["ideal_force_N"], **ideal, label="force, ideal distance")
-    if wall != Wall.REAL:
-        below.plot(
-            times, table["force_N"], **stroke, label=f"force, {'engine' if is_engine else f'{wall} wall'}"
-        )
-        off = 1e3 * (table["force_N"] - table["real_force_N"])
-        error.plot(times, off, **stroke)
-    if is_engine:
-        error.plot(times, 1e3 * (table["ideal_force_N"] - table["real_force_N"]), **ideal)
+            above.plot(times, 1e3 * table[f"{name}_m"], color="0.45", linestyle=dashes, label=name)
+    below.plot(times, table["real_force_N"], **style.REAL, label="real wall")
+    is_engine, largest, is_rest = "ideal_force_N" in table.columns, 0.0, np.abs(times) > IMPULSE
+    curves = [("ideal_force_N", style.line(style.COUPLED), "ideal distance")] if is_engine else []
+    curves += [("force_N", stroke, "engine" if is_engine else f"{wall} wall")] if wall != Wall.REAL else []
+    for column, own, label in curves:
+        off = 1e3 * (table[column] - table["real_force_N"])
+        below.plot(times, table[column], **own, label=label)
+        error.plot(times, off, **own)
+        largest = max(largest, float(np.abs(off[is_rest]).max(initial=0.0)))
     for panel in (above, error):
         panel.axhline(0.0, **style.GUIDE)
+    largest = largest or 1.0
+    error.set_ylim(-HEADROOM * largest, HEADROOM * largest)
+    forces = [table[column][is_rest].max() for column in ("force_N", "real_force_N")]
+    below.set_ylim(top=HEADROOM * max(forces))
     top = 1e3 * max(float(np.max(table[name])) for name in ("finger_m", "link_m"))
     above.set_ylim(DEEPEST - MARGIN, top + MARGIN)
     above.set_xlim(max(-BEFORE, times[0]), float(times[is_there][-1]) + AFTER)
-    above.set_ylabel("position past the wall [mm]")
-    below.set_ylabel("force [N]")
-    error.set_ylabel("force error [mN]")
+    for panel, label in ((above, "past the wall [mm]"), (below, "force [N]"), (error, "error [mN]")):
+        panel.set_ylabel(label)
     error.set_xlabel("time after the touch [ms]")
-    caption(figure, *note.splitlines(), COINCIDE)
-    handles, names = above.get_legend_handles_labels()
-    more, their = below.get_legend_handles_labels()
-    figure.legend(handles + more, names + their, loc="outside upper center", ncols=3)
+    figure.align_ylabels()
+    above.legend(loc="lower center", ncols=3)
+    below.legend(loc="lower center")
+    caption(figure, *note.splitlines(), LEAVES_SCALE, COINCIDE)
 
 
-def write(path: str | os.PathLike[str], simulation: Simulation) -> None:
+def write(path: str | os.PathLike[str], simulation: Simulation, sheet: Sheet = AS_DESIGNED) -> None:
     """Write a press to a file, as a figure or as CSV, at once and wholly."""
     note = f"{describe(simulation)}\n{simulation.setup.speed:g} m/s. {hand_words(simulation.response.hand)}"
-    write_curves(path, numbers(simulation), simulation.setup.wall, note)
+    write_curves(path, numbers(simulation), simulation.setup.wall, note, sheet)
 
 
-def write_curves(path: str | os.PathLike[str], table: Table, wall: Wall, note: str = "") -> None:
+def write_curves(
+    path: str | os.PathLike[str], table: Table, wall: Wall, note: str = "", sheet: Sheet = AS_DESIGNED
+) -> None:
     """Write curves to a file, as a figure or as CSV, at once and wholly."""
     form = Path(path).suffix.lower().removeprefix(".")
     if form == "csv":
         style.write_table(path, table)
         return
-    drawn = style.render(partial(draw, wall=wall, note=note), table, SIZE, form)
+    drawn = style.render(partial(draw, wall=wall, note=note), table, SIZE, form, sheet=sheet)
     style.write_bytes(path, drawn)

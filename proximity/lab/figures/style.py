@@ -15,6 +15,7 @@ import os
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -38,6 +39,7 @@ SAMPLING = 1e-4  # s, of the curves
 PAGE_WIDTH = 7.0  # inches, of both columns
 FORMATS = ("png", "svg", "pdf")
 DOTS_PER_INCH = 300
+M_PER_INCH = 0.0254
 CAPTION_SIZE = 5.5  # points
 LETTERS_AN_INCH = 23  # of that size, about
 CAPTION_COLOUR = "0.35"
@@ -92,6 +94,17 @@ LOOK = {
     "svg.hashsalt": "proximity",
     "pdf.fonttype": 42,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """How a figure is printed: text keeps its size, whatever the width."""
+
+    width: float | None = None  # m; None: as it is designed
+    has_caption: bool = True
+
+
+AS_DESIGNED = Sheet()
 
 
 class Table:
@@ -152,14 +165,18 @@ def render(
     form: str,
     *,
     look: dict[str, Any] | None = None,
+    sheet: Sheet = AS_DESIGNED,
 ) -> bytes:
     """Return a figure as the bytes of a file; the same table gives the same bytes."""
     check_format(form)
     new_figure = load_figure()
     dates: dict[str, Any] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with _look(look or {}):
-        figure = new_figure(figsize=size, layout="constrained")
+        scale = 1.0 if sheet.width is None else sheet.width / M_PER_INCH / size[0]
+        figure = new_figure(figsize=(scale * size[0], scale * size[1]), layout="constrained")
         draw(figure, table)
+        if not sheet.has_caption:
+            figure.supxlabel("")
         stream = io.BytesIO()
         figure.savefig(stream, format=form, dpi=DOTS_PER_INCH, metadata=dates[form])
     return stream.getvalue()

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from proximity.lab.figures import pages
 from proximity.lab.figures.pages import COLOURS, DASHES, INK
+from proximity.lab.figures.style import Table
 from proximity.lab.sweep.design import Job, Kind
 from proximity.lab.sweep.study_file import PlotChoice
 
@@ -94,7 +94,9 @@ class Rows:
             return f"{level[0]:.3g} to {level[1]:.3g}"
         if isinstance(level, tuple):
             return ", ".join(f"{number:g}" for number in level)
-        return f"{level:.4g}" if isinstance(level, float) else str(level)
+        if isinstance(level, float):
+            return f"{level:g}" if level.is_integer() else f"{level:.4g}"
+        return str(level)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +150,32 @@ WIDEST, NARROWEST, PANEL_HEIGHT = 6.0, 1.9, 3.2  # inches, of all panels and of 
 ACROSS = 4  # small panels side by side
 
 
-def draw_main(rows: Rows, choice: PlotChoice) -> str:
+class Plot(NamedTuple):
+    """A plot of a study, for its page and for files beside it."""
+
+    draw: "Callable[[Figure, Any], None]"
+    size: tuple[float, float]  # inches
+    numbers: Table
+
+
+def words(name: str) -> str:
+    """Return the name of a factor or a measure as a label has it."""
+    return name.replace("_", " ")
+
+
+def without_factor(rows: Rows, x: str) -> str:
+    """Return in words in which conditions a factor does not matter: wall coupled."""
+    others = rows.job.factors[x].only if x in rows.job.factors else {}
+    found = {
+        f"{words(other)} {value}"
+        for other in others
+        for value, own in zip(rows.values(other), rows.values(x), strict=True)
+        if own == NOT_USED
+    }
+    return ", ".join(sorted(found))
+
+
+def main_plot(rows: Rows, choice: PlotChoice) -> Plot:
     """Return a measure over a factor or another measure: a line a level of one factor, a panel of another."""
     x, measure = choice.x, choice.measure
     assert x is not None and measure is not None, "both are chosen"
@@ -159,7 +186,9 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
     summary = worst if choice.points == "worst" else np.median
     draw_line = partial(_draw_line, summary=summary)
     own = rows.values(x)
-    without = {style: np.array([each == kind for each in own], bool) for kind, style in WITHOUT_X.items()}
+    without = {kind: np.array([each == kind for each in own], bool) for kind in WITHOUT_X}
+    absent = rows.label(x, None) if x in rows.job.factors else ""
+    meaning = {NOT_USED: without_factor(rows, x), None: f"{words(x)} {absent}"}
 
     def draw(figure: "Figure", _: Any) -> None:
         axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
@@ -169,10 +198,11 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
                 draw_one = _draw_points if x in rows.job.measures else draw_line
                 has_x = is_meant & np.isfinite(across)
                 draw_one(panel, across[has_x], up[has_x], line, label)
-                for style, is_without in without.items():
+                for kind, is_without in without.items():
                     if (is_meant & is_without).any():
                         level = float(summary(up[is_meant & is_without]))
-                        panel.axhline(level, color=_colour(line), linestyle=style, linewidth=1.4)
+                        panel.axhline(level, color=_colour(line), linestyle=WITHOUT_X[kind], linewidth=1.4)
+                        panel.plot([], color=INK, linestyle=WITHOUT_X[kind], label=meaning[kind])
             panel.set(title=caption, xlabel=_axis(rows, x))
             _scale(panel, across, up)
         axes[0].set_ylabel(_axis(rows, measure))
@@ -181,30 +211,42 @@ def draw_main(rows: Rows, choice: PlotChoice) -> str:
             for panel in axes
             for handle, name in zip(*panel.get_legend_handles_labels(), strict=True)
         }
-        if len(lines) > 1:
+        handles = {name: handles[name] for name in sorted(handles, key=lambda name: name in meaning.values())}
+        if len(handles) > 1:
             figure.legend(handles.values(), handles, loc="outside right center", fontsize=7)
 
     width = 1.4 + max(WIDEST / len(panels), NARROWEST) * len(panels)
-    return pages.svg(draw, "main", (width, PANEL_HEIGHT))
+    shown = dict.fromkeys(filter(None, (choice.columns, choice.lines, x, measure)))
+    table = Table({_axis(rows, name): np.array(list(map(str, rows.values(name)))) for name in shown})
+    return Plot(draw, (width, PANEL_HEIGHT), table)
 
 
-def draw_effects(rows: Rows, effects: list[Effect]) -> str:
-    """Return a small panel a factor: the mean of a measure at each level."""
+def effects_plot(rows: Rows, effects: list[Effect]) -> Plot:
+    """Return a small panel a factor: the mean of a measure at each level; only numbers are joined."""
     height = -(-len(effects) // ACROSS)
 
     def draw(figure: "Figure", _: Any) -> None:
         across = min(len(effects), ACROSS)
         axes = figure.subplots(height, across, sharey=True, squeeze=False)
         for panel, effect in zip(axes.flat, effects, strict=False):
-            panel.plot(range(len(effect.means)), effect.means, "o-", color=COLOURS[0])
+            joined = "o-" if rows.is_number(effect.factor) else "o"
+            panel.plot(range(len(effect.means)), effect.means, joined, color=COLOURS[0])
+            panel.margins(x=0.1)
             panel.set_xticks(range(len(effect.labels)), effect.labels, rotation=60, ha="right")
-            panel.set_title(f"{effect.factor}: {effect.share:.0%}")
+            panel.set_title(f"{_axis(rows, effect.factor)}: {effect.share:.0%}")
         for panel in axes.flat[len(effects) :]:
             panel.set_axis_off()
         for row in axes:
             row[0].set_ylabel(f"mean of {_axis(rows, effects[0].measure)}")
 
-    return pages.svg(draw, "effects", (0.6 + 2.0 * min(len(effects), ACROSS), 2.6 * height))
+    levels = [
+        (each.factor, label, count, mean)
+        for each in effects
+        for label, count, mean in zip(each.labels, each.counts, each.means, strict=True)
+    ]
+    mean = f"mean of {_axis(rows, effects[0].measure)}"
+    table = Table.of_rows(("factor", "level", "conditions", mean), levels)
+    return Plot(draw, (0.6 + 2.0 * min(len(effects), ACROSS), 2.6 * height), table)
 
 
 def _draw_points(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, label: str) -> None:
@@ -247,14 +289,24 @@ def _levels(rows: Rows, name: str | None, most: int) -> tuple[list[str], np.ndar
     if name is not None:
         levels, ids = rows.levels(name, most)
         if levels:
-            return [f"{name} {rows.label(name, level)}" for level in levels], ids
+            return [_level_words(rows, name, level) for level in levels], ids
     return [""], np.zeros(rows.table.num_rows, int)
 
 
-def _axis(rows: Rows, name: str) -> str:
+def _unit(rows: Rows, name: str) -> str:
     factor, measure = rows.job.factors.get(name), rows.job.measures.get(name)
-    unit = factor.accepted.unit if factor is not None else measure.unit if measure is not None else ""
-    return f"{name} [{unit}]" if unit else name
+    return factor.accepted.unit if factor is not None else measure.unit if measure is not None else ""
+
+
+def _axis(rows: Rows, name: str) -> str:
+    unit = _unit(rows, name)
+    return f"{words(name)} [{unit}]" if unit else words(name)
+
+
+def _level_words(rows: Rows, name: str, level: Level) -> str:
+    """A level in a legend or above a panel: latency 0.01 s."""
+    has_unit = level not in (None, NOT_USED) and not isinstance(level, str)
+    return f"{words(name)} {rows.label(name, level)} {_unit(rows, name) if has_unit else ''}".rstrip()
 
 
 def _scale(panel: "Axes", across: np.ndarray, up: np.ndarray) -> None:

@@ -4,20 +4,23 @@ import shlex
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from proximity.errors import ServiceError
-from proximity.lab.figures.pages import render_page
+from proximity.lab.figures.pages import render_page, svg
 from proximity.lab.sweep.effects import (
     MOST_X,
     NOT_USED,
     Effect,
+    Plot,
     Rows,
-    draw_effects,
-    draw_main,
     effect,
+    effects_plot,
+    main_plot,
+    without_factor,
+    words,
 )
 from proximity.lab.sweep.row_files import MADE_BY, read_rows
 from proximity.lab.sweep.study_file import PlotChoice, Study
@@ -30,8 +33,15 @@ ROWS_LISTED = 300
 """Rows in the page; all are in the Parquet files."""
 
 
-def study_page(study: Study, folder: Path) -> str:
-    """Return the page of what a folder holds."""
+class Report(NamedTuple):
+    """The page of a study, and its plots by name."""
+
+    page: str
+    plots: dict[str, Plot]
+
+
+def study_report(study: Study, folder: Path) -> Report:
+    """Return the report of what a folder holds."""
     recorded = read_rows(folder)
     if not recorded.rows.num_rows:
         raise ServiceError(f"{folder}: no condition is finished yet, run the study first")
@@ -43,11 +53,9 @@ def study_page(study: Study, folder: Path) -> str:
     choice = _choice(study.plot, rows, main, effects[main])
     of_measure = effects[main]
 
-    def draw() -> dict[str, str]:
-        found = {"main": draw_main(rows, choice)} if choice.x is not None else {}
-        return found | ({"effects": draw_effects(rows, of_measure)} if of_measure else {})
-
-    return render_page(
+    plots = {"main": main_plot(rows, choice)} if choice.x is not None else {}
+    plots |= {"effects": effects_plot(rows, of_measure)} if of_measure else {}
+    page = render_page(
         Path(__file__).with_name("study_page.html.j2"),
         {
             "study": study,
@@ -68,11 +76,12 @@ def study_page(study: Study, folder: Path) -> str:
             "worst": _worst(study, rows),
             "failed": failed.slice(0, FAILURES).to_pylist(),
             "listed": recorded.rows.slice(0, ROWS_LISTED).to_pylist(),
-            "command": f"proximity study {shlex.quote(recorded.source)} --only",
+            "command": f"proximity study run {shlex.quote(recorded.source)} --only",
         },
-        draw,
-        (shown,),
+        lambda: {name: svg(plot.draw, name, plot.size) for name, plot in plots.items()},
+        (shown, words),
     )
+    return Report(page, plots)
 
 
 def shown(value: Any) -> str:
@@ -111,14 +120,8 @@ def _without(rows: Rows, x: str | None) -> str:
         return ""
     values, said = rows.values(x), ""
     if NOT_USED in values:
-        without = {
-            f"{other} {value}"
-            for other in rows.job.factors[x].only
-            for value, own in zip(rows.values(other), values, strict=True)
-            if own == NOT_USED
-        }
-        said += f"Dotted: {', '.join(sorted(without))}. "
-    return said + (f"Dashed: {x} {rows.label(x, None)}." if None in values else "")
+        said += f"Dotted: {without_factor(rows, x)}. "
+    return said + (f"Dashed: {words(x)} {rows.label(x, None)}." if None in values else "")
 
 
 def _effect_table(effects: dict[str, list[Effect]], varied: list[str]) -> list[tuple[str, list[str]]]:

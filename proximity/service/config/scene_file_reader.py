@@ -29,9 +29,7 @@ from proximity.transport.address import parse
 from proximity.transport.link import TRANSPORTS
 
 TABLES = ("service", "fingers", "parts", "input", "glove", "web")
-SERVICE_KEYS = ("rate_hz", "latency", "valid_for", "publish", "log", "real_time", "core", "loop")
-LOOPS = ("python", "compiled")
-NOT_COMPILED = ("moves", "changes", "sensor", "openxr", "recording")
+SERVICE_KEYS = ("rate_hz", "latency", "valid_for", "publish", "log", "real_time", "core")
 TRACKER_KEYS = (
     "radius", "budget", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration",
 )  # fmt: skip
@@ -127,7 +125,6 @@ class _Reader:
             log=self._from_here(table.text("log", None, meaning="the file to write")),
             real_time=table.truth("real_time", default.real_time),
             core=table.whole("core", None, CORE_RANGE),
-            loop=table.one_of("loop", default.loop, LOOPS),
         )
 
     def fingers(self) -> FingerSettings:
@@ -343,15 +340,6 @@ def _check_together(settings: SceneFile) -> None:
     for key in ("moves", "changes"):
         if getattr(inputs, key) is not None and inputs.sensor is not None:
             complain(("input", key), f"input.{key} {WITHOUT_GEOMETRY}")
-    if settings.service.loop == "compiled":
-        others = [f"input.{key}" for key in NOT_COMPILED if getattr(inputs, key) is not None]
-        others += ["[glove]"] * (settings.glove is not None)
-        if others:
-            complain(
-                ("service", "loop"),
-                f'service.loop is "compiled", which takes input.poses only, expected "python" with '
-                f"{' and '.join(others)}",
-            )
     for key in ("poses", "sensor", "moves", "changes"):
         address = getattr(inputs, key)
         if address is not None and address in settings.service.publish:

@@ -23,7 +23,6 @@ class ServiceSettings:
     log: str | None = None  # file of all frames
     real_time: bool = False  # whether the system is asked for priority, locked memory and a core
     core: int | None = None  # with real_time; None: the service chooses
-    loop: str = "python"  # or "compiled": a thread that never waits for the interpreter
 
     @property
     def period(self) -> float:

@@ -30,7 +30,7 @@ KEPT_LINES = 40
 """Of what the child has said: how it ended is among them."""
 SPOKEN_BY = "proximity: "
 EXIT_UNUSABLE = 2
-OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log", "loop": "--loop"}
+OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log"}
 SWITCHES = {"real_time": ("--no-realtime", "--realtime")}
 LOGGER = logging.getLogger("proximity.hosting")
 

@@ -14,7 +14,7 @@ from typing import Any
 from proximity.errors import ProximityError, SceneError
 from proximity.scene.loader import load
 from proximity.scene.part import Part
-from proximity.service import Addition, CompiledService, Request, Service, TrackedContacts, carry_out
+from proximity.service import Addition, Request, Service, TrackedContacts, carry_out
 from proximity.service.config import (
     SceneFile,
     make_tracker,
@@ -36,7 +36,7 @@ class PartChanger:
     *settings*: gives the scene file as it is served at present.
     """
 
-    def __init__(self, service: Service | CompiledService, settings: Callable[[], SceneFile]) -> None:
+    def __init__(self, service: Service, settings: Callable[[], SceneFile]) -> None:
         self._service, self._settings = service, settings
 
     def carry_out(self, request: Request) -> None:

@@ -12,13 +12,10 @@ from proximity.recording import FrameLog, Recording
 from proximity.scene.scene import Scene
 from proximity.service import (
     ChangesInput,
-    Clock,
-    CompiledService,
     ContactSource,
     Describer,
     GloveChoices,
     MessageInput,
-    MonotonicClock,
     MovesInput,
     OpenXrInput,
     PoseInput,
@@ -40,7 +37,7 @@ from proximity.service.config import (
     read_input,
 )
 from proximity.tracker.replay import turn_about_axes
-from proximity.transport import Publisher, open_inlet, open_publisher
+from proximity.transport import open_publisher
 
 COUNTS_TABLE = 4097
 """Rows of a table of counts: lines in between are off by less than a hundredth of a count."""
@@ -50,7 +47,7 @@ COUNTS_TABLE = 4097
 class ServiceSetup:
     """A service that is ready to run, and what is needed to give it another scene."""
 
-    service: Service | CompiledService
+    service: Service
     files: PartFiles  # of the parts
     scene: Scene | None  # None: a sensor measures
     moves: MovesInput | None
@@ -70,17 +67,13 @@ def make_service(settings: SceneFile) -> ServiceSetup:
         scene = None if settings.input.sensor is not None else files.scene(settings)
         real_time = RealTime(core=service.core) if service.real_time else None
         describer = Describer(finger_names(settings, recording, count), finger_radii(settings, count))
-        if service.loop == "compiled":
-            compiled = _compiled(settings, publishers, scene, count, log, real_time, describer)
-            opened.pop_all()  # closed by the loop from here on
-            return ServiceSetup(compiled, files, scene, None, None, count)
         pose_input = _input(settings, recording, scene, count)
         opened.callback(pose_input.close)
         recorded = settings.input.recording
-        clock: Clock = SkippingClock() if recorded is not None and recorded.fast else MonotonicClock()
+        clock = SkippingClock() if recorded is not None and recorded.fast else None
         moves = None
         if settings.input.moves is not None:
-            moves = MovesInput(settings.input.moves, skipped=lambda: clock.skipped_ns)
+            moves = MovesInput(settings.input.moves, skipped=lambda: 0 if clock is None else clock.skipped_ns)
         changes = None
         if settings.input.changes is not None:
             changes = ChangesInput(settings.input.changes, SimpleQueue(), describer.ask)
@@ -103,36 +96,6 @@ def make_service(settings: SceneFile) -> ServiceSetup:
         )
         opened.pop_all()  # closed by the loop from here on
     return ServiceSetup(loop, files, scene, moves, changes, count)
-
-
-def _compiled(
-    settings: SceneFile,
-    publishers: list[Publisher],
-    scene: Scene | None,
-    count: int,
-    log: FrameLog | None,
-    real_time: RealTime | None,
-    describer: Describer,
-) -> CompiledService:
-    """The same service with a loop of compiled code, which takes poses only."""
-    service, address = settings.service, settings.input.poses
-    assert address is not None and scene is not None
-    inlet = open_inlet(address)
-    try:
-        return CompiledService(
-            TrackedContacts(make_tracker(settings, scene, count)),
-            inlet,
-            address,
-            publishers,
-            period=service.period,
-            valid_for=service.valid_for,
-            log=log,
-            real_time=real_time,
-            describer=describer,
-        )
-    except BaseException:
-        inlet.close()
-        raise
 
 
 def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None, count: int) -> PoseInput:

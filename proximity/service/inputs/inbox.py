@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -94,6 +95,18 @@ class Inbox:
             yield kind, records, offset_ns
         else:
             self.leave_out("messages with an impossible time", 1)
+
+    def wait(self, timeout: float) -> None:
+        """Wait until a message may be there, or that many seconds."""
+        try:
+            self._inlet.wait(timeout)
+        except OSError:  # it is counted where messages are taken
+            time.sleep(timeout)
+
+    def loop_end(self) -> dict[str, Any] | None:
+        """What the loop has to know to receive here by itself; None: only Python can."""
+        end = getattr(self._inlet, "loop_end", None)
+        return None if end is None else end()
 
     def leave_out(self, what: str, count: int, why: str = "", *, says: str = "") -> None:
         """Count what of a message is not used; the first time is logged.

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -64,6 +65,14 @@ class MessageInput:
             samples.fingers = fingers
             samples.pose_ns = records["measured_ns" if kind is MEASURED else "pose_ns"] + offset_ns
             yield samples
+
+    def wait(self, timeout: float) -> None:
+        """Wait until a message may be there, or that many seconds."""
+        self._inbox.wait(timeout)
+
+    def loop_end(self) -> dict[str, Any] | None:
+        """What the loop has to know to receive poses by itself; None: only this can."""
+        return self._inbox.loop_end() if tuple(self._readers) == (POSES, PATH_POSES) else None
 
     def close(self) -> None:
         """Give the address back."""

@@ -179,7 +179,7 @@ class OpenXrInput:
         self._rows = min(count, FINGERS)
         self._latest: tuple[int, np.ndarray] | None = None  # replaced as a whole by the thread
         self._failure_count, self._first_failure = 0, ""
-        self._has_ended = threading.Event()
+        self._has_ended, self._is_new = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._look, name="openxr", daemon=True)
         self._thread.start()
 
@@ -199,6 +199,11 @@ class OpenXrInput:
             self._poses.positions[: self._rows] = positions[: self._rows]
             yield self._poses
 
+    def wait(self, timeout: float) -> None:
+        """Wait for fingertips that are new, or that many seconds."""
+        self._is_new.wait(timeout)
+        self._is_new.clear()
+
     def close(self) -> None:
         """End the thread and the session."""
         self._has_ended.set()
@@ -216,6 +221,7 @@ class OpenXrInput:
                 continue
             if not np.array_equal(tips, before, equal_nan=True):
                 self._latest = pose_ns, self._scene_from_openxr.point(tips)
+                self._is_new.set()
                 before = tips
         self.is_over = True
 

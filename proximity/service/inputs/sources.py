@@ -1,13 +1,12 @@
-"""Sources of poses: the interface of an input, and the two that need no transport."""
+"""Sources of poses: the interface of an input, and a recording."""
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Protocol
+from collections.abc import Iterable, Iterator
+from typing import Protocol
 
 import numpy as np
 
-from proximity.checks import as_float64
-from proximity.errors import ArgumentError, ProximityError, ServiceError
+from proximity.errors import ServiceError
 from proximity.kernels.tracking.motion import MAX_GAP_NS
 from proximity.recording import Recording
 from proximity.service.samples import FingerPoses, Samples
@@ -17,7 +16,11 @@ LOGGER = logging.getLogger("proximity.service")
 
 
 class PoseInput(Protocol):
-    """An input of samples; its methods are called by the loop, and neither wait nor raise."""
+    """An input of samples; its methods neither wait nor raise.
+
+    Where it has ``wait(timeout)``, a thread waits there and polls it; otherwise each tick does. Where it has
+    ``loop_end()`` that returns something, the loop takes poses from there by itself.
+    """
 
     is_over: bool
     """Whether nothing will come any more: a recording that has ended."""
@@ -102,90 +105,3 @@ def _with_nobody_at_the_end(times_ns: np.ndarray, positions: np.ndarray) -> tupl
     end_ns = times_ns[-1] + (int(np.median(steps)) if len(steps) else NS_PER_S)
     nobody = np.full((1, *positions.shape[1:]), np.nan)
     return np.append(times_ns, end_ns), np.concatenate([positions, nobody])
-
-
-class CallableInput:
-    """Poses from a callback, called once a tick with the present instant, ns.
-
-    It returns positions, (N, 3) float64, m, of that very instant; or positions and their instants, one or
-    (N,) int64, ns; or `FingerPoses`; or None where it has nothing new. What it raises is counted, and the
-    loop goes on without a new pose. It must be quick: the tick waits for it.
-    """
-
-    is_over = False
-    address = "the pose callback"
-
-    def __init__(self, function: Callable[[int], Any], count: int) -> None:
-        self.failures = 0
-        self._function = function
-        self._poses = FingerPoses(count)
-        self._first_failure = ""
-
-    @property
-    def notes(self) -> list[str]:
-        """Sentences on failures of the pose callback: how many, and the first one."""
-        if not self.failures:
-            return []
-        return [f"the pose callback raised {self.failures} times, first: {self._first_failure}"]
-
-    def poll(self, now_ns: int) -> Iterator[FingerPoses]:
-        """Call the function."""
-        try:
-            reported = self._function(now_ns)
-            poses = None if reported is None else self._checked(reported, now_ns)
-        except Exception as failure:
-            self._count(failure)
-            return
-        if poses is not None:
-            yield poses
-
-    def close(self) -> None:
-        """Do nothing."""
-
-    def _checked(self, reported: Any, now_ns: int) -> FingerPoses:
-        poses = self._poses
-        rest: tuple[Any, Any, Any] = None, None, None
-        if isinstance(reported, FingerPoses):
-            rest = _rest_of(reported, len(poses.positions))
-            reported = reported.positions, reported.pose_ns
-        positions, instants = (
-            reported if isinstance(reported, tuple) and len(reported) == 2 else (reported, now_ns)
-        )
-        array = _shaped("positions", positions, poses.positions.shape)
-        if np.asarray(instants).dtype.kind not in "iu":
-            raise ArgumentError(f"instants are {instants!r}, expected whole nanoseconds")
-        poses.pose_ns[...] = instants
-        poses.positions[...] = array
-        poses.velocities, poses.paths, poses.bends = rest
-        return poses
-
-    def _count(self, failure: Exception) -> None:
-        self.failures += 1
-        if self.failures == 1:
-            kind = "" if isinstance(failure, ProximityError) else f"{type(failure).__name__}: "
-            self._first_failure = f"{kind}{failure}"
-            LOGGER.warning("the pose callback raised: %s", self._first_failure)
-
-
-def _rest_of(reported: FingerPoses, count: int) -> tuple[Any, Any, Any]:
-    """Velocities, paths and bends of so many fingers, as a tracker takes them: copies."""
-    if len(reported.positions) != count:
-        raise ArgumentError(f"poses of {len(reported.positions)} fingers, expected {count} fingers")
-    velocities, paths, bends = reported.velocities, reported.paths, reported.bends
-    if velocities is not None:
-        velocities = _shaped("velocities", velocities, (count, 3))
-    if paths is not None:
-        shape = np.shape(paths)
-        if len(shape) != 3 or shape[1] < 2:
-            raise ArgumentError(f"paths have shape {shape}, expected ({count}, K, 3) with K of 2 or more")
-        paths = _shaped("paths", paths, (count, shape[1], 3))
-    if bends is not None:
-        bends = _shaped("bends", bends, (count,))
-    return velocities, paths, bends
-
-
-def _shaped(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
-    array = as_float64(values, name, expected=f"numbers of shape {shape}")
-    if array.shape != shape:
-        raise ArgumentError(f"{name} have shape {array.shape}, expected {shape}")
-    return array.copy()

@@ -431,14 +431,14 @@ private:
 
 using key_bytes = std::array<std::uint8_t, DECAFF_KEY_BYTES>;
 
-/// Read the key that `proximity key` wrote.
+/// Read the key that `proximity client key` wrote.
 inline key_bytes read_key(const std::string &path)
 {
     const auto refuse = [&](const std::string &what) { return error("the key " + path + " " + what); };
 #ifndef _WIN32
     struct stat status{};
     if (stat(path.c_str(), &status) != 0)
-        throw refuse("cannot be read (`proximity key --out FILE` makes one)");
+        throw refuse("cannot be read (`proximity client key --out FILE` makes one)");
     if (!S_ISREG(status.st_mode))
         throw refuse("is not a regular file");
     if ((status.st_mode & 077) != 0)
@@ -446,7 +446,7 @@ inline key_bytes read_key(const std::string &path)
 #endif
     std::ifstream stream(path, std::ios::binary);
     if (!stream)
-        throw refuse("cannot be read (`proximity key --out FILE` makes one)");
+        throw refuse("cannot be read (`proximity client key --out FILE` makes one)");
     std::string text(2 * DECAFF_KEY_BYTES + 1, '\0');
     stream.read(text.data(), static_cast<std::streamsize>(text.size()));
     key_bytes key{};
@@ -547,7 +547,7 @@ struct receiver_options {
     std::string host = "127.0.0.1"; // of this machine, where to listen
     std::uint16_t port = 0;
     std::string from = {}; // whom to listen to; needed where `host` is not on loopback
-    std::string key = {};  // the file that `proximity key` wrote; empty: none
+    std::string key = {};  // the file that `proximity client key` wrote; empty: none
     limits ageing = {};
 };
 

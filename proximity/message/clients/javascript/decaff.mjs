@@ -56,6 +56,17 @@ export function readRecord(view, offset, record) {
   return values;
 }
 
+/** Refuse what a field cannot hold, which a DataView refuses without its name, or writes as NaN. */
+function checkTypes(name, field, numbers) {
+  const isWide = field.type.startsWith("Big");
+  for (const value of numbers) {
+    const kind = typeof value;
+    if (isWide ? kind !== "bigint" : kind !== "number" && kind !== "boolean") {
+      throw new TypeError(`${name} is ${kind === "string" ? `"${value}"` : `${value} (${kind})`}, expected a ${isWide ? "BigInt, such as 5n" : "number"}`);
+    }
+  }
+}
+
 function writeRecord(view, offset, record, values) {
   for (const [name, value] of Object.entries(values)) {
     const field = record.fields[name];
@@ -67,7 +78,10 @@ function writeRecord(view, offset, record, values) {
       continue;
     }
     const numbers = field.count === 1 ? [value] : value;
-    if (numbers.length !== field.count) throw new RangeError(`${name} has ${numbers.length} numbers, expected ${field.count}`);
+    if (numbers?.length !== field.count) {
+      throw new RangeError(`${name} has ${numbers?.length ?? "no"} numbers, expected ${field.count}`);
+    }
+    checkTypes(name, field, numbers);
     for (let k = 0; k < field.count; k++) view[`set${field.type}`](offset + field.offset + k * field.size, numbers[k], true);
   }
 }

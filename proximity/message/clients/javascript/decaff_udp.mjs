@@ -138,13 +138,13 @@ function bound(port, host) {
   });
 }
 
-/** Read the key that `proximity key` wrote. */
+/** Read the key that `proximity client key` wrote. */
 export function readKey(path) {
   let file;
   try {
     file = fs.openSync(path, fs.constants.O_RDONLY | (fs.constants.O_NONBLOCK ?? 0));
   } catch (failure) {
-    throw new Error(`the key ${path} cannot be read (${failure.code}; \`proximity key --out FILE\` makes one)`);
+    throw new Error(`the key ${path} cannot be read (${failure.code}; \`proximity client key --out FILE\` makes one)`);
   }
   try {
     const status = fs.fstatSync(file);

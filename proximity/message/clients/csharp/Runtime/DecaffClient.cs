@@ -84,7 +84,7 @@ namespace Decaff
         private readonly byte[] block = new byte[64];
         private readonly uint[] h = new uint[8], m = new uint[16], v = new uint[16];
 
-        /// <summary>Read the key that `proximity key` wrote. Who may read its file is not checked here.</summary>
+        /// <summary>Read the key that `proximity client key` wrote. Who may read its file is not checked here.</summary>
         public DecaffKey(string path)
         {
             string digits;

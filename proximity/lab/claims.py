@@ -1,6 +1,6 @@
 """Claims of the paper, checked with the models under stated conditions (docs/science/paper.md).
 
-``python bench/claims.py`` prints the table of the documentation.
+``python -m proximity.lab.claims`` prints the table of the documentation.
 """
 
 import math

@@ -1,5 +1,5 @@
 /* The loop of a service as a thread of compiled code: what Python fills in, and what it reads while the loop runs.
-   All fields are of eight bytes; addresses are those of NumPy's arrays. `service/compiled_loop.py` reads this file. */
+   All fields are of eight bytes; addresses are those of NumPy's arrays. `service/loop_memory.py` reads this file. */
 #ifndef PROXIMITY_LOOP_H
 #define PROXIMITY_LOOP_H
 
@@ -11,6 +11,12 @@
 #define LOOP_HOSTS 4
 #define LOOP_DEFECTS 9
 #define LOOP_STATES 6
+
+/* What Python is asked for in a tick, where it has said that it has a part in it. */
+#define LOOP_ASK_POSES 1    /* to put poses into the mailbox */
+#define LOOP_ASK_PARTS 2    /* to change and move parts */
+#define LOOP_ASK_BOUNDS 4   /* to widen bounds */
+#define LOOP_ASK_CONTACTS 8 /* to fill the contacts, in place of all of these */
 
 /* A scene and its tracker. The loop goes over to another one between two ticks; the one before is Python's again. */
 typedef struct LoopSource {
@@ -48,8 +54,9 @@ typedef struct LoopSeen {
 
 typedef struct LoopInput {
     int64_t socket; /* -1: none */
+    int64_t timer;  /* by which waiting at the socket ends */
     int64_t box;    /* a decaff_mailbox to read, open or not; 0: none */
-    int64_t name;   /* of the mailbox */
+    int64_t name;   /* of the mailbox; 0: it is in the memory of this process */
     int64_t hosts[LOOP_HOSTS], host_count, port; /* IPv4, in the order of the network; 0: any port */
     int64_t key;
     int64_t message, longest; /* where a message is read to, and how long it may be */
@@ -72,6 +79,11 @@ typedef struct Loop {
     int64_t count;        /* of fingers */
     int64_t period_ns, valid_for_ns, stale_after_ns;
     int64_t is_simulated, simulated_ns; /* a clock that stands, and jumps to the next instant */
+    int64_t is_coarse;    /* whether the system's monotonic clock is the coarse one of Windows */
+    int64_t is_ahead;     /* whether that clock runs ahead of the one that readers of frames have */
+    int64_t counts_processor; /* whether ticks are timed by the processor's time for the thread */
+    int64_t python, asked; /* int64_t (*)(int64_t what, int64_t now_ns), 0 where all is well; and for what */
+    int64_t is_late;      /* whether what contacts are made of is too old already */
     int64_t frame;        /* the message */
     int64_t pose_ns, positions, refused_ns, row_of; /* of the newest poses, a row a finger */
     int64_t velocities, paths, bends, has_velocities, has_paths, has_bends;
@@ -82,7 +94,7 @@ typedef struct Loop {
     int64_t stop, ticks_wanted; /* -1: no limit */
     int64_t pending, pending_size; /* a message of the description, to be sent behind the next frame */
     int64_t is_begun, due_ns, posed_ns, epoch_offset, epoch;
-    int64_t has_started, reported_missed, timer;
+    int64_t has_started, reported_missed;
     int64_t ticks, missed, states[LOOP_STATES];
     int64_t future, backwards, too_old, lost_hands;
     int64_t first_off_ns[4]; /* of the first ones of these kinds */

@@ -1,32 +1,21 @@
 /* The loop of a service: newest poses in, filter, tick, frame, seal, out, without an interpreter and without
-   allocation. What it does with a message, a pose and a frame is what `service/loop.py` does, bit for bit. */
-#ifdef __linux__
+   allocation; what only Python does, it is asked for. */
+#ifndef __wasm__
 #include "loop.h"
 
-#include <math.h>
-#include <netinet/in.h>
-#include <poll.h>
-#include <sys/socket.h>
-#include <sys/timerfd.h>
-
-#include "core.h"
-#include "decaff_mailbox.h"
-#include "decaff_message.h"
-#include "loop_messages.h"
+#include "loop_poses.h"
 
 PROXIMITY_API int64_t proximity_loop_size(void);
 PROXIMITY_API int proximity_loop_run(Loop *loop);
 
-enum { LOOK_NS = 50000000, OPEN_NS = 5000000, APART_NS = 500000, STOPPING_FRAMES = 3, MOST_AT_ONCE = 256, MOST_FLAWED = 32 };
+enum { LOOK_NS = 50000000, APART_NS = 500000, STOPPING_FRAMES = 3 };
+
+int64_t proximity_loop_size(void);
+PROXIMITY_API int proximity_loop_run(Loop *loop);
 
 int64_t proximity_loop_size(void)
 {
     return sizeof(Loop);
-}
-
-static int64_t clock_now_ns(const Loop *loop)
-{
-    return loop->is_simulated ? loop->simulated_ns : decaff_mailbox_now_ns();
 }
 
 static void record(LoopTimes *times, int64_t duration_ns)
@@ -43,31 +32,27 @@ static void record(LoopTimes *times, int64_t duration_ns)
     times->bins[bin]++;
 }
 
-static void sleep_until(int64_t instant_ns)
+static int is_over(const Loop *loop)
 {
-    struct timespec until = {instant_ns / 1000000000, instant_ns % 1000000000};
-    clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL);
+    return __atomic_load_n(&loop->stop, __ATOMIC_ACQUIRE) != 0;
 }
 
-/* Wait for a message until that instant; whether one may be there. */
-static int wait_for_message(Loop *loop, int64_t until_ns)
+/* Have Python do its part of a tick, if it has one; whether all is well. */
+static int ask(Loop *loop, int64_t what, int64_t now_ns)
 {
-    LoopInput *input = &loop->input;
-    decaff_mailbox *box = POINTER(input->box);
-    if (box != NULL) {
-        int is_gone = box->header == NULL || (decaff_mailbox_is_closed(box) && !decaff_mailbox_has(box));
-        if (is_gone && !follow_mailbox(input)) {
-            int64_t again_ns = decaff_mailbox_now_ns() + OPEN_NS;
-            sleep_until(again_ns < until_ns ? again_ns : until_ns);
-            return 0;
-        }
-        return decaff_mailbox_wait(box, until_ns);
-    }
-    struct itimerspec due = {{0, 0}, {until_ns / 1000000000, until_ns % 1000000000}};
-    struct pollfd ends[2] = {{(int)input->socket, POLLIN, 0}, {(int)loop->timer, POLLIN, 0}};
-    timerfd_settime((int)loop->timer, TFD_TIMER_ABSTIME, &due, NULL);
-    poll(ends, 2, -1);
-    return (ends[0].revents & POLLIN) != 0;
+    int64_t (*python)(int64_t, int64_t) = (int64_t (*)(int64_t, int64_t))(intptr_t)loop->python;
+    return (loop->asked & what) == 0 || python(what, now_ns) == 0;
+}
+
+static int64_t stopwatch_ns(const Loop *loop)
+{
+    return loop->counts_processor ? system_thread_ns() : loop->is_ahead ? system_now_ns() : clock_now_ns(loop);
+}
+
+/* By how much the clock of the frames is ahead of that of their readers. */
+static int64_t skipped_ns(const Loop *loop)
+{
+    return loop->is_ahead ? loop->simulated_ns - system_now_ns() : 0;
 }
 
 /* Wait for the next tick; whether a pose is why it comes before it is due. Ticks for poses are half a period, or
@@ -78,16 +63,16 @@ static int wait_for_tick(Loop *loop)
         loop->simulated_ns = loop->due_ns > loop->simulated_ns ? loop->due_ns : loop->simulated_ns;
         return 0;
     }
-    while (!__atomic_load_n(&loop->stop, __ATOMIC_ACQUIRE)) {
-        int64_t now_ns = decaff_mailbox_now_ns(), until_ns = loop->due_ns, apart_ns = loop->period_ns / 2;
+    while (!is_over(loop)) {
+        int64_t now_ns = system_now_ns(), until_ns = loop->due_ns, apart_ns = loop->period_ns / 2;
         int64_t free_ns = loop->posed_ns + (apart_ns < APART_NS ? apart_ns : APART_NS);
         if (now_ns >= until_ns) {
             return 0;
         }
         until_ns = until_ns < now_ns + LOOK_NS ? until_ns : now_ns + LOOK_NS;
         if (now_ns < free_ns) {
-            sleep_until(free_ns < until_ns ? free_ns : until_ns);
-        } else if (wait_for_message(loop, until_ns)) {
+            system_sleep(free_ns < until_ns ? free_ns : until_ns);
+        } else if (wait_for_message(&loop->input, until_ns)) {
             return 1;
         }
     }
@@ -99,88 +84,6 @@ static void skip_what_is_past(Loop *loop, int64_t now_ns)
     int64_t past = now_ns > loop->due_ns ? (now_ns - loop->due_ns) / loop->period_ns : 0;
     loop->missed += past;
     loop->due_ns += past * loop->period_ns;
-}
-
-static const InstructionSet *set_of(const Loop *loop)
-{
-    return POINTER(loop->set);
-}
-
-/* Keep numbers that come beside positions: of whoever has none in this message they are not known any more. */
-static void keep_optional(Loop *loop, int64_t rows, const uint8_t *records, int64_t stride, int64_t at, int64_t width,
-                          double *kept, int64_t *has)
-{
-    const uint8_t *defects = POINTER(loop->defects);
-    const int64_t *fingers = POINTER(loop->fingers);
-    for (int64_t row = 0; row < rows && !*has && at >= 0; row++) {
-        const double *numbers = (const double *)(const void *)(records + row * stride + at);
-        for (int64_t k = 0; k < width && !*has; k++) {
-            *has = isfinite(numbers[k]) != 0;
-        }
-    }
-    for (int64_t row = 0; row < rows && *has; row++) {
-        if (defects[row] == USABLE && at >= 0) {
-            memcpy(kept + width * fingers[row], records + row * stride + at, (size_t)width * sizeof(double));
-        } else if (defects[row] == USABLE) {
-            for (int64_t k = 0; k < width; k++) {
-                kept[width * fingers[row] + k] = NAN;
-            }
-        }
-    }
-}
-
-/* Take the poses of a message that was checked: those of fingers that are served, where they are newer. */
-static void take_poses(Loop *loop, uint8_t *message)
-{
-    decaff_input_header *header = (decaff_input_header *)(void *)message;
-    int is_path = header->magic == DECAFF_PATH_POSES_MAGIC;
-    int64_t stride = is_path ? (int64_t)sizeof(decaff_path_pose) : (int64_t)sizeof(decaff_pose), rows = 0;
-    uint8_t *records = (uint8_t *)(header + 1);
-    int64_t *fingers = POINTER(loop->fingers), *given_ns = POINTER(loop->given_ns);
-    double *given = POINTER(loop->given);
-    for (uint32_t k = 0; k < header->count; k++) {
-        const decaff_pose *pose = (const decaff_pose *)(const void *)(records + (int64_t)k * stride);
-        if (pose->finger >= (uint64_t)loop->count) {
-            loop->input.unserved++;
-            continue;
-        }
-        fingers[rows] = pose->finger;
-        given_ns[rows] = pose->pose_ns;
-        memcpy(given + 3 * rows, pose->position, sizeof pose->position);
-        memmove(records + rows * stride, pose, (size_t)stride);
-        rows++;
-    }
-    int64_t now_ns = clock_now_ns(loop), count = loop->count;
-    int64_t words[] = {loop->pose_ns, count, loop->positions, count, 3, loop->refused_ns, count, loop->row_of, count,
-                       loop->fingers, rows, loop->given_ns, rows, loop->given, rows, 3, loop->defects, rows,
-                       now_ns - loop->stale_after_ns, now_ns + DECAFF_AHEAD_NS, 0};
-    if (!proximity_call(set_of(loop), UPDATE_NEWEST, words)) {
-        return;
-    }
-    count_defects(loop, rows, now_ns);
-    keep_optional(loop, rows, records, stride, offsetof(decaff_pose, velocity), 3, POINTER(loop->velocities),
-                  &loop->has_velocities);
-    keep_optional(loop, rows, records, stride, is_path ? (int64_t)offsetof(decaff_path_pose, corners) : -1,
-                  3 * DECAFF_PATH_CORNERS, POINTER(loop->paths), &loop->has_paths);
-    keep_optional(loop, rows, records, stride, offsetof(decaff_pose, bend), 1, POINTER(loop->bends), &loop->has_bends);
-}
-
-static void take_messages(Loop *loop)
-{
-    LoopInput *input = &loop->input;
-    uint8_t *message = POINTER(input->message);
-    int flawed = 0;
-    for (int k = 0; k < MOST_AT_ONCE && flawed < MOST_FLAWED; k++) {
-        int64_t size = receive_message(input);
-        if (size == DECAFF_MAILBOX_NOTHING) {
-            return;
-        }
-        if (is_usable(input, message, size, clock_now_ns(loop))) {
-            take_poses(loop, message);
-        } else {
-            flawed++;
-        }
-    }
 }
 
 /* What is known of the bends of fingers that are tracked and are on no path. */
@@ -242,29 +145,39 @@ static void exchange_source(Loop *loop)
     }
 }
 
-/* Finish the header of a frame: see `service/frame_builder.py`. */
+/* Let times be those of the readers' clock. */
+static void write_times(Loop *loop, int64_t pose_ns, int64_t start_ns, int64_t publish_ns)
+{
+    decaff_frame_header *frame = POINTER(loop->frame);
+    frame->pose_ns = pose_ns;
+    frame->start_ns = start_ns;
+    frame->publish_ns = publish_ns;
+    frame->valid_until_ns = pose_ns + loop->valid_for_ns;
+    frame->period_ns = loop->period_ns;
+}
+
+/* Finish the header of a frame; its state says how far to trust it. */
 static int finish_frame(Loop *loop, int64_t start_ns, int64_t publish_ns)
 {
     decaff_frame_header *frame = POINTER(loop->frame);
-    const decaff_contact *contacts = (const decaff_contact *)(const void *)(frame + 1);
-    int64_t oldest_ns = INT64_MAX, tracked = 0, uncertain = 0;
-    const uint32_t near = DECAFF_FLAG_BOUNDED | DECAFF_FLAG_IN_RANGE;
+    decaff_contact *contacts = (decaff_contact *)(void *)(frame + 1);
+    int64_t oldest_ns = INT64_MAX, tracked = 0, uncertain = 0, skipped = skipped_ns(loop);
+    const uint32_t close_by = DECAFF_FLAG_BOUNDED | DECAFF_FLAG_IN_RANGE;
     for (int64_t k = 0; k < loop->count; k++) {
         if ((contacts[k].flags & DECAFF_FLAG_TRACKED) != 0) {
             tracked++;
             oldest_ns = contacts[k].pose_ns < oldest_ns ? contacts[k].pose_ns : oldest_ns;
-            uncertain += (contacts[k].flags & near) == near;
+            uncertain += (contacts[k].flags & close_by) == close_by;
         }
+        contacts[k].pose_ns -= skipped;
+        contacts[k].predicted_ns -= skipped;
     }
-    frame->pose_ns = tracked ? oldest_ns : start_ns;
-    frame->start_ns = start_ns;
-    frame->publish_ns = publish_ns;
-    frame->valid_until_ns = frame->pose_ns + loop->valid_for_ns;
-    frame->period_ns = loop->period_ns;
+    int64_t pose_ns = tracked ? oldest_ns : start_ns;
+    write_times(loop, pose_ns - skipped, start_ns - skipped, publish_ns - skipped);
     loop->has_started |= tracked > 0;
     if (!tracked) {
         frame->state = loop->has_started ? DECAFF_STATE_STALE : DECAFF_STATE_STARTING;
-    } else if (loop->missed != loop->reported_missed || publish_ns > frame->valid_until_ns) {
+    } else if (loop->missed != loop->reported_missed || publish_ns > pose_ns + loop->valid_for_ns || loop->is_late) {
         frame->state = DECAFF_STATE_LATE;
     } else {
         frame->state = tracked < loop->count || uncertain ? DECAFF_STATE_DEGRADED : DECAFF_STATE_OK;
@@ -294,27 +207,47 @@ static void publish_pending(Loop *loop)
     }
 }
 
+/* Fill the contacts; whether that was done. */
+static int answer(Loop *loop, decaff_contact *contacts, int64_t start_ns)
+{
+    if ((loop->asked & LOOP_ASK_CONTACTS) != 0) {
+        return ask(loop, LOOP_ASK_CONTACTS, start_ns);
+    }
+    if (!ask(loop, LOOP_ASK_POSES, start_ns)) {
+        return 0;
+    }
+    take_messages(loop);
+    int64_t words[] = {loop->pose_ns, loop->count, loop->positions, loop->count, 3, start_ns - loop->stale_after_ns, 0};
+    proximity_call(set_of(loop), DROP_STALE, words);
+    if (!ask(loop, LOOP_ASK_PARTS, start_ns)) {
+        return 0;
+    }
+    tick_tracker(loop, contacts, start_ns);
+    return ask(loop, LOOP_ASK_BOUNDS, start_ns);
+}
+
 /* Make one frame. */
 static void tick(Loop *loop, int is_for_pose)
 {
     decaff_frame_header *frame = POINTER(loop->frame);
     decaff_contact *contacts = (decaff_contact *)(void *)(frame + 1);
-    int64_t start_ns = clock_now_ns(loop), begun_ns = decaff_mailbox_now_ns();
+    int64_t start_ns = clock_now_ns(loop), begun_ns = stopwatch_ns(loop);
     if (is_for_pose) {
         loop->posed_ns = loop->due_ns = start_ns;
     }
     int64_t late_ns = start_ns - loop->due_ns;
     exchange_source(loop);
-    take_messages(loop);
-    int64_t words[] = {loop->pose_ns, loop->count, loop->positions, loop->count, 3, start_ns - loop->stale_after_ns, 0};
-    proximity_call(set_of(loop), DROP_STALE, words);
-    tick_tracker(loop, contacts, start_ns);
+    if (!answer(loop, contacts, start_ns)) {
+        forget_all(loop, contacts);
+        loop->stop = 1;
+        return;
+    }
     loop->epoch = ((LoopSource *)POINTER(loop->source))->epoch + loop->epoch_offset;
     int64_t publish_ns = clock_now_ns(loop);
     skip_what_is_past(loop, publish_ns);
     int state = finish_frame(loop, start_ns, publish_ns);
     publish(loop, (uint8_t *)frame, frame->size, 0);
-    record(&loop->compute, decaff_mailbox_now_ns() - begun_ns);
+    record(&loop->compute, stopwatch_ns(loop) - begun_ns);
     if (!is_for_pose) {
         record(&loop->lateness, late_ns);
     }
@@ -345,15 +278,14 @@ static void publish_stopping(Loop *loop)
 {
     decaff_frame_header *frame = POINTER(loop->frame);
     for (int k = 0; k < STOPPING_FRAMES; k++) {
-        int64_t now_ns = clock_now_ns(loop);
+        int64_t now_ns = clock_now_ns(loop), told_ns = now_ns - skipped_ns(loop);
         frame->state = DECAFF_STATE_STOPPING;
-        frame->pose_ns = frame->pose_ns != 0 ? frame->pose_ns : now_ns;
-        frame->start_ns = frame->publish_ns = now_ns;
-        frame->valid_until_ns = frame->pose_ns + loop->valid_for_ns;
-        frame->period_ns = loop->period_ns;
+        write_times(loop, frame->pose_ns != 0 ? frame->pose_ns : told_ns, told_ns, told_ns);
         publish(loop, (uint8_t *)frame, frame->size, 0);
-        if (!loop->is_simulated) {
-            sleep_until(now_ns + loop->period_ns);
+        if (loop->is_simulated) {
+            loop->simulated_ns += loop->period_ns;
+        } else {
+            system_sleep(now_ns + loop->period_ns);
         }
     }
 }
@@ -363,29 +295,30 @@ static void publish_stopping(Loop *loop)
 int proximity_loop_run(Loop *loop)
 {
     loop->set = (int64_t)(intptr_t)proximity_best_set(POINTER(loop->instructions));
-    if (loop->set == 0) {
+    if (loop->set == 0 && (loop->asked & LOOP_ASK_CONTACTS) == 0) {
         return 1;
     }
-    loop->timer = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
-    if (loop->timer < 0) {
+    if (!open_timer(&loop->input)) {
         return 2;
     }
+    system_clock_is_coarse = loop->is_coarse != 0;
     make_checksum_tables();
     if (!loop->is_begun) {
         begin(loop);
     }
-    while (!__atomic_load_n(&loop->stop, __ATOMIC_ACQUIRE) && loop->ticks != loop->ticks_wanted) {
+    while (!is_over(loop) && loop->ticks != loop->ticks_wanted) {
         int is_for_pose = wait_for_tick(loop);
-        if (!__atomic_load_n(&loop->stop, __ATOMIC_ACQUIRE)) {
+        if (!is_over(loop)) {
             tick(loop, is_for_pose);
             skip_what_is_past(loop, clock_now_ns(loop));
             loop->due_ns += loop->period_ns;
         }
     }
-    if (__atomic_load_n(&loop->stop, __ATOMIC_ACQUIRE)) {
+    publish_pending(loop);
+    if (is_over(loop)) {
         publish_stopping(loop);
     }
-    close((int)loop->timer);
+    close_timer(&loop->input);
     return 0;
 }
 #endif

@@ -1,0 +1,135 @@
+"""Answers to queries for people: labelled lines for a single one, a table for several."""
+
+import math
+import shutil
+import sys
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from typing import Any
+
+from proximity.cli.output import number, print_block, report
+from proximity.cli.parts.answers import (
+    FIELDS,
+    GIVEN,
+    TEXT_WIDTHS,
+    Answers,
+    Column,
+    Question,
+    columns_of,
+    count_of,
+    counted_answers,
+)
+
+TERMINAL_ROWS = 100  # more than a person reads from a screen
+TABLE_WIDTH = 100  # columns; a narrower terminal has fewer
+SIDE_WORDS = {"surface": "on the surface", "unknown": "which side is unknown"}
+ON_FEATURES = {"face": "a face", "edge": "an edge", "vertex": "a corner"}
+ENDINGS = {"face": " of the file", "fraction": " of the segment"}
+SIGN_WORDS = {
+    True: "inside and outside of this part are known",
+    False: "this part has no inside: the distance has no sign; `proximity check` says why",
+}
+DISPENSABLE = ("part_name", "point", "point_on_segment", "point_on_solid", "side")
+"""Fields to leave out, in this order, until a table is as narrow as the terminal."""
+
+
+def write_text(question: Question, chunks: Iterator[Answers]) -> None:
+    """Write labelled lines for a single answer; for several a table, on a terminal its start."""
+    first = next(chunks)
+    count, more = count_of(first), None
+    if count == 1:
+        print_block(_lines(question, {name: values[0] for name, values in first.items()}))
+        next(chunks, None)  # a line behind it may be none
+        return
+    if sys.stdout.isatty():
+        more = next(chunks, None)
+        chunks, first = iter(()), {name: values[:TERMINAL_ROWS] for name, values in first.items()}
+    row = 0
+    for chunk in counted_answers(chain([first], chunks)):
+        columns = _shown(question, chunk, row)
+        if not row:
+            _write_row(columns, [column.title for column in columns])
+        for cells in zip(*(map(column.cell, column.values) for column in columns), strict=True):
+            _write_row(columns, cells)
+        row += count_of(chunk)
+        sys.stdout.flush()
+    if count > row or more:
+        known = f"{count} or more" if more else str(count)
+        report(f"these are {row} of {known}; --csv FILE or a pipe shows all")
+
+
+def _shown(question: Question, answers: Answers, first_row: int) -> list[Column]:
+    """Columns of a table: name or number, the points, distance, side, closest points; the part at the end."""
+    columns = [column for column in columns_of(answers, question.units, question.decimals) if column.title]
+    if "is_signed" in answers:
+        signs = zip(answers["signed_distance"], answers["is_signed"], strict=True)
+        behind = [column.name for column in columns].index("signed_distance") + 1
+        sides = [_side(*pair) for pair in signs]
+        columns.insert(behind, Column("side", "side", "", FIELDS["side"], sides, -TEXT_WIDTHS["side"], 0))
+    if "name" not in columns[0].name:
+        rows = list(range(first_row, first_row + count_of(answers)))
+        columns.insert(0, Column("#", "#", "", GIVEN, rows, 5, 0))
+    width = min(TABLE_WIDTH, shutil.get_terminal_size().columns) if sys.stdout.isatty() else TABLE_WIDTH
+    all_count = len(columns)
+    for name in (None, *DISPENSABLE):
+        columns = [column for column in columns if column.name != name]
+        left = width - sum(abs(column.width) + 1 for column in columns)
+        if left >= (len("part") if columns[-1].name == "part_name" else 0):
+            break
+    if len(columns) < all_count and not first_row:
+        report("note: the terminal is narrow: columns are left out; --csv FILE or a pipe shows all")
+    return [each._replace(width=-left) if each.name == "part_name" else each for each in columns]
+
+
+def _write_row(columns: list[Column], cells: Iterable[str]) -> None:
+    widths = (column.width for column in columns)
+    aligned = (
+        cell.rjust(width) if width > 0 else cell.ljust(-width)
+        for cell, width in zip(cells, widths, strict=True)
+    )
+    sys.stdout.write(" ".join(aligned).rstrip() + "\n")
+
+
+def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Labels and values of one answer, with the names of its points where they have some."""
+    is_closest, is_found = question.mode == "closest", answer["face"] is not None
+    for name, value in answer.items():
+        field = FIELDS.get(name, GIVEN)
+        if not field.label or value is None or not (is_found or name.endswith("name")):
+            continue
+        ending = f" {question.units}" if field.is_length else ENDINGS.get(name, "")
+        if name == "signed_distance":
+            where = str(_side(value, answer["is_signed"]))
+            ending += f", {SIDE_WORDS.get(where, where)}"
+        elif name == "distance" and "start" in answer and value == 0.0:
+            ending += ", touches the surface"
+        words = "  ".join(map(field.shown, value if field.axes else [value]))
+        label = "point" if name == "point" and not is_closest else field.label
+        yield label, (ON_FEATURES[value] if name == "feature" else words) + ending
+    if not is_found:
+        yield "distance", _why_nothing(question.mode, answer)
+    elif is_closest:
+        yield "sign", SIGN_WORDS[answer["is_signed"]]
+
+
+def _why_nothing(mode: str, answer: dict[str, Any]) -> str:
+    distance = answer["signed_distance" if mode == "closest" else "distance"]
+    asked = [answer[name] for name in ("query", "origin", "direction", "start", "end") if name in answer]
+    if not all(math.isfinite(value) for values in asked for value in values):
+        why = "the point is not finite" if mode == "closest" else "the numbers given are not finite"
+    elif math.isnan(distance):
+        why = "too far away to be computed"
+    else:
+        why = "nothing in that direction" if mode == "ray" else "nothing"
+    return f"{number(distance)} ({why})"
+
+
+def _side(signed_distance: float, is_signed: bool) -> str | None:
+    """On which side of the surface a point is, in a word; None where there is no answer."""
+    if math.isnan(signed_distance):
+        return None
+    if signed_distance == 0.0:
+        return "surface"
+    if not is_signed:
+        return "unknown"
+    return "inside" if signed_distance < 0.0 else "outside"

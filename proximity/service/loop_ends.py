@@ -1,0 +1,158 @@
+"""Ends of the loop where only Python can receive or send: mailboxes in this process, and their threads."""
+
+import logging
+import threading
+import time
+from contextlib import AbstractContextManager, nullcontext
+
+import numpy as np
+
+from proximity.errors import PublishError, ServiceError
+from proximity.message import DESCRIPTION, FRAME, PATH_CORNERS, PATH_POSES, POSES, Message
+from proximity.message.description import MOST_LABELS
+from proximity.message.envelope import unpack_prefix
+from proximity.service.inputs.sources import PoseInput
+from proximity.service.realtime import RealTime, sharp_timers
+from proximity.service.samples import FingerPoses
+from proximity.transport import Publisher
+from proximity.transport.link import NOTHING
+from proximity.transport.publisher import outlet_of
+from proximity.transport.shared_memory import PrivateMailbox
+
+LOGGER = logging.getLogger("proximity.service")
+LOOK = 0.02
+"""s between two looks of these threads whether all is over."""
+
+
+class _Worker:
+    """A thread that does a piece of work again and again, until it is closed."""
+
+    failure: BaseException | None = None  # that ended it
+
+    def __init__(self) -> None:
+        self._is_closing = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self, real_time: RealTime | None) -> None:
+        """Begin; with priority, where the loop asks for it."""
+        prior = nullcontext() if real_time is None else real_time.beside()
+        self._thread = threading.Thread(target=self._run, args=(prior,), name="beside the loop", daemon=True)
+        self._thread.start()
+
+    def _run(self, prior: AbstractContextManager[None]) -> None:
+        try:
+            with sharp_timers(), prior:
+                while not self._is_closing.is_set():
+                    self._work()
+        except BaseException as failure:
+            self.failure = failure
+
+    def _work(self) -> None:
+        """Wait a while, and do what there is then."""
+        raise NotImplementedError
+
+    def _join(self) -> None:
+        self._is_closing.set()
+        if self._thread is not None:
+            self._thread.join()
+
+
+class PoseBridge(_Worker):
+    """Puts the poses that an input gives into a mailbox that the loop reads.
+
+    *count*: of fingers.
+    """
+
+    def __init__(self, pose_input: PoseInput, count: int) -> None:
+        super().__init__()
+        self._input = pose_input
+        self._mailbox = PrivateMailbox(PATH_POSES.size(count))
+        self._publisher = Publisher(self._mailbox, "")
+        self._messages: dict[tuple[bool, int], Message] = {}  # by whether with paths, and number of poses
+        self.reader = self._mailbox.reader
+
+    @property
+    def waits(self) -> bool:
+        """Whether its thread can wait for poses; otherwise each tick polls."""
+        return hasattr(self._input, "wait")
+
+    def poll(self, now_ns: int) -> None:
+        """Put in what is new."""
+        for samples in self._input.poll(now_ns):
+            assert isinstance(samples, FingerPoses), "a scene is asked for poses"
+            self._publisher.publish(self._message_of(samples))
+
+    def close(self) -> None:
+        """End the thread."""
+        self._join()
+
+    def _work(self) -> None:
+        self._input.wait(LOOK)  # type: ignore[attr-defined]
+        self.poll(time.monotonic_ns())
+
+    def _message_of(self, poses: FingerPoses) -> Message:
+        key = has_paths, count = poses.paths is not None, len(poses.pose_ns)
+        message = self._messages.get(key)
+        if message is None:
+            message = self._messages[key] = Message(PATH_POSES if has_paths else POSES, count)
+        records = message.records
+        records["finger"] = np.arange(count) if poses.fingers is None else poses.fingers
+        records["pose_ns"], records["position"] = poses.pose_ns, poses.positions
+        records["velocity"] = np.nan if poses.velocities is None else poses.velocities
+        records["bend"] = np.nan if poses.bends is None else poses.bends
+        if poses.paths is not None:
+            if poses.paths.shape[1] != PATH_CORNERS:
+                raise ServiceError(f"paths have {poses.paths.shape[1]} corners, expected {PATH_CORNERS}")
+            records["corners"] = poses.paths
+        return message
+
+
+class FrameBridge(_Worker):
+    """Sends what the loop puts into a mailbox, sealed already, by an outlet of a publisher.
+
+    *size*: of a frame.
+    """
+
+    def __init__(self, publisher: Publisher, size: int) -> None:
+        super().__init__()
+        self.failures = 0  # frames that were not sent
+        self.notes: list[str] = []
+        self.first_failure = ""
+        self._publisher, self._outlet = publisher, outlet_of(publisher)
+        self._sent = 0  # frames, also those that failed
+        self._buffer = np.zeros(max(size, DESCRIPTION.size(MOST_LABELS)), np.uint8)
+        self._mailbox = PrivateMailbox(len(self._buffer))
+        self.writer = self._mailbox.writer
+
+    def send_all(self) -> None:
+        """Send what is there."""
+        while (size := self._mailbox.receive(self._buffer)) != NOTHING:
+            data = self._buffer[:size]
+            is_frame = unpack_prefix(data.data)[0] == FRAME.magic
+            self._sent += is_frame
+            try:
+                self._outlet.send(data)
+            except PublishError as failure:
+                self._count(str(failure), is_frame=is_frame)
+
+    def close(self, published: int) -> None:
+        """Send the rest; those missing of *published* frames were overtaken by others."""
+        self._join()
+        self.send_all()
+        overtaken = published - self._sent
+        if overtaken > 0:
+            self._sent, self.failures = published, self.failures + overtaken
+            self.notes.append(f"{self._publisher.address}: {overtaken} frames were overtaken by others")
+
+    def _work(self) -> None:
+        if self._mailbox.wait(LOOK):
+            self.send_all()
+
+    def _count(self, failure: str, *, is_frame: bool) -> None:
+        address = self._publisher.address
+        self.failures += is_frame
+        if is_frame and not self.first_failure:
+            self.first_failure = failure
+            LOGGER.warning("a frame cannot be published: %s", failure)
+        elif not is_frame and not self.first_failure and not self.notes:
+            self.notes.append(f"{address}: names of parts and fingers were not published, first: {failure}")

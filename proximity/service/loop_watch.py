@@ -1,0 +1,120 @@
+"""What Python sees of the loop: its report, and what is to be warned of."""
+
+import logging
+import os
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from proximity.message import Defect, State
+from proximity.message.instant_advice import FROM_FUTURE, OUT_OF_ORDER, on_backwards, on_future, on_too_old
+from proximity.service.contact_source import ContactSource
+from proximity.service.inputs.sources import PoseInput
+from proximity.service.loop_ends import FrameBridge
+from proximity.service.loop_memory import LoopMemory
+from proximity.service.report import Histogram, Report
+from proximity.service.samples import LOST_HANDS, NewestSamples, on_lost
+from proximity.system.time_units import NS_PER_MS
+from proximity.transport import Counts, Publisher
+
+LOGGER = logging.getLogger("proximity.service")
+_DEFECTS = (Defect.SHORT, Defect.MAGIC, Defect.VERSION, Defect.SIZE, Defect.CHECKSUM, Defect.OLD)
+
+
+class LoopWatch:
+    """Reports of a loop while it runs, and warns once of each kind of trouble.
+
+    *address*: of the poses. *bridges*: of the publishers that a thread sends for, by their numbers.
+    """
+
+    def __init__(
+        self,
+        memory: LoopMemory,
+        address: str,
+        publishers: Sequence[Publisher],
+        bridges: Mapping[int, FrameBridge],
+    ) -> None:
+        self._memory, self._address = memory, address
+        self._publishers, self._bridges = publishers, bridges
+        self._warned: set[str] = set()
+
+    def report(self, pose_input: PoseInput, newest: NewestSamples | None, source: ContactSource) -> Report:
+        """Return counts and times so far."""
+        loop: Any = self._memory.loop
+        report = Report(int(loop.period_ns), int(loop.ticks), int(loop.missed))
+        report.compute, report.lateness = _histogram(loop.compute), _histogram(loop.lateness)
+        report.states = {state: int(loop.states[state]) for state in State}
+        others = [source.refused] if newest is None else [source.refused, newest.refused]
+        own = int(loop.future), int(loop.backwards), int(loop.too_old)
+        report.future, report.backwards, report.too_old = map(sum, zip(own, *others, strict=True))
+        report.notes = self._direct_notes() if self._memory.is_direct else list(pose_input.notes)
+        if loop.lost_hands:
+            report.notes.append(f"{self._address}: {loop.lost_hands} {LOST_HANDS} are not used")
+        report.notes += [*([] if newest is None else newest.notes), *source.notes]
+        for number, publisher in enumerate(self._publishers):
+            count, first = self._failures_of(number)
+            report.publish_failures[publisher.address] = count
+            if first:
+                report.notes.append(f"{publisher.address}: {count} frames were not published, first: {first}")
+        report.notes += [note for bridge in self._bridges.values() for note in bridge.notes]
+        return report
+
+    def warn(self) -> None:
+        """Warn of what is new."""
+        loop: Any = self._memory.loop
+        too_old = f"poses older than {loop.stale_after_ns / NS_PER_MS:g} ms"
+        kinds: tuple[tuple[str, str, Callable[[int], str]], ...] = (
+            ("future", FROM_FUTURE, on_future),
+            ("too_old", too_old, on_too_old),
+            ("backwards", OUT_OF_ORDER, on_backwards),
+            ("lost_hands", LOST_HANDS, on_lost),
+        )
+        for (kind, what, advice), off_ns in zip(kinds, loop.first_off_ns.tolist(), strict=True):
+            if loop[kind]:
+                self._warn_once(kind, f"{self._address}: {what} are not used ({advice(off_ns)})")
+        if self._memory.input["unverified"]:
+            sentence = "a message is not verified by the key (expected that of its sender)"
+            self._warn_once("key", f"{self._address}: {sentence}")
+        for number, publisher in enumerate(self._publishers):
+            first = self._failures_of(number)[1]
+            if first and number not in self._bridges:
+                self._warn_once(
+                    publisher.address, f"a frame cannot be published: {publisher.address}: {first}"
+                )
+
+    def _failures_of(self, number: int) -> tuple[int, str]:
+        """How many frames a publisher has not sent, and why the first: empty where all were."""
+        bridge = self._bridges.get(number)
+        if bridge is not None:
+            return bridge.failures, bridge.first_failure
+        output = self._memory.outputs[number]
+        first = os.strerror(int(output["first_failure"])) if output["failures"] else ""
+        return int(output["failures"]), first
+
+    def _warn_once(self, kind: str, sentence: str) -> None:
+        if kind not in self._warned:
+            self._warned.add(kind)
+            LOGGER.warning("%s", sentence)
+
+    def _direct_notes(self) -> list[str]:
+        """Sentences on messages that the loop received by itself and did not use."""
+        taken, address = self._memory.input, self._address
+        flawed = {
+            defect: int(taken["flawed"][k + 1]) for k, defect in enumerate(_DEFECTS) if taken["flawed"][k + 1]
+        }
+        names = "received", "lost", "sessions", "refused", "unverified"
+        counts = Counts(**{name: int(taken[name]) for name in names}, flawed=Counter(flawed))
+        notes = []
+        if taken["unserved"]:
+            notes.append(f"{address}: {taken['unserved']} poses of fingers that are not served")
+        if counts.lost or counts.unused:
+            notes.append(f"{address}: {counts}")
+        if taken["failures"]:
+            notes.append(f"receiving failed {taken['failures']} times")
+        return notes
+
+
+def _histogram(times: Any) -> Histogram:
+    return Histogram.of(int(times["count"]), int(times["max_ns"]), np.asarray(times["bins"]).tolist())
