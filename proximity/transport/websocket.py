@@ -167,8 +167,6 @@ class WebSocketInlet(_End):
 
     def receive(self, buffer: np.ndarray) -> int:
         """Take the oldest message."""
-        if not self._waiting:
-            self._has_message.clear()
         try:
             data = self._waiting.popleft()
         except IndexError:
@@ -179,7 +177,11 @@ class WebSocketInlet(_End):
 
     def wait(self, timeout: float) -> bool:
         """Wait for a message."""
-        return bool(self._waiting) or self._has_message.wait(timeout)
+        if not self._waiting:
+            self._has_message.clear()
+            if not self._waiting:  # nor did one come before the line above
+                self._has_message.wait(timeout)
+        return bool(self._waiting)
 
     def close(self) -> None:
         """Leave the port."""
