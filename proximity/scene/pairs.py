@@ -71,22 +71,22 @@ class PairQueries:
     _parts: Any
     snapshot: Any
 
-    def _state_with_solids(self) -> tuple[Model, list[Solid]]:
-        """A model and the solids of its parts."""
+    def _state_with_rows(self, *names: str | int) -> tuple[Model, list[Solid], list[int]]:
+        """A model, the solids of its parts, and the rows of some."""
         while True:
             parts, model = self._parts, self.snapshot()
             if parts is self._parts:
-                return model, parts.solids
+                return model, parts.solids, [parts.find(name) for name in names]
 
     def clearance(
-        self, first: str, second: str, *, tolerance: float = 0.0, budget: int | None = None
+        self, first: str | int, second: str | int, *, tolerance: float = 0.0, budget: int | None = None
     ) -> Clearance:
         """Return the shortest distance between two parts, hidden or not, and where it is.
 
         Parameters
         ----------
-        first, second : str
-            Names of two parts.
+        first, second : str or int
+            Names or indices of two parts.
         tolerance : float
             The distance returned may be longer than the true one by this share of it; ``lower`` is a lower
             bound. 0 is exact.
@@ -115,14 +115,13 @@ class PairQueries:
         Thread: as all queries.
         """
         _check_limits(tolerance, budget)
-        model, solids = self._state_with_solids()
-        rows = [_row_of(model, name) for name in (first, second)]
-        if rows[0] == rows[1]:
+        model, solids, (row, other) = self._state_with_rows(first, second)
+        if row == other:
             raise SceneError(f"{first!r} is asked how far it is from itself, expected two parts")
-        return _clearance(model, solids, *rows, inf, tolerance, budget or 0)
+        return _clearance(model, solids, row, other, inf, tolerance, budget or 0)
 
     def closest_pairs(
-        self, *, max_distance: float = inf, most: int | None = None, of: str | None = None
+        self, *, max_distance: float = inf, most: int | None = None, of: str | int | None = None
     ) -> list[Clearance]:
         """Return the shortest connections of all pairs of visible parts, the nearest pair first.
 
@@ -132,8 +131,8 @@ class PairQueries:
             Pairs that are farther apart are left out.
         most : int
             How many pairs to return at most; None for all.
-        of : str
-            Name of one part: only pairs of it and another part. It may be hidden.
+        of : str or int
+            Name or index of one part: only pairs of it and another part. It may be hidden.
 
         Returns
         -------
@@ -155,8 +154,8 @@ class PairQueries:
             raise ArgumentError(f"max_distance is {max_distance!r} m, expected 0 or more")
         if most is not None and not most >= 0:
             raise ArgumentError(f"most is {most!r}, expected a number of pairs, or None")
-        model, solids = self._state_with_solids()
-        only = None if of is None else _row_of(model, of)
+        model, solids, rows = self._state_with_rows(*(() if of is None else (of,)))
+        only = rows[0] if rows else None
         found: list[tuple[float, int, int, Clearance]] = []
         limit = max_distance if most != 0 else -1.0
         for gap, one, other in _pairs_by_gap(model, only):
@@ -176,14 +175,6 @@ def _check_limits(tolerance: float, budget: int | None) -> None:
         raise ArgumentError(f"tolerance is {tolerance!r}, expected a share of the distance, 0 or more")
     if budget is not None and not budget >= 1:
         raise ArgumentError(f"budget is {budget!r} steps, expected 1 or more, or None")
-
-
-def _row_of(model: Model, name: str) -> int:
-    try:
-        return model.names.index(name)
-    except ValueError:
-        known = ", ".join(map(repr, model.names[:10])) + (" ..." if len(model.names) > 10 else "")
-        raise SceneError(f"no part is named {name!r}; the scene has {known}") from None
 
 
 def _pairs_by_gap(model: Model, only: int | None) -> Iterator[tuple[float, int, int]]:
@@ -225,8 +216,8 @@ def _clearance(
                     names[first], names[second], 0.0, 0.0, relation, point, point, NO_FACE, NO_FACE
                 )
     lower, distance, *_, face, other_face, found = answer.tolist()
-    points = answer[part_query.ANSWER_POINTS : part_query.ANSWER_FACES].reshape(2, 3)
+    one, other = answer[part_query.ANSWER_POINTS : part_query.ANSWER_FACES].reshape(2, 3)
     relation = _RELATIONS[int(found)]
     return Clearance(
-        names[first], names[second], distance, lower, relation, *points, int(face), int(other_face)
+        names[first], names[second], distance, lower, relation, one, other, int(face), int(other_face)
     )

@@ -104,7 +104,7 @@ class SceneParts:
         if isinstance(name, int | np.integer) and 0 <= name < len(self._parts):  # -1 is `NO_PART`
             return int(name)
         try:
-            return self.row_of[name]
+            return self.row_of[name]  # type: ignore[index]
         except (KeyError, TypeError):
             known = ", ".join(repr(known) for known in list(self.row_of)[:10])
             more = "" if len(self.row_of) <= 10 else f" and {len(self.row_of) - 10} more"

@@ -106,13 +106,15 @@ def _pairs(
 
 def _values(scene: "proximity.Scene", pair: "proximity.Clearance", metres: float) -> Values:
     """What is said about a pair, in the user's unit."""
+    import numpy as np
+
     from proximity.cli.output import in_units
 
     ends = pair.point_on_first[None], pair.point_on_second[None]
     return {
         "first": pair.first,
         "second": pair.second,
-        "distance": float(in_units([pair.distance], metres, *ends)[0]),
+        "distance": float(in_units(np.array([pair.distance]), metres, *ends)[0]),
         "relation": str(pair.relation),
         "overlap": _overlap(scene, pair, metres),
         "from": in_units(ends[0], metres)[0].tolist(),
