@@ -15,7 +15,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 REQUIREMENTS = ["numba==0.68.1", "numpy>=2.1", "ziglang>=0.15"]
 """What compiling takes: numba's internals are leaned on, so its version is fixed."""
 PLACE = "proximity/native/{}"
-SECONDS = 60
+SECONDS = 100
 
 
 class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
