@@ -15,6 +15,7 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 from pages import PAGES, README
@@ -23,7 +24,9 @@ from project import MESHES, ROOT
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+import proximity
 from proximity import cli
+from proximity.recording.frame_bytes import frame_type
 
 TEXTS = {"README.md": README, **PAGES}
 BLOCK = re.compile(r"```(sh|shell)\n(.*?)```\n(?:\n```text\n(.*?)```)?", re.DOTALL)
@@ -94,39 +97,36 @@ def commands_of(line):
     return [call for call in calls if call[:1] == ["proximity"]]
 
 
-def test_bridge_for_a_page_passes_on_what_comes(tmp_path):
-    """The program of the page on hands, with ports of its own."""
-    (code,) = re.findall(r"```py\n(.*?)```", PAGES["guide/hands.md"], re.DOTALL)
-    frames, poses, live = (str(free_port()) for _ in range(3))
-    for shown, own in (("9100", frames), ("9101", poses), ("8765", live)):
-        code = re.sub(rf"\b{shown}\b", own, code)
-    (tmp_path / "bridge.py").write_text(code)
+@pytest.mark.slow
+def test_page_of_ones_own_needs_no_program_but_the_service(tmp_path):
+    """The scene file of the page on hands, with a port of its own."""
+    (scene,) = re.findall(r"```toml\n(\[service\].*?)```", PAGES["guide/hands.md"], re.DOTALL)
+    (tmp_path / "meshes").symlink_to(MESHES)
+    url = f"ws://127.0.0.1:{free_port(kind=socket.SOCK_STREAM)}"
+    (tmp_path / "page.toml").write_text(scene.replace("ws://127.0.0.1:8765", url))
+    message = proximity.Message(proximity.POSES, 1)
+    message.records["position"] = [0.030, 0.010, 0.061]
+
     with (
-        socket.socket(type=socket.SOCK_DGRAM) as service,
-        subprocess.Popen([sys.executable, "bridge.py"], cwd=tmp_path) as bridge,
+        proximity.start_service(tmp_path / "page.toml") as service,
+        connect(url, origin="http://localhost:5173") as page,
     ):
-        try:
-            service.bind(("127.0.0.1", int(poses)))
-            service.settimeout(60)
-            with connected(f"ws://127.0.0.1:{live}", origin="http://localhost:5173") as page:
-                page.send(b"pose")
-                assert service.recv(100) == b"pose"
-                service.sendto(b"frame", ("127.0.0.1", int(frames)))
-                assert page.recv(60) == b"frame"
-            with pytest.raises(InvalidStatus, match="403"):
-                connect(f"ws://127.0.0.1:{live}", origin="http://elsewhere")
-        finally:
-            bridge.kill()
-
-
-def connected(url, **options):
-    """A connection, as soon as somebody listens."""
-    for _ in range(600):
-        try:
-            return connect(url, **options)
-        except OSError:
-            time.sleep(0.1)
-    raise AssertionError(f"nobody listens at {url}")
+        distance = np.inf
+        for sequence in range(2000):
+            message.header["send_ns"] = message.records["pose_ns"] = time.monotonic_ns()
+            page.send(message.seal(1, sequence).tobytes())
+            data = np.frombuffer(page.recv(60), np.uint8)
+            if data[:4].tobytes() == proximity.FRAME.magic.to_bytes(4, "little"):
+                distance = data.view(frame_type(len(data)))[0]["contacts"]["signed_distance"][0]
+            if distance < 1.0:
+                break
+        expected = (
+            proximity.load(MESHES / "bracket.stl").signed_distance(message.records["position"][0]) - 0.007
+        )
+        assert distance == pytest.approx(expected, abs=1e-9)
+        assert service.beginning["part_names"] == ["bracket"]
+        with pytest.raises(InvalidStatus, match="403"), connect(url, origin="http://elsewhere"):
+            pass
 
 
 @pytest.mark.slow

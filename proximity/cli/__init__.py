@@ -59,7 +59,7 @@ RUN_BARE = ("demo", "figures", "claims", "simulate")
 """Those that do something without an argument; of the others that prints their help."""
 MEANT = {
     **dict.fromkeys(("distance", "distances", "measure", "closest", "nearest", "ray", "sdf"), "query"),
-    **dict.fromkeys(("gap", "gaps", "clearances", "collision", "collide", "interference", "overlap"), "clearance"),
+    **dict.fromkeys(("gap", "gaps", "collision", "collide", "interference", "overlap"), "clearance"),
     **dict.fromkeys(("info", "inspect", "validate", "list", "stats"), "check"),
     **dict.fromkeys(("convert", "prepare", "save"), "compile"),
     **dict.fromkeys(("draw", "render", "image", "screenshot", "slice"), "picture"),

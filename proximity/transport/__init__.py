@@ -42,7 +42,8 @@ def open_publisher(address: str) -> Publisher:
     address : str
         ``mailbox:NAME`` inside this process, ``shm://NAME`` or ``iox2://NAME`` on this machine,
         ``udp://HOST:PORT`` to whatever listens there (``?bind=ADDRESS``: address to send from, default
-        loopback; ``?key=FILE``: append tags of that key), ``zenoh://KEY`` across machines.
+        loopback; ``?key=FILE``: append tags of that key), ``ws://127.0.0.1:PORT`` to web pages that connect
+        there (``?origin=https://HOST``: also pages of that site), ``zenoh://KEY`` across machines.
 
     Returns
     -------

@@ -79,6 +79,7 @@ TRANSPORTS = {
     ),
     "shm": Transport("proximity.transport.shared_memory", ""),
     "udp": Transport("proximity.transport.udp", ""),
+    "ws": Transport("proximity.transport.websocket", installation("web")),
     "zenoh": Transport("proximity.transport.zenoh", installation("zenoh")),
 }
 

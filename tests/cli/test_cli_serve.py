@@ -96,6 +96,7 @@ def test_json_is_a_document_at_the_beginning_and_one_at_the_end(run, scene_path)
         "real_time": False,
         "finger_count": 5,
         "part_count": 1,
+        "part_names": ["box"],
         "face_count": 12,
         "notes": [],
     }

@@ -255,7 +255,7 @@ def test_measured_distances_are_published_without_geometry(scene_path, folder, r
         wait_until(lambda: served.said, "the edit was noticed")
 
     assert served.said == [f"{scene_path} was edited without effect"]
-    assert (served.beginnings[0].part_count, served.beginnings[0].finger_count) == (0, 2)
+    assert (served.beginnings[0].part_names, served.beginnings[0].finger_count) == ((), 2)
 
 
 @pytest.mark.parametrize(
@@ -743,7 +743,7 @@ def test_service_in_its_own_process_serves_is_edited_and_stops(scene_path, folde
     ):
         assert service.beginning["rate_hz"] == 100.0
         assert service.beginning["publish"] == [address]
-        assert (service.beginning["finger_count"], service.beginning["part_count"]) == (5, 1)
+        assert (service.beginning["finger_count"], service.beginning["part_names"]) == (5, ["box"])
         wait_until(lambda: subscriber.read().state == State.OK, "a hand was seen")
         edit(scene_path, 'file = "box.stl"', 'file = "bax.stl"')
         wait_until(lambda: said, "the edit was refused")

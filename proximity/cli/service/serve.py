@@ -123,16 +123,17 @@ def _write_beginning(beginning: "Beginning", *, as_json: bool) -> None:
         "log": service.log,
         "real_time": service.real_time,
         "finger_count": beginning.finger_count,
-        "part_count": beginning.part_count,
+        "part_count": len(beginning.part_names),
+        "part_names": list(beginning.part_names),
         "face_count": beginning.face_count,
         "notes": list(beginning.notes),
     }
     if as_json:
         write_document(begun, indent=None)
         return
-    fingers, parts = counted(beginning.finger_count, "finger"), counted(beginning.part_count, "part")
+    fingers, parts = counted(beginning.finger_count, "finger"), counted(len(beginning.part_names), "part")
     at = f"at {parts}, {counted(beginning.face_count, 'face')}"
-    report(f"serving {begun['scene']}: {fingers} {at if beginning.part_count else 'measured by a sensor'}")
+    report(f"serving {begun['scene']}: {fingers} {at if beginning.part_names else 'measured by a sensor'}")
     logged = f", logged in {service.log}" if service.log else ""
     report(f"{number(service.rate_hz)} Hz to {', '.join(service.publish)}{logged}")
     for note in [*([] if service.real_time else [ORDINARY]), *beginning.notes]:

@@ -342,7 +342,7 @@ def _check_together(settings: SceneFile) -> None:
             complain(("input", key), f"input.{key} {WITHOUT_GEOMETRY}")
     for key in ("poses", "sensor", "moves", "changes"):
         address = getattr(inputs, key)
-        if address is not None and address in settings.service.publish:
+        if address is not None and address in settings.service.publish and not address.startswith("ws:"):
             complain(("input", key), f"input.{key} is {address}, which is also in service.publish")
     if settings.web.feed and inputs.poses is None and inputs.moves is None:
         complain(("web", "feed"), "web.feed is true, which requires input.poses or input.moves")

@@ -39,7 +39,7 @@ class RunningService:
     """A service in a process of its own; made by `start_service`, stopped at the end of a ``with`` block.
 
     ``beginning`` is the report with its first frame: ``publish``, ``rate_hz``, ``finger_count``,
-    ``part_count``, ``face_count``, ``pid``, ``notes`` and more.
+    ``part_names`` (in the order of a contact's ``part``), ``face_count``, ``pid``, ``notes`` and more.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class RunningService:
         Longest wait for the first frame.
     """
 
-    beginning: dict[str, Any]  # publish, rate_hz, finger_count, part_count, face_count, pid, notes
+    beginning: dict[str, Any]  # publish, rate_hz, finger_count, part_names, face_count, pid, notes
 
     def __init__(self, command: list[str], path: str, say: Callable[[str], None], timeout: float) -> None:
         # Guarded: when nobody reads on, the service waits as soon as the pipe is full.

@@ -33,7 +33,7 @@ class Beginning:
 
     settings: SceneFile  # as served, what was overridden included
     finger_count: int
-    part_count: int  # 0: distances are measured
+    part_names: tuple[str, ...]  # in the order of a contact's ``part``; none where distances are measured
     face_count: int
     notes: tuple[str, ...]  # sentences: what the system granted and refused, what is odd about the input
 
@@ -191,7 +191,7 @@ class _Beside:
             Beginning(
                 settings=self._settings,
                 finger_count=self._made.count,
-                part_count=len(parts),
+                part_names=tuple(part.name for part in parts),
                 face_count=sum(part.solid.mesh.face_count for part in parts),
                 notes=(*self._made.files.notes, *report.notes),
             )
