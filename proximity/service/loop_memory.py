@@ -108,6 +108,7 @@ class SourceMemory:
             self._bends = np.zeros((contacts.count, ESTIMATES), ESTIMATE)
             self._fields["bend_motions"] = self._bends.ctypes.data
             self.look(contacts.tracker)
+        self.say_epoch()
 
     @property
     def address(self) -> int:
