@@ -249,7 +249,7 @@ class Service:
     def _run_beside(self, asks_to_stop: Callable[[], bool]) -> None:
         """Run the loop in a thread of its own, and look at it."""
         if self._bridge.waits and not self._is_direct and not self._newest:
-            self._bridge.start(None)
+            self._bridge.start(self._real_time)
         for bridge in self._bridges.values():
             bridge.start(self._real_time)
         worker = threading.Thread(target=self._work, name="loop", daemon=True)
