@@ -56,6 +56,9 @@ from proximity.scene.trimesh_scene import to_trimesh as to_trimesh
 from proximity.service.hosting import RunningService as RunningService
 from proximity.service.hosting import serve as serve
 from proximity.service.hosting import start_service as start_service
+from proximity.tracker.part_tracker import CONNECTION as CONNECTION
+from proximity.tracker.part_tracker import ConnectionFlag as ConnectionFlag
+from proximity.tracker.part_tracker import PartTracker as PartTracker
 from proximity.tracker.tracker import Tracker as Tracker
 from proximity.tracker.warm_up import kernels_are_cached as kernels_are_cached
 from proximity.tracker.warm_up import warm_up as warm_up

@@ -36,7 +36,8 @@ signature · sources
     "proximity.kernels": """
 tracking
 scene
-pair · point · ray · segment
+pair
+point · ray · segment
 tree
 sign
 mesh · traverse

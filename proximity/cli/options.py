@@ -186,7 +186,7 @@ class Reading:
                 unpacked_limit=self.unpacked_limit * 1e9,
             )
         seconds = time.monotonic() - started
-        if seconds > SLOW_S and doing == "reading":
+        if seconds > SLOW_S and doing == "reading" and sys.stderr.isatty():
             report(f"note: reading took {seconds:.1f} s; a file of `proximity compile {file}` opens at once")
         return scene
 

@@ -41,7 +41,7 @@ def warm_up() -> None:
 
     # Whoever imports these has declared all entry points of the engine.
     from proximity.scene.saved import stored_model  # noqa: F401
-    from proximity.tracker import tracker  # noqa: F401
+    from proximity.tracker import part_tracker, tracker  # noqa: F401
 
     for entry in ENTRIES.values():
         entry.compiled.compile(argument_types(entry.signature))

@@ -4,18 +4,22 @@ import os
 import re
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 import shapes
 from compiling_c import compiler, run
+from far_end import new_name
 from pages import PAGES
 from project import MESHES, SUPPORT
+from wire import frame
 
 import proximity
 from proximity import Pose, ProximityError
 from proximity.bindings import c_package
 from proximity.message.clients import client_files
+from proximity.transport import open_publisher
 
 
 def is_compiled():
@@ -220,3 +224,30 @@ def test_program_of_the_guide_prints_what_is_shown(package, tmp_path):
 
     assert code.count("\n") <= 30
     assert answer(program(package, source), cwd=tmp_path) == printed
+
+
+@has_library
+@pytest.mark.skipif(sys.platform != "linux", reason="mailboxes are of Linux")
+def test_frames_are_read_in_shared_memory(package, request):
+    """Of one publisher and of the next, to the bit."""
+    command = program(
+        package, CLIENTS / "Mailbox.cs", files=("DecaffMessages", "DecaffClient", "DecaffMailbox")
+    )
+    name, library = new_name(), c_package.library_path().parent
+    reader = subprocess.Popen(
+        [str(word) for word in (*command, name, 6)], stdout=subprocess.PIPE, text=True,
+        env=os.environ | {"LD_LIBRARY_PATH": str(library)},
+    )  # fmt: skip
+    request.addfinalizer(reader.stdout.close)
+    request.addfinalizer(reader.kill)
+    assert reader.stdout.readline() == "open\n"
+    for lift in (0.1, 0.2):
+        with open_publisher(f"shm://{name}") as publisher:
+            for number in range(3):
+                publisher.publish(
+                    frame(time.monotonic_ns(), 1, distance=lift + number / 3.0, valid_for=10**9)
+                )
+                sequence, distance = reader.stdout.readline().split()
+                assert (int(sequence), float(distance)) == (number, lift + number / 3.0)
+    assert reader.stdout.readline() == "2\n"
+    assert reader.wait(60) == 0

@@ -240,6 +240,7 @@ def test_unknown_command_names_the_right_one(run, word):
 
 def test_slow_reading_names_the_command_that_avoids_it(run, monkeypatch):
     monkeypatch.setattr("proximity.cli.options.SLOW_S", -1.0)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
 
     result = run("query", "ball.stl", 1, 2, 3)
 

@@ -309,7 +309,7 @@ def test_closest_pairs_are_those_of_all_pairs(cloud, limits):
 
     expected = [pair for pair in expected if pair.distance <= limits.get("max_distance", np.inf)]
     expected = expected[: limits.get("most")]
-    assert [tuple(map(str, pair)) for pair in found] == [tuple(map(str, pair)) for pair in expected]
+    assert [pair[:5] for pair in found] == [pair[:5] for pair in expected]
     assert not limits or len(found) < 78
 
 

@@ -27,7 +27,10 @@ PUBLIC = {
         "ClosestPoints", "RayHits", "SegmentHits", "Feature", "Clearance", "Relation",
         "overlap", "Overlap", "NO_FACE", "NO_PART",
     ),
-    "Tracker": ("Tracker", "ContactFlag", "warm_up", "kernels_are_cached"),
+    "Tracker": (
+        "Tracker", "ContactFlag", "PartTracker", "ConnectionFlag", "CONNECTION", "warm_up",
+        "kernels_are_cached",
+    ),
     "Service": ("serve", "start_service", "RunningService", "view", "RunningPage"),
     "Messages": (
         "open_subscriber", "Subscriber", "Reading", "State", "Source", "Mode", "PartAction", "open_publisher",

@@ -18,23 +18,33 @@ SHRINK = 1.0 - 2.0**-40
 @kernel
 def frames_between(frames, first, second, turn, offset):
     """Fill the map from the local frame of part *second* to that of *first*: (9,) row by row, and (3,)."""
-    one, other = frames[first], frames[second]
-    ratio = one.scale / other.scale
+    one, other = stack_f64(12), stack_f64(12)
+    for k in range(9):
+        one[k], other[k] = frames[first].rotation[k], frames[second].rotation[k]
+    for k in range(3):
+        one[9 + k], other[9 + k] = frames[first].translation[k], frames[second].translation[k]
+    frames_at(frames, first, second, one, other, turn, offset)
+
+
+@kernel
+def frames_at(frames, first, second, one, other, turn, offset):
+    """As `frames_between`, of parts in poses *one* and *other*, (12,): rotation row by row, translation."""
+    ratio = frames[first].scale / frames[second].scale
     moved = stack_f64(3)
     for axis in range(3):
-        moved[axis] = other.translation[axis] - one.translation[axis]
+        moved[axis] = other[9 + axis] - one[9 + axis]
         for k in range(3):
-            moved[axis] += other.rotation[3 * axis + k] * other.centre[k]
+            moved[axis] += other[3 * axis + k] * frames[second].centre[k]
     for axis in range(3):
         for k in range(3):
             total = 0.0
             for i in range(3):
-                total += one.rotation[3 * i + axis] * other.rotation[3 * i + k]
+                total += one[3 * i + axis] * other[3 * i + k]
             turn[3 * axis + k] = total * ratio
         total = 0.0
         for i in range(3):
-            total += one.rotation[3 * i + axis] * moved[i]
-        offset[axis] = (total - one.centre[axis]) * one.scale
+            total += one[3 * i + axis] * moved[i]
+        offset[axis] = (total - frames[first].centre[axis]) * frames[first].scale
 
 
 @inlined

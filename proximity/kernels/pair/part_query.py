@@ -82,7 +82,11 @@ def _shortest(model, first, second, limit, tolerance, budget, answer):
     slots, scale = stack_i64(2), frames[first].scale
     slots[0] = slots[1] = NO_SLOT
     reach = limit * scale
-    best, lower_sq = nearest_of_parts(model, first, second, reach * reach, tolerance, budget, slots)
+    turn, offset = stack_f64(9), stack_f64(3)
+    frames_between(frames, first, second, turn, offset)
+    best, lower_sq, _ = nearest_of_parts(
+        model, first, second, (turn, offset), reach * reach, tolerance, budget, slots
+    )
     if slots[0] == NO_SLOT:
         answer[ANSWER_LOWER], answer[ANSWER_DISTANCE] = min(sqrt(lower_sq) / scale, limit), np.inf
         for k in range(6):

@@ -31,7 +31,6 @@ from proximity.kernels.pair.boxes import (
     boxes_at,
     ends_of,
     farther,
-    frames_between,
     gaps_sq,
     lanes_of,
     mapped,
@@ -161,17 +160,16 @@ def _nearest_on(reals, slot, x, y, z):
 
 
 @kernel
-def nearest_of_parts(model, first, second, best, tolerance, budget, slots):
-    """Squared distance, in the local frame of part *first*, to part *second*, and one that none is below.
+def nearest_of_parts(model, first, second, place, best, tolerance, budget, slots):
+    """Squared distance, in the local frame of part *first*, to part *second*; one that none is below; steps.
 
-    `CROSSING` where they cross. *best*: only what is nearer is looked for, and nothing that is nearer by less
-    than a share of *tolerance*. *budget*: opened nodes and blocks at most; 0: as many as it takes. *slots*
-    (2,) int64: of the last answer, or `NO_SLOT`; filled with those of the nearest triangles, or of two that
-    cross, or `NO_SLOT`.
+    `CROSSING` where they cross. *place*: `frames_between` of them. *best*: only what is nearer is looked for,
+    and nothing that is nearer by less than a share of *tolerance*. *budget*: opened nodes and blocks at most;
+    0: as many as it takes. *slots* (2,) int64: of the last answer, or `NO_SLOT`; filled with those of the
+    nearest triangles, or of two that cross, or `NO_SLOT`.
     """
     _, words, frames, parts = model
-    turn, offset = stack_f64(9), stack_f64(3)
-    frames_between(frames, first, second, turn, offset)
+    turn, offset = place
     positions, limits = stack_i64_rows(MOST_PAIRS, 2), stack_f64(MOST_PAIRS)
     waiting = positions, limits, stack_f64(LANES)
     box, axis = stack_f64(7), stack_f64(3)
@@ -238,4 +236,4 @@ def nearest_of_parts(model, first, second, best, tolerance, budget, slots):
     lower = reach
     for k in range(at):
         lower = min(lower, limits[k])
-    return best, lower
+    return best, lower, steps

@@ -1,0 +1,112 @@
+"""Records of a part that is followed: its pairs, its settings, and the connections that are answered."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from proximity.kernels.contact_record import (
+    BOUNDED,
+    EXACT,
+    IN_RANGE,
+    INSIDE,
+    PART_CHANGED,
+    PREDICTED,
+    SKIPPED,
+)
+from proximity.native import bundle, record
+
+CROSSING_PARTS = 4096
+"""Beside the bits of `contact_record`: faces of the two parts cross."""
+
+HELD_PAIR = record(
+    "HeldPair",
+    own="i8",  # row of a part that is followed
+    other="i8",  # row of one of the rest
+    slots="(2,)i8",  # of the nearest triangles found last, or `NO_SLOT`
+    lower="f8",  # m: no two points of the surfaces are nearer
+    upper="f8",  # m: the surfaces are no farther apart
+    speed="f8",  # m/s: of a point of one part as the other sees it, at most
+    free_time="f8",  # s: the surfaces do not meet before
+    is_resolved="i8",  # 1 where this tick has looked
+    is_timed="i8",  # 1 where it has found how long they do not meet
+    is_crossing="i8",  # 1 where faces of both cross
+    is_inside="i8",  # 1 where one is inside the other
+    is_unsure="i8",  # 1 where surfaces may have met since inside and outside were decided
+)
+
+HELD_SETTINGS = record(
+    "HeldSettings",
+    working_range="f8",  # m
+    tolerance="f8",  # share of the distance by which bounds may differ
+    latency="f8",  # s, from a tick until its answer is used
+    horizon="f8",  # s
+    budget="i8",  # steps a tick; 0: as many as it takes
+    group="i8",  # parts that are followed
+    is_predicted="i8",  # 1 where the velocities are known
+    pose_ns="i8",
+    now_ns="i8",
+    work="i8",  # steps of this tick; written by it
+    unsure="i8",  # pairs of which it must be asked whether one part is inside the other; likewise
+    free_time="f8",  # s: nothing is met before; likewise
+)
+
+CONNECTION_RECORD = record(
+    "Connection",
+    flags="u4",
+    work="u4",
+    part="i4",
+    own_part="i4",
+    face="i4",
+    own_face="i4",
+    pose_ns="i8",
+    age_ns="i8",
+    distance="f8",
+    lower="f8",
+    upper="f8",
+    point_on_own="(3,)f8",
+    point_on_part="(3,)f8",
+    normal="(3,)f8",
+    approach_speed="f8",
+    predicted_ns="i8",
+    predicted_distance="f8",
+    predicted_lower="f8",
+    predicted_upper="f8",
+    time_to_contact="f8",
+    time_to_contact_lower="f8",
+)
+"""The record of one connection; `tracker.connections` says what is in it."""
+
+
+class HeldArrays(NamedTuple):
+    """What a tick of a part that is followed reads and writes."""
+
+    settings: np.ndarray  # (1,) HELD_SETTINGS
+    pairs: np.ndarray  # (others * group,) HELD_PAIR; those of one of the rest together
+    records: np.ndarray  # (K,) CONNECTION_RECORD
+    before: np.ndarray  # (P, 12) float64: poses at the last tick
+    moved: np.ndarray  # (P,) float64: how far parts have moved since
+
+
+bundle(
+    HeldArrays,
+    settings="HeldSettings[:]",
+    pairs="HeldPair[:]",
+    records="Connection[:]",
+    before="float64[:, 12]",
+    moved="float64[:]",
+)
+
+__all__ = [
+    "BOUNDED",
+    "CONNECTION_RECORD",
+    "CROSSING_PARTS",
+    "EXACT",
+    "HELD_PAIR",
+    "HELD_SETTINGS",
+    "INSIDE",
+    "IN_RANGE",
+    "PART_CHANGED",
+    "PREDICTED",
+    "SKIPPED",
+    "HeldArrays",
+]

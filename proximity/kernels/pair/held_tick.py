@@ -1,0 +1,353 @@
+"""One tick of a part that is followed: its nearest connections to the rest, with bounds.
+
+Of each pair of parts a bound is kept below which the distance is not. A tick lowers it by how far either part
+can have moved, and looks again, the lowest first and each from its last connection, only into those that may
+be nearer than what is found. It is the argument of the coherent point search.
+
+Where nothing crosses, a part is inside another as long as their surfaces have not met. So that is asked again
+only where the bound has come down to 0.
+
+Times: distances shrink no faster than the points of one part move as the other sees them. So much later the
+parts are looked at again, where their velocities have taken them (conservative advancement, Mirtich 1996).
+
+Tried and dropped (2026-11): see `docs/design` - the front of pruned node pairs is not kept from tick to tick,
+since a walk from the last connection takes 10 to 50 µs.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.geometry.triangle import dot
+from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, ModelArrays
+from proximity.kernels.pair.boxes import frames_at, frames_between
+from proximity.kernels.pair.held_motion import (
+    POSE_SIZE,
+    STILL_ROUNDING,
+    displacements,
+    fastest_between,
+    pose_ahead,
+    velocity_at,
+)
+from proximity.kernels.pair.held_records import (
+    BOUNDED,
+    CROSSING_PARTS,
+    EXACT,
+    IN_RANGE,
+    INSIDE,
+    PART_CHANGED,
+    PREDICTED,
+    SKIPPED,
+    HeldArrays,
+)
+from proximity.kernels.pair.part_query import fill_connection
+from proximity.kernels.pair.triangles import CROSSING
+from proximity.kernels.pair.walk import nearest_of_parts
+from proximity.kernels.stack_arrays import stack_f64, stack_i64
+from proximity.native import entry, inlined, kernel
+from proximity.native.simd import load_int
+
+MOST_RECORDS = 16
+"""Connections of one tick."""
+MOST_ADVANCES = 6
+"""Walks of one tick that look ahead."""
+LOOK_TOLERANCE = 0.5
+"""Share of the tolerance that a look leaves: the rest is for the motion until the next."""
+AHEAD_TOLERANCE = 0.1
+"""Of those walks: that much of the way to a contact is left for the next."""
+AT_CONTACT = 1e-6
+"""Share of the way that is left where a contact counts as found."""
+ROUNDED_DOWN = 1.0 - 1e-12
+
+
+@entry(ModelArrays, HeldArrays, "bool")
+def follow_parts(model, held, is_moved):
+    """Fill the records of a tick. *is_moved*: whether poses may be others than at the last one."""
+    option = held.settings[0]
+    option.work = 0
+    if is_moved:
+        _lower_bounds(model, held)
+    for number in range(len(held.pairs)):
+        held.pairs[number].is_resolved = held.pairs[number].is_timed = 0
+    rows, uppers = stack_i64(MOST_RECORDS), stack_f64(MOST_RECORDS)
+    _resolve(model, held, rows, uppers)
+    option.unsure = 0
+    for number in range(len(held.pairs)):
+        pair = held.pairs[number]
+        if pair.is_unsure and pair.lower > 0.0:
+            option.unsure += 1
+    _find_times(model, held)
+    for number in range(len(held.records)):
+        _fill_record(model, held, number, rows)
+
+
+@kernel
+def _lower_bounds(model, held):
+    """Lower the bounds of all pairs by how far their parts have moved."""
+    frames = model.frames
+    displacements(frames, held.before, held.moved)
+    for number in range(len(held.pairs)):
+        pair = held.pairs[number]
+        moved = held.moved[pair.own] + held.moved[pair.other]
+        if moved == 0.0 and pair.lower >= 0.0:
+            continue
+        pair.lower -= moved
+        pair.upper += moved
+        pair.is_crossing = 0
+        gap = _gap_between_boxes(frames[pair.own], frames[pair.other])
+        if gap > pair.lower:
+            pair.lower = gap
+            if gap > 0.0:
+                pair.is_inside = pair.is_unsure = 0
+        if pair.lower <= 0.0:
+            pair.lower, pair.is_inside, pair.is_unsure = 0.0, 0, 1
+
+
+@inlined
+def _gap_between_boxes(one, other):
+    """Distance between the boxes of two parts, m."""
+    total, size = 0.0, 0.0
+    for k in range(3):
+        gap = max(one.box_lower[k] - other.box_upper[k], other.box_lower[k] - one.box_upper[k])
+        size += abs(one.box_lower[k]) + abs(one.box_upper[k])
+        if gap > 0.0:
+            total += gap * gap
+    return sqrt(total) * ROUNDED_DOWN - STILL_ROUNDING * size
+
+
+@inlined
+def _lower_of(pair):
+    """The lower bound of the distance between parts: 0 where one is inside the other."""
+    return 0.0 if pair.is_inside else pair.lower
+
+
+@inlined
+def _upper_of(pair):
+    """The upper bound of the distance between parts."""
+    return 0.0 if pair.is_inside else pair.upper
+
+
+@kernel
+def _select(held, count, rows, uppers):
+    """Fill the pairs of the nearest connections, at most one for each of the rest, the nearest first.
+
+    Return the upper bound of the last of *count*; inf where there are fewer.
+    """
+    group, found = held.settings[0].group, 0
+    for begin in range(0, len(held.pairs), group):
+        row = begin
+        for number in range(begin + 1, begin + group):
+            if _upper_of(held.pairs[number]) < _upper_of(held.pairs[row]):
+                row = number
+        upper = _upper_of(held.pairs[row])
+        if upper == np.inf or (found == count and upper >= uppers[count - 1]):
+            continue
+        at = min(found, count - 1)
+        while at > 0 and uppers[at - 1] > upper:
+            uppers[at], rows[at] = uppers[at - 1], rows[at - 1]
+            at -= 1
+        uppers[at], rows[at] = upper, row
+        found = min(found + 1, count)
+    for at in range(found, count):
+        rows[at], uppers[at] = -1, np.inf
+    return uppers[count - 1]
+
+
+@kernel
+def _resolve(model, held, rows, uppers):
+    """Look into pairs, the lowest bound first, until no other can be among the nearest."""
+    option, count = held.settings[0], len(held.records)
+    share = 1.0 + option.tolerance
+    while True:
+        reach = min(_select(held, count, rows, uppers), option.working_range)
+        lowest, chosen = np.inf, -1
+        for number in range(len(held.pairs)):
+            pair = held.pairs[number]
+            lower = _lower_of(pair)
+            if not pair.is_resolved and lower < lowest and lower * share < min(_upper_of(pair), reach):
+                lowest, chosen = lower, number
+        if chosen < 0 or (option.budget > 0 and option.work >= option.budget):
+            return
+        _look_into(model, held.pairs[chosen], option, min(reach, held.pairs[chosen].upper))
+
+
+@kernel
+def _look_into(model, pair, option, reach):
+    """Find the distance of two parts, from their last connection, if it is below *reach*, m."""
+    frames, slots = model.frames, stack_i64(2)
+    turn, offset = stack_f64(9), stack_f64(3)
+    scale = frames[pair.own].scale
+    frames_between(frames, pair.own, pair.other, turn, offset)
+    slots[0], slots[1] = pair.slots[0], pair.slots[1]
+    budget = 0 if option.budget == 0 else max(option.budget - option.work, 1)
+    # A little farther, so that a connection of that length is found.
+    best = reach * reach * scale * scale * 1.0000001
+    best, lower_sq, steps = nearest_of_parts(
+        model, pair.own, pair.other, (turn, offset), best, LOOK_TOLERANCE * option.tolerance, budget, slots
+    )
+    option.work += steps
+    pair.is_resolved, pair.is_crossing = 1, 1 if best == CROSSING else 0
+    if slots[0] != NO_SLOT:
+        pair.slots[0], pair.slots[1] = slots[0], slots[1]
+        pair.upper = sqrt(max(best, 0.0)) / scale
+    lower = sqrt(max(lower_sq, 0.0)) / scale
+    pair.lower = max(pair.lower, min(lower, pair.upper))
+    if best == CROSSING:
+        pair.lower, pair.upper, pair.is_unsure, pair.is_inside = 0.0, 0.0, 1, 0
+
+
+@kernel
+def _find_times(model, held):
+    """Find for how long nothing is met, while all velocities stay: of the pairs that come first."""
+    option = held.settings[0]
+    horizon, option.free_time = option.horizon, option.horizon
+    if not option.is_predicted:
+        option.free_time = 0.0
+        return
+    for number in range(len(held.pairs)):
+        pair = held.pairs[number]
+        pair.speed = fastest_between(model.frames[pair.own], model.frames[pair.other], horizon)
+        lower, pair.free_time = _lower_of(pair), horizon
+        if lower < pair.speed * horizon:
+            pair.free_time = lower / pair.speed
+        elif lower == 0.0:
+            pair.free_time = 0.0
+    work = 0
+    for _ in range(MOST_ADVANCES):
+        first = _first_to_meet(held)
+        if first < 0 or (option.budget > 0 and work >= option.budget):
+            break
+        work += _advance(model, held.pairs[first], option, option.budget - work if option.budget > 0 else 0)
+    option.work += work
+    for number in range(len(held.pairs)):
+        option.free_time = min(option.free_time, held.pairs[number].free_time)
+
+
+@inlined
+def _first_to_meet(held):
+    """The pair that may meet first, unless that is known to within what is looked for; -1: none."""
+    first, soonest = -1, held.settings[0].horizon * (1.0 - AT_CONTACT)
+    for number in range(len(held.pairs)):
+        pair = held.pairs[number]
+        if pair.free_time < soonest:
+            first, soonest = number, pair.free_time
+    return first if first >= 0 and not held.pairs[first].is_timed and soonest > 0.0 else -1
+
+
+@kernel
+def _advance(model, pair, option, budget):
+    """Look at a pair when it may meet, and put that off by what it is apart then; return the steps."""
+    frames, slots = model.frames, stack_i64(2)
+    turn, offset = stack_f64(9), stack_f64(3)
+    one, other = stack_f64(POSE_SIZE), stack_f64(POSE_SIZE)
+    scale = frames[pair.own].scale
+    pose_ahead(frames[pair.own], pair.free_time, one)
+    pose_ahead(frames[pair.other], pair.free_time, other)
+    frames_at(frames, pair.own, pair.other, one, other, turn, offset)
+    slots[0], slots[1] = pair.slots[0], pair.slots[1]
+    reach = pair.speed * (option.horizon - pair.free_time) * scale
+    _, lower_sq, steps = nearest_of_parts(
+        model, pair.own, pair.other, (turn, offset), reach * reach, AHEAD_TOLERANCE, budget, slots
+    )
+    later = sqrt(max(lower_sq, 0.0)) / scale / pair.speed * ROUNDED_DOWN
+    if later <= AT_CONTACT * (pair.free_time + later):
+        pair.is_timed = 1
+    pair.free_time = min(pair.free_time + later, option.horizon)
+    return steps
+
+
+@kernel
+def _lowest_of_rest(held, rows, count):
+    """The lowest bound of all parts but those of the first *count* connections."""
+    lowest = np.inf
+    for number in range(len(held.pairs)):
+        pair, is_known = held.pairs[number], False
+        for k in range(count):
+            is_known = is_known or (rows[k] >= 0 and held.pairs[rows[k]].other == pair.other)
+        if not is_known:
+            lowest = min(lowest, _lower_of(pair))
+    return lowest
+
+
+@kernel
+def _fill_record(model, held, number, rows):
+    """Fill a record with the connection of its pair; -1: with what is known of none."""
+    record, row = held.records[number], rows[number]
+    option, last_part = held.settings[0], record["part"]
+    record["pose_ns"], record["age_ns"] = option.pose_ns, option.now_ns - option.pose_ns
+    record["work"] = option.work
+    record["predicted_ns"] = max(option.now_ns + np.int64(1e9 * option.latency), option.pose_ns)
+    if row < 0:
+        _fill_unknown(record, _lowest_of_rest(held, rows, number), option)
+        return
+    pair, ends = held.pairs[row], stack_f64(6)
+    lower = _lowest_of_rest(held, rows, 0) if number == 0 else _lower_of(pair)
+    length = fill_connection(model, pair.own, pair.other, pair.is_crossing != 0, pair.slots, ends, 0)
+    pair.upper = length
+    upper = _upper_of(pair)
+    lower = min(lower, upper)
+    record["distance"], record["lower"], record["upper"] = upper, lower, upper
+    for k in range(3):
+        record["point_on_own"][k], record["point_on_part"][k] = ends[k], ends[3 + k]
+        record["normal"][k] = (ends[k] - ends[3 + k]) / length if length > 0.0 else 0.0
+    record["part"], record["own_part"] = pair.other, pair.own
+    record["own_face"] = load_int(model.words, model.parts[pair.own].slot_faces + pair.slots[0])
+    record["face"] = load_int(model.words, model.parts[pair.other].slot_faces + pair.slots[1])
+    record["flags"] = (
+        (EXACT if lower >= upper * ROUNDED_DOWN else BOUNDED)
+        | (0 if pair.is_resolved else SKIPPED)
+        | (INSIDE if pair.is_inside else 0)
+        | (CROSSING_PARTS if pair.is_crossing else 0)
+        | (IN_RANGE if upper <= option.working_range else 0)
+        | (PART_CHANGED if last_part != pair.other else 0)
+        | (PREDICTED if option.is_predicted else 0)
+    )
+    _predict(model, record, pair, option)
+    if number == 0:
+        record["time_to_contact_lower"] = option.free_time
+
+
+@kernel
+def _predict(model, record, pair, option):
+    """Fill the distance when the answer is used, and the time to contact."""
+    if not option.is_predicted:
+        _fill_no_prediction(record)
+        return
+    x, y, z = record["point_on_own"][0], record["point_on_own"][1], record["point_on_own"][2]
+    own = velocity_at(model.frames[pair.own], x, y, z)
+    x, y, z = record["point_on_part"][0], record["point_on_part"][1], record["point_on_part"][2]
+    other = velocity_at(model.frames[pair.other], x, y, z)
+    normal = record["normal"][0], record["normal"][1], record["normal"][2]
+    speed = dot(*normal, other[0] - own[0], other[1] - own[1], other[2] - own[2])
+    ahead = 1e-9 * (record["predicted_ns"] - record["pose_ns"])
+    distance = record["distance"]
+    record["approach_speed"] = speed
+    record["predicted_distance"] = max(distance - speed * ahead, 0.0)
+    record["predicted_lower"] = max(record["lower"] - pair.speed * ahead, 0.0)
+    record["predicted_upper"] = record["upper"] + pair.speed * ahead
+    free_time = 0.0 if distance == 0.0 else pair.free_time
+    expected = free_time
+    if not pair.is_timed and distance > 0.0:
+        expected = max(distance / speed, free_time) if speed > 0.0 else np.inf
+    record["time_to_contact"] = expected if expected <= option.horizon else np.inf
+    record["time_to_contact_lower"] = free_time
+
+
+@inlined
+def _fill_no_prediction(record):
+    """Fill predictions where velocities are not known."""
+    record["approach_speed"], record["predicted_distance"] = np.nan, np.nan
+    record["predicted_lower"], record["predicted_upper"] = 0.0, np.inf
+    record["time_to_contact"], record["time_to_contact_lower"] = np.nan, 0.0
+
+
+@kernel
+def _fill_unknown(record, lowest, option):
+    """Fill a record where no connection was found: nothing is nearer than *lowest*, m."""
+    record["distance"], record["lower"], record["upper"] = np.inf, min(lowest, option.working_range), np.inf
+    for k in range(3):
+        record["point_on_own"][k], record["point_on_part"][k], record["normal"][k] = np.nan, np.nan, 0.0
+    record["part"], record["own_part"] = NO_PART, NO_PART
+    record["face"], record["own_face"], record["flags"] = NO_FACE, NO_FACE, BOUNDED
+    _fill_no_prediction(record)
+    record["time_to_contact_lower"] = option.free_time

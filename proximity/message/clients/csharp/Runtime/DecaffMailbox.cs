@@ -1,0 +1,100 @@
+// DecaffMailbox.cs: frames by shm://NAME, the shared memory of one user on Linux, through the library in C.
+//
+// Made by `proximity client csharp`; what is changed here is lost. Needs DecaffMessages.cs, DecaffClient.cs and
+// libproximity.so of the same version.
+using System;
+using System.Runtime.InteropServices;
+using System.Text;
+
+namespace Decaff
+{
+    /// <summary>Reads frames in shared memory and distrusts them, as DecaffSubscriber does datagrams.</summary>
+    public sealed unsafe class DecaffMailboxSubscriber : DecaffFrameReader, IDisposable
+    {
+        private const int Ok = 0, Nobody = 1;
+        private const long NameNs = 100000000; // between two looks whether the name leads to another mailbox
+        private readonly byte[] name, buffer = new byte[1 << 20];
+        private IntPtr box;
+        private bool isOpen, isNext;
+        private long lookedNs = DecaffClock.Ns;
+
+        /// <summary>Read shm://name, now or as soon as somebody publishes there.</summary>
+        public DecaffMailboxSubscriber(string name, double staleAfter = 0.08, double maxSpeed = 3,
+            double maxAcceleration = 120) : base(true, false, staleAfter, maxSpeed, maxAcceleration)
+        {
+            this.name = Encoding.ASCII.GetBytes(Uri.EscapeDataString(name) + "\0");
+            box = Marshal.AllocHGlobal((IntPtr)proximity_mailbox_size());
+            Follow();
+            isNext = true; // all of the next mailbox is news
+        }
+
+        /// <summary>Take what has arrived and say what is known now; never waits, makes no garbage.</summary>
+        public DecaffState Read()
+        {
+            for (int taken = 0; taken < 1024 && (isOpen || Follow()); taken++)
+            {
+                long size;
+                fixed (byte* to = buffer)
+                    size = proximity_mailbox_read(box, to, (ulong)buffer.Length);
+                if (size >= 0)
+                    Offer(buffer, (int)Math.Min(size, buffer.Length + 1L), DecaffClock.Ns);
+                else if (!IsOver() || !Follow())
+                    break;
+            }
+            return At(DecaffClock.Ns);
+        }
+
+        /// <summary>Wait until a message is there, that many seconds at most; then as Read.</summary>
+        public DecaffState Wait(double seconds)
+        {
+            long untilNs = DecaffClock.Ns + (long)(1e9 * seconds);
+            if (isOpen || Follow())
+                proximity_mailbox_wait(box, untilNs);
+            else
+                System.Threading.Thread.Sleep((int)Math.Ceiling(1e3 * Math.Min(seconds, 0.01)));
+            return Read();
+        }
+
+        public void Dispose()
+        {
+            Leave();
+            Marshal.FreeHGlobal(box);
+            box = IntPtr.Zero;
+        }
+
+        private bool IsOver()
+        {
+            long now = DecaffClock.Ns;
+            bool looks = now - lookedNs > NameNs;
+            lookedNs = looks ? now : lookedNs;
+            return proximity_mailbox_is_over(box, looks ? 1 : 0) != 0;
+        }
+
+        private void Leave()
+        {
+            if (isOpen)
+                proximity_mailbox_close(box);
+            isOpen = false;
+        }
+
+        private bool Follow()
+        {
+            Leave();
+            int outcome;
+            fixed (byte* text = name)
+                outcome = proximity_mailbox_open(box, text, isNext ? 1 : 0);
+            if (outcome != Ok && outcome != Nobody)
+                throw new DecaffError(Marshal.PtrToStringAnsi(proximity_mailbox_reason(outcome)));
+            isOpen = outcome == Ok;
+            return isOpen;
+        }
+
+        [DllImport("proximity")] private static extern long proximity_mailbox_size();
+        [DllImport("proximity")] private static extern int proximity_mailbox_open(IntPtr box, byte* name, int isNext);
+        [DllImport("proximity")] private static extern long proximity_mailbox_read(IntPtr box, byte* to, ulong room);
+        [DllImport("proximity")] private static extern int proximity_mailbox_wait(IntPtr box, long untilNs);
+        [DllImport("proximity")] private static extern int proximity_mailbox_is_over(IntPtr box, int looksAtName);
+        [DllImport("proximity")] private static extern void proximity_mailbox_close(IntPtr box);
+        [DllImport("proximity")] private static extern IntPtr proximity_mailbox_reason(int outcome);
+    }
+}

@@ -1,0 +1,331 @@
+"""Trackers of parts: every tick, the nearest connections of a part that moves to the rest, with bounds."""
+
+import operator
+import weakref
+from collections.abc import Callable, Iterable
+from enum import IntFlag
+from typing import Any
+
+import numpy as np
+
+from proximity import native
+from proximity.checks import not_negative, positive, whole
+from proximity.errors import ArgumentError, SceneError
+from proximity.kernels import contact_record
+from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, columns_of
+from proximity.kernels.pair import held_records, held_tick
+from proximity.kernels.pair.held_motion import POSE_SIZE
+from proximity.kernels.scene.part_containment import contains_corner
+from proximity.pose import Pose
+from proximity.scene.model.assembly import Model
+from proximity.scene.scene import Scene
+from proximity.tracker.tracker_arguments import LONGEST_LATENCY, as_nanoseconds
+
+HORIZON = 0.25
+"""s"""
+LONGEST_STEP = 0.1
+"""s between two poses from which a velocity is taken."""
+CONNECTION = held_records.CONNECTION_RECORD
+"""One connection of a part that is tracked; `PartTracker.tick` says what is in it."""
+
+
+class ConnectionFlag(IntFlag):
+    """What is known about a connection; a set of bits in ``connections["flags"]``."""
+
+    PREDICTED = contact_record.PREDICTED
+    """The velocities are known, so that predictions and times to contact are valid."""
+    EXACT = contact_record.EXACT
+    """lower = distance = upper."""
+    BOUNDED = contact_record.BOUNDED
+    """A tolerance or the budget ended the search: the bounds hold, the distance is the shortest found."""
+    SKIPPED = contact_record.SKIPPED
+    """No search was made: the bounds follow from the last one and from the motion since."""
+    INSIDE = contact_record.INSIDE
+    """One of the parts is inside the other. The distance is 0; the points are the nearest of the surfaces."""
+    IN_RANGE = contact_record.IN_RANGE
+    """The distance is within the working range."""
+    PART_CHANGED = contact_record.PART_CHANGED
+    """The connection is to another part than at the tick before."""
+    CROSSING = held_records.CROSSING_PARTS
+    """Faces of the two parts cross. The distance is 0; the points are a common point of both."""
+
+    @classmethod
+    def _missing_(cls, value: Any) -> Any:
+        """Take the NumPy integer of a record as well."""
+        return super()._missing_(operator.index(value))
+
+
+class PartTracker:
+    """The nearest connections of a part that moves, or of several that move together, to the rest of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its parts may be moved, added, removed, hidden or deformed between ticks.
+    part : str or sequence of str
+        Name of the part, or names of a rigid group: what is between them is not looked at.
+    connections : int
+        How many connections to answer, at most one for each other part; 1 to 16.
+    working_range : float, m
+        Connections that are longer are not looked for: only bounds are known of them.
+    tolerance : float
+        Share of its distance by which the bounds of a connection may differ. 0: exact at every tick.
+    budget : int, optional
+        Largest number of steps a tick (boxes opened, and groups of eight triangles compared), and as many
+        again for times to contact. Where they do not suffice, the bounds differ by more. None: as many as it
+        takes.
+    latency : float, s
+        From a tick until its answer is used, 0 to 1: predictions are for that instant.
+    horizon : float, s
+        Contacts are predicted up to this time ahead.
+
+    Raises
+    ------
+    SceneError
+        If there is no such part.
+    ArgumentError
+        If an argument cannot be used; the message names it and what was expected.
+
+    Notes
+    -----
+    Distances are those of solids: 0 where surfaces cross or one part is inside another. Hidden parts are not
+    looked at, except for the tracked ones themselves.
+    Thread: a tick releases the interpreter lock. One thread ticks a tracker; any thread may move parts.
+    Cost: 10 to 60 µs for parts of 3 to 80 thousand faces; more where large surfaces run along each other.
+    Source: conservative advancement after Mirtich 1996.
+    """
+
+    connections: np.ndarray  # (K,) CONNECTION, filled anew by each tick
+
+    def __init__(
+        self,
+        scene: Scene,
+        part: str | Iterable[str],
+        *,
+        connections: int = 1,
+        working_range: float = np.inf,
+        tolerance: float = 0.0,
+        budget: int | None = None,
+        latency: float = 0.001,
+        horizon: float = HORIZON,
+    ) -> None:
+        if not isinstance(scene, Scene):
+            raise ArgumentError(f"a tracker looks at a Scene, not at a {type(scene).__name__}")
+        self._scene = scene
+        self._names = (part,) if isinstance(part, str) else tuple(part)
+        if not self._names or len(set(self._names)) < len(self._names):
+            raise ArgumentError(f"part is {part!r}, expected one name, or several that differ")
+        count = whole("connections", connections)
+        if count > held_tick.MOST_RECORDS:
+            raise ArgumentError(f"connections is {count}, expected 1 to {held_tick.MOST_RECORDS}")
+        settings = np.zeros(1, held_records.HELD_SETTINGS)
+        if working_range != np.inf:
+            working_range = positive("working_range", working_range, "metres")
+        settings["working_range"] = working_range
+        settings["tolerance"] = not_negative("tolerance", tolerance, "shares")
+        settings["latency"] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
+        settings["horizon"] = positive("horizon", horizon, "seconds")
+        settings["budget"] = 0 if budget is None else whole("budget", budget)
+        settings["group"] = len(self._names)
+        self._settings = settings
+        self.connections = np.zeros(count, CONNECTION)
+        self._offsets = self._offsets_in_group()
+        self._last_model: Callable[[], Model | None] = lambda: None
+        self.reset()
+
+    @property
+    def scene(self) -> Scene:
+        """The scene. For another scene, make another tracker."""
+        return self._scene
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the tracked parts."""
+        return self._names
+
+    @property
+    def epoch(self) -> int:
+        """Epoch of the scene at the last tick, to which parts and faces refer; -1 before it."""
+        return self._epoch
+
+    @property
+    def free_time(self) -> float:
+        """Time from the pose, s, before which no part is met, while velocities stay; the horizon at most."""
+        return float(self._settings["free_time"][0])
+
+    def reset(self) -> None:
+        """Forget everything: the next tick is treated as the first."""
+        self._epoch = -1
+        self._last_pose: tuple[int, Pose] | None = None
+        self._last_model = lambda: None
+        self.connections["part"] = NO_PART
+        self._settings["free_time"] = 0.0
+
+    def tick(
+        self,
+        pose: Any,
+        t_pose_ns: int,
+        now_ns: int,
+        *,
+        velocity: Any = None,
+        angular_velocity: Any = None,
+    ) -> np.ndarray:
+        """Move the tracked part, or group, and answer its nearest connections.
+
+        Parameters
+        ----------
+        pose : Pose or (4, 4) array-like, or None
+            Pose of the part, world_from_part; of a group that of the first part, which the others follow as
+            they were placed when the tracker was made. None: the parts are where they are in the scene, and
+            have the velocities that they have there.
+        t_pose_ns : int, ns
+            Instant of the pose, on the clock of *now_ns*.
+        now_ns : int, ns
+            Instant of the tick, as `time.monotonic_ns` gives it.
+        velocity : (3,) float64, m/s, scene's frame
+            Of the part's origin. Default: from the last two poses, if they are within 0.1 s.
+        angular_velocity : (3,) float64, rad/s, scene's frame
+            About the part's origin. Default: likewise.
+
+        Returns
+        -------
+        (connections,) CONNECTION
+            The shortest first. The same array at each tick: copy what you need after the next tick. Fields:
+
+            - ``distance``, m: of the shortest connection found; inf where there is none in the working range;
+            - ``lower``, ``upper``, m: the true distance to that part is between them. In the first record
+              ``lower`` holds for all parts, and where there is no connection for all that are not answered;
+            - ``point_on_own``, ``point_on_part``, m, scene's frame: its ends;
+            - ``normal``: unit vector along which the tracked part moves away; 0 where there is none;
+            - ``part``, ``own_part``, ``face``, ``own_face``: rows of `Scene.parts` and of their faces; -1;
+            - ``approach_speed``, m/s: -d/dt of the distance; nan where velocities are not known;
+            - ``predicted_ns``, ``predicted_distance``, ``predicted_lower``, ``predicted_upper``: when the
+              answer is used, while velocities stay;
+            - ``time_to_contact``, s from the pose: expected; 0 in contact, inf if none is expected within the
+              horizon;
+            - ``time_to_contact_lower``, s from the pose: not touched before, while velocities stay, turning
+              included; the horizon at most. In the first record this holds for all parts;
+            - ``flags``: a set of `ConnectionFlag`; ``work``: steps; ``pose_ns``, ``age_ns``.
+
+        Raises
+        ------
+        SceneError
+            If a tracked part is not in the scene any more.
+        PoseError, ArgumentError
+            If the pose, an instant or a velocity cannot be used.
+        """
+        pose_ns, now = as_nanoseconds(t_pose_ns), as_nanoseconds(now_ns)
+        is_predicted = True
+        if pose is not None:
+            is_predicted = self._move(Pose.of(pose), pose_ns, velocity, angular_velocity)
+        elif velocity is not None or angular_velocity is not None:
+            raise ArgumentError("velocities are given without a pose: set them where the parts are moved")
+        self._settings["pose_ns"], self._settings["now_ns"] = pose_ns, now
+        self._settings["is_predicted"] = is_predicted
+        model = self._scene.snapshot()
+        is_moved = model is not self._last_model()
+        if model.epoch != self._epoch:
+            self._adopt(model)
+        held_tick.follow_parts(model.packed, self._packed, is_moved)
+        if self._settings["unsure"][0] and self._decide_inside(model):
+            held_tick.follow_parts(model.packed, self._packed, False)
+        self._last_model = weakref.ref(model)
+        return self.connections
+
+    def _offsets_in_group(self) -> list[Pose]:
+        """Poses of the tracked parts relative to the first."""
+        poses = [self._scene.part(name).pose for name in self._names]
+        return [poses[0].inverse @ pose for pose in poses]
+
+    def _move(self, pose: Pose, pose_ns: int, velocity: Any, angular_velocity: Any) -> bool:
+        """Move the tracked parts; whether their velocities are known."""
+        linear, angular = velocity, angular_velocity
+        is_known = velocity is not None and angular_velocity is not None
+        if not is_known:
+            found = _velocities(self._last_pose, pose, pose_ns)
+            is_known = found is not None or velocity is not None
+            before, turning = found or (np.zeros(3), np.zeros(3))
+            linear = before if velocity is None else velocity
+            angular = turning if angular_velocity is None else angular_velocity
+        if self._last_pose is None or pose_ns > self._last_pose[0]:
+            self._last_pose = pose_ns, pose
+        if len(self._names) == 1:
+            self._scene.move(self._names[0], pose, velocity=linear, angular_velocity=angular)
+            return is_known
+        poses = [pose @ offset for offset in self._offsets]
+        arms = np.array([each.translation - pose.translation for each in poses])
+        self._scene.move_many(
+            self._names,
+            poses,
+            np.asarray(linear, float) + np.cross(np.asarray(angular, float), arms),
+            np.broadcast_to(np.asarray(angular, float), arms.shape),
+        )
+        return is_known
+
+    def _adopt(self, model: Model) -> None:
+        """Answer from a model that has other parts or faces than the last."""
+        missing = [name for name in self._names if name not in model.names]
+        if missing:
+            raise SceneError(f"the tracked part {missing[0]!r} is not in the scene any more")
+        own = [model.names.index(name) for name in self._names]
+        count = len(model.names)
+        is_rest = model.parts["is_hidden"][:count] == 0
+        is_rest[own] = False
+        rest = np.flatnonzero(is_rest)
+        pairs = np.zeros(len(rest) * len(own), held_records.HELD_PAIR)
+        pairs["own"], pairs["other"] = np.tile(own, len(rest)), np.repeat(rest, len(own))
+        pairs["slots"], pairs["lower"], pairs["upper"], pairs["is_unsure"] = NO_SLOT, -1.0, np.inf, 1
+        self._pairs = pairs
+        before = np.array(columns_of(model.frames)[:count, :POSE_SIZE])
+        arrays = held_records.HeldArrays(
+            self._settings, pairs, self.connections.view(CONNECTION), before, np.zeros(count)
+        )
+        self.connections["part"], self.connections["face"] = NO_PART, NO_FACE
+        self._packed, self._arrays, self._epoch = native.packed(arrays), arrays, model.epoch
+        self._last_model = lambda: None
+
+    def _decide_inside(self, model: Model) -> bool:
+        """Decide whether one part is inside the other, where surfaces may have met and do not cross.
+
+        Whether it is decided: where shapes have changed since the model was taken, the next tick does it.
+        """
+        rows = np.flatnonzero((self._pairs["is_unsure"] != 0) & (self._pairs["lower"] > 0.0))
+        both = {int(row) for name in ("own", "other") for row in self._pairs[name][rows]}
+        try:
+            faces = {row: self._scene.part(model.names[row]).solid.surface_faces for row in both}
+        except SceneError:
+            return False
+        if self._scene.epoch != model.epoch:
+            return False
+        point = np.empty(3)
+        for row in rows:
+            own, other = int(self._pairs["own"][row]), int(self._pairs["other"][row])
+            self._pairs["is_inside"][row] = any(
+                contains_corner(model.packed, outer, inner, faces[inner], point)
+                for inner, outer in ((own, other), (other, own))
+            )
+            self._pairs["is_unsure"][row] = 0
+        return True
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise ArgumentError(
+            "a tracker cannot be copied, because its state depends on its ticks: make a new one of its scene"
+        )
+
+    def __repr__(self) -> str:
+        return f"PartTracker({self.scene!r}, {', '.join(map(repr, self._names))})"
+
+
+def _velocities(
+    last: tuple[int, Pose] | None, pose: Pose, pose_ns: int
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Velocity and angular velocity between two poses, if they are near enough in time."""
+    if last is None or not 0 < pose_ns - last[0] <= 1e9 * LONGEST_STEP:
+        return None
+    seconds = 1e-9 * (pose_ns - last[0])
+    turn = pose.rotation @ last[1].rotation.T
+    axis = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine = float(np.linalg.norm(axis))
+    angle = float(np.arctan2(sine, 0.5 * (np.trace(turn) - 1.0)))
+    angular = axis * (angle / sine / seconds) if sine > 0.0 else np.zeros(3)
+    return (pose.translation - last[1].translation) / seconds, angular
