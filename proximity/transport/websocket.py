@@ -20,6 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
 from websockets.exceptions import ConnectionClosed
+from websockets.typing import Origin
 
 from proximity.errors import PublishError
 from proximity.transport.address import Address
@@ -76,7 +77,8 @@ class _Site:
         self._loop.close()
 
     async def _listen(self) -> Server:
-        origins = [None, OF_THIS_MACHINE, *filter(None, [self.origin])]
+        named = [] if self.origin is None else [Origin(self.origin)]
+        origins: list[Any] = [None, OF_THIS_MACHINE, *named]
         return await serve(
             self._take, "127.0.0.1", self._port, origins=origins, max_size=LARGEST_MESSAGE, compression=None
         )
