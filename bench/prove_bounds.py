@@ -4,15 +4,19 @@ Runs numbered trials of `tests/trials/bound_trials.py` until that many finger-ti
 often each guarantee was checked and how near it came to being broken: *worst* is the largest excess, in
 tolerances for rounding (1 would be broken), *closest* the smallest distance to the bound where there was no
 excess. At the first violation it stops, with exit code 1 and the option that repeats the trial: ``--trial
-N``."""
+N``. With ``--program`` a program ticks that has the engine for browsers: ``"node
+--experimental-wasm-relaxed-simd tests/support/clients/module_server.mjs FOLDER plain"``."""
 
 import argparse
 import math
 import multiprocessing
 import os
+import shlex
 import sys
 import time
+from functools import partial
 
+from benchmarks.digest.module_tracker import ForwardedScene, ModuleTracker
 from benchmarks.support.project import project_module
 
 run_trial = project_module("tests/trials", "bound_trials").run_trial
@@ -32,12 +36,13 @@ def main(arguments: list[str] | None = None) -> int:
     """Run trials; the exit code is 1 if a guarantee was broken."""
     options = _parse(arguments)
     if options.trial is not None:
-        return _show_again(options.trial)
+        return _show_again(options.trial, options.program)
     total, trials, done, started = Tally(), 0, 0, time.perf_counter()
     printed = started
     numbers = iter(range(options.seed, sys.maxsize))
     with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
-        for number, tally in pool.imap_unordered(_run, _paced(numbers, MARGIN * options.finger_ticks)):
+        run = partial(_run, program=options.program)
+        for number, tally in pool.imap_unordered(run, _paced(numbers, MARGIN * options.finger_ticks)):
             trials += 1
             total.add(tally)
             done = finger_ticks(total)
@@ -66,6 +71,7 @@ def _parse(arguments):
     parser.add_argument("--minutes", type=float, default=math.inf, help="stop then, however many they are")
     parser.add_argument("--seed", type=int, default=0, help="number of the first trial")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
+    parser.add_argument("--program", help="command of a program that ticks, see above")
     parser.add_argument("--trial", type=int, help="only this one, and all that it breaks")
     return parser.parse_args(arguments)
 
@@ -84,13 +90,30 @@ def _paced(numbers, wanted):
         yield number
 
 
-def _run(number):
-    _, tally = run_trial(number, _size(number), is_heavy=number % LIGHT_SHARE != 0)
-    return number, tally
+def _run(number, program=None):
+    return number, _trial(number, program)[1]
 
 
-def _show_again(number):
-    plan, tally = run_trial(number, _size(number), is_heavy=number % LIGHT_SHARE != 0)
+def _trial(number, program):
+    given = {"is_heavy": number % LIGHT_SHARE != 0}
+    if program is None:
+        return run_trial(number, _size(number), **given)
+    scenes = []
+
+    def make_tracker(cell, **settings):
+        cell.scene = ForwardedScene(cell.scene, shlex.split(program))
+        scenes.append(cell.scene)
+        return ModuleTracker(cell.scene, **settings)
+
+    try:
+        return run_trial(number, _size(number), **given, make_tracker=make_tracker)
+    finally:
+        for scene in scenes:
+            scene.close()
+
+
+def _show_again(number, program):
+    plan, tally = _trial(number, program)
     print(plan)
     for broken in tally.broken:
         print(broken)

@@ -81,7 +81,8 @@ guided · running_page
 page_process
 bridge
 saved_page · sources
-geometry · page_content · page_service
+page_content
+geometry
 page_inbox
 server
 display_mesh

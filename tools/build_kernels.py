@@ -35,7 +35,8 @@ def main() -> None:
     options = parser.parse_args()
     targets = [TARGETS[name] for name in options.target] if options.target else [host_target()]
     for target in targets if options.state else []:
-        files = os.pathsep.join(map(str, made_files(target, options.out)))
+        made = made_files(target, options.out, every_set=options.every_set)
+        files = os.pathsep.join(map(str, made))
         print(f"target={target.name}\nwheel={target.wheel}\nfiles={files}")
         print(f"is_current={'yes' if is_current(target, options.out, every_set=options.every_set) else 'no'}")
     if not options.state:

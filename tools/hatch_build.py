@@ -15,7 +15,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 REQUIREMENTS = ["numba==0.68.1", "numpy>=2.1", "ziglang>=0.15"]
 """What compiling takes: numba's internals are leaned on, so its version is fixed."""
 PLACE = "proximity/native/{}"
-SECONDS = 60
+SECONDS = 100
 
 
 class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
@@ -45,15 +45,14 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
             )
             started = time.perf_counter()
             try:
-                self._tool(
-                    "--target", state["target"], *self._sets(every_set), *self._for_browsers(every_set)
-                )
+                targets = "--target", state["target"], "--target", "wasm32"
+                self._tool(*targets, *self._sets(every_set))
             except subprocess.CalledProcessError:
                 if version != "editable":
                     raise
                 self._say(
-                    "nothing could be compiled: numba compiles kernels when they are called, and drums do "
-                    "not run"
+                    "nothing could be compiled: numba compiles kernels when they are called; drums and the "
+                    "page in the browser do not run"
                 )
                 return
             self._say(f"compiled in {time.perf_counter() - started:.0f} s")
@@ -71,14 +70,8 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         return dict(line.split("=", 1) for line in lines)
 
     def _is_current(self, *, every_set: bool) -> bool:
-        targets = [None, "wasm32"] if self._for_browsers(every_set) else [None]
-        states = (self._state(target, every_set=every_set)["is_current"] for target in targets)
+        states = (self._state(target, every_set=every_set)["is_current"] for target in (None, "wasm32"))
         return all(state == "yes" for state in states)
-
-    def _for_browsers(self, every_set: bool) -> list[str]:
-        """What a wheel has too, and a checkout whose environment asks for every set of instructions."""
-        is_wanted = every_set or os.environ.get("PROXIMITY_INSTRUCTIONS") == "all"
-        return ["--target", "wasm32"] if is_wanted else []
 
     def _sets(self, every_set: bool) -> list[str]:
         return ["--every-set"] if every_set else []

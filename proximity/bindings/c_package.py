@@ -10,6 +10,8 @@ from proximity.message.clients import write_client, write_sources
 from proximity.system.library_in_c import library_path
 
 HERE = Path(__file__).parent / "c"
+ANDROID = "android-aarch64/libproximity.so"
+"""Beside the library of this system, where it was built, see `tools/kernel_build/targets.py`."""
 PLACES = {
     "proximity.h": "include",
     "proximity_tracker.h": "include",
@@ -50,4 +52,8 @@ def write_unity_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
         library = library_path()
     except ProximityError:  # sources are of use without it, and with one of another system
         return written
-    return written | write_sources({f"Runtime/Plugins/{library.name}": library.read_bytes()}, folder)
+    plugins = {library.name: library, "Android/arm64-v8a/libproximity.so": library.parent / ANDROID}
+    contents = {name: path.read_bytes() for name, path in plugins.items() if path.is_file()}
+    return written | write_sources(
+        {f"Runtime/Plugins/{name}": data for name, data in contents.items()}, folder
+    )

@@ -1,6 +1,7 @@
 """The engine for browsers as a folder of ES modules: WebAssembly, types, and the layout of contacts."""
 
 import os
+from collections.abc import Collection
 from pathlib import Path
 
 import proximity
@@ -9,17 +10,22 @@ from proximity.message.clients import client_files, write_sources
 
 HERE, NATIVE = Path(__file__).parent / "wasm", Path(__file__).parent.parent / "native"
 MODULES = ("proximity.plain.wasm", "proximity.relaxed.wasm")
+"""Of which a checkout may have only the second, for browsers that have relaxed vector instructions."""
 CLIENT_FILES = ("decaff.mjs", "layout.mjs")
 """Of the service's client: what reads the records of contacts."""
 
 
-def package_files() -> dict[str, str | bytes]:
-    """Return the contents of the package by the files' names; a `ProximityError` where it is not compiled."""
-    missing = [name for name in MODULES if not (NATIVE / name).is_file()]
-    if missing:
+def package_files(needed: Collection[str] = MODULES) -> dict[str, str | bytes]:
+    """Return the contents of the package by the files' names, a module that is not needed where it is there.
+
+    A `ProximityError` where what is needed is not compiled.
+    """
+    found = [name for name in MODULES if (NATIVE / name).is_file()]
+    if not set(needed) <= set(found):
         raise ProximityError(
-            "the engine for browsers has not been compiled; wheels have it, and so has a checkout after "
-            "`python tools/build_kernels.py --target wasm32` (with the extra test, some minutes)"
+            f"the engine for browsers has not been compiled ({', '.join(sorted(set(needed) - set(found)))}); "
+            "wheels have it, and so has a checkout after `python tools/build_kernels.py --target wasm32 "
+            "--every-set` (with the extra test, some minutes)"
         )
     own = {
         path.name: path.read_text(encoding="utf-8").replace("@VERSION@", proximity.__version__)
@@ -30,7 +36,7 @@ def package_files() -> dict[str, str | bytes]:
     return {
         **own,
         **{name: client[name] for name in CLIENT_FILES},
-        **{name: (NATIVE / name).read_bytes() for name in MODULES},
+        **{name: (NATIVE / name).read_bytes() for name in found},
     }
 
 

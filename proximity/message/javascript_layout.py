@@ -6,7 +6,7 @@ record of each message; ``ENUMS`` the numbers of states, flags and modes.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,21 +24,14 @@ VIEWS = {
 TEXT = "Text"
 
 
-def layout_module(
-    records: Mapping[str, Sequence[Field]] | None = None, constants: Mapping[str, Any] | None = None
-) -> str:
-    """Return the text of an ES module with the layout of all messages.
-
-    *constants*: more constants, by their names, as JSON has them.
-    """
-    all_records = {name: fields for name, (_, fields) in RECORDS.items()} | dict(records or {})
+def layout_module() -> str:
+    """Return the text of an ES module with the layout of all messages."""
     values = {
         "VERSION": VERSION,
         "MAX_RECORDS": MAX_RECORDS,
         "PATH_CORNERS": PATH_CORNERS,
         "CHECKED_FROM": CHECKED_FROM,
-        **(constants or {}),
-        "RECORDS": {name: _record(fields) for name, fields in all_records.items()},
+        "RECORDS": {name: _record(fields) for name, (_, fields) in RECORDS.items()},
         "KINDS": {
             kind.name: {
                 "header": record_name(kind.header),

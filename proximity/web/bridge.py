@@ -1,8 +1,7 @@
 """The bridge between pages and a service: files over HTTP, frames down, poses and moves up.
 
-One thread, `asyncio`. It computes no distances but those of a slice, and those in a thread beside it. What a
-page gets as text is a JSON document with one key or a few; what is binary is a message of
-`proximity.message`, a GLB file or a slice, and says so in its first four bytes.
+One thread, `asyncio`. It computes no distances. What a page gets as text is a JSON document with one key or a
+few; what is binary is a message of `proximity.message`, and says so in its first four bytes.
 """
 
 import asyncio
@@ -14,7 +13,6 @@ from typing import Any
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
-from proximity.web.page_content import clearance_document, slice_bytes
 from proximity.web.page_inbox import HeldUpError, PageClock
 from proximity.web.server.access import HELD_UP, TOO_MUCH, UNFIT, Access, Allowance, UnfitError
 from proximity.web.server.page_files import PageFiles
@@ -40,8 +38,6 @@ class PageClient:
         self.connection = connection
         self.clock, self.allowance = PageClock(), Allowance()
         self.feeds = False
-        self.slice_asked: Any = None  # the newest that waits
-        self.is_measuring = False
         self._frame: bytes | None = None  # the newest that waits
         self._in_flight = 0
         self._sent_s = 0.0
@@ -86,7 +82,7 @@ class Bridge:
     """Pages and what they are shown."""
 
     def __init__(self, shown: Shown, access: Access, files: PageFiles) -> None:
-        self.server = PageServer(access, files, self._serve_page)
+        self.server = PageServer(access, files, self._serve_page, shown.content)
         self._shown = shown
         self._clients: list[PageClient] = []
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -141,13 +137,10 @@ class Bridge:
                 "may_move": feed.may_move,
                 "may_hide": feed.may_hide,
                 "finger_count": feed.count,
-                "has_geometry": bool(shown.glb),
-                "recording": shown.recording,
+                "has_geometry": shown.scene is not None,
                 **shown.about,
             }
         )
-        if shown.glb:
-            await client.connection.send(shown.glb)
         for message in feed.state():
             await client.connection.send(message)
         self._clients.append(client)
@@ -187,43 +180,10 @@ class Bridge:
         elif "feed" in asked:
             self._shown.feed.release()
             self._set_feeder(client)
-        elif "slice" in asked:
-            is_busy, client.slice_asked = client.slice_asked is not None, asked["slice"]
-            if not is_busy:
-                self._run_beside(self._slices(client))
-        elif "clearance" in asked:
-            self._run_beside(self._clearance(client, asked["clearance"]))
         elif ("at_ms" in asked or "place" in asked) and isinstance(self._shown.frames, LoggedFrames):
             self._run_beside(self._show_logged(client, self._shown.frames, asked))
         else:
             raise UnfitError(f"a page may not ask for {', '.join(map(str, asked))[:60]!r}")
-
-    async def _slices(self, client: PageClient) -> None:
-        """Measure what a page asks for, and then the newest that it has asked for meanwhile."""
-        while client.slice_asked is not None:
-            asked = client.slice_asked
-            if self._shown.scene is None:
-                client.slice_asked = None
-                return
-            try:
-                data = await asyncio.to_thread(slice_bytes, self._shown.scene, asked)
-                await client.connection.send(data)
-            except UnfitError as unfit:
-                await client.send(notice=str(unfit))
-            if client.slice_asked is asked:
-                client.slice_asked = None
-
-    async def _clearance(self, client: PageClient, asked: Any) -> None:
-        """Measure how far two parts are apart; one question at a time."""
-        if self._shown.scene is None or client.is_measuring:
-            return
-        client.is_measuring = True
-        try:
-            await client.send(clearance=await asyncio.to_thread(clearance_document, self._shown.scene, asked))
-        except UnfitError as unfit:
-            await client.send(notice=str(unfit))
-        finally:
-            client.is_measuring = False
 
     async def _show_logged(self, client: PageClient, frames: LoggedFrames, asked: dict[str, Any]) -> None:
         try:

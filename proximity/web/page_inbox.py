@@ -52,7 +52,6 @@ class PageInbox:
     """The way from pages to the service, at the addresses that are not None; closed at the end.
 
     *scene* is changed as the service changes its own, and is that of a reset as it is at the beginning.
-    *changes_scene*: it is the service's own, and moves and changes need no address.
     """
 
     def __init__(
@@ -62,13 +61,9 @@ class PageInbox:
         changes: str | None,
         scene: Scene | None,
         count: int,
-        *,
-        changes_scene: bool = False,
     ) -> None:
         self.may_pose = poses is not None
-        self.may_move, self.may_hide = (
-            scene is not None and (changes_scene or each is not None) for each in (moves, changes)
-        )
+        self.may_move, self.may_hide = (scene is not None and each is not None for each in (moves, changes))
         self.count = count
         self._scene = scene
         self._poses, self._moves, self._changes = (

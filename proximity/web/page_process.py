@@ -6,9 +6,9 @@ import os
 import socket
 import ssl
 import threading
-from collections.abc import Callable
-from contextlib import ExitStack, closing, nullcontext
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,20 +19,23 @@ from proximity.message import PATH_CORNERS
 from proximity.recording import Recording, read_recording
 from proximity.scene.scene import Scene
 from proximity.service.config import (
+    FingerSettings,
     InputSettings,
+    PartEntry,
     PartFiles,
     SceneFile,
+    ServiceSettings,
+    WebSettings,
     finger_count,
     read_input,
     read_scene_file,
 )
+from proximity.service.config.toml_document import Document
 from proximity.system.extras import needed
 from proximity.tracker.replay import fitted_pose
 from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
-from proximity.web.geometry import scene_glb
-from proximity.web.page_content import scene_page_files
+from proximity.web.page_content import scene_page_files, shown_contents
 from proximity.web.page_inbox import PageInbox
-from proximity.web.page_service import PageService, page_settings
 from proximity.web.saved_page import save_page
 from proximity.web.server.access import LOOPBACK, Access, new_token
 from proximity.web.sources import LiveFrames, LoggedFrames, OtherPrograms, Shown
@@ -44,6 +47,10 @@ LOOK_S = 0.05
 RECORDED_STEP_S = 1 / 90
 LONGEST_RECORDED_S = 300.0
 """Of a recorded hand that a page replays."""
+FINGERS_OF_PAGE = 10
+"""Of two hands, thumb to little finger, the left hand first."""
+TRACKER = ("working_range", "tolerance", "horizon", "max_speed", "max_acceleration")
+"""Settings of fingers that a page's own tracker is given as a scene file has them."""
 FRAMED_BY_NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:*"
 
 
@@ -56,8 +63,7 @@ class PageSettings:
     recording: str | None = None  # a hand to replay
     is_recording_fitted: bool = False  # so that it touches
     first_input: str = ""  # "replay": the recording at once
-    rate_hz: float = 1000.0
-    radius: float | None = None  # m
+    radius: float | None = None  # m; None: as the scene file says
     port: int = 0
     bind: str = "127.0.0.1"
     names: tuple[str, ...] = ()  # more names of this machine
@@ -82,8 +88,9 @@ def run_page(
         from proximity.web.bridge import Bridge
     tls, port = _tls(settings), _free_port(settings)
     with ExitStack() as opened:
-        shown = _shown(settings, say, opened)
-        opened.callback(shown.frames.close)
+        shown = _shown(settings, opened)
+        if shown.frames is not None:
+            opened.callback(shown.frames.close)
         opened.callback(shown.feed.close)
         for note in shown.notes:
             say(note)
@@ -107,19 +114,15 @@ def run_page(
 async def _until_stopped(
     bridge: "Bridge", shown: Shown, stop: threading.Event, begun: Callable[[], None]
 ) -> None:
-    """Hand frames on, while the page's own service runs, if it has one."""
+    """Hand frames on."""
     publishing = asyncio.create_task(bridge.publish_frames())
-    service = shown.service
-    with nullcontext() if service is None else service:
-        begun()
-        while not stop.is_set() and (service is None or service.failure is None):
-            await asyncio.sleep(LOOK_S)
-            if publishing.done():
-                publishing.result()
-        shown.feed.release()
+    begun()
+    while not stop.is_set():
+        await asyncio.sleep(LOOK_S)
+        if publishing.done():
+            publishing.result()
+    shown.feed.release()
     publishing.cancel()
-    if service is not None and service.failure is not None:
-        raise service.failure
 
 
 def _free_port(settings: PageSettings) -> int:
@@ -141,7 +144,7 @@ def _shown_host(bind: str) -> str:
     return f"[{bind}]" if ":" in bind else bind
 
 
-def _shown(settings: PageSettings, report: Callable[[str], None], opened: ExitStack) -> Shown:
+def _shown(settings: PageSettings, opened: ExitStack) -> Shown:
     """Load and open what is shown."""
     logs = [name for name in settings.files if name.endswith(".frames")]
     parts = tuple(name for name in settings.files if name not in logs)
@@ -150,76 +153,89 @@ def _shown(settings: PageSettings, report: Callable[[str], None], opened: ExitSt
             raise ServiceError(f"{name}: there is no such file")
     if len(logs) > 1:
         raise ServiceError(f"{logs[1]}: one log is shown at a time")
-    title = _title(settings)
     if settings.beside is not None:
-        return _attach_to_service(settings, title, parts[0], settings.beside, opened)
-    served = None
-    if parts:
-        given: dict[str, Any] = {"rate_hz": settings.rate_hz, "radius": settings.radius}
-        served = page_settings(parts, units=settings.units, **given)
+        return _attach_to_service(settings, parts[0], settings.beside, opened)
     if logs:
-        return _open_log(settings, title, logs[0], served)
-    assert served is not None
-    return _open_own_service(settings, title, served, report)
+        return _open_log(settings, logs[0], page_settings(parts, settings) if parts else None)
+    return _open_parts(settings)
 
 
-def _attach_to_service(
-    settings: PageSettings, title: str, path: str, frames: str, opened: ExitStack
-) -> Shown:
+def page_settings(files: Sequence[str], settings: PageSettings) -> SceneFile:
+    """Return the parts and fingers that a page shows: of files of parts, or of one scene file."""
+    if len(files) == 1 and files[0].endswith(".toml"):
+        given = read_scene_file(files[0])
+    else:
+        parts = tuple(PartEntry(os.path.abspath(name), settings.units) for name in files)
+        nothing = ServiceSettings(), FingerSettings(), parts, InputSettings(), None, WebSettings()
+        given = SceneFile("", *nothing, Document("", ""))
+    fingers = replace(given.fingers, count=given.fingers.count or FINGERS_OF_PAGE)
+    fingers = fingers if settings.radius is None else replace(fingers, radius=settings.radius)
+    return replace(given, fingers=fingers, input=InputSettings(), glove=None)
+
+
+def _attach_to_service(settings: PageSettings, path: str, frames: str, opened: ExitStack) -> Shown:
     """A page beside a service that runs: it feeds where the scene file lets it."""
     served = read_scene_file(path)
     scene = PartFiles().scene(served) if served.parts else None
     given = served.input if served.web.feed else InputSettings()
     count = finger_count(served, read_input(served))
     feed = PageInbox(given.poses, given.moves, given.changes, scene, count)
-    shown = Shown(title, scene, LiveFrames(frames), feed)
+    shown = Shown(_title(settings), scene, LiveFrames(frames), feed)
     if not served.web.feed and scene is not None:
         shown.others = opened.enter_context(
             closing(OtherPrograms([served.input.moves, served.input.changes], scene))
         )
-    return _with_geometry(shown, settings, served)
-
-
-def _open_log(settings: PageSettings, title: str, log: str, served: SceneFile | None) -> Shown:
-    """The log of a service that ran, over its parts where they are given."""
-    frames = LoggedFrames(log)
-    files = PartFiles()
-    scene = None if served is None else files.scene(served)
-    shown = Shown(title, scene, frames, PageInbox(None, None, None, scene, frames.finger_count))
-    shown.notes = files.notes
-    shown.about["log"] = {"count": frames.count, "duration_ms": frames.duration_ms, "notes": frames.notes}
-    return _with_geometry(shown, settings, served)
-
-
-def _open_own_service(
-    settings: PageSettings, title: str, served: SceneFile, report: Callable[[str], None]
-) -> Shown:
-    service = PageService(served, report)
-    feed = PageInbox(served.input.poses, None, None, service.scene, service.finger_count, changes_scene=True)
-    shown = Shown(title, service.scene, LiveFrames(served.service.publish[0]), feed)
-    shown.service, shown.notes = service, service.notes
-    return _with_geometry(shown, settings, served)
-
-
-def _with_geometry(shown: Shown, settings: PageSettings, served: SceneFile | None) -> Shown:
-    """Add the GLB, the recorded hand, and what pages say about them."""
-    if shown.scene is not None and served is not None:
-        shown.glb = scene_glb(shown.scene)
-        shown.about |= _about(settings, served, shown.feed.count)
-        if settings.recording is not None and shown.feed.may_pose:
-            recording = read_recording(settings.recording)
-            shown.recording = _recorded(recording, shown.scene, max(shown.about["radii"]), settings)
+    if scene is not None:
+        shown.content = shown_contents(scene)
+        shown.about = _about(settings if feed.may_pose else _without_hand(settings), served, scene, count)
     return shown
 
 
-def _about(settings: PageSettings, served: SceneFile, count: int) -> dict[str, Any]:
+def _open_log(settings: PageSettings, log: str, served: SceneFile | None) -> Shown:
+    """The log of a service that ran, over its parts where they are given."""
+    frames, files = LoggedFrames(log), PartFiles()
+    scene = None if served is None else files.scene(served)
+    count = frames.finger_count
+    shown = Shown(_title(settings), scene, frames, PageInbox(None, None, None, scene, count))
+    shown.notes = files.notes
+    if served is not None and scene is not None:
+        shown.content = shown_contents(scene)
+        shown.about = _about(_without_hand(settings), served, scene, count)
+    shown.about["log"] = {"count": frames.count, "duration_ms": frames.duration_ms, "notes": frames.notes}
+    return shown
+
+
+def _open_parts(settings: PageSettings) -> Shown:
+    """Parts over which pages compute by themselves, each for its own hands."""
+    served, files = page_settings(settings.files, settings), PartFiles()
+    scene, count = files.scene(served), finger_count(served, None)
+    shown = Shown(_title(settings), scene, None, PageInbox(None, None, None, scene, count))
+    welcome = {
+        "title": shown.title,
+        **dict.fromkeys(("feeds", "may_pose", "may_move", "may_hide", "has_geometry"), True),
+        "finger_count": count,
+        "tracker": {name: value for name in TRACKER if (value := getattr(served.fingers, name)) is not None},
+        **_about(settings, served, scene, count),
+    }
+    shown.content, shown.notes = shown_contents(scene, welcome), files.notes
+    return shown
+
+
+def _without_hand(settings: PageSettings) -> PageSettings:
+    return replace(settings, recording=None)
+
+
+def _about(settings: PageSettings, served: SceneFile, scene: Scene, count: int) -> dict[str, Any]:
     """What a page is told of its fingers."""
     radius = served.fingers.radius
+    radii = [radius] * count if isinstance(radius, float) else list(radius)
+    recording = None if settings.recording is None else read_recording(settings.recording)
     return {
-        "radii": [radius] * count if isinstance(radius, float) else list(radius),
+        "radii": radii,
         "budget": served.fingers.budget or DEFAULT_BUDGET,
         "first_input": settings.first_input,
         "drum_degrees": _drum_degrees(served, count),
+        "recording": recording and _recorded(recording, scene, max(radii), settings),
     }
 
 
@@ -227,20 +243,7 @@ def write_page(settings: PageSettings, path: Path) -> int:
     """Write a page that computes by itself, in one file; its size in bytes."""
     if any(name.endswith(".frames") for name in settings.files):
         raise ServiceError("a log cannot be saved as a page, expected parts or a scene file")
-    served = page_settings(
-        settings.files, units=settings.units, rate_hz=settings.rate_hz, radius=settings.radius
-    )
-    scene, count = PartFiles().scene(served), finger_count(served, read_input(served))
-    about = _about(settings, served, count)
-    recording = None if settings.recording is None else read_recording(settings.recording)
-    welcome = {
-        "title": _title(settings),
-        **dict.fromkeys(("feeds", "may_pose", "may_move", "may_hide", "has_geometry"), True),
-        "finger_count": count,
-        "recording": recording and _recorded(recording, scene, max(about["radii"]), settings),
-        **about,
-    }
-    return save_page(path, scene, scene_glb(scene), welcome)
+    return save_page(path, _open_parts(settings).content)
 
 
 def _title(settings: PageSettings) -> str:

@@ -5,44 +5,41 @@ import gzip
 import json
 import posixpath
 import re
-import tempfile
 from pathlib import Path
-from typing import Any
 
-from proximity.bindings.wasm_package import package_files
-from proximity.scene.scene import Scene
 from proximity.system.whole_file import whole_file
 from proximity.web.page_content import scene_page_files
 
 LEVEL = 6  # of the compression
+CHARSET = "windows-1252"
+"""Every byte is a letter: 2 % more than the bytes, where base64 takes a third more."""
 _IMPORTED = re.compile(r"""(\bfrom\s*|\bimport\s*\(?\s*)(["'])([^"']+)\2""")
 _THREE = "page/vendor/three/three.module.js"
 _SCRIPTS = re.compile(r'<script type="(?:importmap|module)".*?</script>\n', re.DOTALL)
 _LINK = re.compile(r'<link rel="(?:icon|stylesheet)" href="\./(\w+\.\w+)">')
 BEGIN = """
+window.saved = async (name) => {
+  const element = document.getElementById(`saved-${name}`);
+  if (!element) return null;
+  const text = element.textContent, packed = new Uint8Array(text.length), byteOf = new Uint8Array(65536);
+  const all = new TextDecoder("windows-1252").decode(Uint8Array.from({ length: 256 }, (_, byte) => byte));
+  for (let byte = 0; byte < 256; byte++) byteOf[all.charCodeAt(byte)] = byte;
+  let size = 0;
+  for (let k = 0; k < text.length; k++) {
+    packed[size++] = text[k] === "=" ? byteOf[text.charCodeAt(++k)] - 64 : byteOf[text.charCodeAt(k)];
+  }
+  const stream = new Blob([packed.subarray(0, size)]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).arrayBuffer();
+};
 (async () => {
-  const bytesOf = async (name) => {
-    const text = atob(document.getElementById(name).textContent);
-    const packed = Uint8Array.from(text, (character) => character.charCodeAt(0));
-    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-    return new Response(stream).arrayBuffer();
-  };
-  const textOf = async (name) => JSON.parse(new TextDecoder().decode(await bytesOf(name)));
   const imports = {};
-  for (const [name, text] of Object.entries(await textOf("saved-modules"))) {
+  for (const [name, text] of Object.entries(JSON.parse(new TextDecoder().decode(await saved("modules"))))) {
     imports[name] = URL.createObjectURL(new Blob([text], { type: "text/javascript" }));
   }
   const map = document.createElement("script");
   map.type = "importmap";
   map.textContent = JSON.stringify({ imports });
   document.head.append(map);
-  const { hasRelaxed } = await import("page/proximity.mjs");
-  window.saved = {
-    welcome: await textOf("saved-welcome"),
-    scene: await bytesOf("saved-scene"),
-    geometry: await bytesOf("saved-geometry"),
-    engine: await bytesOf(hasRelaxed() ? "saved-relaxed" : "saved-plain"),
-  };
   await import("page/main.js");
 })().catch((failure) => {
   document.getElementById("cover-text").textContent = `This browser cannot show the page: ${failure.message}`;
@@ -51,38 +48,30 @@ BEGIN = """
 """Makes modules of what the file has, and starts the page."""
 
 
-def save_page(path: Path, scene: Scene, geometry: bytes, welcome: dict[str, Any]) -> int:
-    """Write a page that has a scene in it; its size in bytes.
-
-    *geometry*: of the scene, GLB. *welcome*: what a bridge would say to a page that connects.
-    """
-    engine = package_files()
+def save_page(path: Path, shown: dict[str, bytes]) -> int:
+    """Write a page that has a scene in it, as `shown_contents` has it; its size in bytes."""
     files = scene_page_files().contents
     modules = {
         f"page{name}": _by_names(f"page{name}", content.decode())
         for name, content in files.items()
         if name.endswith((".js", ".mjs"))
     }
-    modules["page/proximity.mjs"] = _by_names("page/proximity.mjs", str(engine["proximity.mjs"]))
-    with tempfile.TemporaryDirectory(prefix="proximity_page_") as folder:
-        compiled = Path(folder, "scene.prox")
-        scene.save(compiled)
-        packed = {
-            "saved-modules": json.dumps(modules).encode(),
-            "saved-welcome": json.dumps(welcome).encode(),
-            "saved-scene": compiled.read_bytes(),
-            "saved-geometry": geometry,
-            "saved-relaxed": engine["proximity.relaxed.wasm"],
-            "saved-plain": engine["proximity.plain.wasm"],
-        }
+    packed = {
+        "modules": json.dumps(modules).encode(),
+        **shown,
+        **{name[1:]: content for name, content in files.items() if name.endswith(".wasm")},
+    }
     blocks = [
-        f'<script type="application/octet-stream" id="{name}">{_packed(content)}</script>'
+        f'<script type="application/octet-stream" id="saved-{name}">'.encode()
+        + _packed(content)
+        + b"</script>"
         for name, content in packed.items()
     ]
     page = _SCRIPTS.sub("", files["/index.html"].decode())
     page = _LINK.sub(lambda link: _inside(files[f"/{link[1]}"], link[1]), page)
-    page = page.replace("</body>", "\n".join([*blocks, f"<script>{BEGIN}</script>", "</body>"]))
-    content = page.encode()
+    page = page.replace('<meta charset="utf-8">', f'<meta charset="{CHARSET}">')
+    head, body, tail = page.encode("ascii", "xmlcharrefreplace").partition(b"</body>")
+    content = b"\n".join([head, *blocks, f"<script>{BEGIN}</script>".encode(), body + tail])
     with whole_file(path) as stream:
         stream.write(content)
     return len(content)
@@ -102,9 +91,12 @@ def _by_names(module: str, text: str) -> str:
     return _IMPORTED.sub(named, text)
 
 
-def _packed(content: str | bytes) -> str:
-    content = content.encode() if isinstance(content, str) else content
-    return base64.b64encode(gzip.compress(content, LEVEL, mtime=0)).decode()
+def _packed(content: bytes) -> bytes:
+    """Compressed, a byte a letter, of which a few that a page may not have are escaped."""
+    packed = gzip.compress(content, LEVEL, mtime=0)
+    for letter in b"=\0\r<":
+        packed = packed.replace(bytes([letter]), b"=" + bytes([letter + 64]))
+    return packed
 
 
 def _inside(content: bytes, name: str) -> str:

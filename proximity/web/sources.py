@@ -15,8 +15,8 @@ from proximity.scene.scene import Scene
 from proximity.service.inputs.changes_input import carry_out
 from proximity.service.inputs.inbox import Inbox
 from proximity.transport import open_subscriber
+from proximity.web.page_content import shown_contents
 from proximity.web.page_inbox import PageInbox
-from proximity.web.page_service import PageService
 
 LARGEST_LOG = 2_000_000_000
 """Bytes of frames, which are kept in memory while a log is looked at."""
@@ -180,11 +180,9 @@ class Shown:
 
     title: str
     scene: Scene | None
-    frames: LiveFrames | LoggedFrames
+    frames: LiveFrames | LoggedFrames | None  # None: pages compute by themselves
     feed: PageInbox
-    glb: bytes = b""  # empty: no geometry
+    content: dict[str, bytes] = field(default_factory=lambda: shown_contents(None))
     others: OtherPrograms = field(default_factory=OtherPrograms)
     about: dict[str, Any] = field(default_factory=dict)  # what pages get at the beginning
-    recording: dict[str, Any] | None = None  # a hand that can be replayed
-    service: PageService | None = None  # the page's own
     notes: tuple[str, ...] = ()  # on the files of parts

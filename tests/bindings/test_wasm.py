@@ -127,6 +127,25 @@ console.log(JSON.stringify({ parts: scene.parts, before: Array.from(before), mov
     assert told["instructions"] == "relaxed"
 
 
+def test_clearance_is_that_of_python(folder):
+    told = run_module(
+        folder,
+        """
+const { readFileSync } = await import("node:fs");
+const scene = (await load()).open(readFileSync("assembly.prox"));
+const found = scene.parts.slice(1).map((part) => scene.clearance(scene.parts[0], part));
+console.log(JSON.stringify(found.map((each) => [each.distance, each.lower, ...each.pointOnFirst,
+  ...each.pointOnSecond, each.faceOnFirst, each.faceOnSecond])));
+""",
+    )
+    scene = proximity.load(folder / "assembly.prox")
+    first, *others = (part.name for part in scene.parts)
+    for row, name in zip(told, others, strict=True):
+        found = scene.clearance(first, name)
+        ends = *found.point_on_first, *found.point_on_second
+        assert row == [found.distance, found.lower, *ends, found.face_on_first, found.face_on_second]
+
+
 def test_tracker_gives_the_contacts_of_python(folder):
     told = run_module(
         folder,
@@ -138,7 +157,10 @@ const contacts = [];
 for (let k = 0; k < 200; k++) {
   const now = 1_000_000_000n + BigInt(k) * 1_000_000n;
   const positions = [0.3 - 0.001 * k, 0.05, 0.05, NaN, 0, 0];
-  contacts.push(...tracker.tick(positions, [now, now], now + 300n));
+  const corners = [0, 0.5, 1].flatMap((x) => [0.3 - 0.001 * k - 0.3 * x, 0.05 - 0.04 * x, 0.05 - 0.05 * x]);
+  corners.push(...new Array(9).fill(NaN));
+  const known = { velocities: [-1, 0, 0, 0, 0, 0], corners, pathBends: [0, 0.3, 1], bends: [0.3, 0] };
+  contacts.push(...tracker.tick(positions, [now, now], now + 300n, k < 100 ? {} : known));
 }
 tracker.close();
 console.log(JSON.stringify(contacts, (_, value) => (typeof value === "bigint" ? Number(value)
@@ -151,7 +173,12 @@ console.log(JSON.stringify(contacts, (_, value) => (typeof value === "bigint" ? 
     for k in range(200):
         now = 1_000_000_000 + k * 1_000_000
         positions = np.array([[0.3 - 0.001 * k, 0.05, 0.05], [np.nan, 0, 0]])
-        expected += list(tracker.tick(positions, now, now + 300).copy())
+        corners = np.full((2, 3, 3), np.nan)
+        corners[0] = [[0.3 - 0.001 * k - 0.3 * x, 0.05 - 0.04 * x, 0.05 - 0.05 * x] for x in (0.0, 0.5, 1.0)]
+        known = {"velocities": np.array([[-1.0, 0, 0], [0, 0, 0]]), "paths": corners}
+        known |= {"path_bends": np.array([0.0, 0.3, 1.0]), "bends": np.array([0.3, 0.0])}
+        expected += list(tracker.tick(positions, now, now + 300, **(known if k >= 100 else {})).copy())
+    assert np.isfinite([row["contact_bend"] for row in expected]).any()
 
     for contact, row in zip(told, expected, strict=True):
         for name, value in contact.items():
@@ -173,6 +200,8 @@ const sentences = [];
 for (const action of [() => scene.signedDistance([1, 2]), () => scene.closest([0, 0, 0], { maxDistance: -1 }),
   () => scene.cast([0, 0, 0], [0, 0, 0]), () => scene.hide("no such part"), () => engine.open(damaged),
   () => engine.open(new Uint8Array(100)), () => scene.tracker(1, { speed: 1 }),
+  () => scene.tracker(1).tick([0, 0, 0], [0n], 0n, { corners: [0, 0, 0] }),
+  () => scene.tracker(1).tick([0, 0, 0], [0n], 0n, { velocities: [0, 0] }),
   () => { scene.close(); scene.distance([0, 0, 0]); }]) {
   try {
     action();
@@ -186,7 +215,8 @@ console.log(JSON.stringify(sentences));
     )
     expected = (
         "three a row", "expected a length of 0 m or more", "direction 0 is zero", "no such part", "", "",
-        "expected radius, latency", "the scene is closed",
+        "expected radius, latency", "expected three times two or more for each of 1", "expected 3",
+        "the scene is closed",
     )  # fmt: skip
     assert len(told) == len(expected)
     for sentence, words in zip(told, expected, strict=True):

@@ -78,7 +78,6 @@ export run.frames --csv ./run.frames | run.frames is the log itself
 export run.frames --csv a --parquet b | expected one of --csv and --parquet
 export run.frames --parquet - | Parquet is not written to standard output
 watch decaff | decaff: expected an address such as iox2://NAME
-view box.stl --rate 0 | 0 Hz: expected 1 to 100000
 view box.stl --radius 0 | 0 mm: expected more than 0, up to 1000
 view box.stl --port 70000 | 70000: expected 0 to 65535
 view box.stl --out a.rrd | expected one log of frames (.frames) among FILES

@@ -117,15 +117,19 @@ class Events:
             (cell.toggle if rng.random() < 0.6 else cell.swap)(number)
 
 
-def run_trial(seed, finger_ticks, *, is_heavy=False):
+def _tracker(cell, **given):
+    return Tracker(cell.scene, **given)
+
+
+def run_trial(seed, finger_ticks, *, is_heavy=False, make_tracker=_tracker):
     """One trial of about so many finger-ticks: what was drawn, and the tally of all that was looked at."""
-    plan, log = log_of_trial(seed, finger_ticks, is_heavy=is_heavy)
+    plan, log = log_of_trial(seed, finger_ticks, is_heavy=is_heavy, make_tracker=make_tracker)
     tally = judge(log)
     tally.broken = [f"{plan}\n    {broken}" for broken in tally.broken]
     return plan, tally
 
 
-def log_of_trial(seed, finger_ticks, *, is_heavy=False):
+def log_of_trial(seed, finger_ticks, *, is_heavy=False, make_tracker=_tracker):
     """What was drawn, and what happened; nothing is judged yet."""
     rng = np.random.default_rng([seed, finger_ticks, is_heavy])
     make = (HEAVY_CELLS if is_heavy else LIGHT_CELLS)[seed % len(HEAVY_CELLS if is_heavy else LIGHT_CELLS)]
@@ -149,7 +153,7 @@ def log_of_trial(seed, finger_ticks, *, is_heavy=False):
         motion.is_exact &= ~is_put
     events = Events(rng, cell, kind, period)
     given = {name: value for name, value in settings.items() if value is not None}
-    tracker = Tracker(cell.scene, fingers=finger_count, **given)
+    tracker = make_tracker(cell, fingers=finger_count, **given)
     log = _tick_through(rng, cell, events, tracker, motion, paths)
     log.radii = np.broadcast_to(settings["radius"], finger_count)[log.fingers]
     log.tolerance = settings["tolerance"]

@@ -30,8 +30,7 @@ from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.transport import open_inlet, open_publisher
 from proximity.web.bridge import MOST_IN_FLIGHT, Bridge
-from proximity.web.geometry import scene_glb
-from proximity.web.page_content import SLICE_HEADER, scene_page_files
+from proximity.web.page_content import scene_page_files, shown_contents
 from proximity.web.page_inbox import PageInbox
 from proximity.web.server.access import HELD_UP, MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
 from proximity.web.server.page_server import document
@@ -54,7 +53,8 @@ class Running:
         self.frames = open_publisher(addresses[0])
         self.poses, self.moves, self.changes = map(open_inlet, addresses[1:])
         self.feed = PageInbox(*addresses[1:], self.scene, COUNT)
-        self.shown = Shown("test", self.scene, LiveFrames(addresses[0]), self.feed, scene_glb(self.scene))
+        content = shown_contents(self.scene)
+        self.shown = Shown("test", self.scene, LiveFrames(addresses[0]), self.feed, content)
         self.stop = threading.Event()
         self.opened = contextlib.ExitStack()
         self.begun = threading.Event()
@@ -85,12 +85,11 @@ class Running:
             each.close()
 
     def page(self, *, token=TOKEN, origin=None, feeds=True):
-        """A page that has come in, after its welcome and the geometry."""
+        """A page that has come in, after its welcome."""
         page = self.raw(origin=origin)
         page.send(json.dumps({"hello": token}))
         welcome = json.loads(page.recv(PATIENCE))["welcome"]
-        assert welcome["feeds"] is feeds
-        assert page.recv(PATIENCE)[:4] == b"glTF"
+        assert welcome["feeds"] is feeds and welcome["has_geometry"]
         return page
 
     def raw(self, *, origin=None, host=None):
@@ -103,8 +102,13 @@ class Running:
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE)
         connection.request("GET", path, headers={"Host": host or f"127.0.0.1:{self.port}", **headers})
         answer = connection.getresponse()
-        answer.read()
+        answer.content = answer.read()
         return answer
+
+    def shown_to(self, token, name):
+        """What a page with a token is given; None where it is refused."""
+        answer = self.get(f"/shown/{name}", Authorization=f"Bearer {token}")
+        return answer.content if answer.status == 200 else None
 
 
 @pytest.fixture
@@ -422,47 +426,17 @@ def test_a_service_that_begins_anew_is_told_where_parts_are(bridge):
     assert records["translation"].tolist() == [[0.1, 0, 0]]
 
 
-# Slices
+# What is shown
 
 
-def ask_slice(page, **changes):
-    asked = {
-        "ticket": 5, "origin": [0, 0, 0.05], "u": [0.2, 0, 0], "v": [0, 0.1, 0], "width": 21, "height": 11,
-    }  # fmt: skip
-    page.send(json.dumps({"slice": asked | changes}))
-
-
-def test_a_slice_is_the_signed_distance(bridge):
-    page = bridge.page()
-    ask_slice(page)
-
-    data = page.recv(PATIENCE)
-
-    header = np.frombuffer(data, SLICE_HEADER, 1)[0]
-    values = np.frombuffer(data, "<f4", offset=SLICE_HEADER.itemsize).reshape(11, 21)
-    assert (header["ticket"], header["width"], header["height"]) == (5, 21, 11)
-    points = np.array([[(x, y, 0.05) for x in np.linspace(0, 0.2, 21)] for y in np.linspace(0, 0.1, 11)])
-    np.testing.assert_allclose(values, bridge.scene.signed_distance(points), atol=1e-7)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"width": 10**9},
-        {"width": 0},
-        {"origin": [0, 0]},
-        {"origin": [0, 0, 1e300]},
-        {"u": ["nan", 0, 0]},
-        {"ticket": -1},
-        {"v": None},
-        {"height": "many"},
-    ],
-)
-def test_a_slice_that_cannot_be_is_said(bridge, changes):
-    page = bridge.page()
-    ask_slice(page, **changes)
-
-    assert "slice" in json.loads(page.recv(PATIENCE))["notice"]
+def test_what_is_shown_is_given_for_the_token(bridge):
+    scene = bridge.shown_to(TOKEN, "scene")
+    assert bridge.shown_to(TOKEN, "geometry")[:4] == b"glTF"
+    assert bridge.shown_to(TOKEN, "welcome") == b"null"  # a service computes, and its page is told later
+    assert len(scene) > 1000 and bridge.shown_to(TOKEN, "scene/../welcome") is None
+    for token in ("", "wrong"):
+        assert bridge.shown_to(token, "scene") is None
+    assert bridge.bridge.server.refused["wrong token"] == 2
 
 
 # What is refused

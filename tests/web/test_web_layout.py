@@ -1,34 +1,14 @@
-"""The layout of messages for the page: its offsets are NumPy's; and how frames age there, in Node."""
+"""How frames age on the page, in Node."""
 
 import json
 import shutil
 import subprocess
 
 import pytest
-from javascript_layouts import assert_is_where_numpy_has_it, constant
 
 from proximity.message import FRAME, ContactFlag, Message, State
-from proximity.message.c_header import KINDS, RECORDS
-from proximity.message.fields import dtype_of
-from proximity.web.page_content import CLIENT, PAGE, SLICE_FIELDS, page_layout
-
-ALL = {name: fields for name, (_, fields) in RECORDS.items()} | {"slice_header": SLICE_FIELDS}
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_every_field_is_where_numpy_has_it(name):
-    assert_is_where_numpy_has_it(constant(page_layout(), "RECORDS")[name], dtype_of(ALL[name]))
-
-
-def test_every_kind_is_there():
-    reported = constant(page_layout(), "KINDS")
-
-    for kind in KINDS:
-        assert reported[kind.name]["magic"] == kind.magic
-        records = constant(page_layout(), "RECORDS")
-        assert records[reported[kind.name]["header"]]["size"] == kind.header_size
-        assert records[reported[kind.name]["record"]]["size"] == kind.record_size
-
+from proximity.message.clients import client_files
+from proximity.web.page_content import PAGE
 
 AGES = """
 import fs from "node:fs";
@@ -50,9 +30,9 @@ def test_a_frame_ages_on_the_page_as_the_client_has_it(tmp_path):
     program = shutil.which("node")
     if program is None:
         pytest.skip("there is no Node here")
-    for path in (PAGE / "frames.js", CLIENT):
-        shutil.copy(path, tmp_path)
-    (tmp_path / "layout.mjs").write_text(page_layout(), encoding="utf-8")
+    shutil.copy(PAGE / "frames.js", tmp_path)
+    for name, text in client_files("javascript").items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
     (tmp_path / "package.json").write_text('{"type": "module"}')
     (tmp_path / "script.js").write_text(AGES, encoding="utf-8")
     message = Message(FRAME, 1)

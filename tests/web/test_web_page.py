@@ -1,10 +1,14 @@
 """The page in a browser: hands in, distances seen, parts moved, and what it says when nothing comes."""
 
+import contextlib
 import os
-import signal
+import socket
+import subprocess
+import sys
 
 import browsing
 import numpy as np
+import psutil
 import pytest
 from browsing import Page, Viewing
 from project import MESHES
@@ -33,7 +37,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.browser]
 @pytest.fixture(scope="module")
 def viewing():
     browsing.browser_path()
-    with Viewing(MESHES / "assembly.step", MESHES / "bracket.stl", "--rate", 200) as running:
+    with Viewing(MESHES / "assembly.step", MESHES / "bracket.stl") as running:
         yield running
 
 
@@ -243,46 +247,16 @@ def test_a_picture_is_saved_and_a_link_opens_the_same_view(page, chromium):
         np.testing.assert_allclose(other.ask(eye), page.ask(eye), rtol=1e-4)
 
 
-def test_a_second_page_watches_and_may_take_over(page, chromium, viewing):
+def test_without_hands_the_page_says_so(page):
     has_mouse_hand(page)
-    with Page(chromium, viewing.url).ready() as second:
-        second.until(KNOWN)
-        second.until("document.getElementById('input-hint').textContent.startsWith('Another page sends')")
-        second.page.get_by_role("radio", name="Mouse").click()
-        second.until("page.input === 'mouse' && page.feeds")
-        page.until("!page.feeds")
-    page.until("page.feeds")
+    page.until("document.getElementById('state').textContent === 'OK'")
+    assert page.ask("document.getElementById('meaning').textContent") == "The right hand is tracked."
 
+    page.page.get_by_role("radio", name="None").click()
 
-@pytest.mark.skipif(os.name == "nt", reason="processes are stopped by signals")
-def test_stale_is_shown_and_all_is_back_when_frames_come_again(page, viewing, scene):
-    has_mouse_hand(page)
-    page.page.locator("#parts .name", has_text="bracket").click()
-    page.page.keyboard.press("Shift+ArrowRight")
-    moved = "page.parts.list.at(-1).object.matrix.elements"
-    page.until(f"Math.abs({moved}[12] - 0.01) < 1e-9")
-
-    viewing.process.send_signal(signal.SIGSTOP)  # a program that hangs
-    try:
-        page.until(
-            "page.reading.state === 'STALE' && document.getElementById('state').textContent === 'STALE'"
-        )
-        assert page.contacts() == []
-        page.until(
-            "[...document.querySelectorAll('#fingers td:nth-child(2)')].every((td) => td.textContent === '—')"
-        )
-        page.picture("stale")
-    finally:
-        viewing.process.send_signal(signal.SIGCONT)
-    page.until(KNOWN)
-
-    elsewhere = proximity.Scene(scene.parts)
-    shifted = np.eye(4)
-    shifted[0, 3] = 0.01
-    elsewhere.move("bracket", shifted)
-    same_as(elsewhere, page.exact())
-    page.page.keyboard.press("Home")
-    page.until(f"{moved}[12] === 0")
+    page.until("document.getElementById('state').textContent === 'NO HANDS'")
+    page.until("page.fingers.shown.every((finger) => !finger.group.visible)")
+    page.picture("no-hands")
 
 
 def test_without_a_headset_a_sentence_says_so(page):
@@ -298,6 +272,8 @@ def test_without_its_token_a_sentence_says_so(chromium, viewing):
             page.until(
                 "document.getElementById('cover-text').textContent.startsWith('The address has no token')"
             )
+            assert all("403" in complaint for complaint in page.complaints)
+            page.complaints.clear()
 
 
 def test_everything_can_be_reached_by_the_keyboard(page):
@@ -307,3 +283,109 @@ def test_everything_can_be_reached_by_the_keyboard(page):
         reached.add(page.ask("document.activeElement.id || document.activeElement.textContent"))
 
     assert {"canvas", "Mouse", "tool-move", "tool-measure", "tool-slice", "tool-help", "hide"} <= reached
+
+
+# Beside a service
+
+
+@pytest.fixture(scope="module")
+def serving(tmp_path_factory):
+    browsing.browser_path()
+    folder = tmp_path_factory.mktemp("served")
+    with contextlib.ExitStack() as opened:
+        free = [opened.enter_context(socket.socket(type=socket.SOCK_DGRAM)) for _ in range(3)]
+        for each in free:
+            each.bind(("127.0.0.1", 0))
+        poses, moves, changes = (f"udp://127.0.0.1:{each.getsockname()[1]}" for each in free)
+    (folder / "cell.toml").write_text(
+        f'[service]\nrate_hz = 200\nvalid_for = 0.1\npublish = "iox2://page-{os.getpid()}"\n'
+        "[fingers]\ncount = 10\n"
+        f'[[parts]]\nfile = "{(MESHES / "bracket.stl").as_posix()}"\n[web]\nfeed = true\n'
+        f'[input]\nposes = "{poses}"\nmoves = "{moves}"\nchanges = "{changes}"\n'
+    )
+    command = [
+        sys.executable,
+        "-m",
+        "proximity",
+        "serve",
+        str(folder / "cell.toml"),
+        "--web",
+        "--until-stdin",
+    ]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as running:
+        running.url = next(line for line in running.stderr if "the page is at" in line).split()[-1]
+        yield running
+        running.communicate("")
+
+
+@pytest.fixture(scope="module")
+def beside(chromium, serving):
+    with Page(chromium, serving.url).ready() as one:
+        yield one
+
+
+def test_a_second_page_watches_and_may_take_over(beside, chromium, serving):
+    has_mouse_hand(beside)
+    with Page(chromium, serving.url).ready() as second:
+        second.until(KNOWN)
+        second.until("document.getElementById('input-hint').textContent.startsWith('Another page sends')")
+        second.page.get_by_role("radio", name="Mouse").click()
+        second.until("page.input === 'mouse' && page.feeds")
+        beside.until("!page.feeds")
+    beside.until("page.feeds")
+
+
+def test_a_slice_is_of_parts_where_a_service_has_them(beside):
+    moved = "page.parts.list[0].object.matrix.elements[12]"
+    beside.page.locator("#parts .name", has_text="bracket").click()
+    beside.page.keyboard.press("Shift+ArrowRight")
+    beside.until(f"Math.abs({moved} - 0.01) < 1e-9")
+    plane = "{ origin: [0, 0, 0.02], u: [0.1, 0, 0], v: [0, 0.1, 0], width: 3, height: 3 }"
+
+    values = beside.ask(f"page.local.sliced({plane}, page.parts.list, () => true).then(Array.from)")
+
+    grid = np.array([[0.05 * column, 0.05 * row, 0.02] for row in range(3) for column in range(3)])
+    shifted = proximity.load(MESHES / "bracket.stl").signed_distance(grid - [0.01, 0, 0])
+    np.testing.assert_allclose(values, shifted, rtol=0, atol=1e-15)
+    beside.page.keyboard.press("Home")
+    beside.until(f"{moved} === 0")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="processes are stopped by signals")
+def test_stale_is_shown_and_all_is_back_when_frames_come_again(beside, serving):
+    has_mouse_hand(beside)
+    beside.page.locator("#parts .name", has_text="bracket").click()
+    beside.page.keyboard.press("Shift+ArrowRight")
+    moved = "page.parts.list[0].object.matrix.elements[12]"
+    beside.until(f"Math.abs({moved} - 0.01) < 1e-9")
+    processes = [psutil.Process(serving.pid), *psutil.Process(serving.pid).children()]
+
+    for process in processes:
+        process.suspend()  # programs that hang
+    try:
+        beside.until(
+            "page.reading.state === 'STALE' && document.getElementById('state').textContent === 'STALE'"
+        )
+        assert beside.contacts() == []
+        beside.until(
+            "[...document.querySelectorAll('#fingers td:nth-child(2)')].every((td) => td.textContent === '—')"
+        )
+        beside.picture("stale")
+    finally:
+        for process in processes:
+            process.resume()
+    beside.until(KNOWN)
+
+    shifted = proximity.load(MESHES / "bracket.stl")
+    shifted.move("bracket", [[1, 0, 0, 0.01], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    same_as(shifted, beside.exact())
+    beside.page.keyboard.press("Home")
+    beside.until(f"{moved} === 0")
+
+
+def test_without_hands_a_service_is_not_called_stale(beside):
+    beside.ask("page.choose('none')")
+
+    beside.until("document.getElementById('state').textContent === 'NO HANDS'")

@@ -54,8 +54,6 @@ def test_every_import_of_the_page_is_there():
         if "vendor" in path.parts:
             continue
         for name in re.findall(r'from "(\.[^"]+)"', path.read_text(encoding="utf-8")):
-            if (path.name, name) == ("local_link.js", "./proximity.mjs"):
-                continue  # both are only in a page that was saved: test_saved_page.py runs it
             target = "/" + (path.parent / name).resolve().relative_to(PAGE.resolve()).as_posix()
             assert files.get(target) is not None, (path, name)
 
@@ -73,6 +71,6 @@ def test_the_policy_lets_nothing_in_but_what_is_served():
     policy = scene_page_files().headers["Content-Security-Policy"]
 
     assert "default-src 'none'" in policy
-    assert re.search(r"script-src 'self' 'sha256-[^']+';", policy)
-    assert "unsafe" not in policy
+    assert re.search(r"script-src 'self' 'wasm-unsafe-eval' 'sha256-[^']+';", policy)
+    assert "unsafe" not in policy.replace("'wasm-unsafe-eval'", "")  # compiles the engine, no text
     assert "*" not in policy

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
+from urllib.request import Request, url2pathname, urlopen
 
 import numpy as np
 import psutil
@@ -29,23 +29,30 @@ from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service.config import read_scene_file
 from proximity.web import running_page
-from proximity.web.page_process import PageSettings, run_page
-from proximity.web.page_service import page_settings
+from proximity.web.page_process import PageSettings, page_settings, run_page
 from proximity.web.sources import LoggedFrames
 
 PATIENCE = 120.0
 BRACKET = MESHES / "bracket.stl"
 
 
+def shown_at(url, name):
+    """What a page is given over HTTP."""
+    address, _, token = url.partition("#token=")
+    asked = Request(f"{address}shown/{name}", headers={"Authorization": f"Bearer {token}"})
+    with urlopen(asked, timeout=PATIENCE) as answer:
+        return answer.read()
+
+
 def welcomed(url):
-    """What a page is told first, and the kinds of what comes behind it."""
+    """What a page beside a service is told first, and the kinds of what comes behind it."""
+    assert shown_at(url, "welcome") == b"null"
     address, _, token = url.partition("/#token=")
     with connect(address.replace("http", "ws") + "/live", origin=address, max_size=None) as page:
         page.send(json.dumps({"hello": token}))
         welcome = json.loads(page.recv(PATIENCE))["welcome"]
-        first = page.recv(PATIENCE)[:4] if welcome["has_geometry"] else b""
-        frame = page.recv(PATIENCE)[:4] if "log" not in welcome else b""
-    return welcome, first, frame
+        frame = page.recv(PATIENCE)[:4]
+    return welcome, shown_at(url, "geometry")[:4], frame
 
 
 def ended(process, patience=30.0):
@@ -58,12 +65,13 @@ def ended(process, patience=30.0):
     return False
 
 
-def test_view_is_one_process():
-    with Viewing(BRACKET, "--rate", 200) as running:
-        welcome, geometry, frame = welcomed(running.url)
+def test_view_is_one_process_and_its_page_computes_by_itself():
+    with Viewing(BRACKET) as running:
+        welcome = json.loads(shown_at(running.url, "welcome"))
+        geometry = shown_at(running.url, "geometry")[:4]
         children = psutil.Process(running.process.pid).children()
 
-    assert (geometry, frame, children) == (b"glTF", b"DECF", [])
+    assert (geometry, children) == (b"glTF", [])
     assert (welcome["finger_count"], welcome["may_pose"], welcome["may_move"]) == (10, True, True)
     assert welcome["recording"]["name"] == "hand.csv"
 
@@ -74,12 +82,11 @@ def test_a_scene_in_python_is_shown_as_it_is():
 
     page = proximity.view(scene, open_browser=False)
     try:
-        welcome, geometry, _ = welcomed(page.url)
+        welcome = json.loads(shown_at(page.url, "welcome"))
         html = page._repr_html_()
     finally:
         page.stop()
 
-    assert geometry == b"glTF"
     assert welcome["title"] == "scene.prox"
     assert f'src="{page.url}"' in html
     assert repr(page) == "RunningPage(ended)"
@@ -139,28 +146,30 @@ def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
         shown()
 
 
-def test_parts_are_served_as_was_asked_for():
-    settings = page_settings(["part.stl", str(BRACKET)], units="in", rate_hz=500.0, radius=0.005)
+def test_parts_are_shown_as_was_asked_for():
+    files = ("part.stl", str(BRACKET))
+    settings = page_settings(files, PageSettings(files, units="in", radius=0.005))
 
     assert [part.file for part in settings.parts] == [str(Path("part.stl").absolute()), str(BRACKET)]
     assert {part.units for part in settings.parts} == {"in"}
-    assert settings.service.rate_hz == 500.0
     assert (settings.fingers.count, settings.fingers.radius) == (10, 0.005)
 
 
 def test_parts_and_fingers_of_a_scene_file_are_taken(tmp_path):
     scene = tmp_path / "cell.toml"
     scene.write_text(
-        f'[fingers]\ncount = 3\nradius = [0.005, 0.006, 0.007]\n[[parts]]\nfile = "{BRACKET.as_posix()}"\n'
+        "[fingers]\ncount = 3\nradius = [0.005, 0.006, 0.007]\nhorizon = 0.3\n"
+        f'[[parts]]\nfile = "{BRACKET.as_posix()}"\n'
         'name = "spring"\nposition = [0.1, 0, 0]\nkind = "deformable"\nstiffness = 800.0\ndamping = 2.0\n'
         '[input]\nposes = "mailbox:x"\n'
     )
 
-    settings = page_settings([str(scene)], units="mm", rate_hz=1e3, radius=None)
+    with Viewing(scene) as running:
+        welcome = json.loads(shown_at(running.url, "welcome"))
 
-    assert settings.parts == read_scene_file(scene).parts
-    assert (settings.fingers.count, settings.fingers.radius) == (3, (0.005, 0.006, 0.007))
-    assert settings.input.poses.startswith(settings.service.publish[0])
+    assert (welcome["finger_count"], welcome["radii"]) == (3, [0.005, 0.006, 0.007])
+    assert welcome["tracker"] == {"horizon": 0.3}
+    assert page_settings((str(scene),), PageSettings(())).parts == read_scene_file(scene).parts
 
 
 @pytest.mark.parametrize(
@@ -225,7 +234,6 @@ def test_a_log_is_shown_frame_by_frame(tmp_path):
         with connect(address.replace("http", "ws") + "/live", origin=address, max_size=None) as page:
             page.send(json.dumps({"hello": token}))
             welcome = json.loads(page.recv(PATIENCE))["welcome"]
-            assert page.recv(PATIENCE)[:4] == b"glTF"
             assert welcome["log"] == {"count": 50, "duration_ms": 49.0, "notes": []}
             page.send(json.dumps({"at_ms": 30.5}))
             assert json.loads(page.recv(PATIENCE)) == {"place": 30, "ms": 30.0}

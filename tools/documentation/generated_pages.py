@@ -6,6 +6,7 @@ MkDocs calls the functions named ``on_…``: tools/documentation/mkdocs.yml name
 import json
 import re
 import sys
+import tempfile
 import textwrap
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from mkdocs.structure.files import File
 
 import proximity
 from proximity import cli
+from proximity.web.page_process import PageSettings, write_page
 
 PUBLIC = {
     "Loading": ("load", "from_mesh", "from_trimesh", "to_trimesh", "LoadReport"),
@@ -60,15 +62,29 @@ STATES = {
 }
 
 
+PART = Path(__file__).parents[2] / "meshes" / "bracket.stl"
+RUNNING = "running/bracket.html"
+LIVE = "live in a browser.*"
+"""Behind that the first page has a link to the page that runs."""
+
+
 def on_files(files, config):
-    """Add the generated pages to those of the folder."""
+    """Add the generated pages to those of the folder, and one that computes by itself."""
     for name, text in pages().items():
         files.append(File.generated(config, f"reference/{name}", content=text))
+    with tempfile.TemporaryDirectory() as folder:
+        write_page(PageSettings((str(PART),)), Path(folder, "page.html"))
+        files.append(File.generated(config, RUNNING, content=Path(folder, "page.html").read_bytes()))
     return files
 
 
 def on_page_markdown(markdown, page, **_):
-    """Write the layouts below the page on messages, and the programs into that on examples."""
+    """Write the layouts below the page on messages, the programs into that on examples, and a link."""
+    if page.file.src_uri == "index.md":
+        assert LIVE in markdown, "the first page names the page"
+        return markdown.replace(
+            LIVE, f"{LIVE} **[Try it here]({RUNNING})**: one file, which computes by itself."
+        )
     if page.file.src_uri == "reference/messages.md":
         return f"{markdown}\n{message_tables.records()}"
     return PROGRAM.sub(lambda link: _program(link[1]), markdown)

@@ -17,9 +17,9 @@ from kernel_build.state import library_digest, sources_digest
 from kernel_build.targets import (
     Instructions,
     Target,
-    extension_path,
     host_target,
     module_path,
+    target_folder,
     wrapper_symbol,
 )
 from kernel_build.wasm import link_module
@@ -38,15 +38,11 @@ as long.
 
 
 def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]:
-    """Make the extension module of each target at its `extension_path`, and the library beside it; the paths.
+    """Make the extension module of each target in its folder, and the library beside it; the paths.
 
-    Of this machine's target only the best set of instructions that it has, unless *every_set*; for browsers
-    both.
+    Only the best set of instructions that this machine, or a browser, has, unless *every_set*.
     """
-    sets = {
-        target.name: target.sets if every_set or not target.extension else usable_sets(target)[-1:]
-        for target in targets
-    }
+    sets = {target.name: target.sets if every_set else usable_sets(target)[-1:] for target in targets}
     process_count = min(len(GROUPS), os.cpu_count() or 1)
     groups = [tuple(range(first, len(GROUPS), process_count)) for first in range(process_count)]
     with ProcessPoolExecutor(process_count) as pool:
@@ -59,8 +55,8 @@ def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]
             for instructions in sets[target.name]
             for names, content in compiled
         ]
-        if target.extension:
-            made += _linked(target, objects, digest, extension_path(target, folder))
+        if not target.is_web:
+            made += _linked(target, objects, digest, target_folder(target, folder))
         else:
             made += [_linked_module(target, objects, each, folder) for each in sets[target.name]]
     return made
@@ -119,8 +115,8 @@ def _load(name: str, source: Path) -> None:
         spec.loader.exec_module(sys.modules[name])
 
 
-def _linked(target: Target, objects: list[CompiledGroup], digest: str, path: Path) -> list[Path]:
-    """Link a target's objects to its extension module at a path, and to its library beside it; the paths."""
+def _linked(target: Target, objects: list[CompiledGroup], digest: str, place: Path) -> list[Path]:
+    """Link a target's objects to its extension module, if it has one, and to its library."""
     with tempfile.TemporaryDirectory() as scratch:
         files = []
         for number, each in enumerate(objects):
@@ -133,13 +129,14 @@ def _linked(target: Target, objects: list[CompiledGroup], digest: str, path: Pat
             for name in each.names
         ]
         table.write_text(entry_table(wrappers, digest), encoding="utf-8")
-        extension = link(target, files, table, Path(scratch))
+        made = []
+        if target.extension:
+            extension = link(target, files, table, Path(scratch))
+            made.append(_placed(extension, place / target.extension))
         library = link_library(target, files, wrappers, library_digest(), Path(scratch))
-        made = [_placed(extension, path), _placed(library, path.with_name(target.library))]
+        made.append(_placed(library, place / target.library))
         if target.import_library:
-            made.append(
-                _placed(library.with_name(target.import_library), path.with_name(target.import_library))
-            )
+            made.append(_placed(library.with_name(target.import_library), place / target.import_library))
         return made
 
 

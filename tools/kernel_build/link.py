@@ -19,6 +19,9 @@ from proximity.native.in_c import C_CODE
 NATIVE, HEADERS = (Path(__file__).resolve().parent / name for name in ("native", "headers"))
 CONTROLLER = ROOT / "proximity" / "decaff" / "controller"
 LIBRARY = ROOT / "proximity" / "bindings" / "c"
+_BIONIC = ["-D__errno_location=__errno", "-U__linux__", "-fno-builtin", "-mno-outline-atomics", "-fPIC"]
+"""For Android: what its C library names otherwise than the one whose headers are here. There is no shared
+memory and no loop, as on a system that is not Linux."""
 _COMPILE = ["-O2", "-std=c11", "-Wall", "-Wextra", "-fvisibility=hidden", "-fno-sanitize=all", "-g0"]
 
 
@@ -39,7 +42,14 @@ def link_library(
     """Return the library in C, of the same objects; beside it is its import library, where there is one."""
     library = folder / target.library
     files = [*library_objects(target, wrappers, digest, folder), *objects]
-    name = [f"-Wl,-soname,{target.library}"] if target.name.startswith("linux") else []
+    name = [f"-Wl,-soname,{target.library}"] if target.library.endswith(".so") else []
+    if _is_android(target):
+        name += [
+            "-nostdlib",
+            "-Wl,-z,max-page-size=16384",
+            "-Wl,--no-as-needed",
+            *map(str, _named_libraries(target, folder)),
+        ]
     if target.import_library:
         name = [f"-Wl,--out-implib,{folder / target.import_library}"]
     zig(target, folder, "-shared", "-s", *name, "-o", str(library), *map(str, files), *_mathematics(target))
@@ -58,6 +68,7 @@ def library_objects(
     table = folder / "core_tables.c"
     table.write_text(tables_source(sets.items(), digest), encoding="ascii")
     options = ["-DPROXIMITY_BUILDS", "-D_GNU_SOURCE", f"-I{LIBRARY}", f"-I{NATIVE}"]
+    options += _BIONIC if _is_android(target) else []
     sources = [
         table,
         *sorted(LIBRARY.glob("*.c")),
@@ -66,6 +77,20 @@ def library_objects(
         NATIVE / "processor.c",
     ]
     return [_compiled(target, source, folder, *options) for source in sources]
+
+
+def _is_android(target: Target) -> bool:
+    return target.name.startswith("android")
+
+
+def _named_libraries(target: Target, folder: Path) -> list[Path]:
+    """Libraries of the system by their names alone: what is called is found when the library is loaded."""
+    made = [folder / f"named-{name}.so" for name in ("libc", "libm")]
+    (folder / "named.c").write_text("")
+    for path in made:
+        soname = f"-Wl,-soname,{path.name.removeprefix('named-')}"
+        zig(target, folder, "-shared", "-nostdlib", soname, "-o", str(path), str(folder / "named.c"))
+    return made
 
 
 def _compiled(target: Target, source: Path, folder: Path, *options: str) -> Path:

@@ -35,7 +35,7 @@ def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
     """Return an object file of all wrappers, named after the set of instructions."""
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
-    if not target.extension:
+    if target.is_web:
         code = without_fused(code, is_relaxed="relaxed" in instructions.features)
     module = binding.parse_assembly(code)
     machine = binding.Target.from_triple(target.triple).create_target_machine(

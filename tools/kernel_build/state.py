@@ -52,9 +52,9 @@ def library_digest() -> str:
 
 def is_current(target: Target, folder: Path, *, every_set: bool) -> bool:
     """Return whether a folder holds the extension module and the library of a target as the sources are."""
-    files = made_files(target, folder)
+    files = made_files(target, folder, every_set=every_set)
     sets = [f"for {each.name}" for each in target.sets if every_set]
-    words = [[library_digest()]] * len(files)
+    words = [[library_digest(), *([] if target.is_web else sets)]] * len(files)
     if target.extension:
         words = [
             [sources_digest(), digest_in_c(), *sets],

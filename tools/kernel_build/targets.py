@@ -27,9 +27,14 @@ class Target:
     zig: str  # as the linker calls it
     wheel: str  # tag of wheels
     sets: tuple[Instructions, ...]
-    extension: str = "_kernels.abi3.so"  # name of the extension module's file; "": a browser has none
+    extension: str = "_kernels.abi3.so"  # name of the extension module's file; "": there is no Python
     library: str = "libproximity.so"  # name of the library in C
     import_library: str = ""  # by which linkers find that, where a system needs one
+
+    @property
+    def is_web(self) -> bool:
+        """Whether there are modules for browsers instead of a library."""
+        return self.name == "wasm32"
 
 
 _X86 = (
@@ -70,6 +75,10 @@ TARGETS = {
             "proximity.dll",
             "proximity.lib",
         ),
+        # Compiled with headers of another C library, and linked by hand: see `link.link_library`.
+        Target(
+            "android-aarch64", "aarch64-unknown-linux-android", "aarch64-linux-musl", "", _ARM, extension=""
+        ),
         Target("wasm32", "wasm32-unknown-wasi", "wasm32-wasi", "", _WEB, "", "proximity.wasm"),
     )
 }
@@ -85,9 +94,9 @@ def host_target() -> Target:
     return TARGETS[name]
 
 
-def extension_path(target: Target, folder: Path) -> Path:
-    """Return where the extension module of a target belongs: that of this machine in the folder itself."""
-    return (folder if target.name == _host_name() else folder / target.name) / target.extension
+def target_folder(target: Target, folder: Path) -> Path:
+    """Return where the files of a target belong: those of this machine in the folder itself."""
+    return folder if target.name == _host_name() else folder / target.name
 
 
 def module_path(instructions: Instructions, folder: Path) -> Path:
@@ -95,13 +104,12 @@ def module_path(instructions: Instructions, folder: Path) -> Path:
     return folder / f"proximity.{instructions.name}.wasm"
 
 
-def made_files(target: Target, folder: Path) -> list[Path]:
+def made_files(target: Target, folder: Path, *, every_set: bool) -> list[Path]:
     """Return the files that are built for a target: extension module and library, or modules for browsers."""
-    if not target.extension:
-        return [module_path(each, folder) for each in target.sets]
-    extension = extension_path(target, folder)
-    names = [target.library, *([target.import_library] if target.import_library else [])]
-    return [extension, *map(extension.with_name, names)]
+    if target.is_web:
+        return [module_path(each, folder) for each in (target.sets if every_set else target.sets[-1:])]
+    names = target.extension, target.library, target.import_library
+    return [target_folder(target, folder) / name for name in names if name]
 
 
 def wrapper_symbol(name: str, instructions: Instructions) -> str:

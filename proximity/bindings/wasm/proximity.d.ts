@@ -2,6 +2,13 @@
 
 export const NO_PART: -1;
 export const NO_FACE: -1;
+export const Relation: {
+  readonly APART: 0;
+  readonly TOUCHING: 1;
+  readonly CROSSING: 2;
+  readonly FIRST_INSIDE: 3;
+  readonly SECOND_INSIDE: 4;
+};
 export const Feature: { readonly NONE: -1; readonly FACE: 0; readonly EDGE: 1; readonly VERTEX: 2 };
 
 export class ProximityError extends Error {
@@ -43,6 +50,16 @@ export interface SegmentHits {
   face: Int32Array;
 }
 
+export interface Clearance {
+  lower: number;
+  distance: number;
+  pointOnFirst: Float64Array;
+  pointOnSecond: Float64Array;
+  faceOnFirst: number;
+  faceOnSecond: number;
+  relation: number;
+}
+
 export interface Move {
   part: PartName;
   matrix: ArrayLike<number>;
@@ -59,6 +76,13 @@ export interface TrackerSettings {
   maxSpeed?: number;
   maxAcceleration?: number;
   budget?: number | bigint;
+}
+
+export interface Motion {
+  velocities?: Rows;
+  corners?: Rows;
+  pathBends?: ArrayLike<number>;
+  bends?: ArrayLike<number>;
 }
 
 /** The fields of a contact in a message; whole numbers of 64 bits are BigInt. */
@@ -92,13 +116,14 @@ export class Scene {
   cast(origins: Rows, directions: Rows, limit?: Limit): RayHits;
   castDistance(origins: Rows, directions: Rows, limit?: Limit): Float64Array;
   closestToSegments(starts: Rows, ends: Rows, limit?: Limit): SegmentHits;
+  clearance(first: PartName, second: PartName, limits?: Limit & { tolerance?: number; budget?: number }): Clearance;
   tracker(fingers: number, settings?: TrackerSettings): Tracker;
 }
 
 export class Tracker {
   private constructor();
   readonly fingers: number;
-  tick(positions: Rows, poseNs: ArrayLike<bigint>, nowNs: bigint): Contact[];
+  tick(positions: Rows, poseNs: ArrayLike<bigint>, nowNs: bigint, given?: Motion): Contact[];
   setRadius(finger: number, radius: number): void;
   reset(): void;
   close(): void;

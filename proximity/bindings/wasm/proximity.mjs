@@ -16,9 +16,12 @@ const CLOSEST = { size: 96, reals: { signedDistance: 1, point: 3, gradient: 3, b
 const HIT = { size: 88, reals: { distance: 1, point: 3, normal: 3, barycentric: 3 }, words: ["part", "face"] };
 const SEGMENT = { size: 96, reals: { distance: 1, pointOnSegment: 3, pointOnSolid: 3, fraction: 1, barycentric: 3 },
   words: ["part", "face"] };
+const CLEARANCE = { size: 80, reals: { lower: 1, distance: 1, pointOnFirst: 3, pointOnSecond: 3 },
+  words: ["faceOnFirst", "faceOnSecond", "relation"] };
 const ERROR_SIZE = 512;
 const SETTINGS = ["radius", "latency", "workingRange", "tolerance", "horizon", "maxSpeed", "maxAcceleration"];
 const SETTINGS_SIZE = 64;
+const PATHS_SIZE = 16; // of proximity_paths: an address, a count, two addresses
 // A function that has one relaxed instruction: whether it is valid says whether the browser has them.
 const RELAXED = new Uint8Array([
   0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 15, 1, 13, 0, 65, 1, 253, 15, 65, 2, 253, 15,
@@ -27,6 +30,7 @@ const RELAXED = new Uint8Array([
 const text = new TextDecoder();
 
 export const NO_PART = -1, NO_FACE = -1;
+export const Relation = { APART: 0, TOUCHING: 1, CROSSING: 2, FIRST_INSIDE: 3, SECOND_INSIDE: 4 };
 export const Feature = { NONE: -1, FACE: 0, EDGE: 1, VERTEX: 2 };
 
 /** What cannot be done: what, where, and what was expected. */
@@ -353,6 +357,16 @@ export class Scene {
     return answers;
   }
 
+  /** The shortest connection of two parts, hidden or not, if it is shorter than *maxDistance*, m: lower, distance,
+   * pointOnFirst, pointOnSecond, faceOnFirst, faceOnSecond, relation. *tolerance*: the distance may be longer by this
+   * share; *budget*: steps of the search, 0 for as many as it takes. */
+  clearance(first, second, { maxDistance = Infinity, tolerance = 0, budget = 0 } = {}) {
+    const parts = [this.partNumber(first), this.partNumber(second)], answer = this.#engine.block(1, CLEARANCE.size);
+    this.#engine.checked("clearance", this.#open, ...parts, maxDistance, tolerance, budget, answer);
+    const found = this.#records(CLEARANCE, answer, 1);
+    return Object.fromEntries(Object.entries(found).map(([name, row]) => [name, row.length > 1 ? row : row[0]]));
+  }
+
   /** A tracker of so many fingertips. *settings*: radius, latency, workingRange, tolerance, horizon, maxSpeed,
    * maxAcceleration, budget, as in Python's Tracker. Close it before the scene. */
   tracker(fingers, settings = {}) {
@@ -384,18 +398,48 @@ export class Tracker {
 
   /** Answer for all fingers: *positions* has three numbers a finger, not finite where it is not tracked; *poseNs*,
    * an instant a finger, and *nowNs* are BigInt, ns, on one clock. A list of contacts, with the fields of the
-   * message. */
-  tick(positions, poseNs, nowNs) {
+   * message. *given*, each as far as it is known: velocities, three numbers a finger, m/s; corners, the path of each
+   * fingertip as it bends, equally many corners of three numbers a finger, m, not finite for a finger that has none;
+   * pathBends, the bend at each corner, evenly from 0 to 1 without them; bends, that of each finger at its pose. */
+  tick(positions, poseNs, nowNs, given = {}) {
     if (this.#address === 0) throw new ProximityError(1, "the tracker is closed");
     const engine = this.#engine, { fingers } = this;
     if (positions.length !== 3 * fingers || poseNs.length !== fingers) {
       throw new ProximityError(1, `positions have ${positions.length} numbers and there are ${poseNs.length} instants, expected ${3 * fingers} and ${fingers}`);
     }
     const rows = engine.written(0, positions), instants = engine.block(1, 8 * fingers);
-    poseNs.forEach((instant, k) => engine.view.setBigInt64(instants + 8 * k, instant, true));
-    engine.checked("tick", this.#address, rows, instants, nowNs, 0, 0, this.#contacts);
-    const { view } = engine, { size } = RECORDS.contact;
-    return Array.from({ length: fingers }, (_, k) => readRecord(view, this.#contacts + k * size, RECORDS.contact));
+    const [velocities, paths] = this.#motion(given);
+    const { view } = engine;
+    poseNs.forEach((instant, k) => view.setBigInt64(instants + 8 * k, instant, true));
+    engine.checked("tick", this.#address, rows, instants, nowNs, velocities, paths, this.#contacts);
+    const records = engine.view, { size } = RECORDS.contact; // the memory may have grown
+    return Array.from({ length: fingers }, (_, k) => readRecord(records, this.#contacts + k * size, RECORDS.contact));
+  }
+
+  /** Write what else is known of fingers; the addresses of velocities and of the record of paths, 0 for none. */
+  #motion({ velocities, corners, pathBends, bends }) {
+    const count = corners ? corners.length / (3 * this.fingers) : 0;
+    if (corners && !(Number.isInteger(count) && count >= 2)) {
+      throw new ProximityError(1, `corners have ${corners.length} numbers, expected three times two or more for each of ${this.fingers} fingers`);
+    }
+    const sizes = [3 * this.fingers, 3 * this.fingers * count, count, this.fingers];
+    const lists = [velocities, corners, pathBends, bends];
+    ["velocities", "corners", "pathBends", "bends"].forEach((name, k) => {
+      if (lists[k] && lists[k].length !== sizes[k]) {
+        throw new ProximityError(1, `${name} have ${lists[k].length} numbers, expected ${sizes[k]}`);
+      }
+    });
+    let end = this.#engine.block(2, PATHS_SIZE + 8 * sizes.reduce((sum, size) => sum + size, 0));
+    const paths = end, { view, reals } = this.#engine;
+    end += PATHS_SIZE;
+    const places = lists.map((list, k) => {
+      if (!list) return 0;
+      reals.set(list, end / 8);
+      end += 8 * sizes[k];
+      return end - 8 * sizes[k];
+    });
+    [places[1], count, places[2], places[3]].forEach((word, k) => view.setUint32(paths + 4 * k, word, true));
+    return [places[0], corners ? paths : 0];
   }
 
   /** Set the radius of one fingertip, m. */

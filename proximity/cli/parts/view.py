@@ -65,9 +65,6 @@ def view(
     browser: Annotated[
         bool, flag("--browser/--no-browser", "Whether to open a browser.", show_default=False)
     ] = True,
-    rate: Annotated[
-        float, option("HZ", "Ticks of the service per second.", callback=within(1.0, 1e5, "Hz"))
-    ] = 1000.0,
     radius: Annotated[
         float | None,
         option(
@@ -93,7 +90,7 @@ def view(
     together with the parts that it was recorded with. Hands come from a headset with WebXR, the mouse,
     or a recording.
 
-    The command serves the page and the distances, in one process. Ctrl-C stops it. Only this machine can
+    The page computes distances by itself; the command serves it. Ctrl-C stops it. Only this machine can
     connect, and only with the token in the printed address.
 
     Examples:
@@ -116,7 +113,6 @@ def view(
         recording=str(sample("hand.csv") if replay is None else replay),
         is_recording_fitted=fit or replay is None,
         first_input="" if replay is None else "replay",
-        rate_hz=rate,
         radius=None if radius is None else radius / 1e3,
         port=listening.port,
         bind=listening.bind,

@@ -5,9 +5,9 @@ import { ContactFlag, FrameReader, Mode, STATE_NAMES, State, decode, flawOf } fr
 const MODE_NAMES = Object.fromEntries(Object.entries(Mode).map(([name, value]) => [value, name]));
 const KNOWS_NOTHING = [State.STARTING, State.STALE, State.STOPPING];
 export const MEANINGS = {
+  LOADING: "The parts are loading.",
+  "NO HANDS": "There are no hands. Distances are shown as soon as one is seen.",
   STARTING: "The service is running and has no hands yet.",
-  OK: "Every finger is tracked, and frames are in time.",
-  DEGRADED: "",
   LATE: "Poses or frames are late: only the bounds hold, and they widen.",
   STALE: "No frames come from the service: nothing is known of any finger.",
   STOPPING: "The service is stopping.",
@@ -43,6 +43,12 @@ export class Frames {
     const contacts = records.map((each) => shownContact(each, header.state, true));
     return { state: STATE_NAMES[header.state] ?? "STALE", ageMs: ms(header.publish_ns - header.pose_ns), contacts, header };
   }
+}
+
+/** The state for a person, who asks whether numbers are of now: of a service whose frames come. */
+export function currentState({ state, contacts }) {
+  if (state === "LATE" || state === "STOPPING") return state;
+  return contacts.some((contact) => contact.isKnown) ? "OK" : "NO HANDS";
 }
 
 export function shownContact(record, state, isLogged = false) {

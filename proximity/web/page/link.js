@@ -1,9 +1,11 @@
 // The live connection: frames, moves and geometry come in, poses and moves go out.
 
 import { decode, encode } from "./decaff.mjs";
-import { Frames } from "./frames.js";
-import { decodeSlice, kindOf } from "./message.js";
+import { Frames, currentState } from "./frames.js";
+import { KINDS } from "./layout.mjs";
 
+const NAMES = new Map(Object.entries(KINDS).map(([name, { magic }]) => [magic, name]));
+const CURRENT_MS = 500;
 const PING_MS = 700;
 const AGAIN_MS = 600;
 const SENTENCES = {
@@ -23,6 +25,7 @@ export class Link extends EventTarget {
     this.pings = []; // [round trip, offset]
     this.offsetMs = NaN; // service's clock less the page's
     this.sent = []; // page's ms at which poses were taken
+    this.lastMs = -Infinity; // when a frame came
     this.rate = new Rate();
     this.stopped = false;
     setInterval(() => this.ping(), PING_MS);
@@ -51,11 +54,9 @@ export class Link extends EventTarget {
 
   take(data) {
     if (typeof data === "string") return this.takeDocument(JSON.parse(data));
-    const kind = kindOf(data);
-    if (kind === "frame") return this.takeFrame(data);
-    if (kind === "moves" || kind === "changes") return this.emit(kind, decode(data, kind).records);
-    if (kind === "glb") return this.emit("glb", data);
-    if (kind === "slice") return this.emit("slice", decodeSlice(data));
+    const kind = NAMES.get(new DataView(data).getUint32(0, true));
+    if (kind === "frame") this.takeFrame(data);
+    else if (kind === "moves" || kind === "changes") this.emit(kind, decode(data, kind).records);
   }
 
   takeDocument(said) {
@@ -66,19 +67,26 @@ export class Link extends EventTarget {
       this.emit("welcome", said.welcome);
     } else if (said.notice !== undefined) this.emit("notice", said.notice);
     else if (said.feeds !== undefined) this.emit("feeds", said.feeds);
-    else if (said.clearance !== undefined) this.emit("clearance", said.clearance);
     else if (said.place !== undefined) this.emit("place", said);
   }
 
   takeFrame(data) {
     const now = performance.now();
     const header = this.frames.take(data, now);
+    this.lastMs = now;
     if (header !== null) {
       this.rate.add(now, Number(header.sequence));
       this.measure(now, Number(header.pose_ns) / 1e6);
     }
     this.send("ok");
     this.emit("frame", header);
+  }
+
+  /** What is known at an instant, ms. */
+  at(nowMs) {
+    const reading = this.frames.at(nowMs);
+    const isCurrent = !this.frames.isLogged && nowMs - this.lastMs < CURRENT_MS;
+    return { ...reading, state: isCurrent ? currentState(reading) : reading.state };
   }
 
   /** The frame that first answers a pose says how long that took. */

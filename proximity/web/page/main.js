@@ -6,6 +6,8 @@ import { Headset, whyNot } from "./inputs/headset.js";
 import { MouseHand } from "./inputs/mouse_hand.js";
 import { RecordedHand } from "./inputs/recorded_hand.js";
 import { Link } from "./link.js";
+import { LocalLink } from "./local_link.js";
+import { LocalScene, documentOf } from "./local_scene.js";
 import { Panel, byId, makeChoice, showChoice } from "./panel.js";
 import { Parts } from "./parts.js";
 import { Stage } from "./stage.js";
@@ -15,13 +17,14 @@ import { Tools } from "./tools.js";
 const CHOICES = [["mouse", "Mouse"], ["replay", "Recorded"], ["headset", "Headset"], ["none", "None"]];
 
 class Page {
-  constructor(link) {
+  constructor(link, local) {
+    this.local = local;
     this.panel = new Panel();
     this.stage = new Stage(byId("canvas"));
     this.link = link;
     this.parts = new Parts(this.stage, this.link);
     this.fingers = new Fingers(this.stage);
-    this.tools = new Tools(this.stage, this.parts, this.link, this.panel);
+    this.tools = new Tools(this.stage, this.parts, local, this.panel);
     this.shapes = { left: new HandShape(this.stage.root), right: new HandShape(this.stage.root) };
     this.paths = new Map(); // of fingers, as they were sent
     this.tracked = new Set(); // fingers that were sent last
@@ -34,7 +37,6 @@ class Page {
   listen() {
     const on = (name, act) => this.link.addEventListener(name, (event) => act(event.detail));
     on("welcome", (about) => this.welcome(about));
-    on("glb", (data) => this.loaded(data));
     on("notice", (sentence) => this.panel.say(sentence));
     on("feeds", (feeds) => this.setRole(feeds));
     on("closed", ({ sentence, isFinal }) => {
@@ -47,11 +49,10 @@ class Page {
 
   welcome(about) {
     this.about = about;
-    this.link.frames.isLogged = Boolean(about.log);
+    if (about.log) this.link.frames.isLogged = true;
     this.panel.setAbout(about);
     this.panel.say("");
     this.fingers.setRadii(about.radii ?? new Array(about.finger_count).fill(0.007));
-    this.panel.cover(about.has_geometry ? "Loading the parts …" : "");
     if (about.log && !this.timeline) {
       this.timeline = new Timeline(this.link, about.log);
       this.stage.updates.add(() => this.timeline.update());
@@ -59,6 +60,16 @@ class Page {
     }
     this.makeInputs();
     this.setRole(about.feeds);
+    if (this.parts.isLoaded) this.parts.restore();
+    else if (about.has_geometry) this.load();
+    else this.panel.cover("");
+  }
+
+  async load() {
+    this.panel.cover("Loading the parts …");
+    await Promise.all([this.parts.load(this.local.ask("geometry")), this.local.open()]);
+    this.panel.cover("");
+    this.tools.readLink();
   }
 
   makeInputs() {
@@ -128,15 +139,9 @@ class Page {
     this.link.sendPoses([...fitting, ...gone], atMs);
   }
 
-  async loaded(data) {
-    await this.parts.load(data);
-    this.panel.cover("");
-    this.tools.readLink();
-  }
-
   /** What is known at this instant. */
   get reading() {
-    return this.link.frames.at(performance.now());
+    return this.link.at(performance.now());
   }
 
   update() {
@@ -158,15 +163,24 @@ class Page {
   }
 }
 
+/** What is shown, by its name, from the server: it asks for the token. */
+async function served(name) {
+  const answer = await fetch(`./shown/${name}`, { headers: { Authorization: `Bearer ${token}` } });
+  if (!answer.ok) throw new Error(await answer.text());
+  return answer.arrayBuffer();
+}
+
+/** Show what a service computes, or what this page computes by itself: as the welcome says. */
+async function begin(ask) {
+  const local = new LocalScene(ask);
+  const welcome = documentOf(await ask("welcome"));
+  window.page = new Page(welcome ? new LocalLink(welcome, local) : new Link(token), local); // for tests, too
+}
+
 const token = new URLSearchParams(location.hash.slice(1)).get("token");
+const cover = (sentence) => new Panel().cover(sentence);
 document.body.classList.toggle("framed", window.top !== window.self);
 if (!document.createElement("canvas").getContext("webgl2")) {
-  new Panel().cover("This browser cannot draw in three dimensions: WebGL 2 is missing or switched off.");
-} else if (window.saved) {
-  const { LocalLink } = await import("./local_link.js");
-  window.page = new Page(new LocalLink(window.saved));
-} else if (!token) {
-  new Panel().cover("The address has no token: open the address that proximity view printed.");
-} else {
-  window.page = new Page(new Link(token)); // for tests and for the console
-}
+  cover("This browser cannot draw in three dimensions: WebGL 2 is missing or switched off.");
+} else if (!window.saved && !token) cover("The address has no token: open the address that proximity view printed.");
+else begin(window.saved ?? served).catch((failure) => cover(failure.message));

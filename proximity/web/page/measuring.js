@@ -4,6 +4,8 @@ import * as THREE from "three";
 import { mm } from "./frames.js";
 import { Label } from "./labels.js";
 
+const RELATIONS = ["are apart", "touch", "cross", "overlap: the first is inside", "overlap: the second is inside"];
+
 export class Measure {
   constructor(stage) {
     this.stage = stage;
@@ -27,11 +29,11 @@ export class Measure {
   }
 
   /** Show how far two parts are apart, as it was measured; what is to be said. */
-  showParts({ names, distance, from, to }) {
+  showParts(names, { distance, pointOnFirst, pointOnSecond, relation }) {
     this.clear();
-    if (distance === 0) return `${names[0]} and ${names[1]} touch or overlap.`;
-    this.add(new THREE.Vector3(...from));
-    return `${names[0]} and ${names[1]}: ${this.add(new THREE.Vector3(...to))}`;
+    if (distance === 0) return `${names[0]} and ${names[1]} ${RELATIONS[relation]}.`;
+    this.add(new THREE.Vector3(...pointOnFirst));
+    return `${names[0]} and ${names[1]}: ${this.add(new THREE.Vector3(...pointOnSecond))}`;
   }
 
   /** Take a point, scene frame; what is to be said. */

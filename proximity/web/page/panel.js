@@ -7,7 +7,7 @@ import { fingerName } from "./inputs/hand.js";
 
 const EVERY_MS = 120;
 const NOTICE_MS = 9000;
-const LOOK = { OK: "good", DEGRADED: "good", STARTING: "warn", LATE: "warn", STALE: "bad", STOPPING: "bad" };
+const LOOK = { OK: "good", DEGRADED: "good", STALE: "bad", STOPPING: "bad" }; // others: "warn"
 
 export const byId = (id) => document.getElementById(id);
 
@@ -23,6 +23,7 @@ export class Panel {
     this.about = about;
     byId("title").textContent = about.title;
     document.title = `${about.title} · proximity`;
+    byId("fingers").classList.toggle("gloved", Boolean(about.drum_degrees));
   }
 
   /** Say something in a sentence; it goes after a while, unless it is to stay. */
@@ -48,7 +49,7 @@ export class Panel {
     const tracked = contacts.filter((contact) => contact.isKnown).length;
     const pill = byId("state");
     pill.textContent = state;
-    pill.className = `pill ${LOOK[state] ?? "bad"}`;
+    pill.className = `pill ${LOOK[state] ?? "warn"}`;
     document.body.classList.toggle("late", state === "LATE");
     document.body.classList.toggle("stale", state === "STALE" || state === "STOPPING");
     byId("meaning").textContent = this.meaning(state, contacts, tracked);
@@ -57,14 +58,15 @@ export class Panel {
   }
 
   meaning(state, contacts, tracked) {
-    if (state !== "DEGRADED") return MEANINGS[state] ?? "";
-    const hand = contacts.length === 10 && tracked === 5 && (contacts[0].isKnown ? "right" : "left");
-    const isWhole = hand && contacts.every(({ isKnown }, finger) => isKnown === (hand === "right" ? finger < 5 : finger >= 5));
-    if (isWhole) return `In time. The ${hand} hand is not seen.`;
+    if (state in MEANINGS) return MEANINGS[state];
+    const hand = contacts.length === 10 && tracked === 5 && (contacts[0].isKnown ? "left" : "right");
+    const isWhole = hand && contacts.every(({ isKnown }, finger) => isKnown === (hand === "right" ? finger >= 5 : finger < 5));
+    if (isWhole) return `The ${hand} hand is tracked.`;
     if (tracked < contacts.length) {
-      return `In time. ${tracked || "No"} of ${contacts.length} fingers ${tracked === 1 ? "is" : "are"} tracked.`;
+      return `${tracked || "No"} of ${contacts.length} fingers ${tracked === 1 ? "is" : "are"} tracked.`;
     }
-    return "In time. For a finger the budget allowed bounds only.";
+    const isBounded = contacts.some((contact) => !contact.isExact && !contact.isFar);
+    return isBounded ? "For a finger the budget allowed bounds only." : "Every finger is tracked.";
   }
 
   showNumbers(reading, link, isLogged, header, contacts) {
@@ -72,17 +74,19 @@ export class Panel {
     const work = contacts.reduce((most, contact) => (contact.isKnown ? Math.max(most, contact.work) : most), 0);
     const rate = isLogged && header ? 1e9 / Number(header.period_ns) : link.rate.hz;
     const isKnown = reading.state !== "STALE" || isLogged;
+    const isServed = header?.missed !== undefined;
     const hasPose = contacts.some((contact) => contact.isKnown); // without one the age is that of the tick
     const shown = [
       ["rate", number(isKnown ? rate : NaN, 0, "Hz")],
       ["age", number(isKnown && hasPose ? reading.ageMs : NaN, 1, "ms")],
       ["latency", isLogged || !isKnown ? "—" : number(percentile(link.latencies, 0.5), 1, "ms")],
       ["p99", isLogged || !isKnown ? "—" : number(percentile(link.latencies, 0.99), 1, "ms")],
-      ["missed", header && isKnown ? `${header.missed}` : "—"],
+      ...(isServed ? [["missed", isKnown ? `${header.missed}` : "—"]] : []),
       ["budget", isKnown ? `${work}${this.about.budget ? ` of ${this.about.budget}` : ""}` : "—"],
     ];
     const list = byId("numbers");
-    if (!list.childElementCount) {
+    if (list.childElementCount !== 2 * shown.length) {
+      list.replaceChildren();
       for (const [name] of shown) list.append(made("dt", name), made("dd", ""));
     }
     shown.forEach(([, text], k) => setText(list.children[2 * k + 1], text));

@@ -23,32 +23,31 @@ export class Parts extends EventTarget {
     setInterval(() => this.send(), SEND_MS);
   }
 
-  /** Take parts anew; what is said of them meanwhile waits. */
-  load(buffer) {
-    this.loading = this.loading.then(() => this.loadNow(buffer));
+  /** Take parts, of which the geometry may still be on its way; what is said of them meanwhile waits. */
+  load(geometry) {
+    this.loading = this.loadNow(geometry);
     return this.loading;
   }
 
-  async loadNow(buffer) {
-    this.isLoading = true;
-    const before = this.list.map((part) => [part.name, part.object.visible]);
-    const gltf = await new GLTFLoader().parseAsync(buffer, "");
-    if (this.group) this.stage.root.remove(this.group);
-    this.group = gltf.scene;
+  async loadNow(geometry) {
+    const gltf = await new GLTFLoader().parseAsync(await geometry, "");
     this.about = gltf.scene.userData;
-    this.list = [];
     for (const object of gltf.scene.children) this.list[object.userData.part] = this.taken(object);
-    for (const [name, visible] of this.mayHide ? [] : before) {
-      const part = this.named(name);
-      if (part) part.object.visible = visible;
-    }
-    const isFirst = !this.isLoaded;
     this.isLoaded = true;
-    this.isLoading = false;
-    this.stage.root.add(this.group);
+    this.stage.root.add(gltf.scene);
     this.setClipping(this.clipping);
-    if (isFirst) this.stage.setBounds(this.bounds());
+    this.stage.setBounds(this.bounds());
     this.changed();
+  }
+
+  /** Put parts where they are at first: what a service has moved and hidden since, it tells anew. */
+  restore() {
+    this.waiting = [];
+    for (const { object, about, initial } of this.list) {
+      object.matrix.copy(initial);
+      object.matrixWorldNeedsUpdate = true;
+      if (this.mayHide) object.visible = !about.is_hidden;
+    }
   }
 
   taken(object) {
@@ -90,7 +89,7 @@ export class Parts extends EventTarget {
 
   /** Put parts where frames have them: moves count from their instant on, ms of the service's clock. */
   follow(frameMs) {
-    if (!this.waiting.length || this.isLoading) return;
+    if (!this.waiting.length || !this.isLoaded) return;
     const later = [];
     for (const move of this.waiting) {
       if (Number(move.pose_ns) / 1e6 <= frameMs) this.place(move);

@@ -12,8 +12,8 @@ const WAIT_MS = 60;
 const AXES = [["x", "x"], ["y", "y"], ["z", "z"]];
 
 export class SlicePlane {
-  constructor(stage, parts, link) {
-    Object.assign(this, { stage, parts, link });
+  constructor(stage, parts, local) {
+    Object.assign(this, { stage, parts, local });
     this.clips = false;
     this.slices = false;
     this.axis = "y";
@@ -33,7 +33,6 @@ export class SlicePlane {
       this.share = event.target.value / 1000;
       this.update();
     };
-    link.addEventListener("slice", (event) => this.show(event.detail));
     parts.addEventListener("changed", () => this.changed());
   }
 
@@ -86,7 +85,7 @@ export class SlicePlane {
     }, WAIT_MS);
   }
 
-  ask() {
+  async ask() {
     const [i, j] = [0, 1, 2].filter((each) => each !== this.index);
     const { min, max } = this.stage.box;
     const margin = MARGIN * this.stage.radius;
@@ -101,12 +100,15 @@ export class SlicePlane {
     v[j] = side(j);
     const width = Math.max(Math.round(Math.sqrt((MOST_POINTS * side(i)) / side(j))), 2);
     const height = Math.max(Math.floor(MOST_POINTS / width), 2);
-    this.link.say({ slice: { ticket: ++this.ticket, origin, u, v, width, height } });
+    const ticket = ++this.ticket, plane = { origin, u, v, width, height };
+    const isWanted = () => this.slices && ticket === this.ticket;
+    const values = await this.local.sliced(plane, this.parts.list, isWanted);
+    if (values && isWanted()) this.show({ ...plane, values });
   }
 
   show(slice) {
-    if (!this.slices || slice.ticket !== this.ticket) return;
-    const range = Math.max(Math.abs(slice.lowest), slice.highest, 1e-9);
+    const sizes = slice.values.filter(Number.isFinite).map(Math.abs);
+    const range = sizes.reduce((most, size) => Math.max(most, size), 1e-9);
     const step = niceStep(range / 9);
     this.paint(slice, range, step);
     const [o, u, v] = [slice.origin, slice.u, slice.v].map((each) => new THREE.Vector3(...each));

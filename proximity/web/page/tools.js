@@ -14,12 +14,12 @@ const HINTS = {
 const KEYS = { KeyM: "move", KeyD: "measure", KeyC: "clip", KeyS: "slice", KeyP: "picture", KeyL: "link", Home: "reset", Slash: "help" };
 
 export class Tools {
-  constructor(stage, parts, link, panel) {
-    Object.assign(this, { stage, parts, link, panel });
+  constructor(stage, parts, local, panel) {
+    Object.assign(this, { stage, parts, local, panel });
     this.mode = "";
     this.caster = new THREE.Raycaster();
     this.measure = new Measure(stage);
-    this.plane = new SlicePlane(stage, parts, link);
+    this.plane = new SlicePlane(stage, parts, local);
     this.mayMove = false;
     this.actions = {
       move: () => this.setMode(this.mode === "move" ? "" : "move"),
@@ -33,7 +33,6 @@ export class Tools {
     };
     for (const [name, act] of Object.entries(this.actions)) byId(`tool-${name}`).onclick = act;
     const canvas = stage.canvas;
-    link.addEventListener("clearance", (event) => this.say(this.measure.showParts(event.detail)));
     canvas.addEventListener("pointerdown", (event) => this.down(event), { capture: true });
     canvas.addEventListener("pointermove", (event) => this.drag(event));
     canvas.addEventListener("pointerup", (event) => this.up(event));
@@ -58,8 +57,12 @@ export class Tools {
   choosePart(part) {
     if (this.mode !== "measure") return this.parts.pick(part === this.parts.picked ? null : part);
     const names = this.measure.addPart(part.name);
-    if (names) this.link.say({ clearance: names });
+    if (names) this.measureParts(names);
     else this.say(`${part.name} and …: choose the second part in the list.`);
+  }
+
+  async measureParts(names) {
+    this.say(this.measure.showParts(names, await this.local.clearance(names, this.parts.list)));
   }
 
   setPlane(what) {

@@ -14,6 +14,8 @@ from pathlib import Path
 TYPES = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
+    ".mjs": "text/javascript; charset=utf-8",
+    ".wasm": "application/wasm",
     ".css": "text/css; charset=utf-8",
     ".svg": "image/svg+xml",
 }
@@ -24,18 +26,24 @@ _IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
 class PageFiles:
     """What is served over HTTP.
 
-    *made*: scripts that are no files, by their names, beginning with a slash. *frame_ancestors*: sources of
-    pages that may show this one in a frame, as a content security policy has them.
+    *made*: what is not in the folder, by names that begin with a slash; what has no type is left out.
+    *frame_ancestors*: sources of pages that may show this one in a frame, as a content security policy has
+    them.
     """
 
-    def __init__(self, folder: Path, made: Mapping[str, str], frame_ancestors: str = "'self'") -> None:
+    def __init__(
+        self, folder: Path, made: Mapping[str, str | bytes], frame_ancestors: str = "'self'"
+    ) -> None:
         self._frame_ancestors = frame_ancestors
         self._known: dict[str, tuple[str, bytes]] = {}
         for path in sorted(folder.rglob("*")):
             if path.suffix in TYPES:
                 name = "/" + path.relative_to(folder).as_posix()
                 self._known[name] = TYPES[path.suffix], path.read_bytes()
-        self._known |= {name: (TYPES[".js"], text.encode()) for name, text in made.items()}
+        for name, made_content in made.items():
+            if (suffix := Path(name).suffix) in TYPES:
+                content = made_content.encode() if isinstance(made_content, str) else made_content
+                self._known[name] = TYPES[suffix], content
         self._known["/"] = self._known["/index.html"]
         self._packed: dict[str, bytes] = {}
 
@@ -62,7 +70,8 @@ class PageFiles:
         maps = [
             base64.b64encode(hashlib.sha256(each.encode()).digest()) for each in _IMPORT_MAP.findall(text)
         ]
-        scripts = " ".join(["'self'", *(f"'sha256-{each.decode()}'" for each in maps)])
+        compiles = ["'wasm-unsafe-eval'"] if any(name.endswith(".wasm") for name in self._known) else []
+        scripts = " ".join(["'self'", *compiles, *(f"'sha256-{each.decode()}'" for each in maps)])
         policy = {
             "default-src": "'none'",
             "script-src": scripts,

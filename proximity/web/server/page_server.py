@@ -8,7 +8,7 @@ import contextlib
 import json
 import logging
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 from websockets.asyncio.server import Server, ServerConnection, serve
@@ -21,6 +21,7 @@ from proximity.web.server.page_files import PageFiles
 
 LIVE = "/live"
 """Where the live connection is asked for."""
+WITHOUT_TOKEN = "The address has no token: open the address that was printed."
 MOST_DIGITS = 20
 """Of a whole number in a document, its sign included: 64 bits."""
 LOGGER = logging.getLogger("proximity.web")
@@ -35,6 +36,9 @@ REASONS = {
     421: "Misdirected Request",
 }
 
+SHOWN = "/shown/"
+"""Where a page asks for what it shows: with the token, in the header of a request."""
+
 Meet = Callable[[ServerConnection, str], Awaitable[None]]
 """Is given a connection that may come in and the token that it has; returns when the connection ends."""
 
@@ -42,11 +46,14 @@ Meet = Callable[[ServerConnection, str], Awaitable[None]]
 class PageServer:
     """Files and live connections.
 
-    *meet*: is given each live connection that may come in.
+    *meet*: is given each live connection that may come in. *shown*: what a token is needed for, by
+    its name.
     """
 
-    def __init__(self, access: Access, files: PageFiles, meet: Meet) -> None:
-        self.access, self._files, self._meet = access, files, meet
+    def __init__(
+        self, access: Access, files: PageFiles, meet: Meet, shown: Mapping[str, bytes] | None = None
+    ) -> None:
+        self.access, self._files, self._meet, self._shown = access, files, meet, shown or {}
         self.refused: dict[str, int] = {}  # how often, by what was wrong
 
     async def listen(self, host: str, port: int, ssl: Any = None) -> Server:
@@ -92,11 +99,22 @@ class PageServer:
             return self._answer(refusal[0], refusal[1].encode())
         if is_live:
             return None
+        if path.startswith(SHOWN):
+            return self._answer_shown(request)
         found = self._files.get(path)
         if found is None:
             return self._answer(404, b"There is no such file.")
         kind, content = found
         return self._answer(200, content, {"Content-Type": kind, "Content-Encoding": "gzip"})
+
+    def _answer_shown(self, request: Request) -> Response:
+        if self.access.token_of(request.headers.get("Authorization", "").removeprefix("Bearer ")) is None:
+            self.count_refused("wrong token")
+            return self._answer(403, WITHOUT_TOKEN.encode())
+        answer = self._shown.get(request.path.removeprefix(SHOWN))
+        if answer is None:
+            return self._answer(404, b"There is nothing of that name.")
+        return self._answer(200, answer, {"Content-Type": "application/octet-stream"})
 
     def _answer(self, status: int, body: bytes, more: dict[str, str] | None = None) -> Response:
         headers = Headers({"Content-Type": "text/plain; charset=utf-8"} | self._files.headers | (more or {}))
@@ -117,7 +135,7 @@ class PageServer:
         token = self.access.token_of(given)
         if token is None:
             self.count_refused("wrong token")
-            await connection.close(WRONG_TOKEN, "open the address that was printed: it has the token")
+            await connection.close(WRONG_TOKEN, WITHOUT_TOKEN)
             return
         await self._meet(connection, token)
 

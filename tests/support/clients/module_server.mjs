@@ -1,13 +1,16 @@
 // Answers questions about a scene that come on its standard input, with the module for browsers:
 // node module_server.mjs FOLDER SET SCENE.prox. A question is a number, how many rows, a limit, and the rows; see
-// bench/benchmarks/digest/library_program.py.
+// bench/benchmarks/digest/library_program.py. Rows of eight bytes change the scene, and tick a tracker on it; see
+// bench/benchmarks/digest/module_tracker.py.
 import { readFileSync, readSync, writeSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 
 const [folder, set, file] = process.argv.slice(2);
 const { load, ProximityError } = await import(pathToFileURL(`${folder}/proximity.mjs`).href);
+const { encode } = await import(pathToFileURL(`${folder}/decaff.mjs`).href);
+const { RECORDS } = await import(pathToFileURL(`${folder}/layout.mjs`).href);
 const engine = await load(readFileSync(`${folder}/proximity.${set}.wasm`));
-const scene = engine.open(readFileSync(file));
+let scene = engine.open(readFileSync(file)), tracker = null, settings = {};
 
 function taken(size) {
   const bytes = new Uint8Array(size);
@@ -74,9 +77,56 @@ const QUESTIONS = [
 ];
 const SIZES = [96, 8, 8, 1, 88, 8, 96];
 
+const SETTINGS = ["latency", "workingRange", "tolerance", "horizon", "maxSpeed", "maxAcceleration", "budget"];
+function begin() {
+  tracker = scene.tracker(settings.radii.length, settings.given);
+  settings.radii.forEach((radius, finger) => tracker.setRadius(finger, radius));
+}
+const ACTIONS = {
+  20: (rows) => { // settings, then a radius a finger
+    const known = SETTINGS.map((name, k) => [name, rows[k]]).filter(([, value]) => Number.isFinite(value));
+    settings = { given: Object.fromEntries(known), radii: Array.from(rows.slice(SETTINGS.length)) };
+    begin();
+  },
+  21: (rows) => { // the scene has become another
+    tracker.close();
+    scene.close();
+    scene = engine.open(readFileSync(file));
+    begin();
+  },
+  22: (rows) => { // a row of 23 a part
+    scene.move(Array.from({ length: rows.length / 23 }, (_, k) => {
+      const row = rows.slice(23 * k, 23 * k + 23);
+      return { part: row[0], matrix: row.slice(1, 17), velocity: row.slice(17, 20), angularVelocity: row.slice(20) };
+    }));
+  },
+  23: ([part, isHidden]) => scene.hide(part, isHidden !== 0),
+  24: () => tracker.reset(),
+  25: (rows, words) => { // instants, positions, then what else is known, as the first four words say
+    const count = settings.radii.length, now = words[0], sizes = [count, 3 * count, ...[1, 2, 3, 4].map((k) => rows[k])];
+    let at = 5;
+    const [, positions, ...more] = sizes.map((size) => rows.slice(at, (at += size)));
+    const [velocities, corners, pathBends, bends] = more.map((list) => (list.length ? list : null));
+    const known = { velocities, corners, pathBends, bends };
+    const contacts = tracker.tick(positions, Array.from(words.slice(5, 5 + count)), now, known);
+    return encode("frame", {}, contacts).slice(RECORDS.frame_header.size);
+  },
+};
+
+function act(question, count) {
+  const bytes = taken(8 * count).buffer;
+  const answer = ACTIONS[question](new Float64Array(bytes), new BigInt64Array(bytes));
+  told(new Uint8Array(8));
+  if (answer) told(answer);
+}
+
 for (let head = taken(24); head !== null; head = taken(24)) {
   const view = new DataView(head.buffer);
   const question = Number(view.getBigInt64(0, true)), count = Number(view.getBigInt64(8, true));
+  if (question >= 20) {
+    act(question, count);
+    continue;
+  }
   const limit = { maxDistance: view.getFloat64(16, true) };
   const first = new Float64Array(taken(24 * count).buffer);
   const second = question >= 4 ? new Float64Array(taken(24 * count).buffer) : null;

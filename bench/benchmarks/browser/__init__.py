@@ -1,0 +1,1 @@
+"""What Node and a page run to time the engine for browsers."""
