@@ -18,6 +18,7 @@ from math import sqrt
 
 import numpy as np
 
+from proximity.kernels.geometry.frames import ROUNDED_DOWN
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, ModelArrays
 from proximity.kernels.pair.boxes import frames_at, frames_between
@@ -51,13 +52,12 @@ MOST_RECORDS = 16
 """Connections of one tick."""
 MOST_ADVANCES = 6
 """Walks of one tick that look ahead."""
-LOOK_TOLERANCE = 0.5
+SEARCH_TOLERANCE = 0.5
 """Share of the tolerance that a look leaves: the rest is for the motion until the next."""
 AHEAD_TOLERANCE = 0.1
 """Of those walks: that much of the way to a contact is left for the next."""
 AT_CONTACT = 1e-6
 """Share of the way that is left where a contact counts as found."""
-ROUNDED_DOWN = 1.0 - 1e-12
 
 
 @entry(ModelArrays, HeldArrays, "bool")
@@ -183,7 +183,7 @@ def _look_into(model, pair, option, reach):
     # A little farther, so that a connection of that length is found.
     best = reach * reach * scale * scale * 1.0000001
     best, lower_sq, steps = nearest_of_parts(
-        model, pair.own, pair.other, (turn, offset), best, LOOK_TOLERANCE * option.tolerance, budget, slots
+        model, pair.own, pair.other, (turn, offset), best, SEARCH_TOLERANCE * option.tolerance, budget, slots
     )
     option.work += steps
     pair.is_resolved, pair.is_crossing = 1, 1 if best == CROSSING else 0

@@ -160,16 +160,16 @@ def _nearest_on(reals, slot, x, y, z):
 
 
 @kernel
-def nearest_of_parts(model, first, second, place, best, tolerance, budget, slots):
+def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, slots):
     """Squared distance, in the local frame of part *first*, to part *second*; one that none is below; steps.
 
-    `CROSSING` where they cross. *place*: `frames_between` of them. *best*: only what is nearer is looked for,
+    `CROSSING` where they cross. *frame_map*: `frames_between` them. *best*: only what is nearer is looked for,
     and nothing that is nearer by less than a share of *tolerance*. *budget*: opened nodes and blocks at most;
     0: as many as it takes. *slots* (2,) int64: of the last answer, or `NO_SLOT`; filled with those of the
     nearest triangles, or of two that cross, or `NO_SLOT`.
     """
     _, words, frames, parts = model
-    turn, offset = place
+    turn, offset = frame_map
     positions, limits = stack_i64_rows(MOST_PAIRS, 2), stack_f64(MOST_PAIRS)
     waiting = positions, limits, stack_f64(LANES)
     box, axis = stack_f64(7), stack_f64(3)
