@@ -10,8 +10,6 @@ only where the bound has come down to 0.
 Times: distances shrink no faster than the points of one part move as the other sees them. So much later the
 parts are looked at again, where their velocities have taken them (conservative advancement, Mirtich 1996).
 
-Tried and dropped (2026-11): see `docs/design` - the front of pruned node pairs is not kept from tick to tick,
-since a walk from the last connection takes 10 to 50 µs.
 """
 
 from math import sqrt
@@ -22,6 +20,7 @@ from proximity.kernels.geometry.frames import ROUNDED_DOWN
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, ModelArrays
 from proximity.kernels.pair.boxes import frames_at, frames_between
+from proximity.kernels.pair.front import FRONT_ROOM, FRONTS, OVERFLOW, Front, nearest_from_front
 from proximity.kernels.pair.held_motion import (
     POSE_SIZE,
     STILL_ROUNDING,
@@ -94,6 +93,7 @@ def _lower_bounds(model, held):
         pair.lower -= moved
         pair.upper += moved
         pair.is_crossing = 0
+        pair.front_moved += moved
         gap = _gap_between_boxes(frames[pair.own], frames[pair.other])
         if gap > pair.lower:
             pair.lower = gap
@@ -168,23 +168,33 @@ def _resolve(model, held, rows, uppers):
                 lowest, chosen = lower, number
         if chosen < 0 or (option.budget > 0 and option.work >= option.budget):
             return
-        _look_into(model, held.pairs[chosen], option, min(reach, held.pairs[chosen].upper))
+        _look_into(model, held, chosen, min(reach, held.pairs[chosen].upper))
 
 
 @kernel
-def _look_into(model, pair, option, reach):
-    """Find the distance of two parts, from their last connection, if it is below *reach*, m."""
-    frames, slots = model.frames, stack_i64(2)
+def _look_into(model, held, number, reach):
+    """Find the distance of a pair, from its last connection and its front, if it is below *reach*, m."""
+    pair, option, slots = held.pairs[number], held.settings[0], stack_i64(2)
     turn, offset = stack_f64(9), stack_f64(3)
-    scale = frames[pair.own].scale
-    frames_between(frames, pair.own, pair.other, turn, offset)
+    scale = model.frames[pair.own].scale
+    frames_between(model.frames, pair.own, pair.other, turn, offset)
     slots[0], slots[1] = pair.slots[0], pair.slots[1]
-    budget = 0 if option.budget == 0 else max(option.budget - option.work, 1)
     # A little farther, so that a connection of that length is found.
-    best = reach * reach * scale * scale * 1.0000001
-    best, lower_sq, steps = nearest_of_parts(
-        model, pair.own, pair.other, (turn, offset), best, SEARCH_TOLERANCE * option.tolerance, budget, slots
-    )
+    limit, tolerance = reach * reach * scale * scale * 1.0000001, SEARCH_TOLERANCE * option.tolerance
+    budget = 0 if option.budget == 0 else max(option.budget - option.work, 1)
+    front = _front_of(held, number)
+    best, lower_sq, steps, count = nearest_from_front(
+        model, pair.own, pair.other, (turn, offset), front, pair.front_count, pair.front_moved * scale,
+        limit, tolerance, budget, slots,
+    )  # fmt: skip
+    pair.front_count, pair.front_moved = count, 0.0
+    if lower_sq == OVERFLOW:
+        slots[0], slots[1] = pair.slots[0], pair.slots[1]
+        budget = 0 if option.budget == 0 else max(budget - steps, 1)
+        best, lower_sq, more = nearest_of_parts(
+            model, pair.own, pair.other, (turn, offset), limit, tolerance, budget, slots
+        )
+        steps += more
     option.work += steps
     pair.is_resolved, pair.is_crossing = 1, 1 if best == CROSSING else 0
     if slots[0] != NO_SLOT:
@@ -194,6 +204,19 @@ def _look_into(model, pair, option, reach):
     pair.lower = max(pair.lower, min(lower, pair.upper))
     if best == CROSSING:
         pair.lower, pair.upper, pair.is_unsure, pair.is_inside = 0.0, 0.0, 1, 0
+
+
+@kernel
+def _front_of(held, number):
+    """The front of a pair: its own, or the next one, which is taken from whoever has it."""
+    pair, option = held.pairs[number], held.settings[0]
+    if pair.front < 0:
+        for row in range(len(held.pairs)):
+            if held.pairs[row].front == option.next_front:
+                held.pairs[row].front, held.pairs[row].front_count = -1, 0
+        pair.front, pair.front_count = option.next_front, 0
+        option.next_front = (option.next_front + 1) % FRONTS
+    return Front(held.limits, held.places, pair.front * FRONT_ROOM)
 
 
 @kernel
