@@ -88,10 +88,10 @@ class PartTracker:
 
     Notes
     -----
-    Distances are those of solids: 0 where surfaces cross or one part is inside another. Hidden parts are not
-    looked at, except for the tracked ones themselves.
-    Thread: a tick releases the interpreter lock. One thread ticks a tracker; any thread may move parts.
+    Degenerate: distances are those of solids, 0 where surfaces cross or one part is inside another. Hidden
+    parts are not looked at, except for the tracked ones themselves.
     Cost: 10 to 60 µs for parts of 3 to 80 thousand faces; more where large surfaces run along each other.
+    Thread: a tick releases the interpreter lock. One thread ticks a tracker; any thread may move parts.
     Source: conservative advancement after Mirtich 1996.
     """
 

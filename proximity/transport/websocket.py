@@ -31,7 +31,7 @@ BUFFER = 64
 LARGEST_MESSAGE = 1 << 21
 UNREAD_BYTES = 1 << 17
 """That wait for one page; then it misses messages."""
-WRITE_TIMEOUT_S = 10.0
+TIMEOUT_S = 10.0
 OF_THIS_MACHINE = re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
 LOCATION = re.compile(r"(localhost|127\.0\.0\.1):(\d{1,5})(/[^?]*)?")
 
@@ -69,11 +69,11 @@ class _Site:
         self._stop()
 
     def _call(self, asked: Any) -> Any:
-        return asyncio.run_coroutine_threadsafe(asked, self._loop).result(WRITE_TIMEOUT_S)
+        return asyncio.run_coroutine_threadsafe(asked, self._loop).result(TIMEOUT_S)
 
     def _stop(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(WRITE_TIMEOUT_S)
+        self._thread.join(TIMEOUT_S)
         self._loop.close()
 
     async def _listen(self) -> Server:

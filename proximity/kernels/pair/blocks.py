@@ -120,13 +120,13 @@ def _gap_between_middles(triangle, others, slack):
 
 
 @kernel
-def _block_gap(model, boxes, first, second, place, margin, reach, axis):
+def _block_gap(model, boxes, first, second, frame_map, margin, reach, axis):
     """A distance below which no triangles of two blocks are, looked for until it is beyond *reach*.
 
     *boxes*: in words, where the oriented boxes of blocks begin.
     """
     reals, words, _, _ = model
-    turn, offset = place
+    turn, offset = frame_map
     triangles = corners_of_block(reals, BLOCK_STRIDE * first)
     a, b, c = corners_of_block(reals, BLOCK_STRIDE * second)
     others = mapped(turn, offset, *a), mapped(turn, offset, *b), mapped(turn, offset, *c)
@@ -149,14 +149,14 @@ def _block_gap(model, boxes, first, second, place, margin, reach, axis):
 
 
 @kernel
-def nearer_in_blocks(model, boxes, first, second, place, slack, best, axis, slots):
+def nearer_in_blocks(model, boxes, first, second, frame_map, slack, best, axis, slots):
     """Update the best squared distance, its slots and its axis with triangles of two blocks; return it.
 
     Also a squared distance below which none of their triangles are. *boxes*: as in `_block_gap`.
     """
-    reals, (turn, offset) = model.reals, place
+    reals, (turn, offset) = model.reals, frame_map
     base, nearer = BLOCK_STRIDE * first, MAP_ROUNDING * slack
-    gap = _block_gap(model, boxes, first, second, place, nearer, sqrt(best), axis)
+    gap = _block_gap(model, boxes, first, second, frame_map, nearer, sqrt(best), axis)
     if gap > 0.0 and gap * gap > best:
         return best, gap * gap
     a, b, c = corners_of_block(reals, BLOCK_STRIDE * second)

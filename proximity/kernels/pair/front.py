@@ -66,9 +66,9 @@ class Front(NamedTuple):
 
 
 @kernel
-def _bounds_of_children(words, one, other, is_first, place, margin, axis):
+def _bounds_of_children(words, one, other, is_first, frame_map, margin, axis):
     """Squared distances of the children of a node at a position with a box at another, to be below them."""
-    turn, offset = place
+    turn, offset = frame_map
     box = stack_f64(7)
     if is_first:
         mapped_box_at(words, other, turn, offset, axis, box)
@@ -113,7 +113,7 @@ def _lower(front, count, by):
 
 
 @kernel
-def _open_entry(model, first, second, place, front, at, count, reach, axis):
+def _open_entry(model, first, second, frame_map, front, at, count, reach, axis):
     """Look at the children of an entry again, and append those that are within reach; return the count.
 
     The entry keeps the others; its marks are 0 where none is left.
@@ -122,8 +122,8 @@ def _open_entry(model, first, second, place, front, at, count, reach, axis):
     one, other, marks = front.places[at, 0], front.places[at, 1], front.places[at, 2]
     is_first = marks & OPENED_FIRST != 0
     ratio = abs(frames[first].scale / frames[second].scale)
-    margin = MAP_ROUNDING * rounding_size(frames, first, second, place[1])
-    bounds = _bounds_of_children(words, one, other, is_first, place, margin, axis)
+    margin = MAP_ROUNDING * rounding_size(frames, first, second, frame_map[1])
+    bounds = _bounds_of_children(words, one, other, is_first, frame_map, margin, axis)
     lane_bounds = stack_f64(LANES)
     store(lane_bounds, 0, bounds)
     near = bits(bounds < splat(reach * reach)) & marks & CHILDREN
@@ -153,7 +153,7 @@ def _open_entry(model, first, second, place, front, at, count, reach, axis):
 
 @inlined
 def _remove(front, at, count):
-    """Put the last entry in the place of one; return how many are left."""
+    """Put the last entry where one was; return how many are left."""
     last = front.begin + count - 1
     front.limits[at] = front.limits[last]
     for k in range(3):
@@ -164,7 +164,7 @@ def _remove(front, at, count):
 
 
 @kernel
-def nearest_from_front(model, first, second, place, front, count, moved, best, tolerance, budget, slots):
+def nearest_from_front(model, first, second, frame_map, front, count, moved, best, tolerance, budget, slots):
     """As `nearest_of_parts`, from a front of *count* entries, 0: none, which it renews.
 
     *moved*: how far anything on either part has moved since, local units. Also returns the new count. The
@@ -173,8 +173,8 @@ def nearest_from_front(model, first, second, place, front, count, moved, best, t
     words, parts, frames = model.words, model.parts, model.frames
     axis, steps = stack_f64(3), 0
     axis[0], axis[1], axis[2] = 0.0, 0.0, 0.0
-    boxes, slack = parts[first].block_boxes, rounding_size(frames, first, second, place[1])
-    best = begin_short(model, first, second, place[0], place[1], best, axis, slots)
+    boxes, slack = parts[first].block_boxes, rounding_size(frames, first, second, frame_map[1])
+    best = begin_short(model, first, second, frame_map[0], frame_map[1], best, axis, slots)
     if count == 0:
         count = _plant(words, parts, first, second, front)
         store(front.limits, front.begin + count, splat(np.inf))
@@ -192,14 +192,16 @@ def nearest_from_front(model, first, second, place, front, count, moved, best, t
             if front.places[at, 2] == BLOCKS:
                 one = ~load_int(words, front.places[at, 0] + NODE_CHILDREN)
                 other = ~load_int(words, front.places[at, 1] + NODE_CHILDREN)
-                best, least_sq = nearer_in_blocks(model, boxes, one, other, place, slack, best, axis, slots)
+                best, least_sq = nearer_in_blocks(
+                    model, boxes, one, other, frame_map, slack, best, axis, slots
+                )
                 reach = sqrt(max(best, 0.0)) * share
                 front.limits[at] = max(front.limits[at], sqrt(max(least_sq, 0.0)))
                 at += 1
             else:
                 if count + 2 * LANES > FRONT_CAPACITY:
                     return best, OVERFLOW, steps, 0
-                count = _open_entry(model, first, second, place, front, at, count, reach, axis)
+                count = _open_entry(model, first, second, frame_map, front, at, count, reach, axis)
                 store(front.limits, front.begin + count, splat(np.inf))
                 if front.places[at, 2] == 0:
                     count = _remove(front, at, count)
