@@ -181,8 +181,8 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
 
     `CROSSING` where they cross. *frame_map*: `frames_between` them. *best*: only what is nearer is looked
     for, and nothing that is nearer by less than a share of *tolerance*. *budget*: opened nodes and blocks at
-    most; 0: as many as it takes. *slots* (2,) int64: of the last answer, or `NO_SLOT`; filled with those of the
-    nearest triangles, or of two that cross, or `NO_SLOT`.
+    most; 0: as many as it takes. *slots* (2,) int64: of the last answer, or `NO_SLOT`; filled with those of
+    the nearest triangles, or of two that cross, or `NO_SLOT`.
     """
     _, words, frames, parts = model
     turn, offset = frame_map
