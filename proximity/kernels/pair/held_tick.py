@@ -20,7 +20,13 @@ from proximity.kernels.geometry.frames import ROUNDED_DOWN
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, ModelArrays
 from proximity.kernels.pair.boxes import frames_at, frames_between
-from proximity.kernels.pair.front import FRONT_ROOM, FRONTS, OVERFLOW, Front, nearest_from_front
+from proximity.kernels.pair.frontier import (
+    FRONTIER_COUNT,
+    FRONTIER_LENGTH,
+    OVERFLOW,
+    Frontier,
+    nearest_from_frontier,
+)
 from proximity.kernels.pair.held_motion import (
     POSE_SIZE,
     STILL_ROUNDING,
@@ -93,7 +99,7 @@ def _lower_bounds(model, held):
         pair.lower -= moved
         pair.upper += moved
         pair.is_crossing = 0
-        pair.front_moved += moved
+        pair.frontier_moved += moved
         gap = _gap_between_boxes(frames[pair.own], frames[pair.other])
         if gap > pair.lower:
             pair.lower = gap
@@ -173,7 +179,7 @@ def _resolve(model, held, rows, uppers):
 
 @kernel
 def _look_into(model, held, number, reach):
-    """Find the distance of a pair, from its last connection and its front, if it is below *reach*, m."""
+    """Find the distance of a pair, from its last connection and its frontier, if it is below *reach*, m."""
     pair, option, slots = held.pairs[number], held.settings[0], stack_i64(2)
     turn, offset = stack_f64(9), stack_f64(3)
     scale = model.frames[pair.own].scale
@@ -182,12 +188,12 @@ def _look_into(model, held, number, reach):
     # A little farther, so that a connection of that length is found.
     limit, tolerance = reach * reach * scale * scale * 1.0000001, SEARCH_TOLERANCE * option.tolerance
     budget = 0 if option.budget == 0 else max(option.budget - option.work, 1)
-    front = _front_of(held, number)
-    best, lower_sq, steps, count = nearest_from_front(
-        model, pair.own, pair.other, (turn, offset), front, pair.front_count, pair.front_moved * scale,
-        limit, tolerance, budget, slots,
+    frontier = _frontier_of(held, number)
+    best, lower_sq, steps, count = nearest_from_frontier(
+        model, pair.own, pair.other, (turn, offset), frontier, pair.frontier_count,
+        pair.frontier_moved * scale, limit, tolerance, budget, slots,
     )  # fmt: skip
-    pair.front_count, pair.front_moved = count, 0.0
+    pair.frontier_count, pair.frontier_moved = count, 0.0
     if lower_sq == OVERFLOW:
         slots[0], slots[1] = pair.slots[0], pair.slots[1]
         budget = 0 if option.budget == 0 else max(budget - steps, 1)
@@ -207,16 +213,16 @@ def _look_into(model, held, number, reach):
 
 
 @kernel
-def _front_of(held, number):
-    """The front of a pair: its own, or the next one, which is taken from whoever has it."""
+def _frontier_of(held, number):
+    """The frontier of a pair: its own, or the next one, which is taken from whoever has it."""
     pair, option = held.pairs[number], held.settings[0]
-    if pair.front < 0:
+    if pair.frontier < 0:
         for row in range(len(held.pairs)):
-            if held.pairs[row].front == option.next_front:
-                held.pairs[row].front, held.pairs[row].front_count = -1, 0
-        pair.front, pair.front_count = option.next_front, 0
-        option.next_front = (option.next_front + 1) % FRONTS
-    return Front(held.limits, held.places, pair.front * FRONT_ROOM)
+            if held.pairs[row].frontier == option.next_frontier:
+                held.pairs[row].frontier, held.pairs[row].frontier_count = -1, 0
+        pair.frontier, pair.frontier_count = option.next_frontier, 0
+        option.next_frontier = (option.next_frontier + 1) % FRONTIER_COUNT
+    return Frontier(held.limits, held.entries, pair.frontier * FRONTIER_LENGTH)
 
 
 @kernel
