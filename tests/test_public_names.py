@@ -30,16 +30,16 @@ def test_type_checkers_of_users_read_the_annotations():
 def test_public_names_are_those_agreed():
     """Adding or removing one is a decision about versions: change this list with it."""
     assert set(proximity.__all__) == {
-        "ADDITIONS", "ArgumentError", "CHANGES", "CONTACT", "DEFORMATIONS", "FRAME", "GLOVE_POSES",
-        "MEASURED", "MOVES", "NO_FACE", "NO_PART", "PATH_POSES", "POSES", "Clearance", "ClosestPoints",
-        "ContactFlag", "DecaffError", "Feature", "FileError", "LoadReport", "MeshError", "MeshFormatError",
-        "Message", "MissingLibraryError", "Mode", "MotorError", "NotWatertightError", "Overlap", "Part",
-        "PartAction", "Pose", "PoseError", "ProximityError", "PublishError", "Publisher", "RayHits",
-        "Reading", "RecordingError", "Relation", "RunningPage", "RunningService", "Scene", "SceneError",
-        "SegmentHits", "ServiceError", "SignMethod", "Solid", "Source", "State", "Subscriber", "Surface",
-        "Tracker", "TriangleMesh", "UnitsWarning", "from_mesh", "from_trimesh", "kernels_are_cached",
-        "load", "open_publisher", "open_subscriber", "overlap", "serve", "start_service", "to_trimesh",
-        "view", "warm_up",
+        "ADDITIONS", "CHANGES", "CONNECTION", "CONTACT", "DEFORMATIONS", "FRAME", "GLOVE_POSES", "MEASURED",
+        "MOVES", "NO_FACE", "NO_PART", "PATH_POSES", "POSES", "ArgumentError", "Clearance", "ClosestPoints",
+        "ConnectionFlag", "ContactFlag", "DecaffError", "Feature", "FileError", "LoadReport", "MeshError",
+        "MeshFormatError", "Message", "MissingLibraryError", "Mode", "MotorError", "NotWatertightError",
+        "Overlap", "Part", "PartAction", "PartTracker", "Pose", "PoseError", "ProximityError",
+        "PublishError", "Publisher", "RayHits", "Reading", "RecordingError", "Relation", "RunningPage",
+        "RunningService", "Scene", "SceneError", "SegmentHits", "ServiceError", "SignMethod", "Solid",
+        "Source", "State", "Subscriber", "Surface", "Tracker", "TriangleMesh", "UnitsWarning", "from_mesh",
+        "from_trimesh", "kernels_are_cached", "load", "open_publisher", "open_subscriber", "overlap",
+        "serve", "start_service", "to_trimesh", "view", "warm_up",
     }  # fmt: skip
 
 

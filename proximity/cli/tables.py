@@ -3,7 +3,6 @@
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
-from itertools import product
 from typing import NamedTuple
 
 import rich.console
@@ -12,7 +11,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from proximity.cli.output import FEW_DIGITS, report
+from proximity.cli.output import report
 
 UNBOUNDED = 10_000  # columns: wider than any table
 DRAWN_EVERY_S = 0.05
@@ -66,19 +65,18 @@ class Column(NamedTuple):
 
 def print_fitting(
     console: rich.console.Console,
-    by_digits: Sequence[Sequence[Column]],
+    columns: Sequence[Column],
     dispensable: Sequence[str],
     elsewhere: str,
     *,
     has_total: bool = False,
 ) -> None:
-    """Print columns; where the console is narrow, with fewer digits or without some, and say so.
+    """Print columns; where the console is narrow, without some, and say so.
 
-    *by_digits*: the columns, and the same with fewer digits. *elsewhere*: where all is shown. *has_total*:
-    the last row is bold.
+    *elsewhere*: where all is shown. *has_total*: the last row is bold.
     """
     unbounded = console.options.update(width=UNBOUNDED)
-    for count, columns in product(range(len(dispensable) + 1), by_digits):
+    for count in range(len(dispensable) + 1):
         kept = [column for column in columns if column.name not in dispensable[:count]]
         titles = [(column.title, column.is_right) for column in kept]
         drawn = table_of(titles, zip(*(column.cells for column in kept), strict=True))
@@ -87,11 +85,8 @@ def print_fitting(
     if has_total:
         drawn.rows[-1].style = "bold"
     console.print(drawn)
-    missing = ", ".join(column.title for column in columns if column not in kept)
-    what = [f"columns are left out ({missing})"] if missing else []
-    what += [f"numbers have {FEW_DIGITS} digits"] if columns is not by_digits[0] else []
-    if what:
-        report(f"note: the terminal is narrow: {' and '.join(what)}; {elsewhere} shows all")
+    if missing := ", ".join(column.title for column in columns if column not in kept):
+        report(f"note: the terminal is narrow: columns are left out ({missing}); {elsewhere} shows all")
 
 
 class Screen:

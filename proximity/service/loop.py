@@ -79,6 +79,7 @@ class Service:
         self._run_loop = run_function()
         self._memory = LoopMemory(contact_source.count)
         self._loop: Any = self._memory.loop
+        self._fields: Any = self._memory.record[0]  # the same, by names in brackets: ten times as fast
         self._source, self._input, self._publishers = contact_source, pose_input, list(publishers)
         self._clock, self._real_time, self._describer = clock, real_time, describer
         for name, seconds in (("period", period), ("valid_for", valid_for), ("stale_after", stale_after)):
@@ -248,7 +249,7 @@ class Service:
     def _run_beside(self, asks_to_stop: Callable[[], bool]) -> None:
         """Run the loop in a thread of its own, and look at it."""
         if self._bridge.waits and not self._is_direct and not self._newest:
-            self._bridge.start(None)
+            self._bridge.start(self._real_time)
         for bridge in self._bridges.values():
             bridge.start(self._real_time)
         worker = threading.Thread(target=self._work, name="loop", daemon=True)
@@ -314,7 +315,7 @@ class Service:
         try:
             self._steps[what](now_ns)
             if self._clock is not None:
-                self._loop.simulated_ns = self._clock.now_ns()
+                self._fields["simulated_ns"] = self._clock.now_ns()
         except BaseException as failure:
             self._failure = failure
             return 1
@@ -322,7 +323,7 @@ class Service:
 
     def _source_now(self) -> SourceMemory:
         """The source that the loop uses in this tick."""
-        current, address = self._current, int(self._loop.source)
+        current, address = self._current, int(self._fields["source"])
         assert current is not None, "the loop runs"
         if current.address != address:
             current = self._current = self._used[address]
@@ -364,18 +365,18 @@ class Service:
 
     def _finish(self, memory: SourceMemory) -> None:
         """Say what the frame says of a source, and have described it, where that is due."""
-        self._loop.is_late = memory.contacts.is_late
-        self._describe(memory.say_epoch() + int(self._loop.epoch_offset), memory.contacts)
+        self._fields["is_late"] = memory.contacts.is_late
+        self._describe(memory.say_epoch() + int(self._fields["epoch_offset"]), memory.contacts)
 
     def _describe(self, epoch: int, source: ContactSource) -> None:
         """Have published what is due of the description, behind the next frame."""
-        loop = self._loop
-        if self._describer is not None and not loop.pending:
+        fields = self._fields
+        if self._describer is not None and not fields["pending"]:
             clock = self._clock
             now_ns = time.monotonic_ns() if clock is None else clock.now_ns() - clock.skipped_ns
             message = self._describer.message(epoch, now_ns, source.labels)
             if message is not None:
-                loop.pending_size, loop.pending = len(message.data), message.data.ctypes.data
+                fields["pending_size"], fields["pending"] = len(message.data), message.data.ctypes.data
 
     def _look(self) -> None:
         """Have described what is due of the description, and warn of what is new."""

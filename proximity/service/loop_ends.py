@@ -20,6 +20,8 @@ from proximity.transport.publisher import outlet_of
 from proximity.transport.shared_memory import PrivateMailbox
 
 LOGGER = logging.getLogger("proximity.service")
+APART = 4e-4
+"""s between two polls: a flood of what cannot be used must not take a core."""
 LOOK = 0.02
 """s between two looks of these threads whether all is over."""
 
@@ -89,6 +91,7 @@ class PoseBridge(_Worker):
     def _work(self) -> None:
         self._input.wait(LOOK)  # type: ignore[attr-defined]
         self.poll(time.monotonic_ns())
+        time.sleep(APART)
 
     def _message_of(self, poses: FingerPoses) -> Message:
         key = has_paths, count = poses.paths is not None, len(poses.pose_ns)

@@ -100,14 +100,15 @@ class SourceMemory:
     def __init__(self, contacts: ContactSource, memory: "LoopMemory") -> None:
         self.contacts, self._memory = contacts, memory
         self.record = np.zeros(1, structures()["LoopSource"])
-        self._fields: Any = self.record.view(np.recarray)[0]
+        self._fields: Any = self.record[0]
         self._model: Model | None = None
         self._epoch = -1  # of the scene when the tracker's arrays were looked at
         if isinstance(contacts, TrackedContacts) and answers_in_c(contacts):
             contacts.tracker.write_to(memory.message.records)
             self._bends = np.zeros((contacts.count, ESTIMATES), ESTIMATE)
-            self._fields.bend_motions = self._bends.ctypes.data
+            self._fields["bend_motions"] = self._bends.ctypes.data
             self.look(contacts.tracker)
+        self.say_epoch()
 
     @property
     def address(self) -> int:
@@ -116,26 +117,26 @@ class SourceMemory:
 
     def note_answers(self) -> None:
         """Have the tracker note what ticks have answered about poses."""
-        if self._fields.answers and isinstance(self.contacts, TrackedContacts):
+        if self._fields["answers"] and isinstance(self.contacts, TrackedContacts):
             with suppress(ValueError, IndexError):  # the loop writes contacts meanwhile: the next time
-                note_answers(self.contacts.tracker, int(self._fields.answers))
+                note_answers(self.contacts.tracker, int(self._fields["answers"]))
 
     def look(self, tracker: Tracker) -> None:
         """Have the next tick see parts where they are now."""
         model = tracker.scene.snapshot()
         if model is self._model:
             return
-        model, arrays, is_moved = arrays_of(tracker, *self._memory.optional)
         if model.epoch != self._epoch:  # with other parts the tracker has other arrays
-            self._arrays, self._words, self._epoch = arrays, words_of(arrays), model.epoch
-            self._fields.tracker = self._words.ctypes.data
+            model, self._arrays = arrays_of(tracker, *self._memory.optional)
+            self._words, self._epoch = words_of(self._arrays), model.epoch
+            self._fields["tracker"] = self._words.ctypes.data
         self._model = model
         self._model_words = words_of((model.reals, model.words, model.frames, model.parts))
-        self._fields.model, self._fields.is_moved = self._model_words.ctypes.data, is_moved
+        self._fields["model"], self._fields["is_moved"] = self._model_words.ctypes.data, True
 
     def say_epoch(self) -> int:
         """Have the next frame say of which epoch the source's answers are; that epoch."""
-        self._fields.epoch = epoch = self.contacts.epoch
+        self._fields["epoch"] = epoch = self.contacts.epoch
         return epoch
 
 

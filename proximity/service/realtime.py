@@ -85,7 +85,7 @@ class RealTime:
 
     @contextmanager
     def beside(self) -> Iterator[None]:
-        """Give a thread that sends what the loop has made the priority just below, where that is allowed."""
+        """Give a thread that receives or sends for the loop the priority below, where that is allowed."""
         with ExitStack() as undo:
             with suppress(AttributeError, OSError, ValueError):
                 before, settings = os.sched_getscheduler(0), os.sched_getparam(0)

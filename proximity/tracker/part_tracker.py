@@ -13,7 +13,7 @@ from proximity.checks import not_negative, positive, whole
 from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import contact_record
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, columns_of
-from proximity.kernels.pair import held_records, held_tick
+from proximity.kernels.pair import frontier, held_records, held_tick
 from proximity.kernels.pair.held_motion import POSE_SIZE
 from proximity.kernels.scene.part_containment import contains_corner
 from proximity.pose import Pose
@@ -88,10 +88,10 @@ class PartTracker:
 
     Notes
     -----
-    Distances are those of solids: 0 where surfaces cross or one part is inside another. Hidden parts are not
-    looked at, except for the tracked ones themselves.
-    Thread: a tick releases the interpreter lock. One thread ticks a tracker; any thread may move parts.
+    Degenerate: distances are those of solids, 0 where surfaces cross or one part is inside another. Hidden
+    parts are not looked at, except for the tracked ones themselves.
     Cost: 10 to 60 µs for parts of 3 to 80 thousand faces; more where large surfaces run along each other.
+    Thread: a tick releases the interpreter lock. One thread ticks a tracker; any thread may move parts.
     Source: conservative advancement after Mirtich 1996.
     """
 
@@ -130,6 +130,8 @@ class PartTracker:
         self._settings = settings
         self.connections = np.zeros(count, CONNECTION)
         self._offsets = self._offsets_in_group()
+        entries = frontier.FRONTIER_COUNT * frontier.FRONTIER_LENGTH
+        self._frontiers = np.empty(entries), np.empty((entries, 3), np.int32)
         self._last_model: Callable[[], Model | None] = lambda: None
         self.reset()
 
@@ -275,10 +277,11 @@ class PartTracker:
         pairs = np.zeros(len(rest) * len(own), held_records.HELD_PAIR)
         pairs["own"], pairs["other"] = np.tile(own, len(rest)), np.repeat(rest, len(own))
         pairs["slots"], pairs["lower"], pairs["upper"], pairs["is_unsure"] = NO_SLOT, -1.0, np.inf, 1
+        pairs["frontier"] = -1
         self._pairs = pairs
         before = np.array(columns_of(model.frames)[:count, :POSE_SIZE])
         arrays = held_records.HeldArrays(
-            self._settings, pairs, self.connections.view(CONNECTION), before, np.zeros(count)
+            self._settings, pairs, self.connections, before, np.zeros(count), *self._frontiers
         )
         self.connections["part"], self.connections["face"] = NO_PART, NO_FACE
         self._packed, self._arrays, self._epoch = native.packed(arrays), arrays, model.epoch

@@ -386,20 +386,18 @@ class Tracker:
         return f"Tracker({self.scene!r}, {len(self.contacts)} fingers)"
 
 
-def arrays_of(tracker: Tracker, *given: np.ndarray) -> tuple[Model, track.TrackerArrays, bool]:
+def arrays_of(tracker: Tracker, *given: np.ndarray) -> tuple[Model, track.TrackerArrays]:
     """The model and the arrays that a loop of compiled code ticks with from now on, in place of the tracker.
 
-    *given*: velocities, paths, bends at their corners, and bends. Also whether parts may have moved since the
-    last tick.
+    *given*: velocities, paths, bends at their corners, and bends.
     """
     model = tracker._scene.snapshot()
-    is_moved = model is not tracker._last_model()
-    if is_moved:
+    if model is not tracker._last_model():
         tracker._adopt_model(model)
         tracker._last_model, tracker._last_epoch = weakref.ref(model), model.epoch
     tracker._read_from(given)  # type: ignore[arg-type]
     records = tracker.contacts.view(np.ndarray).view(CONTACT_RECORD)
-    return model, track.TrackerArrays(**tracker._arrays, records=records), is_moved
+    return model, track.TrackerArrays(**tracker._arrays, records=records)
 
 
 def note_answers(tracker: Tracker, answers: int) -> None:

@@ -20,6 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
 from websockets.exceptions import ConnectionClosed
+from websockets.typing import Origin
 
 from proximity.errors import PublishError
 from proximity.transport.address import Address
@@ -30,7 +31,7 @@ BUFFER = 64
 LARGEST_MESSAGE = 1 << 21
 UNREAD_BYTES = 1 << 17
 """That wait for one page; then it misses messages."""
-PATIENCE_S = 10.0
+TIMEOUT_S = 10.0
 OF_THIS_MACHINE = re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
 LOCATION = re.compile(r"(localhost|127\.0\.0\.1):(\d{1,5})(/[^?]*)?")
 
@@ -68,15 +69,16 @@ class _Site:
         self._stop()
 
     def _call(self, asked: Any) -> Any:
-        return asyncio.run_coroutine_threadsafe(asked, self._loop).result(PATIENCE_S)
+        return asyncio.run_coroutine_threadsafe(asked, self._loop).result(TIMEOUT_S)
 
     def _stop(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(PATIENCE_S)
+        self._thread.join(TIMEOUT_S)
         self._loop.close()
 
     async def _listen(self) -> Server:
-        origins = [None, OF_THIS_MACHINE, *filter(None, [self.origin])]
+        named = [] if self.origin is None else [Origin(self.origin)]
+        origins: list[Any] = [None, OF_THIS_MACHINE, *named]
         return await serve(
             self._take, "127.0.0.1", self._port, origins=origins, max_size=LARGEST_MESSAGE, compression=None
         )

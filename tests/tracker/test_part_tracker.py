@@ -144,7 +144,7 @@ def test_no_part_is_met_before_the_certified_time_while_it_moves_and_turns(seed)
         if min(exact_of(scene).values()) == 0.0:
             met = t
             break
-    assert 0.1 < lower <= (0.5 if met is None else met)
+    assert 0.05 < lower <= (0.5 if met is None else met)
     assert expected >= lower
 
 

@@ -106,7 +106,7 @@ def print_report(report: Values, *, is_whole: bool) -> None:
         total = {**report["total"], "size": report["size"]}
         for column, (*_, cell) in zip(columns, COLUMNS.values(), strict=True):
             column.cells.append(cell(total))
-    print_fitting(console, [columns], DISPENSABLE, "a wider one, a pipe or --json", has_total=has_total)
+    print_fitting(console, columns, DISPENSABLE, "a wider one, a pipe or --json", has_total=has_total)
     if len(shown) < len(parts):
         console.print(f"These are the first {len(shown)} of {len(parts)} parts; --all lists all.")
     console.print()

@@ -169,7 +169,7 @@ def _print_table(pairs: list[Values], units: str) -> None:
         Column("from", f"from [{units}]", True, [_point(pair["from"]) for pair in pairs]),
         Column("to", f"to [{units}]", True, [_point(pair["to"]) for pair in pairs]),
     ]
-    print_fitting(results_console(), [columns], DISPENSABLE, "a wider one, a pipe or --json")
+    print_fitting(results_console(), columns, DISPENSABLE, "a wider one, a pipe or --json")
 
 
 def _summary(

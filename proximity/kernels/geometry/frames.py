@@ -6,6 +6,9 @@ from proximity.kernels.layout import FOLDED_AT, LANES
 from proximity.native import inlined
 from proximity.native.simd import like, load_int, maximum, minimum
 
+ROUNDED_UP = 1.0 + 1e-12
+ROUNDED_DOWN = 1.0 - 1e-12
+"""Factors that make up for the rounding of lengths, times and speeds."""
 LENGTH_ROUNDING = 1e-13
 """More than rounding can put distances and displacements off, relative and in sizes of the scene."""
 

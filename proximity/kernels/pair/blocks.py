@@ -101,12 +101,13 @@ def _block_normal(words, at):
 
 
 @inlined
-def _are_apart(axis, one, other, reach, margin):
-    """Whether all of eight triangles are beyond *reach* of eight others along an axis, to either side."""
+def _gap_to_either_side(axis, one, other, margin):
+    """How far eight triangles are from eight others along an axis of any length; 0 where they overlap."""
     _, begin, end = _ends_along(axis, one)
     _, other_begin, other_end = _ends_along(axis, other)
-    gap = max(other_begin - end, begin - other_end) - margin * 2.0
-    return gap > 0.0 and gap * gap > reach * reach * dot(*axis, *axis)
+    length = sqrt(dot(*axis, *axis))
+    gap = max(other_begin - end, begin - other_end) - 2.0 * margin * length
+    return gap / length if gap > 0.0 else 0.0
 
 
 @inlined
@@ -119,54 +120,76 @@ def _gap_between_middles(triangle, others, slack):
 
 
 @kernel
-def nearer_in_blocks(model, boxes, first, second, turn, offset, slack, best, axis, slots):
-    """Update the best squared distance, its slots and its axis with triangles of two blocks; return it.
+def _block_gap(model, boxes, first, second, frame_map, margin, reach, axis):
+    """A distance below which no triangles of two blocks are, looked for until it is beyond *reach*.
 
     *boxes*: in words, where the oriented boxes of blocks begin.
     """
     reals, words, _, _ = model
-    base, nearer = BLOCK_STRIDE * first, MAP_ROUNDING * slack
-    triangles = corners_of_block(reals, base)
+    turn, offset = frame_map
+    triangles = corners_of_block(reals, BLOCK_STRIDE * first)
     a, b, c = corners_of_block(reals, BLOCK_STRIDE * second)
     others = mapped(turn, offset, *a), mapped(turn, offset, *b), mapped(turn, offset, *c)
-    ends, _, _ = _ends_along(axis, triangles)
+    _, _, end = _ends_along(axis, triangles)
     _, begin, _ = _ends_along(axis, others)
-    reach = sqrt(best) * REACH_ROUNDING
-    left = bits(ends > splat(begin - reach - nearer))
-    if not left or _are_apart(
-        _block_normal(words, boxes + ORIENTED_STRIDE * first), triangles, others, reach, nearer
-    ):
-        return best
+    gap = (begin - end - 2.0 * margin) * SHRINK
+    if gap > reach:
+        return gap
+    normal = _block_normal(words, boxes + ORIENTED_STRIDE * first)
+    gap = max(gap, _gap_to_either_side(normal, triangles, others, margin) * SHRINK)
+    if gap > reach:
+        return gap
     x, y, z = _block_normal(words, boxes + ORIENTED_STRIDE * second)
     normal = (
         turn[0] * x + turn[1] * y + turn[2] * z,
         turn[3] * x + turn[4] * y + turn[5] * z,
         turn[6] * x + turn[7] * y + turn[8] * z,
     )
-    if _are_apart(normal, triangles, others, reach, nearer * sqrt(dot(*normal, *normal))):
-        return best
+    return max(gap, _gap_to_either_side(normal, triangles, others, margin) * SHRINK)
+
+
+@kernel
+def nearer_in_blocks(model, boxes, first, second, frame_map, slack, best, axis, slots):
+    """Update the best squared distance, its slots and its axis with triangles of two blocks; return it.
+
+    Also a squared distance below which none of their triangles are. *boxes*: as in `_block_gap`.
+    """
+    reals, (turn, offset) = model.reals, frame_map
+    base, nearer = BLOCK_STRIDE * first, MAP_ROUNDING * slack
+    gap = _block_gap(model, boxes, first, second, frame_map, nearer, sqrt(best), axis)
+    if gap > 0.0 and gap * gap > best:
+        return best, gap * gap
+    a, b, c = corners_of_block(reals, BLOCK_STRIDE * second)
+    others = mapped(turn, offset, *a), mapped(turn, offset, *b), mapped(turn, offset, *c)
+    is_used, far = a[0] == a[0], splat(np.inf)
     normals = cross(*between(others[0], others[1]), *between(others[0], others[2]))
     normal_sq = dot(*normals, *normals)
     margin, rounding_sq = splat(nearer), splat(SIDE_ROUNDING * slack * SIDE_ROUNDING * slack)
+    # Triangles of the first block that are too far along the axis as a whole are not looked at.
+    ends, _, _ = _ends_along(axis, corners_of_block(reals, base))
+    _, begin, _ = _ends_along(axis, others)
+    gaps = maximum((splat(begin - 2.0 * nearer) - ends) * splat(SHRINK), splat(0.0))
+    gaps = select(ends == ends, gaps * gaps, far)
+    left = bits(gaps < splat(best))
+    least = select(gaps < splat(best), far, gaps)
     while left:
         lane = trailing_zeros(left)
         left &= left - 1
         triangle = _triangle_in_all(reals, base + lane)
         along = splat(axis[0]), splat(axis[1]), splat(axis[2])
-        may_be = _gap_along(along, triangle, others, margin, splat(1.0)) < splat(best)
-        if not bits(may_be):
+        bound = select(is_used, _gap_along(along, triangle, others, margin, splat(1.0)), far)
+        if bits(bound < splat(best)):
+            bound = maximum(bound, _gap_between_middles(triangle, others, margin))
+        if bits(bound < splat(best)):
+            normal = cross(*between(triangle[0], triangle[1]), *between(triangle[0], triangle[2]))
+            axis_sq = dot(*normal, *normal)
+            bound = maximum(bound, _gap_along(normal, triangle, others, margin, axis_sq))
+            bound = maximum(bound, _gap_along(normals, triangle, others, margin, normal_sq))
+        if not bits(bound < splat(best)):
+            least = minimum(least, bound)
             continue
-        may_be = may_be & (_gap_between_middles(triangle, others, margin) < splat(best))
-        if not bits(may_be):
-            continue
-        normal = cross(*between(triangle[0], triangle[1]), *between(triangle[0], triangle[2]))
-        axis_sq = dot(*normal, *normal)
-        may_be = may_be & (_gap_along(normal, triangle, others, margin, axis_sq) < splat(best))
-        may_be = may_be & (_gap_along(normals, triangle, others, margin, normal_sq) < splat(best))
-        if not bits(may_be):
-            continue
-        apart_sq = triangles_apart(triangle, others, rounding_sq)
-        apart_sq = select(apart_sq < splat(best), apart_sq, splat(np.inf))
+        apart_sq = select(is_used, triangles_apart(triangle, others, rounding_sq), far)
+        least = minimum(least, apart_sq)
         smallest = horizontal_min(apart_sq)
         if smallest < best:
             best = smallest
@@ -175,4 +198,4 @@ def nearer_in_blocks(model, boxes, first, second, turn, offset, slack, best, axi
             if best == CROSSING:
                 break
             turn_axis(reals, slots, turn, offset, axis)
-    return best
+    return best, horizontal_min(least)

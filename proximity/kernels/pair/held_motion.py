@@ -2,13 +2,13 @@
 
 from math import cos, sin, sqrt
 
+from proximity.kernels.geometry.frames import ROUNDED_UP
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
 
 POSE_SIZE = 12
 """Numbers of a part's pose: rotation and translation."""
-ROUNDED_UP = 1.0 + 1e-12
 STILL_ROUNDING = 2.0**-50
 """More than rounding puts a displacement off, in sizes of coordinates."""
 

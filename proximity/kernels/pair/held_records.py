@@ -27,6 +27,9 @@ HELD_PAIR = record(
     upper="f8",  # m: the surfaces are no farther apart
     speed="f8",  # m/s: of a point of one part as the other sees it, at most
     free_time="f8",  # s: the surfaces do not meet before
+    frontier="i8",  # of `HeldArrays`, or -1
+    frontier_count="i8",  # its entries; 0: it is of no use
+    frontier_moved="f8",  # m that anything has moved since it was looked at
     is_resolved="i8",  # 1 where this tick has looked
     is_timed="i8",  # 1 where it has found how long they do not meet
     is_crossing="i8",  # 1 where faces of both cross
@@ -46,6 +49,7 @@ HELD_SETTINGS = record(
     pose_ns="i8",
     now_ns="i8",
     work="i8",  # steps of this tick; written by it
+    next_frontier="i8",  # the one that is given away next; written by it
     unsure="i8",  # pairs of which it must be asked whether one part is inside the other; likewise
     free_time="f8",  # s: nothing is met before; likewise
 )
@@ -85,6 +89,8 @@ class HeldArrays(NamedTuple):
     records: np.ndarray  # (K,) CONNECTION_RECORD
     before: np.ndarray  # (P, 12) float64: poses at the last tick
     moved: np.ndarray  # (P,) float64: how far parts have moved since
+    limits: np.ndarray  # (FRONTIER_COUNT * FRONTIER_LENGTH,) float64: see `frontier`
+    entries: np.ndarray  # (FRONTIER_COUNT * FRONTIER_LENGTH, 3) int32
 
 
 bundle(
@@ -94,6 +100,8 @@ bundle(
     records="Connection[:]",
     before="float64[:, 12]",
     moved="float64[:]",
+    limits="float64[:]",
+    entries="int32[:, 3]",
 )
 
 __all__ = [

@@ -10,17 +10,23 @@ only where the bound has come down to 0.
 Times: distances shrink no faster than the points of one part move as the other sees them. So much later the
 parts are looked at again, where their velocities have taken them (conservative advancement, Mirtich 1996).
 
-Tried and dropped (2026-11): see `docs/design` - the front of pruned node pairs is not kept from tick to tick,
-since a walk from the last connection takes 10 to 50 µs.
 """
 
 from math import sqrt
 
 import numpy as np
 
+from proximity.kernels.geometry.frames import ROUNDED_DOWN
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, ModelArrays
 from proximity.kernels.pair.boxes import frames_at, frames_between
+from proximity.kernels.pair.frontier import (
+    FRONTIER_COUNT,
+    FRONTIER_LENGTH,
+    OVERFLOW,
+    Frontier,
+    nearest_from_frontier,
+)
 from proximity.kernels.pair.held_motion import (
     POSE_SIZE,
     STILL_ROUNDING,
@@ -51,13 +57,12 @@ MOST_RECORDS = 16
 """Connections of one tick."""
 MOST_ADVANCES = 6
 """Walks of one tick that look ahead."""
-LOOK_TOLERANCE = 0.5
+SEARCH_TOLERANCE = 0.5
 """Share of the tolerance that a look leaves: the rest is for the motion until the next."""
 AHEAD_TOLERANCE = 0.1
 """Of those walks: that much of the way to a contact is left for the next."""
 AT_CONTACT = 1e-6
 """Share of the way that is left where a contact counts as found."""
-ROUNDED_DOWN = 1.0 - 1e-12
 
 
 @entry(ModelArrays, HeldArrays, "bool")
@@ -94,6 +99,7 @@ def _lower_bounds(model, held):
         pair.lower -= moved
         pair.upper += moved
         pair.is_crossing = 0
+        pair.frontier_moved += moved
         gap = _gap_between_boxes(frames[pair.own], frames[pair.other])
         if gap > pair.lower:
             pair.lower = gap
@@ -168,23 +174,33 @@ def _resolve(model, held, rows, uppers):
                 lowest, chosen = lower, number
         if chosen < 0 or (option.budget > 0 and option.work >= option.budget):
             return
-        _look_into(model, held.pairs[chosen], option, min(reach, held.pairs[chosen].upper))
+        _look_into(model, held, chosen, min(reach, held.pairs[chosen].upper))
 
 
 @kernel
-def _look_into(model, pair, option, reach):
-    """Find the distance of two parts, from their last connection, if it is below *reach*, m."""
-    frames, slots = model.frames, stack_i64(2)
+def _look_into(model, held, number, reach):
+    """Find the distance of a pair, from its last connection and its frontier, if it is below *reach*, m."""
+    pair, option, slots = held.pairs[number], held.settings[0], stack_i64(2)
     turn, offset = stack_f64(9), stack_f64(3)
-    scale = frames[pair.own].scale
-    frames_between(frames, pair.own, pair.other, turn, offset)
+    scale = model.frames[pair.own].scale
+    frames_between(model.frames, pair.own, pair.other, turn, offset)
     slots[0], slots[1] = pair.slots[0], pair.slots[1]
-    budget = 0 if option.budget == 0 else max(option.budget - option.work, 1)
     # A little farther, so that a connection of that length is found.
-    best = reach * reach * scale * scale * 1.0000001
-    best, lower_sq, steps = nearest_of_parts(
-        model, pair.own, pair.other, (turn, offset), best, LOOK_TOLERANCE * option.tolerance, budget, slots
-    )
+    limit, tolerance = reach * reach * scale * scale * 1.0000001, SEARCH_TOLERANCE * option.tolerance
+    budget = 0 if option.budget == 0 else max(option.budget - option.work, 1)
+    frontier = _frontier_of(held, number)
+    best, lower_sq, steps, count = nearest_from_frontier(
+        model, pair.own, pair.other, (turn, offset), frontier, pair.frontier_count,
+        pair.frontier_moved * scale, limit, tolerance, budget, slots,
+    )  # fmt: skip
+    pair.frontier_count, pair.frontier_moved = count, 0.0
+    if lower_sq == OVERFLOW:
+        slots[0], slots[1] = pair.slots[0], pair.slots[1]
+        budget = 0 if option.budget == 0 else max(budget - steps, 1)
+        best, lower_sq, more = nearest_of_parts(
+            model, pair.own, pair.other, (turn, offset), limit, tolerance, budget, slots
+        )
+        steps += more
     option.work += steps
     pair.is_resolved, pair.is_crossing = 1, 1 if best == CROSSING else 0
     if slots[0] != NO_SLOT:
@@ -194,6 +210,19 @@ def _look_into(model, pair, option, reach):
     pair.lower = max(pair.lower, min(lower, pair.upper))
     if best == CROSSING:
         pair.lower, pair.upper, pair.is_unsure, pair.is_inside = 0.0, 0.0, 1, 0
+
+
+@kernel
+def _frontier_of(held, number):
+    """The frontier of a pair: its own, or the next one, which is taken from whoever has it."""
+    pair, option = held.pairs[number], held.settings[0]
+    if pair.frontier < 0:
+        for row in range(len(held.pairs)):
+            if held.pairs[row].frontier == option.next_frontier:
+                held.pairs[row].frontier, held.pairs[row].frontier_count = -1, 0
+        pair.frontier, pair.frontier_count = option.next_frontier, 0
+        option.next_frontier = (option.next_frontier + 1) % FRONTIER_COUNT
+    return Frontier(held.limits, held.entries, pair.frontier * FRONTIER_LENGTH)
 
 
 @kernel

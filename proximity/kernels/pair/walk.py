@@ -56,19 +56,35 @@ MOST_PAIRS = 2 * MAX_DEPTH * (LANES - 1) + LANES * LANES
 
 
 @inlined
-def _used(words, base):
+def used(words, base):
     """Which lanes of a node have children: bits."""
     return bits(load(words, base) <= load(words, base + 24))
 
 
 @inlined
-def _size_at(words, position):
+def size_at(words, position):
     """The longest side of the box at a child's position."""
     return max(
         words[position + 24] - words[position],
         words[position + 32] - words[position + 8],
         words[position + 40] - words[position + 16],
     )
+
+
+@inlined
+def opens_first(words, below_one, below_other, one, other, ratio):
+    """Whether the box of the first part is opened, not that of the second: the larger, if no block."""
+    return below_other < 0 or (below_one >= 0 and size_at(words, one) > ratio * size_at(words, other))
+
+
+@inlined
+def rounding_size(frames, first, second, offset):
+    """The size of coordinates of both parts in the frame of the first, for `MAP_ROUNDING`."""
+    ratio = abs(frames[first].scale / frames[second].scale)
+    size = 1.0 + 2.0 * ratio
+    for k in range(3):
+        size = max(size, abs(offset[k]) + 2.0 * ratio)
+    return size
 
 
 @inlined
@@ -103,7 +119,7 @@ def _swap(positions, limits, one, other):
 
 
 @kernel
-def _begin(model, first, second, turn, offset, best, axis, slots):
+def begin_short(model, first, second, turn, offset, best, axis, slots):
     """Set slots and axis to those of a short connection, if it is below *best*; return the lesser square.
 
     It is that of the last slots, or else, from the second part's middle, the nearest of the nearest, to and
@@ -160,34 +176,32 @@ def _nearest_on(reals, slot, x, y, z):
 
 
 @kernel
-def nearest_of_parts(model, first, second, place, best, tolerance, budget, slots):
+def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, slots):
     """Squared distance, in the local frame of part *first*, to part *second*; one that none is below; steps.
 
-    `CROSSING` where they cross. *place*: `frames_between` of them. *best*: only what is nearer is looked for,
-    and nothing that is nearer by less than a share of *tolerance*. *budget*: opened nodes and blocks at most;
-    0: as many as it takes. *slots* (2,) int64: of the last answer, or `NO_SLOT`; filled with those of the
-    nearest triangles, or of two that cross, or `NO_SLOT`.
+    `CROSSING` where they cross. *frame_map*: `frames_between` them. *best*: only what is nearer is looked
+    for, and nothing that is nearer by less than a share of *tolerance*. *budget*: opened nodes and blocks at
+    most; 0: as many as it takes. *slots* (2,) int64: of the last answer, or `NO_SLOT`; filled with those of
+    the nearest triangles, or of two that cross, or `NO_SLOT`.
     """
     _, words, frames, parts = model
-    turn, offset = place
+    turn, offset = frame_map
     positions, limits = stack_i64_rows(MOST_PAIRS, 2), stack_f64(MOST_PAIRS)
     waiting = positions, limits, stack_f64(LANES)
     box, axis = stack_f64(7), stack_f64(3)
     axis[0], axis[1], axis[2] = 0.0, 0.0, 0.0
     ratio = abs(frames[first].scale / frames[second].scale)
-    slack = 1.0 + 2.0 * ratio
-    for k in range(3):
-        slack = max(slack, abs(offset[k]) + 2.0 * ratio)
+    slack = rounding_size(frames, first, second, offset)
     margin = splat(MAP_ROUNDING * slack)
-    best = _begin(model, first, second, turn, offset, best, axis, slots)
+    best = begin_short(model, first, second, turn, offset, best, axis, slots)
     one, other = NODE_STRIDE * parts[first].root, NODE_STRIDE * parts[second].root
-    at, left = 0, _used(words, one)
+    at, left = 0, used(words, one)
     while left:
         lane = trailing_zeros(left)
         left &= left - 1
         box_at(words, one + lane, axis, box)
         bounds = gaps_sq(lanes_of(box), mapped_boxes(words, other, turn, offset), margin)
-        at = _wait(waiting, at, one + lane, other, bounds, _used(words, other), False)
+        at = _wait(waiting, at, one + lane, other, bounds, used(words, other), False)
     nearest = at - 1
     for k in range(at):
         if limits[k] < limits[nearest]:
@@ -204,33 +218,25 @@ def nearest_of_parts(model, first, second, place, best, tolerance, budget, slots
         below_one = load_int(words, one + NODE_CHILDREN)
         below_other = load_int(words, other + NODE_CHILDREN)
         if below_one < 0 and below_other < 0:
-            best = nearer_in_blocks(
-                model,
-                parts[first].block_boxes,
-                ~below_one,
-                ~below_other,
-                turn,
-                offset,
-                slack,
-                best,
-                axis,
-                slots,
+            boxes = parts[first].block_boxes
+            best, _ = nearer_in_blocks(
+                model, boxes, ~below_one, ~below_other, frame_map, slack, best, axis, slots
             )
             reach = best * share_sq
-        elif below_other < 0 or (below_one >= 0 and _size_at(words, one) > ratio * _size_at(words, other)):
+        elif opens_first(words, below_one, below_other, one, other, ratio):
             node = NODE_STRIDE * below_one
             mapped_box_at(words, other, turn, offset, axis, box)
             opened = boxes_at(words, node)
             bounds = gaps_sq(opened, lanes_of(box), margin)
             bounds = farther(bounds, splat(box[6]), ends_of(opened, axis), margin)
-            is_open = bits(bounds < splat(reach)) & _used(words, node)
+            is_open = bits(bounds < splat(reach)) & used(words, node)
             at = _wait(waiting, at, node, other, bounds, is_open, True)
         else:
             node = NODE_STRIDE * below_other
             box_at(words, one, axis, box)
             bounds = gaps_sq(lanes_of(box), mapped_boxes(words, node, turn, offset), margin)
             bounds = farther(bounds, begins_of(words, node, turn, offset, axis), splat(box[6]), margin)
-            is_open = bits(bounds < splat(reach)) & _used(words, node)
+            is_open = bits(bounds < splat(reach)) & used(words, node)
             at = _wait(waiting, at, one, node, bounds, is_open, False)
     # What still waits was not looked into.
     lower = reach

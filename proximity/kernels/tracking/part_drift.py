@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from proximity.kernels.geometry.frames import ROUNDED_DOWN, ROUNDED_UP
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import ALL_LANES, FRAME, LANES, field_at
 from proximity.kernels.stack_arrays import reals_of
@@ -37,8 +38,6 @@ MOVER_NEAR_SPEED = 11  # their speed at most relative to a velocity, a unit of t
 MOVER_COLUMNS = 12
 SIX_LANES = 2**6 - 1
 
-ROUNDED_UP = 1.0 + 1e-12
-ROUNDED_DOWN = 1.0 - 1e-12
 MOST_COMINGS = 8
 """Faster and faster parts that are kept apart; where there are more, less is certain."""
 AT_ONCE = 1e-12

@@ -138,10 +138,11 @@ static void tick_tracker(Loop *loop, decaff_contact *contacts, int64_t now_ns)
 static void exchange_source(Loop *loop)
 {
     LoopSource *next = POINTER(__atomic_load_n(&loop->next, __ATOMIC_ACQUIRE)), *before = POINTER(loop->source);
+    int64_t taken = (int64_t)(intptr_t)next;
     if (next != NULL) {
         loop->epoch_offset = before->epoch + loop->epoch_offset + 1 - next->epoch;
-        loop->source = (int64_t)(intptr_t)next;
-        __atomic_store_n(&loop->next, 0, __ATOMIC_RELEASE);
+        loop->source = taken; /* and whoever looks whether `next` is taken finds this; another one stays there */
+        __atomic_compare_exchange_n(&loop->next, &taken, 0, 0, __ATOMIC_RELEASE, __ATOMIC_RELAXED);
     }
 }
 

@@ -1,0 +1,228 @@
+"""Distances of pairs of parts beside other libraries: ``python bench/pairs.py [PAIR ...]``.
+
+Rivals are those of Coal, python-fcl and MeshLib that are installed (extra ``bench``). Each pair moves along a
+path; at every pose all are asked in turn, and answers are compared before their times count. Thread CPU time
+from Python, µs, median and 99th percentile. MeshLib computes in float32.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from importlib import import_module, util
+from time import thread_time_ns
+
+import numpy as np
+
+from proximity import PartTracker, Pose, Scene, Solid
+
+Mesh = tuple[np.ndarray, np.ndarray]
+POSES, MOVED_POSES = 60, 400
+AGREEMENT = 2e-6
+"""m by which answers may differ: parts are 0.1 m large, and one rival computes in float32."""
+
+
+def lathe(profile: list[tuple[float, float]], steps: int, turns: int) -> Mesh:
+    """A solid of revolution: each side of the closed profile (radius, height) in *steps*, *turns* around."""
+    corners = np.array(profile)
+    shares = np.linspace(0.0, 1.0, steps, endpoint=False)[:, None]
+    line = np.concatenate(
+        [a + (b - a) * shares for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
+    )
+    angles = np.linspace(0.0, 2.0 * np.pi, turns, endpoint=False)[:, None]
+    vertices = np.stack(
+        [np.cos(angles) * line[:, 0], np.sin(angles) * line[:, 0], np.ones_like(angles) * line[:, 1]], axis=-1
+    ).reshape(-1, 3)
+    rows, columns = np.divmod(np.arange(len(vertices)), len(line))
+    after, above = (rows + 1) % turns * len(line), (columns + 1) % len(line)
+    a, b, c, d = rows * len(line) + columns, rows * len(line) + above, after + above, after + columns
+    return vertices, np.concatenate([np.stack([a, d, c], 1), np.stack([a, c, b], 1)]).astype(np.int32)
+
+
+def free_form(turns: int, seed: int) -> Mesh:
+    """A bent ring, 0.1 m large, of four times *turns* squared faces."""
+    circle = np.linspace(0.0, 2.0 * np.pi, 2 * turns, endpoint=False)
+    profile = [(0.03 + 0.0125 * np.cos(angle), 0.0125 * np.sin(angle)) for angle in circle]
+    vertices, faces = lathe(profile, 1, turns)
+    rng = np.random.default_rng(seed)
+    for _ in range(6):
+        waves = 120.0 * rng.normal(size=3)
+        vertices = vertices + 0.001 * np.sin(vertices @ waves + rng.uniform(0.0, 6.0))[:, None] * rng.normal(
+            size=3
+        )
+    return vertices, faces
+
+
+def beside(scene: Scene, gap: float) -> Pose:
+    """The pose of the part that moves at which it is *gap* from the other."""
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    near, far = 0.0, 0.3
+    for _ in range(40):
+        middle = 0.5 * (near + far)
+        scene.move("b", Pose(turn, [middle, 0.3 * middle, 0.0]))
+        near, far = (near, middle) if scene.clearance("a", "b").distance > gap else (middle, far)
+    return Pose(turn, [far, 0.3 * far, 0.0])
+
+
+def path(start: Pose, radius: float, count: int, step: float) -> Iterator[Pose]:
+    """Poses on a circle through *start*, turning a little, *step* m from one to the next."""
+    for k in range(count):
+        angle = k * step / radius
+        turn = 25.0 * radius * np.sin(angle)
+        about = np.array(
+            [[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]]
+        )
+        move = radius * np.array([0.0, np.sin(angle), 1.0 - np.cos(angle)])
+        yield Pose(about @ start.rotation, start.translation + move)
+
+
+def free_pair(one: int, other: int, gap: float) -> Callable[[], tuple[Mesh, Mesh, Pose]]:
+    """A pair of free forms of so many turns."""
+
+    def make() -> tuple[Mesh, Mesh, Pose]:
+        meshes = free_form(one, 1), free_form(other, 2)
+        scene = Scene([Solid(*mesh, name=name) for name, mesh in zip("ab", meshes, strict=True)])
+        return *meshes, beside(scene, gap)
+
+    return make
+
+
+def peg() -> tuple[Mesh, Mesh, Pose]:
+    """A peg of 16 thousand faces in a hole of 33 thousand, with a clearance of 1 % of its radius."""
+    hole = lathe([(0.010, -0.02), (0.02, -0.02), (0.02, 0.02), (0.010, 0.02)], 32, 128)
+    pin = lathe([(0.0005, -0.015), (0.0099, -0.015), (0.0099, 0.025), (0.0005, 0.025)], 16, 128)
+    return hole, pin, Pose(None, [3e-5, 0.0, 0.0])
+
+
+PAIRS = {
+    "3.5 x 3.5 k, gap 2 %": free_pair(30, 30, 0.002),
+    "3.5 x 84 k, gap 2 %": free_pair(30, 145, 0.002),
+    "84 x 84 k, gap 2 %": free_pair(145, 145, 0.002),
+    "84 x 84 k, gap 20 %": free_pair(145, 145, 0.02),
+    "peg in hole": peg,
+}
+
+
+def coal_asker(one: Mesh, other: Mesh) -> Callable[[Pose], Callable[[], float]]:
+    """Coal with its OBBRSS trees."""
+    coal = import_module("coal")
+
+    def tree(mesh: Mesh):
+        model, points, triangles = coal.BVHModelOBBRSS(), coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+        for point in mesh[0]:
+            points.append(point)
+        for face in mesh[1].tolist():
+            triangles.append(coal.Triangle(*face))
+        model.beginModel(len(mesh[1]), len(mesh[0]))
+        model.addSubModel(points, triangles)
+        model.endModel()
+        return model
+
+    models, stands = (tree(one), tree(other)), coal.Transform3s()
+
+    def at(pose: Pose):
+        there = coal.Transform3s(np.ascontiguousarray(pose.rotation), np.ascontiguousarray(pose.translation))
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        return lambda: coal.distance(models[0], stands, models[1], there, request, result)
+
+    return at
+
+
+def fcl_asker(one: Mesh, other: Mesh) -> Callable[[Pose], Callable[[], float]]:
+    """python-fcl with its OBBRSS trees."""
+    fcl = import_module("fcl")
+
+    def item(mesh: Mesh):
+        model = fcl.BVHModel()
+        model.beginModel(len(mesh[0]), len(mesh[1]))
+        model.addSubModel(*mesh)
+        model.endModel()
+        return fcl.CollisionObject(model, fcl.Transform())
+
+    items = item(one), item(other)
+
+    def at(pose: Pose):
+        items[1].setTransform(fcl.Transform(np.array(pose.rotation), np.array(pose.translation)))
+        return lambda: fcl.distance(*items)
+
+    return at
+
+
+def meshlib_asker(one: Mesh, other: Mesh) -> Callable[[Pose], Callable[[], float]]:
+    """MeshLib, in float32."""
+    library, arrays = import_module("meshlib.mrmeshpy"), import_module("meshlib.mrmeshnumpy")
+    meshes = [arrays.meshFromFacesVerts(mesh[1], mesh[0].astype(np.float32)) for mesh in (one, other)]
+    parts = [library.MeshPart(mesh) for mesh in meshes]
+
+    def at(pose: Pose):
+        rows = [library.Vector3f(*row) for row in pose.rotation.tolist()]
+        there = library.AffineXf3f(library.Matrix3f(*rows), library.Vector3f(*pose.translation.tolist()))
+        return lambda: np.sqrt(library.findDistance(*parts, there).distSq)
+
+    return at
+
+
+RIVALS = {"coal": coal_asker, "fcl": fcl_asker, "meshlib": meshlib_asker}
+
+
+def timed(ask: Callable[[], float]) -> tuple[float, float]:
+    """An answer, and how long it took, µs."""
+    start = thread_time_ns()
+    answer = ask()
+    return 1e-3 * (thread_time_ns() - start), float(answer)
+
+
+def shown(times: list[float]) -> str:
+    """Median and 99th percentile."""
+    return "{:9.1f} ({:.1f})".format(*np.percentile(times, [50, 99]))
+
+
+def compare(one: Mesh, other: Mesh, start: Pose, radius: float) -> None:
+    """Print the times of all, from nothing."""
+    scene = Scene([Solid(*one, name="a"), Solid(*other, name="b")])
+    askers = {name: make(one, other) for name, make in RIVALS.items() if util.find_spec(name)}
+    times: dict[str, list[float]] = {name: [] for name in ("proximity", *askers)}
+    for pose in path(start, radius, POSES, 0.05 * radius):
+        scene.move("b", pose)
+        time, distance = timed(lambda: scene.clearance("a", "b").distance)
+        times["proximity"].append(time)
+        for name, asker in askers.items():
+            time, answer = timed(asker(pose))
+            if abs(answer - distance) > AGREEMENT:
+                raise SystemExit(f"{name} answers {answer} m, proximity {distance} m")
+            times[name].append(time)
+    for name, each in times.items():
+        print(f"    {name:24} {shown(each)}")
+
+
+def follow(one: Mesh, other: Mesh, start: Pose, radius: float) -> None:
+    """Print the times of a tracker, and by how much of the distance its bounds differ at most."""
+    for options in ({}, {"tolerance": 0.05}, {"budget": 300}):
+        for speed in (0.02, 0.2):
+            scene = Scene([Solid(*one, name="a"), Solid(*other, name="b")])
+            tracker, times, gaps = PartTracker(scene, "b", **options), [], []
+            for tick, pose in enumerate(path(start, radius, MOVED_POSES, speed * 1e-3)):
+                scene.move("b", pose)
+                now = 10**12 + tick * 10**6
+                start_ns = thread_time_ns()
+                record = tracker.tick(None, now, now)[0]
+                times.append(1e-3 * (thread_time_ns() - start_ns))
+                gaps.append(1.0 - record["lower"] / record["upper"] if record["upper"] > 0.0 else 0.0)
+            text = ", ".join(f"{name} {value:g}" for name, value in options.items()) or "exact"
+            way = f"followed, {1e3 * speed:3.0f} mm/s, {text}"
+            print(f"    {way:40} {shown(times)}  bounds {np.median(gaps):.1%} ({max(gaps):.1%}) apart")
+
+
+def main() -> None:
+    """Compare the pairs that are named, or all."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("pairs", nargs="*", choices=[[], *PAIRS], help="names of pairs; default: all")
+    for name in parser.parse_args().pairs or PAIRS:
+        one, other, start = PAIRS[name]()
+        radius = 1e-5 if name == "peg in hole" else 2e-3
+        print(f"{name}: {len(one[1])} x {len(other[1])} faces; µs, median (p99)", flush=True)
+        compare(one, other, start, radius)
+        follow(one, other, start, radius)
+
+
+if __name__ == "__main__":
+    main()

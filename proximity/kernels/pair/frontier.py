@@ -1,0 +1,214 @@
+"""The walk over two parts' trees that goes on where the last one ended.
+
+What a walk opened and did not go into stays in the *frontier*: pairs of a node and a box, with those children
+of the node that were too far, and a distance below which none of them is; and pairs of blocks, with one below
+which none of their triangles is. When a part has moved, all distances are lowered by how far; only what is
+then nearer than the best is looked at again. It is the argument of the coherent point search.
+
+With a budget the nearest are looked at first, sweep by sweep, so that the bound rises as far as it can.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from proximity.kernels.layout import LANES, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_in_blocks
+from proximity.kernels.pair.boxes import (
+    begins_of,
+    box_at,
+    boxes_at,
+    ends_of,
+    farther,
+    gaps_sq,
+    lanes_of,
+    mapped_box_at,
+    mapped_boxes,
+)
+from proximity.kernels.pair.walk import begin_short, opens_first, rounding_size, used
+from proximity.kernels.stack_arrays import stack_f64
+from proximity.native import inlined, kernel
+from proximity.native.simd import (
+    bits,
+    horizontal_min,
+    load,
+    load_int,
+    minimum,
+    splat,
+    store,
+    trailing_zeros,
+)
+
+PAIRS_CAPACITY = 8192
+FRONTIER_LENGTH = PAIRS_CAPACITY + LANES
+"""A store writes a whole vector beyond."""
+FRONTIER_COUNT = 4
+"""Pairs of parts of which the frontier is kept: with 20 bytes an entry, 655 KB."""
+CHILDREN = 255
+OPENED_FIRST = 256
+BLOCKS = 512
+"""Bits of an entry: children that are too far; whether the node is the first part's; a pair of blocks."""
+NEARLY = 1.0 - 2.0**-40
+"""Share of the best at which an entry is far enough: so much a root may be rounded down."""
+OVERFLOW = -2.0
+"""Bound of a walk that had no room left."""
+PAIR_SWEEP_SHARE = 0.25
+"""Share of the way from the lowest bound to the best that a sweep looks at, where there is a budget."""
+
+
+class Frontier(NamedTuple):
+    """Where a frontier is: `FRONTIER_LENGTH` entries from *begin* on."""
+
+    limits: np.ndarray  # float64, local units of the first part: nothing in an entry is nearer
+    entries: np.ndarray  # (…, 3) int32: positions in words of both parts, and bits
+    begin: int
+
+
+@kernel
+def _bounds_of_children(words, one, other, is_first, frame_map, margin, axis):
+    """Squared distances of the children of a node at a position with a box at another, to be below them."""
+    turn, offset = frame_map
+    box = stack_f64(7)
+    if is_first:
+        mapped_box_at(words, other, turn, offset, axis, box)
+        opened = boxes_at(words, one)
+        bounds = gaps_sq(opened, lanes_of(box), splat(margin))
+        return farther(bounds, splat(box[6]), ends_of(opened, axis), splat(margin))
+    box_at(words, one, axis, box)
+    bounds = gaps_sq(lanes_of(box), mapped_boxes(words, other, turn, offset), splat(margin))
+    return farther(bounds, begins_of(words, other, turn, offset, axis), splat(box[6]), splat(margin))
+
+
+@inlined
+def _add(frontier, count, one, other, marks, limit):
+    """Append an entry; return how many there are then."""
+    at = frontier.begin + count
+    frontier.limits[at] = limit
+    frontier.entries[at, 0], frontier.entries[at, 1], frontier.entries[at, 2] = one, other, marks
+    return count + 1
+
+
+@kernel
+def _plant(words, parts, first, second, frontier):
+    """Begin a frontier with the children of both roots; return the count."""
+    one, other, count = NODE_STRIDE * parts[first].root, NODE_STRIDE * parts[second].root, 0
+    left, marks = used(words, one), used(words, other)
+    while left:
+        lane = trailing_zeros(left)
+        left &= left - 1
+        count = _add(frontier, count, one + lane, other, marks, 0.0)
+    return count
+
+
+@kernel
+def _lower(frontier, count, by):
+    """Lower all limits; return the lowest."""
+    lowest = splat(np.inf)
+    for at in range(frontier.begin, frontier.begin + count, LANES):
+        limits = load(frontier.limits, at) - splat(by)
+        store(frontier.limits, at, limits)
+        lowest = minimum(lowest, limits)
+    return horizontal_min(lowest)
+
+
+@kernel
+def _open_entry(model, first, second, frame_map, frontier, at, count, reach, axis):
+    """Look at the children of an entry again, and append those that are within reach; return the count.
+
+    The entry keeps the others; its marks are 0 where none is left.
+    """
+    words, frames = model.words, model.frames
+    one, other, marks = frontier.entries[at, 0], frontier.entries[at, 1], frontier.entries[at, 2]
+    is_first = marks & OPENED_FIRST != 0
+    ratio = abs(frames[first].scale / frames[second].scale)
+    margin = MAP_ROUNDING * rounding_size(frames, first, second, frame_map[1])
+    bounds = _bounds_of_children(words, one, other, is_first, frame_map, margin, axis)
+    lane_bounds = stack_f64(LANES)
+    store(lane_bounds, 0, bounds)
+    near = bits(bounds < splat(reach * reach)) & marks & CHILDREN
+    left, lowest = marks & CHILDREN & ~near, np.inf
+    frontier.entries[at, 2] = (left | (marks & OPENED_FIRST)) if left else 0
+    while left:
+        lowest = min(lowest, lane_bounds[trailing_zeros(left)])
+        left &= left - 1
+    frontier.limits[at] = sqrt(lowest)
+    while near:
+        lane = trailing_zeros(near)
+        near &= near - 1
+        below, beside = one + (lane if is_first else 0), other + (0 if is_first else lane)
+        below_one = load_int(words, below + NODE_CHILDREN)
+        below_other = load_int(words, beside + NODE_CHILDREN)
+        limit = sqrt(lane_bounds[lane])
+        if below_one < 0 and below_other < 0:
+            count = _add(frontier, count, below, beside, BLOCKS, limit)
+        elif opens_first(words, below_one, below_other, below, beside, ratio):
+            node = NODE_STRIDE * below_one
+            count = _add(frontier, count, node, beside, used(words, node) | OPENED_FIRST, limit)
+        else:
+            node = NODE_STRIDE * below_other
+            count = _add(frontier, count, below, node, used(words, node), limit)
+    return count
+
+
+@inlined
+def _remove(frontier, at, count):
+    """Put the last entry where one was; return how many are left."""
+    last = frontier.begin + count - 1
+    frontier.limits[at] = frontier.limits[last]
+    for k in range(3):
+        frontier.entries[at, k] = frontier.entries[last, k]
+    # What is loaded beyond the last entry is far.
+    frontier.limits[last] = np.inf
+    return count - 1
+
+
+@kernel
+def nearest_from_frontier(
+    model, first, second, frame_map, frontier, count, moved, best, tolerance, budget, slots
+):
+    """As `nearest_of_parts`, from a frontier of *count* entries, 0: none, which it renews.
+
+    *moved*: how far anything on either part has moved since, local units. Also returns the new count. The
+    bound is `OVERFLOW` where there was no room for the frontier: then nothing else is of use.
+    """
+    words, parts, frames = model.words, model.parts, model.frames
+    axis, steps = stack_f64(3), 0
+    axis[0], axis[1], axis[2] = 0.0, 0.0, 0.0
+    boxes, slack = parts[first].block_boxes, rounding_size(frames, first, second, frame_map[1])
+    best = begin_short(model, first, second, frame_map[0], frame_map[1], best, axis, slots)
+    if count == 0:
+        count = _plant(words, parts, first, second, frontier)
+        store(frontier.limits, frontier.begin + count, splat(np.inf))
+        moved = 0.0
+    share, lowest = 1.0 / (1.0 + tolerance), _lower(frontier, count, moved)
+    reach = sqrt(best) * share
+    while best > 0.0 and lowest < reach * NEARLY and (budget == 0 or steps < budget):
+        sweep = reach if budget == 0 else lowest + PAIR_SWEEP_SHARE * (reach - lowest)
+        at = frontier.begin
+        while at < frontier.begin + count and best > 0.0 and (budget == 0 or steps < budget):
+            if not frontier.limits[at] < min(sweep, reach * NEARLY):
+                at += 1
+                continue
+            steps += 1
+            if frontier.entries[at, 2] == BLOCKS:
+                one = ~load_int(words, frontier.entries[at, 0] + NODE_CHILDREN)
+                other = ~load_int(words, frontier.entries[at, 1] + NODE_CHILDREN)
+                best, least_sq = nearer_in_blocks(
+                    model, boxes, one, other, frame_map, slack, best, axis, slots
+                )
+                reach = sqrt(max(best, 0.0)) * share
+                frontier.limits[at] = max(frontier.limits[at], sqrt(max(least_sq, 0.0)))
+                at += 1
+            else:
+                if count + 2 * LANES > PAIRS_CAPACITY:
+                    return best, OVERFLOW, steps, 0
+                count = _open_entry(model, first, second, frame_map, frontier, at, count, reach, axis)
+                store(frontier.limits, frontier.begin + count, splat(np.inf))
+                if frontier.entries[at, 2] == 0:
+                    count = _remove(frontier, at, count)
+                else:
+                    at += 1
+        lowest = _lower(frontier, count, 0.0)
+    lower = reach if lowest >= reach * NEARLY else max(lowest, 0.0)
+    return best, lower * lower if best > 0.0 else 0.0, steps, count
