@@ -45,7 +45,7 @@ poses = "{poses}"
 """
 ABOVE = np.linspace([0.05, 0.03, 0.07], [0.07, 0.03, 0.07], 5)
 COLOURS = {"python": "#D55E00", "compiled": "#0072B2"}  # Okabe and Ito
-LINES = {"quiet": "-", "busy process": "--", "busy thread": ":"}
+LINES = {"alone": "-", "busy process": "--", "busy thread": ":"}
 Delays = tuple[float, float]
 SPIN = "while True: pass"
 POSE_NS_AT, PUBLISH_NS_AT = 96 + 8, 48
@@ -147,7 +147,7 @@ COLUMNS = "loop,beside,priority,load,least_ns,most_ns,ticks"
 
 def append(path: Path, options: argparse.Namespace, rows: list[tuple[int, int, int]]) -> None:
     """Write a row a bin: what computes beside, and how many ticks were so late."""
-    beside = "busy process" if options.busy else "busy thread" if options.thread else "quiet"
+    beside = "busy process" if options.busy else "busy thread" if options.thread else "alone"
     priority = "real-time" if options.realtime else "ordinary"
     lines = [] if path.exists() else [COLUMNS]
     for row in rows:

@@ -80,7 +80,7 @@ export run.frames --parquet - | Parquet is not written to standard output
 watch decaff | decaff: expected an address such as iox2://NAME
 view box.stl --radius 0 | 0 mm: expected more than 0, up to 1000
 view box.stl --port 70000 | 70000: expected 0 to 65535
-view box.stl --out a.rrd | expected one log of frames (.frames) among FILES
+view box.stl --save a.rrd | expected one log of frames (.frames) among FILES
 demo --limit 0 | 0 seconds: expected more than 0, up to 1e+09
 demo --limit nan | nan seconds: expected more than 0, up to 1e+09
 drum mailbox:a --limit 1 --max-age 5 | requires --glove

@@ -53,7 +53,7 @@ def test_option_given_twice_is_refused():
 def test_unknown_scheme_is_told_those_that_are_known(opener):
     with pytest.raises(
         PublishError,
-        match=r"^tcp://a:1: no transport is called 'tcp' \(expected mailbox, iox2, shm, udp, zenoh\)$",
+        match=r"^tcp://a:1: no transport is called 'tcp' \(expected mailbox, iox2, shm, udp, ws, zenoh\)$",
     ):
         opener("tcp://a:1")
 

@@ -263,7 +263,8 @@ def test_program_in_c_reads_and_writes(address, name, tmp_path):
         until(lambda: publisher.publish(touch(frame())) or (subscriber.read() and said))
         reader.join()
         assert subscriber.read() and subscriber.counts.received >= 20 and not subscriber.counts.flawed
-    assert said == ["20 1\n"]
+    count, is_written = said[0].split()
+    assert int(count) >= 20 and is_written == "1"
 
 
 def test_without_the_compiled_library_the_error_says_what_is_needed(address, monkeypatch):

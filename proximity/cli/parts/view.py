@@ -79,6 +79,7 @@ def view(
             "FILE",
             "Write a file instead of showing a page: .html, a page that computes by itself; .rrd, a log and "
             "its parts for the viewer Rerun.",
+            "--save",
         ),
     ] = None,
     limit: LIMIT = None,
@@ -97,11 +98,11 @@ def view(
       proximity view part.step
       proximity view meshes/bracket.stl --replay meshes/hand.csv
       proximity view run.frames meshes/bracket.stl
-      proximity view run.frames part.step --out run.rrd
-      proximity view part.step --out part.html    # to mail, or to open from a disk
+      proximity view run.frames part.step --save run.rrd
+      proximity view part.step --save part.html   # to mail, or to open from a disk
       proximity view cell.toml --no-browser --port 8787
     """
-    refuse((out and out.suffix not in (".html", ".rrd"), "--out", f"{out} does not end in .html or .rrd"))
+    refuse((out and out.suffix not in (".html", ".rrd"), "--save", f"{out} does not end in .html or .rrd"))
     if out is not None and out.suffix == ".rrd":
         _write_rerun(files, out, units, radius)
         return
@@ -157,7 +158,7 @@ def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None)
     """Write a log of frames, and the parts that it is of, for Rerun."""
     logs = [name for name in files if name.suffix == ".frames"]
     if len(logs) != 1:
-        raise typer.BadParameter("expected one log of frames (.frames) among FILES", param_hint="--out")
+        raise typer.BadParameter("expected one log of frames (.frames) among FILES", param_hint="--save")
     from proximity.recording import FrameReader
     from proximity.recording.rerun_log import ShownPart, write_rerun
     from proximity.scene.loader import load

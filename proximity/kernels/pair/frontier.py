@@ -40,8 +40,8 @@ from proximity.native.simd import (
     trailing_zeros,
 )
 
-MOST_ENTRIES = 8192
-FRONTIER_LENGTH = MOST_ENTRIES + LANES
+PAIRS_CAPACITY = 8192
+FRONTIER_LENGTH = PAIRS_CAPACITY + LANES
 """A store writes a whole vector beyond."""
 FRONTIER_COUNT = 4
 """Pairs of parts of which the frontier is kept: with 20 bytes an entry, 655 KB."""
@@ -201,7 +201,7 @@ def nearest_from_frontier(
                 frontier.limits[at] = max(frontier.limits[at], sqrt(max(least_sq, 0.0)))
                 at += 1
             else:
-                if count + 2 * LANES > MOST_ENTRIES:
+                if count + 2 * LANES > PAIRS_CAPACITY:
                     return best, OVERFLOW, steps, 0
                 count = _open_entry(model, first, second, frame_map, frontier, at, count, reach, axis)
                 store(frontier.limits, frontier.begin + count, splat(np.inf))
