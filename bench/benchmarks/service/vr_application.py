@@ -28,10 +28,11 @@ from proximity.service.hosting import start_service
 from proximity.system.extras import needed
 from proximity.tracker.replay import fitted_pose
 from proximity.transport import open_publisher, open_subscriber
-from proximity.web.page_service import VALID_FOR
 from proximity.web.running_page import Addresses, RunningPage, own_addresses
 
 PATHS = ("native", "page")
+VALID_FOR = 0.1
+"""s: hands of a headset come 30 to 90 times a second."""
 TICK_S = 1e-3
 RADIUS = 0.007  # m, of fingertips
 HEADINGS = (
