@@ -111,6 +111,12 @@ def test_twenty_pairs_are_shown_and_all_are_listed(run, tmp_path):
     )
 
 
+def test_only_part_is_said_to_be_alone(run):
+    result = run(MESHES / "bracket.stl")
+
+    assert (result.code, result.out) == (0, "There is only one part, and no other to compare it with.\n")
+
+
 def test_csv_has_all_digits_and_no_formulas(run, tmp_path):
     scene = Scene(
         [Solid(*shapes.cube(0.1, MIDDLE), name="=1+1"), Solid(*shapes.cube(0.1, (0.3, 0, 0)), name="b")]

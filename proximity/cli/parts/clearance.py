@@ -180,6 +180,8 @@ def _summary(
     if len(names) == 2:
         of = " and ".join(map(printable, names))
     count = part_count - 1 if names else part_count * (part_count - 1) // 2
+    if count == 0:
+        return "There is only one part, and no other to compare it with."
     if below is not None:
         near = f"nearer than {length(below)} {units}"
         if not pairs:
