@@ -189,6 +189,51 @@ def test_keys_move_a_picked_part(page):
     page.until(f"{moved}[12] === 0 && {moved}[1] === 0")
 
 
+def test_nearest_parts_of_the_picked_one_are_shown(page, scene):
+    page.page.locator("#parts .name").get_by_text("lid", exact=True).click()
+    page.until("page.tools.nearest.found.length >= 3")
+
+    found = page.ask(
+        "page.tools.nearest.found.map((each) => [each.part.name, each.lower, each.distance, each.relation])"
+    )
+    for name, lower, distance, relation in found:
+        exact = scene.clearance("lid", name)
+        assert lower <= exact.distance <= distance <= 1.01 * exact.distance
+        assert list(proximity.Relation)[relation] == exact.relation
+    nearest = scene.closest_pairs(of="lid", most=3)
+    names = {name for pair in nearest for name in (pair.first, pair.second)} - {"lid"}
+    assert names <= {name for name, *_ in found}
+    assert page.ask("document.getElementById('tool-hint').textContent").startswith("lid: ")
+    page.picture("nearest")
+    page.page.keyboard.press("Escape")
+    page.until("page.tools.nearest.found.length === 0 && !page.tools.nearest.group.visible")
+
+
+def test_a_moved_part_stops_at_contact(page, scene):
+    """The pin goes up by 10 mm, and is to come down by 15 mm: it stops on the lid, where it stood."""
+    pin = "page.parts.named('pin')"
+    height = f"{pin}.object.matrix.elements[14]"
+    raised = f"{pin}.object.matrix.clone().premultiply({pin}.initial.clone().makeTranslation(0, 0, SHIFT))"
+    page.page.get_by_role("button", name="hide bracket").click()
+    page.ask(f"void page.parts.ask({pin}, {raised.replace('SHIFT', '0.01')})")
+    page.until(f"Math.abs({height} - {pin}.initial.elements[14] - 0.01) < 1e-9")
+    page.page.get_by_label("A moved part stops at contact").check()
+
+    page.ask(f"void page.parts.ask({pin}, {raised.replace('SHIFT', '-0.015')})")
+    page.until(f"{height} - {pin}.initial.elements[14] < 0.005")
+
+    apart = proximity.Scene([part for part in scene.parts if part.name != "bracket"])
+    apart.move("pin", np.array(page.ask(f"{pin}.object.matrix.elements")).reshape(4, 4).T)
+    assert 0.0 < apart.closest_pairs(of="pin", most=1)[0].distance < 2e-5
+
+    page.ask(f"void page.parts.ask({pin}, {raised.replace('SHIFT', '0.002')})")  # away again
+    page.until(f"{height} - {pin}.initial.elements[14] > 0.0015")
+    page.page.get_by_label("A moved part stops at contact").uncheck()
+    page.page.keyboard.press("Home")
+    page.until(f"{height} === {pin}.initial.elements[14]")
+    page.until("page.parts.list.every((part) => part.object.visible)")
+
+
 def test_two_points_are_measured(page):
     page.page.get_by_role("button", name="Measure").click()
     page.ask("page.tools.measure.add(page.stage.box.min.clone())")

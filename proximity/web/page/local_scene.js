@@ -83,4 +83,4 @@ function filled(bytes) {
 }
 
 export const documentOf = (bytes) => JSON.parse(new TextDecoder().decode(bytes));
-const rowsOf = (matrix) => matrix.clone().transpose().toArray();
+export const rowsOf = (matrix) => matrix.clone().transpose().toArray();

@@ -159,6 +159,7 @@ class Page {
       if (joints) this.shapes[side].show(joints, state);
       else this.shapes[side].hide();
     }
+    this.tools.update();
     stage.controls.enabled = !this.tools.held;
   }
 }

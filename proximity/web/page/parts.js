@@ -16,6 +16,7 @@ export class Parts extends EventTarget {
     this.picked = null;
     this.wanted = new Map(); // name: matrix that is to be sent
     this.clipping = [];
+    this.limited = (part, matrix) => matrix; // how far a part comes that is wanted there
     this.mayHide = false; // of the service's scene, and not only of this picture
     this.loading = Promise.resolve();
     link.addEventListener("moves", (event) => this.waiting.push(...event.detail));
@@ -122,7 +123,7 @@ export class Parts extends EventTarget {
 
   /** Ask for a part to be elsewhere; it moves when the service has moved it. */
   ask(part, matrix) {
-    this.wanted.set(part.name, matrix.clone());
+    this.wanted.set(part.name, this.limited(part, matrix.clone()));
   }
 
   send() {
@@ -144,7 +145,7 @@ export class Parts extends EventTarget {
   reset() {
     for (const part of this.list) {
       this.setVisible(part, !part.about.is_hidden);
-      if (!part.object.matrix.equals(part.initial)) this.ask(part, part.initial);
+      if (!part.object.matrix.equals(part.initial)) this.wanted.set(part.name, part.initial.clone());
     }
     this.pick(null);
     this.changed();

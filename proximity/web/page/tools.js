@@ -3,6 +3,7 @@
 import * as THREE from "three";
 import { byId } from "./panel.js";
 import { Measure } from "./measuring.js";
+import { Nearest } from "./nearest.js";
 import { SlicePlane } from "./slice_plane.js";
 
 const STEP = 0.001;
@@ -19,7 +20,9 @@ export class Tools {
     this.mode = "";
     this.caster = new THREE.Raycaster();
     this.measure = new Measure(stage);
+    this.nearest = new Nearest(stage, parts, local);
     this.plane = new SlicePlane(stage, parts, local);
+    parts.limited = (part, matrix) => (byId("tool-stop").checked ? this.nearest.reached(part, matrix) : matrix);
     this.mayMove = false;
     this.actions = {
       move: () => this.setMode(this.mode === "move" ? "" : "move"),
@@ -42,6 +45,13 @@ export class Tools {
 
   say(text) {
     byId("tool-hint").textContent = text;
+  }
+
+  /** Say what the picked part is nearest to. */
+  update() {
+    const part = this.mode === "measure" ? null : this.parts.picked;
+    const words = part ? this.nearest.show(part) : this.nearest.clear();
+    if (words) this.say(words);
   }
 
   setMode(mode) {
@@ -177,7 +187,7 @@ export class Tools {
   }
 
   key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.("input, select")) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.("input:not([type=checkbox]), select")) return;
     if (event.code === "Escape") return void (this.setMode(""), this.parts.pick(null));
     if (event.key === "+" || event.key === "=") return this.stage.zoom(0.9);
     if (event.key === "-") return this.stage.zoom(1 / 0.9);

@@ -69,7 +69,7 @@ export class MouseHand {
   }
 
   key(event, isDown) {
-    if (event.ctrlKey || event.metaKey || event.target.closest?.("input, select")) return;
+    if (event.ctrlKey || event.metaKey || event.target.closest?.("input:not([type=checkbox]), select")) return;
     const fingers = event.code === "KeyF" ? [0, 1, 2, 3, 4] : /^(Digit|Numpad)[1-5]$/.test(event.code) ? [Number(event.code.at(-1)) - 1] : [];
     for (const finger of fingers) isDown ? this.held.add(finger) : this.held.delete(finger);
   }

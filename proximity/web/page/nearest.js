@@ -1,0 +1,149 @@
+// The part that is moved, and the parts nearest to it: connections, numbers, and how far it may go until it touches.
+
+import * as THREE from "three";
+import { mm } from "./frames.js";
+import { Label } from "./labels.js";
+import { rowsOf } from "./local_scene.js";
+
+const MOST = 3; // connections, at most one a part
+const APART = 0, TOUCHING = 1; // relations, see proximity.mjs
+const TOLERANCE = 0.01; // of what is shown
+const STEP_TOLERANCE = 0.2; // of how far the part may go
+const MOST_STEPS = 40;
+const GAP = 1e-5; // m, below which a part comes no nearer
+const NEARER = 0.999;
+const HELD = 0x3a2c10, MEETING = 0x6a1414;
+
+export class Nearest {
+  constructor(stage, parts, local) {
+    Object.assign(this, { stage, parts, local });
+    this.found = []; // what is shown: part, distance, lower, relation, ends
+    this.group = new THREE.Group();
+    const material = new THREE.LineBasicMaterial({ color: 0xffffff, depthTest: false });
+    this.lines = new THREE.LineSegments(new THREE.BufferGeometry(), material);
+    this.lines.renderOrder = 18;
+    this.labels = Array.from({ length: MOST }, () => new Label({ height: 0.05 }));
+    this.group.add(this.lines, ...this.labels.map((label) => label.object));
+    this.group.visible = false;
+    stage.root.add(this.group);
+    local.open().then((scene) => (this.scene = scene));
+  }
+
+  clear() {
+    this.shown = null;
+    this.found = [];
+    if (!this.group.visible) return;
+    this.group.visible = false;
+    this.parts.pick(this.parts.picked); // the usual colours
+  }
+
+  /** Show the nearest connections of a part, if something has moved; what is to be said, or null. */
+  show(part) {
+    if (!this.scene || !part.object.visible) return null;
+    const key = `${part.name}|${this.parts.list.map(({ object }) => `${object.visible}${object.matrix.elements}`)}`;
+    if (key === this.shown) return null;
+    this.shown = key;
+    this.local.follow(this.scene, this.parts.list);
+    this.found = [];
+    let maxDistance = this.stage.radius;
+    for (const other of this.others(part)) {
+      const answer = this.scene.clearance(part.name, other.name, { maxDistance, tolerance: TOLERANCE });
+      if (answer.distance > maxDistance) continue;
+      this.found.push({ part: other, ...answer });
+      this.found.sort((one, two) => one.distance - two.distance);
+      const meeting = this.found.filter(({ relation }) => relation !== APART).length;
+      this.found.length = Math.min(this.found.length, Math.max(MOST, meeting));
+      if (this.found.length >= MOST) maxDistance = this.found.at(-1).distance;
+    }
+    this.draw(part);
+    const words = this.found.map(({ part: other, ...answer }) => `${other.name} ${said(answer)}`);
+    return `${part.name}: ${words.join(", ") || "nothing is near"}.`;
+  }
+
+  others(part) {
+    return this.parts.list.filter((other) => other !== part && other.object.visible);
+  }
+
+  draw(part) {
+    const apart = this.found.filter(({ relation }) => relation === APART).slice(0, MOST);
+    const ends = apart.flatMap(({ pointOnFirst, pointOnSecond }) => [...pointOnFirst, ...pointOnSecond]);
+    this.lines.geometry.dispose();
+    this.lines.geometry = new THREE.BufferGeometry();
+    this.lines.geometry.setAttribute("position", new THREE.Float32BufferAttribute(ends, 3));
+    this.labels.forEach((label, k) => {
+      label.object.visible = k < apart.length;
+      if (!label.object.visible) return;
+      label.show(said(apart[k]));
+      label.setHeight(0.05 * this.stage.radius);
+      label.object.position.fromArray(ends, 6 * k).add(new THREE.Vector3().fromArray(ends, 6 * k + 3)).multiplyScalar(0.5);
+      label.object.center.set(0.5, -0.25);
+    });
+    const meeting = new Set(this.found.filter(({ relation }) => relation > TOUCHING).map((each) => each.part));
+    for (const each of this.parts.list) {
+      const colour = each === part ? HELD : meeting.has(each) ? MEETING : 0;
+      for (const mesh of each.meshes) mesh.material.emissive.setHex(colour);
+    }
+    this.group.visible = true;
+  }
+
+  /** How far a part comes on its way to *matrix* until it would touch: certified, whatever moves on the way. A part
+   * that meets another already goes where it is wanted. */
+  reached(part, matrix) {
+    if (!this.scene) return matrix;
+    this.local.follow(this.scene, this.parts.list);
+    const from = poseOf(part.object.matrix), to = poseOf(matrix);
+    const length = from.place.distanceTo(to.place) + from.turn.angleTo(to.turn) * reachOf(part);
+    if (length === 0 || this.free(part, Infinity) === 0) return matrix;
+    let share = 0, before = 0;
+    for (let step = 0; step < MOST_STEPS && share < 1; step++) {
+      const lower = this.free(part, 2 * (1 - share) * length);
+      if (lower < GAP && lower < NEARER * before) break;
+      before = lower;
+      share = Math.min(share + lower / 2 / length, 1);
+      this.put(part, between(from, to, share));
+    }
+    this.put(part, part.object.matrix);
+    return share < 1 ? between(from, to, share) : matrix;
+  }
+
+  put(part, matrix) {
+    this.scene.move([{ part: part.name, matrix: rowsOf(matrix) }]);
+  }
+
+  /** A length that no other part is nearer than, where parts are now; no more than *limit*. */
+  free(part, limit) {
+    let lower = limit;
+    for (const other of this.others(part)) {
+      lower = Math.min(lower, this.scene.clearance(part.name, other.name, { maxDistance: lower, tolerance: STEP_TOLERANCE }).lower);
+    }
+    return lower;
+  }
+}
+
+function said({ distance, lower, relation }) {
+  if (relation !== APART) return ["", "touches", "crosses", "is around it", "is inside it"][relation];
+  const bounds = mm(lower) === mm(distance) ? "" : `${mm(lower)} to `;
+  return `${bounds}${mm(distance)} mm`;
+}
+
+function poseOf(matrix) {
+  const pose = { place: new THREE.Vector3(), turn: new THREE.Quaternion() };
+  matrix.decompose(pose.place, pose.turn, new THREE.Vector3());
+  return pose;
+}
+
+function between(from, to, share) {
+  const one = new THREE.Vector3(1, 1, 1);
+  return new THREE.Matrix4().compose(from.place.clone().lerp(to.place, share), from.turn.clone().slerp(to.turn, share), one);
+}
+
+/** How far anything of a part is from its origin, at most. */
+function reachOf(part) {
+  const box = new THREE.Box3();
+  for (const mesh of part.meshes) {
+    mesh.geometry.computeBoundingBox();
+    const partFromMesh = part.object.matrixWorld.clone().invert().multiply(mesh.matrixWorld);
+    box.union(mesh.geometry.boundingBox.clone().applyMatrix4(partFromMesh));
+  }
+  return new THREE.Vector3().max(box.min.clone().negate()).max(box.max).length();
+}
