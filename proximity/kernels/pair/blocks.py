@@ -13,7 +13,7 @@ from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, d
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, ORIENTED_STRIDE
 from proximity.kernels.pair.boxes import SHRINK, mapped
 from proximity.kernels.pair.connection import BOTH, connect
-from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, triangles_apart
+from proximity.kernels.pair.triangles import CROSSING, MEETING_SQ, SIDE_ROUNDING, between, triangles_apart
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
@@ -191,7 +191,7 @@ def nearer_in_blocks(model, boxes, first, second, frame_map, slack, best, axis, 
         apart_sq = select(is_used, triangles_apart(triangle, others, rounding_sq), far)
         least = minimum(least, apart_sq)
         smallest = horizontal_min(apart_sq)
-        if smallest < best:
+        if smallest < best and (best > MEETING_SQ or smallest == CROSSING):
             best = smallest
             slots[0] = LANES * first + lane
             slots[1] = LANES * second + trailing_zeros(bits(apart_sq <= splat(smallest)))

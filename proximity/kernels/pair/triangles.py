@@ -22,6 +22,8 @@ from proximity.native.simd import like, minimum, select
 
 CROSSING = -1.0
 """Squared distance of triangles that cross."""
+MEETING_SQ = 1e-40
+"""Taken for the squared distance of surfaces that meet, while it is looked for triangles that cross."""
 SIDE_ROUNDING = 2.0**-46
 """Heights and distances below it, times the size of coordinates, are of no side."""
 

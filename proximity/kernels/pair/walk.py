@@ -37,6 +37,7 @@ from proximity.kernels.pair.boxes import (
     mapped_box_at,
     mapped_boxes,
 )
+from proximity.kernels.pair.triangles import MEETING_SQ
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part
 from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64, stack_i64_rows
 from proximity.native import inlined, kernel
@@ -194,6 +195,7 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
     slack = rounding_size(frames, first, second, offset)
     margin = splat(MAP_ROUNDING * slack)
     best = begin_short(model, first, second, turn, offset, best, axis, slots)
+    best = MEETING_SQ if best == 0.0 else best
     one, other = NODE_STRIDE * parts[first].root, NODE_STRIDE * parts[second].root
     at, left = 0, used(words, one)
     while left:
@@ -222,6 +224,10 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
             best, _ = nearer_in_blocks(
                 model, boxes, ~below_one, ~below_other, frame_map, slack, best, axis, slots
             )
+            if best == 0.0:  # they may cross as well
+                best, _ = nearer_in_blocks(
+                    model, boxes, ~below_one, ~below_other, frame_map, slack, MEETING_SQ, axis, slots
+                )
             reach = best * share_sq
         elif opens_first(words, below_one, below_other, one, other, ratio):
             node = NODE_STRIDE * below_one
@@ -238,6 +244,8 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
             bounds = farther(bounds, begins_of(words, node, turn, offset, axis), splat(box[6]), margin)
             is_open = bits(bounds < splat(reach)) & used(words, node)
             at = _wait(waiting, at, one, node, bounds, is_open, False)
+    if best == MEETING_SQ:
+        return 0.0, 0.0, steps
     # What still waits was not looked into.
     lower = reach
     for k in range(at):
