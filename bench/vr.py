@@ -1,6 +1,6 @@
 """Measure VR applications, from the pose of a hand to its distances: ``python bench/vr.py [FILE ...]``.
 
-*native* publishes poses and subscribes to frames, *page* is what ``proximity view`` runs, without drawing.
+*native* publishes poses and subscribes to frames, *page* does what a page of ``proximity serve --web`` does.
 With files of parts, both run with these at 90 and 120 Hz for five and ten fingers. Without, with tori of
 3 k, 100 k and 1 M faces, 90 and 120 Hz, five and ten fingers, still and moving: each is varied by itself from
 ten fingers at 90 Hz over 100 k faces. The native application is then run with other libraries' signed

@@ -344,9 +344,9 @@ def test_damaged_files_are_not_handed_to_trimesh(tmp_path, monkeypatch, name, da
 
 def test_unit_or_tolerance_that_does_not_exist_is_refused():
     with pytest.raises(
-        MeshError, match=r"there is no unit 'inch', expected one of m, dm, cm, mm, um, nm, km"
+        MeshError, match=r"there is no unit 'furlong', expected one of m, dm, cm, mm, um, nm, km"
     ):
-        formats.metres_per_unit("inch")
+        formats.metres_per_unit("furlong")
     with pytest.raises(MeshError, match="there is no unit 5"):
         formats.read_geometries("part.stl", units=5)
     for tolerance in (0.0, "fine"):

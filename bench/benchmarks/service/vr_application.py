@@ -2,8 +2,9 @@
 
 The paper ends with "At the present time a complete VR application has not been implemented to verify the
 precise performance cost of these intersection checks." Here it is, with nothing left out but the screen:
-*native*, a program that publishes poses and subscribes to frames in shared memory; and *page*, what
-``proximity view`` runs, with the bridge and its web socket. Both are timed from outside, on one clock.
+*native*, a program that publishes poses and subscribes to frames in shared memory; and *page*, what a page
+of ``proximity serve --web`` does, over the bridge and its web socket. Both are timed from outside, on one
+clock.
 """
 
 import json
@@ -42,6 +43,7 @@ HEADINGS = (
 WARM_S = 1.0  # poses before anything is counted: clocks are learnt meanwhile
 LONGEST_S = 60.0  # without a frame at the beginning
 LOOK_S = 5e-5
+SERVED = "served.toml"
 NO_POSES = 'poses = "mailbox:none"'
 SAME_NS = 3_000_000
 """The bridge puts poses on the service's clock; farther off, a frame answers another pose."""
@@ -113,7 +115,7 @@ def own_service(scene_file: Path, addresses: Addresses, case: VrCase) -> Iterato
     listening = "\n".join(f'{key} = "{getattr(addresses, key)}"' for key in ("poses", "moves", "changes"))
     text = scene_file.read_text(encoding="utf-8").replace(NO_POSES, listening)
     service_table = f"rate_hz = {1.0 / TICK_S}\nvalid_for = {VALID_FOR}\nreal_time = false\n"
-    served = scene_file.with_name("served.toml")
+    served = scene_file.with_name(SERVED)
     served.write_text(f'[service]\npublish = ["{addresses.frames}"]\n{service_table}{text}', encoding="utf-8")
     with start_service(served, say=_nothing) as service:
         yield int(service.beginning["pid"])
@@ -137,7 +139,9 @@ def measure(
         folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="proximity-vr-")))
         scene_file, part = _scene_file(folder, files, units, case.finger_count), scene.parts[0].name
         application = (
-            _native(scene_file, part, case, serving) if case.path == "native" else _page(scene_file, part)
+            _native(scene_file, part, case, serving)
+            if case.path == "native"
+            else _page(scene_file, part, case, serving)
         )
         running = opened.enter_context(application)
         timed = _drive(running, hand, case)
@@ -153,6 +157,8 @@ def _scene_file(folder: Path, files: list[str], units: str, finger_count: int) -
         "[fingers]",
         f"count = {finger_count}",
         f"radius = {RADIUS}",
+        "[web]",
+        "feed = true",
     ]
     for name in files:
         lines += ["[[parts]]", f"file = {json.dumps(os.path.abspath(name))}", f'units = "{units}"']
@@ -197,12 +203,15 @@ def _native(scene_file: Path, part: str, case: VrCase, serving: Serving) -> Iter
 
 
 @contextmanager
-def _page(scene_file: Path, part: str) -> Iterator[_Application]:
-    """What a page does, without drawing."""
+def _page(scene_file: Path, part: str, case: VrCase, serving: Serving) -> Iterator[_Application]:
+    """What a page beside a service does, without drawing."""
+    addresses = own_addresses()
     with needed("the page needs", "web"):
         connect = import_module("websockets.sync.client").connect
     with ExitStack() as opened:
-        page = RunningPage([str(scene_file), "--rate", f"{1.0 / TICK_S:g}"], scene_file.name, _nothing)
+        service_pid = opened.enter_context(serving(scene_file, addresses, case))
+        served = str(scene_file.with_name(SERVED))
+        page = RunningPage([served, "--beside", addresses.frames], scene_file.name, _nothing)
         opened.callback(page.stop)
         address, _, token = page.url.partition("/#token=")
         socket = opened.enter_context(
@@ -226,7 +235,7 @@ def _page(scene_file: Path, part: str) -> Iterator[_Application]:
             socket.send(message.seal(1, next(sequence)).tobytes())
 
         bridge = int(page.beginning["pid"])
-        yield _Application(send, receive, part, None, bridge)  # the service is a thread of it
+        yield _Application(send, receive, part, service_pid, bridge)
 
 
 def _nothing(_: str) -> None:
