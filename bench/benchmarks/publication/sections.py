@@ -251,7 +251,7 @@ def _vr(documents):
     how = (
         f"{_run('vr', document, _first(documents))} Time from the pose of a hand to the frame that answers "
         "it, in front of tori, with ticks at 1 kHz. *native* publishes poses and subscribes to frames in "
-        "shared memory. *page* is what `proximity view` runs, without drawing. *moving* has one moving part."
+        "shared memory. *page* is a page beside a service, without drawing. *moving* has one moving part."
     )
     read = (
         "On average a pose waits for half a tick. Service and bridge are shares of a core. p99.9 of about "

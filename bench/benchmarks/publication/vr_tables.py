@@ -44,7 +44,7 @@ def vr_sentence(document: Document) -> str:
         f"come, {native.tick_p50 / TICK_S:.0%} of a haptic sample, otherwise "
         f"{1e6 * (native.idle_tick_p50 or 0.0):.0f} µs. "
         f"From a pose to its distances takes {1e3 * native.motion_to_distance_p50:.1f} ms, "
-        f"and {1e3 * page.motion_to_distance_p50:.1f} ms over the web socket of the page (medians, "
+        f"and {1e3 * page.motion_to_distance_p50:.1f} ms over the web socket of a page (medians, "
         f"{short_name(document['machine'])}; `python bench/vr.py PART` measures your part)."
     )
 
