@@ -15,18 +15,7 @@ import numpy as np
 
 from proximity.kernels.layout import LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_in_blocks
-from proximity.kernels.pair.boxes import (
-    begins_of,
-    box_at,
-    boxes_at,
-    ends_of,
-    farther,
-    gaps_sq,
-    lanes_of,
-    mapped_box_at,
-    mapped_boxes,
-)
-from proximity.kernels.pair.walk import begin_short, opens_first, rounding_size, used
+from proximity.kernels.pair.walk import begin_short, bounds_of_children, opens_first, rounding_size, used
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
@@ -63,21 +52,6 @@ class Frontier(NamedTuple):
     limits: np.ndarray  # float64, local units of the first part: nothing in an entry is nearer
     entries: np.ndarray  # (…, 3) int32: positions in words of both parts, and bits
     begin: int
-
-
-@kernel
-def _bounds_of_children(words, one, other, is_first, frame_map, margin, axis):
-    """Squared distances of the children of a node at a position with a box at another, to be below them."""
-    turn, offset = frame_map
-    box = stack_f64(7)
-    if is_first:
-        mapped_box_at(words, other, turn, offset, axis, box)
-        opened = boxes_at(words, one)
-        bounds = gaps_sq(opened, lanes_of(box), splat(margin))
-        return farther(bounds, splat(box[6]), ends_of(opened, axis), splat(margin))
-    box_at(words, one, axis, box)
-    bounds = gaps_sq(lanes_of(box), mapped_boxes(words, other, turn, offset), splat(margin))
-    return farther(bounds, begins_of(words, other, turn, offset, axis), splat(box[6]), splat(margin))
 
 
 @inlined
@@ -122,8 +96,8 @@ def _open_entry(model, first, second, frame_map, frontier, at, count, reach, axi
     one, other, marks = frontier.entries[at, 0], frontier.entries[at, 1], frontier.entries[at, 2]
     is_first = marks & OPENED_FIRST != 0
     ratio = abs(frames[first].scale / frames[second].scale)
-    margin = MAP_ROUNDING * rounding_size(frames, first, second, frame_map[1])
-    bounds = _bounds_of_children(words, one, other, is_first, frame_map, margin, axis)
+    margin = splat(MAP_ROUNDING * rounding_size(frames, first, second, frame_map[1]))
+    bounds = bounds_of_children(words, one, other, is_first, frame_map, margin, axis, stack_f64(7))
     lane_bounds = stack_f64(LANES)
     store(lane_bounds, 0, bounds)
     near = bits(bounds < splat(reach * reach)) & marks & CHILDREN

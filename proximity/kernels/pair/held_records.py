@@ -4,15 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.contact_record import (
-    BOUNDED,
-    EXACT,
-    IN_RANGE,
-    INSIDE,
-    PART_CHANGED,
-    PREDICTED,
-    SKIPPED,
-)
 from proximity.native import bundle, record
 
 CROSSING_PARTS = 4096
@@ -103,18 +94,3 @@ bundle(
     limits="float64[:]",
     entries="int32[:, 3]",
 )
-
-__all__ = [
-    "BOUNDED",
-    "CONNECTION_RECORD",
-    "CROSSING_PARTS",
-    "EXACT",
-    "HELD_PAIR",
-    "HELD_SETTINGS",
-    "INSIDE",
-    "IN_RANGE",
-    "PART_CHANGED",
-    "PREDICTED",
-    "SKIPPED",
-    "HeldArrays",
-]

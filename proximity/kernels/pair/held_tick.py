@@ -16,6 +16,15 @@ from math import sqrt
 
 import numpy as np
 
+from proximity.kernels.contact_record import (
+    BOUNDED,
+    EXACT,
+    IN_RANGE,
+    INSIDE,
+    PART_CHANGED,
+    PREDICTED,
+    SKIPPED,
+)
 from proximity.kernels.geometry.frames import ROUNDED_DOWN
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, ModelArrays
@@ -35,17 +44,7 @@ from proximity.kernels.pair.held_motion import (
     pose_ahead,
     velocity_at,
 )
-from proximity.kernels.pair.held_records import (
-    BOUNDED,
-    CROSSING_PARTS,
-    EXACT,
-    IN_RANGE,
-    INSIDE,
-    PART_CHANGED,
-    PREDICTED,
-    SKIPPED,
-    HeldArrays,
-)
+from proximity.kernels.pair.held_records import CROSSING_PARTS, HeldArrays
 from proximity.kernels.pair.part_query import fill_connection
 from proximity.kernels.pair.triangles import CROSSING
 from proximity.kernels.pair.walk import nearest_of_parts

@@ -89,6 +89,23 @@ def rounding_size(frames, first, second, offset):
 
 
 @inlined
+def bounds_of_children(words, one, other, is_first, frame_map, margin, axis, box):
+    """Squared distances of the eight children of a node with a box that none of them is nearer than.
+
+    *one*, *other*: that of the part whose node is opened (*is_first*: the first) is a node, the other the
+    position of a box. *box*: (7,), written to.
+    """
+    turn, offset = frame_map
+    if is_first:
+        mapped_box_at(words, other, turn, offset, axis, box)
+        opened = boxes_at(words, one)
+        return farther(gaps_sq(opened, lanes_of(box), margin), splat(box[6]), ends_of(opened, axis), margin)
+    box_at(words, one, axis, box)
+    bounds = gaps_sq(lanes_of(box), mapped_boxes(words, other, turn, offset), margin)
+    return farther(bounds, begins_of(words, other, turn, offset, axis), splat(box[6]), margin)
+
+
+@inlined
 def _wait(waiting, at, one, other, bounds, open_lanes, is_first):
     """Leave pairs of the children at a node with a box waiting, the nearest as the last; *at* behind them.
 
@@ -231,17 +248,12 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
             reach = best * share_sq
         elif opens_first(words, below_one, below_other, one, other, ratio):
             node = NODE_STRIDE * below_one
-            mapped_box_at(words, other, turn, offset, axis, box)
-            opened = boxes_at(words, node)
-            bounds = gaps_sq(opened, lanes_of(box), margin)
-            bounds = farther(bounds, splat(box[6]), ends_of(opened, axis), margin)
+            bounds = bounds_of_children(words, node, other, True, frame_map, margin, axis, box)
             is_open = bits(bounds < splat(reach)) & used(words, node)
             at = _wait(waiting, at, node, other, bounds, is_open, True)
         else:
             node = NODE_STRIDE * below_other
-            box_at(words, one, axis, box)
-            bounds = gaps_sq(lanes_of(box), mapped_boxes(words, node, turn, offset), margin)
-            bounds = farther(bounds, begins_of(words, node, turn, offset, axis), splat(box[6]), margin)
+            bounds = bounds_of_children(words, one, node, False, frame_map, margin, axis, box)
             is_open = bits(bounds < splat(reach)) & used(words, node)
             at = _wait(waiting, at, one, node, bounds, is_open, False)
     if best == MEETING_SQ:
