@@ -141,7 +141,7 @@ function between(from, to, share) {
 function reachOf(part) {
   const box = new THREE.Box3();
   for (const mesh of part.meshes) {
-    mesh.geometry.computeBoundingBox();
+    if (!mesh.geometry.boundingBox) mesh.geometry.computeBoundingBox();
     const partFromMesh = part.object.matrixWorld.clone().invert().multiply(mesh.matrixWorld);
     box.union(mesh.geometry.boundingBox.clone().applyMatrix4(partFromMesh));
   }
