@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from proximity.errors import ArgumentError, SceneError
+from proximity.checks import not_negative, whole
+from proximity.errors import SceneError
 from proximity.kernels.layout import NO_FACE
 from proximity.kernels.pair import part_query
 from proximity.kernels.pair.part_query import connect_parts
@@ -34,7 +35,8 @@ class Relation(StrEnum):
 
 
 WIDER = 1.0 + 2.0**-40
-"""Factor on a limit within which a distance of exactly that limit is found."""
+LEAST_LIMIT = 1e-12  # m
+"""Only what is shorter is found: with these a distance of exactly the limit is, also where that is 0."""
 _RELATIONS = {
     part_query.APART: Relation.APART,
     part_query.MAY_BE_INSIDE: Relation.APART,
@@ -114,11 +116,12 @@ class PairQueries:
         run along each other at a small distance.
         Thread: as all queries.
         """
-        _check_limits(tolerance, budget)
+        tolerance = not_negative("tolerance", tolerance, "shares")
+        steps = 0 if budget is None else whole("budget", budget)
         model, solids, (row, other) = self._state_with_rows(first, second)
         if row == other:
             raise SceneError(f"{first!r} is asked how far it is from itself, expected two parts")
-        return _clearance(model, solids, row, other, inf, tolerance, budget or 0)
+        return _clearance(model, solids, row, other, inf, tolerance, steps)
 
     def closest_pairs(
         self, *, max_distance: float = inf, most: int | None = None, of: str | int | None = None
@@ -150,31 +153,22 @@ class PairQueries:
         -----
         Cost: that of `clearance` for every pair whose boxes are nearer than what is asked for.
         """
-        if not max_distance >= 0.0:
-            raise ArgumentError(f"max_distance is {max_distance!r} m, expected 0 or more")
-        if most is not None and not most >= 0:
-            raise ArgumentError(f"most is {most!r}, expected a number of pairs, or None")
+        limit = not_negative("max_distance", max_distance, "metres", may_be_infinite=True)
+        if most is not None and whole("most", most, 0) == 0:
+            limit = -1.0
         model, solids, rows = self._state_with_rows(*(() if of is None else (of,)))
         only = rows[0] if rows else None
         found: list[tuple[float, int, int, Clearance]] = []
-        limit = max_distance if most != 0 else -1.0
         for gap, one, other in _pairs_by_gap(model, only):
             if gap > limit:
                 break
-            pair = _clearance(model, solids, one, other, limit * WIDER)
+            pair = _clearance(model, solids, one, other, max(limit * WIDER, LEAST_LIMIT))
             if pair.distance <= limit:
                 insort(found, (pair.distance, one, other, pair))
                 if most is not None and len(found) >= most:
                     del found[most:]
                     limit = min(limit, found[-1][0])
         return [pair for *_, pair in found]
-
-
-def _check_limits(tolerance: float, budget: int | None) -> None:
-    if not 0.0 <= tolerance < inf:
-        raise ArgumentError(f"tolerance is {tolerance!r}, expected a share of the distance, 0 or more")
-    if budget is not None and not budget >= 1:
-        raise ArgumentError(f"budget is {budget!r} steps, expected 1 or more, or None")
 
 
 def _pairs_by_gap(model: Model, only: int | None) -> Iterator[tuple[float, int, int]]:

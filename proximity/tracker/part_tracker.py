@@ -119,9 +119,7 @@ class PartTracker:
         if count > held_tick.MOST_RECORDS:
             raise ArgumentError(f"connections is {count}, expected 1 to {held_tick.MOST_RECORDS}")
         settings = np.zeros(1, held_records.HELD_SETTINGS)
-        if working_range != np.inf:
-            working_range = positive("working_range", working_range, "metres")
-        settings["working_range"] = working_range
+        settings["working_range"] = positive("working_range", working_range, "metres", may_be_infinite=True)
         settings["tolerance"] = not_negative("tolerance", tolerance, "shares")
         settings["latency"] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
         settings["horizon"] = positive("horizon", horizon, "seconds")

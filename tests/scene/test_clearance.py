@@ -327,6 +327,15 @@ def test_pairs_at_exactly_the_distance_are_found():
     assert [pair.distance for pair in Scene(cubes).closest_pairs(max_distance=0.5)] == [0.5, 0.5]
 
 
+def test_pairs_that_touch_are_found_within_no_distance():
+    cubes = [Solid(*shapes.cube(0.5, (0.5 * k, 0.0, 0.0)), name=str(k)) for k in range(4)]
+
+    found = Scene(cubes).closest_pairs(max_distance=0.0)
+
+    assert [(pair.first, pair.second) for pair in found] == [("0", "1"), ("1", "2"), ("2", "3")]
+    assert {pair.relation for pair in found} == {"touching"}
+
+
 @pytest.mark.parametrize("limits", [{"max_distance": -1.0}, {"max_distance": np.nan}, {"most": -1}])
 def test_pairs_within_no_distance_are_refused(cloud, limits):
     with pytest.raises(ArgumentError, match="expected"):
