@@ -12,7 +12,7 @@ const STEP_TOLERANCE = 0.2; // of how far the part may go
 const MOST_STEPS = 40;
 const GAP = 1e-5; // m, below which a part comes no nearer
 const NEARER = 0.999;
-const HELD = 0x3a2c10, MEETING = 0x6a1414;
+const HELD = 0x3a2c10, MEETING = 0xc81010;
 
 export class Nearest {
   constructor(stage, parts, local) {
