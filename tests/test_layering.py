@@ -68,6 +68,7 @@ loop
 loop_watch
 loop_ends · loop_memory
 inputs
+held_contacts
 contact_source · sensed_contacts
 samples
 clock · config · description · finger_kernels · frame_log · realtime · report

@@ -9,6 +9,7 @@ from proximity.service.clock import Clock, SkippingClock
 from proximity.service.contact_source import ContactSource, TrackedContacts
 from proximity.service.description import Describer
 from proximity.service.frame_log import Log
+from proximity.service.held_contacts import HeldContacts, NoPoses
 from proximity.service.inputs.changes_input import Addition, ChangesInput, Request, carry_out
 from proximity.service.inputs.gloves import GloveChoices
 from proximity.service.inputs.message_input import MessageInput
@@ -29,11 +30,13 @@ __all__ = [
     "Describer",
     "FingerPoses",
     "GloveChoices",
+    "HeldContacts",
     "Histogram",
     "Log",
     "Measurements",
     "MessageInput",
     "MovesInput",
+    "NoPoses",
     "OpenXrInput",
     "PoseInput",
     "RealTime",

@@ -102,6 +102,19 @@ class GloveSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class HeldEntry:
+    """A part that is followed, or a rigid group of them, and where its connections go."""
+
+    part: tuple[str, ...]  # the first is the one whose moves count
+    publish: tuple[str, ...]
+    connections: int = 1
+    working_range: float | None = None  # m; None: any distance
+    tolerance: float = 0.0
+    budget: int | None = None
+    horizon: float | None = None  # s; None: the tracker's own
+
+
+@dataclass(frozen=True, slots=True)
 class WebSettings:
     """The page beside the service, where one was asked for."""
 
@@ -117,6 +130,7 @@ class SceneFile:
     fingers: FingerSettings
     parts: tuple[PartEntry, ...]
     input: InputSettings
+    held: tuple[HeldEntry, ...]
     glove: GloveSettings | None  # None: poses are of fingertips
     web: WebSettings
     document: Document = field(repr=False, compare=False)
