@@ -67,8 +67,8 @@ hosting
 loop
 loop_watch
 loop_ends · loop_memory
-inputs
 held_contacts
+inputs
 contact_source · sensed_contacts
 samples
 clock · config · description · finger_kernels · frame_log · realtime · report
