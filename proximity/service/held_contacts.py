@@ -21,7 +21,7 @@ from proximity.service.description import PartLabels
 from proximity.service.inputs.moves_input import MovesInput
 from proximity.service.inputs.part_prediction import HOLD_NS, ReportedMotion, pose_at
 from proximity.service.samples import FingerPoses, Samples
-from proximity.tracker.part_tracker import CONNECTION, ConnectionFlag, PartTracker, velocities_between
+from proximity.tracker.part_tracker import CONNECTION, ConnectionFlag, PartTracker, follow, velocities_between
 from proximity.transport import forget
 
 SAME = tuple(set(CONNECTION.names or ()) - {"distance", "point_on_own", "own_part", "own_face", "flags"})
@@ -105,7 +105,7 @@ class HeldContacts:
             if self._model is None or snapshot.epoch != self._model.epoch or scene is not self._tracker.scene:
                 self._renew(scene)
             self._model = self._placed(snapshot, motions, leader)
-            found = self._tracker.follow(self._model, leader.pose_ns, now_ns, self._velocities is not None)
+            found = follow(self._tracker, self._model, leader.pose_ns, now_ns, self._velocities is not None)
         self._write(contacts, found, self._model)
         self._widen(contacts, motions, now_ns)
 

@@ -220,10 +220,10 @@ class PartTracker:
             is_predicted = self._move(Pose.of(pose), pose_ns, velocity, angular_velocity)
         elif velocity is not None or angular_velocity is not None:
             raise ArgumentError("velocities are given without a pose: set them where the parts are moved")
-        return self.follow(self._scene.snapshot(), pose_ns, now, is_predicted)
+        return self._follow(self._scene.snapshot(), pose_ns, now, is_predicted)
 
-    def follow(self, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
-        """Answer as `tick` does, of a model in which all parts stand where they are at *pose_ns*."""
+    def _follow(self, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
+        """Answer as `tick` does, of a model in which the parts stand already."""
         self._settings["pose_ns"], self._settings["now_ns"] = pose_ns, now_ns
         self._settings["is_predicted"] = is_predicted
         is_moved = model is not self._last_model()
@@ -318,6 +318,11 @@ class PartTracker:
 
     def __repr__(self) -> str:
         return f"PartTracker({self.scene!r}, {', '.join(map(repr, self._names))})"
+
+
+def follow(tracker: PartTracker, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
+    """Answer as `PartTracker.tick` does, of a model in which all parts stand where they are at *pose_ns*."""
+    return tracker._follow(model, pose_ns, now_ns, is_predicted)
 
 
 def velocities_between(
