@@ -217,10 +217,10 @@ class NoPoses:
     """The input of a service whose contact source takes its poses from *moves*."""
 
     is_over = False
-    notes: tuple[str, ...] = ()
 
     def __init__(self, moves: MovesInput) -> None:
         self.address = moves.address
+        self.notes: list[str] = []
 
     def poll(self, now_ns: int) -> Iterable[Samples]:
         """Give nothing."""

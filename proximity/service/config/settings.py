@@ -130,10 +130,10 @@ class SceneFile:
     fingers: FingerSettings
     parts: tuple[PartEntry, ...]
     input: InputSettings
-    held: tuple[HeldEntry, ...]
     glove: GloveSettings | None  # None: poses are of fingertips
     web: WebSettings
     document: Document = field(repr=False, compare=False)
+    held: tuple[HeldEntry, ...] = ()
 
     def error(self, path: Path, sentence: str) -> ServiceError:
         """Return the error that says something of a value, with file and line."""

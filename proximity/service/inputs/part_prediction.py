@@ -40,7 +40,7 @@ def pose_at(reported: ReportedMotion, instant_ns: int) -> np.ndarray:
     matrix, off_ns = reported.matrix.copy(), min(instant_ns - reported.pose_ns, HOLD_NS)
     if reported.is_moving and off_ns:
         matrix[:3, 3] += 1e-9 * off_ns * reported.velocity
-        rates = np.linalg.norm(reported.turning, keepdims=True)
+        rates = np.linalg.norm(reported.turning[None], axis=1)
         across, back = _turns(matrix[None, :3, :3], reported.turning[None], rates)
         angle = 1e-9 * off_ns * rates[0]
         matrix[:3, :3] += np.sin(angle) * across[0] + (1.0 - np.cos(angle)) * back[0]
