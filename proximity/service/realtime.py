@@ -7,7 +7,6 @@ import ctypes
 import gc
 import os
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from types import TracebackType
@@ -23,37 +22,27 @@ PRIORITY = 80
 PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 29, 30
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 
-_lock, _undisturbed, _before = threading.Lock(), 0, (0.005, True)
-"""How many threads are in `undisturbed`, and interval and collector before the first."""
-
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
     """Do what needs no permission, for the thread that enters: timers and Python itself keep out of its way.
 
     No collector of cycles, short turns of other threads, and on Linux timers without their 50 µs of slack.
-    Where several threads are within, Python is as before when the last one leaves.
     """
-    global _undisturbed, _before
-    with _lock:
-        _undisturbed += 1
-        if _undisturbed == 1:
-            _before = sys.getswitchinterval(), gc.isenabled()
-            gc.collect()
-            gc.freeze()
-            gc.disable()
-            sys.setswitchinterval(SWITCH_INTERVAL)
+    interval, was_enabled = sys.getswitchinterval(), gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    sys.setswitchinterval(SWITCH_INTERVAL)
     try:
         with sharp_timers():
             yield
     finally:
-        with _lock:
-            _undisturbed -= 1
-            if not _undisturbed:
-                sys.setswitchinterval(_before[0])
-                if _before[1]:
-                    gc.enable()
-                gc.unfreeze()
+        if interval != SWITCH_INTERVAL:  # of several threads, the first one within restores it
+            sys.setswitchinterval(interval)
+        if was_enabled:
+            gc.enable()
+        gc.unfreeze()
 
 
 @contextmanager
@@ -69,24 +58,32 @@ def sharp_timers() -> Iterator[None]:
 class RealTime:
     """Ask for what needs a permission, for the thread that enters the ``with`` block; undone at its end.
 
-    *core*: core to run on; None: the last one that the process may use, where there are several.
+    *core*: core to run on; None: the last one that the process may use, where there are several. *is_pinned*:
+    whether it stays on a core at all.
     """
 
     notes: list[str]  # what was granted or refused, a sentence each
     refused: list[str]  # those of what was refused
 
     def __init__(
-        self, *, priority: int = PRIORITY, core: int | None = None, lock_memory: bool = True
+        self,
+        *,
+        priority: int = PRIORITY,
+        core: int | None = None,
+        lock_memory: bool = True,
+        is_pinned: bool = True,
     ) -> None:
         self.notes, self.refused = [], []
         self._priority, self._core, self._lock_memory = priority, core, lock_memory
+        self._is_pinned = is_pinned
         self._undo = ExitStack()
 
     def __enter__(self) -> "RealTime":
         # Memory first: it takes a while, in which nothing else should have to wait.
         if self._lock_memory:
             self._try("memory", self._lock_all_memory)
-        self._try("core", self._stay_on_core)
+        if self._is_pinned:
+            self._try("core", self._stay_on_core)
         self._try("priority", self._raise_priority)
         return self
 

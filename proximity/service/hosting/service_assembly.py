@@ -41,6 +41,7 @@ from proximity.service.config import (
     place_recording,
     read_input,
 )
+from proximity.service.realtime import PRIORITY
 from proximity.tracker.replay import turn_about_axes
 from proximity.transport import Publisher, open_publisher
 
@@ -144,6 +145,7 @@ def _held_service(
         publishers,
         period=period,
         valid_for=settings.service.valid_for,
+        real_time=RealTime(priority=PRIORITY - 1, is_pinned=False) if settings.service.real_time else None,
         describer=Describer(names, [np.nan] * source.count),
     )
     moves.follow(scene(), entry.part, service.wake)
