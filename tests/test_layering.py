@@ -115,6 +115,7 @@ design
     "proximity.lab.certificate": """
 document · report
 certification
+held_parts
 measurement
 service_inputs · worst_positions
 starting_positions

@@ -15,6 +15,7 @@ from proximity.service.inputs.gloves import GloveChoices
 from proximity.service.inputs.message_input import MessageInput
 from proximity.service.inputs.moves_input import MovesInput
 from proximity.service.inputs.openxr_input import OpenXrInput
+from proximity.service.inputs.part_prediction import ReportedMotion
 from proximity.service.inputs.sources import PoseInput, RecordingInput
 from proximity.service.loop import Service
 from proximity.service.realtime import RealTime
@@ -42,6 +43,7 @@ __all__ = [
     "RealTime",
     "RecordingInput",
     "Report",
+    "ReportedMotion",
     "Request",
     "SensedContacts",
     "Service",

@@ -18,7 +18,6 @@ from proximity.pose import ROUNDING, Pose
 from proximity.scene.model.assembly import Model, finished
 from proximity.scene.scene import Scene
 from proximity.service.description import PartLabels
-from proximity.service.inputs.moves_input import MovesInput
 from proximity.service.inputs.part_prediction import HOLD_NS, ReportedMotion, pose_at
 from proximity.service.samples import FingerPoses, Samples
 from proximity.tracker.part_tracker import CONNECTION, ConnectionFlag, PartTracker, follow, velocities_between
@@ -36,8 +35,9 @@ ROUNDED_UP = 1.0 + 1e-12
 class HeldContacts:
     """Connections of a part, or of several that move as one, as contacts.
 
-    *scene*: gives the scene that is served at present. *moves*: has the poses of the first part, and moves
-    the others with it. *deforming*: is entered while shapes must not change. *options*: of a `PartTracker`.
+    *scene*: gives the scene that is served at present. *reported*: gives the last motions of parts, those of
+    *parts* among them; the newest pose of the first one counts. *deforming*: is entered while shapes must not
+    change. *options*: of a `PartTracker`.
 
     Notes
     -----
@@ -53,13 +53,13 @@ class HeldContacts:
     def __init__(
         self,
         scene: Callable[[], Scene],
-        moves: MovesInput,
+        reported: Callable[[], dict[str, ReportedMotion]],
         parts: Sequence[str],
         *,
         deforming: AbstractContextManager[Any] | None = None,
         **options: Any,
     ) -> None:
-        self._scene, self._moves, self.parts, self._options = scene, moves, tuple(parts), options
+        self._scene, self._reported, self.parts, self._options = scene, reported, tuple(parts), options
         self._deforming = nullcontext() if deforming is None else deforming
         self._tracker = PartTracker(scene(), self.parts, **options)
         self.count = len(self._tracker.connections)
@@ -93,7 +93,7 @@ class HeldContacts:
     def fill(self, contacts: np.ndarray, samples: Any, now_ns: int) -> None:
         """Write the connections at the instant of the newest pose, with all parts where they were then."""
         contacts.view(np.uint8)[:] = self._unknown
-        motions, scene = self._moves.reported(), self._scene()
+        motions, scene = self._reported(), self._scene()
         leader = motions.get(self.parts[0])
         is_held = leader is not None and now_ns - leader.pose_ns <= HOLD_NS
         if not self._has_parts(scene) or leader is None or not is_held:
@@ -214,12 +214,12 @@ class HeldContacts:
 
 
 class NoPoses:
-    """The input of a service whose contact source takes its poses from *moves*."""
+    """The input of a service whose contact source takes its poses from moves that came from *address*."""
 
     is_over = False
 
-    def __init__(self, moves: MovesInput) -> None:
-        self.address = moves.address
+    def __init__(self, address: str) -> None:
+        self.address = address
         self.notes: list[str] = []
 
     def poll(self, now_ns: int) -> Iterable[Samples]:

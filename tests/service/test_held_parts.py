@@ -71,7 +71,7 @@ class Held:
         self.scene, self.inlet = scene, inlet
         self.moves = MovesInput("queue:", clock=lambda: self.now)
         self.now = NOW
-        self.held = HeldContacts(lambda: self.scene, self.moves, parts, **options)
+        self.held = HeldContacts(lambda: self.scene, self.moves.reported, parts, **options)
         self.moves.follow(scene, parts, lambda: None)
         self.contacts = np.zeros(self.held.count, CONTACT)
 
@@ -230,8 +230,8 @@ def test_readers_take_every_frame(inlet):
     scene, outlet = table(), KeepingOutlet()
     clock = ManualClock(NOW)
     moves = MovesInput("queue:", clock=clock.now_ns)
-    source = HeldContacts(lambda: scene, moves, ["ring"], connections=4, working_range=0.05)
-    service = Service(source, NoPoses(moves), [Publisher(outlet, "")], period=1e-3, clock=clock)
+    source = HeldContacts(lambda: scene, moves.reported, ["ring"], connections=4, working_range=0.05)
+    service = Service(source, NoPoses(moves.address), [Publisher(outlet, "")], period=1e-3, clock=clock)
     frame, states = ReceivedFrame(4), set()
     for tick, pose in enumerate(wander(8, 60)):
         clock.now += MS

@@ -4,6 +4,7 @@ Paths are complete: those in the file are relative to it. Whether files can be l
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from proximity.errors import ServiceError
 from proximity.service.config.toml_document import Document, Path
@@ -112,6 +113,12 @@ class HeldEntry:
     tolerance: float = 0.0
     budget: int | None = None
     horizon: float | None = None  # s; None: the tracker's own
+
+    @property
+    def tracker_settings(self) -> dict[str, Any]:
+        """What a `PartTracker` is given besides; what is None is its own default."""
+        names = ("connections", "working_range", "tolerance", "budget", "horizon")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 
 @dataclass(frozen=True, slots=True)

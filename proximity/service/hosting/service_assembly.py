@@ -124,11 +124,6 @@ def _held_service(
     publishers: list[Publisher],
 ) -> Service:
     """The service of a held part, beside that of the *fingers*, whose scene it looks at."""
-    options = {
-        name: getattr(entry, name)
-        for name in ("connections", "working_range", "tolerance", "budget", "horizon")
-        if getattr(entry, name) is not None
-    }
 
     def scene() -> Scene:
         source = fingers.contact_source
@@ -136,12 +131,15 @@ def _held_service(
         return source.tracker.scene
 
     latency, period = settings.service.latency, settings.service.period
-    source = HeldContacts(scene, moves, entry.part, deforming=deforming, latency=latency, **options)
+    settings_of_part = entry.tracker_settings
+    source = HeldContacts(
+        scene, moves.reported, entry.part, deforming=deforming, latency=latency, **settings_of_part
+    )
     name = "+".join(entry.part)
     names = [name] if source.count == 1 else [f"{name} {number + 1}" for number in range(source.count)]
     service = Service(
         source,
-        NoPoses(moves),
+        NoPoses(moves.address),
         publishers,
         period=period,
         valid_for=settings.service.valid_for,
