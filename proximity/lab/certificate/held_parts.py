@@ -81,6 +81,6 @@ def _way_through(
     places = motions.wandering_hands(scene, tick_count, 1, seed=seed, rate=1.0 / period)[:, 0]
     for tick, place in enumerate(places):
         matrix = np.eye(4)
-        matrix[:3, :3] = turn_about_axes(tick * period * TURNING)
+        matrix[:3, :3] = turn_about_axes((tick * period * TURNING).tolist())
         matrix[:3, 3] = place - matrix[:3, :3] @ middle
         yield [matrix @ offset.matrix for offset in offsets]
