@@ -5,6 +5,7 @@ to a copy of the scene's frames, so that all parts are where they were at one in
 fingers' loop has put them at meanwhile.
 """
 
+import weakref
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
@@ -81,6 +82,7 @@ class HeldContacts:
         self.epoch = 0
         self.is_late = False
         self._model: Model | None = None
+        self._snapshot: Callable[[], Model | None] = lambda: None  # that it was made of
         self._is_gone = False
         self._leader: ReportedMotion | None = None  # the newest motion of the first part
         self._velocities: tuple[np.ndarray, np.ndarray] | None = None  # of it; None: not known
@@ -108,12 +110,15 @@ class HeldContacts:
         if not self._has_parts(scene) or leader is None or not is_held:
             self.is_late = False
             return
+        is_same = leader is self._leader
         self._follow_leader(leader)
         with self._deforming:
             snapshot = scene.snapshot()
             if self._model is None or snapshot.epoch != self._model.epoch or scene is not self._tracker.scene:
                 self._renew(scene)
-            self._model = self._placed(snapshot, motions, leader)
+            if self._model is None or not is_same or self._snapshot() is not snapshot:
+                self._model = self._placed(snapshot, motions, leader)
+                self._snapshot = weakref.ref(snapshot)
             found = follow(self._tracker, self._model, leader.pose_ns, now_ns, self._velocities is not None)
         self._write(contacts, found, self._model)
         self._widen(contacts, motions, now_ns)
