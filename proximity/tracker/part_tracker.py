@@ -225,9 +225,12 @@ class PartTracker:
             is_predicted = self._move(Pose.of(pose), pose_ns, velocity, angular_velocity)
         elif velocity is not None or angular_velocity is not None:
             raise ArgumentError("velocities are given without a pose: set them where the parts are moved")
-        self._settings["pose_ns"], self._settings["now_ns"] = pose_ns, now
+        return self._follow(self._scene.snapshot(), pose_ns, now, is_predicted)
+
+    def _follow(self, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
+        """Answer as `tick` does, of a model in which the parts stand already."""
+        self._settings["pose_ns"], self._settings["now_ns"] = pose_ns, now_ns
         self._settings["is_predicted"] = is_predicted
-        model = self._scene.snapshot()
         is_moved = model is not self._last_model()
         if model.epoch != self._epoch:
             self._adopt(model)
@@ -277,7 +280,7 @@ class PartTracker:
         linear, angular = velocity, angular_velocity
         is_known = velocity is not None and angular_velocity is not None
         if not is_known:
-            found = _velocities(self._last_pose, pose, pose_ns)
+            found = velocities_between(self._last_pose, pose, pose_ns)
             is_known = found is not None or velocity is not None
             before, turning = found or (np.zeros(3), np.zeros(3))
             linear = before if velocity is None else velocity
@@ -355,7 +358,12 @@ class PartTracker:
         return f"PartTracker({self.scene!r}, {', '.join(map(repr, self._names))})"
 
 
-def _velocities(
+def follow(tracker: PartTracker, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
+    """Answer as `PartTracker.tick` does, of a model in which all parts stand where they are at *pose_ns*."""
+    return tracker._follow(model, pose_ns, now_ns, is_predicted)
+
+
+def velocities_between(
     last: tuple[int, Pose] | None, pose: Pose, pose_ns: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Velocity and angular velocity between two poses, if they are near enough in time."""
