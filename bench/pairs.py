@@ -19,7 +19,7 @@ import numpy as np
 from proximity import PartTracker, Pose, Scene, Solid
 
 Mesh = tuple[np.ndarray, np.ndarray]
-POSES, MOVED_POSES = 60, 400
+POSES, MOVED_POSES = 60, 1000
 AGREEMENT = 2e-6
 """m by which answers may differ: parts are 0.1 m large, and one rival computes in float32."""
 
@@ -316,7 +316,7 @@ def follow_in_assembly(scene: Scene) -> None:
     scene.add(Solid(0.9 * mesh[0][:, [2, 0, 1]], mesh[1], name="held"))
     for options, speed in product(FOLLOWED, (0.02, 0.2)):
         tracker, times, gaps = PartTracker(scene, "held", **options), [], []
-        for tick, pose in enumerate(path(Pose(None, start), 5e-3, 1000, speed * 1e-3)):
+        for tick, pose in enumerate(path(Pose(None, start), 5e-3, MOVED_POSES, speed * 1e-3)):
             now = 10**12 + tick * 10**6
             time, _ = timed(lambda: tracker.tick(pose, now, now)[0]["upper"])  # noqa: B023
             record = tracker.connections[0]
@@ -341,13 +341,13 @@ def measure_assembly() -> None:
     follow_in_assembly(scene)
 
 
-def main() -> None:
+def main(words: list[str] | None = None) -> None:
     """Compare the pairs that are named, or all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "pairs", nargs="*", choices=[[], *PAIRS, "assembly"], help="names of pairs; default: all"
     )
-    for name in parser.parse_args().pairs or [*PAIRS, "assembly"]:
+    for name in parser.parse_args(words).pairs or [*PAIRS, "assembly"]:
         if name == "assembly":
             measure_assembly()
             continue
