@@ -7,8 +7,8 @@ excess. At the first violation it stops, with exit code 1 and the option that re
 N``. With ``--program`` a program ticks that has the engine for browsers: ``"node
 --experimental-wasm-relaxed-simd tests/support/clients/module_server.mjs FOLDER plain"``.
 
-With ``--parts --ticks 1e6`` the trials are those of `tests/trials/part_trials.py`: a part that moves among others, with
-bounds, flags and certified times beside what `Scene.clearance` answers at one tick in ten."""
+With ``--parts --ticks 1e6`` the trials are those of `tests/trials/part_trials.py`: a part that moves among
+others, with bounds, flags and certified times beside what `Scene.clearance` answers at one tick in ten."""
 
 import argparse
 import math
@@ -73,9 +73,7 @@ def finger_ticks(tally: Tally) -> int:
 
 def _parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument(
-        "--finger-ticks", "--ticks", type=float, default=1e7, help="about how many to check"
-    )
+    parser.add_argument("--finger-ticks", "--ticks", type=float, default=1e7, help="about how many to check")
     parser.add_argument("--minutes", type=float, default=math.inf, help="stop then, however many they are")
     parser.add_argument("--seed", type=int, default=0, help="number of the first trial")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
