@@ -2,7 +2,7 @@
 
 Rivals are those of Coal, python-fcl and MeshLib that are installed (extra ``bench``). Each pair moves along a
 path; at every pose all are asked in turn, and answers are compared before their times count. Thread CPU time
-from Python, µs, median and 99th percentile. MeshLib computes in float32.
+from Python, on one core, µs, median and 99th percentile. MeshLib computes in float32.
 
 ``python bench/pairs.py assembly``: 200 parts, a million faces. All pairs within 5 mm beside the broad phase
 of python-fcl; and a part that is followed among the others.
@@ -13,6 +13,11 @@ from collections.abc import Callable, Iterator
 from importlib import import_module, util
 from itertools import product
 from time import thread_time_ns
+
+from benchmarks.support import threads
+
+if __name__ == "__main__":  # before NumPy and the rivals are imported
+    threads.limit_to_one_thread()
 
 import numpy as np
 
