@@ -1,7 +1,6 @@
 """The engine for browsers as a folder of ES modules: WebAssembly, types, and the layout of contacts."""
 
 import os
-from collections.abc import Collection
 from pathlib import Path
 
 import proximity
@@ -17,7 +16,7 @@ CLIENT_FILES = ("decaff.mjs", "layout.mjs")
 
 
 def package_files() -> dict[str, str | bytes]:
-    """Return the contents of the package by the files' names, `proximity.plain.wasm` only if it is compiled."""
+    """Return the files of the package by name, `proximity.plain.wasm` only if it is compiled."""
     found = [name for name in MODULES if (NATIVE / name).is_file()]
     if MODULES[1] not in found:
         raise ProximityError(

@@ -239,7 +239,7 @@ def test_example_and_programs_of_the_guide_print_distances(folder):
         assert run(folder, "program.mjs") == printed
 
 
-def test_without_the_plain_module_the_package_is_written_and_says_what_it_lacks(tmp_path, monkeypatch, capsys):
+def test_without_the_plain_module_the_rest_is_written_with_a_note(tmp_path, monkeypatch, capsys):
     native = tmp_path / "native"
     native.mkdir()
     (native / "proximity.relaxed.wasm").write_bytes(
