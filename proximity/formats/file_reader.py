@@ -44,7 +44,8 @@ def read_geometries(
     *path*: a file with one of the extensions of `EXTENSIONS`. *units*: what a number means in a file that
     does not say (STL, OBJ, PLY, OFF); a key of `UNITS`. Files that declare their unit (glTF, 3MF, STEP) are
     read in that one, whatever stands here. *scale*: by which all lengths are multiplied.
-    *step_tolerance*: how far triangles may leave the curved surfaces of a STEP file. *unpacked_limit*: what a 3MF file, which is an archive, may unpack to. Returned: at least
+    *step_tolerance*: how far triangles may leave the curved surfaces of a STEP file. *unpacked_limit*: what a
+    3MF file, which is an archive, may unpack to. Returned: at least
     one geometry; nothing merged, dropped or repaired. Identical instances share their arrays.
     """
     units = unit_name(units)

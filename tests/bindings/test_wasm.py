@@ -252,10 +252,10 @@ def test_without_the_plain_module_the_rest_is_written_with_a_note(tmp_path, monk
     said = capsys.readouterr().err
     assert "proximity.plain.wasm is not compiled" in said
     assert "build_kernels.py --target wasm32 --every-set" in said
-    code = '''
+    code = """
 import { load } from "./proximity.mjs";
 await load().then(() => console.log("loaded"), (failure) => console.log(failure.name, failure.message));
-'''
+"""
     (tmp_path / "site" / "code.mjs").write_text(code)
     assert run(tmp_path / "site", "code.mjs") == "loaded\n"
     command = [NODE, "--no-experimental-wasm-relaxed-simd", "code.mjs"]
