@@ -99,7 +99,7 @@ def test_header_for_cpp_closes_scenes_and_throws(folder):
     expected = [
         " ".join(["bracket", *(f"{value:.6g}" for value in row)]) for row in zip(*columns, strict=True)
     ]
-    assert lines == [*expected, "3 none.prox: it cannot be opened (No such file or directory)"]
+    assert lines == [*expected, "there is no part named 'nothing'", "3 none.prox: it cannot be opened (No such file or directory)"]
 
 
 @has_library
@@ -109,6 +109,19 @@ def test_program_of_the_guide_prints_what_is_shown(folder):
     source = folder / "closest.c"
     source.write_text(code)
     program = linked(folder, source, "-std=c99")
+
+    done = subprocess.run([program], cwd=folder, capture_output=True, text=True, check=True)
+
+    assert done.stdout == printed
+
+
+@has_library
+def test_program_in_cpp_of_the_guide_prints_what_is_shown(folder):
+    page = PAGES["guide/c-library.md"]
+    code, printed = re.search(r"```cpp\n(.*?)```.*?```text\n(.*?)```", page, re.DOTALL).groups()
+    source = folder / "fingertip.cpp"
+    source.write_text(code)
+    program = linked(folder, source, "-std=c++20", tool=compiler("c++", "g++", "clang++"))
 
     done = subprocess.run([program], cwd=folder, capture_output=True, text=True, check=True)
 
