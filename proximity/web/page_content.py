@@ -24,7 +24,7 @@ TEXT_SIZE = 4
 
 def scene_page_files(frame_ancestors: str = "'self'") -> PageFiles:
     """Return the page with the engine for browsers, and with the client for messages of a service."""
-    engine = package_files(needed=["proximity.relaxed.wasm"])
+    engine = package_files()
     made = {f"/{name}": content for name, content in engine.items() if name != "example.mjs"}
     return PageFiles(PAGE, made, frame_ancestors)
 

@@ -134,7 +134,7 @@ def _free_port(settings: PageSettings) -> int:
     except OSError as failure:
         is_in_use = failure.errno == errno.EADDRINUSE
         why = "is in use by another program" if is_in_use else f"cannot be opened ({failure.strerror})"
-        raise ServiceError(f"port {settings.port} of {settings.bind} {why}") from failure
+        raise ServiceError(f"port {settings.port} of {settings.bind} {why}") from None
 
 
 def _shown_host(bind: str) -> str:

@@ -419,7 +419,7 @@ namespace Decaff
 
         /// <summary>
         /// The name of a part of the newest frame, which numbers it as Part of a contact; "" until it is known,
-        /// within a second of the first frame and of each change.
+        /// within a tenth of a second of the first frame and of each change.
         /// </summary>
         public string PartName(int part)
         {
