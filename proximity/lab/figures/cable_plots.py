@@ -61,7 +61,7 @@ def numbers(glove: Glove = OURS) -> Table:
 
 def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
     """Draw force errors over the stiffness of the cable, a panel a speed, and the force at rest."""
-    panels = figure.subplots(1, len(SPEEDS) + 1)
+    panels = style.panels_across(figure, len(SPEEDS) + 1, share=False)
     for panel, speed in zip(panels, SPEEDS, strict=False):
         rows = table.where(speed_m_per_s=speed)
         across = rows["stiffness_N_per_m"]
@@ -78,19 +78,19 @@ def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
         panel.set_ylim(1.0, 70.0)
         panel.set_yticks([1, 3, 10, 30], ["1", "3", "10", "30"])
         panel.minorticks_off()
-    panels[0].set_ylabel("force error against the real wall [%]")
+        panel.set_ylabel("force error [%]")
     slow = table.where(speed_m_per_s=SPEEDS[0])
     for name, (_, stroke, _) in CURVES.items():
         panels[-1].plot(slow["stiffness_N_per_m"], 1e3 * slow[f"{name}_steady_error_N"], **stroke)
-    panels[-1].set_ylabel("force at rest less the real wall's [mN]")
+    panels[-1].set_ylabel("error of force at rest [mN]")
     usual = float(table["glove_N_per_m"][0])
     for panel in panels:
         panel.set_xscale("log")
         panel.axvline(usual, **style.GUIDE)
-        panel.set_xlabel("stiffness of the cable\nat the fingertip [N/m]")
+        panel.set_xlabel("cable stiffness [N/m]")
     caption(
         figure,
-        f"Dotted: the glove's cable of {1e-3 * glove.cable.stiffness:g} N/mm, {usual:.0f} N/m at the "
+        f"Errors: against the real wall. Dotted: the glove's cable of {1e-3 * glove.cable.stiffness:g} N/mm, {usual:.0f} N/m at the "
         f"fingertip; friction {FRICTION:g} over {np.degrees(WRAP):.0f}°, preload {PRELOAD:g} N (ours). "
         f"{hand_words(Hand())}; {drum_words(glove.tip_drum())}; distances at {1e-3 * RATE:g} kHz, "
         f"{1e3 * LATENCY:g} ms late. In (c) both curves by the sensor lie on one another.",

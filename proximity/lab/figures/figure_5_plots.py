@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 SIZE = (style.COLUMN_WIDTH, 3.1)
 PAGE_SIZE = (style.PAGE_WIDTH, 8.8)
+NARROW_HEIGHT = 7.2  # inches, of all eight in one column
 POSITIONS_SHOWN = (-2.0, 10.5)  # mm; before and after, the finger is on its path
 POSITION_TICKS = (0, 4, 8)  # mm
 FORCES_SHOWN = (-0.06, 1.75)  # N; the same but for 5f, so that figures compare
@@ -108,6 +109,8 @@ def drawer(name: str) -> "Callable[[Figure, Table], None]":
 
 def draw_all(figure: "Figure", table: Table) -> None:
     """Draw positions and forces of all eight figures on a page, as of `all_numbers`."""
+    if style.is_narrow(figure):
+        figure.set_figheight(NARROW_HEIGHT)
     grid = figure.subplots(8, 2, sharex=True, height_ratios=(2, 3) * 4)
     pairs = [(grid[row, column], grid[row + 1, column]) for row in range(0, 8, 2) for column in range(2)]
     real = table["5a_position_m"], table["5a_force_N"]
