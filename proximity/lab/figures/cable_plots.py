@@ -23,10 +23,10 @@ SPEEDS = (0.1, 0.5)  # m/s
 RATE, LATENCY = 1000.0, 0.001  # Hz, s
 SIZE = (style.PAGE_WIDTH, 3.6)
 CURVES = {
-    "left": (Stretch.LEFT, style.COUPLED, "stretch left"),
-    "torque": (Stretch.TORQUE, style.TIME_STAMPED, "made up for by torque"),
-    "sensor": (Stretch.SENSOR, style.LATCHED, "made up for by a force sensor"),
-    "slippery": (Stretch.SENSOR, style.SERIES[2], "the same, sheath without friction"),
+    "left": (Stretch.LEFT, style.COUPLED, "not compensated"),
+    "torque": (Stretch.TORQUE, style.TIME_STAMPED, "compensated by torque"),
+    "sensor": (Stretch.SENSOR, style.LATCHED, "compensated by sensor"),
+    "slippery": (Stretch.SENSOR, style.SERIES[2], "sensor, no sheath friction"),
 }
 
 
@@ -71,7 +71,7 @@ def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
             across,
             100.0 * rows["coupled_error"],
             **style.line(style.REAL),
-            label="best coupled wall, no cable",
+            label="best coupled wall",
         )
         panel.plot(across, 100.0 * rows["no_cable_error"], **style.FLOOR, label="drum, no cable")
         panel.set_yscale("log")
@@ -93,7 +93,7 @@ def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
         f"Errors: against the real wall. Dotted: the glove's cable of {1e-3 * glove.cable.stiffness:g} N/mm, {usual:.0f} N/m at the "
         f"fingertip; friction {FRICTION:g} over {np.degrees(WRAP):.0f}°, preload {PRELOAD:g} N (ours). "
         f"{hand_words(Hand())}; {drum_words(glove.tip_drum())}; distances at {1e-3 * RATE:g} kHz, "
-        f"{1e3 * LATENCY:g} ms late. In (c) both curves by the sensor lie on one another.",
+        f"{1e3 * LATENCY:g} ms late. Compensated: the stretch of the cable, by the motor's torque or by a force sensor. The coupled wall has no cable. In (c) both sensor curves lie on one another.",
     )
     captions = [f"approach at {speed:g} m/s" for speed in SPEEDS]
     style.letter_panels(panels, [*captions, f"at rest, {SPEEDS[0]:g} m/s"])

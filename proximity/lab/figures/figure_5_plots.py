@@ -32,13 +32,13 @@ POSITION_TICKS = (0, 4, 8)  # mm
 FORCES_SHOWN = (-0.06, 1.75)  # N; the same but for 5f, so that figures compare
 CAPTIONS = {
     "5a": "real wall",
-    "5b": "penetration of 4 mm, no delay",
-    "5c": "penetration of 4 mm, and 40 ms of delay",
-    "5d": "40 ms of delay, no penetration",
-    "5e": "force experienced by penetration alone",
-    "5f": "operator reacts, 40 ms late",
-    "5g": "as 5c, soft: 100 N/m in all",
-    "5h": "as 5c, lightly damped: 1 N·s/m in all",
+    "5b": "penetration of 4 mm",
+    "5c": "4 mm, and 40 ms of delay",
+    "5d": "40 ms of delay alone",
+    "5e": "force felt, as 5b",
+    "5f": "operator reacts 40 ms late",
+    "5g": "as 5c, 100 N/m in all",
+    "5h": "as 5c, 1 N·s/m in all",
 }
 
 PARAMETERS = (

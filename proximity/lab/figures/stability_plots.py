@@ -56,9 +56,7 @@ def draw(figure: "Figure", table: Table) -> None:
         panel.locator_params(axis="y", nbins=6)
         panel.set_xlabel("damping [N·s/m]")
         panel.set_ylabel("stiffness [kN/m]")
-    style.letter_panels(
-        (whole, part), ("stable below each line; marks: stiffest walls", "the same, d = 1 to 3")
-    )
+    style.letter_panels((whole, part), ("stable below the line; mark: stiffest wall", "the same, d = 1 to 3"))
     style.legend_above(figure, whole, 5)
     device = SampledMass()
     caption(

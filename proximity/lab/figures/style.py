@@ -12,6 +12,7 @@ beyond the block that draws. Matplotlib is imported when it is needed.
 import csv
 import io
 import os
+import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -43,8 +44,8 @@ DOTS_PER_INCH = 300
 M_PER_INCH = 0.0254
 CAPTION_SIZE = 5.5  # points
 LETTERS_AN_INCH = 23  # of that size, about
-TITLE_LETTERS_AN_INCH = 15  # of titles of panels, about
-LABEL_WIDTH = 0.5  # inch: labels beside a panel
+TITLE_LETTERS_AN_INCH = 17  # of titles of panels, about
+LABEL_WIDTH = 0.4  # inch: labels beside a panel
 CAPTION_COLOUR = "0.35"
 COINCIDE = "Where fewer curves are seen, several lie on one another."
 
@@ -227,8 +228,8 @@ def letter_panels(panels: "Iterable[Axes]", captions: Iterable[str]) -> None:
         assert spec is not None, "panels stand in a grid"
         grid = spec.get_gridspec()
         width = panel.get_figure().get_figwidth() / grid.ncols - LABEL_WIDTH
-        lines = textwrap.wrap(f"({letter}) {title}", int(TITLE_LETTERS_AN_INCH * width))
-        panel.set_title("\n".join(lines), loc="left")
+        most = int(TITLE_LETTERS_AN_INCH * width)
+        panel.set_title("\n".join(_wrapped(f"({letter}) {title}", most)), loc="left")
 
 
 def legend_above(figure: "Figure", panel: "Axes", columns: int) -> None:
@@ -244,7 +245,7 @@ def legend_above(figure: "Figure", panel: "Axes", columns: int) -> None:
 def caption(figure: "Figure", *lines: str) -> None:
     """Put text below a figure."""
     most = int(LETTERS_AN_INCH * figure.get_figwidth())
-    wrapped = [part for line in lines for part in textwrap.wrap(line, most)]
+    wrapped = [part for line in lines for part in _wrapped(line, most)]
     figure.supxlabel("\n".join(wrapped), fontsize=CAPTION_SIZE, color=CAPTION_COLOUR)
 
 
@@ -267,6 +268,12 @@ def drum_words(drum: Drum) -> str:
         f"drum {drum.words}: {1e3 * drum.mass:.0f} g, servo at {1e-3 * SERVO_RATE:g} kHz, encoder "
         f"{1e6 * drum.resolution:.1f} µm with the wall at random within a count (ours)"
     )
+
+
+def _wrapped(text: str, most: int) -> list[str]:
+    """Lines of a text; a number and its unit stay together."""
+    lines = textwrap.wrap(re.sub(r"(?<=\d) (?=[^\W\d])", "\u00a0", text), most)
+    return [line.replace("\u00a0", " ") for line in lines]
 
 
 def _heighten(figure: "Figure") -> None:
