@@ -90,10 +90,12 @@ def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
         panel.set_xlabel("cable stiffness [N/m]")
     caption(
         figure,
-        f"Errors: against the real wall. Dotted: the glove's cable of {1e-3 * glove.cable.stiffness:g} N/mm, {usual:.0f} N/m at the "
-        f"fingertip; friction {FRICTION:g} over {np.degrees(WRAP):.0f}°, preload {PRELOAD:g} N (ours). "
+        f"Errors: against the real wall. Dotted: the glove's cable of {1e-3 * glove.cable.stiffness:g} N/mm, "
+        f"{usual:.0f} N/m at the fingertip; friction {FRICTION:g} over {np.degrees(WRAP):.0f}°, "
+        f"preload {PRELOAD:g} N (ours). "
         f"{hand_words(Hand())}; {drum_words(glove.tip_drum())}; distances at {1e-3 * RATE:g} kHz, "
-        f"{1e3 * LATENCY:g} ms late. Compensated: the stretch of the cable, by the motor's torque or by a force sensor. The coupled wall has no cable. In (c) both sensor curves lie on one another.",
+        f"{1e3 * LATENCY:g} ms late. Compensated: the stretch of the cable, by the motor's torque or a "
+        "force sensor. The coupled wall has no cable. In (c) both sensor curves lie on one another.",
     )
     captions = [f"approach at {speed:g} m/s" for speed in SPEEDS]
     style.letter_panels(panels, [*captions, f"at rest, {SPEEDS[0]:g} m/s"])

@@ -102,7 +102,8 @@ def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
     setup = EngineSetup()
     caption(
         figure,
-        f"Force error: against the real wall. Sample bracket, tracker at {1e-3 * setup.rate:g} kHz, 0 to 10 ms from a pose to its frame. "
+        f"Force error: against the real wall. Sample bracket, tracker at {1e-3 * setup.rate:g} kHz, "
+        f"0 to 10 ms from a pose to its frame. "
         f"{hand_words(Hand())}; {drum_words(glove.tip_drum())}; no cable. "
         "In (a) the four latencies lie on one another; so do, from 0.2 m/s on, both lines without marks.",
     )

@@ -30,12 +30,12 @@ STROKES = {
 
 
 def numbers(simulation: Simulation) -> Table:
-    """Return a press every 0.1 ms, and the same on a real wall."""
+    """Return a press about every 0.1 ms, and the same on a real wall."""
     return curves(simulation.response, simulation.real, has_drum=simulation.setup.wall == Wall.DECAFF)
 
 
 def curves(response: Response, real: Response, *, has_drum: bool, ideal: Response | None = None) -> Table:
-    """Return a press every 0.1 ms beside others at the same instants."""
+    """Return a press about every 0.1 ms, in whole steps, beside others at the same instants."""
     stride = max(round(style.SAMPLING / response.step), 1)
     every = slice(response.zero % stride, None, stride)  # the contact among them
     times = response.times[every]

@@ -259,7 +259,7 @@ def hand_words(hand: Hand) -> str:
 
 def gears_words(drum: Drum) -> str:
     """Return what drums have in common that differ in their gear, which is their name."""
-    return f"{drum.motor.name}, total gearing as named, on a lever of {1e3 * drum.lever:.0f} mm"
+    return f"{drum.motor.name}, total gear ratio as named, {1e3 * drum.lever:.0f} mm lever"
 
 
 def drum_words(drum: Drum) -> str:
@@ -272,7 +272,7 @@ def drum_words(drum: Drum) -> str:
 
 def _wrapped(text: str, most: int) -> list[str]:
     """Lines of a text; a number and its unit stay together."""
-    lines = textwrap.wrap(re.sub(r"(?<=\d) (?=[^\W\d])", "\u00a0", text), most)
+    lines = textwrap.wrap(re.sub(r"(?<=\d) (?=[^\W\d])", "\u00a0", text), most, break_on_hyphens=False)
     return [line.replace("\u00a0", " ") for line in lines]
 
 
