@@ -81,7 +81,8 @@ class Certificate:
             "sentence": f"the scene {'fits' if fits else 'does not fit'} {shown_period(period)}: "
             f"{TICKS_JUDGED[slowest.measure]} of the ticks of every motion, in the best of three runs, took "
             f"at most {microseconds(slowest.tail_ns)} µs ({slowest.name}: "
-            f"{percent(1e-9 * slowest.tail_ns / period)} % of it), half of the loop's {microseconds(loop.tail_ns)} µs; {over} of {total} took longer",
+            f"{percent(1e-9 * slowest.tail_ns / period)} % of it), half of the loop's "
+            f"{microseconds(loop.tail_ns)} µs; {over} of {total} took longer",
         }
 
     def machine_verdict(self) -> dict[str, Any]:
