@@ -60,15 +60,16 @@ def plain(value: Any) -> Any:
     return value
 
 
-def print_block(lines: Iterable[tuple[str, str]]) -> None:
+def print_block(rows: Iterable[tuple[str, str]]) -> None:
     """Print labels and values, one pair a line; what is longer than a line goes on below its value."""
     most = shutil.get_terminal_size((WIDTH, 1)).columns - LABEL_WIDTH - 1
-    for label, value in lines:
+    for label, value in rows:
         first, *more = _wrap(printable(value), most)
-        head = f"{label:<{LABEL_WIDTH}} "
-        typer.echo((typer.style(head, bold=True) if sys.stdout.isatty() else head) + first)
-        for part in more:
-            typer.echo(" " * (LABEL_WIDTH + 1) + part)
+        lines = "\n".join([first, *(" " * (LABEL_WIDTH + 1) + part for part in more)])
+        if sys.stdout.isatty():
+            typer.echo(typer.style(f"{label:<{LABEL_WIDTH}} ", bold=True) + lines)
+        else:
+            sys.stdout.write(f"{label:<{LABEL_WIDTH}} {lines}\n")
 
 
 def _wrap(text: str, most: int) -> list[str]:
