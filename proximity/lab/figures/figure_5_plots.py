@@ -42,7 +42,8 @@ CAPTIONS = {
 }
 
 PARAMETERS = (
-    f"Finger {FINGER.stiffness:g} N/m and {FINGER.damping:g} N·s/m (the paper's), {1e3 * FINGER.mass:g} g;",
+    f"Finger {FINGER.stiffness:g} N/m and {FINGER.damping:g} N·s/m (Springer and Ferrier), "
+    f"{1e3 * FINGER.mass:g} g;",
     f"touch at {PRESS.speed:g} m/s, pressed {1e3 * PRESS.depth:g} mm on the real wall (ours).",
 )
 DASHES = "Where curves coincide, the dashes lie on the black line."

@@ -252,7 +252,7 @@ def caption(figure: "Figure", *lines: str) -> None:
 def hand_words(hand: Hand) -> str:
     """Return who presses: pad and finger, and the hand behind them."""
     return (
-        f"Pad {hand.pad_stiffness:g} N/m, {hand.pad_damping:g} N·s/m (the paper's); finger "
+        f"Pad {hand.pad_stiffness:g} N/m, {hand.pad_damping:g} N·s/m (Springer and Ferrier); finger "
         f"{1e3 * hand.finger_mass:g} g, hand {hand.stiffness:g} N/m, {hand.damping:g} N·s/m (ours)"
     )
 
