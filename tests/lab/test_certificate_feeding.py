@@ -70,7 +70,7 @@ def test_motions_with_paths_and_moves_are_timed_where_they_may_come():
         cases = measurement.measure(ball_subject(fingers=2, **settings), found(), 100, 1)
         return [each.name for each in cases if each.counts and "worst" in each.name]
 
-    usual = ["worst, at rest", "worst, passing", "worst, anew"]
+    usual = ["worst, at rest", "worst, passing", "worst, cold start"]
     assert names() == usual
     assert names(corners=CORNERS) == [*usual[:2], "worst, on paths", usual[2]]
     assert names(moves=True) == [*usual[:2], "worst, parts moving", usual[2]]
