@@ -49,6 +49,7 @@ export class Parts extends EventTarget {
       object.matrixWorldNeedsUpdate = true;
       if (this.mayHide) object.visible = !about.is_hidden;
     }
+    this.changed();
   }
 
   taken(object) {
@@ -156,7 +157,7 @@ export class Parts extends EventTarget {
     for (const each of this.list) {
       for (const mesh of each.meshes) mesh.material.emissive.setHex(each === part ? 0x3a2c10 : 0x000000);
     }
-    this.changed();
+    this.dispatchEvent(new Event("changed"));
   }
 
   /** Hide or show a part: of the service's scene where this page may, so that distances follow. */
@@ -183,7 +184,9 @@ export class Parts extends EventTarget {
     return hit ? { part: hit.object.userData.partOf, point: hit.point } : null;
   }
 
+  /** Parts are elsewhere, hidden or shown. */
   changed() {
+    this.dispatchEvent(new Event("placed"));
     this.dispatchEvent(new Event("changed"));
   }
 }

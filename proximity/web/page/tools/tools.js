@@ -1,9 +1,10 @@
 // What can be done besides looking: move, measure, clip, slice, reset, picture, link.
 
 import * as THREE from "three";
-import { byId } from "./panel.js";
+import { byId, isTyped, offer } from "../panel.js";
 import { Measure } from "./measuring.js";
 import { Nearest } from "./nearest.js";
+import { PointCloud } from "./points.js";
 import { SlicePlane } from "./slice_plane.js";
 
 const STEP = 0.001;
@@ -22,6 +23,7 @@ export class Tools {
     this.measure = new Measure(stage);
     this.nearest = new Nearest(stage, parts, local);
     this.plane = new SlicePlane(stage, parts, local);
+    this.points = new PointCloud(stage, parts, local, panel);
     parts.limited = (part, matrix) => (byId("tool-stop").checked ? this.nearest.reached(part, matrix) : matrix);
     this.mayMove = false;
     this.actions = {
@@ -30,6 +32,7 @@ export class Tools {
       clip: () => this.setPlane("clips"),
       slice: () => this.setPlane("slices"),
       reset: () => this.reset(),
+      points: () => byId("points-file").click(),
       picture: () => this.picture(),
       link: () => this.copyLink(),
       help: () => this.toggleHelp(),
@@ -85,19 +88,14 @@ export class Tools {
   reset() {
     this.setMode("");
     if (this.mayMove) this.parts.reset();
-    this.plane.clips = this.plane.slices = false;
-    this.setPlane("clips");
-    this.setPlane("clips");
+    this.closePlane();
     this.stage.home();
   }
 
   async picture() {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(await this.stage.picture());
-    link.download = `${document.title.split(" ")[0]}.png`;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
-    this.say(`The picture is saved as ${link.download}.`);
+    const name = `${document.title.split(" ")[0]}.png`;
+    offer(await this.stage.picture(), name);
+    this.say(`The picture is saved as ${name}.`);
   }
 
   /** An address that opens this page with this view; it has the token, so it is for oneself. */
@@ -137,9 +135,23 @@ export class Tools {
     }
   }
 
+  /** Close what is open: the keys, then the tool and what is picked, then the plane. */
+  escape() {
+    if (!byId("help").hidden) return this.toggleHelp();
+    if (this.mode || this.parts.picked) return void (this.setMode(""), this.parts.pick(null));
+    this.closePlane();
+  }
+
+  closePlane() {
+    this.plane.clips = this.plane.slices = true; // each is switched to what it was not
+    this.setPlane("clips");
+    this.setPlane("slices");
+  }
+
   toggleHelp() {
     byId("help").hidden = !byId("help").hidden;
     byId("tool-help").setAttribute("aria-expanded", !byId("help").hidden);
+    byId("help").scrollIntoView();
   }
 
   aim(event) {
@@ -187,8 +199,8 @@ export class Tools {
   }
 
   key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.("input:not([type=checkbox]), select")) return;
-    if (event.code === "Escape") return void (this.setMode(""), this.parts.pick(null));
+    if (event.code === "Escape") return this.escape();
+    if (isTyped(event)) return;
     if (event.key === "+" || event.key === "=") return this.stage.zoom(0.9);
     if (event.key === "-") return this.stage.zoom(1 / 0.9);
     if (event.key.startsWith("Arrow") || event.code === "KeyQ" || event.code === "KeyE") return this.nudge(event);
