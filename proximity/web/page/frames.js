@@ -14,7 +14,7 @@ export const MEANINGS = {
 };
 
 const ms = (ns) => Number(ns) / 1e6;
-const nanoseconds = (at) => BigInt(Math.round(at * 1e6));
+export const nanoseconds = (at) => BigInt(Math.round(at * 1e6));
 
 /** Frames as they come; of a log the newest is worth what it says, whatever the instant. */
 export class Frames {

@@ -1,8 +1,8 @@
 // The engine in the page itself: what Link asks of a service is computed here.
 
-import { shownContact } from "./frames.js";
+import { nanoseconds, shownContact } from "./frames.js";
 import { PATH_CORNERS, ENUMS } from "./layout.mjs";
-import { Rate, nanoseconds } from "./link.js";
+import { Rate } from "./link.js";
 
 const { State, PartAction } = ENUMS;
 const NOTHING = { state: "LOADING", ageMs: NaN, contacts: [], header: null };

@@ -10,13 +10,8 @@ export class LocalScene {
   constructor(ask) {
     this.ask = ask;
     this.scene = null; // once it is open
-    this.version = 0; // of the parts as they are shown
+    this.version = 0; // of the parts as they are shown: more when they are moved, hidden or shown
     this.followed = -1;
-  }
-
-  /** Take note that parts have been moved, hidden or shown. */
-  changed() {
-    this.version += 1;
   }
 
   /** The scene, which is opened when it is asked for first. */

@@ -25,7 +25,7 @@ class Page {
     this.stage = new Stage(byId("canvas"));
     this.link = link;
     this.parts = new Parts(this.stage, this.link);
-    this.parts.addEventListener("placed", () => local.changed());
+    this.parts.addEventListener("placed", () => (local.version += 1));
     this.fingers = new Fingers(this.stage);
     this.probe = new Probe(this.stage, this.parts, local);
     this.tools = new Tools(this.stage, this.parts, local, this.panel);
@@ -48,7 +48,6 @@ class Page {
       else this.panel.say(sentence, true);
     });
     on("frame", (header) => header && this.parts.follow(Number(header.start_ns) / 1e6));
-    this.parts.addEventListener("changed", () => this.stage.wake());
     addEventListener("keydown", (event) => {
       if (event.code === "KeyH" && !isTyped(event)) this.choose(this.input === "mouse" ? "probe" : "mouse");
     });
@@ -74,8 +73,10 @@ class Page {
   }
 
   async load() {
+    this.isLoading = true;
     this.panel.cover("Loading the parts …");
     await Promise.all([this.parts.load(this.local.ask("geometry")), this.local.open()]);
+    this.isLoading = false;
     this.panel.cover("");
     this.tools.readLink();
     const { points, unit } = this.about;
@@ -157,7 +158,8 @@ class Page {
 
   /** What is known at this instant. */
   get reading() {
-    return this.link.at(performance.now());
+    const reading = this.link.at(performance.now());
+    return this.isLoading ? { ...reading, state: "LOADING" } : reading;
   }
 
   update() {
@@ -167,7 +169,7 @@ class Page {
     const { contacts, state } = reading;
     if (contacts.some((contact) => contact.isKnown)) stage.wake();
     this.fingers.show(reading, this.paths);
-    this.probe.update();
+    this.probe.update(this.tools.held);
     this.panel.show(reading, link, isLogged, this.probe);
     const active = this.inputs?.[this.input];
     if (active instanceof Headset) active.contacts = contacts;
@@ -198,7 +200,6 @@ async function begin(ask) {
 
 const token = new URLSearchParams(location.hash.slice(1)).get("token");
 const cover = (sentence) => new Panel().cover(sentence);
-document.body.classList.toggle("framed", window.top !== window.self);
 if (innerWidth <= 640) byId("side").open = byId("points-card").open = false; // as in style.css
 if (!document.createElement("canvas").getContext("webgl2")) {
   cover("This browser cannot draw in three dimensions: WebGL 2 is missing or switched off.");

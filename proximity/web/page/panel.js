@@ -161,7 +161,7 @@ function partItem() {
   return item;
 }
 
-function made(tag, text, kind = "") {
+export function made(tag, text, kind = "") {
   const element = document.createElement(tag);
   element.textContent = text;
   if (kind) element.className = kind;

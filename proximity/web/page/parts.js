@@ -75,16 +75,14 @@ export class Parts extends EventTarget {
     return part;
   }
 
-  bounds() {
+  /** The box around parts, in the frame of *frame*: the scene's. */
+  bounds(parts = this.list, frame = this.stage.root) {
     const box = new THREE.Box3();
     this.stage.root.updateMatrixWorld(true);
-    const sceneFromWorld = this.stage.root.matrixWorld.clone().invert();
-    for (const part of this.list) {
-      for (const mesh of part.meshes) {
-        mesh.geometry.computeBoundingBox();
-        const sceneFromMesh = sceneFromWorld.clone().multiply(mesh.matrixWorld);
-        box.union(mesh.geometry.boundingBox.clone().applyMatrix4(sceneFromMesh));
-      }
+    const fromWorld = frame.matrixWorld.clone().invert();
+    for (const { geometry, matrixWorld } of parts.flatMap((part) => part.meshes)) {
+      if (!geometry.boundingBox) geometry.computeBoundingBox();
+      box.union(geometry.boundingBox.clone().applyMatrix4(fromWorld.clone().multiply(matrixWorld)));
     }
     return box;
   }
@@ -138,11 +136,6 @@ export class Parts extends EventTarget {
     this.link.sendMoves(moves);
   }
 
-  /** Where a part is wanted, which it may not have reached. */
-  goal(part) {
-    return this.wanted.get(part.name) ?? part.object.matrix.clone();
-  }
-
   reset() {
     for (const part of this.list) {
       this.setVisible(part, !part.about.is_hidden);
@@ -186,6 +179,7 @@ export class Parts extends EventTarget {
 
   /** Parts are elsewhere, hidden or shown. */
   changed() {
+    this.stage.wake();
     this.dispatchEvent(new Event("placed"));
     this.dispatchEvent(new Event("changed"));
   }

@@ -41,7 +41,6 @@ export class Stage {
     this.scene.add(this.root);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enableDamping = false;
-    this.controls.keyRotateSpeed = 4;
     this.box = new THREE.Box3(new THREE.Vector3(-0.05, -0.05, 0), new THREE.Vector3(0.05, 0.05, 0.05));
     this.grid = new THREE.Group();
     this.root.add(this.grid);

@@ -2,12 +2,11 @@
 
 import * as THREE from "three";
 import { Finger } from "../fingers.js";
-import { mm, shownDistance } from "../frames.js";
+import { mm } from "../frames.js";
 import { byId, setText } from "../panel.js";
 
 const SIZE = 0.018; // of the probe, of the parts' size
 const STEP = 0.005; // of the wheel, of the parts' size
-const CLICK = 4; // pixels
 const ON = 5e-9; // m: what is nearer is on the surface
 
 export class Probe {
@@ -30,11 +29,7 @@ export class Probe {
     this.listening = new AbortController();
     const { signal } = this.listening, { canvas } = this.stage;
     canvas.addEventListener("pointermove", (event) => event.buttons || this.point(event), { signal });
-    canvas.addEventListener("pointerdown", (event) => (this.pressed = event), { signal, capture: true });
-    canvas.addEventListener("pointerup", (event) => {
-      const { clientX: x, clientY: y } = this.pressed ?? event;
-      if (Math.hypot(event.clientX - x, event.clientY - y) < CLICK) this.point(event);
-    }, { signal });
+    canvas.addEventListener("pointerdown", (event) => this.point(event), { signal, capture: true });
     canvas.addEventListener("wheel", (event) => this.wheel(event), { signal, passive: false, capture: true });
   }
 
@@ -57,19 +52,18 @@ export class Probe {
     byId("probe-lift").value = +(1e3 * this.lift).toFixed(3);
   }
 
-  /** Answer for where the pointer is; called before each picture. */
-  update() {
+  /** Answer for where the pointer is; called before each picture. *isBusy*: the pointer holds a part. */
+  update(isBusy) {
     const { scene } = this.local;
-    if (!this.listening || !scene || !this.parts.isLoaded) return;
+    if (isBusy && this.mark) this.mark.group.visible = false;
+    if (isBusy || !this.listening || !scene || !this.parts.isLoaded) return;
     this.local.follow(scene, this.parts.list);
-    const place = this.placed(scene);
-    const found = scene.closest(place.point.toArray());
-    const near = new THREE.Vector3(...found.point);
+    const position = this.placed(scene).toArray(), found = scene.closest(position);
     const distance = Math.abs(found.signedDistance[0]) < ON ? 0 : found.signedDistance[0];
     this.answer = {
       isKnown: found.part[0] >= 0, isExact: true, isSigned: found.isSigned[0] !== 0, distance,
-      part: this.parts.list[found.part[0]]?.name, position: place.point.toArray(),
-      pointOnFinger: place.point.toArray(), pointOnPart: near.toArray(), normal: [...found.gradient],
+      part: this.parts.list[found.part[0]]?.name, position, pointOnFinger: position, pointOnPart: [...found.point],
+      normal: [...found.gradient],
     };
     this.mark.show(this.answer, this.stage);
     this.say(this.answer);
@@ -88,28 +82,27 @@ export class Probe {
     }
     if (begin < Infinity) {
       const own = ray.clone().applyMatrix4(toScene), origin = own.at(begin, new THREE.Vector3());
-      if (begin > 0 && scene.contains(origin.toArray())[0]) return { point: (this.last = origin) };
+      if (begin > 0 && scene.contains(origin.toArray())[0]) return (this.last = origin);
       const hit = scene.cast(origin.toArray(), own.direction.toArray(), { maxDistance: end - begin });
       if (hit.part[0] >= 0) {
         const normal = new THREE.Vector3(...hit.normal);
         this.last = new THREE.Vector3(...hit.point);
         const side = normal.dot(own.direction) > 0 ? -1 : 1; // towards the eye
-        return { point: this.last.clone().addScaledVector(normal, side * this.lift) };
+        return this.last.clone().addScaledVector(normal, side * this.lift);
       }
     }
     const middle = this.last ? this.stage.toWorld(this.last) : controls.target;
     const facing = new THREE.Plane().setFromNormalAndCoplanarPoint(camera.getWorldDirection(new THREE.Vector3()), middle);
-    const point = ray.intersectPlane(facing, new THREE.Vector3()) ?? controls.target.clone();
-    return { point: point.applyMatrix4(toScene) };
+    return (ray.intersectPlane(facing, new THREE.Vector3()) ?? controls.target.clone()).applyMatrix4(toScene);
   }
 
   say(answer) {
     byId("probe-card").hidden = false;
-    setText(byId("probe-distance"), words(answer));
+    setText(byId("probe-distance"), words(answer, 3));
     setText(byId("probe-side"), sideOf(answer));
-    setText(byId("probe-at"), lengths(answer.position));
-    setText(byId("probe-near"), answer.isKnown ? lengths(answer.pointOnPart) : "—");
-    setText(byId("probe-normal"), answer.isKnown ? answer.normal.map((each) => each.toFixed(3).replace("-", "−")).join("   ") : "—");
+    setText(byId("probe-at"), lengths(answer.position, 3));
+    setText(byId("probe-near"), lengths(answer.pointOnPart, 3));
+    setText(byId("probe-normal"), lengths(answer.normal.map((each) => each / 1e3), 3)); // of length 1, not in mm
   }
 }
 
@@ -117,8 +110,10 @@ export class Probe {
 class Mark extends Finger {
   constructor(stage) {
     super(1, stage.root);
-    for (const { material } of [this.ball, this.rod, this.disc]) material.depthTest = false;
-    for (const each of [this.ball, this.rod, this.disc]) each.renderOrder = 18;
+    for (const each of [this.ball, this.rod, this.disc]) {
+      each.material.depthTest = false;
+      each.renderOrder = 18;
+    }
   }
 
   show(answer, stage) {
@@ -129,8 +124,8 @@ class Mark extends Finger {
   }
 }
 
-const lengths = (numbers) => numbers.map((each) => mm(each)).join("   ");
-const words = (answer) => `${answer.isSigned ? "" : "± "}${shownDistance(answer)} mm`;
+const lengths = (numbers, digits = 2) => numbers.map((each) => mm(each, digits)).join("   ");
+const words = ({ isSigned, distance }, digits = 2) => `${isSigned ? "" : "± "}${mm(distance, digits)} mm`;
 
 function sideOf({ isKnown, isSigned, distance, part }) {
   if (!isKnown) return "no part is shown";

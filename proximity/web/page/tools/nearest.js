@@ -91,7 +91,7 @@ export class Nearest {
     if (!this.local.scene) return matrix;
     this.local.follow(this.local.scene, this.parts.list);
     const from = poseOf(part.object.matrix), to = poseOf(matrix);
-    const length = from.place.distanceTo(to.place) + from.turn.angleTo(to.turn) * reachOf(part);
+    const length = from.place.distanceTo(to.place) + from.turn.angleTo(to.turn) * this.reachOf(part);
     if (length === 0 || this.free(part, Infinity) === 0) return matrix;
     let share = 0, before = 0;
     for (let step = 0; step < MOST_STEPS && share < 1; step++) {
@@ -103,6 +103,12 @@ export class Nearest {
     }
     this.put(part, part.object.matrix);
     return share < 1 ? between(from, to, share) : matrix;
+  }
+
+  /** How far anything of a part is from its origin, at most. */
+  reachOf(part) {
+    const { min, max } = this.parts.bounds([part], part.object);
+    return min.negate().max(max).length();
   }
 
   put(part, matrix) {
@@ -134,15 +140,4 @@ function poseOf(matrix) {
 function between(from, to, share) {
   const one = new THREE.Vector3(1, 1, 1);
   return new THREE.Matrix4().compose(from.place.clone().lerp(to.place, share), from.turn.clone().slerp(to.turn, share), one);
-}
-
-/** How far anything of a part is from its origin, at most. */
-function reachOf(part) {
-  const box = new THREE.Box3();
-  for (const mesh of part.meshes) {
-    if (!mesh.geometry.boundingBox) mesh.geometry.computeBoundingBox();
-    const partFromMesh = part.object.matrixWorld.clone().invert().multiply(mesh.matrixWorld);
-    box.union(mesh.geometry.boundingBox.clone().applyMatrix4(partFromMesh));
-  }
-  return new THREE.Vector3().max(box.min.clone().negate()).max(box.max).length();
 }

@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { sliceColour } from "../colours.js";
 import { mm } from "../frames.js";
-import { byId, offer, setText } from "../panel.js";
+import { byId, made, offer, setText } from "../panel.js";
 import { niceStep } from "../stage.js";
 
 const MOST_AT_ONCE = 4000; // points, before pictures have their turn
@@ -46,7 +46,7 @@ export class PointCloud {
   /** Show points, three numbers each, m, scene frame. */
   async show(name, coordinates) {
     this.clear();
-    Object.assign(this, { name, coordinates, count: coordinates.length / 3 });
+    Object.assign(this, { name, coordinates, count: coordinates.length / 3, range: undefined });
     if (!this.count) return this.panel.say(`${name} has no points.`);
     await this.measure();
   }
@@ -55,9 +55,8 @@ export class PointCloud {
     this.ticket += 1;
     this.name = "";
     byId("points-card").hidden = true;
-    if (!this.object) return;
-    this.stage.root.remove(this.object);
-    this.object.geometry.dispose();
+    this.object?.removeFromParent();
+    this.object?.geometry.dispose();
     this.object = null;
   }
 
@@ -75,12 +74,11 @@ export class PointCloud {
       await new Promise((next) => setTimeout(next));
     }
     if (ticket !== this.ticket) return;
-    const isFirst = !this.object;
-    Object.assign(this, { distances, part, isSigned });
-    this.sizes = distances.filter(Number.isFinite).map(Math.abs).sort();
-    if (isFirst) this.draw();
-    this.before.value = Math.min(1.1 * Math.max(-distances.reduce((least, each) => Math.min(least, each), 0), 1e-6), DEEPEST * this.stage.radius);
-    this.paint(isFirst ? niceStep(this.share(0.95) || 1e-3) : this.range);
+    const known = distances.filter(Number.isFinite).sort(), sizes = known.map(Math.abs).sort();
+    Object.assign(this, { distances, part, isSigned, known, sizes });
+    this.before.value = Math.min(Math.max(-1.1 * (known[0] ?? 0), 1e-6), DEEPEST * this.stage.radius);
+    if (!this.object) this.draw();
+    this.paint(this.range ?? niceStep(this.share(0.95) || 1e-3));
   }
 
   draw() {
@@ -119,17 +117,12 @@ export class PointCloud {
   }
 
   tell() {
-    const { sizes, range } = this, known = this.distances.filter(Number.isFinite);
+    const { known, sizes, range } = this;
     const sum = (numbers, of) => numbers.reduce((total, each) => total + of(each), 0) / numbers.length;
-    const [least, most] = [known.reduce((a, b) => Math.min(a, b), Infinity), known.reduce((a, b) => Math.max(a, b), -Infinity)];
-    const lengths = [least, most, sum(known, (each) => each), Math.sqrt(sum(known, (each) => each * each)), ...[0.5, 0.95, 0.99].map((each) => this.share(each))];
+    const lengths = [known[0], known.at(-1), sum(known, (each) => each), Math.sqrt(sum(known, (each) => each * each)), ...[0.5, 0.95, 0.99].map((each) => this.share(each))];
     const within = (100 * sizes.filter((each) => each <= range).length) / sizes.length;
     const values = [this.count.toLocaleString("en").replaceAll(",", " "), ...lengths.map((each) => `${mm(each, 3)} mm`), `${within.toFixed(1)} %`];
-    byId("points-table").replaceChildren(...ROWS.flatMap((name, k) => [["dt", name], ["dd", values[k]]]).map(([tag, text]) => {
-      const element = document.createElement(tag);
-      element.textContent = text;
-      return element;
-    }));
+    byId("points-table").replaceChildren(...ROWS.flatMap((name, k) => [made("dt", name), made("dd", values[k])]));
     setText(byId("points-name"), `${this.name}: RMS ${values[4]}`);
     const unknown = this.isSigned.filter((each, k) => !each && this.part[k] >= 0).length;
     setText(byId("points-note"), unknown ? `Inside and outside are not known for ${unknown} of them: their distances are positive.` : "");

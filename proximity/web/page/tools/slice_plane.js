@@ -166,19 +166,19 @@ class Cut {
   show(planes, axis, offset) {
     this.planes = planes;
     if (planes.length) for (const part of this.parts.list) if (!this.caps.has(part)) this.caps.set(part, this.capOf(part));
-    for (const { cap, counters } of this.caps.values()) {
-      cap.position.copy(this.stage.box.getCenter(new THREE.Vector3())).setComponent(axis, offset);
-      cap.rotation.set(axis === 1 ? Math.PI / 2 : 0, axis === 0 ? Math.PI / 2 : 0, 0);
-      for (const each of counters) each.material.clippingPlanes = planes;
+    const place = this.stage.box.getCenter(new THREE.Vector3()).setComponent(axis, offset);
+    const turn = new THREE.Euler(axis === 1 ? Math.PI / 2 : 0, axis === 0 ? Math.PI / 2 : 0, 0);
+    for (const { cap } of this.caps.values()) {
+      cap.position.copy(place);
+      cap.rotation.copy(turn);
     }
     this.follow();
   }
 
   follow() {
-    const isShown = this.planes.length > 0;
     for (const [part, { cap, counters }] of this.caps) {
-      cap.visible = isShown && part.object.visible;
-      for (const each of counters) each.visible = isShown;
+      cap.visible = this.planes.length > 0 && part.object.visible;
+      for (const each of counters) [each.visible, each.material.clippingPlanes] = [cap.visible, this.planes];
     }
   }
 

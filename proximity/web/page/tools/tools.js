@@ -67,19 +67,16 @@ export class Tools {
   }
 
   /** A part was chosen in the list: it is measured, or picked. */
-  choosePart(part) {
+  async choosePart(part) {
     if (this.mode !== "measure") return this.parts.pick(part === this.parts.picked ? null : part);
     const names = this.measure.addPart(part.name);
-    if (names) this.measureParts(names);
-    else this.say(`${part.name} and …: choose the second part in the list.`);
-  }
-
-  async measureParts(names) {
+    if (!names) return this.say(`${part.name} and …: choose the second part in the list.`);
     this.say(this.measure.showParts(names, await this.local.clearance(names, this.parts.list)));
   }
 
-  setPlane(what) {
-    this.plane[what] = !this.plane[what];
+  /** Clip or slice, or not: "clips" or "slices". */
+  setPlane(what, isOn = !this.plane[what]) {
+    this.plane[what] = isOn;
     byId("tool-clip").setAttribute("aria-pressed", this.plane.clips);
     byId("tool-slice").setAttribute("aria-pressed", this.plane.slices);
     this.plane.update();
@@ -124,10 +121,7 @@ export class Tools {
       this.stage.controls.target.fromArray(view.at);
       for (const part of this.parts.list) this.parts.setVisible(part, !view.hidden.includes(part.name));
       this.plane.restore(view.plane);
-      this.plane.clips = !view.plane.clips; // each is switched to what it was
-      this.plane.slices = !view.plane.slices;
-      this.setPlane("clips");
-      this.setPlane("slices");
+      for (const what of ["clips", "slices"]) this.setPlane(what, view.plane[what]);
       this.stage.controls.update();
       this.parts.changed();
     } catch {
@@ -143,9 +137,7 @@ export class Tools {
   }
 
   closePlane() {
-    this.plane.clips = this.plane.slices = true; // each is switched to what it was not
-    this.setPlane("clips");
-    this.setPlane("slices");
+    for (const what of ["clips", "slices"]) this.setPlane(what, false);
   }
 
   toggleHelp() {
@@ -220,7 +212,7 @@ export class Tools {
       return;
     }
     event.preventDefault();
-    const matrix = this.parts.goal(part);
+    const matrix = (this.parts.wanted.get(part.name) ?? part.object.matrix).clone(); // it may not have got there yet
     if (turn) {
       const place = new THREE.Vector3().setFromMatrixPosition(matrix);
       const about = new THREE.Matrix4().makeTranslation(place).multiply(new THREE.Matrix4().makeRotationZ(turn));
