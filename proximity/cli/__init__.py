@@ -39,15 +39,15 @@ PANELS = {
         "replay": ("lab.replay", "a recorded hand at the parts, with every bound checked"),
     },
     "glove": {
-        "drum": ("device.drum", "the drums of a service, simulated or with motors"),
+        "drum": ("device.drum", "the drums that a finger meets, simulated or with motors"),
         "calibrate": ("device.calibrate", "the glove of one finger, step by step"),
         "controller": ("service.sources", "the controller of a drum, as C for a microcontroller"),
     },
     "research": {
         "bench": ("lab.bench", "whether every tick of a scene fits a haptic period"),
         "simulate": ("lab.simulate", "a press on a wall, compared with a real wall"),
-        "figures": ("lab.figures", "the figures of the paper and of this project"),
-        "claims": ("lab.figures", "each claim of the paper beside what is computed here"),
+        "figures": ("lab.figures", "figures of the paper on the glove, and our own"),
+        "claims": ("lab.figures", "each claim of that paper beside what is computed here"),
         "study": ("lab.study", "a job for every combination of factors, on all cores"),
         "experiment": ("lab.experiment", "walls compared in an experiment with people"),
     },

@@ -62,6 +62,18 @@ def within(*ends: Any, **options: Any) -> Callable[[Any, typer.CallbackParam], A
     return check
 
 
+def milliseconds(text: str) -> float:
+    """Return a duration in ms, of a number of them or of one with a unit: 10, 10ms, 0.01s or 500us."""
+    number = text.strip().replace("µ", "u")
+    unit = next((each for each in ("ms", "us", "s") if number.endswith(each)), "")
+    try:
+        return {"": 1.0, "ms": 1.0, "us": 1e-3, "s": 1e3}[unit] * float(number.removesuffix(unit))
+    except ValueError:
+        raise typer.BadParameter(
+            f"{text!r}: expected milliseconds, or a time such as 10ms or 500us"
+        ) from None
+
+
 def refuse(*cases: tuple[object, str, str]) -> None:
     """Refuse options by the first case that is true: whether it is, which option, and why."""
     for is_true, name, why in cases:
@@ -129,7 +141,11 @@ LIMIT = Annotated[
 ]
 GEAR = Annotated[
     str | None,
-    option("GEAR", "Gear of the drum: gear14, gear51 or gear111 (total).", callback=_check_gear),
+    option(
+        "GEAR",
+        "Gear of the drum: gear14, gear51 or gear111, named by the total gear ratio.",
+        callback=_check_gear,
+    ),
 ]
 CABLE = Annotated[
     str | None,

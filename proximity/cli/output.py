@@ -7,7 +7,9 @@ infinity become null in JSON, which has no word for them.
 import io
 import json
 import math
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 DIGITS = 15
 """Significant decimal digits that every float64 keeps; the two behind them are rounding of the conversion."""
+WIDTH, LABEL_WIDTH = 100, 15  # columns where no terminal says how many, and of labels
 MM_PER_M = 1e3
 MISSING = "-"
 STDOUT = Path("-")
@@ -57,13 +60,23 @@ def plain(value: Any) -> Any:
     return value
 
 
-def print_block(lines: Iterable[tuple[str, str]]) -> None:
-    """Print labels and values, one pair a line."""
-    for label, value in lines:
+def print_block(rows: Iterable[tuple[str, str]]) -> None:
+    """Print labels and values, one pair a line; what is longer than a line goes on below its value."""
+    most = shutil.get_terminal_size((WIDTH, 1)).columns - LABEL_WIDTH - 1
+    for label, value in rows:
+        first, *more = _wrap(printable(value), most)
+        lines = "\n".join([first, *(" " * (LABEL_WIDTH + 1) + part for part in more)])
         if sys.stdout.isatty():
-            typer.echo(typer.style(f"{label:<15} ", bold=True) + printable(value))
+            typer.echo(typer.style(f"{label:<{LABEL_WIDTH}} ", bold=True) + lines)
         else:
-            sys.stdout.write(f"{label:<15} {printable(value)}\n")
+            sys.stdout.write(f"{label:<{LABEL_WIDTH}} {lines}\n")
+
+
+def _wrap(text: str, most: int) -> list[str]:
+    """Lines of a text; what fits into one is left as it is."""
+    if len(text) <= most:
+        return [text]
+    return textwrap.wrap(text, max(most, 1), break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def number(value: float, digits: int = 9) -> str:

@@ -138,6 +138,6 @@ def document(simulation: PartSimulation) -> dict[str, Any]:
 
 
 def numbers(simulation: PartSimulation) -> Table:
-    """Return the press every 0.1 ms, with the ideal distance and on the real wall beside it."""
+    """Return the press about every 0.1 ms, with the ideal distance and on the real wall beside it."""
     engine, ideal = simulation.engine, simulation.ideal.response
     return press_plots.curves(engine.response, engine.real, has_drum=True, ideal=ideal)

@@ -1,17 +1,21 @@
 """Frames as tables for other programs: a row for each finger and frame, streamed as CSV or Parquet.
 
 A line has what the frame's header says (session, number, state, instants), then the fields of the contact
-under their own names, three columns for each vector, every number with all its digits.
+with their units, three columns for each vector, every number with all its digits. CSV has words for what
+is a set or a choice; Parquet has the numbers.
 """
 
 import csv
 from collections.abc import Iterable
+from enum import IntEnum, IntFlag
 from importlib import import_module
 from typing import Any, BinaryIO, TextIO
 
 import numpy as np
 
-from proximity.message import FRAME, State
+from proximity.message import FRAME, ContactFlag, State
+from proximity.message.contact import CONTACT_FIELDS, Mode, Surface
+from proximity.message.frame import Source
 from proximity.recording.frame_bytes import frame_type
 from proximity.system.extras import needed
 
@@ -35,6 +39,8 @@ HEADER_COLUMNS = {
 _STATES = {state.value: state.name.lower() for state in State}
 STATE_NAMES = np.array([_STATES.get(number, str(number)) for number in range(256)])
 """The word for each number a header's state may have."""
+WORDS = {"flags": ContactFlag, "surface": Surface, "mode": Mode, "source": Source}
+"""Columns of numbers that stand for names, which CSV has instead."""
 _NO_FRAMES = np.zeros(0, frame_type(FRAME.size(0)))
 
 
@@ -61,7 +67,33 @@ def frame_columns(frames: np.ndarray) -> dict[str, np.ndarray]:
     shown = {title: header[field] for title, field in HEADER_COLUMNS.items()}
     shown["state"] = STATE_NAMES[header["state"]]
     repeated = {title: np.repeat(column, contacts.shape[1]) for title, column in shown.items()}
-    return repeated | scalar_columns(contacts.reshape(-1))
+    numbers = scalar_columns(contacts.reshape(-1))
+    return repeated | {with_unit(name): column for name, column in numbers.items()}
+
+
+def with_unit(column: str) -> str:
+    """Return the name of a column of contacts with its unit: ``velocity_x_m_per_s``."""
+    unit = _UNITS.get(column, _UNITS.get(column[:-2], ""))  # of a vector's coordinate: _x, _y or _z
+    suffix = "_" + unit.replace("1/", "per_").replace("/", "_per_").replace(" ", "_")
+    return column if not unit or column.endswith(suffix) else column + suffix
+
+
+_UNITS = {field.name: field.unit for field in CONTACT_FIELDS}
+
+
+def _in_words(name: str, column: np.ndarray) -> np.ndarray:
+    """A column as CSV has it: names in lower case instead of numbers; an unknown number stays."""
+    if name not in WORDS:
+        return column
+    numbers, rows = np.unique(column, return_inverse=True)
+    return np.array([_name_of(WORDS[name], number) for number in numbers.tolist()], object)[rows]
+
+
+def _name_of(kind: type[IntEnum | IntFlag], number: int) -> str:
+    try:
+        return (kind(number).name or "").lower()
+    except ValueError:
+        return str(number)
 
 
 def write_frames_csv(stream: TextIO, runs: Iterable[np.ndarray]) -> int:
@@ -73,7 +105,7 @@ def write_frames_csv(stream: TextIO, runs: Iterable[np.ndarray]) -> int:
     writer.writerow(frame_columns(_NO_FRAMES))
     count = 0
     for frames in runs:
-        columns = frame_columns(frames).values()
+        columns = [_in_words(name, column) for name, column in frame_columns(frames).items()]
         writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
         count += frames["contacts"].size
     return count

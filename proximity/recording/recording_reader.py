@@ -19,6 +19,7 @@ from proximity.system.regular_file import open_regular
 EXPECTED = "time_s, hand, finger, x_m, y_m, z_m"
 NANOSECONDS_IN = {"time_s": NANOSECONDS, "time_ms": 1_000_000, "time_us": 1_000, "time_ns": 1}
 METRES_IN = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+OF_A_LOG = "`proximity view LOG PARTS` plays it back, `proximity export LOG` makes a table of it"
 SEPARATORS = ",;\t"
 COMMA_SEPARATORS = ";\t"  # where fields stand between these, 0,5 is a number
 FEWEST_FINGERS = 3
@@ -100,6 +101,8 @@ def _read_text(name: str) -> str:
         with open_regular(name) as file:
             return file.read().decode("utf-8-sig")
     except UnicodeDecodeError as unfit:
+        if name.endswith(".frames"):
+            raise RecordingError(f"{name}: a log of frames, not of a hand: {OF_A_LOG}") from unfit
         raise RecordingError(f"{name}: not a text file in UTF-8, expected columns {EXPECTED}") from unfit
     except OSError as failure:
         raise RecordingError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
@@ -165,6 +168,8 @@ class _Table:
         self.axes = [f"{axis}_{self.unit}" for axis in "xyz"]
         self.titles = [self.time, "hand", "finger", *self.axes]
         missing = [title for title in self.titles if title not in header]
+        if missing and {"session", "sequence"} <= set(header):
+            raise self.error(line, f"a table of frames, not of a hand: {OF_A_LOG}")
         if missing:
             raise self.error(
                 line,

@@ -61,17 +61,34 @@ def test_csv_has_a_line_a_finger_and_every_digit(run, tmp_path):
     assert result.out == "run.csv: 2 frames, 6 lines\n"
     rows = lines_of((tmp_path / "run.csv").read_text())
     names = list(frame_tables.scalar_columns(np.zeros(0, CONTACT)))
-    assert list(rows[0]) == HEADER_COLUMNS + names
+    assert list(rows[0]) == HEADER_COLUMNS + list(map(frame_tables.with_unit, names))
     assert len(names) == len(CONTACT.names) + 2 * 6
     for name in names:
         expected = column_of(log, name)
-        found = np.array([expected.dtype.type(row[name]) for row in rows])
+        if name in frame_tables.WORDS:
+            continue
+        found = np.array([expected.dtype.type(row[frame_tables.with_unit(name)]) for row in rows])
         np.testing.assert_array_equal(found, expected, err_msg=name)
     assert [row["sequence"] for row in rows] == ["0"] * 3 + ["7"] * 3
     assert [row["state"] for row in rows] == ["degraded"] * 3 + ["9"] * 3
     assert {row["session"] for row in rows} == {str(SESSION)}
     assert {row["epoch"] for row in rows} == {str(2**63)}
     assert {row["period_ns"] for row in rows} == {str(PERIOD_NS)}
+
+
+def test_csv_has_words_and_units(run, tmp_path):
+    message = frame(2)
+    message.records["flags"] = [5, 0]
+    message.records["surface"], message.records["mode"], message.records["source"] = [1, 9], [1, 0], [0, 1]
+    (tmp_path / "run.frames").write_bytes(message.seal(SESSION, 0).tobytes())
+
+    first, second = lines_of(run(tmp_path / "run.frames").out)
+
+    words = ("flags", "surface", "mode", "source")
+    assert [first[name] for name in words] == ["tracked|exact", "rigid", "position", "geometry"]
+    assert [second[name] for name in words] == ["", "9", "retract", "teleoperation"]
+    units = {"signed_distance_m", "velocity_x_m_per_s", "bend_rate_per_s", "damping_N_s_per_m", "age_ns"}
+    assert units <= set(first)
 
 
 def test_parquet_has_the_same_numbers(run, tmp_path, monkeypatch):
@@ -90,7 +107,7 @@ def test_parquet_has_the_same_numbers(run, tmp_path, monkeypatch):
     table = file.read()
     assert table.column_names[:10] == HEADER_COLUMNS
     for name in frame_tables.scalar_columns(np.zeros(0, CONTACT)):
-        found, expected = table[name].to_numpy(), column_of(log, name)
+        found, expected = table[frame_tables.with_unit(name)].to_numpy(), column_of(log, name)
         assert found.dtype == expected.dtype, name
         assert found.tobytes() == expected.tobytes(), name
     assert table["state"].to_pylist()[:7] == ["degraded"] * 3 + ["9"] * 3 + ["ok"]

@@ -46,6 +46,10 @@ picture box.stl -o box.png --slice 3 | '3': expected an axis and a position, for
 picture box.stl -o box.png --slice z=nan | 'nan' is not finite
 picture box.stl -o box.png --points none.csv | none.csv
 picture box.stl | Missing option
+replay box.stl hand.csv --latency 5min | '5min': expected milliseconds, or a time such as 10ms or 500us
+simulate --speed -1 | -1 m/s: expected 0.01 to 10
+simulate --rate 1 | 1 Hz: expected 5 to 50000
+simulate --latency 2s | 2000 ms: expected 0 to 1000
 replay box.stl hand.csv --rate 0 | 0 ticks a second: expected 1 to 1e+06
 replay box.stl hand.csv --scale -1 | -1 times the size: expected 1e-06 to 1e+06
 replay box.stl hand.csv --latency -1 | -1 ms: expected 0 to 1000

@@ -9,6 +9,7 @@ import pytest
 from fake_tracker import FakeTracker
 
 import proximity
+from proximity.cli import output
 from proximity.cli.lab import replay_report
 from proximity.message import CONTACT
 
@@ -47,7 +48,8 @@ def lines_of(text):
     return found
 
 
-def test_hand_at_the_bracket_is_told_in_words(run):
+def test_hand_at_the_bracket_is_told_in_words(run, monkeypatch):
+    monkeypatch.setattr(output, "WIDTH", 1000)  # lines are not wrapped
     result = run(BRACKET, HAND, *AS_RECORDED)
 
     lines = lines_of(result.out)
@@ -58,12 +60,18 @@ def test_hand_at_the_bracket_is_told_in_words(run):
     assert lines["placement"] == ["origin at 0  0  0 mm, scale 1; as given"]
     assert lines["ticks"] == ["5194 at 1000 Hz, radius 7 mm, latency 1 ms"]
     assert re.fullmatch(r"p50 [\d.]+, p99 [\d.]+, p99.9 [\d.]+, max [\d.]+ µs a tick", lines["compute"][0])
-    assert lines["answers"] == ["85.2 % exact, 0.0 % bounded, 14.8 % skipped; finger lost in 3.9 %"]
+    assert lines["answers"] == [
+        "85.2 % exact, 0.0 % bounded, 14.8 % skipped (bounds from the last search); finger lost in 3.9 %"
+    ]
     assert lines["nearest"] == ["little at 2.597 s: -2.867 mm from bracket"]
     assert [line.split(":")[0] for line in lines["touch"]] == ["thumb", "index", "middle", "ring", "little"]
     assert lines["touch"][0] == "thumb: 2 times, first at 1.638 s, 1.178 mm deep"
-    assert lines["bounds"] == ["12483 of 12483 hold, checked against exact distances"]
-    assert re.fullmatch(r"\d+\.\d % within their bounds, error p50 .* mm", lines["predictions"][0])
+    assert lines["bounds"] == [
+        "12483 of 12483 hold, checked against exact distances (a sample of the 24965 of all fingers)"
+    ]
+    assert re.fullmatch(
+        r"\d+\.\d % within their bounds; median error .* µm, p95 .* µm", lines["predictions"][0]
+    )
     assert re.fullmatch(
         r"(\d+) of \1 certified times held \(velocity constant within 5 %\)", lines["contact times"][0]
     )

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import pytest
 from project import MESHES
 
+from proximity.cli import output
 from proximity.errors import PublishError, RecordingError
 from proximity.message import State
 from proximity.recording import FrameLog, FrameReader
@@ -105,7 +106,10 @@ def test_json_is_a_document_at_the_beginning_and_one_at_the_end(run, scene_path)
     assert ended["compute"]["p50_ns"] <= ended["compute"]["p999_ns"] <= ended["compute"]["max_ns"]
 
 
-def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_report(run, scene_path):
+def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_report(
+    run, scene_path, monkeypatch
+):
+    monkeypatch.setattr(output, "WIDTH", 1000)  # lines are not wrapped
     path = scene_path.parent / "hand.csv"
     path.write_text(path.read_text()[:-1])
 

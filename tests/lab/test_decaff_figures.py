@@ -283,7 +283,7 @@ def test_drawn_press_shows_its_force_error_and_says_how_it_was_made(tmp_path):
     text = (tmp_path / "press.svg").read_text()
 
     np.testing.assert_array_equal(error, 1e3 * (table["force_N"] - table["real_force_N"]))
-    for words in ("51:1", "time-stamped", "0.25 m/s", "Pad 200 N/m, 6 N·s/m (the", "on one another"):
+    for words in ("51:1", "time-stamped", "0.25 m/s", "Pad 200 N/m, 6 N·s/m (Springer", "on one another"):
         assert words in text
 
 

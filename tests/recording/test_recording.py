@@ -169,6 +169,7 @@ def test_position_of_nan_is_a_missing_finger(read):
         (HEADER + "0,0,0,nan,2,3\n", "all positions are nan, expected a number in at least one line"),
         (PLAIN + '0.03,0,0,"1,2,3\n', "line 7: unexpected end of data, expected columns time_s"),
         (PLAIN.replace("0.01,0,0,1.5", '0.01,0,0,"1.\n5"'), "line 1: a field in quotes below goes over"),
+        ("session,sequence,state\n1,0,ok\n", "line 1: a table of frames, not of a hand: `proximity view LOG"),
         (b"\xff\xfe" + PLAIN.encode("utf-16-le"), "not a text file in UTF-8, expected columns time_s"),
     ],
 )

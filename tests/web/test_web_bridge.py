@@ -503,6 +503,7 @@ FORGED = {
     "a number of 400 digits": lambda: '{"clock": ' + "9" * 400 + "}",
     "a number without end": lambda: '{"at_ms": 1e999}',
     "no number": lambda: '{"clock": NaN}',
+    "a clock that is off": lambda: '{"clock": 1e308}',
 }
 
 

@@ -9,6 +9,7 @@ from proximity.cli.output import counted, print_block, printable
 from proximity.cli.tables import results_console, table
 from proximity.lab.certificate import wording
 from proximity.lab.certificate.wording import microseconds, percent
+from proximity.lab.paper.walls import FINGER
 
 HASH_DIGITS = 16
 
@@ -41,9 +42,9 @@ def write(reported: dict[str, Any]) -> None:
             ("deadlines", f"{deadlines} at {1e3 * loop['period_s']:g} ms: {wording.missed(loop)}"),
             (
                 "at the finger",
-                f"{wording.three(1e3 * felt['delay_s'])} ms of computing and waking: a finger at "
-                f"{speed['speed']:g} m/s enters a wall by {penetration} mm, its force is {force} mN and its "
-                f"work {work} mJ too large",
+                f"{wording.three(1e3 * felt['delay_s'])} ms of computing and waking (their p99.9 added): a "
+                f"fingertip of {FINGER.stiffness:g} N/m at {speed['speed']:g} m/s enters a wall by "
+                f"{penetration} mm, its force is {force} mN and its work {work} mJ too large",
             ),
             ("scene verdict", reported["verdict"]["sentence"]),
             ("machine verdict", reported["machine_verdict"]["sentence"]),
@@ -59,9 +60,9 @@ def _positions(goals: list[dict[str, Any]]) -> Table:
         coordinates = map(wording.millimetres, worst["position"])
         typical = goal["typical_work"]
         shown = wording.UNKNOWN if typical != typical else f"{typical:.0f}"
-        bracket = f"{1e3 * worst['lower']:.3f} to {1e3 * worst['upper']:.3f}"
-        rows.append([wording.goal(goal), str(worst["work"]), shown, *coordinates, bracket])
-    titles = ("work", "at random", "x", "y", "z", "bracket [mm]")
+        bounds = f"{1e3 * worst['lower']:.3f} to {1e3 * worst['upper']:.3f}"
+        rows.append([wording.goal(goal), str(worst["work"]), shown, *coordinates, bounds])
+    titles = ("work [nodes]", "at random", "x [mm]", "y [mm]", "z [mm]", "distance between [mm]")
     return table(["worst finger position"], titles, rows)
 
 

@@ -23,6 +23,7 @@ from proximity.cli.output import report
 
 WIDEST = 120  # columns, of a table of sentences
 LINK = re.compile(r"\[(.*?)\]\(.*?\)")
+SENTENCE = re.compile(r"(?<=[.]) (?=[A-Z])")  # each on a line of its own
 
 
 @with_option_groups
@@ -95,16 +96,19 @@ def claims(as_json: Annotated[bool, flag("--json", "Write one JSON document.")] 
     """
     from proximity.cli.output import write_document
     from proximity.cli.tables import Console, table
+    from proximity.lab.claims import HOW, SYMBOLS
     from proximity.lab.claims import claims as computed
 
     with progress.spinner("computing"):
         found = computed()
     if as_json:
-        write_document({"claims": [asdict(one) for one in found]})
+        write_document({"how": HOW, "claims": [asdict(one) for one in found]})
         return
     console = Console()
-    rows = ((one.paper, one.holds, LINK.sub(r"\1", one.here)) for one in found)
+    rows = ((one.paper, one.holds, SENTENCE.sub("\n", LINK.sub(r"\1", one.here))) for one in found)
     made = table(("the paper says", "holds", "here"), rows=rows)
-    made.leading, made.columns[0].ratio, made.columns[2].ratio = 1, 2, 4
-    made.expand, made.columns[1].min_width = True, len("only if")
-    console.print(made, width=min(console.width, WIDEST))
+    made.padding, made.columns[0].ratio, made.columns[2].ratio = (0, 1, 1, 0), 2, 4
+    made.expand, made.columns[1].min_width = True, len("yes, if")
+    width = min(console.width, WIDEST)
+    console.print(made, width=width)
+    console.print("", *SYMBOLS, HOW, sep="\n", width=width, highlight=False)

@@ -29,7 +29,8 @@ ROWS = (  # label, field, factor from SI units, digits
     ("peak force [N]", "peak", 1.0, 3),
     ("force at rest [N]", "steady", 1.0, 3),
     ("ripple at rest [mN rms]", "ripple", 1e3, 1),
-    ("{} gives way by, at most [mm]", "penetration", 1e3, 3),
+    ("largest deflection of the {} [mm]", "penetration", 1e3, 3),
+    ("impulse of the first 5 ms [mN s]", "impulse", 1e3, 3),
     ("work of the finger [mJ]", "work", 1e3, 3),
 )
 AT_REST = ("steady", "ripple")

@@ -13,6 +13,7 @@ from proximity.cli.options import (
     check_range,
     designed,
     flag,
+    milliseconds,
     option,
     refuse,
 )
@@ -42,7 +43,9 @@ class WallOptions:
 
     wall: Annotated[str, option("WALL", "Kind of wall: real, coupled or decaff.")] = "decaff"
     speed: Annotated[float, option("M/S", "Speed of the approach.")] = 0.1
-    latency: Annotated[float | None, option("MS", "Latency of forces or distances; 1 if not given.")] = None
+    latency: Annotated[
+        float | None, option("MS", "Latency of forces or distances; 1 if not given.", parser=milliseconds)
+    ] = None
     rate: Annotated[float | None, option("HZ", "Rate of forces or distances; 1000 if not given.")] = None
     drum: GEAR = None
     glove: GLOVE = None
@@ -102,6 +105,9 @@ class WallOptions:
 
         if self.latency is not None:
             check_range(self.latency, "--latency", 0.0, 1e3 * simulated_press.LONGEST_LATENCY, "ms")
+        check_range(self.speed, "--speed", *simulated_press.SPEEDS_ALLOWED, "m/s")
+        if self.rate is not None:
+            check_range(self.rate, "--rate", *simulated_press.RATES_ALLOWED, "Hz")
         options = self._worn() | {
             "gear": self.drum,
             "policy": self.policy,

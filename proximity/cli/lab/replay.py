@@ -9,7 +9,16 @@ import typer
 
 import proximity
 from proximity.cli import progress
-from proximity.cli.options import FILE, JSON, UNITS, argument, option, with_option_groups, within
+from proximity.cli.options import (
+    FILE,
+    JSON,
+    UNITS,
+    argument,
+    milliseconds,
+    option,
+    with_option_groups,
+    within,
+)
 from proximity.cli.output import MM_PER_M, in_unit, in_units, report
 from proximity.system.time_units import MS_PER_S
 
@@ -78,9 +87,10 @@ class TrackerOptions:
     radius: Annotated[
         float, option("MM", "Radius of the fingertips.", callback=within(0.0, 100.0, "mm", is_open=True))
     ] = 7.0
-    latency: Annotated[float, option("MS", "Age of a pose at its tick.", callback=within(0.0, 1e3, "ms"))] = (
-        1.0
-    )
+    latency: Annotated[
+        float,
+        option("MS", "Age of a pose at its tick.", parser=milliseconds, callback=within(0.0, 1e3, "ms")),
+    ] = 1.0
     budget: Annotated[
         int | None,
         option(

@@ -7,10 +7,13 @@ from typing import Any
 
 import proximity
 from proximity.cli.output import MISSING, counted, in_unit, number, print_block, short, write_document
+from proximity.formats import metres_per_unit
 from proximity.recording import NANOSECONDS, Recording
 from proximity.system.time_units import NS_PER_US
 from proximity.tracker.replay import VELOCITY_SHARE, ReplaySummary, TickTimes
+from proximity.tracker.tracker import MAX_ACCELERATION
 
+UM_PER_M = 1e6
 BAR_WIDTH = 40
 CLOCK_DIGITS = 6
 """Of seconds, behind the point: float64 has no more of a calendar's."""
@@ -127,6 +130,7 @@ def _approaches(report: Values) -> Lines:
     shares = ", ".join(
         f"{_share(ticks[f'{key}_count'], tracked)} {key}" for key in ("exact", "bounded", "skipped")
     )
+    shares += " (bounds from the last search)"
     yield "answers", f"{shares}; finger lost in {_share(total - tracked, total)}"
     if nearest is None:
         yield "nearest", "no finger came within the working range"
@@ -149,11 +153,17 @@ def _checks(report: Values) -> Lines:
     units = report["units"]
     bounds, predictions, times = (report[key] for key in ("bounds", "predictions", "certified_times"))
     worst = f", the worst is off by {short(bounds['worst'])} {units}" if bounds["broken_count"] else ""
-    yield "bounds", f"{_kept(bounds)} hold, checked against exact distances{worst}"
+    tracked = report["ticks"]["tracked_count"]
+    sample = "" if bounds["checked_count"] == tracked else f" (a sample of the {tracked} of all fingers)"
+    yield "bounds", f"{_kept(bounds)} hold, checked against exact distances{sample}{worst}"
     if checked := predictions["checked_count"]:
-        errors = f"p50 {short(predictions['error_p50'])}, p95 {short(predictions['error_p95'])} {units}"
+        p50, p95 = (
+            UM_PER_M * metres_per_unit(units) * predictions[key] for key in ("error_p50", "error_p95")
+        )
         share = _share(predictions["kept_count"], checked)
-        yield "predictions", f"{share} within their bounds, error {errors}"
+        yield "predictions", f"{share} within their bounds; median error {p50:.2g} µm, p95 {p95:.2g} µm"
+        if predictions["kept_count"] < checked:
+            yield "", f"a prediction's bounds assume at most {MAX_ACCELERATION:g} m/s² of acceleration"
     if times["checked_count"]:
         steady = f"velocity constant within {100.0 * times['velocity_share']:.0f} %"
         yield "contact times", f"{_kept(times)} certified times held ({steady})"

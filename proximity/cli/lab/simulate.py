@@ -29,7 +29,7 @@ def simulate(
     is used. A decaff wall is a drum that moves to the reported position of the wall; --policy chooses
     how a distance becomes a position; --cable puts a cable between finger and drum. --glove takes
     motor, gear, lever, cable and measured latency from the file of your glove. --out draws the press,
-    or writes it as CSV every 0.1 ms.
+    or writes it as CSV, about every 0.1 ms.
 
     With --scene the wall is a CAD part, and the engine controls the drum: the tracker on the finger's
     path, frames with the latency of --latency, and the drum's controller. The result is compared

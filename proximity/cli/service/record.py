@@ -118,7 +118,8 @@ def export(
     and frame.
 
     A line has the session, number, state and instants of its frame, then all fields of the contact.
-    Vectors take three columns, instants are in nanoseconds, lengths in metres. Without --csv and
+    Vectors take three columns; names of columns end in the unit. CSV has words for flags, surface, mode
+    and source, Parquet their numbers (`proximity client header` lists them). Without --csv and
     --parquet, CSV is written to standard output. Torn or damaged frames are skipped and reported.
 
     Examples:

@@ -129,7 +129,7 @@ class Drum:
     def words(self) -> str:
         """Motor, total gearing and lever, for captions."""
         gearing, lever = self.gear.ratio, 1e3 * self.lever
-        return f"{self.motor.name}, {gearing:g}:1 in all on a lever of {lever:.0f} mm"
+        return f"{self.motor.name}, total gear ratio {gearing:g}:1, {lever:.0f} mm lever"
 
     @property
     def turn(self) -> float:

@@ -8,7 +8,7 @@ The search climbs on work, which is the same on every run; only what is measured
 from proximity.lab.certificate.certification import Certificate, certify, check_request
 from proximity.lab.certificate.deadlines import parse_period
 from proximity.lab.certificate.document import document
-from proximity.lab.certificate.report import as_json, check_report_name, write_report
+from proximity.lab.certificate.report import as_json, check_libraries, check_report_name, write_report
 from proximity.lab.certificate.subject import Subject, read_subject
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "Subject",
     "as_json",
     "certify",
+    "check_libraries",
     "check_report_name",
     "check_request",
     "document",

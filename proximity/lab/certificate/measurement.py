@@ -37,7 +37,7 @@ EXACT_STEPS = 30_000_000
 """Nodes and leaves that ticks without a budget may visit: some seconds, and fewer ticks of costly scenes."""
 FEWEST_EXACT = 20
 PASSING, ON_PATHS, MOVING = "worst, passing", "worst, on paths", "worst, parts moving"
-ANEW, EXACT = "worst, anew", "worst, exact"
+COLD_START, EXACT = "worst, cold start", "worst, exact"
 ADDRESS = "mailbox:proximity-certificate"
 """Where the loop publishes: inside this process, sealed as for others."""
 
@@ -189,7 +189,7 @@ def motion_rows(subject: Subject, found: Results, tick_count: int, seed: int) ->
         rows[ON_PATHS] = rows[PASSING]
     if subject.moves:
         rows[MOVING] = rows[PASSING]
-    rows[ANEW] = motions.resting(_positions(found, cold), fingers, tick_count)
+    rows[COLD_START] = motions.resting(_positions(found, cold), fingers, tick_count)
     costliest = max(1, fingers * found[exact].positions[0].work)
     exact_count = int(np.clip(EXACT_STEPS // costliest, FEWEST_EXACT, tick_count))
     rows[EXACT] = motions.resting(_positions(found, exact), fingers, exact_count)
@@ -215,7 +215,7 @@ def _timing(
     given, logs = _given(subject, name, fingers, seed), []
     for repeat in range(repeats):
         tracker, begun = subject.tracker(fingers=fingers, **settings), repeat * len(positions)
-        if name in (EXACT, ANEW):
+        if name in (EXACT, COLD_START):
             given["before"] = lambda _, tracker=tracker: tracker.reset()
 
         def show(done: int, begun: int = begun) -> None:

@@ -6,6 +6,7 @@
 import json
 import math
 import os
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +15,10 @@ import numpy as np
 from proximity.errors import ServiceError
 from proximity.lab.certificate import wording
 from proximity.lab.certificate.starting_positions import surface_samples
-from proximity.lab.figures import pages
+from proximity.lab.figures import pages, style
 from proximity.lab.figures.pages import COLOURS, DASHES, INK, render_page
 from proximity.scene.scene import Scene
+from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -38,6 +40,14 @@ def check_report_name(path: str | os.PathLike[str]) -> None:
         raise ServiceError(f"{target} does not end in {' or '.join(SUFFIXES)}")
     if not target.parent.is_dir():
         raise ServiceError(f"{target}: there is no folder {target.parent}")
+
+
+def check_libraries(path: str | os.PathLike[str]) -> None:
+    """Refuse the name of a page where a library that draws pages is missing."""
+    if Path(path).suffix.lower() != ".json":
+        with needed("pages need", "sim"):
+            import_module("jinja2")
+        style.load_figure()
 
 
 def write_report(path: str | os.PathLike[str], reported: dict[str, Any], scene: Scene) -> tuple[Path, ...]:

@@ -44,7 +44,7 @@ def missed(reported: dict[str, Any], unit: str = " a million") -> str:
     if reported["missed_per_million"] == 1e6:
         return "all"
     upper = _two(_raised(reported["missed_per_million_upper_95"]))
-    return f"{_two(reported['missed_per_million'])}{unit} (< {upper})"
+    return f"{_two(reported['missed_per_million'])}{unit} (95 % bound: {upper})"
 
 
 def goal(reported: dict[str, Any]) -> str:

@@ -104,7 +104,7 @@ def numbers(glove: Glove = OURS) -> Table:
 
 def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
     """Draw the look-ahead over speed, a panel a latency, as of `numbers`."""
-    panels = figure.subplots(1, len(LATENCIES), sharey=True)
+    panels = style.panels_across(figure, len(LATENCIES))
     for panel, latency in zip(panels, LATENCIES, strict=True):
         for name, stroke in zip(tip_drums(glove), STROKES, strict=False):
             rows = table.where(drum=name, latency_s=latency)
@@ -113,11 +113,10 @@ def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
             panel.plot(rows["speed_m_per_s"], 1e3 * rows["look_ahead_m"], **found)
             panel.plot([], [], **stroke, label=f"drum {name}")
         panel.set_xlim(0.0, 1.05)
-        panel.set_xlabel("speed of approach [m/s]")
     panels[0].plot([], [], "k+", label="marks: simulated")
     panels[0].plot([], [], **style.REAL, label="lines: v (τ + 1/f + t)")
     panels[0].set_ylim(bottom=0.0)
-    panels[0].set_ylabel("look-ahead needed [mm]")
+    style.label_shared(panels, "speed of approach [m/s]", "look-ahead needed [mm]")
     style.letter_panels(panels, (f"{1e3 * latency:g} ms of latency" for latency in LATENCIES))
     style.legend_above(figure, panels[0], 5)
     caption(

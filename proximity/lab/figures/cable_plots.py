@@ -23,10 +23,10 @@ SPEEDS = (0.1, 0.5)  # m/s
 RATE, LATENCY = 1000.0, 0.001  # Hz, s
 SIZE = (style.PAGE_WIDTH, 3.6)
 CURVES = {
-    "left": (Stretch.LEFT, style.COUPLED, "stretch left"),
-    "torque": (Stretch.TORQUE, style.TIME_STAMPED, "made up for by torque"),
-    "sensor": (Stretch.SENSOR, style.LATCHED, "made up for by a force sensor"),
-    "slippery": (Stretch.SENSOR, style.SERIES[2], "the same, sheath without friction"),
+    "left": (Stretch.LEFT, style.COUPLED, "not compensated"),
+    "torque": (Stretch.TORQUE, style.TIME_STAMPED, "compensated by torque"),
+    "sensor": (Stretch.SENSOR, style.LATCHED, "compensated by sensor"),
+    "slippery": (Stretch.SENSOR, style.SERIES[2], "sensor, no sheath friction"),
 }
 
 
@@ -61,7 +61,7 @@ def numbers(glove: Glove = OURS) -> Table:
 
 def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
     """Draw force errors over the stiffness of the cable, a panel a speed, and the force at rest."""
-    panels = figure.subplots(1, len(SPEEDS) + 1)
+    panels = style.panels_across(figure, len(SPEEDS) + 1, share=False)
     for panel, speed in zip(panels, SPEEDS, strict=False):
         rows = table.where(speed_m_per_s=speed)
         across = rows["stiffness_N_per_m"]
@@ -71,29 +71,31 @@ def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
             across,
             100.0 * rows["coupled_error"],
             **style.line(style.REAL),
-            label="best coupled wall, no cable",
+            label="best coupled wall",
         )
         panel.plot(across, 100.0 * rows["no_cable_error"], **style.FLOOR, label="drum, no cable")
         panel.set_yscale("log")
         panel.set_ylim(1.0, 70.0)
         panel.set_yticks([1, 3, 10, 30], ["1", "3", "10", "30"])
         panel.minorticks_off()
-    panels[0].set_ylabel("force error against the real wall [%]")
+        panel.set_ylabel("force error [%]")
     slow = table.where(speed_m_per_s=SPEEDS[0])
     for name, (_, stroke, _) in CURVES.items():
         panels[-1].plot(slow["stiffness_N_per_m"], 1e3 * slow[f"{name}_steady_error_N"], **stroke)
-    panels[-1].set_ylabel("force at rest less the real wall's [mN]")
+    panels[-1].set_ylabel("error of force at rest [mN]")
     usual = float(table["glove_N_per_m"][0])
     for panel in panels:
         panel.set_xscale("log")
         panel.axvline(usual, **style.GUIDE)
-        panel.set_xlabel("stiffness of the cable\nat the fingertip [N/m]")
+        panel.set_xlabel("cable stiffness [N/m]")
     caption(
         figure,
-        f"Dotted: the glove's cable of {1e-3 * glove.cable.stiffness:g} N/mm, {usual:.0f} N/m at the "
-        f"fingertip; friction {FRICTION:g} over {np.degrees(WRAP):.0f}°, preload {PRELOAD:g} N (ours). "
+        f"Errors: against the real wall. Dotted: the glove's cable of {1e-3 * glove.cable.stiffness:g} N/mm, "
+        f"{usual:.0f} N/m at the fingertip; friction {FRICTION:g} over {np.degrees(WRAP):.0f}°, "
+        f"preload {PRELOAD:g} N (ours). "
         f"{hand_words(Hand())}; {drum_words(glove.tip_drum())}; distances at {1e-3 * RATE:g} kHz, "
-        f"{1e3 * LATENCY:g} ms late. In (c) both curves by the sensor lie on one another.",
+        f"{1e3 * LATENCY:g} ms late. Compensated: the stretch of the cable, by the motor's torque or a "
+        "force sensor. The coupled wall has no cable. In (c) both sensor curves lie on one another.",
     )
     captions = [f"approach at {speed:g} m/s" for speed in SPEEDS]
     style.letter_panels(panels, [*captions, f"at rest, {SPEEDS[0]:g} m/s"])

@@ -91,10 +91,10 @@ def numbers(glove: Glove = OURS) -> Table:
 
 def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
     """Draw force errors over speed, a panel a reading, as of `numbers`."""
-    panels = figure.subplots(1, len(READINGS), sharey=True)
+    panels = style.panels_across(figure, len(READINGS))
     for panel, name in zip(panels, READINGS, strict=True):
         _panel(panel, table, name)
-    panels[0].set_ylabel("force error against the real wall [%]")
+    style.label_shared(panels, "speed of approach [m/s]", "force error [%]")
     panels[0].set_ylim(1.0, 150.0)
     panels[0].set_yticks([1, 3, 10, 30, 100], ["1", "3", "10", "30", "100"])
     style.letter_panels(panels, (CAPTIONS[name] for name in READINGS))
@@ -102,7 +102,8 @@ def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
     setup = EngineSetup()
     caption(
         figure,
-        f"Sample bracket, tracker at {1e-3 * setup.rate:g} kHz, 0 to 10 ms from a pose to its frame. "
+        f"Force error: against the real wall. Sample bracket, tracker at {1e-3 * setup.rate:g} kHz, "
+        f"0 to 10 ms from a pose to its frame. "
         f"{hand_words(Hand())}; {drum_words(glove.tip_drum())}; no cable. "
         "In (a) the four latencies lie on one another; so do, from 0.2 m/s on, both lines without marks.",
     )
@@ -121,4 +122,3 @@ def _panel(panel: "Axes", table: Table, name: str) -> None:
     panel.plot(speeds, 100.0 * ideal["ideal_drum_error"], **style.FLOOR, label="drum that never moves")
     panel.minorticks_off()
     panel.set_xticks([0.1, 0.2, 0.5, 1.0], ["0.1", "0.2", "0.5", "1"])
-    panel.set_xlabel("speed of approach [m/s]")

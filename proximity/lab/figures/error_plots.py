@@ -103,27 +103,25 @@ def numbers_against_latency(glove: Glove = OURS) -> Table:
 
 def draw_against_speed(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
     """Draw force errors over speed, a panel a latency, as of `numbers_against_speed`."""
-    panels = figure.subplots(1, len(SPEED_PANELS), sharey=True)
+    panels = style.panels_across(figure, len(SPEED_PANELS))
     for panel, latency in zip(panels, SPEED_PANELS, strict=True):
         rows = table.where(latency_s=latency)
         _curves(panel, rows["speed_m_per_s"], rows)
-        panel.set_xlabel("speed of approach [m/s]")
         panel.set_xticks([0.1, 0.2, 0.5, 1.0], ["0.1", "0.2", "0.5", "1"])
     style.letter_panels(panels, (f"{1e3 * latency:g} ms of latency" for latency in SPEED_PANELS))
-    _finish(figure, panels, glove)
+    _finish(figure, panels, glove, "speed of approach [m/s]")
 
 
 def draw_against_latency(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
     """Draw force errors over latency, a panel a speed, as of `numbers_against_latency`."""
-    panels = figure.subplots(1, len(LATENCY_PANELS), sharey=True)
+    panels = style.panels_across(figure, len(LATENCY_PANELS))
     for panel, speed in zip(panels, LATENCY_PANELS, strict=True):
         rows = table.where(speed_m_per_s=speed)
         _curves(panel, 1e3 * rows["latency_s"], rows)
-        panel.set_xlabel("latency [ms]")
         ticks = [0.1, 0.3, 1.0, 3.0, 10.0, 40.0]
         panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     style.letter_panels(panels, (f"approach at {speed:g} m/s" for speed in LATENCY_PANELS))
-    _finish(figure, panels, glove)
+    _finish(figure, panels, glove, "latency [ms]")
 
 
 def _curves(panel: "Axes", across: np.ndarray, rows: Table) -> None:
@@ -138,8 +136,8 @@ def _curves(panel: "Axes", across: np.ndarray, rows: Table) -> None:
     panel.minorticks_off()
 
 
-def _finish(figure: "Figure", panels: "Sequence[Axes]", glove: Glove) -> None:
-    panels[0].set_ylabel("force error against the real wall [%]")
+def _finish(figure: "Figure", panels: "Sequence[Axes]", glove: Glove, across: str) -> None:
+    style.label_shared(panels, across, "force error [%]")
     panels[0].set_ylim(1.0, 700.0)
     panels[0].set_yticks([1, 3, 10, 30, 100, 300], ["1", "3", "10", "30", "100", "300"])
     style.legend_above(figure, panels[0], 3)

@@ -26,22 +26,24 @@ if TYPE_CHECKING:
 
 SIZE = (style.COLUMN_WIDTH, 3.1)
 PAGE_SIZE = (style.PAGE_WIDTH, 8.8)
+NARROW_HEIGHT = 7.2  # inches, of all eight in one column
 POSITIONS_SHOWN = (-2.0, 10.5)  # mm; before and after, the finger is on its path
 POSITION_TICKS = (0, 4, 8)  # mm
 FORCES_SHOWN = (-0.06, 1.75)  # N; the same but for 5f, so that figures compare
 CAPTIONS = {
     "5a": "real wall",
-    "5b": "penetration of 4 mm, no delay",
-    "5c": "penetration of 4 mm, and 40 ms of delay",
-    "5d": "40 ms of delay, no penetration",
-    "5e": "force experienced by penetration alone",
-    "5f": "operator reacts, 40 ms late",
-    "5g": "as 5c, soft: 100 N/m in all",
-    "5h": "as 5c, lightly damped: 1 N·s/m in all",
+    "5b": "penetration of 4 mm",
+    "5c": "4 mm, and 40 ms of delay",
+    "5d": "40 ms of delay alone",
+    "5e": "force felt, as 5b",
+    "5f": "operator reacts 40 ms late",
+    "5g": "as 5c, 100 N/m in all",
+    "5h": "as 5c, 1 N·s/m in all",
 }
 
 PARAMETERS = (
-    f"Finger {FINGER.stiffness:g} N/m and {FINGER.damping:g} N·s/m (the paper's), {1e3 * FINGER.mass:g} g;",
+    f"Finger {FINGER.stiffness:g} N/m and {FINGER.damping:g} N·s/m (Springer and Ferrier), "
+    f"{1e3 * FINGER.mass:g} g;",
     f"touch at {PRESS.speed:g} m/s, pressed {1e3 * PRESS.depth:g} mm on the real wall (ours).",
 )
 DASHES = "Where curves coincide, the dashes lie on the black line."
@@ -108,6 +110,8 @@ def drawer(name: str) -> "Callable[[Figure, Table], None]":
 
 def draw_all(figure: "Figure", table: Table) -> None:
     """Draw positions and forces of all eight figures on a page, as of `all_numbers`."""
+    if style.is_narrow(figure):
+        figure.set_figheight(NARROW_HEIGHT)
     grid = figure.subplots(8, 2, sharex=True, height_ratios=(2, 3) * 4)
     pairs = [(grid[row, column], grid[row + 1, column]) for row in range(0, 8, 2) for column in range(2)]
     real = table["5a_position_m"], table["5a_force_N"]

@@ -20,9 +20,8 @@ BEFORE = 40.0  # ms shown before the contact
 AFTER = 30.0  # ms shown after the hand has left
 MARGIN = 1.0  # mm, above and below what finger and wall do
 DEEPEST = -4.0  # mm: farther off, the finger is on its path
-IMPULSE = 5.0  # ms around the touch, whose forces do not set the scale
+IMPULSE = 5.0  # ms around the touch, whose errors do not set the scale
 HEADROOM = 1.2
-LEAVES_SCALE = f"The impulse, within {IMPULSE:g} ms of the touch, may leave the scale."
 STROKES = {
     Wall.REAL: style.REAL,
     Wall.COUPLED: style.COUPLED,
@@ -31,12 +30,12 @@ STROKES = {
 
 
 def numbers(simulation: Simulation) -> Table:
-    """Return a press every 0.1 ms, and the same on a real wall."""
+    """Return a press about every 0.1 ms, and the same on a real wall."""
     return curves(simulation.response, simulation.real, has_drum=simulation.setup.wall == Wall.DECAFF)
 
 
 def curves(response: Response, real: Response, *, has_drum: bool, ideal: Response | None = None) -> Table:
-    """Return a press every 0.1 ms beside others at the same instants."""
+    """Return a press about every 0.1 ms, in whole steps, beside others at the same instants."""
     stride = max(round(style.SAMPLING / response.step), 1)
     every = slice(response.zero % stride, None, stride)  # the contact among them
     times = response.times[every]
@@ -67,6 +66,7 @@ def draw(figure: "Figure", table: Table, wall: Wall, note: str = "") -> None:
             above.plot(times, 1e3 * table[f"{name}_m"], color="0.45", linestyle=dashes, label=name)
     below.plot(times, table["real_force_N"], **style.REAL, label="real wall")
     is_engine, largest, is_rest = "ideal_force_N" in table.columns, 0.0, np.abs(times) > IMPULSE
+    extremes: list[float] = []  # mN, of the errors
     curves = [("ideal_force_N", style.line(style.COUPLED), "ideal distance")] if is_engine else []
     curves += [("force_N", stroke, "engine" if is_engine else f"{wall} wall")] if wall != Wall.REAL else []
     for column, own, label in curves:
@@ -74,22 +74,23 @@ def draw(figure: "Figure", table: Table, wall: Wall, note: str = "") -> None:
         below.plot(times, table[column], **own, label=label)
         error.plot(times, off, **own)
         largest = max(largest, float(np.abs(off[is_rest]).max(initial=0.0)))
+        extremes += [float(off.min()), float(off.max())]
     for panel in (above, error):
         panel.axhline(0.0, **style.GUIDE)
     largest = largest or 1.0
     error.set_ylim(-HEADROOM * largest, HEADROOM * largest)
-    forces = [table[column][is_rest].max() for column in ("force_N", "real_force_N")]
-    below.set_ylim(top=HEADROOM * max(forces))
+    if extremes and max(map(abs, extremes)) > HEADROOM * largest:
+        beyond = f"cut off at the touch: from {min(extremes):.0f} to {max(extremes):.0f} mN"
+        error.set_title(beyond, loc="right", fontsize=6.5, color=style.CAPTION_COLOUR)
     top = 1e3 * max(float(np.max(table[name])) for name in ("finger_m", "link_m"))
     above.set_ylim(DEEPEST - MARGIN, top + MARGIN)
     above.set_xlim(max(-BEFORE, times[0]), float(times[is_there][-1]) + AFTER)
     for panel, label in ((above, "past the wall [mm]"), (below, "force [N]"), (error, "error [mN]")):
         panel.set_ylabel(label)
     error.set_xlabel("time after the touch [ms]")
-    figure.align_ylabels()
     above.legend(loc="lower center", ncols=3)
     below.legend(loc="lower center")
-    caption(figure, *note.splitlines(), LEAVES_SCALE, COINCIDE)
+    caption(figure, *note.splitlines(), COINCIDE)
 
 
 def write(path: str | os.PathLike[str], simulation: Simulation, sheet: Sheet = AS_DESIGNED) -> None:

@@ -39,7 +39,7 @@ def numbers() -> Table:
 
 def draw(figure: "Figure", table: Table) -> None:
     """Draw all regions, and the small ones again, larger."""
-    whole, part = figure.subplots(1, 2)
+    whole, part = style.panels_across(figure, 2, share=False)
     for panel, delays in ((whole, DELAYS), (part, DELAYS[1:])):
         for delay in delays:
             _region(panel, table, delay)
@@ -56,9 +56,7 @@ def draw(figure: "Figure", table: Table) -> None:
         panel.locator_params(axis="y", nbins=6)
         panel.set_xlabel("damping [N·s/m]")
         panel.set_ylabel("stiffness [kN/m]")
-    style.letter_panels(
-        (whole, part), ("stable below the lines; marks: the stiffest walls", "the same, d = 1 to 3")
-    )
+    style.letter_panels((whole, part), ("stable below the line; mark: stiffest wall", "the same, d = 1 to 3"))
     style.legend_above(figure, whole, 5)
     device = SampledMass()
     caption(

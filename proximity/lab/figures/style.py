@@ -12,6 +12,7 @@ beyond the block that draws. Matplotlib is imported when it is needed.
 import csv
 import io
 import os
+import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -37,11 +38,14 @@ if TYPE_CHECKING:
 COLUMN_WIDTH = 3.4  # inches, the width of a journal's column
 SAMPLING = 1e-4  # s, of the curves
 PAGE_WIDTH = 7.0  # inches, of both columns
+PANEL_WIDTH, PANEL_HEIGHT = 2.25, 1.8  # inches: panels narrower than that stand below one another, so high
 FORMATS = ("png", "svg", "pdf")
 DOTS_PER_INCH = 300
 M_PER_INCH = 0.0254
 CAPTION_SIZE = 5.5  # points
 LETTERS_AN_INCH = 23  # of that size, about
+TITLE_LETTERS_AN_INCH = 17  # of titles of panels, about
+LABEL_WIDTH = 0.4  # inch: labels beside a panel
 CAPTION_COLOUR = "0.35"
 COINCIDE = "Where fewer curves are seen, several lie on one another."
 
@@ -177,6 +181,8 @@ def render(
         draw(figure, table)
         if not sheet.has_caption:
             figure.supxlabel("")
+        if is_narrow(figure):
+            _heighten(figure)
         stream = io.BytesIO()
         figure.savefig(stream, format=form, dpi=DOTS_PER_INCH, metadata=dates[form])
     return stream.getvalue()
@@ -195,36 +201,65 @@ def write_table(path: str | os.PathLike[str], table: Table) -> None:
     write_bytes(Path(path), text.getvalue().encode())
 
 
+def is_narrow(figure: "Figure", across: int = 2) -> bool:
+    """Return whether a figure has no space for so many panels side by side."""
+    return bool(figure.get_figwidth() < across * PANEL_WIDTH)
+
+
+def panels_across(figure: "Figure", count: int, *, share: bool = True) -> "list[Axes]":
+    """Return panels side by side, or below one another where a figure is too narrow for that."""
+    if not is_narrow(figure, count):
+        return list(figure.subplots(1, count, sharex=share, sharey=share))
+    figure.set_figheight(count * PANEL_HEIGHT)
+    return list(figure.subplots(count, 1, sharex=share, sharey=share))
+
+
+def label_shared(panels: "Iterable[Axes]", x: str, y: str) -> None:
+    """Label the axes that panels share, at the outer ones alone."""
+    for panel in panels:
+        panel.set(xlabel=x, ylabel=y)
+        panel.label_outer()
+
+
 def letter_panels(panels: "Iterable[Axes]", captions: Iterable[str]) -> None:
     """Put (a), (b) and so on, and what they show, above panels."""
     for letter, panel, title in zip("abcdefgh", panels, captions, strict=False):
-        panel.set_title(f"({letter}) {title}", loc="left")
+        spec = panel.get_subplotspec()
+        assert spec is not None, "panels stand in a grid"
+        grid = spec.get_gridspec()
+        width = panel.get_figure().get_figwidth() / grid.ncols - LABEL_WIDTH
+        most = int(TITLE_LETTERS_AN_INCH * width)
+        panel.set_title("\n".join(_wrapped(f"({letter}) {title}", most)), loc="left")
 
 
 def legend_above(figure: "Figure", panel: "Axes", columns: int) -> None:
-    """Put a panel's legend above all panels, where it covers nothing."""
+    """Put a panel's legend above all panels, in as many of its columns as are wide enough."""
     handles, names = panel.get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=columns)
+    for fewer in range(columns, 0, -1):
+        legend = figure.legend(handles, names, loc="outside upper center", ncols=fewer)
+        if fewer == 1 or legend.get_window_extent().width < figure.bbox.width:
+            return
+        legend.remove()
 
 
 def caption(figure: "Figure", *lines: str) -> None:
     """Put text below a figure."""
     most = int(LETTERS_AN_INCH * figure.get_figwidth())
-    wrapped = [part for line in lines for part in textwrap.wrap(line, most)]
+    wrapped = [part for line in lines for part in _wrapped(line, most)]
     figure.supxlabel("\n".join(wrapped), fontsize=CAPTION_SIZE, color=CAPTION_COLOUR)
 
 
 def hand_words(hand: Hand) -> str:
     """Return who presses: pad and finger, and the hand behind them."""
     return (
-        f"Pad {hand.pad_stiffness:g} N/m, {hand.pad_damping:g} N·s/m (the paper's); finger "
+        f"Pad {hand.pad_stiffness:g} N/m, {hand.pad_damping:g} N·s/m (Springer and Ferrier); finger "
         f"{1e3 * hand.finger_mass:g} g, hand {hand.stiffness:g} N/m, {hand.damping:g} N·s/m (ours)"
     )
 
 
 def gears_words(drum: Drum) -> str:
     """Return what drums have in common that differ in their gear, which is their name."""
-    return f"{drum.motor.name}, total gearing as named, on a lever of {1e3 * drum.lever:.0f} mm"
+    return f"{drum.motor.name}, total gear ratio as named, {1e3 * drum.lever:.0f} mm lever"
 
 
 def drum_words(drum: Drum) -> str:
@@ -233,6 +268,19 @@ def drum_words(drum: Drum) -> str:
         f"drum {drum.words}: {1e3 * drum.mass:.0f} g, servo at {1e-3 * SERVO_RATE:g} kHz, encoder "
         f"{1e6 * drum.resolution:.1f} µm with the wall at random within a count (ours)"
     )
+
+
+def _wrapped(text: str, most: int) -> list[str]:
+    """Lines of a text; a number and its unit stay together."""
+    lines = textwrap.wrap(re.sub(r"(?<=\d) (?=[^\W\d])", "\u00a0", text), most, break_on_hyphens=False)
+    return [line.replace("\u00a0", " ") for line in lines]
+
+
+def _heighten(figure: "Figure") -> None:
+    """Add what legend and caption take, so that panels keep their height."""
+    texts = [*figure.legends, *figure.texts]
+    taken = sum(each.get_window_extent().height for each in texts) / figure.dpi
+    figure.set_figheight(figure.get_figheight() + taken)
 
 
 def _look(own: dict[str, Any]) -> AbstractContextManager[None]:

@@ -5,6 +5,8 @@ from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
+import numpy as np
+
 from proximity.checks import not_negative
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.glove.glove import Glove, with_gear
@@ -24,6 +26,7 @@ SPEEDS_ALLOWED = (0.01, 10.0)  # m/s; slower presses are long, and need much mem
 RATES_ALLOWED = (5.0, 50_000.0)  # Hz
 LONGEST_LATENCY = 1.0  # s
 CABLES_ALLOWED = (10.0, 1e6)  # N/m at the fingertip
+IMPULSE_TIME = 0.005  # s after the touch
 STIFFEST, MOST_DAMPED = 1e6, 1e4  # N/m and N s/m, of a coupled wall; beyond, what is unstable overflows
 POLICIES = {
     "naive": Target.NAIVE,
@@ -99,6 +102,7 @@ class Felt:
     ripple: float  # N, standard deviation at rest
     penetration: float  # m, by which the wall gives way before the release, at most
     work: float  # J, of the finger until the release
+    impulse: float  # N s, of the force in the first `IMPULSE_TIME`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,6 +151,7 @@ def felt(response: Response) -> Felt:
     """Return a press in a few numbers."""
     at_rest = response.force[rest(response)]
     before_release = response.times < response.press.release_time
+    first = slice(response.zero, response.zero + round(IMPULSE_TIME / response.step) + 1)
     return Felt(
         onset(response),
         float(response.force.max()),
@@ -154,6 +159,7 @@ def felt(response: Response) -> Felt:
         float(at_rest.std()),
         float(response.thimble[before_release].max()),
         work(response),
+        float(np.trapezoid(response.force[first], dx=response.step)),
     )
 
 

@@ -558,7 +558,7 @@ namespace Decaff
 
         private DecaffFlaw ContentFlaw(long baseNs)
         {
-            if (arrived.State > DecaffState.Stopping || arrived.Source > DecaffSource.Teleoperation)
+            if (arrived.State > DecaffState.Stopping || arrived.Source > DecaffSource.Held)
                 return DecaffFlaw.Content;
             long latest = Math.Min(baseNs, MostNs - AheadNs) + AheadNs;
             if (arrived.PoseNs > latest || arrived.PublishNs > latest)
@@ -572,7 +572,7 @@ namespace Decaff
         private bool IsSound(ref DecaffContact c, long latest)
         {
             if (c.Surface > DecaffSurface.Deformable || c.Mode > DecaffMode.Hold
-                || c.Source > DecaffSource.Teleoperation || c.ForceIsValid > 1)
+                || c.Source > DecaffSource.Held || c.ForceIsValid > 1)
                 return false;
             if ((c.Flags & DecaffContactFlag.Tracked) == 0)
                 return true;

@@ -1,0 +1,89 @@
+"""Figures at the widths of journals: no text leaves the page, and none covers another."""
+
+from itertools import combinations
+
+import matplotlib.text
+import numpy as np
+import pytest
+
+from proximity.lab.figures import (
+    arrival_plots,
+    cable_plots,
+    catalogue,
+    engine_plots,
+    error_plots,
+    press_plots,
+    style,
+)
+from proximity.lab.simulation.simulated_press import Setup, Wall, simulate
+
+WIDTHS = (0.086, 0.120, 0.178)  # m: a column, one and a half, and a page
+OVERLAP = 0.5  # pixels of 300 an inch that rounding may cost
+
+
+@pytest.fixture(scope="module")
+def tables():
+    """Numbers of all figures, of few points where they come from simulated presses."""
+    with pytest.MonkeyPatch.context() as few:
+        few.setattr(arrival_plots, "SPEEDS", (0.1, 1.0))
+        few.setattr(engine_plots, "SPEEDS", (0.1, 1.0))
+        few.setattr(engine_plots, "LATENCIES", (0.0, 0.010))
+        few.setattr(cable_plots, "STIFFNESSES", (200.0, 1e5))
+        few.setattr(error_plots, "SPEEDS", (0.1, 1.0))
+        few.setattr(error_plots, "LATENCIES", (1e-4, 0.040))
+        few.setattr(error_plots, "STAIRS", 1)
+        yield {name: plate.numbers() for name, plate in catalogue.PLATES.items()}
+
+
+def drawn_texts(monkeypatch, draw, table, size, sheet):
+    """Texts that a figure draws, with their boxes, and the box of the page, in pixels."""
+    texts, draw_text = {}, matplotlib.text.Text.draw
+
+    def watch(text, renderer):
+        if text.get_visible() and text.get_text().strip():
+            texts[text] = text.get_text(), text.get_window_extent(renderer), text.figure.bbox.frozen()
+        draw_text(text, renderer)
+
+    with monkeypatch.context() as watched:
+        watched.setattr(matplotlib.text.Text, "draw", watch)
+        style.render(draw, table, size, "png", sheet=sheet)
+    return list(texts.values())
+
+
+def check_texts(texts):
+    """Fail where a text leaves the page or covers another."""
+    assert len(texts) > 5
+    for words, box, page in texts:
+        assert min(box.x0 - page.x0, page.x1 - box.x1, box.y0 - page.y0, page.y1 - box.y1) > -OVERLAP, words
+    for (words, box, _), (others, other, _) in combinations(texts, 2):
+        shared = np.minimum(box.max, other.max) - np.maximum(box.min, other.min)
+        assert shared.min() < OVERLAP, (words, others)
+
+
+@pytest.mark.parametrize("has_caption", [True, False])
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("name", catalogue.PLATES)
+def test_texts_of_a_figure_stay_on_the_page_and_apart(name, width, has_caption, tables, monkeypatch):
+    plate, sheet = catalogue.PLATES[name], style.Sheet(width, has_caption=has_caption)
+    check_texts(drawn_texts(monkeypatch, plate.draw, tables[name], plate.size, sheet))
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("wall", Wall)
+def test_texts_of_a_press_stay_on_the_page_and_apart(wall, width, monkeypatch):
+    table = press_plots.numbers(simulate(Setup(wall, speed=0.25)))
+
+    def draw(figure, table):
+        press_plots.draw(figure, table, wall, "A note of one line.")
+
+    check_texts(drawn_texts(monkeypatch, draw, table, press_plots.SIZE, style.Sheet(width)))
+
+
+def test_panels_stand_below_one_another_in_a_column(tables, monkeypatch):
+    plate = catalogue.PLATES["stability"]
+    columns = {}
+    for width in (0.086, 0.178):
+        texts = drawn_texts(monkeypatch, plate.draw, tables["stability"], plate.size, style.Sheet(width))
+        titles = [box for words, box, _ in texts if words.startswith(("(a)", "(b)"))]
+        columns[width] = titles[0].y0 == pytest.approx(titles[1].y0)
+    assert columns == {0.086: False, 0.178: True}
