@@ -87,7 +87,6 @@ def test_bounds_hold_at_every_tick(options):
             assert (np.diff(in_range) >= 0.0).all()
 
 
-@pytest.mark.xfail(strict=True, reason="a part inside another beyond the working range: ends are of no face")
 def test_every_promise_holds_in_ten_thousand_ticks_of_all_kinds():
     """``bench/prove_bounds.py --parts`` does the same for as many as one likes."""
     total = Tally()
