@@ -53,7 +53,7 @@ scene
 pairs · scene_parts
 deformation · part · saved
 solid
-queries · solid_arrays
+penetration · queries · solid_arrays
 part_motion · sign
 model
 """,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.pair.penetration import (
+from proximity.kernels.scene.part_penetration import (
     DEPTH_LOWER,
     DEPTH_NORMAL,
     DEPTH_SIZE,

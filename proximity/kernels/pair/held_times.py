@@ -19,7 +19,7 @@ AHEAD_TOLERANCE = 0.1
 """Of those walks: that much of the way to a contact is left for the next."""
 AT_CONTACT = 1e-6
 """Share of the way that is left where a contact counts as found."""
-TIMED, TOUCHING = 1, 2
+TIMED, OPENING = 1, 2
 SLIP = 2.0**-17
 """Parts that touch are not in each other's way if they are apart when they have moved so far, in sizes."""
 
@@ -59,7 +59,7 @@ def find_times(model, held):
             pair.free_time = 0.0
         if lower == 0.0 and pair.speed > 0.0 and not pair.is_crossing and not pair.is_inside:
             pair.free_time = min(SLIP * _size_of(model.frames[pair.own]) / pair.speed, horizon)
-            pair.is_timed = TOUCHING
+            pair.is_timed = OPENING
     work = 0
     for _ in range(MOST_ADVANCES):
         first = _first_to_meet(held)
@@ -68,7 +68,7 @@ def find_times(model, held):
         work += _advance(model, held.pairs[first], option, option.budget - work if option.budget > 0 else 0)
     option.work += work
     for number in range(len(held.pairs)):
-        if held.pairs[number].is_timed == TOUCHING:
+        if held.pairs[number].is_timed == OPENING:
             held.pairs[number].free_time = 0.0
         option.free_time = min(option.free_time, held.pairs[number].free_time)
 
@@ -99,7 +99,7 @@ def _advance(model, pair, option, budget):
     _, lower_sq, steps = nearest_of_parts(
         model, pair.own, pair.other, (turn, offset), reach * reach, AHEAD_TOLERANCE, budget, slots
     )
-    if pair.is_timed == TOUCHING:
+    if pair.is_timed == OPENING:
         pair.is_timed = 0
         if lower_sq <= 0.0:
             pair.free_time, pair.is_timed = 0.0, TIMED

@@ -38,15 +38,15 @@ MOST_PROBES = 48
 CLOSEST_PROBE_TOLERANCE = 0.1
 NEAR_CEILING = 0.8
 """Share of the tolerance below a displacement at which parts are apart, where it is looked next."""
-SKIPPED = 2.0**-36
+SKIPPED_AHEAD = 2.0**-36
 """Local units ahead of a point that are not looked at: the point may lie on a face."""
 
 # What is known: the first part is free nowhere below `LOWER`, and free at `UPPER`; the next probe is between
-# `FLOOR` and `CEILING`, and `STRIDE` beyond the floor.
-LOWER, UPPER, FLOOR, CEILING, STRIDE = 0, 1, 2, 3, 4
+# `FLOOR` and `CEILING`, and `NEXT_STRIDE` beyond the floor.
+LOWER, UPPER, FLOOR, CEILING, NEXT_STRIDE = 0, 1, 2, 3, 4
 # What a probe finds: whether the parts are apart, and how far; or a point of both, scene's frame.
-IS_APART, GAP, POINT = 0, 1, 2
-APART, OVERLAPPING, UNKNOWN = 1.0, 0.0, -1.0
+STATE, GAP, POINT = 0, 1, 2
+PROBE_APART, PROBE_OVERLAPS, PROBE_UNDECIDED = 1.0, 0.0, -1.0
 
 
 @inlined
@@ -75,16 +75,16 @@ def _inside_ahead(model, part, point, direction, longest, workspace):
     scale = frames[part].scale
     x, y, z = to_local(frames, parts, part, point[0], point[1], point[2])
     dx, dy, dz = direction_to_local(frames, parts, part, direction[0], direction[1], direction[2])
-    origin = x + SKIPPED * dx, y + SKIPPED * dy, z + SKIPPED * dz
+    origin = x + SKIPPED_AHEAD * dx, y + SKIPPED_AHEAD * dy, z + SKIPPED_AHEAD * dz
     start, no_slot = parts[part].root, np.int64(NO_SLOT)
     _, length, _, _ = ray_in_part(
         reals, words, start, origin, (dx, dy, dz), longest * scale, no_slot, workspace.stacks
     )
     if length == np.inf:
         return 0.0
-    half = SKIPPED + 0.5 * length
+    half = SKIPPED_AHEAD + 0.5 * length
     middle = x + half * dx, y + half * dy, z + half * dz
-    return (length + SKIPPED) / scale if is_inside_part(model, part, middle, workspace) else 0.0
+    return (length + SKIPPED_AHEAD) / scale if is_inside_part(model, part, middle, workspace) else 0.0
 
 
 @kernel
@@ -164,15 +164,15 @@ def _probe(model, first, second, faces, shift, nearest, found, normal, last, bud
         last[0], last[1] = slots[0], slots[1]
     if best == CROSSING:
         is_found = _point_of_both(model, first, second, slots, (turn, offset), shift, found, workspace)
-        found[IS_APART] = OVERLAPPING if is_found else UNKNOWN
+        found[STATE] = PROBE_OVERLAPS if is_found else PROBE_UNDECIDED
         return steps
     found[GAP], point = min(sqrt(max(lower_sq, 0.0)) / scale, nearest), stack_f64(3)
     back = -shift[0], -shift[1], -shift[2]
-    found[IS_APART] = APART if found[GAP] > 0.0 or budget == 0 or steps < budget else UNKNOWN
+    found[STATE] = PROBE_APART if found[GAP] > 0.0 or budget == 0 or steps < budget else PROBE_UNDECIDED
     if contained_corner(model, second, first, faces[0], shift, point, workspace):
-        found[IS_APART] = OVERLAPPING
+        found[STATE] = PROBE_OVERLAPS
     elif contained_corner(model, first, second, faces[1], back, point, workspace):
-        found[IS_APART] = OVERLAPPING
+        found[STATE] = PROBE_OVERLAPS
         for k in range(3):
             point[k] += shift[k]
     elif slots[0] != NO_SLOT:
@@ -198,12 +198,12 @@ def _fill_normal(model, first, slots, turn, offset, normal):
 @kernel
 def _learn(model, first, second, at, direction, shift, known, found, workspace):
     """Take into account what a probe has found with the first part displaced by *at*."""
-    if found[IS_APART] == APART:
+    if found[STATE] == PROBE_APART:
         known[UPPER] = max(min(known[UPPER], at - found[GAP] * ROUNDED_DOWN), known[LOWER])
         known[CEILING] = min(known[CEILING], known[UPPER])
         return
     begin = end = at
-    if found[IS_APART] == OVERLAPPING:
+    if found[STATE] == PROBE_OVERLAPS:
         there = found[POINT], found[POINT + 1], found[POINT + 2]
         here = there[0] - shift[0], there[1] - shift[1], there[2] - shift[2]
         along = direction[0], direction[1], direction[2]
@@ -213,7 +213,7 @@ def _learn(model, first, second, at, direction, shift, known, found, workspace):
         begin -= _inside_ahead(model, second, there, against, np.inf, workspace)
         begin -= _inside_ahead(model, first, here, along, np.inf, workspace)
         end = min(end * ROUNDED_DOWN, known[UPPER])
-    known[STRIDE] *= 4.0
+    known[NEXT_STRIDE] *= 4.0
     if begin <= known[LOWER]:
         known[LOWER] = max(known[LOWER], end)
         known[FLOOR] = max(known[FLOOR], end)
@@ -239,7 +239,7 @@ def depth_along(model, first, second, faces, other_faces, direction, limit, tole
     size = _boxes_apart_from(frames[first], frames[second], direction)
     known[LOWER] = known[FLOOR] = 0.0
     known[UPPER] = known[CEILING] = size
-    known[STRIDE] = max(0.5 * tolerance, 1e-6)
+    known[NEXT_STRIDE] = max(0.5 * tolerance, 1e-6)
     normal[0] = normal[1] = normal[2] = 0.0
     at, steps, probes, is_open = min(depth[DEPTH_UPPER], size), 0, 0, size > 0.0
     while is_open:
@@ -263,10 +263,10 @@ def depth_along(model, first, second, faces, other_faces, direction, limit, tole
             and (budget == 0 or steps < budget)
         )
         at = 0.5 * (known[FLOOR] + known[CEILING])
-        if found[IS_APART] == APART and probes % 2 == 1:
+        if found[STATE] == PROBE_APART and probes % 2 == 1:
             at = max(at, (1.0 - NEAR_CEILING * tolerance) * known[CEILING])
-        elif found[IS_APART] != APART:
-            at = min(at, known[FLOOR] * (1.0 + known[STRIDE]) + known[STRIDE] * 1e-3 * size)
+        elif found[STATE] != PROBE_APART:
+            at = min(at, known[FLOOR] * (1.0 + known[NEXT_STRIDE]) + known[NEXT_STRIDE] * 1e-3 * size)
     depth[DEPTH_LOWER], depth[DEPTH_UPPER], depth[DEPTH_STEPS] = known[LOWER], known[UPPER], steps
     for k in range(3):
         depth[DEPTH_NORMAL + k] = normal[k]
