@@ -5,6 +5,7 @@ against fine steps of all parts along their velocities. That answers of `clearan
 whole numbers elsewhere.
 """
 
+import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +13,9 @@ from project import MESHES, SHARED_DATA
 from trial_cells import rotations_of, solid_of, solids_of_file, turned
 from trial_log import Tally
 
-from proximity import NO_PART, ConnectionFlag, PartTracker, Pose, Scene, Solid
+from proximity import NO_PART, ConnectionFlag, PartTracker, Pose, Scene, Solid, UnitsWarning
+
+warnings.simplefilter("ignore", UnitsWarning)  # parts are far apart on purpose
 
 PAIRS = (
     ("busted.STL", "featuretype.STL"),
