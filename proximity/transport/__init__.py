@@ -85,9 +85,7 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     """
     parsed = parse(address)
     if parsed.scheme == "ws":
-        raise parsed.refuse(
-            "is for web pages, which connect there; read an iox2://, shm:// or udp:// of publish"
-        )
+        raise parsed.refuse("is for web pages, which connect there; read iox2://, shm:// or udp:// instead")
     inlet = open_inlet(address)
     try:
         return Subscriber(inlet, address, **settings)

@@ -22,7 +22,7 @@ export class Nearest {
     const material = new THREE.LineBasicMaterial({ color: 0xffffff, depthTest: false });
     this.lines = new THREE.LineSegments(new THREE.BufferGeometry(), material);
     this.lines.renderOrder = 18;
-    this.labels = Array.from({ length: MOST }, () => new Label({ height: 0.05, avoids: true }));
+    this.labels = Array.from({ length: MOST }, () => new Label({ height: 0.08, avoids: true }));
     this.group.add(this.lines, ...this.labels.map((label) => label.object));
     this.group.visible = false;
     stage.root.add(this.group);
@@ -73,7 +73,7 @@ export class Nearest {
       label.object.visible = k < apart.length;
       if (!label.object.visible) return;
       label.show(said(apart[k]));
-      label.setHeight(0.05 * this.stage.radius);
+      label.setHeight(0.08 * this.stage.radius);
       label.object.position.fromArray(ends, 6 * k).add(new THREE.Vector3().fromArray(ends, 6 * k + 3)).multiplyScalar(0.5);
       label.anchor(0.5, -0.25);
     });
