@@ -17,6 +17,7 @@ from proximity import (
     Solid,
 )
 
+pytestmark = pytest.mark.filterwarnings("ignore::proximity.UnitsWarning")  # parts are far apart on purpose
 MS = 1_000_000
 START = 10**12
 

@@ -5,6 +5,7 @@ against fine steps of all parts along their velocities. That answers of `clearan
 whole numbers elsewhere.
 """
 
+import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +13,9 @@ from project import MESHES, SHARED_DATA
 from trial_cells import rotations_of, solid_of, solids_of_file, turned
 from trial_log import Tally
 
-from proximity import NO_PART, ConnectionFlag, PartTracker, Pose, Scene, Solid
+from proximity import NO_PART, ConnectionFlag, PartTracker, Pose, Scene, Solid, UnitsWarning
+
+warnings.simplefilter("ignore", UnitsWarning)  # parts are far apart on purpose
 
 PAIRS = (
     ("busted.STL", "featuretype.STL"),
@@ -84,7 +87,7 @@ class PartCell:
 
     def __init__(self, rng, kinds, size):
         self.rng, self.size, self.count = rng, size, len(kinds)
-        solids = [solids_of(kind, size * rng.choice([0.3, 1.0, 1.0])) for kind in kinds]
+        solids = [solids_of(kind, size * rng.choice([0.1, 0.3, 1.0, 1.0])) for kind in kinds]
         self.solids = solids
         self.names = [f"part {number}" for number in range(self.count)]
         self.held = int(rng.integers(self.count)) if rng.random() < 0.5 else 0
@@ -145,6 +148,8 @@ class PartCell:
         rng, held, shape = self.rng, self.held, (len(numbers), 3)
         if style == "jump":
             self.translations[numbers] = self.homes[numbers] + rng.normal(size=shape) * 0.3 * self.size
+            if rng.random() < 0.5:
+                self.enter(int(rng.integers(self.count)))
         if style == "jitter":
             reach = self.size * 10.0 ** rng.uniform(-9.0, -2.0)
             self.translations[numbers] += rng.normal(size=shape) * reach
@@ -157,6 +162,14 @@ class PartCell:
             share = rng.choice([0.1, 0.5, 0.9, 0.999, 1.0, 1.0, 1.001])
             aside = rng.normal(size=3) * self.size * rng.choice([0.0, 1e-12, 1e-6, 1e-3])
             self.translations[held] += aside - share * record["distance"] * record["normal"]
+
+    def enter(self, number):
+        """Put the middle of the part that is followed into another one, somewhere."""
+        lower, upper = self.solids[number].bounds
+        place = self.middles[number] + self.rng.uniform(-0.3, 0.3, 3) * (upper - lower)
+        place = rotations_of(self.quaternions[number]) @ place + self.translations[number]
+        middle = rotations_of(self.quaternions[self.held]) @ self.middles[self.held]
+        self.translations[self.held] = place - middle
 
     def begin(self, style):
         """Draw which parts move, and their velocities."""
