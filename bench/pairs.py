@@ -2,20 +2,29 @@
 
 Rivals are those of Coal, python-fcl and MeshLib that are installed (extra ``bench``). Each pair moves along a
 path; at every pose all are asked in turn, and answers are compared before their times count. Thread CPU time
-from Python, µs, median and 99th percentile. MeshLib computes in float32.
+from Python, on one core, µs, median and 99th percentile. MeshLib computes in float32.
+
+``python bench/pairs.py assembly``: 200 parts, a million faces. All pairs within 5 mm beside the broad phase
+of python-fcl; and a part that is followed among the others.
 """
 
 import argparse
 from collections.abc import Callable, Iterator
 from importlib import import_module, util
+from itertools import product
 from time import thread_time_ns
+
+from benchmarks.support import threads
+
+if __name__ == "__main__":  # before NumPy and the rivals are imported
+    threads.limit_to_one_thread()
 
 import numpy as np
 
 from proximity import PartTracker, Pose, Scene, Solid
 
 Mesh = tuple[np.ndarray, np.ndarray]
-POSES, MOVED_POSES = 60, 400
+POSES, MOVED_POSES = 60, 1000
 AGREEMENT = 2e-6
 """m by which answers may differ: parts are 0.1 m large, and one rival computes in float32."""
 
@@ -195,7 +204,7 @@ def compare(one: Mesh, other: Mesh, start: Pose, radius: float) -> None:
 
 
 def follow(one: Mesh, other: Mesh, start: Pose, radius: float) -> None:
-    """Print the times of a tracker, and by how much of the distance its bounds differ at most."""
+    """Print the times of a tracker."""
     for options in ({}, {"tolerance": 0.05}, {"budget": 300}):
         for speed in (0.02, 0.2):
             scene = Scene([Solid(*one, name="a"), Solid(*other, name="b")])
@@ -207,16 +216,146 @@ def follow(one: Mesh, other: Mesh, start: Pose, radius: float) -> None:
                 record = tracker.tick(None, now, now)[0]
                 times.append(1e-3 * (thread_time_ns() - start_ns))
                 gaps.append(1.0 - record["lower"] / record["upper"] if record["upper"] > 0.0 else 0.0)
-            text = ", ".join(f"{name} {value:g}" for name, value in options.items()) or "exact"
-            way = f"followed, {1e3 * speed:3.0f} mm/s, {text}"
-            print(f"    {way:40} {shown(times)}  bounds {np.median(gaps):.1%} ({max(gaps):.1%}) apart")
+            report_followed(options, speed, times, gaps)
 
 
-def main() -> None:
+def report_followed(options: dict[str, float], speed: float, times: list[float], gaps: list[float]) -> None:
+    """Print the times of a tracker, and the shares by which its bounds differ."""
+    text = ", ".join(f"{name} {value:g}" for name, value in options.items()) or "exact"
+    way = f"followed, {1e3 * speed:3.0f} mm/s, {text}"
+    median, most = np.percentile(gaps, [50, 99])
+    print(f"    {way:48} {shown(times)}  bounds {median:.1%} ({most:.1%}) apart", flush=True)
+
+
+WITHIN = 0.005  # m
+ROUNDS = 3
+COLUMNS, PITCH, AISLE = 5, 0.06, 0.05
+"""Columns to each side, how far apart, m, and how much wider the aisle is in which a part moves."""
+FOLLOWED = ({}, {"tolerance": 0.05}, *({"tolerance": 0.05, "budget": steps} for steps in (100, 300, 600)))
+
+
+def column(rng: np.random.Generator, x: float, y: float) -> Iterator[tuple[Mesh, Pose]]:
+    """A shaft, six discs around it with 1 mm of clearance, and a bent ring: about 5 thousand faces each."""
+    yield lathe([(0.001, 0.0), (0.008, 0.0), (0.008, 0.1), (0.001, 0.1)], 8, 80), Pose(None, [x, y, 0.0])
+    height = 0.002
+    for _ in range(6):
+        outer, thick = rng.uniform(0.026, 0.0295), rng.uniform(0.005, 0.009)
+        dx, dy = rng.uniform(-3e-4, 3e-4, 2)
+        disc = lathe([(0.009, 0.0), (outer, 0.0), (outer, thick), (0.009, thick)], 8, 80)
+        yield disc, Pose(turn_about_z(rng.uniform(0.0, 6.0)), [x + dx, y + dy, height])
+        height += thick + rng.uniform(0.0003, 0.006)
+    vertices, faces = free_form(36, int(rng.integers(1000)))
+    ring = 0.55 * vertices, faces
+    yield ring, Pose(turn_about_z(rng.uniform(0.0, 6.0)), [x, y, height + 0.011])
+
+
+def turn_about_z(angle: float) -> np.ndarray:
+    """A rotation."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def assembly() -> list[tuple[Mesh, Pose]]:
+    """200 parts of a million faces in all, as close to each other as in a machine, with an aisle."""
+    rng, parts = np.random.default_rng(47), []
+    for i, j in product(range(COLUMNS), repeat=2):
+        parts += column(rng, PITCH * i + (AISLE if i > 1 else 0.0), PITCH * j)
+    return parts
+
+
+def fcl_pairs(parts: list[tuple[Mesh, Pose]]) -> Callable[[], dict[frozenset, float]]:
+    """Pairs of parts within 5 mm, and their distances, by python-fcl's tree of boxes.
+
+    Parts are turned beforehand: boxes of its objects are tight as long as these are not turned.
+    """
+    fcl, rows, manager = import_module("fcl"), {}, import_module("fcl").DynamicAABBTreeCollisionManager()
+    for row, ((vertices, faces), pose) in enumerate(parts):
+        model, there = fcl.BVHModel(), vertices @ pose.rotation.T
+        model.beginModel(len(vertices), len(faces))
+        model.addSubModel(there, faces)
+        model.endModel()
+        rows[tuple(pose.translation)] = row
+        manager.registerObject(fcl.CollisionObject(model, fcl.Transform(pose.translation)))
+    manager.setup()
+
+    def within(one, other, found):
+        distance = fcl.distance(one, other)
+        if distance <= WITHIN:
+            found[frozenset((rows[tuple(one.getTranslation())], rows[tuple(other.getTranslation())]))] = (
+                distance
+            )
+        return False, WITHIN
+
+    def ask() -> dict[frozenset, float]:
+        found: dict[frozenset, float] = {}
+        manager.distance(found, within)
+        return found
+
+    return ask
+
+
+def compare_assembly(scene: Scene, parts: list[tuple[Mesh, Pose]]) -> None:
+    """Print the times for all pairs within 5 mm."""
+    asker = fcl_pairs(parts) if util.find_spec("fcl") else None
+    times: dict[str, list[float]] = {"proximity": []} | ({"fcl": []} if asker else {})
+    for _ in range(ROUNDS):
+        start = thread_time_ns()
+        pairs = scene.closest_pairs(max_distance=WITHIN)
+        times["proximity"].append(1e-6 * (thread_time_ns() - start))
+        if asker:
+            start = thread_time_ns()
+            answer = asker()
+            times["fcl"].append(1e-6 * (thread_time_ns() - start))
+            ours = {frozenset((int(pair.first), int(pair.second))): pair.distance for pair in pairs}
+            if ours.keys() != answer.keys() or any(abs(ours[key] - answer[key]) > AGREEMENT for key in ours):
+                raise SystemExit("fcl answers other pairs, or other distances")
+    meeting = sum(not pair.distance for pair in pairs)
+    print(f"    {len(pairs)} pairs within {1e3 * WITHIN:g} mm, {meeting} of them meet")
+    for name, each in times.items():
+        print(f"    {name:24} {np.median(each):9.1f} ms")
+
+
+def follow_in_assembly(scene: Scene) -> None:
+    """Print the times of a tracker of a part of 20 thousand faces in the aisle."""
+    mesh, start = free_form(70, 5), [1.5 * PITCH + 0.5 * AISLE, 2.0 * PITCH, 0.03]
+    scene.add(Solid(0.9 * mesh[0][:, [2, 0, 1]], mesh[1], name="held"))
+    for options, speed in product(FOLLOWED, (0.02, 0.2)):
+        tracker, times, gaps = PartTracker(scene, "held", **options), [], []
+        for tick, pose in enumerate(path(Pose(None, start), 5e-3, MOVED_POSES, speed * 1e-3)):
+            now = 10**12 + tick * 10**6
+            time, _ = timed(lambda: tracker.tick(pose, now, now)[0]["upper"])  # noqa: B023
+            record = tracker.connections[0]
+            times.append(time)
+            gaps.append(1.0 - record["lower"] / record["upper"] if record["upper"] > 0.0 else 0.0)
+            if tick % 50 == 0:
+                true = scene.closest_pairs(of="held", most=1)[0].distance
+                if not record["lower"] <= true * (1.0 + 1e-12) <= record["upper"] * (1.0 + 2e-12):
+                    raise SystemExit(f"bounds {record['lower']} and {record['upper']} m, distance {true} m")
+        report_followed(options, speed, times, gaps)
+    size = sum(array.nbytes for array in tracker._arrays)
+    print(f"    memory of a tracker: {1e-3 * size:.0f} kB")
+
+
+def measure_assembly() -> None:
+    """Measure the assembly."""
+    parts = assembly()
+    scene = Scene([Solid(*mesh, name=str(row)) for row, (mesh, _) in enumerate(parts)])
+    scene.move_many([str(row) for row in range(len(parts))], [pose for _, pose in parts])
+    print(f"assembly: {len(parts)} parts, {sum(len(mesh[1]) for mesh, _ in parts)} faces", flush=True)
+    compare_assembly(scene, parts)
+    follow_in_assembly(scene)
+
+
+def main(words: list[str] | None = None) -> None:
     """Compare the pairs that are named, or all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("pairs", nargs="*", choices=[[], *PAIRS], help="names of pairs; default: all")
-    for name in parser.parse_args().pairs or PAIRS:
+    parser.add_argument(
+        "pairs", nargs="*", choices=[[], *PAIRS, "assembly"], help="names of pairs; default: all"
+    )
+    for name in parser.parse_args(words).pairs or [*PAIRS, "assembly"]:
+        if name == "assembly":
+            measure_assembly()
+            continue
         one, other, start = PAIRS[name]()
         radius = 1e-5 if name == "peg in hole" else 2e-3
         print(f"{name}: {len(one[1])} x {len(other[1])} faces; µs, median (p99)", flush=True)

@@ -5,7 +5,10 @@ often each guarantee was checked and how near it came to being broken: *worst* i
 tolerances for rounding (1 would be broken), *closest* the smallest distance to the bound where there was no
 excess. At the first violation it stops, with exit code 1 and the option that repeats the trial: ``--trial
 N``. With ``--program`` a program ticks that has the engine for browsers: ``"node
---experimental-wasm-relaxed-simd tests/support/clients/module_server.mjs FOLDER plain"``."""
+--experimental-wasm-relaxed-simd tests/support/clients/module_server.mjs FOLDER plain"``.
+
+With ``--parts --ticks 1e6`` the trials are those of `tests/trials/part_trials.py`: a part that moves among
+others, with bounds, flags and certified times beside what `Scene.clearance` answers at one tick in ten."""
 
 import argparse
 import math
@@ -20,6 +23,7 @@ from benchmarks.digest.module_tracker import ForwardedScene, ModuleTracker
 from benchmarks.support.project import project_module
 
 run_trial = project_module("tests/trials", "bound_trials").run_trial
+run_part_trial = project_module("tests/trials", "part_trials").run_trial
 Tally = project_module("tests/trials", "trial_log").Tally
 
 SIZES = (2000, 5000, 12_000, 40_000)
@@ -36,27 +40,29 @@ def main(arguments: list[str] | None = None) -> int:
     """Run trials; the exit code is 1 if a guarantee was broken."""
     options = _parse(arguments)
     if options.trial is not None:
-        return _show_again(options.trial, options.program)
+        return _show_again(options)
+    unit = "ticks" if options.parts else "finger-ticks"
     total, trials, done, started = Tally(), 0, 0, time.perf_counter()
     printed = started
     numbers = iter(range(options.seed, sys.maxsize))
     with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
-        run = partial(_run, program=options.program)
-        for number, tally in pool.imap_unordered(run, _paced(numbers, MARGIN * options.finger_ticks)):
+        run = partial(_run, options=options)
+        wanted = options.finger_ticks * (1.0 if options.parts else MARGIN)
+        for number, tally in pool.imap_unordered(run, _paced(numbers, wanted)):
             trials += 1
             total.add(tally)
-            done = finger_ticks(total)
+            done = done + _size(number) if options.parts else finger_ticks(total)
             now = time.perf_counter()
             if now - printed > SILENCE:
                 printed = now
-                print(f"{done:>12,} finger-ticks, {trials} trials, {now - started:.0f} s", flush=True)
+                print(f"{done:>12,} {unit}, {trials} trials, {now - started:.0f} s", flush=True)
             if total.broken:
                 print(f"broken in trial {number}", flush=True)
             is_over = done >= options.finger_ticks or now - started > 60.0 * options.minutes
             if total.broken or is_over:
                 pool.terminate()
                 break
-    _print_total(total, trials, time.perf_counter() - started)
+    _print_total(total, f"{done:,} {unit}", trials, time.perf_counter() - started)
     return 1 if total.broken else 0
 
 
@@ -67,10 +73,11 @@ def finger_ticks(tally: Tally) -> int:
 
 def _parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--finger-ticks", type=float, default=1e7, help="about how many to check")
+    parser.add_argument("--finger-ticks", "--ticks", type=float, default=1e7, help="about how many to check")
     parser.add_argument("--minutes", type=float, default=math.inf, help="stop then, however many they are")
     parser.add_argument("--seed", type=int, default=0, help="number of the first trial")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
+    parser.add_argument("--parts", action="store_true", help="ticks of trackers of parts")
     parser.add_argument("--program", help="command of a program that ticks, see above")
     parser.add_argument("--trial", type=int, help="only this one, and all that it breaks")
     return parser.parse_args(arguments)
@@ -90,12 +97,14 @@ def _paced(numbers, wanted):
         yield number
 
 
-def _run(number, program=None):
-    return number, _trial(number, program)[1]
+def _run(number, options):
+    return number, _trial(number, options)[1]
 
 
-def _trial(number, program):
-    given = {"is_heavy": number % LIGHT_SHARE != 0}
+def _trial(number, options):
+    if options.parts:
+        return run_part_trial(number, _size(number))
+    program, given = options.program, {"is_heavy": number % LIGHT_SHARE != 0}
     if program is None:
         return run_trial(number, _size(number), **given)
     scenes = []
@@ -112,23 +121,23 @@ def _trial(number, program):
             scene.close()
 
 
-def _show_again(number, program):
-    plan, tally = _trial(number, program)
+def _show_again(options):
+    plan, tally = _trial(options.trial, options)
     print(plan)
     for broken in tally.broken:
         print(broken)
-    _print_total(tally, 1, 0.0)
+    _print_total(tally, f"about {_size(options.trial):,} ticks", 1, 0.0)
     return 1 if tally.broken else 0
 
 
-def _print_total(total, trials, seconds):
+def _print_total(total, done, trials, seconds):
     print(f"\n{'guarantee':<56}{'checked':>12}{'broken':>8}{'worst':>10}{'closest':>10}")
     for name, check in total.checks.items():
         closest = f"{check.closest:.2g}" if check.closest < math.inf and check.is_length else ""
         worst = f"{max(check.worst, 0.0) + 0.0:.2g}" if check.is_length else ""
         print(f"{name:<56}{check.count:>12,}{check.broken_count:>8,}{worst:>10}{closest:>10}")
     checks = sum(check.count for check in total.checks.values())
-    print(f"\n{finger_ticks(total):,} finger-ticks in {trials} trials, {checks:,} checks, {seconds:.0f} s")
+    print(f"\n{done} in {trials} trials, {checks:,} checks, {seconds:.0f} s")
     for broken in total.broken[:SHOWN]:
         print(f"\n{broken}", file=sys.stderr)
     if total.broken:

@@ -89,6 +89,22 @@ def test_links_lead_to_files_of_the_checkout(name):
     assert "--8<--" not in PAGES[name]
 
 
+@pytest.mark.parametrize("name", PAGES)
+def test_links_lead_to_headings_of_the_checkout(name):
+    prose = re.sub(r"```.*?```", "", PAGES[name], flags=re.DOTALL)
+    for target, heading in re.findall(r"\]\(([^)#\s]*)#([^)\s]+)\)", prose):
+        if "://" not in target:
+            page = (ROOT / "docs" / name).parent.joinpath(target) if target else ROOT / "docs" / name
+            text = re.sub(r"```.*?```", "", page.resolve().read_text(encoding="utf-8"), flags=re.DOTALL)
+            assert heading in {slug(title) for title in re.findall(r"(?m)^#+ (.*)$", text)}, (target, heading)
+
+
+def slug(title):
+    """The anchor of a heading, as mkdocs and code hosts make it."""
+    title = re.sub(r"\[([^]]*)\]\([^)]*\)|`", r"\1", title)
+    return re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", title).strip().lower())
+
+
 def commands_of(line):
     """The words of each call of the program in a line."""
     words = shlex.split(line, comments=True)

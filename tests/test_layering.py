@@ -67,6 +67,7 @@ hosting
 loop
 loop_watch
 loop_ends · loop_memory
+held_contacts
 inputs
 contact_source · sensed_contacts
 samples
@@ -114,6 +115,7 @@ design
     "proximity.lab.certificate": """
 document · report
 certification
+held_parts
 measurement
 service_inputs · worst_positions
 starting_positions

@@ -113,7 +113,7 @@ def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatc
             },
         )
 
-    assert told == [("retreat", 0), ("follow", 2, 2)]
+    assert told == [("retreat", 0, 0), ("follow", 2, 2, 2)]
 
 
 def test_moves_as_the_guide_shows_them_move_a_part():

@@ -21,6 +21,7 @@ PLACES = {
     "package/proximity.pc": "lib/pkgconfig",
     "examples/distances.c": "examples",
     "examples/moving.c": "examples",
+    "examples/mailbox_receiver.c": "examples",
 }
 """Files beside this one, and the folders that they are written to."""
 

@@ -24,7 +24,7 @@ from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.scene.dynamic_tree import SORT_STEPS
 from proximity.kernels.scene.model_validation import FAULT_SIZE, SOUND
 from proximity.kernels.scene.part_trees import NEVER, STATIC_COPIES
-from proximity.kernels.scene.stored_bytes import HEADER_SIZE, PAGE
+from proximity.kernels.scene.stored_bytes import HEADER_SIZE, NO_MAGIC, PAGE
 from proximity.kernels.tracking import motion
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
 from proximity.kernels.tracking.finger_distance import CROWD
@@ -60,6 +60,7 @@ _NUMBERS = {
     "HEADER_SIZE": HEADER_SIZE,
     "PAGE": PAGE,
     "NEVER": NEVER,
+    "NO_MAGIC": NO_MAGIC,
     "STATIC_COPIES": STATIC_COPIES,
     "SORT_FROM": SORT_FROM,
     "SORT_STEPS": SORT_STEPS,

@@ -1,7 +1,6 @@
 """The engine for browsers as a folder of ES modules: WebAssembly, types, and the layout of contacts."""
 
 import os
-from collections.abc import Collection
 from pathlib import Path
 
 import proximity
@@ -11,21 +10,18 @@ from proximity.message.clients import client_files, write_sources
 HERE, NATIVE = Path(__file__).parent / "wasm", Path(__file__).parent.parent / "native"
 MODULES = ("proximity.plain.wasm", "proximity.relaxed.wasm")
 """Of which a checkout may have only the second, for browsers that have relaxed vector instructions."""
+BUILD = "python tools/build_kernels.py --target wasm32 --every-set"
 CLIENT_FILES = ("decaff.mjs", "layout.mjs")
 """Of the service's client: what reads the records of contacts."""
 
 
-def package_files(needed: Collection[str] = MODULES) -> dict[str, str | bytes]:
-    """Return the contents of the package by the files' names, a module that is not needed where it is there.
-
-    A `ProximityError` where what is needed is not compiled.
-    """
+def package_files() -> dict[str, str | bytes]:
+    """Return the files of the package by name, `proximity.plain.wasm` only if it is compiled."""
     found = [name for name in MODULES if (NATIVE / name).is_file()]
-    if not set(needed) <= set(found):
+    if MODULES[1] not in found:
         raise ProximityError(
-            f"the engine for browsers has not been compiled ({', '.join(sorted(set(needed) - set(found)))}); "
-            "wheels have it, and so has a checkout after `python tools/build_kernels.py --target wasm32 "
-            "--every-set` (with the extra test, some minutes)"
+            f"the engine for browsers has not been compiled ({MODULES[1]}); wheels have it, and so has a "
+            f"checkout after `{BUILD}` (with the extra test, some minutes)"
         )
     own = {
         path.name: path.read_text(encoding="utf-8").replace("@VERSION@", proximity.__version__)

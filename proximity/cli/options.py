@@ -109,9 +109,10 @@ def _check_gear(name: str | None, param: typer.CallbackParam) -> str | None:
     return name
 
 
-FILE = Annotated[
-    Path, argument("FILE", "Parts: STL, OBJ, PLY, OFF, glTF/GLB, 3MF, STEP or a compiled scene.")
-]
+FILE_HELP = "Parts: STL, OBJ, PLY, OFF, glTF/GLB, 3MF, STEP, a compiled scene or a scene file (.toml)."
+FILE = Annotated[Path, argument("FILE", FILE_HELP)]
+FILES = Annotated[list[Path], argument("FILE", FILE_HELP)]
+SCENE_FILE = ".toml"
 
 UNITS = Annotated[
     str,
@@ -177,6 +178,14 @@ class Reading:
     """How a file of parts is read."""
 
     units: UNITS = "mm"
+    scale: Annotated[
+        float,
+        option(
+            "FACTOR",
+            "Multiply all lengths of the file; 0.001 for a GLB in mm.",
+            callback=within(0.0, is_open=True),
+        ),
+    ] = 1.0
     step_tolerance: Annotated[
         float,
         option(
@@ -189,22 +198,38 @@ class Reading:
         float, option("GB", "Largest unpacked size of a 3MF file.", callback=within(0.0, is_open=True))
     ] = 2.0
 
-    def load(self, file: Path, doing: str = "reading") -> "proximity.Scene":
-        """Return the scene in a file, with a spinner, compiling kernels first where that is needed."""
+    def load(self, *files: Path, doing: str = "reading") -> "proximity.Scene":
+        """Return the scene in files, with a spinner, compiling kernels first where that is needed."""
         progress.prepare_kernels()
         started = time.monotonic()
-        with progress.spinner(f"{doing} {file}") as count:
-            scene = proximity.load(
-                str(file),
-                units=self.units,
-                progress=count,
-                step_tolerance=self.step_tolerance / 1e3,
-                unpacked_limit=self.unpacked_limit * 1e9,
-            )
+        scenes = []
+        for file in files:
+            with progress.spinner(f"{doing} {file}") as count:
+                scenes.append(self._load(file, count))
         seconds = time.monotonic() - started
         if seconds > SLOW_S and doing == "reading" and sys.stderr.isatty():
-            report(f"note: reading took {seconds:.1f} s; a file of `proximity compile {file}` opens at once")
-        return scene
+            words = " ".join(map(str, files))
+            report(f"note: reading took {seconds:.1f} s; a file of `proximity compile {words}` opens at once")
+        if len(scenes) == 1:
+            return scenes[0]
+        from proximity.scene.loader import joined
+
+        return joined(scenes)
+
+    def _load(self, file: Path, count: Callable[[int, int], None]) -> "proximity.Scene":
+        if file.suffix.lower() == SCENE_FILE:
+            from proximity.service.config import PartFiles, read_scene_file
+
+            refuse((self.scale != 1.0, "--scale", f"{file} is a scene file, whose files are not scaled"))
+            return PartFiles().scene(read_scene_file(file))
+        return proximity.load(
+            str(file),
+            units=self.units,
+            scale=self.scale,
+            progress=count,
+            step_tolerance=self.step_tolerance / 1e3,
+            unpacked_limit=self.unpacked_limit * 1e9,
+        )
 
 
 WIDTH = Annotated[

@@ -35,6 +35,7 @@ def read_geometries(
     path: str | os.PathLike[str],
     *,
     units: str = "mm",
+    scale: float = 1.0,
     step_tolerance: float = step.STEP_TOLERANCE,
     unpacked_limit: float = threemf.UNPACKED_LIMIT,
 ) -> FileContents:
@@ -42,12 +43,14 @@ def read_geometries(
 
     *path*: a file with one of the extensions of `EXTENSIONS`. *units*: what a number means in a file that
     does not say (STL, OBJ, PLY, OFF); a key of `UNITS`. Files that declare their unit (glTF, 3MF, STEP) are
-    read in that one, whatever stands here. *step_tolerance*: how far triangles may leave the curved surfaces
-    of a STEP file. *unpacked_limit*: what a 3MF file, which is an archive, may unpack to. Returned: at least
+    read in that one, whatever stands here. *scale*: by which all lengths are multiplied.
+    *step_tolerance*: how far triangles may leave the curved surfaces of a STEP file. *unpacked_limit*: what a
+    3MF file, which is an archive, may unpack to. Returned: at least
     one geometry; nothing merged, dropped or repaired. Identical instances share their arrays.
     """
     units = unit_name(units)
     metres = metres_per_unit(units)
+    scale = positive("scale", scale, "times")
     tolerance = positive("step_tolerance", step_tolerance, "metres")
     read_step = partial(step.read_step, tolerance=tolerance, undeclared_metres=metres)
     limit = positive("unpacked_limit", unpacked_limit, "bytes", may_be_infinite=True)
@@ -71,7 +74,9 @@ def read_geometries(
             metres = raw.metres_per_number
         elif raw.units is not None:
             metres = UNITS[raw.units]
-        geometries, naming = _geometries(raw, metres, Path(shown).stem)
+        geometries, naming = _geometries(raw, scale * metres, Path(shown).stem)
+        if scale != 1.0:
+            naming.append(f"all lengths are multiplied by {scale:g}, as was asked for")
     except MemoryError:
         raise MeshFormatError(f"{shown}: there is not enough memory to read it") from None
     except (MeshError, MissingLibraryError) as reason:

@@ -45,6 +45,10 @@ _TEXT_EXTENSIONS = frozenset([".obj", ".off", ".gltf", ".step", ".stp"])
 def find_format(source: Source, extension: str) -> str:
     """The format of a file by its extension, which the content must not contradict."""
     looks_like = describe_content(source.data)
+    if extension == ".toml":
+        raise MeshFormatError(
+            "it is named like a scene file, expected a file of parts; `proximity compile` makes one of it"
+        )
     if extension not in EXTENSIONS:
         guess = f" (it looks like {looks_like})" if looks_like else ""
         named = f"unknown extension {extension!r}" if extension else "the name has no extension"

@@ -114,7 +114,9 @@ def _reason(whole: float, units: str, is_declared: bool) -> str:
     else:
         then = _length(whole / UNITS[units] * UNITS[likely])
         verdict = f"; the likely unit is {likely} ({UNIT_NAMES[likely]}), the whole is then {then} across"
-        verdict += "; it may have been written in the wrong unit" if is_declared else ""
+        if is_declared:
+            scale = UNITS[likely] / UNITS[units]
+            verdict += f"; if it was written in the wrong unit, load it with a scale of {scale:g}"
     return f"the file {origin}{verdict}"
 
 

@@ -1,7 +1,8 @@
 """The description of a service: names of parts and fingers, published beside frames; put together on arrival.
 
-It is sent every second, whenever the epoch changes, and when a ``changes`` message asks for it. A description
-of many names is several messages, which the epoch and the numbers of their first records hold together.
+It is sent every tenth of a second (of more than 640 names every second), whenever the epoch changes, and when
+a ``changes`` message asks for it. A description of many names is several messages, which the epoch and the
+numbers of their first records hold together.
 """
 
 from dataclasses import dataclass

@@ -31,6 +31,8 @@ class Source(IntEnum):
     """From the scene."""
     TELEOPERATION = 1
     """Measured by a sensor; there is no geometry."""
+    HELD = 2
+    """From the scene, of a part that is held: a record is a connection of it to another part."""
 
 
 FRAME_FIELDS = (

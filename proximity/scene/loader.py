@@ -1,20 +1,22 @@
 """Loading files as scenes."""
 
 import os
+import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from proximity.errors import MeshError, PoseError
+from proximity.errors import ArgumentError, MeshError, PoseError, UnitsWarning
 from proximity.formats import (
     STEP_TOLERANCE,
     UNPACKED_LIMIT,
     Geometry,
-    metres_per_unit,
     read_geometries,
     size_notes,
+    unit_name,
 )
 from proximity.scene.part import LoadReport, Part, parts_of_mesh
 from proximity.scene.saved.archive import is_archive
@@ -26,7 +28,8 @@ from proximity.scene.scene_parts import SceneParts
 def load(
     path: str | os.PathLike[str],
     *,
-    units: str = "mm",
+    units: str | None = None,
+    scale: float = 1.0,
     step_tolerance: float = STEP_TOLERANCE,
     unpacked_limit: float = UNPACKED_LIMIT,
     progress: Callable[[int, int], None] | None = None,
@@ -38,8 +41,10 @@ def load(
     path : path
         The file.
     units : str
-        Unit of the coordinates if the file declares none: "mm", "m", "in", ...; ``scene.report`` says
-        which.
+        Unit of the coordinates if the file declares none: "mm" (the default), "m", "in", ...;
+        ``scene.report`` says which was taken. A `UnitsWarning` says that the file declares another.
+    scale : float
+        By which all lengths are multiplied: 0.001 for a file that has millimetres and declares metres.
     step_tolerance : m
         Largest deviation of triangles from the curved surfaces of a STEP file; distances are exact to the
         triangles.
@@ -61,6 +66,8 @@ def load(
         If the file is missing, damaged, or not in the format of its name. A file is never read in part.
     MeshError
         If what is in it cannot be used, *units* are unknown, or an option is out of range.
+    ArgumentError
+        If a compiled scene is to be scaled.
 
     Notes
     -----
@@ -70,19 +77,61 @@ def load(
 
     A saved scene is memory-mapped; only its checksum is computed. Processes that have it open share the
     memory. Do not change the file in place meanwhile; saving again replaces it, which is safe. It is
-    recognised by its first bytes, whatever its name is. *units* are ignored, and ``report`` is that of the
-    original file.
+    recognised by its first bytes, whatever its name is. ``report`` is that of the original file.
     """
     if is_archive(path):
-        metres_per_unit(units)  # refuses what is no unit, as for any file
-        return _compiled_scene(os.fsdecode(path))
-    contents = read_geometries(
-        path, units=units, step_tolerance=step_tolerance, unpacked_limit=unpacked_limit
+        unit_name(units or "mm")  # refuses what is no unit, as for any file
+        if scale != 1.0:
+            why = "a compiled scene is not scaled; compile it with a scale"
+            raise ArgumentError(f"{os.fsdecode(path)}: {why}")
+        scene = _compiled_scene(os.fsdecode(path))
+    else:
+        contents = read_geometries(
+            path,
+            units=units or "mm",
+            scale=scale,
+            step_tolerance=step_tolerance,
+            unpacked_limit=unpacked_limit,
+        )
+        report = LoadReport(
+            contents.path, contents.format, contents.units, contents.units_declared, contents.notes
+        )
+        scene = scene_of(_counted(contents.geometries, progress), os.fspath(path), report)
+    # The package itself is not warned: its commands give the unit of answers as well.
+    if units and not sys._getframe(1).f_globals.get("__name__", "").startswith("proximity."):
+        _warn_of_units(scene, unit_name(units))
+    return scene
+
+
+def joined(scenes: Sequence[Scene]) -> Scene:
+    """Return one scene with the parts of several loaded ones where they are; equal names are numbered."""
+    named = [part for scene in scenes for part in scene.parts]
+    parts = _with_own_names(named)
+    reports = [scene.report for scene in scenes if scene.report is not None]
+    notes = [f"{report.path}: {note}" for report in reports for note in report.notes]
+    if renamed := [new.name for old, new in zip(named, parts, strict=True) if old is not new]:
+        notes.append(f"parts of several files have one name; numbered: {', '.join(renamed[:10])}")
+    whole = Scene(parts)
+    whole.report = LoadReport(
+        " + ".join(report.path for report in reports),
+        ", ".join(dict.fromkeys(report.format for report in reports)),
+        ", ".join(dict.fromkeys(report.units for report in reports)),
+        all(report.units_declared for report in reports),
+        tuple(notes),
     )
-    report = LoadReport(
-        contents.path, contents.format, contents.units, contents.units_declared, contents.notes
-    )
-    return scene_of(_counted(contents.geometries, progress), os.fspath(path), report)
+    return whole
+
+
+def _warn_of_units(scene: Scene, units: str) -> None:
+    """Warn a user whose unit has no effect, as the file declares another."""
+    report = scene.report
+    if report is not None and units not in report.units.split(", "):
+        warnings.warn(
+            f"{report.path}: units={units!r} has no effect, as lengths of the file are in {report.units}; "
+            "multiply them by scale= where they are not",
+            UnitsWarning,
+            stacklevel=3,
+        )
 
 
 def _counted(

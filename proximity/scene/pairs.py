@@ -8,13 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from proximity.checks import not_negative, whole
-from proximity.errors import SceneError
+from proximity.checks import as_float64, not_negative, shown, whole
+from proximity.errors import ArgumentError, SceneError
 from proximity.kernels.layout import NO_FACE
 from proximity.kernels.pair import part_query
 from proximity.kernels.pair.part_query import connect_parts
 from proximity.kernels.scene.part_containment import contains_corner
 from proximity.scene.model.assembly import Model
+from proximity.scene.penetration import Penetration, PenetrationSearch
 from proximity.scene.solid import Solid
 
 
@@ -35,6 +36,8 @@ class Relation(StrEnum):
 
 
 WIDER = 1.0 + 2.0**-40
+LEAST_TOLERANCE = 1e-9
+"""Of a depth: bounds that are nearer to each other are not looked for."""
 LEAST_LIMIT = 1e-12  # m
 """Only what is shorter is found: with these a distance of exactly the limit is, also where that is 0."""
 _RELATIONS = {
@@ -123,6 +126,54 @@ class PairQueries:
             raise SceneError(f"{first!r} is asked how far it is from itself, expected two parts")
         return _clearance(model, solids, row, other, inf, tolerance, steps)
 
+    def penetration(
+        self, first: str | int, second: str | int, *, direction: Any = None, tolerance: float = 0.01
+    ) -> Penetration:
+        """Return how far a part must move to be free of another one with which it overlaps.
+
+        Parameters
+        ----------
+        first, second : str or int
+            Names or indices of two parts, hidden or not. The first is the one to be moved.
+        direction : (3,) array-like, scene's frame
+            Along which it is moved. By default a direction with a small depth is looked for: the axes of both
+            parts and the line between their middles are compared, and the best is turned to the normal at
+            which the part comes free.
+        tolerance : float
+            Share of the depth by which the two bounds may differ.
+
+        Returns
+        -------
+        Penetration
+            Bounds of the displacement at which the parts do not overlap for the first time. They do not
+            depend on how finely surfaces are divided. Along another direction the depth may be less.
+
+        Raises
+        ------
+        SceneError
+            If there is no such part, or both are the same.
+        ArgumentError
+            If the direction is not three finite numbers, or zero, or the tolerance is out of range.
+
+        Notes
+        -----
+        Degenerate: 0 where the parts are apart, or touch; the direction is then that of their distance. Where
+        both are open, ``lower`` is 0: they have no inside.
+        Cost: 0.1 to 1 ms; with a direction a tenth of it.
+        Thread: as all queries.
+        Source: directional penetration depth, Dobkin, Hershberger, Kirkpatrick, Suri 1993.
+        """
+        tolerance = max(not_negative("tolerance", tolerance, "shares"), LEAST_TOLERANCE)
+        along = None if direction is None else _unit(direction)
+        model, solids, (row, other) = self._state_with_rows(first, second)
+        if row == other:
+            raise SceneError(f"{first!r} is asked how deep it is in itself, expected two parts")
+        faces = solids[row].surface_faces, solids[other].surface_faces
+        search = PenetrationSearch(model, row, other, faces)
+        search.search(tolerance) if along is None else search.look_along(along, tolerance)
+        names = model.names
+        return Penetration(names[row], names[other], search.depth, search.lower, search.direction)
+
     def closest_pairs(
         self, *, max_distance: float = inf, most: int | None = None, of: str | int | None = None
     ) -> list[Clearance]:
@@ -169,6 +220,15 @@ class PairQueries:
                     del found[most:]
                     limit = min(limit, found[-1][0])
         return [pair for *_, pair in found]
+
+
+def _unit(direction: Any) -> np.ndarray:
+    """A direction with length 1."""
+    vector = as_float64(direction, "direction", expected="three numbers")
+    length = float(np.linalg.norm(vector))
+    if vector.shape != (3,) or not 0.0 < length < inf:
+        raise ArgumentError(f"direction is {shown(direction)}, expected three finite numbers, not all 0")
+    return vector / length
 
 
 def _pairs_by_gap(model: Model, only: int | None) -> Iterator[tuple[float, int, int]]:

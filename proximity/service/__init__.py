@@ -9,11 +9,13 @@ from proximity.service.clock import Clock, SkippingClock
 from proximity.service.contact_source import ContactSource, TrackedContacts
 from proximity.service.description import Describer
 from proximity.service.frame_log import Log
+from proximity.service.held_contacts import HeldContacts, NoPoses
 from proximity.service.inputs.changes_input import Addition, ChangesInput, Request, carry_out
 from proximity.service.inputs.gloves import GloveChoices
 from proximity.service.inputs.message_input import MessageInput
 from proximity.service.inputs.moves_input import MovesInput
 from proximity.service.inputs.openxr_input import OpenXrInput
+from proximity.service.inputs.part_prediction import ReportedMotion
 from proximity.service.inputs.sources import PoseInput, RecordingInput
 from proximity.service.loop import Service
 from proximity.service.realtime import RealTime
@@ -29,16 +31,19 @@ __all__ = [
     "Describer",
     "FingerPoses",
     "GloveChoices",
+    "HeldContacts",
     "Histogram",
     "Log",
     "Measurements",
     "MessageInput",
     "MovesInput",
+    "NoPoses",
     "OpenXrInput",
     "PoseInput",
     "RealTime",
     "RecordingInput",
     "Report",
+    "ReportedMotion",
     "Request",
     "SensedContacts",
     "Service",

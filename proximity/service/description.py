@@ -8,12 +8,14 @@ from proximity.message import DESCRIPTION, Message
 from proximity.message.description import MOST_LABELS, encoded_name
 from proximity.system.time_units import NS_PER_S
 
+APART_NS = NS_PER_S // 10
+"""Between two descriptions for each message of one; after a second one is published at any rate."""
 PartLabels = tuple[Sequence[str], np.ndarray]
 """Names of parts, and whether each is hidden, (P,) bool."""
 
 
 class Describer:
-    """Makes the messages of a description: every second, at each change of the epoch, and when asked.
+    """Makes the messages of a description: again and again, at each change of the epoch, and when asked.
 
     At most one a tick: a tick encodes no more than `MOST_LABELS` names.
     """
@@ -38,11 +40,12 @@ class Describer:
         """
         if epoch != self._epoch or self._is_asked or (self._next is None and now_ns >= self._due_ns):
             self._epoch, self._next, self._is_asked = epoch, 0, False
-            self._due_ns = now_ns + NS_PER_S
         if self._next is None:
             return None
         names, is_hidden = labels()
         total = len(names) + len(self._fingers)
+        if self._next == 0:
+            self._due_ns = now_ns + min(-(-total // MOST_LABELS) * APART_NS, NS_PER_S)
         first, end = self._next, min(self._next + MOST_LABELS, total)
         self._next = None if end == total else end
         message = self._message_for(end - first)

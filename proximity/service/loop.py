@@ -104,6 +104,7 @@ class Service:
         """Have poses come in: to the loop itself, by a thread, or polled at each tick."""
         self._newest: NewestSamples | None = None
         self._bridge = PoseBridge(pose_input, contact_source.count)
+        self.wake = self._bridge.wake  # has a tick made at once, where contacts are asked of Python
         self._memory.input["box"] = self._bridge.reader
         end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
         self._is_direct = end is not None and answers_in_c(contact_source)
@@ -131,9 +132,7 @@ class Service:
         """Have frames go out: from the loop itself, or by a thread for each publisher."""
         outputs, size = self._memory.outputs, len(self._memory.message.data)
         if len(self._publishers) > len(outputs):
-            raise ServiceError(
-                f"{len(self._publishers)} addresses to publish at, expected {len(outputs)} at most"
-            )
+            raise ServiceError(f"{len(self._publishers)} addresses, expected {len(outputs)} at most")
         self._bridges: dict[int, FrameBridge] = {}
         for number, publisher in enumerate(self._publishers):
             end = getattr(outlet_of(publisher), "loop_end", None)
@@ -355,6 +354,7 @@ class Service:
     def _make_contacts(self, now_ns: int) -> None:
         memory, newest, clock = self._source_now(), self._newest, self._clock
         assert newest is not None, "samples are kept for a source that answers in Python"
+        self._bridge.drain()
         for samples in self._input.poll(now_ns):
             # Not by the start: where the system kept us from running since, new poses are after it.
             newest.update(samples, time.monotonic_ns() if clock is None else clock.now_ns())

@@ -70,6 +70,7 @@ class PoseBridge(_Worker):
         self._input = pose_input
         self._mailbox = PrivateMailbox(PATH_POSES.size(count))
         self._publisher = Publisher(self._mailbox, "")
+        self._nothing = np.zeros(8, np.uint8)
         self._messages: dict[tuple[bool, int], Message] = {}  # by whether with paths, and number of poses
         self.reader = self._mailbox.reader
 
@@ -83,6 +84,15 @@ class PoseBridge(_Worker):
         for samples in self._input.poll(now_ns):
             assert isinstance(samples, FingerPoses), "a scene is asked for poses"
             self._publisher.publish(self._message_of(samples))
+
+    def wake(self) -> None:
+        """Have the loop tick, though there is no pose: one that asks Python for its contacts."""
+        self._mailbox.send(self._nothing)
+
+    def drain(self) -> None:
+        """Take what wakes the loop."""
+        while self._mailbox.receive(self._nothing) != NOTHING:
+            pass
 
     def close(self) -> None:
         """End the thread."""

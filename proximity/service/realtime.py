@@ -38,7 +38,8 @@ def undisturbed() -> Iterator[None]:
         with sharp_timers():
             yield
     finally:
-        sys.setswitchinterval(interval)
+        if interval != SWITCH_INTERVAL:  # of several threads, the first one within restores it
+            sys.setswitchinterval(interval)
         if was_enabled:
             gc.enable()
         gc.unfreeze()
@@ -57,24 +58,32 @@ def sharp_timers() -> Iterator[None]:
 class RealTime:
     """Ask for what needs a permission, for the thread that enters the ``with`` block; undone at its end.
 
-    *core*: core to run on; None: the last one that the process may use, where there are several.
+    *core*: core to run on; None: the last one that the process may use, where there are several. *is_pinned*:
+    whether it stays on a core at all.
     """
 
     notes: list[str]  # what was granted or refused, a sentence each
     refused: list[str]  # those of what was refused
 
     def __init__(
-        self, *, priority: int = PRIORITY, core: int | None = None, lock_memory: bool = True
+        self,
+        *,
+        priority: int = PRIORITY,
+        core: int | None = None,
+        lock_memory: bool = True,
+        is_pinned: bool = True,
     ) -> None:
         self.notes, self.refused = [], []
         self._priority, self._core, self._lock_memory = priority, core, lock_memory
+        self._is_pinned = is_pinned
         self._undo = ExitStack()
 
     def __enter__(self) -> "RealTime":
         # Memory first: it takes a while, in which nothing else should have to wait.
         if self._lock_memory:
             self._try("memory", self._lock_all_memory)
-        self._try("core", self._stay_on_core)
+        if self._is_pinned:
+            self._try("core", self._stay_on_core)
         self._try("priority", self._raise_priority)
         return self
 

@@ -18,11 +18,13 @@ from proximity.kernels.pair.held_motion import POSE_SIZE
 from proximity.kernels.scene.part_containment import contains_corner
 from proximity.pose import Pose
 from proximity.scene.model.assembly import Model
+from proximity.scene.penetration import PenetrationSearch
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker_arguments import LONGEST_LATENCY, as_nanoseconds
 
 HORIZON = 0.25
 """s"""
+LEAST_DEPTH_TOLERANCE = 0.01
 LONGEST_STEP = 0.1
 """s between two poses from which a velocity is taken."""
 CONNECTION = held_records.CONNECTION_RECORD
@@ -72,8 +74,8 @@ class PartTracker:
         Share of its distance by which the bounds of a connection may differ. 0: exact at every tick.
     budget : int, optional
         Largest number of steps a tick (boxes opened, and groups of eight triangles compared), and as many
-        again for times to contact. Where they do not suffice, the bounds differ by more. None: as many as it
-        takes.
+        again for times to contact, and for the depth of each connection. Where they do not suffice, the
+        bounds differ by more. None: as many as it takes.
     latency : float, s
         From a tick until its answer is used, 0 to 1: predictions are for that instant.
     horizon : float, s
@@ -128,7 +130,7 @@ class PartTracker:
         self._settings = settings
         self.connections = np.zeros(count, CONNECTION)
         self._offsets = self._offsets_in_group()
-        entries = frontier.FRONTIER_COUNT * frontier.FRONTIER_LENGTH
+        entries = frontier.FRONTIER_ENTRIES
         self._frontiers = np.empty(entries), np.empty((entries, 3), np.int32)
         self._last_model: Callable[[], Model | None] = lambda: None
         self.reset()
@@ -197,6 +199,8 @@ class PartTracker:
               ``lower`` holds for all parts, and where there is no connection for all that are not answered;
             - ``point_on_own``, ``point_on_part``, m, scene's frame: its ends;
             - ``normal``: unit vector along which the tracked part moves away; 0 where there is none;
+            - ``depth``, ``depth_lower``, m: where parts cross or one is inside the other, how far the tracked
+              part must move along the normal to be free of the other, at most and at least; else 0;
             - ``part``, ``own_part``, ``face``, ``own_face``: rows of `Scene.parts` and of their faces; -1;
             - ``approach_speed``, m/s: -d/dt of the distance; nan where velocities are not known;
             - ``predicted_ns``, ``predicted_distance``, ``predicted_lower``, ``predicted_upper``: when the
@@ -204,7 +208,8 @@ class PartTracker:
             - ``time_to_contact``, s from the pose: expected; 0 in contact, inf if none is expected within the
               horizon;
             - ``time_to_contact_lower``, s from the pose: not touched before, while velocities stay, turning
-              included; the horizon at most. In the first record this holds for all parts;
+              included; the horizon at most. In the first record this holds for all parts. A touch that ends
+              within the first 8 millionths of the part's size does not count, so that a part can leave;
             - ``flags``: a set of `ConnectionFlag`; ``work``: steps; ``pose_ns``, ``age_ns``.
 
         Raises
@@ -220,9 +225,12 @@ class PartTracker:
             is_predicted = self._move(Pose.of(pose), pose_ns, velocity, angular_velocity)
         elif velocity is not None or angular_velocity is not None:
             raise ArgumentError("velocities are given without a pose: set them where the parts are moved")
-        self._settings["pose_ns"], self._settings["now_ns"] = pose_ns, now
+        return self._follow(self._scene.snapshot(), pose_ns, now, is_predicted)
+
+    def _follow(self, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
+        """Answer as `tick` does, of a model in which the parts stand already."""
+        self._settings["pose_ns"], self._settings["now_ns"] = pose_ns, now_ns
         self._settings["is_predicted"] = is_predicted
-        model = self._scene.snapshot()
         is_moved = model is not self._last_model()
         if model.epoch != self._epoch:
             self._adopt(model)
@@ -230,7 +238,37 @@ class PartTracker:
         if self._settings["unsure"][0] and self._decide_inside(model):
             held_tick.follow_parts(model.packed, self._packed, False)
         self._last_model = weakref.ref(model)
+        for record in self.connections:
+            if record["depth"] == np.inf:
+                self._measure_depth(model, record)
         return self.connections
+
+    def _measure_depth(self, model: Model, record: Any) -> None:
+        """Fill how far a part must move to be free of another, along the direction found last, or anew."""
+        own, other = int(record["own_part"]), int(record["part"])
+        try:
+            faces = [self._scene.part(model.names[row]).solid.surface_faces for row in (own, other)]
+        except SceneError:
+            return
+        if self._scene.epoch != model.epoch:
+            return
+        row = np.flatnonzero((self._pairs["own"] == own) & (self._pairs["other"] == other))[0]
+        budget = int(self._settings["budget"][0])
+        search = PenetrationSearch(model, own, other, (faces[0], faces[1]), budget)
+        tolerance = max(float(self._settings["tolerance"][0]), LEAST_DEPTH_TOLERANCE)
+        last = self._pairs["normal"][row].copy()
+        if last.any():
+            search.look_along(last, tolerance, float(self._pairs["depth"][row]))
+            search.follow_normals(tolerance)
+        else:
+            search.search(tolerance)
+        record["depth"], record["depth_lower"], record["normal"] = (
+            search.depth,
+            search.lower,
+            search.direction,
+        )
+        record["work"] += search.steps
+        self._pairs["normal"][row], self._pairs["depth"][row] = search.direction, search.depth
 
     def _offsets_in_group(self) -> list[Pose]:
         """Poses of the tracked parts relative to the first."""
@@ -242,7 +280,7 @@ class PartTracker:
         linear, angular = velocity, angular_velocity
         is_known = velocity is not None and angular_velocity is not None
         if not is_known:
-            found = _velocities(self._last_pose, pose, pose_ns)
+            found = velocities_between(self._last_pose, pose, pose_ns)
             is_known = found is not None or velocity is not None
             before, turning = found or (np.zeros(3), np.zeros(3))
             linear = before if velocity is None else velocity
@@ -277,6 +315,9 @@ class PartTracker:
         pairs["slots"], pairs["lower"], pairs["upper"], pairs["is_unsure"] = NO_SLOT, -1.0, np.inf, 1
         pairs["frontier"] = -1
         self._pairs = pairs
+        frontiers = min(max(len(pairs), frontier.FEWEST_FRONTIERS), frontier.MOST_FRONTIERS)
+        self._settings["frontier_count"], self._settings["next_frontier"] = frontiers, 0
+        self._settings["frontier_length"] = frontier.FRONTIER_ENTRIES // frontiers
         before = np.array(columns_of(model.frames)[:count, :POSE_SIZE])
         arrays = held_records.HeldArrays(
             self._settings, pairs, self.connections, before, np.zeros(count), *self._frontiers
@@ -317,7 +358,12 @@ class PartTracker:
         return f"PartTracker({self.scene!r}, {', '.join(map(repr, self._names))})"
 
 
-def _velocities(
+def follow(tracker: PartTracker, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
+    """Answer as `PartTracker.tick` does, of a model in which all parts stand where they are at *pose_ns*."""
+    return tracker._follow(model, pose_ns, now_ns, is_predicted)
+
+
+def velocities_between(
     last: tuple[int, Pose] | None, pose: Pose, pose_ns: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Velocity and angular velocity between two poses, if they are near enough in time."""

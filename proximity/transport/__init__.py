@@ -64,8 +64,9 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     Parameters
     ----------
     address : str
-        As for `open_publisher`. ``udp://HOST:PORT`` is the address to listen on (``?from=HOST``: accept
-        that sender, default this machine; ``?key=FILE``: accept only what that key verifies).
+        As for `open_publisher`, but for ``ws://``, where only web pages read.
+        ``udp://HOST:PORT`` is the address to listen on (``?from=HOST``: accept that sender, default this
+        machine; ``?key=FILE``: accept only what that key verifies).
     settings
         ``stale_after`` (s after a frame's ``valid_until`` until nothing of it is reported, 0.08),
         ``max_speed`` (m/s, 3) and ``max_acceleration`` (m/s², 120) of a finger, by which bounds widen.
@@ -82,6 +83,9 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     ArgumentError
         If a setting is not a number of 0 or more.
     """
+    parsed = parse(address)
+    if parsed.scheme == "ws":
+        raise parsed.refuse("is for web pages, which connect there; read iox2://, shm:// or udp:// instead")
     inlet = open_inlet(address)
     try:
         return Subscriber(inlet, address, **settings)

@@ -60,7 +60,7 @@ class IceoryxOutlet:
             self.close()
             raise address.refuse(
                 f"there is no room for messages in {SHARED_MEMORY} ({failure.strerror}); expected 1.1 MB"
-            ) from failure
+            ) from None
 
     def send(self, data: np.ndarray) -> None:
         """Copy the message to where the subscribers read it; never waits."""

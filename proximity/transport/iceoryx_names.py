@@ -46,19 +46,19 @@ def open_service(address: Address, role: str) -> tuple[Any, Any]:
         name = iceoryx2.ServiceName.new(service_name)
     except iceoryx2.SemanticStringError as unfit:
         longest = iceoryx2.ServiceName.max_len() - len(NAME_PREFIX)
-        raise address.refuse(f"expected a name of at most {longest} ASCII characters ({unfit})") from unfit
+        raise address.refuse(f"expected a name of at most {longest} ASCII characters ({unfit})") from None
     remove_unfinished_memory()
     node = _join(address, role)
     try:
         return node, _open(node, name)
     except iceoryx2.PublishSubscribeOpenOrCreateError as failure:
         if "HangsInCreation" not in str(failure):
-            raise _explained(address, failure) from failure
+            raise _explained(address, failure) from None
     _remove_unfinished_name(node, service_name)
     try:
         return node, _open(node, name)
     except iceoryx2.PublishSubscribeOpenOrCreateError as failure:
-        raise _explained(address, failure) from failure
+        raise _explained(address, failure) from None
 
 
 def create_end(create: Callable[[], Any], address: Address, node: Any, service: Any, role: str) -> Any:
@@ -69,9 +69,9 @@ def create_end(create: Callable[[], Any], address: Address, node: Any, service: 
             return create()
         except (iceoryx2.PublisherCreateError, iceoryx2.SubscriberCreateError) as failure:
             if "ExceedsMaxSupported" not in str(failure):
-                raise address.refuse(f"iceoryx2 refuses a {role} ({failure})") from failure
+                raise address.refuse(f"iceoryx2 refuses a {role} ({failure})") from None
             if time.monotonic() >= ends:
-                raise address.refuse(_in_use_message(role, node, service)) from failure
+                raise address.refuse(_in_use_message(role, node, service)) from None
         service.blocking_cleanup_dead_nodes(iceoryx2.Duration.from_millis(100))
         time.sleep(0.01)
 
@@ -112,7 +112,7 @@ def _join(address: Address, role: str) -> Any:
         folder = iceoryx2.config.global_config().global_cfg.root_path.to_string()
         raise address.refuse(
             f"iceoryx2 cannot be used ({failure}); {folder} belongs to the user who used it first"
-        ) from failure
+        ) from None
 
 
 def _open(node: Any, name: Any) -> Any:

@@ -115,6 +115,10 @@ static void look(int is_new)
     if (!is_new && state == told && state != DECAFF_STATE_LATE)
         return;
     told = state;
+    if (!has_frame) {
+        printf("no frame yet\n");
+        return;
+    }
     printf("%llu %s age %.3f ms", (unsigned long long)held.header.sequence, STATE[state],
            1e-6 * (double)(now_ns - held.header.pose_ns));
     for (i = 0; i < held.header.count; i++) {

@@ -133,7 +133,7 @@ class Subscriber:
     def description(self) -> Description | None:
         """The newest description that was read: names, hidden parts, radii; None before the first.
 
-        It is sent besides frames: after the first ones, within a second of each change, and on request.
+        It is sent besides frames, ten times a second (of more than 640 names once), and on request.
         """
         return self._description.newest
 

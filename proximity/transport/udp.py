@@ -99,7 +99,7 @@ class UdpOutlet:
             self._socket.connect(endpoint.name)
         except OSError as failure:
             self._socket.close()
-            raise address.refuse(f"cannot send there from {source.host} ({_reason(failure)})") from failure
+            raise address.refuse(f"cannot send there from {source.host} ({_reason(failure)})") from None
 
     def send(self, data: np.ndarray) -> None:
         """Send one datagram."""
@@ -245,7 +245,7 @@ def _look_up(address: Address, text: str, *, family: int = 0, needs_port: bool =
         found = socket.getaddrinfo(host, port, family, socket.SOCK_DGRAM)
     except (OSError, UnicodeError) as failure:
         other = "" if not family else f" as {'IPv6' if family == socket.AF_INET6 else 'IPv4'}"
-        raise address.refuse(f"there is no {host!r}{other} ({_reason(failure)})") from failure
+        raise address.refuse(f"there is no {host!r}{other} ({_reason(failure)})") from None
     found = [entry for entry in found if entry[0] in (socket.AF_INET, socket.AF_INET6)]
     if not found:
         raise address.refuse(f"{host!r} is not an IPv4 or IPv6 address")
@@ -292,10 +292,10 @@ def _open(address: Address, endpoint: _Endpoint) -> socket.socket:
         if failure.errno == errno.EADDRINUSE:
             raise address.refuse(
                 f"port {endpoint.port} of {endpoint.host} is in use by another program"
-            ) from failure
+            ) from None
         raise address.refuse(
             f"cannot use {endpoint.host}, port {endpoint.port} ({_reason(failure)})"
-        ) from failure
+        ) from None
     return opened
 
 

@@ -54,7 +54,7 @@ class _Site:
             self._server: Server = self._call(self._listen())
         except OSError as failure:
             self._stop()
-            raise address.refuse(f"cannot listen there ({failure.strerror or failure})") from failure
+            raise address.refuse(f"cannot listen there ({failure.strerror or failure})") from None
 
     def send(self, path: str, data: bytes) -> None:
         """Have a message sent to the pages at a path."""

@@ -130,7 +130,7 @@ def _key_of(address: Address) -> Any:
     try:
         key = zenoh.KeyExpr(address.location)
     except zenoh.ZError as unfit:
-        raise address.refuse(f"expected a key such as decaff/poses ({_zenoh_message(unfit)})") from unfit
+        raise address.refuse(f"expected a key such as decaff/poses ({_zenoh_message(unfit)})") from None
     if "*" in address.location:
         raise address.refuse(
             "expected one key, without wildcards: several publishers could not be distinguished"
@@ -153,7 +153,7 @@ def _open_session(address: Address) -> zenoh.Session:
             config.insert_json5(path, json.dumps(value))
         return zenoh.open(config)
     except zenoh.ZError as failure:
-        raise address.refuse(f"Zenoh cannot open it ({_zenoh_message(failure)})") from failure
+        raise address.refuse(f"Zenoh cannot open it ({_zenoh_message(failure)})") from None
 
 
 def _config_of(address: Address) -> zenoh.Config:

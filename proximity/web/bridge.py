@@ -23,6 +23,8 @@ LOOK_S = 0.001
 """Between two looks for a new frame, while a page is there."""
 IDLE_LOOK_S = 0.05
 MOST_PAGES = 8
+LATEST_MS = 1e12
+"""That a clock of a page shows."""
 MOST_IN_FLIGHT = 2
 """Frames that were sent and that the page has not said to have shown: a slow page skips, and never lags."""
 ANSWER_GAP_S = 0.004
@@ -176,7 +178,10 @@ class Bridge:
             return
         asked = document(data)
         if "clock" in asked:
-            self._run_beside(client.send(clock=_number(asked["clock"]), now_ns=str(time.monotonic_ns())))
+            theirs, now_ns = _number(asked["clock"]), time.monotonic_ns()
+            with contextlib.suppress(HeldUpError):  # only poses and moves must be of now
+                client.clock.ahead_ns(round(1e6 * theirs), now_ns)
+            self._run_beside(client.send(clock=theirs, now_ns=str(now_ns)))
         elif "feed" in asked:
             self._shown.feed.release()
             self._set_feeder(client)
@@ -215,6 +220,6 @@ class _TooMuchError(Exception):
 
 
 def _number(given: Any) -> float:
-    if isinstance(given, bool) or not isinstance(given, int | float):
-        raise UnfitError("a request for the clock needs a number")
+    if isinstance(given, bool) or not isinstance(given, int | float) or not abs(given) < LATEST_MS:
+        raise UnfitError("a request for the clock needs a number of milliseconds")
     return float(given)

@@ -24,17 +24,19 @@ TEXT_SIZE = 4
 
 def scene_page_files(frame_ancestors: str = "'self'") -> PageFiles:
     """Return the page with the engine for browsers, and with the client for messages of a service."""
-    engine = package_files(needed=["proximity.relaxed.wasm"])
+    engine = package_files()
     made = {f"/{name}": content for name, content in engine.items() if name != "example.mjs"}
     return PageFiles(PAGE, made, frame_ancestors)
 
 
-def shown_contents(scene: Scene | None, welcome: dict[str, Any] | None = None) -> dict[str, bytes]:
+def shown_contents(
+    scene: Scene | None, welcome: dict[str, Any] | None = None, points: bytes = b""
+) -> dict[str, bytes]:
     """Return a scene as pages get it, by names: compiled for the engine, and as geometry to be drawn.
 
-    *welcome*: what a page is told that computes by itself; None where a service does.
+    *welcome*: what a page is told that computes by itself; None where a service does. *points*: float64.
     """
-    contents = {"welcome": json.dumps(welcome).encode()}
+    contents = {"welcome": json.dumps(welcome).encode(), "points": points}
     if scene is not None:
         contents |= {"geometry": scene_glb(scene), "scene": _compiled(scene)}
     return contents

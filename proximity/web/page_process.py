@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from proximity.errors import ProximityError, ServiceError
+from proximity.formats import metres_per_unit
 from proximity.message import PATH_CORNERS
 from proximity.recording import Recording, read_recording
 from proximity.scene.scene import Scene
@@ -62,7 +63,9 @@ class PageSettings:
     units: str = "mm"
     recording: str | None = None  # a hand to replay
     is_recording_fitted: bool = False  # so that it touches
-    first_input: str = ""  # "replay": the recording at once
+    first_input: str = ""  # "replay": the recording at once; "mouse": a hand
+    points_name: str = ""  # of points that are shown with their distances
+    points: bytes = b""  # their coordinates, m, float64
     radius: float | None = None  # m; None: as the scene file says
     port: int = 0
     bind: str = "127.0.0.1"
@@ -134,7 +137,7 @@ def _free_port(settings: PageSettings) -> int:
     except OSError as failure:
         is_in_use = failure.errno == errno.EADDRINUSE
         why = "is in use by another program" if is_in_use else f"cannot be opened ({failure.strerror})"
-        raise ServiceError(f"port {settings.port} of {settings.bind} {why}") from failure
+        raise ServiceError(f"port {settings.port} of {settings.bind} {why}") from None
 
 
 def _shown_host(bind: str) -> str:
@@ -199,7 +202,7 @@ def _open_log(settings: PageSettings, log: str, served: SceneFile | None) -> Sho
     shown = Shown(_title(settings), scene, frames, PageInbox(None, None, None, scene, count))
     shown.notes = files.notes
     if served is not None and scene is not None:
-        shown.content = shown_contents(scene)
+        shown.content = shown_contents(scene, points=settings.points)
         shown.about = _about(_without_hand(settings), served, scene, count)
     shown.about["log"] = {"count": frames.count, "duration_ms": frames.duration_ms, "notes": frames.notes}
     return shown
@@ -217,7 +220,7 @@ def _open_parts(settings: PageSettings) -> Shown:
         "tracker": {name: value for name in TRACKER if (value := getattr(served.fingers, name)) is not None},
         **_about(settings, served, scene, count),
     }
-    shown.content, shown.notes = shown_contents(scene, welcome), files.notes
+    shown.content, shown.notes = shown_contents(scene, welcome, settings.points), files.notes
     return shown
 
 
@@ -234,6 +237,8 @@ def _about(settings: PageSettings, served: SceneFile, scene: Scene, count: int) 
         "radii": radii,
         "budget": served.fingers.budget or DEFAULT_BUDGET,
         "first_input": settings.first_input,
+        "points": {"name": settings.points_name} if settings.points else None,
+        "unit": metres_per_unit(settings.units),
         "drum_degrees": _drum_degrees(served, count),
         "recording": recording and _recorded(recording, scene, max(radii), settings),
     }

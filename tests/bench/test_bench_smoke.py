@@ -10,6 +10,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pairs
 import pytest
 import report
 import ticks
@@ -81,6 +82,21 @@ def test_single_kernels_agree_with_the_textbook():
 
     assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-2000:]
     assert " skipped" not in done.stdout.splitlines()[-1]
+
+
+def test_pairs_and_the_assembly_are_measured(capsys, monkeypatch):
+    """Rivals are those that are installed: their answers are compared."""
+    for name, value in {"COLUMNS": 2, "ROUNDS": 1, "POSES": 3, "MOVED_POSES": 5, "FOLLOWED": ({},)}.items():
+        monkeypatch.setattr(pairs, name, value)
+    monkeypatch.setattr(pairs, "PAIRS", {"small": pairs.free_pair(6, 8, 0.002)})
+
+    pairs.main([])
+
+    printed = capsys.readouterr().out
+    assert "small: 144 x 256 faces" in printed
+    assert "assembly: 32 parts, 164096 faces" in printed
+    assert printed.count("proximity  ") == 2
+    assert printed.count("bounds 0.0% (0.0%) apart") >= 4
 
 
 def test_mesh_that_is_not_here_is_named(monkeypatch):

@@ -5,16 +5,19 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 from compiling_c import WARNINGS, c_compiler, compiler, run
 from pages import PAGES
 from project import MESHES, SUPPORT
+from wire import frame
 
 import proximity
 from proximity import ProximityError
 from proximity.bindings import c_package
+from proximity.service.description import Describer
 from proximity.system import library_in_c
 
 has_library = pytest.mark.skipif(
@@ -72,6 +75,32 @@ def test_examples_run_from_an_empty_folder(folder, standard):
 
 
 @has_library
+@pytest.mark.skipif(sys.platform != "linux", reason="mailboxes are of Linux")
+def test_example_of_a_mailbox_follows_a_service_that_starts_anew(folder):
+    program = linked(folder, folder / "proximity" / "examples" / "mailbox_receiver.c", "-std=c99")
+    name = f"receiver-{os.getpid()}"
+    with subprocess.Popen([program, name, "60"], stdout=subprocess.PIPE, text=True) as receiver:
+        lines = receiver.stdout
+        assert next(lines) == "no frame yet\n"
+        for part in ("lid", "base"):
+            with proximity.open_publisher(f"shm://{name}") as publisher:
+                describer = Describer(["thumb"], [0.007])
+                for line in lines:  # one every 100 ms
+                    describer.ask()
+                    labels = [part], np.array([False])
+                    publisher.publish(describer.message(0, time.monotonic_ns(), lambda kept=labels: kept))
+                    for _ in range(5):
+                        publisher.publish(frame(time.monotonic_ns(), count=1, valid_for=900_000_000))
+                    if part in line:
+                        break
+                assert line == f"OK; finger 0: at 50.000 mm to {part}\n"
+        assert any(line == "STALE\n" for line in lines)  # it was closed, and nothing follows
+        receiver.terminate()
+    done = subprocess.run([program, "a/b", "1"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "") and done.stderr
+
+
+@has_library
 def test_header_is_one_of_cpp_as_well(folder):
     source = folder / "header.cpp"
     source.write_text(
@@ -99,7 +128,11 @@ def test_header_for_cpp_closes_scenes_and_throws(folder):
     expected = [
         " ".join(["bracket", *(f"{value:.6g}" for value in row)]) for row in zip(*columns, strict=True)
     ]
-    assert lines == [*expected, "3 none.prox: it cannot be opened (No such file or directory)"]
+    assert lines == [
+        *expected,
+        "there is no part named 'nothing'",
+        "3 none.prox: it cannot be opened (No such file or directory)",
+    ]
 
 
 @has_library
@@ -109,6 +142,19 @@ def test_program_of_the_guide_prints_what_is_shown(folder):
     source = folder / "closest.c"
     source.write_text(code)
     program = linked(folder, source, "-std=c99")
+
+    done = subprocess.run([program], cwd=folder, capture_output=True, text=True, check=True)
+
+    assert done.stdout == printed
+
+
+@has_library
+def test_program_in_cpp_of_the_guide_prints_what_is_shown(folder):
+    page = PAGES["guide/c-library.md"]
+    code, printed = re.search(r"```cpp\n(.*?)```.*?```text\n(.*?)```", page, re.DOTALL).groups()
+    source = folder / "fingertip.cpp"
+    source.write_text(code)
+    program = linked(folder, source, "-std=c++20", tool=compiler("c++", "g++", "clang++"))
 
     done = subprocess.run([program], cwd=folder, capture_output=True, text=True, check=True)
 
@@ -157,7 +203,7 @@ def test_example_that_is_there_is_left_alone(folder, tmp_path):
 
     assert (tmp_path / "examples" / "moving.c").read_text() == "mine"
     assert [path for path, is_written in written.items() if not is_written] == [
-        str(tmp_path / "examples" / name) for name in ("distances.c", "moving.c")
+        str(tmp_path / "examples" / name) for name in ("distances.c", "moving.c", "mailbox_receiver.c")
     ]
 
 

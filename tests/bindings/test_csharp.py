@@ -118,8 +118,7 @@ def test_answers_are_those_of_python(package, tmp_path):
     assert lines == [
         f"{count} {hidden} -1 ''",
         "3 none.prox: it cannot be opened (No such file or directory)",
-        "4 it is named like a compiled scene, but does not begin like one; "
-        "save the scene again with this version",
+        "4 it is no compiled scene; `proximity compile` makes one of files of parts",
         f"1 there is no part 7777, expected 0 to {count - 1}",
         "5 row 0 is no rigid transform, or leads too far away, or its velocity is too large",
         "1 an array has the wrong length, expected a row for each that is asked",

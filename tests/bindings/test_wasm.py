@@ -15,6 +15,7 @@ import proximity
 from benchmarks.digest import queries, scenes
 from benchmarks.digest.library_program import through_program
 from proximity.bindings import wasm_package
+from proximity.cli.service import sources
 
 NODE = shutil.which("node")
 pytestmark = [
@@ -160,7 +161,7 @@ for (let k = 0; k < 200; k++) {
   const corners = [0, 0.5, 1].flatMap((x) => [0.3 - 0.001 * k - 0.3 * x, 0.05 - 0.04 * x, 0.05 - 0.05 * x]);
   corners.push(...new Array(9).fill(NaN));
   const known = { velocities: [-1, 0, 0, 0, 0, 0], corners, pathBends: [0, 0.3, 1], bends: [0.3, 0] };
-  contacts.push(...tracker.tick(positions, [now, now], now + 300n, k < 100 ? {} : known));
+  contacts.push(...tracker.tick(positions, k % 2 ? now : [now, now], now + 300n, k < 100 ? {} : known));
 }
 tracker.close();
 console.log(JSON.stringify(contacts, (_, value) => (typeof value === "bigint" ? Number(value)
@@ -202,6 +203,7 @@ for (const action of [() => scene.signedDistance([1, 2]), () => scene.closest([0
   () => engine.open(new Uint8Array(100)), () => scene.tracker(1, { speed: 1 }),
   () => scene.tracker(1).tick([0, 0, 0], [0n], 0n, { corners: [0, 0, 0] }),
   () => scene.tracker(1).tick([0, 0, 0], [0n], 0n, { velocities: [0, 0] }),
+  () => scene.tracker(2).tick([0, 0, 0, 0, 0, 0], [0n], 0n), () => scene.tracker(1).tick([0, 0, 0], 0, 0n),
   () => { scene.close(); scene.distance([0, 0, 0]); }]) {
   try {
     action();
@@ -216,6 +218,7 @@ console.log(JSON.stringify(sentences));
     expected = (
         "three a row", "expected a length of 0 m or more", "direction 0 is zero", "no such part", "", "",
         "expected radius, latency", "expected three times two or more for each of 1", "expected 3",
+        "there are 1 instants, expected 6 and 2", "expected BigInt, such as",
         "the scene is closed",
     )  # fmt: skip
     assert len(told) == len(expected)
@@ -223,15 +226,42 @@ console.log(JSON.stringify(sentences));
         assert words in sentence and not sentence.startswith(("other", "nothing")), sentence
 
 
-def test_example_and_program_of_the_guide_print_distances(folder):
+def test_example_and_programs_of_the_guide_print_distances(folder):
     printed = run(folder, "example.mjs", "assembly.prox")
     assert re.fullmatch(r"(-?[\d.]+ mm from .+, at \(.+\) m\n){2}", printed)
 
     page = PAGES["guide/browser-library.md"]
-    code, printed = (re.search(rf"```{kind}\n(.*?)```", page, re.DOTALL)[1] for kind in ("js", "text"))
+    programs = re.findall(r"```js\n(.*?)```.*?```text\n(.*?)```", page, re.DOTALL)
     proximity.load(MESHES / "bracket.stl", units="mm").save(folder / "bracket.prox")
-    (folder / "distances.mjs").write_text(code.replace("./proximity/", "./"))
-    assert run(folder, "distances.mjs") == printed
+    assert len(programs) == 2
+    for code, printed in programs:
+        (folder / "program.mjs").write_text(code.replace("./proximity/", "./"))
+        assert run(folder, "program.mjs") == printed
+
+
+def test_without_the_plain_module_the_rest_is_written_with_a_note(tmp_path, monkeypatch, capsys):
+    native = tmp_path / "native"
+    native.mkdir()
+    (native / "proximity.relaxed.wasm").write_bytes(
+        (wasm_package.NATIVE / "proximity.relaxed.wasm").read_bytes()
+    )
+    monkeypatch.setattr(wasm_package, "NATIVE", native)
+
+    sources.wasm(tmp_path / "site")
+
+    said = capsys.readouterr().err
+    assert "proximity.plain.wasm is not compiled" in said
+    assert "build_kernels.py --target wasm32 --every-set" in said
+    code = """
+import { load } from "./proximity.mjs";
+await load().then(() => console.log("loaded"), (failure) => console.log(failure.name, failure.message));
+"""
+    (tmp_path / "site" / "code.mjs").write_text(code)
+    assert run(tmp_path / "site", "code.mjs") == "loaded\n"
+    command = [NODE, "--no-experimental-wasm-relaxed-simd", "code.mjs"]
+    old = subprocess.run(command, cwd=tmp_path / "site", capture_output=True, text=True, check=True)
+    if "loaded" not in old.stdout:  # a Node that has the instructions whatever is asked of it
+        assert re.match(r"ProximityError file:.*plain.wasm: there is no such file; it is for", old.stdout)
 
 
 def test_module_imports_nothing_and_is_small(tmp_path):

@@ -3,6 +3,7 @@
 import csv
 import json
 
+import mesh_files
 import numpy as np
 import pytest
 import shapes
@@ -34,6 +35,20 @@ def cubes(tmp_path, monkeypatch):
     scene.move_many([part.name for part in scene.parts], [Pose(None, place).matrix for place in places])
     scene.save("cubes.prox")
     return "cubes.prox"
+
+
+def test_parts_of_several_files_are_measured_where_they_are(run, tmp_path):
+    for name, middle in (("near", 0.012), ("far", 0.020)):
+        vertices, faces = shapes.cube(0.01, (middle, 0.0, 0.0))
+        (tmp_path / f"{name}.stl").write_bytes(mesh_files.stl_binary(1e3 * vertices, faces))
+    vertices, faces = shapes.cube(0.01, MIDDLE)
+    Scene([Solid(vertices, faces, name="base")]).save(tmp_path / "base.prox")
+    files = [tmp_path / name for name in ("base.prox", "near.stl", "far.stl")]
+
+    pairs = json.loads(run(*files, "base", "--json").out)["pairs"]
+
+    assert [(pair["second"], round(pair["distance"], 4)) for pair in pairs] == [("near", 2.0), ("far", 10.0)]
+    assert "no part is named 'none.stl'" in run(*files, "none.stl").words
 
 
 def test_all_pairs_are_a_table_the_nearest_first(run):

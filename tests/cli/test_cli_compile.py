@@ -27,6 +27,54 @@ def test_one_line_says_what_was_written(run, tmp_path):
     assert result.out == f"cell.prox: 4 parts, 1192 faces, {size} bytes\n"
 
 
+SCENE_FILE = """
+[[parts]]
+file = "{0}/bracket.stl"
+[[parts]]
+file = "{0}/gear.stl"
+position = [0.2, 0, 0]
+[input]
+poses = "iox2://cell/poses"
+"""
+
+
+def test_several_files_are_one_scene(run):
+    files = MESHES / "bracket.stl", MESHES / "gear.stl"
+
+    result = run("compile", *files, MESHES / "gear.stl", "--out", "a.prox")
+
+    scene = proximity.load("a.prox")
+    assert (result.code, result.err) == (0, "")
+    assert [part.name for part in scene.parts] == ["bracket", "gear", "gear#2"]
+    assert scene.report.notes == ("parts of several files have one name; numbered: gear#2",)
+    assert "expected the file to write" in run("compile", *files).words
+
+
+def test_scene_file_is_compiled_with_parts_where_it_places_them(run, tmp_path):
+    (tmp_path / "cell.toml").write_text(SCENE_FILE.format(MESHES))
+
+    assert run("compile", "cell.toml").code == 0
+
+    scene = proximity.load("cell.prox")
+    assert [part.name for part in scene.parts] == ["bracket", "gear"]
+    assert scene["gear"].pose.translation.tolist() == [0.2, 0.0, 0.0]
+    assert scene.report.format == "scene file" and scene.report.path.endswith("cell.toml")
+    listed = json.loads(run("check", "cell.toml", "--json").out)
+    assert [part["name"] for part in listed["parts"]] == ["bracket", "gear"]
+
+
+def test_lengths_of_a_file_with_a_wrong_unit_are_scaled(run):
+    files = MESHES / "assembly.glb", "--scale", 0.5
+
+    shown = json.loads(run("check", *files, "--json").out)
+
+    whole = json.loads(run("check", MESHES / "assembly.glb", "--json").out)
+    assert np.allclose(shown["size"], 0.5 * np.array(whole["size"]))
+    assert shown["notes"][-1] == "all lengths are multiplied by 0.5, as was asked for"
+    run("compile", MESHES / "assembly.glb", "--out", "cell.prox")
+    assert "a compiled scene is not scaled" in run("check", "cell.prox", "--scale", 0.5).words
+
+
 @pytest.mark.parametrize("options", [("--json",), ("--ray", 0, 0, -1)])
 def test_compiled_scene_answers_as_its_file(options, run):
     run("compile", MESHES / "assembly.glb", "--out", "cell.prox")

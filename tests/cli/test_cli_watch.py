@@ -20,7 +20,7 @@ from sealed_frames import SESSION, frame, sealed
 from proximity.cli import tables
 from proximity.cli.service import finger_view, watch_view
 from proximity.cli.service.finger_view import frame_document
-from proximity.message import CONTACT, FRAME, ContactFlag, Defect, Mode, State
+from proximity.message import CONTACT, FRAME, ContactFlag, Defect, Mode, Source, State
 from proximity.recording.frame_bytes import frame_type
 from proximity.transport import Counts, Reading, forget, open_outlet, open_publisher, open_subscriber
 from proximity.transport.message_key import write_key
@@ -303,3 +303,19 @@ def test_key_of_another_is_told(run, tmp_path):
 
     assert result.code == 1
     assert f"messages are not verified by the key of udp://127.0.0.1:{port}?key={path}" in result.out
+
+
+def test_held_part_and_its_connections_are_named():
+    """A held part has no fingers: a line names the parts that it is near to."""
+    shown = reading(count=2, part=1)
+    shown.header["source"] = Source.HELD
+    shown.contacts["source"], shown.contacts["part"] = Source.HELD, (1, 0)
+    seen = replace(SEEN, part_names=("base", "lid"), finger_names=("pin 1", "pin 2"))
+
+    line = watch_view.line(shown, seen)
+
+    assert "OK: held: pin, 1000 Hz" in line and line.endswith("; to lid: 10.00 mm; to base: 20.00 mm")
+    table = "\n".join(drawn(shown, seen=seen))
+    assert "the held part is followed, and in time" in table and "finger" not in table
+    stale = replace(shown, state=State.STALE)
+    assert "no new pose of the held part: nothing is known of it" in watch_view.line(stale, seen)

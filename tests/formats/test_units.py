@@ -66,7 +66,7 @@ def test_likely_unit(number, units, likely):
             True,
             "2 of 3 parts are more than 50 m across, the largest 'b' 80 m: the file declares m; the likely "
             "unit is mm (millimetres), the whole is then 90 mm across; "
-            "it may have been written in the wrong unit",
+            "if it was written in the wrong unit, load it with a scale of 0.001",
         ),
         (
             [("a", 0.0001), ("b", 80.0)],
@@ -74,7 +74,8 @@ def test_likely_unit(number, units, likely):
             "in, mm",
             True,
             "part 'a' is 0.1 mm across and part 'b' is 80 m across: the file declares in; the likely unit is "
-            "mm (millimetres), the whole is then 3.15 m across; it may have been written in the wrong unit",
+            "mm (millimetres), the whole is then 3.15 m across; "
+            "if it was written in the wrong unit, load it with a scale of 0.0393701",
         ),
         (
             [("a", 1e-12)],

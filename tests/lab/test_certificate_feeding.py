@@ -5,10 +5,12 @@ import make
 import numpy as np
 import pytest
 from certificates import ball_subject, certificate, found
+from project import MESHES
 
 from proximity.decaff.glove.finger import Finger
 from proximity.lab.certificate import measurement, service_inputs, wording
 from proximity.lab.certificate.document import document
+from proximity.lab.certificate.held_parts import measure_held_parts
 from proximity.lab.certificate.subject import read_subject
 from proximity.pose import Pose
 from proximity.service import TrackedContacts
@@ -75,6 +77,17 @@ def test_motions_with_paths_and_moves_are_timed_where_they_may_come():
     assert names(corners=CORNERS, moves=True) == [
         *usual[:2], "worst, on paths", "worst, parts moving", usual[2],
     ]  # fmt: skip
+
+
+def test_ticks_of_held_parts_are_timed_as_a_motion_of_their_own():
+    subject = read_subject(MESHES / "held.toml")
+
+    (timing,) = measure_held_parts(subject, 50, 1)
+
+    assert timing.name == "held pin" and timing.counts and timing.fingers == 2
+    assert len(timing.thread_ns) == 50 and (timing.best_ns <= timing.thread_ns).all()
+    assert timing.most_work > 0 and timing.shares["exact"] > 0.9
+    assert measure_held_parts(ball_subject(fingers=2), 50, 1) == ()
 
 
 def test_fingers_are_on_their_paths_and_parts_move_in_those_motions_alone(ticks):

@@ -108,7 +108,7 @@ def any_frame(rng, now):
     contacts["time_to_contact"] = contacts["time_to_contact_lower"] + rng.random(4)
     contacts["predicted_ns"] += rng.integers(-2, 4, 4) * MS
     contacts["flags"] = rng.choice([KNOWN, KNOWN, 1, 0, 0xFFF], 4)
-    contacts["source"], contacts["force_is_valid"] = rng.integers(0, 2, (2, 4))
+    contacts["source"], contacts["force_is_valid"] = rng.integers(0, 3, 4), rng.integers(0, 2, 4)
     if rng.random() < 0.3:
         contacts["part_velocity"][1] = contacts["velocity"][2] = np.nan
     return message

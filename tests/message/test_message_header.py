@@ -376,7 +376,7 @@ def test_clock_is_that_of_python_after_mistakes_and_restarts(library, rows):
     [
         ("records", "lower", 0.051), ("records", "upper", np.nan), ("records", "signed_distance", np.nan),
         ("records", "pose_ns", NOW - 2 * MS), ("records", "pose_ns", NOW + 5 * MS + 1),
-        ("header", "state", 6), ("header", "source", 2), ("header", "pose_ns", -1),
+        ("header", "state", 6), ("header", "source", 3), ("header", "pose_ns", -1),
         ("header", "pose_ns", NOW + 5 * MS + 1), ("header", "publish_ns", NOW + 5 * MS + 1),
     ],
 )  # fmt: skip

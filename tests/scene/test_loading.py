@@ -290,3 +290,25 @@ def test_parts_are_found_by_name_and_by_index():
 @pytest.mark.parametrize("units", ["inch", "Inches", "IN", "in"])
 def test_units_may_be_spelt_as_people_do(units):
     assert proximity.load(MESHES / "box.stl", units=units).report.units == "in"
+
+
+def test_unit_that_has_no_effect_is_a_warning_and_a_scale_is_the_way_out(tmp_path):
+    path = MESHES / "assembly.glb"
+    with pytest.warns(proximity.UnitsWarning, match="units='mm' has no effect, .* are in m; .*scale="):
+        whole = proximity.load(path, units="mm")
+    small = proximity.load(path, units="metres", scale=1e-3)
+    assert np.allclose(small.bounds[1], 1e-3 * whole.bounds[1])
+
+    whole.save(tmp_path / "whole.prox")
+    with pytest.warns(proximity.UnitsWarning, match="in m;"):
+        proximity.load(tmp_path / "whole.prox", units="in")
+    with pytest.raises(proximity.ArgumentError, match="a compiled scene is not scaled"):
+        proximity.load(tmp_path / "whole.prox", scale=2.0)
+    with pytest.raises(proximity.ArgumentError, match="scale is 0"):
+        proximity.load(path, scale=0.0)
+
+
+def test_scene_file_is_no_file_of_parts(tmp_path):
+    (tmp_path / "cell.toml").write_text("[service]")
+    with pytest.raises(proximity.MeshFormatError, match=r"named like a scene file.*`proximity compile`"):
+        proximity.load(tmp_path / "cell.toml")

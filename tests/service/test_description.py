@@ -67,17 +67,26 @@ def test_names_are_empty_until_known_and_when_the_epoch_changes():
     assert reader.subscriber.part_names == ("part 0", "part 1", "part 2")
 
 
-def test_description_comes_every_second_and_when_it_is_asked_for():
-    describer, second = Describer(["thumb"], [0.007]), 1_000_000_000
-    is_due = [
-        describer.message(0, now, labels(1)) is not None for now in (0, 1, second - 1, second, second + 1)
-    ]
+@pytest.mark.parametrize(("part_count", "apart_ns"), [(1, 100_000_000), (100, 200_000_000), (2000, 10**9)])
+def test_description_comes_again_for_readers_that_begin_later(part_count, apart_ns):
+    describer = Describer(["thumb"], [0.007])
+    tick_ns, epoch, begins = 20_000_000, 1, []
+    for now in range(0, 2 * apart_ns + 1, tick_ns):
+        message = describer.message(epoch, now, labels(part_count))
+        if message is not None and message.header["first"] == 0:
+            begins.append(now)
+    assert begins == [0, apart_ns, 2 * apart_ns]
+
+
+def test_description_comes_every_tenth_of_a_tenth_and_when_it_is_asked_for():
+    describer, tenth = Describer(["thumb"], [0.007]), 100_000_000
+    is_due = [describer.message(0, now, labels(1)) is not None for now in (0, 1, tenth - 1, tenth, tenth + 1)]
     assert is_due == [True, False, False, True, False]
 
     describer.ask()
 
-    assert describer.message(0, second + 2, labels(1)) is not None
-    assert describer.message(0, second + 3, labels(1)) is None
+    assert describer.message(0, tenth + 2, labels(1)) is not None
+    assert describer.message(0, tenth + 3, labels(1)) is None
 
 
 @pytest.mark.parametrize(("first", "part_count"), [(1, 0), (0, 2**31), (2**32 - 1, 0)])

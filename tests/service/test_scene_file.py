@@ -19,6 +19,7 @@ from proximity.service.config import (
     PartFiles,
     ServiceSettings,
     finger_count,
+    held_entries,
     make_tracker,
     place_recording,
     read_input,
@@ -173,7 +174,7 @@ def test_sample_reads_and_names_every_key():
         scene_file_reader.PART_KEYS,
         scene_file_reader.INPUT_KEYS,
     )
-    for keys in (*tables, scene_file_reader.GLOVE_KEYS):
+    for keys in (*tables, scene_file_reader.GLOVE_KEYS, held_entries.HELD_KEYS):
         for key in keys:
             assert f"\n{key} = " in text or f"\n#{key} = " in text, key
 

@@ -121,7 +121,7 @@ def test_finger_that_bends_beyond_its_table_goes_straight_on(gloves_of, inlet):
 @pytest.mark.parametrize(
     ("fields", "note"),
     [
-        ({"counts": 60_000.0}, "queue:: 2 counts outside the calibration: calibrate again"),
+        ({"counts": 60_000.0}, "queue:: 2 counts outside the calibration (calibrate again)"),
         ({"bend": 0.3, "rotation": np.diag([1.0, 1.0, -1.0])}, "queue:: 2 rotations that are invalid"),
         ({"bend": 0.3, "translation": math.nan}, None),
         ({"bend": 1e300}, None),

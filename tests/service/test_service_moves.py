@@ -101,7 +101,7 @@ def test_part_that_cannot_be_moved_is_counted_and_the_others_move(inlet, caplog,
     assert places(parts) == {"a": [1, 0, 0], "b": [0, 0, 0], "c": [3, 0, 0]}
     assert source.notes == ["queue:: 2 moves of parts that are invalid"]
     (said,) = [record.message for record in caplog.records]
-    assert said.startswith(f"queue:: moves of parts that are invalid ({reason}")
+    assert said.startswith(f"queue:: moves of parts that are invalid are not used ({reason}")
 
 
 def test_part_that_is_named_twice_goes_where_it_is_told_last(inlet):
@@ -128,7 +128,7 @@ def test_message_that_names_one_part_300_times_is_refused_at_once(inlet, caplog)
     assert places(parts) == {"a": [0, 0, 0], "b": [2, 0, 0]}
     assert source.notes == ["queue:: 2 messages of moves that name the same parts again and again"]
     (said,) = caplog.messages
-    assert said.endswith("again and again (300 moves, expected one for each part)")
+    assert said.endswith("again and again are not used (300 moves, expected one for each part)")
 
 
 def test_move_without_a_translation_is_refused_and_one_without_the_rest_only_shifts(inlet):

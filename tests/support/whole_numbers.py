@@ -89,3 +89,62 @@ def _segment_distance_sq(p, a, b):
     if reach >= length_sq:
         return Fraction(_dot(_minus(p, b), _minus(p, b)))
     return _dot(gap, gap) - Fraction(reach**2, length_sq)
+
+
+def triangles_distance_sq(one, other):
+    """Of two triangles of whole numbers; 0 where they meet."""
+    if are_crossing(one, other, is_strict=True):
+        return Fraction(0)
+    corners = [triangle_distance_sq(p, *other) for p in one] + [triangle_distance_sq(p, *one) for p in other]
+    return min(corners + [_edges_distance_sq(*x, *y) for x in _edges(one) for y in _edges(other)])
+
+
+def are_crossing(one, other, *, is_strict):
+    """Whether two triangles of whole numbers pass through each other, not only touch.
+
+    Strictly: an edge of one passes through the inside of the other. Otherwise: there is a piece of line in
+    both, of which the ends may lie on edges of both.
+    """
+    if is_strict:
+        pairs = [(edge, other) for edge in _edges(one)] + [(edge, one) for edge in _edges(other)]
+        return any(_passes(*edge, triangle) for edge, triangle in pairs)
+    normals = [_cross(_minus(b, a), _minus(c, a)) for a, b, c in (one, other)]
+    line, pieces = _cross(*normals), []
+    for triangle, normal, corner in ((one, normals[1], other[0]), (other, normals[0], one[0])):
+        heights = [_dot(normal, _minus(p, corner)) for p in triangle]
+        if min(heights) >= 0 or max(heights) <= 0:
+            return False
+        ends = []
+        for k in range(3):
+            h, g, p, q = heights[k], heights[k - 2], triangle[k], triangle[k - 2]
+            if h * g <= 0 and h != g:
+                ends.append(_dot(line, p) + Fraction(h, h - g) * _dot(line, _minus(q, p)))
+        pieces.append((min(ends), max(ends)))
+    return max(begin for begin, _ in pieces) < min(end for _, end in pieces)
+
+
+def _edges(triangle):
+    return [(triangle[k - 1], triangle[k]) for k in range(3)]
+
+
+def _passes(p, q, triangle):
+    """Whether an edge passes through the inside of a triangle, with an end on either side."""
+    a, b, c = triangle
+    normal = _cross(_minus(b, a), _minus(c, a))
+    if _dot(normal, _minus(p, a)) * _dot(normal, _minus(q, a)) >= 0:
+        return False
+    sides = [_dot(_minus(q, p), _cross(_minus(x, p), _minus(y, p))) for x, y in _edges(triangle)]
+    return min(sides) > 0 or max(sides) < 0
+
+
+def _edges_distance_sq(p, q, a, b):
+    """Of two edges that are nearest in their insides; else that of an end."""
+    d, e, r = _minus(q, p), _minus(b, a), _minus(a, p)
+    normal = _cross(d, e)
+    normal_sq = _dot(normal, normal)
+    if normal_sq == 0:
+        return _segment_distance_sq(p, a, b)
+    s, t = _dot(_cross(r, e), normal), _dot(_cross(r, d), normal)
+    if not (0 <= s <= normal_sq and 0 <= t <= normal_sq):
+        return _segment_distance_sq(p, a, b)
+    return Fraction(_dot(r, normal) ** 2, normal_sq)

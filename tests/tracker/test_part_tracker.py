@@ -1,8 +1,10 @@
 """A part that is followed: bounds beside the exact distance, inside and outside, groups, and times."""
 
 import numpy as np
+import part_trials
 import pytest
 import shapes
+from trial_log import Tally
 
 from proximity import (
     NO_PART,
@@ -83,6 +85,41 @@ def test_bounds_hold_at_every_tick(options):
         if "budget" not in options:
             in_range = records["distance"][records["flags"] & ConnectionFlag.IN_RANGE != 0]
             assert (np.diff(in_range) >= 0.0).all()
+
+
+def test_every_promise_holds_in_ten_thousand_ticks_of_all_kinds():
+    """``bench/prove_bounds.py --parts`` does the same for as many as one likes."""
+    total = Tally()
+    for seed in range(len(part_trials.PAIRS)):
+        total.add(part_trials.run_trial(seed, 500)[1])
+
+    assert not total.broken, "\n".join(total.broken[:5])
+    assert min(check.count for check in total.checks.values()) > 20  # no promise is left out
+
+
+@pytest.mark.parametrize(
+    ("promise", "field", "change"),
+    [
+        ("lower <= true", "lower", lambda lower: 1.001 * lower),
+        ("true <= upper", "upper", lambda upper: 0.999 * upper),
+        ("ends are on their surfaces", "point_on_part", lambda point: point + 1e-9),
+        ("INSIDE is true", "flags", lambda flags: flags | np.uint32(ConnectionFlag.INSIDE)),
+        ("CROSSING is true", "flags", lambda flags: flags | np.uint32(ConnectionFlag.CROSSING)),
+        ("predicted lower <= true", "predicted_lower", lambda lower: lower + 0.01),
+    ],
+)
+def test_a_broken_promise_is_found(monkeypatch, promise, field, change):
+    class Liar(PartTracker):
+        def tick(self, *given, **named):
+            records = super().tick(*given, **named).copy()
+            records[field] = change(records[field])
+            self.connections = records
+            return records
+
+    monkeypatch.setattr(part_trials, "PartTracker", Liar)
+    tallies = [part_trials.run_trial(seed, 300)[1] for seed in range(3, 8)]
+
+    assert any(tally.checks[promise].broken_count for tally in tallies if promise in tally.checks)
 
 
 def test_exact_records_tell_the_nearest_of_each_part_in_order():

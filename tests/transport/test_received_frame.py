@@ -65,7 +65,7 @@ def test_what_is_said_of_a_finger_that_is_not_tracked_need_not_make_sense():
 
 @pytest.mark.parametrize(
     ("header", "record"),
-    [({"state": 6}, {}), ({"source": 2}, {}), ({}, {"flags": 0, "mode": 9})],
+    [({"state": 6}, {}), ({"source": 3}, {}), ({}, {"flags": 0, "mode": 9})],
     ids=["state", "source", "mode of a finger that is not tracked"],
 )
 def test_what_is_none_of_its_kind_is_without_sense(header, record):

@@ -10,7 +10,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from proximity.errors import PublishError
-from proximity.transport import open_inlet, open_outlet
+from proximity.transport import open_inlet, open_outlet, open_subscriber
 from proximity.transport.link import NOTHING
 
 HOME = "http://localhost:5173"
@@ -120,3 +120,8 @@ def test_port_has_one_site_and_one_process(url):
     open_outlet(url).close()
     with pytest.raises(PublishError, match="was closed"):
         outlet.send(np.zeros(1, np.uint8))
+
+
+def test_reader_of_frames_is_told_that_pages_connect():
+    with pytest.raises(PublishError, match=r"ws://127\.0\.0\.1:8765: is for web pages"):
+        open_subscriber("ws://127.0.0.1:8765")

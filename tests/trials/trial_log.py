@@ -61,6 +61,14 @@ class Log:
         steps = np.array([steps_for_all(self.budget, count) for count in counts])
         return (work >= steps)[self.ticks]
 
+    def describe(self, row):
+        """A row in words."""
+        fields = ", ".join(f"{key} {self.records[key][row]!s}" for key in TOLD)
+        return (
+            f"tick {self.ticks[row]}, finger {self.fingers[row]} at {self.positions[row].tolist()}: "
+            f"true {self.true[row] - self.radii[row]:.17g}; {fields}"
+        )
+
     def room(self, lengths, points=None):
         """What a distance may be off by rounding, m."""
         points = self.positions if points is None else points
@@ -106,11 +114,7 @@ class Tally:
         check.broken_count += int(is_broken.sum())
         for place in np.flatnonzero(is_broken)[:SHOWN]:
             row = rows[place]
-            self.broken.append(
-                f"{name}: tick {log.ticks[row]}, finger {log.fingers[row]} at {log.positions[row].tolist()}: "
-                f"{excess[place]:.9g} > {allowance[place]:.3g}; true {log.true[row] - log.radii[row]:.17g}; "
-                + ", ".join(f"{key} {log.records[key][row]!s}" for key in TOLD)
-            )
+            self.broken.append(f"{name}: {log.describe(row)}; {excess[place]:.9g} > {allowance[place]:.3g}")
 
     def demand(self, name, log, is_so, rows=None):
         """Hold what is so, or is not."""

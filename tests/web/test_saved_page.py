@@ -62,6 +62,7 @@ def test_page_from_a_disk_computes_what_python_computes(saved):
         page.on("pageerror", lambda failure: failures.append(str(failure)))
         page.goto(saved.as_uri())
         page.wait_for_function("window.page?.parts.isLoaded", timeout=90_000)
+        page.evaluate("page.choose('mouse')")
         page.mouse.move(480, 300)
         page.wait_for_function(KNOWN, timeout=90_000)
         found = np.array(page.evaluate(READING))

@@ -304,6 +304,17 @@ def test_moves_reach_service_and_all_pages(bridge):
     assert parts_of(data, MOVES)[1]["translation"].tolist() == [[0.1, 0, 0]]
 
 
+def test_the_first_move_is_taken_where_only_the_clock_was_asked_for(bridge):
+    """It was lost: a page that has no hand yet had sent nothing by which its clock was known."""
+    page = bridge.page()
+    for _ in range(2):
+        page.send(json.dumps({"clock": now() / 1e6}))
+        time.sleep(SETTLED)
+    page.send(move())
+
+    assert received(bridge.moves, MOVES)["translation"].tolist() == [[0.1, 0, 0]]
+
+
 def change(name, action):
     message = Message(CHANGES, 1)
     message.records["name"], message.records["action"] = name, action
@@ -503,6 +514,7 @@ FORGED = {
     "a number of 400 digits": lambda: '{"clock": ' + "9" * 400 + "}",
     "a number without end": lambda: '{"at_ms": 1e999}',
     "no number": lambda: '{"clock": NaN}',
+    "a clock that is off": lambda: '{"clock": 1e308}',
 }
 
 

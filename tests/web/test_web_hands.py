@@ -150,7 +150,7 @@ def test_both_hands_of_a_headset_are_tracked_and_measured_to_a_micrometre(page, 
     assert worst < 1e-15  # what the page says is what the scene says
     page.picture("headset-random")
     page.ask("page.inputs.headset.stop()")
-    page.until("page.input === 'mouse'")
+    page.until("page.input === 'probe'")
 
 
 def test_a_hand_that_pinches_near_a_part_takes_it_along(page):

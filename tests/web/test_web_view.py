@@ -76,6 +76,17 @@ def test_view_is_one_process_and_its_page_computes_by_itself():
     assert welcome["recording"]["name"] == "hand.csv"
 
 
+def test_points_are_given_to_the_page_in_metres(tmp_path):
+    (tmp_path / "scan.csv").write_text("x,y,z\n1,2,3\n4,5,6\n")
+
+    with Viewing(BRACKET, "--points", tmp_path / "scan.csv", "--units", "cm") as running:
+        welcome = json.loads(shown_at(running.url, "welcome"))
+        points = np.frombuffer(shown_at(running.url, "points"))
+
+    assert (welcome["points"], welcome["unit"]) == ({"name": "scan.csv"}, 0.01)
+    assert points.tolist() == pytest.approx([0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
+
+
 def test_a_scene_in_python_is_shown_as_it_is():
     scene = Scene([Solid(*shapes.cube(0.1), name="cube"), Solid(*shapes.cube(0.1, (1, 0, 0)), name="other")])
     scene.hide("other")

@@ -78,6 +78,9 @@ int proximity_refuse_kind(proximity_error *error, int64_t kind, const int64_t *n
         at += written < 0 ? 0 : (size_t)written;
     }
     told[at < sizeof told ? at : sizeof told - 1] = '\0';
+    if (kind == NO_MAGIC) {
+        return proximity_refuse(error, PROXIMITY_BAD_FILE, "%s", told);
+    }
     if (where == NULL) {
         return proximity_refuse(error, PROXIMITY_BAD_FILE, "%s; save the scene again with this version", told);
     }

@@ -466,7 +466,7 @@ static inline int decaff_mailbox_add(decaff_mailbox *box, const void *message, u
     return 1;
 }
 
-/* Put a message in, and wake who waits for it; whether there is room for one as long. */
+/* Put a message in, and wake the readers that wait; whether there is room for one as long. */
 static inline int decaff_mailbox_write(decaff_mailbox *box, const void *message, uint32_t size)
 {
     if (!decaff_mailbox_add(box, message, size))

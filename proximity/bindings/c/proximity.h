@@ -46,7 +46,7 @@ PROXIMITY_API const char *proximity_version(void);
 
 enum {
     PROXIMITY_OK = 0,
-    PROXIMITY_BAD_ARGUMENT = 1, /* something that a function was given is none */
+    PROXIMITY_BAD_ARGUMENT = 1, /* an invalid argument */
     PROXIMITY_NO_MEMORY = 2,
     PROXIMITY_NO_FILE = 3,      /* a file cannot be opened or read */
     PROXIMITY_BAD_FILE = 4,     /* no compiled scene, a damaged one, or one of another version */
@@ -132,7 +132,7 @@ PROXIMITY_API int proximity_set_surface(proximity_scene *scene, int32_t part, do
 enum { PROXIMITY_NONE = -1, PROXIMITY_FACE = 0, PROXIMITY_EDGE = 1, PROXIMITY_VERTEX = 2 };
 
 typedef struct proximity_closest_point {
-    double signed_distance; /* m, negative inside; infinite beyond the limit, nan for a point that is none */
+    double signed_distance; /* m, negative inside; infinite beyond the limit, nan for an invalid point */
     double point[3];        /* of the surface */
     double gradient[3];     /* unit: where the signed distance rises most; 0 where it has no such direction */
     double barycentric[3];  /* weights of the corners of the face */

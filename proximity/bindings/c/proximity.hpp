@@ -30,6 +30,7 @@ inline constexpr double unlimited = std::numeric_limits<double>::infinity();
 class Error : public std::runtime_error {
 public:
     explicit Error(const proximity_error &error) : std::runtime_error(error.sentence), code(error.code) {}
+    Error(std::int32_t number, const std::string &sentence) : std::runtime_error(sentence), code(number) {}
     const std::int32_t code;
 };
 
@@ -47,6 +48,15 @@ void call(Function function, Arguments... arguments)
 inline const double *numbers(std::span<const Vector> rows)
 {
     return rows.empty() ? nullptr : rows.front().data();
+}
+
+/// The numbers of what may be left out: none where there are no rows.
+inline const double *numbers_if_given(std::span<const Vector> rows, std::size_t count)
+{
+    if (!rows.empty() && rows.size() != count) {
+        throw std::invalid_argument("spans have different numbers of rows");
+    }
+    return numbers(rows);
 }
 
 inline void same(std::size_t one, std::size_t other)
@@ -78,6 +88,15 @@ public:
     const proximity_scene *get() const { return scene_; }
     std::int32_t part_count() const { return proximity_part_count(scene_); }
     std::int32_t find(const std::string &name) const { return proximity_find_part(scene_, name.c_str()); }
+    /// The number of the part of that name; an Error where there is none.
+    std::int32_t part(const std::string &name) const
+    {
+        const std::int32_t found = find(name);
+        if (found == PROXIMITY_NO_PART) {
+            throw Error(PROXIMITY_BAD_ARGUMENT, "there is no part named '" + name + "'");
+        }
+        return found;
+    }
     std::string name(std::int32_t part) const
     {
         const char *found = proximity_part_name(scene_, part);
@@ -88,6 +107,13 @@ public:
         Matrix matrix;
         detail::call(proximity_pose, get(), part, matrix.data());
         return matrix;
+    }
+    std::int32_t face_count(std::int32_t part) const { return proximity_face_count(scene_, part); }
+    bool is_hidden(std::int32_t part) const { return proximity_is_hidden(scene_, part) != 0; }
+    std::string instructions() const { return proximity_instructions(scene_); }
+    void use_instructions(const std::string &name)
+    {
+        detail::call(proximity_use_instructions, scene_, name.c_str());
     }
     std::array<Vector, 2> bounds() const
     {
@@ -102,6 +128,16 @@ public:
         detail::call(proximity_move, scene_, static_cast<const std::int32_t *>(&part), std::size_t{1}, pose.data(),
                      velocity != nullptr ? velocity->data() : nullptr,
                      angular_velocity != nullptr ? angular_velocity->data() : nullptr);
+    }
+    /// Several parts at once, all of them or, where one cannot be moved, none. Without velocities they are at rest.
+    void move(std::span<const std::int32_t> parts, std::span<const Matrix> poses,
+              std::span<const Vector> velocities = {}, std::span<const Vector> angular_velocities = {})
+    {
+        detail::same(parts.size(), poses.size());
+        detail::call(proximity_move, scene_, parts.data(), parts.size(),
+                     poses.empty() ? nullptr : static_cast<const double *>(poses.front().data()),
+                     detail::numbers_if_given(velocities, parts.size()),
+                     detail::numbers_if_given(angular_velocities, parts.size()));
     }
     /// N/m and N s/m; 0: the part is rigid.
     void set_surface(std::int32_t part, double stiffness, double damping = 0.0)
@@ -138,6 +174,14 @@ public:
         detail::call(proximity_cast, get(), detail::numbers(origins), detail::numbers(directions), origins.size(), limit,
                      answers.data());
     }
+    void cast_distance(std::span<const Vector> origins, std::span<const Vector> directions,
+                       std::span<double> distances, double limit = unlimited) const
+    {
+        detail::same(origins.size(), directions.size());
+        detail::same(origins.size(), distances.size());
+        detail::call(proximity_cast_distance, get(), detail::numbers(origins), detail::numbers(directions),
+                     origins.size(), limit, distances.data());
+    }
     void closest_to_segments(std::span<const Vector> starts, std::span<const Vector> ends,
                              std::span<SegmentHit> answers, double limit = unlimited) const
     {
@@ -152,6 +196,11 @@ public:
         Clearance answer;
         detail::call(proximity_clearance, get(), first, second, limit, tolerance, budget, &answer);
         return answer;
+    }
+    Clearance clearance(const std::string &first, const std::string &second, double limit = unlimited,
+                        double tolerance = 0.0, std::size_t budget = 0) const
+    {
+        return clearance(part(first), part(second), limit, tolerance, budget);
     }
 
 private:
@@ -171,15 +220,21 @@ public:
         tracker_.reset(made);
     }
 
-    /// The contacts of all fingers, which the next tick writes over.
+    /// The contacts of all fingers, which the next tick writes over. Without velocities these are estimated.
     std::span<const decaff_contact> tick(std::span<const Vector> positions, std::span<const std::int64_t> pose_ns,
-                                         std::int64_t now_ns, const proximity_paths *paths = nullptr)
+                                         std::int64_t now_ns, const proximity_paths *paths = nullptr,
+                                         std::span<const Vector> velocities = {})
     {
         detail::same(positions.size(), contacts_.size());
         detail::same(pose_ns.size(), contacts_.size());
         detail::call(proximity_tick, tracker_.get(), detail::numbers(positions), pose_ns.data(), now_ns,
-                     static_cast<const double *>(nullptr), paths, contacts_.data());
+                     detail::numbers_if_given(velocities, contacts_.size()), paths, contacts_.data());
         return contacts_;
+    }
+    /// m, of one fingertip.
+    void set_radius(std::size_t finger, double radius)
+    {
+        detail::call(proximity_set_radius, tracker_.get(), finger, radius);
     }
     void reset() { proximity_reset_tracker(tracker_.get()); }
 

@@ -246,11 +246,13 @@ int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t sec
     if (scene->is_broken) {
         return proximity_refuse(error, PROXIMITY_BROKEN, "a change of the scene failed half way; close it");
     }
-    if (!is_part(scene, first) || !is_part(scene, second) || first == second || answer == NULL) {
+    if (answer == NULL) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "answer is NULL, expected an address");
+    }
+    if (!is_part(scene, first) || !is_part(scene, second) || first == second) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
-                                "parts are %d and %d, expected two different numbers from 0 to %d, and a place for the "
-                                "answer",
-                                (int)first, (int)second, (int)scene->archive.part_count - 1);
+                                "parts are %d and %d, expected two different numbers from 0 to %d", (int)first,
+                                (int)second, (int)scene->archive.part_count - 1);
     }
     if (!(max_distance >= 0.0) || !(tolerance >= 0.0)) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,

@@ -85,7 +85,7 @@ export interface Motion {
   bends?: ArrayLike<number>;
 }
 
-/** The fields of a contact in a message; whole numbers of 64 bits are BigInt. */
+/** The fields of a contact, by their names in the message (signed_distance); whole numbers of 64 bits are BigInt. */
 export type Contact = Record<string, number | bigint | number[]>;
 
 export function hasRelaxed(): boolean;
@@ -123,7 +123,7 @@ export class Scene {
 export class Tracker {
   private constructor();
   readonly fingers: number;
-  tick(positions: Rows, poseNs: ArrayLike<bigint>, nowNs: bigint, given?: Motion): Contact[];
+  tick(positions: Rows, poseNs: bigint | ArrayLike<bigint>, nowNs: bigint, given?: Motion): Contact[];
   setRadius(finger: number, radius: number): void;
   reset(): void;
   close(): void;

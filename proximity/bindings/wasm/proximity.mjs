@@ -62,11 +62,16 @@ export async function load(source) {
 
 async function bytesBeside(name) {
   const url = new URL(name, import.meta.url);
+  const missing = (reason) => new ProximityError(3, `${url.href}: ${reason}${hasRelaxed() ? ""
+    : "; it is for browsers without relaxed vector instructions (Node has them since version 21, before with "
+    + "--experimental-wasm-relaxed-simd), and `proximity client wasm` says how it is compiled"}`);
   if (url.protocol === "file:" && typeof process !== "undefined") {
-    return (await import("node:fs/promises")).readFile(url);
+    return (await import("node:fs/promises")).readFile(url).catch(({ code }) => {
+      throw missing(code === "ENOENT" ? "there is no such file" : `it cannot be read (${code})`);
+    });
   }
   const answer = await fetch(url);
-  if (!answer.ok) throw new ProximityError(3, `${url}: ${answer.status} ${answer.statusText}`);
+  if (!answer.ok) throw missing(`${answer.status} ${answer.statusText}`);
   return answer.arrayBuffer();
 }
 
@@ -397,20 +402,24 @@ export class Tracker {
   }
 
   /** Answer for all fingers: *positions* has three numbers a finger, not finite where it is not tracked; *poseNs*,
-   * an instant a finger, and *nowNs* are BigInt, ns, on one clock. A list of contacts, with the fields of the
-   * message. *given*, each as far as it is known: velocities, three numbers a finger, m/s; corners, the path of each
+   * one instant for all fingers or one for each, and *nowNs* are BigInt, ns, on one clock. A list of contacts, whose
+   * fields have the names of the message, such as signed_distance. *given*, each as far as it is known: velocities, three numbers a finger, m/s; corners, the path of each
    * fingertip as it bends, equally many corners of three numbers a finger, m, not finite for a finger that has none;
    * pathBends, the bend at each corner, evenly from 0 to 1 without them; bends, that of each finger at its pose. */
   tick(positions, poseNs, nowNs, given = {}) {
     if (this.#address === 0) throw new ProximityError(1, "the tracker is closed");
     const engine = this.#engine, { fingers } = this;
-    if (positions.length !== 3 * fingers || poseNs.length !== fingers) {
-      throw new ProximityError(1, `positions have ${positions.length} numbers and there are ${poseNs.length} instants, expected ${3 * fingers} and ${fingers}`);
+    const poseInstants = typeof poseNs === "object" ? Array.from(poseNs) : new Array(fingers).fill(poseNs);
+    if (positions.length !== 3 * fingers || poseInstants.length !== fingers) {
+      throw new ProximityError(1, `positions have ${positions.length} numbers and there are ${poseInstants.length} instants, expected ${3 * fingers} and ${fingers}`);
+    }
+    if (![...poseInstants, nowNs].every((instant) => typeof instant === "bigint")) {
+      throw new ProximityError(1, "poseNs and nowNs are instants in ns, expected BigInt, such as clockNs() of the client or BigInt(Math.round(1e6 * performance.now()))");
     }
     const rows = engine.written(0, positions), instants = engine.block(1, 8 * fingers);
     const [velocities, paths] = this.#motion(given);
     const { view } = engine;
-    poseNs.forEach((instant, k) => view.setBigInt64(instants + 8 * k, instant, true));
+    poseInstants.forEach((instant, k) => view.setBigInt64(instants + 8 * k, instant, true));
     engine.checked("tick", this.#address, rows, instants, nowNs, velocities, paths, this.#contacts);
     const records = engine.view, { size } = RECORDS.contact; // the memory may have grown
     return Array.from({ length: fingers }, (_, k) => readRecord(records, this.#contacts + k * size, RECORDS.contact));

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from proximity.cli import progress
-from proximity.cli.options import FILE, JSON, Reading, flag, option, with_option_groups
+from proximity.cli.options import FILES, JSON, Reading, flag, option, refuse, with_option_groups
 from proximity.cli.output import counted, printable, write_document
 
 EXIT_NO_INSIDE = 1
@@ -14,7 +14,7 @@ EXIT_NO_INSIDE = 1
 
 @with_option_groups
 def check(
-    file: FILE,
+    files: FILES,
     as_json: JSON = False,
     list_all: Annotated[bool, flag("--all", "List all parts, not only the first 20.")] = False,
     strict: Annotated[bool, flag("--strict", "Exit with code 1 if a part has no inside.")] = False,
@@ -22,7 +22,7 @@ def check(
     *,
     reading: Reading,
 ) -> None:
-    """Report the contents of FILE, part by part.
+    """Report the contents of FILE, part by part; of several as one scene.
 
     For the whole file and for each part: length, width and height along x, y and z (of a part in its
     own frame), faces, closed shells, whether it is watertight and oriented, its volume, how inside and
@@ -39,20 +39,24 @@ def check(
       proximity check gearbox.step --all
       proximity check gearbox.step --json
       proximity check scan.ply --units m --strict
+      proximity check knob.stl plate.stl
       proximity check catalogue --limit 20
     """
-    if file.is_dir():
+    folders = [file for file in files if file.is_dir()]
+    alone = f"{', '.join(map(str, folders))} is a folder, which is checked alone"
+    refuse((folders and len(files) > 1, "FILE", alone))
+    if folders:
         from proximity.cli.parts.folder_report import check_folder
 
-        is_bad = check_folder(file, reading, limit, as_json=as_json, is_strict=strict)
+        is_bad = check_folder(folders[0], reading, limit, as_json=as_json, is_strict=strict)
     else:
         from proximity.cli.parts.check_report import print_report, report_of
         from proximity.formats import metres_per_unit
 
-        metres = metres_per_unit(reading.units)
-        scene = reading.load(file)
-        with progress.spinner(f"checking {file}"):
-            report = report_of(scene, str(file), reading.units, metres)
+        metres, name = metres_per_unit(reading.units), " + ".join(map(str, files))
+        scene = reading.load(*files)
+        with progress.spinner(f"checking {name}"):
+            report = report_of(scene, name, reading.units, metres)
         if as_json:
             write_document(report)
         else:
@@ -64,11 +68,16 @@ def check(
 
 @with_option_groups
 def compile(
-    file: FILE,
+    files: FILES,
     reading: Reading,
-    out: Annotated[Path | None, option("FILE", "File to write (.prox); beside FILE if not given.")] = None,
+    out: Annotated[
+        Path | None,
+        option("FILE", "File to write (.prox); beside FILE if not given. Required for several files."),
+    ] = None,
 ) -> None:
     """Write FILE as a compiled scene (.prox), which opens in milliseconds and gives the same answers.
+
+    The parts of several files become one scene, where they are in their files; equal names are numbered.
 
     A compiled scene can be given wherever a FILE is expected. Another version of proximity may refuse it;
     compile FILE again then. An existing compiled scene is replaced only when the new one is complete.
@@ -76,15 +85,19 @@ def compile(
     Examples:
       proximity compile gearbox.step
       proximity compile scan.ply --units m --out fast/scan.prox
+      proximity compile knob.stl plate.stl --out panel.prox
+      proximity compile cell.toml
       proximity query gearbox.prox 30 10 5
     """
-    out = file.with_suffix(".prox") if out is None else out
-    if out.exists() and file.exists() and out.samefile(file):
-        raise typer.BadParameter(f"{out} is {file} itself, expected another file", param_hint="--out")
+    refuse((out is None and len(files) > 1, "--out", "several files are given, expected the file to write"))
+    out = files[0].with_suffix(".prox") if out is None else out
+    for file in files:
+        if out.exists() and file.exists() and out.samefile(file):
+            raise typer.BadParameter(f"{out} is {file} itself, expected another file", param_hint="--out")
     from proximity.scene.saved.archive import check_extension
 
     check_extension(out)
-    scene = reading.load(file, "compiling")
+    scene = reading.load(*files, doing="compiling")
     scene.save(out)
     faces = sum(part.solid.mesh.face_count for part in scene.parts)
     size = out.stat().st_size

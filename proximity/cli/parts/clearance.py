@@ -10,8 +10,9 @@ import typer
 
 from proximity.cli import progress
 from proximity.cli.options import (
-    FILE,
+    FILE_HELP,
     JSON,
+    SCENE_FILE,
     Reading,
     argument,
     flag,
@@ -36,10 +37,10 @@ Values = dict[str, Any]
 
 @with_option_groups
 def clearance(
-    file: FILE,
-    parts: Annotated[
-        list[str] | None, argument("[PART [PART]]", "One part against the others, or two parts.")
-    ] = None,
+    words: Annotated[
+        list[str],
+        argument("FILE [PART [PART]]", f"{FILE_HELP} Then one part against the others, or two parts."),
+    ],
     below: Annotated[
         float | None,
         option("DISTANCE", "Only pairs nearer than this; the exit code tells.", callback=within(0.0)),
@@ -54,7 +55,8 @@ def clearance(
 
     For every two parts: the shortest distance, its two ends, whether the parts touch, cross, or one is
     inside the other, and the volume that both of them fill. One PART is measured against all others, two
-    against each other; `proximity check` lists the names.
+    against each other; `proximity check` lists the names. Several files are one scene, with parts where
+    they are in their files; a word behind the first that is the name of a file of parts is such a file.
 
     Distances are exact to the triangles. In a STEP file, parts that touch may be 1e-6 mm apart or cross by as
     much: then the overlap is 0.
@@ -65,23 +67,25 @@ def clearance(
       proximity clearance gearbox.step
       proximity clearance gearbox.step shaft
       proximity clearance gearbox.step lid base --json
+      proximity clearance knob.stl plate.stl
       proximity clearance gearbox.step --below 0.5 --csv too_near.csv
     """
-    names = parts or []
+    files, names = _files_and_names(words)
     refuse(
         (len(names) > 2, "PART", f"{len(names)} names are given, expected two at most"),
         (len(names) == 2 and list_all, "--all", "two parts are one pair"),
     )
     from proximity.formats import metres_per_unit
 
-    metres, scene = metres_per_unit(reading.units), reading.load(file)
+    metres, scene = metres_per_unit(reading.units), reading.load(*files)
+    file = " + ".join(map(str, files))
     with progress.spinner(f"measuring {file}"):
         found = _pairs(scene, names, None if below is None else below * metres, is_whole=list_all)
         pairs = [_values(scene, pair, metres) for pair in found]
     if csv_path is not None:
         _write_csv(csv_path, pairs, reading.units)
     if as_json:
-        write_document({"file": str(file), "units": reading.units, "below": below, "pairs": pairs})
+        write_document({"file": file, "units": reading.units, "below": below, "pairs": pairs})
     elif len(names) == 2 and pairs:
         print_block(_lines(pairs[0], reading.units))
     else:
@@ -89,6 +93,16 @@ def clearance(
         typer.echo(_summary(pairs, below, reading.units, names, len(scene.parts), is_whole=list_all))
     if below is not None and pairs:
         raise typer.Exit(EXIT_NEARER)
+
+
+def _files_and_names(words: list[str]) -> tuple[list[Path], list[str]]:
+    """The files, which are the first word and those that are the name of one, and the names of parts."""
+    from proximity.formats import EXTENSIONS
+
+    known = (*EXTENSIONS, ".prox", SCENE_FILE)
+    files = [word for word in words[1:] if word.lower().endswith(known) and Path(word).is_file()]
+    names = [word for word in words[1:] if word not in files]
+    return [Path(word) for word in (words[0], *files)], names
 
 
 def _pairs(

@@ -47,7 +47,7 @@ def counts_by_kind(results: Iterable[Values]) -> dict[str, dict[str, int]]:
 def check_folder(folder: Path, reading: Reading, limit: float, *, as_json: bool, is_strict: bool) -> bool:
     """Report on every file below a folder; whether one was refused, or of a strict check has no inside."""
     words = ["--units", reading.units, "--step-tolerance", str(reading.step_tolerance)]
-    words += ["--unpacked-limit", str(reading.unpacked_limit)]
+    words += ["--unpacked-limit", str(reading.unpacked_limit), "--scale", str(reading.scale)]
     results = []
     with progress.spinner(f"reading {folder}, files") as count:
         for result in check_files(folder, words, limit):

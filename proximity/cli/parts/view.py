@@ -1,6 +1,7 @@
-"""``proximity view``: parts in a browser, with hands over them and the distances of every fingertip."""
+"""``proximity view``: parts in a browser, with the distance at the mouse, of points, and of fingertips."""
 
 import json
+from array import array
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,6 +21,7 @@ from proximity.cli.options import (
     within,
 )
 from proximity.cli.output import report
+from proximity.cli.parts.points import read_points
 from proximity.cli.program import stop_after
 from proximity.system.stop_signals import stop_at_input, stopped_by_signals
 
@@ -61,6 +63,11 @@ def view(
     program: Program,
     units: UNITS = "mm",
     replay: Annotated[Path | None, option("HAND", "Start with this recorded hand (CSV).")] = None,
+    hand: Annotated[bool, flag("--hand", "Start with a hand that follows the mouse.")] = False,
+    points: Annotated[
+        str | None,
+        option("FILE", "Show these points (CSV) in colours of their signed distance; - is standard input."),
+    ] = None,
     fit: Annotated[bool, flag("--fit", "Move the recorded hand to where it touches the parts.")] = False,
     browser: Annotated[
         bool, flag("--browser/--no-browser", "Whether to open a browser.", show_default=False)
@@ -84,24 +91,26 @@ def view(
     ] = None,
     limit: LIMIT = None,
 ) -> None:
-    """Show FILES in the browser: the parts, hands, and the distance of every fingertip.
+    """Show FILES in the browser: the parts, and the distance at the mouse or at fingertips.
 
     FILES are one of these: parts (STL, OBJ, PLY, OFF, glTF, 3MF, STEP or a compiled scene); a scene
     file (.toml), whose parts and fingers are used; a log of frames (.frames), which is played back,
     together with the parts that it was recorded with. Hands come from a headset with WebXR, the mouse,
-    or a recording.
+    or a recording. --points reads points as query does, such as a scan of the part, in --units.
 
     The page computes distances by itself; the command serves it. Ctrl-C stops it. Only this machine can
     connect, and only with the token in the printed address.
 
     Examples:
       proximity view part.step
+      proximity view part.step --points scan.csv
       proximity view meshes/bracket.stl --replay meshes/hand.csv
       proximity view run.frames meshes/bracket.stl
       proximity view run.frames part.step --save run.rrd
       proximity view part.step --save part.html   # to mail, or to open from a disk
       proximity view cell.toml --no-browser --port 8787
     """
+    refuse((hand and replay, "--hand and --replay", "give one of them, not both"))
     refuse((out and out.suffix not in (".html", ".rrd"), "--save", f"{out} does not end in .html or .rrd"))
     if out is not None and out.suffix == ".rrd":
         _write_rerun(files, out, units, radius)
@@ -113,7 +122,9 @@ def view(
         units=units,
         recording=str(sample("hand.csv") if replay is None else replay),
         is_recording_fitted=fit or replay is None,
-        first_input="" if replay is None else "replay",
+        first_input="mouse" if hand else "" if replay is None else "replay",
+        points_name=Path(points or "").name,
+        points=b"" if points is None else _coordinates(points, units),
         radius=None if radius is None else radius / 1e3,
         port=listening.port,
         bind=listening.bind,
@@ -129,6 +140,15 @@ def view(
         typer.echo(f"{out}: {write_page(settings, out) / 1e6:.1f} MB")
         return
     _show(settings, program, limit, opens_browser=browser)
+
+
+def _coordinates(path: str, units: str) -> bytes:
+    """The points of a text file as float64, metres."""
+    from proximity.formats import metres_per_unit
+
+    metres = metres_per_unit(units)
+    read = read_points(path, units, note=lambda sentence: report(f"note: {sentence}"))
+    return array("d", (metres * number for chunk in read for number in chunk.coordinates)).tobytes()
 
 
 def _show(settings: "PageSettings", program: Program, limit: float | None, *, opens_browser: bool) -> None:

@@ -91,13 +91,16 @@ def finger_cells(contact: Any, bar_width: int, part_names: Sequence[str] = ()) -
     }
 
 
-def finger_words(contact: Any) -> str:
-    """Return what a line of text says of a finger."""
+def finger_words(contact: Any, part_names: Sequence[str] = ()) -> str:
+    """Return what a line of text says of a finger, or of a connection of a held part."""
     if not is_tracked(contact):
         return f"{contact['finger']}: not tracked"
     lower, upper = MM_PER_M * float(contact["lower"]), MM_PER_M * float(contact["upper"])
     soon = _time(contact)
     touch = f", touch in {soon}" if soon not in (NONE, UNKNOWN, "now") else ""
+    if contact["source"] == Source.HELD:
+        to = f"to {_part(int(contact['part']), part_names)}: " if contact["part"] >= 0 else ""
+        return f"{to}{_distance(lower, upper)} mm{touch}"
     return f"{contact['finger']}: {_distance(lower, upper)} mm{touch}, {_mode(contact)}"
 
 
@@ -140,7 +143,7 @@ def _part(number: int, names: Sequence[str]) -> str:
 
 def _distance(lower: float, upper: float) -> str:
     """The distance, or its bounds, mm."""
-    if lower == upper:
+    if math.isclose(lower, upper, rel_tol=1e-12):
         return f"{lower + 0.0:.2f}"
     digits = 1 if max(abs(lower), abs(upper)) < FEW_DIGITS_FROM else 0
     at_least = f"{lower + 0.0:.{digits}f}"

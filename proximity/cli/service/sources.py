@@ -40,9 +40,16 @@ def wasm(out: FOLDER) -> None:
     Examples:
       proximity client wasm --out site/proximity
     """
-    from proximity.bindings.wasm_package import write_package
+    from proximity.bindings.wasm_package import BUILD, MODULES, write_package
 
-    _report(write_package(out))
+    written = write_package(out)
+    _report(written)
+    if str(out / MODULES[0]) not in written:
+        typer.echo(
+            f"note: {MODULES[0]} is not compiled here, so browsers without relaxed vector instructions, and "
+            f"Node before 21, cannot load the engine; `{BUILD}` in a checkout compiles it",
+            err=True,
+        )
 
 
 def csharp(out: FOLDER) -> None:

@@ -14,7 +14,7 @@ from rich.text import Text
 from proximity.cli.output import counted
 from proximity.cli.service.finger_view import FLAG_LETTERS, finger_cells, finger_words, is_tracked, ruler
 from proximity.cli.tables import Screen
-from proximity.message import Defect, State
+from proximity.message import Defect, Source, State
 from proximity.transport import Counts, Reading, Subscriber
 
 NS_IN_MS = 1e6
@@ -37,6 +37,13 @@ STATE_STYLES = {
 MEANINGS = {
     State.STARTING: "no poses yet that the service can use; its terminal says which it refused",
     State.OK: "every finger is tracked, and in time",
+    State.LATE: "ticks were missed or poses are old: only the bounds hold, and they widen",
+    State.STOPPING: "the service was asked to stop",
+}
+HELD_MEANINGS = {
+    State.STARTING: "no pose of the held part has come yet",
+    State.OK: "the held part is followed, and in time",
+    State.DEGRADED: "in time; only bounds are known of a connection",
     State.LATE: "ticks were missed or poses are old: only the bounds hold, and they widen",
     State.STOPPING: "the service was asked to stop",
 }
@@ -71,6 +78,7 @@ class Seen:
     rate_hz: float  # of frames, over the last second
     silent_s: float  # since the last frame came; since the start, if none did
     part_names: tuple[str, ...] = ()  # empty: not known, parts are numbered
+    finger_names: tuple[str, ...] = ()  # or of the connections of a held part; empty: not known
 
 
 class Follower:
@@ -105,6 +113,7 @@ class Follower:
             self._rate(now, counts.received),
             now - self._came_at,
             self._subscriber.part_names,
+            self._subscriber.finger_names,
         )
 
     def _rate(self, now: float, received: int) -> float:
@@ -142,7 +151,7 @@ def picture(
     columns = _columns(width, seen.part_names, has_drums=drums is not None)
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     for name, cells in columns.items():
-        title = ruler(cells) if name == "bar" else name
+        title = ruler(cells) if name == "bar" else "held" if name == "finger" and _is_held(reading) else name
         table.add_column(title, justify="right" if name in NUMBERS else "left", no_wrap=True, width=cells)
     rows = nearest(reading.contacts, row_count)
     for row in rows:
@@ -175,7 +184,7 @@ def line(reading: Reading, seen: Seen) -> str:
         return f"{head}; {_meaning(reading, seen)}"
     rows = nearest(reading.contacts, LINE_FINGERS)
     hidden = len(reading.contacts) - len(rows)
-    fingers = [finger_words(reading.contacts[row]) for row in rows]
+    fingers = [finger_words(reading.contacts[row], seen.part_names) for row in rows]
     return "; ".join([head, *fingers, *([f"and {hidden} more"] if hidden else [])])
 
 
@@ -218,7 +227,14 @@ def _lacking(contacts: np.ndarray) -> str:
     return f"in time; {lost} of {counted(len(tracked), 'finger')} {'is' if lost == 1 else 'are'} not tracked"
 
 
+def _is_held(reading: Reading) -> bool:
+    """Whether it is of a held part, not of fingers."""
+    return reading.header is not None and reading.header["source"] == Source.HELD
+
+
 def _meaning(reading: Reading, seen: Seen) -> str:
+    if _is_held(reading) and reading.state is not State.STALE:
+        return HELD_MEANINGS[reading.state]
     if reading.state is State.DEGRADED:
         return _lacking(reading.contacts)
     if reading.state is not State.STALE:
@@ -232,6 +248,8 @@ def _meaning(reading: Reading, seen: Seen) -> str:
         )
     if reading.header is None:
         return f"no frame has come from {seen.address} yet, for {seen.silent_s:.1f} s"
+    if _is_held(reading) and seen.rate_hz > 0.0:
+        return "no new pose of the held part: nothing is known of it"
     if reading.header["state"] == State.STALE and seen.rate_hz > 0.0:
         return "the service has no new poses that it can use: nothing is known of any finger"
     return f"no frame for {seen.silent_s:.1f} s: nothing is known of any finger"
@@ -240,6 +258,8 @@ def _meaning(reading: Reading, seen: Seen) -> str:
 def _figures(reading: Reading, seen: Seen) -> list[str]:
     counts, header = seen.counts, reading.header
     reported = [f"{seen.rate_hz:.0f} Hz"]
+    if _is_held(reading) and seen.finger_names:
+        reported.insert(0, f"held: {seen.finger_names[0].removesuffix(' 1')}")
     # A frame without a pose has no age: what its header has is the instant of the tick.
     if header is not None and header["state"] not in (State.STARTING, State.STALE):
         reported.append(f"age {_duration(reading.age_ns)}")

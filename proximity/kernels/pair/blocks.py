@@ -13,7 +13,14 @@ from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, d
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, ORIENTED_STRIDE
 from proximity.kernels.pair.boxes import SHRINK, mapped
 from proximity.kernels.pair.connection import BOTH, connect
-from proximity.kernels.pair.triangles import CROSSING, MEETING_SQ, SIDE_ROUNDING, between, triangles_apart
+from proximity.kernels.pair.triangles import (
+    CROSSING,
+    MEETING_SQ,
+    SIDE_ROUNDING,
+    between,
+    cross_along_line,
+    triangles_apart,
+)
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
@@ -189,6 +196,9 @@ def nearer_in_blocks(model, boxes, first, second, frame_map, slack, best, axis, 
             least = minimum(least, bound)
             continue
         apart_sq = select(is_used, triangles_apart(triangle, others, rounding_sq), far)
+        if best == MEETING_SQ:
+            is_crossing = is_used & cross_along_line(triangle, others, splat(SIDE_ROUNDING * slack))
+            apart_sq = select(is_crossing, splat(CROSSING), apart_sq)
         least = minimum(least, apart_sq)
         smallest = horizontal_min(apart_sq)
         if smallest < best and (best > MEETING_SQ or smallest == CROSSING):
@@ -199,3 +209,14 @@ def nearer_in_blocks(model, boxes, first, second, frame_map, slack, best, axis, 
                 break
             turn_axis(reals, slots, turn, offset, axis)
     return best, horizontal_min(least)
+
+
+@kernel
+def nearer_or_crossing(model, boxes, first, second, frame_map, slack, best, axis, slots):
+    """As `nearer_in_blocks`; where triangles meet, it is looked for those that cross: else `MEETING_SQ`."""
+    best, least_sq = nearer_in_blocks(model, boxes, first, second, frame_map, slack, best, axis, slots)
+    if best == 0.0:
+        best, least_sq = nearer_in_blocks(
+            model, boxes, first, second, frame_map, slack, MEETING_SQ, axis, slots
+        )
+    return best, least_sq

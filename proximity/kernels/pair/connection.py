@@ -14,7 +14,7 @@ BOTH = 18
 
 
 @inlined
-def _corner(corners, triangle, k):
+def corner_of(corners, triangle, k):
     """Corner *k* of a triangle, 0 or 1; after the third comes the first again."""
     at = 9 * triangle + 3 * (k % 3)
     return corners[at], corners[at + 1], corners[at + 2]
@@ -33,7 +33,7 @@ def _keep_nearer(apart_sq, one, other, ends):
 
 
 @kernel
-def _on_triangle(corners, triangle, x, y, z, closest):
+def on_triangle(corners, triangle, x, y, z, closest):
     """The point of a triangle, 0 or 1, that is nearest to another point."""
     for k in range(9):
         closest[CLOSEST_TRIANGLE + k] = corners[9 * triangle + k]
@@ -64,16 +64,16 @@ def connect(corners, ends):
     """
     closest, best = stack_f64(CLOSEST_SIZE), np.inf
     for k in range(3):
-        x, y, z = _corner(corners, 0, k)
-        best = _keep_nearer(best, (x, y, z), _on_triangle(corners, 1, x, y, z, closest), ends)
-        x, y, z = _corner(corners, 1, k)
-        best = _keep_nearer(best, _on_triangle(corners, 0, x, y, z, closest), (x, y, z), ends)
+        x, y, z = corner_of(corners, 0, k)
+        best = _keep_nearer(best, (x, y, z), on_triangle(corners, 1, x, y, z, closest), ends)
+        x, y, z = corner_of(corners, 1, k)
+        best = _keep_nearer(best, on_triangle(corners, 0, x, y, z, closest), (x, y, z), ends)
     for i in range(3):
-        p = _corner(corners, 0, i)
-        d = between(p, _corner(corners, 0, i + 1))
+        p = corner_of(corners, 0, i)
+        d = between(p, corner_of(corners, 0, i + 1))
         for j in range(3):
-            q = _corner(corners, 1, j)
-            is_inside, one, other = _between_edges(p, d, q, between(q, _corner(corners, 1, j + 1)))
+            q = corner_of(corners, 1, j)
+            is_inside, one, other = _between_edges(p, d, q, between(q, corner_of(corners, 1, j + 1)))
             if is_inside:
                 best = _keep_nearer(best, one, other, ends)
     return best
@@ -87,16 +87,18 @@ def cross_at(corners, ends):
     """
     closest, best = stack_f64(CLOSEST_SIZE), np.inf
     for one in range(2):
-        a = _corner(corners, 1 - one, 0)
-        normal = cross(*between(a, _corner(corners, 1 - one, 1)), *between(a, _corner(corners, 1 - one, 2)))
+        a = corner_of(corners, 1 - one, 0)
+        normal = cross(
+            *between(a, corner_of(corners, 1 - one, 1)), *between(a, corner_of(corners, 1 - one, 2))
+        )
         for k in range(3):
-            p, q = _corner(corners, one, k), _corner(corners, one, k + 1)
+            p, q = corner_of(corners, one, k), corner_of(corners, one, k + 1)
             h, g = dot(*normal, *between(a, p)), dot(*normal, *between(a, q))
             if h == g or (h > 0.0) == (g > 0.0):
                 continue
             t = h / (h - g)
             x, y, z = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1]), p[2] + t * (q[2] - p[2])
-            best = _keep_nearer(best, (x, y, z), _on_triangle(corners, 1 - one, x, y, z, closest), ends)
+            best = _keep_nearer(best, (x, y, z), on_triangle(corners, 1 - one, x, y, z, closest), ends)
     for axis in range(3):
         ends[3 + axis] = ends[axis]
     return 0.0

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.layout import LANES, NODE_CHILDREN, NODE_STRIDE
-from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_in_blocks
+from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_or_crossing
+from proximity.kernels.pair.triangles import MEETING_SQ
 from proximity.kernels.pair.walk import begin_short, bounds_of_children, opens_first, rounding_size, used
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
@@ -29,11 +30,10 @@ from proximity.native.simd import (
     trailing_zeros,
 )
 
-PAIRS_CAPACITY = 8192
-FRONTIER_LENGTH = PAIRS_CAPACITY + LANES
-"""A store writes a whole vector beyond."""
-FRONTIER_COUNT = 4
-"""Pairs of parts of which the frontier is kept: with 20 bytes an entry, 655 KB."""
+FRONTIER_ENTRIES = 32_768
+"""Of all frontiers together: with 20 bytes each, 655 KB."""
+FEWEST_FRONTIERS, MOST_FRONTIERS = 4, 32
+"""As many as there are pairs of parts, within these limits."""
 CHILDREN = 255
 OPENED_FIRST = 256
 BLOCKS = 512
@@ -47,11 +47,12 @@ PAIR_SWEEP_SHARE = 0.25
 
 
 class Frontier(NamedTuple):
-    """Where a frontier is: `FRONTIER_LENGTH` entries from *begin* on."""
+    """Where a frontier is: so many entries from *begin* on, with room for a vector behind the last."""
 
     limits: np.ndarray  # float64, local units of the first part: nothing in an entry is nearer
     entries: np.ndarray  # (…, 3) int32: positions in words of both parts, and bits
     begin: int
+    capacity: int
 
 
 @inlined
@@ -151,6 +152,7 @@ def nearest_from_frontier(
     axis[0], axis[1], axis[2] = 0.0, 0.0, 0.0
     boxes, slack = parts[first].block_boxes, rounding_size(frames, first, second, frame_map[1])
     best = begin_short(model, first, second, frame_map[0], frame_map[1], best, axis, slots)
+    best = MEETING_SQ if best == 0.0 else best
     if count == 0:
         count = _plant(words, parts, first, second, frontier)
         store(frontier.limits, frontier.begin + count, splat(np.inf))
@@ -168,14 +170,15 @@ def nearest_from_frontier(
             if frontier.entries[at, 2] == BLOCKS:
                 one = ~load_int(words, frontier.entries[at, 0] + NODE_CHILDREN)
                 other = ~load_int(words, frontier.entries[at, 1] + NODE_CHILDREN)
-                best, least_sq = nearer_in_blocks(
+                best, least_sq = nearer_or_crossing(
                     model, boxes, one, other, frame_map, slack, best, axis, slots
                 )
                 reach = sqrt(max(best, 0.0)) * share
-                frontier.limits[at] = max(frontier.limits[at], sqrt(max(least_sq, 0.0)))
+                least = reach if best == MEETING_SQ else sqrt(max(least_sq, 0.0))
+                frontier.limits[at] = max(frontier.limits[at], least)
                 at += 1
             else:
-                if count + 2 * LANES > PAIRS_CAPACITY:
+                if count + 3 * LANES > frontier.capacity:
                     return best, OVERFLOW, steps, 0
                 count = _open_entry(model, first, second, frame_map, frontier, at, count, reach, axis)
                 store(frontier.limits, frontier.begin + count, splat(np.inf))
@@ -184,5 +187,7 @@ def nearest_from_frontier(
                 else:
                     at += 1
         lowest = _lower(frontier, count, 0.0)
+    if best == MEETING_SQ:
+        return 0.0, 0.0, steps, count
     lower = reach if lowest >= reach * NEARLY else max(lowest, 0.0)
     return best, lower * lower if best > 0.0 else 0.0, steps, count

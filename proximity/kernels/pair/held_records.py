@@ -18,11 +18,13 @@ HELD_PAIR = record(
     upper="f8",  # m: the surfaces are no farther apart
     speed="f8",  # m/s: of a point of one part as the other sees it, at most
     free_time="f8",  # s: the surfaces do not meet before
+    depth="f8",  # m, as found last; 0: none
+    normal="(3,)f8",  # along which the part that is followed moves away, as found last; or 0
     frontier="i8",  # of `HeldArrays`, or -1
     frontier_count="i8",  # its entries; 0: it is of no use
     frontier_moved="f8",  # m that anything has moved since it was looked at
     is_resolved="i8",  # 1 where this tick has looked
-    is_timed="i8",  # 1 where it has found how long they do not meet
+    is_timed="i8",  # `TIMED` where it has found how long they do not meet, `TOUCHING` where it has to
     is_crossing="i8",  # 1 where faces of both cross
     is_inside="i8",  # 1 where one is inside the other
     is_unsure="i8",  # 1 where surfaces may have met since inside and outside were decided
@@ -40,6 +42,8 @@ HELD_SETTINGS = record(
     pose_ns="i8",
     now_ns="i8",
     work="i8",  # steps of this tick; written by it
+    frontier_count="i8",
+    frontier_length="i8",  # its entries
     next_frontier="i8",  # the one that is given away next; written by it
     unsure="i8",  # pairs of which it must be asked whether one part is inside the other; likewise
     free_time="f8",  # s: nothing is met before; likewise
@@ -68,6 +72,8 @@ CONNECTION_RECORD = record(
     predicted_upper="f8",
     time_to_contact="f8",
     time_to_contact_lower="f8",
+    depth="f8",
+    depth_lower="f8",
 )
 """The record of one connection; `tracker.connections` says what is in it."""
 
@@ -80,8 +86,8 @@ class HeldArrays(NamedTuple):
     records: np.ndarray  # (K,) CONNECTION_RECORD
     before: np.ndarray  # (P, 12) float64: poses at the last tick
     moved: np.ndarray  # (P,) float64: how far parts have moved since
-    limits: np.ndarray  # (FRONTIER_COUNT * FRONTIER_LENGTH,) float64: see `frontier`
-    entries: np.ndarray  # (FRONTIER_COUNT * FRONTIER_LENGTH, 3) int32
+    limits: np.ndarray  # (FRONTIER_ENTRIES,) float64: see `frontier`
+    entries: np.ndarray  # (FRONTIER_ENTRIES, 3) int32
 
 
 bundle(

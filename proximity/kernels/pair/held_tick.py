@@ -6,10 +6,6 @@ be nearer than what is found. It is the argument of the coherent point search.
 
 Where nothing crosses, a part is inside another as long as their surfaces have not met. So that is asked again
 only where the bound has come down to 0.
-
-Times: distances shrink no faster than the points of one part move as the other sees them. So much later the
-parts are looked at again, where their velocities have taken them (conservative advancement, Mirtich 1996).
-
 """
 
 from math import sqrt
@@ -28,24 +24,12 @@ from proximity.kernels.contact_record import (
 from proximity.kernels.geometry.frames import ROUNDED_DOWN
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, ModelArrays
-from proximity.kernels.pair.boxes import frames_at, frames_between
-from proximity.kernels.pair.frontier import (
-    FRONTIER_COUNT,
-    FRONTIER_LENGTH,
-    OVERFLOW,
-    Frontier,
-    nearest_from_frontier,
-)
-from proximity.kernels.pair.held_motion import (
-    POSE_SIZE,
-    STILL_ROUNDING,
-    displacements,
-    fastest_between,
-    pose_ahead,
-    velocity_at,
-)
+from proximity.kernels.pair.boxes import frames_between
+from proximity.kernels.pair.frontier import OVERFLOW, Frontier, nearest_from_frontier
+from proximity.kernels.pair.held_motion import STILL_ROUNDING, displacements, velocity_at
 from proximity.kernels.pair.held_records import CROSSING_PARTS, HeldArrays
-from proximity.kernels.pair.part_query import fill_connection
+from proximity.kernels.pair.held_times import find_times, lower_of
+from proximity.kernels.pair.part_query import fill_connection, turn_normal
 from proximity.kernels.pair.triangles import CROSSING
 from proximity.kernels.pair.walk import nearest_of_parts
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
@@ -54,14 +38,10 @@ from proximity.native.simd import load_int
 
 MOST_RECORDS = 16
 """Connections of one tick."""
-MOST_ADVANCES = 6
-"""Walks of one tick that look ahead."""
+TICKS_AHEAD = 4
+"""Least number of ticks like this one for which a look at a pair of parts is to serve; at most twice that."""
 SEARCH_TOLERANCE = 0.5
 """Share of the tolerance that a look leaves: the rest is for the motion until the next."""
-AHEAD_TOLERANCE = 0.1
-"""Of those walks: that much of the way to a contact is left for the next."""
-AT_CONTACT = 1e-6
-"""Share of the way that is left where a contact counts as found."""
 
 
 @entry(ModelArrays, HeldArrays, "bool")
@@ -80,7 +60,7 @@ def follow_parts(model, held, is_moved):
         pair = held.pairs[number]
         if pair.is_unsure and pair.lower > 0.0:
             option.unsure += 1
-    _find_times(model, held)
+    find_times(model, held)
     for number in range(len(held.records)):
         _fill_record(model, held, number, rows)
 
@@ -118,12 +98,6 @@ def _gap_between_boxes(one, other):
         if gap > 0.0:
             total += gap * gap
     return sqrt(total) * ROUNDED_DOWN - STILL_ROUNDING * size
-
-
-@inlined
-def _lower_of(pair):
-    """The lower bound of the distance between parts: 0 where one is inside the other."""
-    return 0.0 if pair.is_inside else pair.lower
 
 
 @inlined
@@ -168,12 +142,16 @@ def _resolve(model, held, rows, uppers):
         lowest, chosen = np.inf, -1
         for number in range(len(held.pairs)):
             pair = held.pairs[number]
-            lower = _lower_of(pair)
+            lower = lower_of(pair)
             if not pair.is_resolved and lower < lowest and lower * share < min(_upper_of(pair), reach):
                 lowest, chosen = lower, number
         if chosen < 0 or (option.budget > 0 and option.work >= option.budget):
             return
-        _look_into(model, held, chosen, min(reach, held.pairs[chosen].upper))
+        # A little farther than now needed: else all would have to be looked into at every tick.
+        pair = held.pairs[chosen]
+        moved = held.moved[pair.own] + held.moved[pair.other]
+        margin = moved * (TICKS_AHEAD + chosen % TICKS_AHEAD) if option.budget == 0 else 0.0
+        _look_into(model, held, chosen, min(reach + margin, pair.upper))
 
 
 @kernel
@@ -220,68 +198,8 @@ def _frontier_of(held, number):
             if held.pairs[row].frontier == option.next_frontier:
                 held.pairs[row].frontier, held.pairs[row].frontier_count = -1, 0
         pair.frontier, pair.frontier_count = option.next_frontier, 0
-        option.next_frontier = (option.next_frontier + 1) % FRONTIER_COUNT
-    return Frontier(held.limits, held.entries, pair.frontier * FRONTIER_LENGTH)
-
-
-@kernel
-def _find_times(model, held):
-    """Find for how long nothing is met, while all velocities stay: of the pairs that come first."""
-    option = held.settings[0]
-    horizon, option.free_time = option.horizon, option.horizon
-    if not option.is_predicted:
-        option.free_time = 0.0
-        return
-    for number in range(len(held.pairs)):
-        pair = held.pairs[number]
-        pair.speed = fastest_between(model.frames[pair.own], model.frames[pair.other], horizon)
-        lower, pair.free_time = _lower_of(pair), horizon
-        if lower < pair.speed * horizon:
-            pair.free_time = lower / pair.speed
-        elif lower == 0.0:
-            pair.free_time = 0.0
-    work = 0
-    for _ in range(MOST_ADVANCES):
-        first = _first_to_meet(held)
-        if first < 0 or (option.budget > 0 and work >= option.budget):
-            break
-        work += _advance(model, held.pairs[first], option, option.budget - work if option.budget > 0 else 0)
-    option.work += work
-    for number in range(len(held.pairs)):
-        option.free_time = min(option.free_time, held.pairs[number].free_time)
-
-
-@inlined
-def _first_to_meet(held):
-    """The pair that may meet first, unless that is known to within what is looked for; -1: none."""
-    first, soonest = -1, held.settings[0].horizon * (1.0 - AT_CONTACT)
-    for number in range(len(held.pairs)):
-        pair = held.pairs[number]
-        if pair.free_time < soonest:
-            first, soonest = number, pair.free_time
-    return first if first >= 0 and not held.pairs[first].is_timed and soonest > 0.0 else -1
-
-
-@kernel
-def _advance(model, pair, option, budget):
-    """Look at a pair when it may meet, and put that off by what it is apart then; return the steps."""
-    frames, slots = model.frames, stack_i64(2)
-    turn, offset = stack_f64(9), stack_f64(3)
-    one, other = stack_f64(POSE_SIZE), stack_f64(POSE_SIZE)
-    scale = frames[pair.own].scale
-    pose_ahead(frames[pair.own], pair.free_time, one)
-    pose_ahead(frames[pair.other], pair.free_time, other)
-    frames_at(frames, pair.own, pair.other, one, other, turn, offset)
-    slots[0], slots[1] = pair.slots[0], pair.slots[1]
-    reach = pair.speed * (option.horizon - pair.free_time) * scale
-    _, lower_sq, steps = nearest_of_parts(
-        model, pair.own, pair.other, (turn, offset), reach * reach, AHEAD_TOLERANCE, budget, slots
-    )
-    later = sqrt(max(lower_sq, 0.0)) / scale / pair.speed * ROUNDED_DOWN
-    if later <= AT_CONTACT * (pair.free_time + later):
-        pair.is_timed = 1
-    pair.free_time = min(pair.free_time + later, option.horizon)
-    return steps
+        option.next_frontier = (option.next_frontier + 1) % option.frontier_count
+    return Frontier(held.limits, held.entries, pair.frontier * option.frontier_length, option.frontier_length)
 
 
 @kernel
@@ -293,7 +211,7 @@ def _lowest_of_rest(held, rows, count):
         for k in range(count):
             is_known = is_known or (rows[k] >= 0 and held.pairs[rows[k]].other == pair.other)
         if not is_known:
-            lowest = min(lowest, _lower_of(pair))
+            lowest = min(lowest, lower_of(pair))
     return lowest
 
 
@@ -309,7 +227,9 @@ def _fill_record(model, held, number, rows):
         _fill_unknown(record, _lowest_of_rest(held, rows, number), option)
         return
     pair, ends = held.pairs[row], stack_f64(6)
-    lower = _lowest_of_rest(held, rows, 0) if number == 0 else _lower_of(pair)
+    if pair.slots[0] == NO_SLOT:
+        _connect_surfaces(model, pair, option)
+    lower = _lowest_of_rest(held, rows, 0) if number == 0 else lower_of(pair)
     length = fill_connection(model, pair.own, pair.other, pair.is_crossing != 0, pair.slots, ends, 0)
     pair.upper = length
     upper = _upper_of(pair)
@@ -317,10 +237,18 @@ def _fill_record(model, held, number, rows):
     record["distance"], record["lower"], record["upper"] = upper, lower, upper
     for k in range(3):
         record["point_on_own"][k], record["point_on_part"][k] = ends[k], ends[3 + k]
-        record["normal"][k] = (ends[k] - ends[3 + k]) / length if length > 0.0 else 0.0
+        if length > 0.0:
+            pair.normal[k] = (ends[k] - ends[3 + k]) / length
+    if length == 0.0 and not pair.is_crossing:
+        turn_normal(model, pair.own, pair.other, pair.slots, pair.normal)
+    for k in range(3):
+        record["normal"][k] = 0.0 if pair.is_crossing else pair.normal[k]
     record["part"], record["own_part"] = pair.other, pair.own
     record["own_face"] = load_int(model.words, model.parts[pair.own].slot_faces + pair.slots[0])
     record["face"] = load_int(model.words, model.parts[pair.other].slot_faces + pair.slots[1])
+    record["depth"], record["depth_lower"] = 0.0, 0.0
+    if pair.is_crossing or pair.is_inside:
+        record["depth"] = np.inf
     record["flags"] = (
         (EXACT if lower >= upper * ROUNDED_DOWN else BOUNDED)
         | (0 if pair.is_resolved else SKIPPED)
@@ -333,6 +261,20 @@ def _fill_record(model, held, number, rows):
     _predict(model, record, pair, option)
     if number == 0:
         record["time_to_contact_lower"] = option.free_time
+
+
+@kernel
+def _connect_surfaces(model, pair, option):
+    """Find a connection of the surfaces where one part is inside the other, beyond the working range."""
+    slots, turn, offset = stack_i64(2), stack_f64(9), stack_f64(3)
+    slots[0] = slots[1] = NO_SLOT
+    frames_between(model.frames, pair.own, pair.other, turn, offset)
+    _, lower_sq, steps = nearest_of_parts(
+        model, pair.own, pair.other, (turn, offset), np.inf, option.tolerance, option.budget, slots
+    )
+    option.work += steps
+    pair.slots[0], pair.slots[1] = slots[0], slots[1]
+    pair.lower = max(pair.lower, sqrt(max(lower_sq, 0.0)) / model.frames[pair.own].scale * ROUNDED_DOWN)
 
 
 @kernel
@@ -353,10 +295,10 @@ def _predict(model, record, pair, option):
     record["predicted_distance"] = max(distance - speed * ahead, 0.0)
     record["predicted_lower"] = max(record["lower"] - pair.speed * ahead, 0.0)
     record["predicted_upper"] = record["upper"] + pair.speed * ahead
-    free_time = 0.0 if distance == 0.0 else pair.free_time
+    free_time = pair.free_time
     expected = free_time
-    if not pair.is_timed and distance > 0.0:
-        expected = max(distance / speed, free_time) if speed > 0.0 else np.inf
+    if pair.is_timed == 0 and free_time > 0.0:
+        expected = max(distance / speed, free_time) if speed > 0.0 and distance > 0.0 else np.inf
     record["time_to_contact"] = expected if expected <= option.horizon else np.inf
     record["time_to_contact_lower"] = free_time
 
@@ -377,5 +319,6 @@ def _fill_unknown(record, lowest, option):
         record["point_on_own"][k], record["point_on_part"][k], record["normal"][k] = np.nan, np.nan, 0.0
     record["part"], record["own_part"] = NO_PART, NO_PART
     record["face"], record["own_face"], record["flags"] = NO_FACE, NO_FACE, BOUNDED
+    record["depth"], record["depth_lower"] = 0.0, 0.0
     _fill_no_prediction(record)
     record["time_to_contact_lower"] = option.free_time

@@ -4,12 +4,13 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import rounding_at, to_scene
+from proximity.kernels.geometry.frames import rounding_at, to_scene, turn_to_scene
+from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import NO_FACE, NO_SLOT, ModelArrays
 from proximity.kernels.pair.blocks import read_both
 from proximity.kernels.pair.boxes import frames_between
-from proximity.kernels.pair.connection import BOTH, connect, cross_at
-from proximity.kernels.pair.triangles import CROSSING
+from proximity.kernels.pair.connection import BOTH, connect, corner_of, cross_at
+from proximity.kernels.pair.triangles import CROSSING, between
 from proximity.kernels.pair.walk import nearest_of_parts
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import entry, inlined, kernel
@@ -115,3 +116,27 @@ def fill_connection(model, first, second, is_crossing, slots, answer, at):
     to_scene(frames, parts, first, ends, 0, answer, at)
     to_scene(frames, parts, first, ends, 3, answer, at + 3)
     return sqrt(apart_sq) / frames[first].scale
+
+
+@kernel
+def turn_normal(model, first, second, slots, normal):
+    """Set the direction, scene's frame, by which the first part moves away where two triangles touch.
+
+    It is normal to that one of them beyond which the other is.
+    """
+    turn, offset = stack_f64(9), stack_f64(3)
+    corners, local = stack_f64(BOTH), stack_f64(3)
+    frames_between(model.frames, first, second, turn, offset)
+    read_both(model.reals, slots, turn, offset, corners)
+    best = -np.inf
+    for one in range(2):
+        a = corner_of(corners, one, 0)
+        x, y, z = cross(*between(a, corner_of(corners, one, 1)), *between(a, corner_of(corners, one, 2)))
+        length, lowest = sqrt(dot(x, y, z, x, y, z)), np.inf
+        for k in range(3):
+            lowest = min(lowest, dot(x, y, z, *between(a, corner_of(corners, 1 - one, k))))
+        if length > 0.0 and lowest / length > best:
+            best, side = lowest / length, 2 * one - 1
+            local[0], local[1], local[2] = side * x / length, side * y / length, side * z / length
+    if best > -np.inf:
+        turn_to_scene(model.frames, model.parts, first, local, 0, normal, 0)

@@ -24,7 +24,7 @@ from proximity.kernels.layout import (
     NODE_STRIDE,
     STACKS_SIZE,
 )
-from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_in_blocks, turn_axis
+from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_or_crossing, turn_axis
 from proximity.kernels.pair.boxes import (
     begins_of,
     box_at,
@@ -238,13 +238,9 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
         below_other = load_int(words, other + NODE_CHILDREN)
         if below_one < 0 and below_other < 0:
             boxes = parts[first].block_boxes
-            best, _ = nearer_in_blocks(
+            best, _ = nearer_or_crossing(
                 model, boxes, ~below_one, ~below_other, frame_map, slack, best, axis, slots
             )
-            if best == 0.0:  # they may cross as well
-                best, _ = nearer_in_blocks(
-                    model, boxes, ~below_one, ~below_other, frame_map, slack, MEETING_SQ, axis, slots
-                )
             reach = best * share_sq
         elif opens_first(words, below_one, below_other, one, other, ratio):
             node = NODE_STRIDE * below_one

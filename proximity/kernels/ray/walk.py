@@ -292,7 +292,7 @@ coordinates times some number, 0 where nothing better than known was found."""
 
 
 @inlined
-def _ray_in_part(reals, words, start, origin, direction, parameter, slot, stacks):
+def ray_in_part(reals, words, start, origin, direction, parameter, slot, stacks):
     """`first_hit` of the ray *origin* + t *direction*, t >= 0, (x, y, z) each, in the part's local frame.
 
     The largest component of *direction* is between 0.5 and 2.
@@ -318,7 +318,7 @@ def _first_in_part(model, part, start, query, best, stacks):
     ratio = frames[part].scale / frames[len(parts) - 1].scale
     origin = to_local(frames, parts, part, x, y, z)
     direction = direction_to_local(frames, parts, part, dx, dy, dz)
-    _, found, slot, weights = _ray_in_part(
+    _, found, slot, weights = ray_in_part(
         reals, words, start, origin, direction, parameter * ratio, best_slot, stacks
     )
     if slot == best_slot:

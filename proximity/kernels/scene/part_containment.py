@@ -8,8 +8,8 @@ from proximity.kernels.geometry.frames import to_local, to_scene
 from proximity.kernels.layout import SIGN_NONE, ModelArrays
 from proximity.kernels.scene.chunk_tables import new_workspace, reset_recent
 from proximity.kernels.scene.containment import depth_in_part, state_in_part
-from proximity.kernels.sign.inside_grid import CELL_INSIDE, CELL_OUTSIDE
-from proximity.native import entry, inlined
+from proximity.kernels.sign.inside_grid import CELL_CROSSED, CELL_INSIDE
+from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
 
@@ -53,24 +53,40 @@ def _is_in_box(frame, point):
     )
 
 
-@entry(ModelArrays, "int, int, int32[:], float64[:] -> bool")
-def contains_corner(model, part, inner, faces, point):
-    """Whether a part contains a corner of some of another part's *faces*; fills it, (3,) m, scene's frame."""
+@kernel
+def is_inside_part(model, part, p, workspace):
+    """Whether a part contains *p*, in its local frame."""
+    state = state_in_part(model, part, p)
+    if state != CELL_CROSSED:
+        return state == CELL_INSIDE
+    _, slot = depth_in_part(model, part, p, state, workspace)
+    return slot >= 0
+
+
+@kernel
+def contained_corner(model, part, inner, faces, shift, point, workspace):
+    """Whether a part contains a corner of some of another part's *faces* if that were shifted.
+
+    *point*: filled with where the corner is then, (3,) m, scene's frame.
+    """
     reals, words, frames, parts = model
     if parts[part].sign == SIGN_NONE:
         return False
-    workspace = new_workspace()
-    reset_recent(workspace)
     for k in range(len(faces)):
         corner = load_int(words, parts[inner].faces + 3 * faces[k])
         to_scene(frames, parts, inner, reals, parts[inner].corners + 3 * corner, point, 0)
+        for axis in range(3):
+            point[axis] += shift[axis]
         if _is_in_box(frames[part], point):
             p = to_local(frames, parts, part, point[0], point[1], point[2])
-            state = state_in_part(model, part, p)
-            if state == CELL_INSIDE:
+            if is_inside_part(model, part, p, workspace):
                 return True
-            if state != CELL_OUTSIDE:
-                _, slot = depth_in_part(model, part, p, state, workspace)
-                if slot >= 0:
-                    return True
     return False
+
+
+@entry(ModelArrays, "int, int, int32[:], float64[:] -> bool")
+def contains_corner(model, part, inner, faces, point):
+    """Whether a part contains a corner of some of another part's *faces*; fills it, (3,) m, scene's frame."""
+    workspace = new_workspace()
+    reset_recent(workspace)
+    return contained_corner(model, part, inner, faces, (0.0, 0.0, 0.0), point, workspace)

@@ -20,6 +20,7 @@ from proximity.lab.certificate.deadlines import (
     shown_period,
     tail,
 )
+from proximity.lab.certificate.held_parts import measure_held_parts
 from proximity.lab.certificate.measurement import MotionTiming, measure, run_loop
 from proximity.lab.certificate.subject import Subject
 from proximity.lab.certificate.wording import microseconds, percent
@@ -125,6 +126,7 @@ def certify(
         raise ServiceError("all parts of the scene are hidden: no tick would find any")
     found = search(subject, seed, progress=progress)
     timings = measure(subject, found, tick_count, seed, progress)
+    timings += measure_held_parts(subject, tick_count, seed, progress)
     progress(f"running the loop for {seconds:g} s", 0.0)
     loop = run_loop(subject, found, seconds, seed)
     return Certificate(subject, seed, tick_count, seconds, found, timings, loop)

@@ -20,8 +20,10 @@ from proximity.scene.loader import load
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 from proximity.service.config import (
+    HeldEntry,
     PartFiles,
     SceneFile,
+    check_held,
     finger_count,
     make_tracker,
     place_recording,
@@ -57,6 +59,7 @@ class Subject:
     core: int | None = None
     corners: np.ndarray | None = None  # (M, K, 3) m, finger's frame, of paths that may come; None: none may
     moves: bool = False  # whether it may be given that parts move
+    held: tuple[HeldEntry, ...] = ()
 
     @property
     def budget(self) -> int:
@@ -132,6 +135,7 @@ def _of_scene_file(settings: SceneFile, recording: Recording | None, period: flo
     scene = PartFiles().scene(settings)
     own = read_input(settings) if recording is None else None
     service, count = settings.service, finger_count(settings, own)
+    check_held(settings, scene)
     make_tracker(settings, scene, count)  # refuses, with the line, what no tracker takes
     reported = {name: getattr(settings.fingers, name) for name in OF_TRACKER}
     ticks = service.period if period is None else period
@@ -151,6 +155,7 @@ def _of_scene_file(settings: SceneFile, recording: Recording | None, period: flo
         service.core,
         _corners(settings, count),
         settings.input.moves is not None,
+        settings.held,
     )
 
 

@@ -45,7 +45,7 @@ _TYPES = {name: np.dtype(name) for name in ("float64", "float32", "int64", "int3
 _NOT_UNDERSTOOD = (ValueError, TypeError, LookupError, ArithmeticError, RecursionError)
 AGAIN = "save the scene again with this version"
 SENTENCES = {
-    stored_bytes.NO_MAGIC: "it is named like a compiled scene, but does not begin like one",
+    stored_bytes.NO_MAGIC: "it is no compiled scene; `proximity compile` makes one of files of parts",
     stored_bytes.CUT_HEADER: "it is cut off after {0} bytes",
     stored_bytes.OTHER_ORDER: "it was written on a machine of another byte order, expected "
     f"{sys.byteorder}-endian",
@@ -175,6 +175,8 @@ def _checked_header(whole: np.ndarray) -> int:
 
 
 def _refuse(kind: int, fault: np.ndarray, name: str = "") -> None:
+    if kind == stored_bytes.NO_MAGIC:
+        raise MeshFormatError(SENTENCES[kind])
     if kind == stored_bytes.OTHER_ORDER:
         raise MeshFormatError(f"{SENTENCES[kind]}; save the scene again on this machine")
     if kind != SOUND:

@@ -4,6 +4,7 @@ TOML, with every mistake named by its line; ``meshes/demo.toml`` explains each k
 what can be checked without opening parts; what the file describes is then made of it.
 """
 
+from proximity.service.config.held_entries import check_held
 from proximity.service.config.scene_builder import (
     PartFiles,
     finger_count,
@@ -19,6 +20,7 @@ from proximity.service.config.scene_file_reader import override, read_scene_file
 from proximity.service.config.settings import (
     FingerSettings,
     GloveSettings,
+    HeldEntry,
     InputSettings,
     PartEntry,
     RecordingEntry,
@@ -30,6 +32,7 @@ from proximity.service.config.settings import (
 __all__ = [
     "FingerSettings",
     "GloveSettings",
+    "HeldEntry",
     "InputSettings",
     "PartEntry",
     "PartFiles",
@@ -37,6 +40,7 @@ __all__ = [
     "SceneFile",
     "ServiceSettings",
     "WebSettings",
+    "check_held",
     "finger_count",
     "finger_names",
     "finger_radii",

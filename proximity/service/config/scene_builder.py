@@ -13,7 +13,7 @@ from proximity.errors import ProximityError, ServiceError
 from proximity.pose import Pose
 from proximity.recording import Recording, read_recording
 from proximity.scene.loader import load, notes_on_sizes
-from proximity.scene.part import Part
+from proximity.scene.part import LoadReport, Part
 from proximity.scene.scene import Scene
 from proximity.service.config.settings import FingerSettings, PartEntry, SceneFile
 from proximity.tracker.replay import fitted_pose, turn_about_axes
@@ -60,6 +60,7 @@ class PartFiles:
         except ProximityError as unusable:
             raise settings.error(("parts",), f"parts: {unusable}") from unusable
         self._kept = kept
+        scene.report = LoadReport(settings.path, "scene file", "m", True, self.notes)
         return scene
 
     def _load(self, entry: PartEntry, kept: _Kept) -> tuple[Part, ...]:

@@ -10,6 +10,7 @@ from typing import Any
 from proximity.errors import MeshError, PublishError
 from proximity.formats import metres_per_unit
 from proximity.message import MAX_RECORDS
+from proximity.service.config.held_entries import WITHOUT_GEOMETRY, check_held_together, read_held
 from proximity.service.config.settings import (
     ORIGIN,
     FingerSettings,
@@ -28,7 +29,7 @@ from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_
 from proximity.transport.address import parse
 from proximity.transport.link import TRANSPORTS
 
-TABLES = ("service", "fingers", "parts", "input", "glove", "web")
+TABLES = ("service", "fingers", "parts", "input", "held", "glove", "web")
 SERVICE_KEYS = ("rate_hz", "latency", "valid_for", "publish", "log", "real_time", "core")
 TRACKER_KEYS = (
     "radius", "budget", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration",
@@ -41,8 +42,6 @@ PLACE_KEYS = ("position", "turn_degrees")  # of a recording and of OpenXR
 INPUT_KEYS = (*SOURCES, "moves", "changes", "parts_from", *RECORDING_KEYS)
 GLOVE_KEYS = ("calibration", "max_age_days")
 WEB_KEYS = ("feed",)
-
-WITHOUT_GEOMETRY = "cannot be used: distances are measured by input.sensor, there is no geometry"
 
 RATE_RANGE = Range("Hz", 1.0, 100_000.0)
 LATENCY_RANGE = Range("s", 0.0, 1.0)
@@ -74,6 +73,7 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
         fingers=reader.fingers(),
         parts=reader.parts(),
         input=reader.input(),
+        held=read_held(document, reader.checked_address),
         glove=reader.glove(),
         web=reader.web(),
         document=document,
@@ -114,7 +114,7 @@ class _Reader:
         """The loop."""
         table, default = self._table("service", SERVICE_KEYS), ServiceSettings()
         named = table.texts("publish", default.publish, meaning="an address such as iox2://decaff")
-        publish = tuple(self._checked_address(table, "publish", address) for address in named)
+        publish = tuple(self.checked_address(table, "publish", address) for address in named)
         if len(set(publish)) < len(publish):
             table.complain("publish", "has an address twice, expected different addresses")
         return ServiceSettings(
@@ -307,9 +307,9 @@ class _Reader:
 
     def _address(self, table: Table, key: str) -> str | None:
         address = table.text(key, None, meaning="an address such as iox2://NAME")
-        return None if address is None else self._checked_address(table, key, address)
+        return None if address is None else self.checked_address(table, key, address)
 
-    def _checked_address(self, table: Table, key: str, text: str) -> str:
+    def checked_address(self, table: Table, key: str, text: str) -> str:
         """An address, with files that it names as seen from the scene file."""
         try:
             address = parse(text)
@@ -344,6 +344,7 @@ def _check_together(settings: SceneFile) -> None:
         address = getattr(inputs, key)
         if address is not None and address in settings.service.publish and not address.startswith("ws:"):
             complain(("input", key), f"input.{key} is {address}, which is also in service.publish")
+    check_held_together(settings)
     if settings.web.feed and inputs.poses is None and inputs.moves is None:
         complain(("web", "feed"), "web.feed is true, which requires input.poses or input.moves")
     if settings.glove is not None and inputs.poses is None:

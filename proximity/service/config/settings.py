@@ -4,6 +4,7 @@ Paths are complete: those in the file are relative to it. Whether files can be l
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from proximity.errors import ServiceError
 from proximity.service.config.toml_document import Document, Path
@@ -102,6 +103,25 @@ class GloveSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class HeldEntry:
+    """A part that is followed, or a rigid group of them, and where its connections go."""
+
+    part: tuple[str, ...]  # the first is the one whose moves count
+    publish: tuple[str, ...]
+    connections: int = 1
+    working_range: float | None = None  # m; None: any distance
+    tolerance: float = 0.0
+    budget: int | None = None
+    horizon: float | None = None  # s; None: the tracker's own
+
+    @property
+    def tracker_settings(self) -> dict[str, Any]:
+        """What a `PartTracker` is given besides; what is None is its own default."""
+        names = ("connections", "working_range", "tolerance", "budget", "horizon")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+
+@dataclass(frozen=True, slots=True)
 class WebSettings:
     """The page beside the service, where one was asked for."""
 
@@ -120,6 +140,7 @@ class SceneFile:
     glove: GloveSettings | None  # None: poses are of fingertips
     web: WebSettings
     document: Document = field(repr=False, compare=False)
+    held: tuple[HeldEntry, ...] = ()
 
     def error(self, path: Path, sentence: str) -> ServiceError:
         """Return the error that says something of a value, with file and line."""

@@ -17,6 +17,7 @@ from proximity.scene.part import Part
 from proximity.service import Addition, Request, Service, TrackedContacts, carry_out
 from proximity.service.config import (
     SceneFile,
+    check_held,
     make_tracker,
     override,
     placed_parts,
@@ -130,6 +131,7 @@ class SceneReloader:
         if self._made.scene is None:
             return f"{settings.path} was edited without effect"
         scene = self._made.files.scene(settings)
+        check_held(settings, scene)
         tracker = make_tracker(settings, scene, self._made.count)
         self._made.service.replace(TrackedContacts(tracker, self._made.moves, self._made.changes))
         self._settings = settings
@@ -156,6 +158,7 @@ def _fixed(settings: SceneFile) -> dict[Path, Any]:
     source["recording"] = recorded.pop("file", None)
     reported |= {("input", key): value for key, value in {**source, **recorded}.items()}
     reported["glove",] = settings.glove
+    reported["held",] = settings.held
     return reported
 
 

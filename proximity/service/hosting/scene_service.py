@@ -11,7 +11,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from proximity.checks import not_negative, whole
-from proximity.service import Report, Request
+from proximity.service import Report, Request, Service
 from proximity.service.config import SceneFile, override, read_scene_file
 from proximity.service.hosting.announcements import guarded, warnings_of_loop_to
 from proximity.service.hosting.scene_changes import PartChanger, SceneReloader
@@ -100,10 +100,46 @@ def serve(
     stop = threading.Event() if stop is None else stop
     say = None if say is None else guarded(say)
     beside = _Beside(made, settings, overrides, stop, seconds, say or LOGGER.warning, begun)
-    with warnings_of_loop_to(say), beside.running(), stopped_by_signals(stop):
+    failures: list[BaseException] = []
+    with warnings_of_loop_to(say), beside.running(), stopped_by_signals(stop), _running(made, stop, failures):
         report = made.service.run(stop=stop, tick_count=tick_count)
     beside.raise_failure()
+    if failures:
+        raise failures[0]
+    for entry, service in zip(settings.held, made.held, strict=True):
+        held = service.report
+        report.notes.append(
+            f"held part {', '.join(entry.part)}: {held.ticks} ticks, {held.missed} missed, "
+            f"computing: {held.compute}"
+        )
+        report.notes += held.notes
+        report.publish_failures |= held.publish_failures
     return report
+
+
+@contextmanager
+def _running(made: ServiceSetup, stop: threading.Event, failures: list[BaseException]) -> Iterator[None]:
+    """Run the services of held parts beside the block; one that fails stops all."""
+    is_over = threading.Event()
+
+    def run(service: Service) -> None:
+        try:
+            service.run(stop=is_over)
+        except BaseException as failure:
+            failures.append(failure)
+            stop.set()
+
+    threads = [
+        threading.Thread(target=run, args=(service,), name="held part", daemon=True) for service in made.held
+    ]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        for thread in threads:
+            thread.join()
 
 
 def checked_seconds(name: str, value: Any) -> float:
@@ -193,6 +229,13 @@ class _Beside:
                 finger_count=self._made.count,
                 part_names=tuple(part.name for part in parts),
                 face_count=sum(part.solid.mesh.face_count for part in parts),
-                notes=(*self._made.files.notes, *report.notes),
+                notes=(
+                    *self._made.files.notes,
+                    *report.notes,
+                    *(
+                        f"held part {', '.join(entry.part)}: connections to {', '.join(entry.publish)}"
+                        for entry in self._settings.held
+                    ),
+                ),
             )
         )

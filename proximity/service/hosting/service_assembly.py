@@ -3,6 +3,7 @@
 from contextlib import ExitStack
 from dataclasses import dataclass
 from queue import SimpleQueue
+from threading import Lock
 
 import numpy as np
 
@@ -15,8 +16,10 @@ from proximity.service import (
     ContactSource,
     Describer,
     GloveChoices,
+    HeldContacts,
     MessageInput,
     MovesInput,
+    NoPoses,
     OpenXrInput,
     PoseInput,
     RealTime,
@@ -27,8 +30,10 @@ from proximity.service import (
     TrackedContacts,
 )
 from proximity.service.config import (
+    HeldEntry,
     PartFiles,
     SceneFile,
+    check_held,
     finger_count,
     finger_names,
     finger_radii,
@@ -36,8 +41,9 @@ from proximity.service.config import (
     place_recording,
     read_input,
 )
+from proximity.service.realtime import PRIORITY
 from proximity.tracker.replay import turn_about_axes
-from proximity.transport import open_publisher
+from proximity.transport import Publisher, open_publisher
 
 COUNTS_TABLE = 4097
 """Rows of a table of counts: lines in between are off by less than a hundredth of a count."""
@@ -53,6 +59,7 @@ class ServiceSetup:
     moves: MovesInput | None
     changes: ChangesInput | None
     count: int  # of fingers
+    held: tuple[Service, ...]  # a service for each held part
 
 
 def make_service(settings: SceneFile) -> ServiceSetup:
@@ -71,16 +78,21 @@ def make_service(settings: SceneFile) -> ServiceSetup:
         opened.callback(pose_input.close)
         recorded = settings.input.recording
         clock = SkippingClock() if recorded is not None and recorded.fast else None
-        moves = None
+        held_publishers = [
+            [opened.enter_context(open_publisher(address)) for address in entry.publish]
+            for entry in settings.held
+        ]
+        moves, deforming = None, Lock()
         if settings.input.moves is not None:
             moves = MovesInput(settings.input.moves, skipped=lambda: 0 if clock is None else clock.skipped_ns)
         changes = None
         if settings.input.changes is not None:
-            changes = ChangesInput(settings.input.changes, SimpleQueue(), describer.ask)
+            changes = ChangesInput(settings.input.changes, SimpleQueue(), describer.ask, deforming)
         contact_source: ContactSource
         if scene is None:
             contact_source = SensedContacts(count, latency=service.latency)
         else:
+            check_held(settings, scene)
             contact_source = TrackedContacts(make_tracker(settings, scene, count), moves, changes)
         opened.callback(contact_source.close)
         loop = Service(
@@ -94,8 +106,48 @@ def make_service(settings: SceneFile) -> ServiceSetup:
             real_time=real_time,
             describer=describer,
         )
-        opened.pop_all()  # closed by the loop from here on
-    return ServiceSetup(loop, files, scene, moves, changes, count)
+        held = tuple(
+            _held_service(settings, entry, loop, moves, deforming, to)
+            for entry, to in zip(settings.held, held_publishers, strict=True)
+            if moves is not None
+        )
+        opened.pop_all()  # closed by the loops from here on
+    return ServiceSetup(loop, files, scene, moves, changes, count, held)
+
+
+def _held_service(
+    settings: SceneFile,
+    entry: HeldEntry,
+    fingers: Service,
+    moves: MovesInput,
+    deforming: Lock,
+    publishers: list[Publisher],
+) -> Service:
+    """The service of a held part, beside that of the *fingers*, whose scene it looks at."""
+
+    def scene() -> Scene:
+        source = fingers.contact_source
+        assert isinstance(source, TrackedContacts), "held parts are of a scene"
+        return source.tracker.scene
+
+    latency, period = settings.service.latency, settings.service.period
+    settings_of_part = entry.tracker_settings
+    source = HeldContacts(
+        scene, moves.reported, entry.part, deforming=deforming, latency=latency, **settings_of_part
+    )
+    name = "+".join(entry.part)
+    names = [name] if source.count == 1 else [f"{name} {number + 1}" for number in range(source.count)]
+    service = Service(
+        source,
+        NoPoses(moves.address),
+        publishers,
+        period=period,
+        valid_for=settings.service.valid_for,
+        real_time=RealTime(priority=PRIORITY - 1, is_pinned=False) if settings.service.real_time else None,
+        describer=Describer(names, [np.nan] * source.count),
+    )
+    moves.follow(scene(), entry.part, service.wake)
+    return service
 
 
 def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None, count: int) -> PoseInput:

@@ -6,6 +6,7 @@ the thread beside the loop, and messages wait until that is done: they take effe
 
 import logging
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any
@@ -50,7 +51,8 @@ class ChangesInput:
     of the first of each kind, and the scene stays as it is.
 
     *requests*: where to put what takes long; the thread that carries it out writes ``refusal``, ``is_over``.
-    *describe*: is called when a message asks for the description.
+    *describe*: is called when a message asks for the description. *deforming*: is entered while a shape
+    changes.
     """
 
     requests: SimpleQueue[Request | None]
@@ -60,10 +62,12 @@ class ChangesInput:
         address: str,
         requests: SimpleQueue[Request | None],
         describe: Callable[[], None] = lambda: None,
+        deforming: AbstractContextManager[Any] | None = None,
     ) -> None:
         # A change holds whatever the sender's clock shows.
         self._inbox = Inbox(address, [CHANGES, ADDITIONS, DEFORMATIONS], is_timed=False)
         self.requests, self._describe = requests, describe
+        self._deforming = nullcontext() if deforming is None else deforming
         self._pending: tuple[Kind, Request] | None = None
         self._refused: dict[str, tuple[int, str]] = {}  # by kind: how many messages, why the first
 
@@ -104,7 +108,8 @@ class ChangesInput:
             self._change(scene, records)
         elif kind is DEFORMATIONS:
             name, vertices = _deformation(records)
-            scene.deform(name, vertices)
+            with self._deforming:
+                scene.deform(name, vertices)
         else:
             self._request(kind, Request(additions=tuple(map(_addition, records.copy()))))
 

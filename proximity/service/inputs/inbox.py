@@ -114,7 +114,7 @@ class Inbox:
         *says*: what the log says instead of *what* and *why*.
         """
         if what not in self._left_out:
-            LOGGER.warning("%s: %s", self.address, says or f"{what}{why and f' ({why})'}")
+            LOGGER.warning("%s: %s", self.address, says or f"{what} are not used{why and f' ({why})'}")
         self._left_out[what] = self._left_out.get(what, 0) + count
 
     def close(self) -> None:

@@ -95,7 +95,7 @@ class MessageInput:
         self._leave_out("rotations that are invalid", is_placed & ~is_turn)
         bends = self._gloves.bend(fingers, records["bend"], records["counts"])
         self._leave_out(
-            "counts outside the calibration: calibrate again",
+            "counts outside the calibration (calibrate again)",
             np.isnan(bends) & np.isfinite(records["counts"]),
         )
         knuckles = np.where((is_placed & is_turn)[:, None], records["translation"], np.nan)

@@ -1,7 +1,8 @@
 """Poses of moving parts, received as messages while the scene is served."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -58,6 +59,24 @@ class MovesInput:
         self._visible: VisibleParts | None = None  # what the scene had when parts were gathered last
         self._epoch = -1  # of the scene then
         self._names: dict[bytes, str] = {}
+        self._followers: dict[str, dict[str, np.ndarray]] = {}  # by name of the part that they follow
+        self._listeners: list[Callable[[], None]] = []
+
+    @property
+    def address(self) -> str:
+        """Where moves come from."""
+        return self._inbox.address
+
+    def follow(self, scene: Scene, names: Sequence[str], listener: Callable[[], None]) -> None:
+        """Move parts with the first, as they stand to it in *scene*; *listener* is called after each move."""
+        first, *others = (scene.part(name).pose for name in names)
+        offsets = [(first.inverse @ pose).matrix for pose in others]
+        self._followers[names[0]] = dict(zip(names[1:], offsets, strict=True))
+        self._listeners.append(listener)
+
+    def reported(self) -> dict[str, ReportedMotion]:
+        """Return the last motion of each part. Thread: any."""
+        return self._latest.copy()
 
     @property
     def notes(self) -> list[str]:
@@ -82,6 +101,8 @@ class MovesInput:
         for _, records, offset_ns in self._inbox.messages():
             self._apply_message(scene, records, offset_ns + self._skipped(), now_ns)
             is_reported = True
+            for listener in self._listeners:
+                listener()
         if is_reported or scene.epoch != self._epoch:
             self._find_moving(scene)
         if self._carried is not None:
@@ -117,8 +138,19 @@ class MovesInput:
         velocities = np.nan_to_num(records["velocity"], posinf=np.inf, neginf=-np.inf)
         turning = np.nan_to_num(records["angular_velocity"], posinf=np.inf, neginf=-np.inf)
         is_moving = velocities.any(axis=1) | turning.any(axis=1)
-        each = zip(matrices, velocities, turning, pose_ns.tolist(), is_moving.tolist(), strict=True)
+        is_known = np.isfinite(records["velocity"]).any(axis=1)
+        each = zip(
+            matrices,
+            velocities,
+            turning,
+            pose_ns.tolist(),
+            is_moving.tolist(),
+            is_known.tolist(),
+            strict=True,
+        )
         moves = {name: ReportedMotion(*reported) for name, reported in zip(names, each, strict=True)}
+        if self._followers.keys() & moves.keys():
+            names, matrices, velocities, turning = self._with_followers(moves)
         try:
             scene.move_many(names, matrices, velocities, turning)
         except (ArgumentError, SceneError):
@@ -126,6 +158,18 @@ class MovesInput:
         self._latest.update(moves)
         self._silent -= moves.keys()
         self._unfit -= moves.keys()
+
+    def _with_followers(self, moves: dict[str, ReportedMotion]) -> Any:
+        """Add the parts that follow others to *moves*; names, matrices and both velocities of all."""
+        for name in self._followers.keys() & moves.keys():
+            first = moves[name]
+            for follower, offset in self._followers[name].items():
+                matrix = first.matrix @ offset
+                arm = matrix[:3, 3] - first.matrix[:3, 3]
+                velocity = first.velocity + np.cross(first.turning, arm)
+                moves[follower] = first._replace(matrix=matrix, velocity=velocity)
+        columns = zip(*((each.matrix, each.velocity, each.turning) for each in moves.values()), strict=True)
+        return list(moves), *map(np.array, columns)
 
     def _usable_rows(self, names: list[str], pose_ns: np.ndarray, now_ns: int) -> list[int]:
         """Rows of the moves that may be used: none from the future, none backwards in time, none too old."""

@@ -32,6 +32,19 @@ class ReportedMotion(NamedTuple):
     turning: np.ndarray  # (3,) float64, rad/s, about its origin
     pose_ns: int
     is_moving: bool = True  # False: both velocities are zero
+    is_known: bool = True  # False: velocities were not given
+
+
+def pose_at(reported: ReportedMotion, instant_ns: int) -> np.ndarray:
+    """Where a part is at an instant, (4, 4); it is carried on for no longer than `HOLD_NS`."""
+    matrix, off_ns = reported.matrix.copy(), min(instant_ns - reported.pose_ns, HOLD_NS)
+    if reported.is_moving and off_ns:
+        matrix[:3, 3] += 1e-9 * off_ns * reported.velocity
+        rates = np.linalg.norm(reported.turning[None], axis=1)
+        across, back = _turns(matrix[None, :3, :3], reported.turning[None], rates)
+        angle = 1e-9 * off_ns * rates[0]
+        matrix[:3, :3] += np.sin(angle) * across[0] + (1.0 - np.cos(angle)) * back[0]
+    return matrix
 
 
 class VisibleParts:

@@ -38,7 +38,7 @@ export class Fingers {
   }
 }
 
-class Finger {
+export class Finger {
   constructor(radius, parent) {
     this.radius = radius;
     this.group = new THREE.Group();
@@ -57,7 +57,7 @@ class Finger {
       new THREE.LineBasicMaterial({ color: 0xd7dee8, transparent: true, opacity: 0.35 }),
     );
     this.path.frustumCulled = false;
-    this.label = new Label({ height: 0.008 });
+    this.label = new Label({ height: 0.008, avoids: true });
     this.group.add(this.ball, this.rod, this.disc, this.ghost, this.path, this.label.object);
     this.colour = new THREE.Color();
     this.last = null;
@@ -86,7 +86,7 @@ class Finger {
   }
 
   showConnection(contact, opacity, isStale) {
-    const isShown = !isStale && contact.pointOnPart.every(Number.isFinite) && Math.abs(contact.distance) < FAR;
+    const isShown = !isStale && contact.pointOnPart.every(Number.isFinite) && (Math.abs(contact.distance) < FAR || contact.text !== undefined);
     this.rod.visible = this.disc.visible = isShown;
     if (!isShown) return;
     const from = new THREE.Vector3(...contact.pointOnFinger);
@@ -121,14 +121,14 @@ class Finger {
   showLabel(contact, at, state, opacity, lineHeight) {
     let text = "?";
     if (contact.isKnown) {
-      text = shownDistance(contact);
+      text = contact.text ?? shownDistance(contact);
       if (!contact.isExact && !contact.isBound) text += `\n${mm(contact.lower, 1)} … ${mm(contact.upper, 1)}`;
       if (contact.contactMs > 0 && contact.contactMs < SOON_MS) text += `\nin ${Math.round(contact.contactMs)} ms`;
     }
     this.label.show(text, contact.isTouching ? "#ff9d8a" : "#f4f6f9", Math.max(opacity, 0.75));
     this.label.object.position.set(...at);
     this.label.setHeight(lineHeight);
-    this.label.object.center.set(-0.12 - this.radius / this.label.object.scale.x, 0.5);
+    this.label.anchor(-0.12 - this.radius / this.label.object.scale.x, 0.5);
   }
 
   showPath(path, opacity) {

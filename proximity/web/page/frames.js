@@ -14,7 +14,7 @@ export const MEANINGS = {
 };
 
 const ms = (ns) => Number(ns) / 1e6;
-const nanoseconds = (at) => BigInt(Math.round(at * 1e6));
+export const nanoseconds = (at) => BigInt(Math.round(at * 1e6));
 
 /** Frames as they come; of a log the newest is worth what it says, whatever the instant. */
 export class Frames {
@@ -95,5 +95,5 @@ export function mm(metres, digits = 2) {
   if (!Number.isFinite(metres)) return "—";
   const size = Math.abs(metres) * 1e3;
   const shown = size >= 1000 ? 0 : size >= 100 ? 1 : digits;
-  return (metres * 1e3).toFixed(shown).replace("-", "−");
+  return (metres * 1e3).toFixed(shown).replace(/^-(?=[0.]*$)/, "").replace("-", "−");
 }

@@ -4,10 +4,14 @@ import * as THREE from "three";
 
 const HEIGHT = 44; // pixels of a line
 const FONT = "600 34px system-ui, 'Segoe UI', Roboto, Arial, sans-serif";
+const GAP = 2; // pixels between labels
+const MOST_STEPS = 12;
+const avoiding = new Set(); // labels that are not to cover each other
 
 export class Label {
   /** *height* of a line in metres; flat ones are part of the floor, others have a dark ground. */
-  constructor({ height, isFlat = false }) {
+  constructor({ height, isFlat = false, avoids = false }) {
+    if (avoids) avoiding.add(this);
     this.height = height;
     this.isFlat = isFlat;
     this.shown = "";
@@ -20,6 +24,27 @@ export class Label {
     material.toneMapped = false;
     this.object = new THREE.Sprite(material);
     this.object.renderOrder = isFlat ? 1 : 20;
+    this.anchor(0.5, 0.5);
+  }
+
+  /** Say which place of the label, of its size from its lower left corner, is at its position. */
+  anchor(x, y) {
+    this.anchored = [x, y];
+    this.object.center.set(x, y);
+  }
+
+  /** What the label covers, pixels, y up; null where its place is not seen. */
+  covered(camera, width, height) {
+    const { object } = this;
+    for (let each = object; each; each = each.parent) if (!each.visible) return null;
+    const at = object.getWorldPosition(new THREE.Vector3()).applyMatrix4(camera.matrixWorldInverse);
+    const scale = height / (2 * Math.tan((camera.fov * Math.PI) / 360) * -at.z);
+    const size = [object.scale.x * scale, object.scale.y * scale];
+    at.applyMatrix4(camera.projectionMatrix);
+    const place = [(0.5 + at.x / 2) * width, (0.5 + at.y / 2) * height];
+    if (place.some((each, k) => !(each >= 0 && each <= [width, height][k]))) return null;
+    const [left, bottom] = place.map((each, k) => each - this.anchored[k] * size[k]);
+    return { label: this, size, place, left, bottom, right: left + size[0], top: bottom + size[1] };
   }
 
   /** Show lines of text; the same again costs nothing. */
@@ -61,5 +86,24 @@ export class Label {
   setHeight(height) {
     this.height = height;
     this.object.scale.set(height * this.size[0], height * this.size[1], 1);
+  }
+}
+
+/** Shift labels that cover each other, from above to below, and those that are cut off at the right. */
+export function separate(camera, width, height) {
+  const placed = [];
+  for (const label of avoiding) if (!label.object.parent) avoiding.delete(label);
+  const seen = [...avoiding].map((label) => label.covered(camera, width, height)).filter(Boolean);
+  for (const each of seen.sort((a, b) => b.top - a.top)) {
+    const shift = Math.min(width - GAP - each.right, 0);
+    each.left += shift;
+    each.right += shift;
+    const covers = (other) => each.left < other.right && other.left < each.right && each.bottom < other.top && other.bottom < each.top;
+    for (let step = 0, other; step < MOST_STEPS && (other = placed.find(covers)); step++) {
+      each.top = other.bottom - GAP;
+      each.bottom = each.top - each.size[1];
+    }
+    placed.push(each);
+    each.label.object.center.set(...[each.left, each.bottom].map((low, k) => (each.place[k] - low) / each.size[k]));
   }
 }

@@ -1,13 +1,14 @@
 // The live connection: frames, moves and geometry come in, poses and moves go out.
 
 import { decode, encode } from "./decaff.mjs";
-import { Frames, currentState } from "./frames.js";
+import { Frames, currentState, nanoseconds } from "./frames.js";
 import { KINDS } from "./layout.mjs";
 
 const NAMES = new Map(Object.entries(KINDS).map(([name, { magic }]) => [magic, name]));
 const CURRENT_MS = 500;
 const PING_MS = 700;
 const AGAIN_MS = 600;
+const RATE_MS = 1000;
 const SENTENCES = {
   4403: "The address has no token: open the address that proximity view printed.",
   4408: "The page was too busy to answer in time. Trying again …",
@@ -154,24 +155,16 @@ export class Link extends EventTarget {
   }
 }
 
-export const nanoseconds = (ms) => BigInt(Math.round(ms * 1e6));
-
 /** Frames a second that the service publishes, by their numbers: most are not sent to the page. */
 export class Rate {
-  constructor() {
-    this.seen = [];
-  }
+  hz = NaN;
 
   add(now, sequence) {
-    if (this.seen.length && sequence < this.seen.at(-1)[1]) this.seen = [];
-    this.seen.push([now, sequence]);
-    while (this.seen.length > 2 && now - this.seen[0][0] > 2000) this.seen.shift();
-  }
-
-  get hz() {
-    if (this.seen.length < 2) return NaN;
-    const [[begin, first], [end, last]] = [this.seen[0], this.seen.at(-1)];
-    return end > begin ? (1000 * (last - first)) / (end - begin) : NaN;
+    if (!this.begin || sequence < this.begin[1]) this.begin = [now, sequence];
+    const [begin, first] = this.begin;
+    if (now - begin < RATE_MS) return;
+    this.hz = (1000 * (sequence - first)) / (now - begin);
+    this.begin = [now, sequence];
   }
 }
 

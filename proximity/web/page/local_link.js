@@ -1,8 +1,8 @@
 // The engine in the page itself: what Link asks of a service is computed here.
 
-import { shownContact } from "./frames.js";
+import { nanoseconds, shownContact } from "./frames.js";
 import { PATH_CORNERS, ENUMS } from "./layout.mjs";
-import { Rate, nanoseconds } from "./link.js";
+import { Rate } from "./link.js";
 
 const { State, PartAction } = ENUMS;
 const NOTHING = { state: "LOADING", ageMs: NaN, contacts: [], header: null };
@@ -36,6 +36,9 @@ export class LocalLink extends EventTarget {
   at(nowMs) {
     if (!this.tracker) return NOTHING;
     const now = nanoseconds(nowMs), { corners, bends } = this;
+    const isTracked = this.positions.some(Number.isFinite);
+    if (!isTracked && !this.wasTracked) return { state: "NO HANDS", ageMs: NaN, contacts: [], header: { start_ns: now } };
+    this.wasTracked = isTracked; // the tracker is told once that no finger is
     const began = performance.now();
     const records = this.tracker.tick(this.positions, this.instants, now, { corners, bends });
     this.latencies.push(performance.now() - began);

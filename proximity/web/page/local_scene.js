@@ -9,6 +9,9 @@ export class LocalScene {
   /** *ask* gives what is shown, by its name. */
   constructor(ask) {
     this.ask = ask;
+    this.scene = null; // once it is open
+    this.version = 0; // of the parts as they are shown: more when they are moved, hidden or shown
+    this.followed = -1;
   }
 
   /** The scene, which is opened when it is asked for first. */
@@ -18,11 +21,13 @@ export class LocalScene {
 
   async read() {
     const engine = await window.saved?.(`proximity.${hasRelaxed() ? "relaxed" : "plain"}.wasm`);
-    return (await load(engine)).open(filled(await this.ask("scene")));
+    return (this.scene = (await load(engine)).open(filled(await this.ask("scene"))));
   }
 
   /** Put and hide parts as they are shown: a service may have moved them. */
   follow(scene, parts) {
+    if (this.followed === this.version) return;
+    this.followed = this.version;
     const moves = [];
     parts.forEach(({ object }, part) => {
       const matrix = rowsOf(object.matrix), pose = scene.pose(part);

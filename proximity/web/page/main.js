@@ -4,17 +4,19 @@ import { Fingers } from "./fingers.js";
 import { HandShape } from "./inputs/hand.js";
 import { Headset, whyNot } from "./inputs/headset.js";
 import { MouseHand } from "./inputs/mouse_hand.js";
+import { Probe } from "./inputs/probe.js";
 import { RecordedHand } from "./inputs/recorded_hand.js";
 import { Link } from "./link.js";
 import { LocalLink } from "./local_link.js";
 import { LocalScene, documentOf } from "./local_scene.js";
-import { Panel, byId, makeChoice, showChoice } from "./panel.js";
+import { Panel, byId, isTyped, makeChoice, showChoice } from "./panel.js";
 import { Parts } from "./parts.js";
 import { Stage } from "./stage.js";
 import { Timeline } from "./timeline.js";
-import { Tools } from "./tools.js";
+import { Tools } from "./tools/tools.js";
 
-const CHOICES = [["mouse", "Mouse"], ["replay", "Recorded"], ["headset", "Headset"], ["none", "None"]];
+const CHOICES = [["probe", "Probe"], ["mouse", "Hand"], ["replay", "Recorded"], ["headset", "Headset"], ["none", "None"]];
+const WITHOUT_HANDS = ["probe", "none"];
 
 class Page {
   constructor(link, local) {
@@ -23,7 +25,9 @@ class Page {
     this.stage = new Stage(byId("canvas"));
     this.link = link;
     this.parts = new Parts(this.stage, this.link);
+    this.parts.addEventListener("placed", () => (local.version += 1));
     this.fingers = new Fingers(this.stage);
+    this.probe = new Probe(this.stage, this.parts, local);
     this.tools = new Tools(this.stage, this.parts, local, this.panel);
     this.shapes = { left: new HandShape(this.stage.root), right: new HandShape(this.stage.root) };
     this.paths = new Map(); // of fingers, as they were sent
@@ -44,6 +48,9 @@ class Page {
       else this.panel.say(sentence, true);
     });
     on("frame", (header) => header && this.parts.follow(Number(header.start_ns) / 1e6));
+    addEventListener("keydown", (event) => {
+      if (event.code === "KeyH" && !isTyped(event)) this.choose(this.input === "mouse" ? "probe" : "mouse");
+    });
     this.parts.addEventListener("changed", () => this.panel.showParts(this.parts, (part) => this.tools.choosePart(part)));
   }
 
@@ -66,10 +73,15 @@ class Page {
   }
 
   async load() {
+    this.isLoading = true;
     this.panel.cover("Loading the parts …");
     await Promise.all([this.parts.load(this.local.ask("geometry")), this.local.open()]);
+    this.isLoading = false;
     this.panel.cover("");
     this.tools.readLink();
+    const { points, unit } = this.about;
+    this.tools.points.unit = unit;
+    if (points) this.tools.points.show(points.name, new Float64Array(await this.local.ask("points")));
   }
 
   makeInputs() {
@@ -77,21 +89,25 @@ class Page {
     for (const each of Object.values(this.inputs ?? {})) if (!(each instanceof Headset)) each.stop();
     const send = (found, atMs = performance.now()) => this.send(found, atMs);
     const headset = this.inputs?.headset ?? new Headset(this.stage, this.parts, send);
-    headset.onEnd = () => this.choose("mouse");
+    const isLocal = this.link instanceof LocalLink, first = isLocal ? "probe" : "mouse";
+    headset.onEnd = () => this.choose(first);
     this.inputs = {
+      probe: this.probe,
       mouse: this.inputs?.mouse ?? new MouseHand(this.stage, send),
       replay: new RecordedHand(this.about.recording, send),
       headset,
     };
-    const choices = CHOICES.filter(([key]) => key !== "replay" || this.about.recording);
+    for (const each of Object.values(this.inputs)) each.hasPaths = !isLocal; // a glove behind a service needs them
+    const { recording, may_pose: mayPose, has_geometry: hasParts } = this.about;
+    const isOffered = { probe: hasParts, mouse: mayPose, replay: mayPose && recording, headset: mayPose, none: true };
+    const choices = CHOICES.filter(([key]) => isOffered[key]);
     makeChoice(byId("inputs"), choices, this.input, (key) => this.choose(key));
-    this.wanted = before ?? (this.about.first_input || "mouse");
+    this.wanted = before ?? (this.about.first_input || first);
   }
 
   /** Whether this page feeds the service, or only watches another that does. */
   setRole(feeds) {
     this.feeds = feeds && this.about.may_pose;
-    byId("inputs").hidden = !this.about.may_pose;
     this.tools.mayMove = feeds && this.about.may_move;
     this.parts.mayHide = feeds && this.about.may_hide;
     if (this.feeds) return void this.choose(this.wanted);
@@ -103,11 +119,12 @@ class Page {
   /** Take hands from elsewhere; *why* is said instead of the usual hint. */
   async choose(key, why) {
     if (!this.about) return;
-    if (!this.feeds && key !== "none") {
+    if (!this.feeds && !WITHOUT_HANDS.includes(key)) {
+      if (!this.about.may_pose) return;
       this.wanted = key;
       return this.link.say({ feed: true });
     }
-    let hint = why ?? (key === "none" ? "No hands." : this.inputs[key].hint);
+    let hint = why ?? (WITHOUT_HANDS.includes(key) ? "" : this.inputs[key].hint);
     if (key === "headset") {
       const reason = await whyNot();
       if (reason) {
@@ -141,7 +158,8 @@ class Page {
 
   /** What is known at this instant. */
   get reading() {
-    return this.link.at(performance.now());
+    const reading = this.link.at(performance.now());
+    return this.isLoading ? { ...reading, state: "LOADING" } : reading;
   }
 
   update() {
@@ -149,14 +167,16 @@ class Page {
     const isLogged = Boolean(this.about?.log);
     const reading = this.reading;
     const { contacts, state } = reading;
+    if (contacts.some((contact) => contact.isKnown)) stage.wake();
     this.fingers.show(reading, this.paths);
-    this.panel.show(reading, link, isLogged);
+    this.probe.update(this.tools.held);
+    this.panel.show(reading, link, isLogged, this.probe);
     const active = this.inputs?.[this.input];
     if (active instanceof Headset) active.contacts = contacts;
     const hands = active instanceof Headset ? active.hands : new Map([["right", active?.joints]]);
     for (const side of ["left", "right"]) {
       const joints = hands.get(side);
-      if (joints) this.shapes[side].show(joints, state);
+      if (joints) this.shapes[side].show(joints, state, active instanceof Headset ? 0.6 : 0.25);
       else this.shapes[side].hide();
     }
     this.tools.update();
@@ -180,7 +200,7 @@ async function begin(ask) {
 
 const token = new URLSearchParams(location.hash.slice(1)).get("token");
 const cover = (sentence) => new Panel().cover(sentence);
-document.body.classList.toggle("framed", window.top !== window.self);
+if (innerWidth <= 640) byId("side").open = byId("points-card").open = false; // as in style.css
 if (!document.createElement("canvas").getContext("webgl2")) {
   cover("This browser cannot draw in three dimensions: WebGL 2 is missing or switched off.");
 } else if (!window.saved && !token) cover("The address has no token: open the address that proximity view printed.");

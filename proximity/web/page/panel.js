@@ -40,19 +40,22 @@ export class Panel {
     byId("cover-text").textContent = sentence;
   }
 
-  /** Show a reading; not more often than can be read. */
-  show(reading, link, isLogged) {
+  /** Show a reading, or that of the probe; not more often than can be read. */
+  show(reading, link, isLogged, probe) {
     const now = performance.now();
-    if (now - this.lastMs < EVERY_MS) return;
-    this.lastMs = now;
-    const { state, contacts, header } = reading;
+    const { contacts, header } = reading;
+    const isProbed = reading.state === "NO HANDS" && probe?.answer;
+    const state = isProbed ? "OK" : reading.state;
+    if (now - this.lastMs < EVERY_MS && state === this.state) return;
+    Object.assign(this, { state, lastMs: now });
     const tracked = contacts.filter((contact) => contact.isKnown).length;
     const pill = byId("state");
     pill.textContent = state;
     pill.className = `pill ${LOOK[state] ?? "warn"}`;
     document.body.classList.toggle("late", state === "LATE");
     document.body.classList.toggle("stale", state === "STALE" || state === "STOPPING");
-    byId("meaning").textContent = this.meaning(state, contacts, tracked);
+    setText(byId("meaning"), isProbed ? probe.hint : this.meaning(state, contacts, tracked));
+    byId("numbers").parentElement.hidden = !contacts.length; // of hands
     this.showNumbers(reading, link, isLogged, header, contacts);
     this.showFingers(contacts, state);
   }
@@ -158,16 +161,29 @@ function partItem() {
   return item;
 }
 
-function made(tag, text, kind = "") {
+export function made(tag, text, kind = "") {
   const element = document.createElement(tag);
   element.textContent = text;
   if (kind) element.className = kind;
   return element;
 }
 
-function setText(element, text) {
+export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
+
+/** Have a file saved by the browser. */
+export function offer(content, name) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(content);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
+
+/** Whether a key is meant for a field, or for the browser. */
+export const isTyped = ({ ctrlKey, metaKey, altKey, target, key }) =>
+  ctrlKey || metaKey || altKey || target.matches?.("input[type=number], select") || (target.type === "range" && key.startsWith("Arrow"));
 
 /** Buttons of which one is chosen: [key, label], and what is called with the key. */
 export function makeChoice(holder, choices, chosen, choose) {

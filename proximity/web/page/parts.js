@@ -49,6 +49,7 @@ export class Parts extends EventTarget {
       object.matrixWorldNeedsUpdate = true;
       if (this.mayHide) object.visible = !about.is_hidden;
     }
+    this.changed();
   }
 
   taken(object) {
@@ -74,16 +75,14 @@ export class Parts extends EventTarget {
     return part;
   }
 
-  bounds() {
+  /** The box around parts, in the frame of *frame*: the scene's. */
+  bounds(parts = this.list, frame = this.stage.root) {
     const box = new THREE.Box3();
     this.stage.root.updateMatrixWorld(true);
-    const sceneFromWorld = this.stage.root.matrixWorld.clone().invert();
-    for (const part of this.list) {
-      for (const mesh of part.meshes) {
-        mesh.geometry.computeBoundingBox();
-        const sceneFromMesh = sceneFromWorld.clone().multiply(mesh.matrixWorld);
-        box.union(mesh.geometry.boundingBox.clone().applyMatrix4(sceneFromMesh));
-      }
+    const fromWorld = frame.matrixWorld.clone().invert();
+    for (const { geometry, matrixWorld } of parts.flatMap((part) => part.meshes)) {
+      if (!geometry.boundingBox) geometry.computeBoundingBox();
+      box.union(geometry.boundingBox.clone().applyMatrix4(fromWorld.clone().multiply(matrixWorld)));
     }
     return box;
   }
@@ -137,11 +136,6 @@ export class Parts extends EventTarget {
     this.link.sendMoves(moves);
   }
 
-  /** Where a part is wanted, which it may not have reached. */
-  goal(part) {
-    return this.wanted.get(part.name) ?? part.object.matrix.clone();
-  }
-
   reset() {
     for (const part of this.list) {
       this.setVisible(part, !part.about.is_hidden);
@@ -156,7 +150,7 @@ export class Parts extends EventTarget {
     for (const each of this.list) {
       for (const mesh of each.meshes) mesh.material.emissive.setHex(each === part ? 0x3a2c10 : 0x000000);
     }
-    this.changed();
+    this.dispatchEvent(new Event("changed"));
   }
 
   /** Hide or show a part: of the service's scene where this page may, so that distances follow. */
@@ -183,7 +177,10 @@ export class Parts extends EventTarget {
     return hit ? { part: hit.object.userData.partOf, point: hit.point } : null;
   }
 
+  /** Parts are elsewhere, hidden or shown. */
   changed() {
+    this.stage.wake();
+    this.dispatchEvent(new Event("placed"));
     this.dispatchEvent(new Event("changed"));
   }
 }

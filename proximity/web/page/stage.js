@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { OrbitControls } from "./vendor/three/addons/controls/OrbitControls.js";
 import { RoomEnvironment } from "./vendor/three/addons/environments/RoomEnvironment.js";
-import { Label } from "./labels.js";
+import { Label, separate } from "./labels.js";
 
 const BACKGROUND = 0x252c36;
 const FOV = 38;
@@ -13,11 +13,13 @@ const SLOW_MS = 50; // from one picture to the next, or more: fewer pixels are d
 const FAST_MS = 22;
 const REST = 3;
 const LONGEST_REST_MS = 1500;
+const AWAKE_MS = 600; // that pictures follow each other after something has happened
+const IDLE_MS = 250; // from one picture to the next where nothing happens
 
 export class Stage {
   constructor(canvas) {
     this.canvas = canvas;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: false });
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, stencil: true, preserveDrawingBuffer: false });
     this.renderer.toneMapping = THREE.AgXToneMapping;
     this.renderer.toneMappingExposure = 1.0;
     this.renderer.localClippingEnabled = true;
@@ -39,7 +41,6 @@ export class Stage {
     this.scene.add(this.root);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enableDamping = false;
-    this.controls.keyRotateSpeed = 4;
     this.box = new THREE.Box3(new THREE.Vector3(-0.05, -0.05, 0), new THREE.Vector3(0.05, 0.05, 0.05));
     this.grid = new THREE.Group();
     this.root.add(this.grid);
@@ -47,9 +48,11 @@ export class Stage {
     this.drawMs = 16; // that a picture takes
     this.lastMs = 0;
     this.isDrawn = false;
+    this.awakeMs = 0; // until when pictures follow each other
     this.updates = new Set(); // called before each picture
     this.takers = new Set(); // called with each frame of a headset, drawn or not
-    addEventListener("resize", () => this.resize());
+    addEventListener("resize", () => this.resized());
+    for (const name of ["pointermove", "pointerdown", "wheel", "keydown", "click", "input", "resize"]) addEventListener(name, () => this.wake(), true);
     this.resize();
     this.home();
     this.renderer.setAnimationLoop((time, xrFrame) => this.draw(time, xrFrame));
@@ -68,24 +71,38 @@ export class Stage {
     this.camera.updateProjectionMatrix();
   }
 
+  resized() {
+    this.resize();
+    this.renderer.render(this.scene, this.camera);
+  }
+
   draw(time, xrFrame) {
     if (xrFrame) for (const take of this.takers) take(xrFrame);
     if (!xrFrame && this.rests(time)) return;
+    this.adapt(); // before it is drawn: a canvas of another size is empty
     for (const update of this.updates) update();
-    if (!this.renderer.xr.isPresenting) this.controls.update();
+    if (!this.renderer.xr.isPresenting) {
+      this.controls.update();
+      separate(this.camera, innerWidth, innerHeight);
+    }
     this.renderer.render(this.scene, this.camera);
-    this.adapt();
   }
 
   /**
    * Whether no picture is drawn now: where each takes long, because there is no graphics card, two thirds of the
-   * time are left to the service. The first call after a picture says how long that took.
+   * time are left to the service; and where nothing happens. The first call after a picture says how long that took.
    */
   rests(time) {
     if (this.isDrawn) this.drawMs += 0.3 * (Math.min(time - this.lastMs, 1000) - this.drawMs);
-    this.isDrawn = this.drawMs < SLOW_MS || time - this.lastMs >= Math.min(REST * this.drawMs, LONGEST_REST_MS);
+    const pause = this.drawMs < SLOW_MS ? 0 : Math.min(REST * this.drawMs, LONGEST_REST_MS);
+    this.isDrawn = time - this.lastMs >= Math.max(pause, time < this.awakeMs ? 0 : IDLE_MS);
     if (this.isDrawn) this.lastMs = time;
     return !this.isDrawn;
+  }
+
+  /** Something has happened that is to be seen. */
+  wake() {
+    this.awakeMs = performance.now() + AWAKE_MS;
   }
 
   /** Draw fewer pixels where pictures take long, and more again where they do not. */
@@ -114,7 +131,7 @@ export class Stage {
   /** Look at all of it from above and the front. */
   home() {
     const centre = this.toWorld(this.box.getCenter(new THREE.Vector3()));
-    const away = (1.35 * this.radius) / Math.sin(THREE.MathUtils.degToRad(FOV / 2));
+    const away = (1.35 * this.radius) / Math.sin(THREE.MathUtils.degToRad(FOV / 2)) / Math.min(this.camera.aspect, 1);
     this.controls.target.copy(centre);
     this.camera.position.copy(centre).addScaledVector(new THREE.Vector3(0.55, 0.55, 0.8).normalize(), away);
     this.controls.update();
@@ -181,10 +198,15 @@ export class Stage {
     this.grid.add(label.object);
   }
 
-  /** A picture of what is seen, as a Blob. */
-  picture() {
-    this.renderer.render(this.scene, this.camera);
-    return new Promise((resolve) => this.canvas.toBlob(resolve, "image/png"));
+  /** A picture of what is seen, with every pixel of the screen, as a Blob. */
+  async picture() {
+    const { ratio } = this;
+    this.ratio = devicePixelRatio;
+    this.resized();
+    const picture = await new Promise((resolve) => this.canvas.toBlob(resolve, "image/png"));
+    this.ratio = ratio;
+    this.resized();
+    return picture;
   }
 }
 

@@ -12,6 +12,12 @@ try {
     std::array<double, 2> distances;
     std::array<std::uint8_t, 2> inside;
     scene.move(scene.find("bracket"), scene.pose(0));
+    std::array<std::int32_t, 1> parts{scene.part("bracket")};
+    std::array<proximity::Matrix, 1> poses{scene.pose(0)};
+    scene.move(parts, poses);
+    scene.move(parts, poses, std::span<const proximity::Vector>(up).first(1));
+    scene.move(parts, poses, {}, {});
+    scene.use_instructions(scene.instructions());
     scene.set_surface(0, 700.0, 0.5);
     scene.closest(points, found);
     scene.cast(points, up, hits);
@@ -20,11 +26,24 @@ try {
     scene.contains(points, inside);
     std::array<std::int64_t, 2> instants{1000000000, 1000000000};
     proximity::Tracker tracker(scene, 2);
+    tracker.set_radius(1, 0.007);
+    std::array<proximity::Vector, 2> still{};
+    tracker.tick(points, instants, 1000000500, nullptr, still);
+    tracker.reset();
     auto contacts = tracker.tick(points, instants, 1000000500);
     for (int k = 0; k < 2; k++)
         std::printf("%s %.6g %.6g %d %.6g %.6g %.6g\n", scene.name(found[k].part).c_str(),
                     found[k].signed_distance, distances[k], inside[k], hits[k].distance, nearest[k].distance,
                     contacts[k].signed_distance);
+    std::array<double, 2> along;
+    scene.cast_distance(points, up, along);
+    if (along[0] != hits[0].distance || scene.is_hidden(0) || scene.face_count(0) == 0)
+        std::printf("answers differ\n");
+    try {
+        scene.clearance("bracket", "nothing");
+    } catch (const proximity::Error &error) {
+        std::printf("%s\n", error.what());
+    }
     proximity::Scene none("none.prox");
 } catch (const proximity::Error &error) {
     std::printf("%d %s\n", static_cast<int>(error.code), error.what());

@@ -369,7 +369,7 @@ private:
 
     flaw content_flaw(std::int64_t now_ns) const
     {
-        if (arrived_.state > DECAFF_STATE_STOPPING || arrived_.source > DECAFF_SOURCE_TELEOPERATION)
+        if (arrived_.state > DECAFF_STATE_STOPPING || arrived_.source > DECAFF_SOURCE_HELD)
             return flaw::content;
         const std::int64_t base = shares_clock_ ? now_ns : arrived_.publish_ns;
         const std::int64_t latest = std::min(base, most_ns - DECAFF_AHEAD_NS) + DECAFF_AHEAD_NS;
@@ -382,7 +382,7 @@ private:
     bool is_sound(const decaff_contact &c, std::int64_t latest) const
     {
         if (c.surface > DECAFF_SURFACE_DEFORMABLE || c.mode > DECAFF_MODE_HOLD
-            || c.source > DECAFF_SOURCE_TELEOPERATION || c.force_is_valid > 1)
+            || c.source > DECAFF_SOURCE_HELD || c.force_is_valid > 1)
             return false;
         if ((c.flags & DECAFF_FLAG_TRACKED) == 0)
             return true;

@@ -390,14 +390,14 @@ export class FrameReader {
 }
 
 function contentFlaw({ header, records }, base) {
-  if (header.state > State.STOPPING || header.source > Source.TELEOPERATION) return "content";
+  if (header.state > State.STOPPING || header.source > Source.HELD) return "content";
   const latest = base + AHEAD_NS < MOST_NS ? base + AHEAD_NS : MOST_NS;
   if (header.pose_ns > latest || header.publish_ns > latest) return "future";
   return records.every((c) => isSound(c, header.pose_ns, latest)) ? "" : "content";
 }
 
 function isSound(c, earliest, latest) {
-  const isKind = c.surface <= Surface.DEFORMABLE && c.mode <= Mode.HOLD && c.source <= Source.TELEOPERATION && c.force_is_valid <= 1;
+  const isKind = c.surface <= Surface.DEFORMABLE && c.mode <= Mode.HOLD && c.source <= Source.HELD && c.force_is_valid <= 1;
   if (!isKind || (c.flags & ContactFlag.TRACKED) === 0) return isKind;
   const isPlaced = c.position.every(Number.isFinite) || (c.source !== Source.GEOMETRY && c.position.some(Number.isNaN));
   const [x, y, z] = c.normal;

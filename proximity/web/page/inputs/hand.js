@@ -22,16 +22,16 @@ export function fingerName(finger, count) {
 }
 
 /**
- * Fingertips of one hand: { finger, position, bend, corners }, in the frame of the joints.
+ * Fingertips of one hand: { finger, position }, in the frame of the joints, with { bend, corners } where paths are asked for.
  * *joints* maps names to { position: Vector3, quaternion: Quaternion }; a finger without all of them is left out.
  */
-export function fingersOf(joints, isRight) {
+export function fingersOf(joints, isRight, hasPaths) {
   const found = [];
   CHAINS.forEach((chain, k) => {
     const points = chain.map((name) => joints.get(name));
     if (points.some((joint) => joint === undefined)) return;
-    const { bend, corners } = pathOf(points);
-    found.push({ finger: k + (isRight ? 5 : 0), position: points.at(-1).position.toArray(), bend, corners });
+    const finger = k + (isRight ? 5 : 0), position = points.at(-1).position.toArray();
+    found.push({ finger, position, ...(hasPaths ? pathOf(points) : {}) });
   });
   return found;
 }
@@ -101,10 +101,11 @@ export class HandShape {
     for (const mesh of this.meshes) mesh.visible = false;
   }
 
-  show(joints, state) {
+  /** *opacity*: of a hand that is tracked. */
+  show(joints, state, opacity) {
     const isGrey = state === "STALE" || state === "STOPPING";
     this.material.color.setHex(isGrey ? 0x73787f : 0xe6d3c0);
-    this.material.opacity = isGrey ? 0.4 : state === "LATE" ? 0.3 : 0.6;
+    this.material.opacity = isGrey ? 0.4 : state === "LATE" ? 0.5 * opacity : opacity;
     const matrix = new THREE.Matrix4();
     let balls = 0;
     let bones = 0;

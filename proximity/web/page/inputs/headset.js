@@ -72,7 +72,7 @@ export class Headset {
         const joints = jointsOf(frame, source.hand, space, sceneFromWorld);
         if (!joints.size) continue;
         this.hands.set(source.handedness, joints);
-        found.push(...fingersOf(joints, isRight));
+        found.push(...fingersOf(joints, isRight, this.hasPaths));
         this.grasp(source.handedness, joints);
       } else if (source.gripSpace) {
         const pose = frame.getPose(source.gripSpace, space);

@@ -1,9 +1,12 @@
 // A hand that follows the mouse: the wheel is depth, keys bend its fingers.
 
 import * as THREE from "three";
+import { isTyped } from "../panel.js";
 import { fingersOf } from "./hand.js";
 
 const EVERY_MS = 11;
+const LENGTH = 0.1; // m: of the parts' size, for a hand of true size
+const SMALLEST = 0.5;
 const OPEN = 0.12; // of a hand at rest
 const SPEED = 2.6; // of bending, a second
 const V = (x, y, z) => new THREE.Vector3(x, y, z);
@@ -30,7 +33,7 @@ export class MouseHand {
     this.isOn = false;
   }
 
-  hint = "The hand follows the mouse. Wheel: away or towards you. Hold F, or 1 to 5, to bend its fingers.";
+  hint = "Wheel: away or towards you. Hold F, or 1 to 5, to bend fingers.";
 
   start() {
     if (this.isOn) return;
@@ -69,7 +72,7 @@ export class MouseHand {
   }
 
   key(event, isDown) {
-    if (event.ctrlKey || event.metaKey || event.target.closest?.("input:not([type=checkbox]), select")) return;
+    if (isDown && isTyped(event)) return;
     const fingers = event.code === "KeyF" ? [0, 1, 2, 3, 4] : /^(Digit|Numpad)[1-5]$/.test(event.code) ? [Number(event.code.at(-1)) - 1] : [];
     for (const finger of fingers) isDown ? this.held.add(finger) : this.held.delete(finger);
   }
@@ -83,7 +86,7 @@ export class MouseHand {
       return bend + Math.sign(goal - bend) * Math.min(Math.abs(goal - bend), SPEED * elapsed);
     });
     this.joints = this.pointer === null ? null : this.placed();
-    this.send(this.joints === null ? [] : fingersOf(this.joints, true), now);
+    this.send(this.joints === null ? [] : fingersOf(this.joints, true, this.hasPaths), now);
   }
 
   /** Joints in the scene's frame, the open index fingertip under the pointer. */
@@ -98,21 +101,21 @@ export class MouseHand {
     caster.setFromCamera(new THREE.Vector2(...this.pointer), camera);
     const tip = caster.ray.intersectPlane(plane, V(0, 0, 0));
     if (tip === null) return this.joints;
-    // Fingers point away from the eye and a little down, the back of the hand is up.
-    const level = V(forward.x, 0, forward.z).normalize();
-    if (level.lengthSq() < 0.5) level.copy(camera.up);
-    const away = level.multiplyScalar(0.85).add(V(0, -0.5, 0)).normalize();
-    const across = new THREE.Vector3().crossVectors(away, V(0, 1, 0)).normalize();
+    // It comes from below, at the right, with its back to the eye, and is no larger than the parts.
+    const size = Math.min(Math.max(this.stage.radius / LENGTH, SMALLEST), 1);
+    const away = V(-0.4, 0.85, -0.35).applyQuaternion(camera.quaternion).normalize();
+    const across = new THREE.Vector3().crossVectors(away, forward).negate().normalize();
     const up = new THREE.Vector3().crossVectors(across, away);
-    const turn = new THREE.Matrix4().makeBasis(across, up, away.clone().negate());
+    const turn = new THREE.Matrix4().makeBasis(across, up, away.clone().negate()).scale(V(size, size, size));
     const open = handJoints(this.bends.map(() => OPEN)).get("index-finger-tip").position.applyMatrix4(turn);
     const world = turn.setPosition(tip.sub(open));
     root.updateMatrixWorld(true);
     const sceneFromHand = root.matrixWorld.clone().invert().multiply(world);
-    const rotation = new THREE.Quaternion().setFromRotationMatrix(sceneFromHand);
+    const rotation = new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().extractRotation(sceneFromHand));
     const joints = handJoints(this.bends);
     for (const joint of joints.values()) {
       joint.position.applyMatrix4(sceneFromHand);
+      joint.radius *= size;
       joint.quaternion.premultiply(rotation);
     }
     return joints;

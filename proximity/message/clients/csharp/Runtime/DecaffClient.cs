@@ -419,7 +419,7 @@ namespace Decaff
 
         /// <summary>
         /// The name of a part of the newest frame, which numbers it as Part of a contact; "" until it is known,
-        /// within a second of the first frame and of each change.
+        /// within a tenth of a second of the first frame and of each change.
         /// </summary>
         public string PartName(int part)
         {
@@ -558,7 +558,7 @@ namespace Decaff
 
         private DecaffFlaw ContentFlaw(long baseNs)
         {
-            if (arrived.State > DecaffState.Stopping || arrived.Source > DecaffSource.Teleoperation)
+            if (arrived.State > DecaffState.Stopping || arrived.Source > DecaffSource.Held)
                 return DecaffFlaw.Content;
             long latest = Math.Min(baseNs, MostNs - AheadNs) + AheadNs;
             if (arrived.PoseNs > latest || arrived.PublishNs > latest)
@@ -572,7 +572,7 @@ namespace Decaff
         private bool IsSound(ref DecaffContact c, long latest)
         {
             if (c.Surface > DecaffSurface.Deformable || c.Mode > DecaffMode.Hold
-                || c.Source > DecaffSource.Teleoperation || c.ForceIsValid > 1)
+                || c.Source > DecaffSource.Held || c.ForceIsValid > 1)
                 return false;
             if ((c.Flags & DecaffContactFlag.Tracked) == 0)
                 return true;

@@ -1,14 +1,15 @@
 // A plane across x, y or z that clips the parts, and on which the signed distance is seen as colours.
 
 import * as THREE from "three";
-import { sliceColour } from "./colours.js";
-import { mm } from "./frames.js";
-import { byId, makeChoice, showChoice } from "./panel.js";
-import { niceStep } from "./stage.js";
+import { sliceColour } from "../colours.js";
+import { mm } from "../frames.js";
+import { byId, makeChoice, showChoice } from "../panel.js";
+import { niceStep } from "../stage.js";
 
 const MOST_POINTS = 26_000;
 const MARGIN = 0.35; // beyond the parts, of their size
 const WAIT_MS = 60;
+const ASIDE = 1e-4; // of the parts' size, that the view is clipped beside the plane: what lies in it is cut off
 const AXES = [["x", "x"], ["y", "y"], ["z", "z"]];
 
 export class SlicePlane {
@@ -24,6 +25,9 @@ export class SlicePlane {
     this.mesh = new THREE.Mesh(new THREE.BufferGeometry(), material);
     this.mesh.visible = false;
     this.mesh.renderOrder = 2;
+    material.polygonOffset = true; // before the cut, which lies in the same plane
+    material.polygonOffsetFactor = material.polygonOffsetUnits = -2;
+    this.cut = new Cut(stage, parts);
     stage.root.add(this.mesh);
     makeChoice(byId("plane-axis"), AXES, this.axis, (axis) => {
       this.axis = axis;
@@ -33,7 +37,7 @@ export class SlicePlane {
       this.share = event.target.value / 1000;
       this.update();
     };
-    parts.addEventListener("changed", () => this.changed());
+    parts.addEventListener("placed", () => this.changed());
   }
 
   get index() {
@@ -61,7 +65,9 @@ export class SlicePlane {
     byId("plane").hidden = !(this.clips || this.slices);
     byId("plane-at").textContent = `${this.axis} = ${mm(this.offset, 1)} mm`;
     byId("legend").hidden = !this.slices;
-    this.parts.setClipping(this.clips ? [this.clippingPlane()] : []);
+    const planes = this.clips ? [this.clippingPlane()] : [];
+    this.parts.setClipping(planes);
+    this.cut.show(planes, this.index, this.offset);
     if (!this.slices) this.mesh.visible = false;
     this.changed();
   }
@@ -70,7 +76,7 @@ export class SlicePlane {
   clippingPlane() {
     const normal = new THREE.Vector3().setComponent(this.index, -1);
     if (this.axis === "y") normal.negate(); // the view is from the front: what is before it goes
-    const point = new THREE.Vector3().setComponent(this.index, this.offset);
+    const point = new THREE.Vector3().setComponent(this.index, this.offset).addScaledVector(normal, ASIDE * this.stage.radius);
     const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(normal, point);
     this.stage.root.updateMatrixWorld(true);
     return plane.applyMatrix4(this.stage.root.matrixWorld);
@@ -144,5 +150,57 @@ export class SlicePlane {
     this.texture.needsUpdate = true;
     this.mesh.material.map = this.texture;
     this.mesh.material.needsUpdate = true;
+    this.stage.wake();
+  }
+}
+
+/** The filled cuts of the parts: there a ray meets more of their back faces than of their front faces. */
+class Cut {
+  constructor(stage, parts) {
+    Object.assign(this, { stage, parts });
+    this.caps = new Map();
+    this.planes = [];
+    parts.addEventListener("placed", () => this.follow());
+  }
+
+  show(planes, axis, offset) {
+    this.planes = planes;
+    if (planes.length) for (const part of this.parts.list) if (!this.caps.has(part)) this.caps.set(part, this.capOf(part));
+    const place = this.stage.box.getCenter(new THREE.Vector3()).setComponent(axis, offset);
+    const turn = new THREE.Euler(axis === 1 ? Math.PI / 2 : 0, axis === 0 ? Math.PI / 2 : 0, 0);
+    for (const { cap } of this.caps.values()) {
+      cap.position.copy(place);
+      cap.rotation.copy(turn);
+    }
+    this.follow();
+  }
+
+  follow() {
+    for (const [part, { cap, counters }] of this.caps) {
+      cap.visible = this.planes.length > 0 && part.object.visible;
+      for (const each of counters) [each.visible, each.material.clippingPlanes] = [cap.visible, this.planes];
+    }
+  }
+
+  capOf(part) {
+    const order = 2 * this.caps.size - 1000; // before all else: its faces are counted, the cut is drawn, the count is cleared
+    const counters = part.meshes.flatMap((mesh) =>
+      [[THREE.BackSide, THREE.IncrementWrapStencilOp], [THREE.FrontSide, THREE.DecrementWrapStencilOp]].map(([side, count]) => {
+        const stencil = { stencilWrite: true, stencilFail: count, stencilZFail: count, stencilZPass: count };
+        const counter = new THREE.Mesh(mesh.geometry, new THREE.MeshBasicMaterial({ side, colorWrite: false, depthTest: false, depthWrite: false, ...stencil }));
+        counter.renderOrder = order;
+        mesh.add(counter);
+        return counter;
+      }),
+    );
+    const material = new THREE.MeshStandardMaterial({
+      color: new THREE.Color(part.colour).lerp(new THREE.Color(0xf2b84b), 0.35), roughness: 0.8, side: THREE.DoubleSide,
+      stencilWrite: true, stencilFunc: THREE.NotEqualStencilFunc,
+    });
+    const cap = new THREE.Mesh(new THREE.PlaneGeometry(20 * this.stage.radius, 20 * this.stage.radius), material);
+    cap.renderOrder = order + 1;
+    cap.onAfterRender = (renderer) => renderer.clearStencil();
+    this.stage.root.add(cap);
+    return { cap, counters };
   }
 }

@@ -1,9 +1,9 @@
 // The part that is moved, and the parts nearest to it: connections, numbers, and how far it may go until it touches.
 
 import * as THREE from "three";
-import { mm } from "./frames.js";
-import { Label } from "./labels.js";
-import { rowsOf } from "./local_scene.js";
+import { mm } from "../frames.js";
+import { Label } from "../labels.js";
+import { rowsOf } from "../local_scene.js";
 
 const MOST = 3; // connections, at most one a part
 const APART = 0, TOUCHING = 1; // relations, see proximity.mjs
@@ -22,11 +22,10 @@ export class Nearest {
     const material = new THREE.LineBasicMaterial({ color: 0xffffff, depthTest: false });
     this.lines = new THREE.LineSegments(new THREE.BufferGeometry(), material);
     this.lines.renderOrder = 18;
-    this.labels = Array.from({ length: MOST }, () => new Label({ height: 0.05 }));
+    this.labels = Array.from({ length: MOST }, () => new Label({ height: 0.08, avoids: true }));
     this.group.add(this.lines, ...this.labels.map((label) => label.object));
     this.group.visible = false;
     stage.root.add(this.group);
-    local.open().then((scene) => (this.scene = scene));
   }
 
   clear() {
@@ -39,15 +38,15 @@ export class Nearest {
 
   /** Show the nearest connections of a part, if something has moved; what is to be said, or null. */
   show(part) {
-    if (!this.scene || !part.object.visible) return null;
-    const key = `${part.name}|${this.parts.list.map(({ object }) => `${object.visible}${object.matrix.elements}`)}`;
+    if (!this.local.scene || !part.object.visible) return null;
+    const key = `${this.local.version}|${part.name}`;
     if (key === this.shown) return null;
     this.shown = key;
-    this.local.follow(this.scene, this.parts.list);
+    this.local.follow(this.local.scene, this.parts.list);
     this.found = [];
     let maxDistance = this.stage.radius;
     for (const other of this.others(part)) {
-      const answer = this.scene.clearance(part.name, other.name, { maxDistance, tolerance: TOLERANCE });
+      const answer = this.local.scene.clearance(part.name, other.name, { maxDistance, tolerance: TOLERANCE });
       if (answer.distance > maxDistance) continue;
       this.found.push({ part: other, ...answer });
       this.found.sort((one, two) => one.distance - two.distance);
@@ -74,9 +73,9 @@ export class Nearest {
       label.object.visible = k < apart.length;
       if (!label.object.visible) return;
       label.show(said(apart[k]));
-      label.setHeight(0.05 * this.stage.radius);
+      label.setHeight(0.08 * this.stage.radius);
       label.object.position.fromArray(ends, 6 * k).add(new THREE.Vector3().fromArray(ends, 6 * k + 3)).multiplyScalar(0.5);
-      label.object.center.set(0.5, -0.25);
+      label.anchor(0.5, -0.25);
     });
     const meeting = new Set(this.found.filter(({ relation }) => relation > TOUCHING).map((each) => each.part));
     for (const each of this.parts.list) {
@@ -89,10 +88,10 @@ export class Nearest {
   /** How far a part comes on its way to *matrix* until it would touch: certified, whatever moves on the way. A part
    * that meets another already goes where it is wanted. */
   reached(part, matrix) {
-    if (!this.scene) return matrix;
-    this.local.follow(this.scene, this.parts.list);
+    if (!this.local.scene) return matrix;
+    this.local.follow(this.local.scene, this.parts.list);
     const from = poseOf(part.object.matrix), to = poseOf(matrix);
-    const length = from.place.distanceTo(to.place) + from.turn.angleTo(to.turn) * reachOf(part);
+    const length = from.place.distanceTo(to.place) + from.turn.angleTo(to.turn) * this.reachOf(part);
     if (length === 0 || this.free(part, Infinity) === 0) return matrix;
     let share = 0, before = 0;
     for (let step = 0; step < MOST_STEPS && share < 1; step++) {
@@ -106,15 +105,21 @@ export class Nearest {
     return share < 1 ? between(from, to, share) : matrix;
   }
 
+  /** How far anything of a part is from its origin, at most. */
+  reachOf(part) {
+    const { min, max } = this.parts.bounds([part], part.object);
+    return min.negate().max(max).length();
+  }
+
   put(part, matrix) {
-    this.scene.move([{ part: part.name, matrix: rowsOf(matrix) }]);
+    this.local.scene.move([{ part: part.name, matrix: rowsOf(matrix) }]);
   }
 
   /** A length that no other part is nearer than, where parts are now; no more than *limit*. */
   free(part, limit) {
     let lower = limit;
     for (const other of this.others(part)) {
-      lower = Math.min(lower, this.scene.clearance(part.name, other.name, { maxDistance: lower, tolerance: STEP_TOLERANCE }).lower);
+      lower = Math.min(lower, this.local.scene.clearance(part.name, other.name, { maxDistance: lower, tolerance: STEP_TOLERANCE }).lower);
     }
     return lower;
   }
@@ -135,15 +140,4 @@ function poseOf(matrix) {
 function between(from, to, share) {
   const one = new THREE.Vector3(1, 1, 1);
   return new THREE.Matrix4().compose(from.place.clone().lerp(to.place, share), from.turn.clone().slerp(to.turn, share), one);
-}
-
-/** How far anything of a part is from its origin, at most. */
-function reachOf(part) {
-  const box = new THREE.Box3();
-  for (const mesh of part.meshes) {
-    if (!mesh.geometry.boundingBox) mesh.geometry.computeBoundingBox();
-    const partFromMesh = part.object.matrixWorld.clone().invert().multiply(mesh.matrixWorld);
-    box.union(mesh.geometry.boundingBox.clone().applyMatrix4(partFromMesh));
-  }
-  return new THREE.Vector3().max(box.min.clone().negate()).max(box.max).length();
 }

@@ -1,8 +1,8 @@
 // How far two points of the surface are apart, or two parts.
 
 import * as THREE from "three";
-import { mm } from "./frames.js";
-import { Label } from "./labels.js";
+import { mm } from "../frames.js";
+import { Label } from "../labels.js";
 
 const RELATIONS = ["are apart", "touch", "cross", "overlap: the first is inside", "overlap: the second is inside"];
 
@@ -53,12 +53,12 @@ export class Measure {
     const geometry = new THREE.BufferGeometry().setFromPoints([from, to]);
     const line = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: 0xffffff, depthTest: false }));
     line.renderOrder = 18;
-    const label = new Label({ height: 0.07 * this.stage.radius });
+    const label = new Label({ height: 0.07 * this.stage.radius, avoids: true });
     const apart = to.clone().sub(from);
     const parts = apart.toArray().map((x) => mm(x));
     label.show(`${mm(apart.length())} mm\n${parts.join("  ")}`);
     label.object.position.copy(from).add(to).multiplyScalar(0.5);
-    label.object.center.set(0.5, -0.25);
+    label.anchor(0.5, -0.25);
     this.group.add(line, label.object);
     return `${mm(apart.length())} mm apart; along x, y, z: ${parts.join(", ")} mm.`;
   }

@@ -1,9 +1,10 @@
 // What can be done besides looking: move, measure, clip, slice, reset, picture, link.
 
 import * as THREE from "three";
-import { byId } from "./panel.js";
+import { byId, isTyped, offer } from "../panel.js";
 import { Measure } from "./measuring.js";
 import { Nearest } from "./nearest.js";
+import { PointCloud } from "./points.js";
 import { SlicePlane } from "./slice_plane.js";
 
 const STEP = 0.001;
@@ -22,6 +23,7 @@ export class Tools {
     this.measure = new Measure(stage);
     this.nearest = new Nearest(stage, parts, local);
     this.plane = new SlicePlane(stage, parts, local);
+    this.points = new PointCloud(stage, parts, local, panel);
     parts.limited = (part, matrix) => (byId("tool-stop").checked ? this.nearest.reached(part, matrix) : matrix);
     this.mayMove = false;
     this.actions = {
@@ -30,6 +32,7 @@ export class Tools {
       clip: () => this.setPlane("clips"),
       slice: () => this.setPlane("slices"),
       reset: () => this.reset(),
+      points: () => byId("points-file").click(),
       picture: () => this.picture(),
       link: () => this.copyLink(),
       help: () => this.toggleHelp(),
@@ -64,19 +67,16 @@ export class Tools {
   }
 
   /** A part was chosen in the list: it is measured, or picked. */
-  choosePart(part) {
+  async choosePart(part) {
     if (this.mode !== "measure") return this.parts.pick(part === this.parts.picked ? null : part);
     const names = this.measure.addPart(part.name);
-    if (names) this.measureParts(names);
-    else this.say(`${part.name} and …: choose the second part in the list.`);
-  }
-
-  async measureParts(names) {
+    if (!names) return this.say(`${part.name} and …: choose the second part in the list.`);
     this.say(this.measure.showParts(names, await this.local.clearance(names, this.parts.list)));
   }
 
-  setPlane(what) {
-    this.plane[what] = !this.plane[what];
+  /** Clip or slice, or not: "clips" or "slices". */
+  setPlane(what, isOn = !this.plane[what]) {
+    this.plane[what] = isOn;
     byId("tool-clip").setAttribute("aria-pressed", this.plane.clips);
     byId("tool-slice").setAttribute("aria-pressed", this.plane.slices);
     this.plane.update();
@@ -85,19 +85,14 @@ export class Tools {
   reset() {
     this.setMode("");
     if (this.mayMove) this.parts.reset();
-    this.plane.clips = this.plane.slices = false;
-    this.setPlane("clips");
-    this.setPlane("clips");
+    this.closePlane();
     this.stage.home();
   }
 
   async picture() {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(await this.stage.picture());
-    link.download = `${document.title.split(" ")[0]}.png`;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
-    this.say(`The picture is saved as ${link.download}.`);
+    const name = `${document.title.split(" ")[0]}.png`;
+    offer(await this.stage.picture(), name);
+    this.say(`The picture is saved as ${name}.`);
   }
 
   /** An address that opens this page with this view; it has the token, so it is for oneself. */
@@ -126,10 +121,7 @@ export class Tools {
       this.stage.controls.target.fromArray(view.at);
       for (const part of this.parts.list) this.parts.setVisible(part, !view.hidden.includes(part.name));
       this.plane.restore(view.plane);
-      this.plane.clips = !view.plane.clips; // each is switched to what it was
-      this.plane.slices = !view.plane.slices;
-      this.setPlane("clips");
-      this.setPlane("slices");
+      for (const what of ["clips", "slices"]) this.setPlane(what, view.plane[what]);
       this.stage.controls.update();
       this.parts.changed();
     } catch {
@@ -137,9 +129,21 @@ export class Tools {
     }
   }
 
+  /** Close what is open: the keys, then the tool and what is picked, then the plane. */
+  escape() {
+    if (!byId("help").hidden) return this.toggleHelp();
+    if (this.mode || this.parts.picked) return void (this.setMode(""), this.parts.pick(null));
+    this.closePlane();
+  }
+
+  closePlane() {
+    for (const what of ["clips", "slices"]) this.setPlane(what, false);
+  }
+
   toggleHelp() {
     byId("help").hidden = !byId("help").hidden;
     byId("tool-help").setAttribute("aria-expanded", !byId("help").hidden);
+    byId("help").scrollIntoView();
   }
 
   aim(event) {
@@ -187,8 +191,8 @@ export class Tools {
   }
 
   key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.("input:not([type=checkbox]), select")) return;
-    if (event.code === "Escape") return void (this.setMode(""), this.parts.pick(null));
+    if (event.code === "Escape") return this.escape();
+    if (isTyped(event)) return;
     if (event.key === "+" || event.key === "=") return this.stage.zoom(0.9);
     if (event.key === "-") return this.stage.zoom(1 / 0.9);
     if (event.key.startsWith("Arrow") || event.code === "KeyQ" || event.code === "KeyE") return this.nudge(event);
@@ -208,7 +212,7 @@ export class Tools {
       return;
     }
     event.preventDefault();
-    const matrix = this.parts.goal(part);
+    const matrix = (this.parts.wanted.get(part.name) ?? part.object.matrix).clone(); // it may not have got there yet
     if (turn) {
       const place = new THREE.Vector3().setFromMatrixPosition(matrix);
       const about = new THREE.Matrix4().makeTranslation(place).multiply(new THREE.Matrix4().makeRotationZ(turn));

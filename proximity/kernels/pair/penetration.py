@@ -1,0 +1,272 @@
+"""How far a part must move along a direction until it is free of another, for the first time, with bounds.
+
+From below: a line along the direction passes through a point that both parts have in common. As long as the
+stretches of the line inside the one and inside the other overlap, the parts do. From above: parts that are
+some distance apart stay so while one of them moves by less. Neither depends on how finely surfaces are
+divided, and so the depth does not go to 0 where a mesh is refined.
+
+Source: directional penetration depth, Dobkin, Hershberger, Kirkpatrick, Suri 1993; the enclosure is ours.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.geometry.frames import ROUNDED_DOWN, direction_to_local, to_local, to_scene
+from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.layout import NO_SLOT, ModelArrays
+from proximity.kernels.pair.blocks import read_both
+from proximity.kernels.pair.boxes import frames_at
+from proximity.kernels.pair.connection import BOTH, connect, corner_of, on_triangle
+from proximity.kernels.pair.held_motion import POSE_SIZE
+from proximity.kernels.pair.triangles import CROSSING, between
+from proximity.kernels.pair.walk import nearest_of_parts
+from proximity.kernels.ray.walk import ray_in_part
+from proximity.kernels.scene.chunk_tables import new_workspace, reset_recent
+from proximity.kernels.scene.part_containment import contained_corner, is_inside_part
+from proximity.kernels.stack_arrays import stack_f64, stack_i64
+from proximity.native import entry, inlined, kernel
+
+DEPTH_LOWER = 0
+DEPTH_UPPER = 1
+DEPTH_NORMAL = 2
+DEPTH_STEPS = 5
+DEPTH_SIZE = 6
+"""The parts overlap at least and at most so long, m; the direction, scene's frame, in which the first is free
+of the second there, or 0; steps."""
+MOST_PROBES = 48
+CLOSEST_PROBE_TOLERANCE = 0.1
+NEAR_CEILING = 0.8
+"""Share of the tolerance below a displacement at which parts are apart, where it is looked next."""
+SKIPPED = 2.0**-36
+"""Local units ahead of a point that are not looked at: the point may lie on a face."""
+
+# What is known: the first part is free nowhere below `LOWER`, and free at `UPPER`; the next probe is between
+# `FLOOR` and `CEILING`, and `STRIDE` beyond the floor.
+LOWER, UPPER, FLOOR, CEILING, STRIDE = 0, 1, 2, 3, 4
+# What a probe finds: whether the parts are apart, and how far; or a point of both, scene's frame.
+IS_APART, GAP, POINT = 0, 1, 2
+APART, OVERLAPPING, UNKNOWN = 1.0, 0.0, -1.0
+
+
+@inlined
+def _unit(x, y, z):
+    """A direction with its length taken out, and the length; 0 where there is none."""
+    length = sqrt(dot(x, y, z, x, y, z))
+    return (x / length, y / length, z / length, length) if length > 0.0 else (0.0, 0.0, 0.0, 0.0)
+
+
+@inlined
+def _boxes_apart_from(one, other, direction):
+    """From which displacement on the boxes of two parts are apart."""
+    apart = np.inf
+    for k in range(3):
+        if direction[k] > 0.0:
+            apart = min(apart, (other.box_upper[k] - one.box_lower[k]) / direction[k])
+        elif direction[k] < 0.0:
+            apart = min(apart, (other.box_lower[k] - one.box_upper[k]) / direction[k])
+    return max(apart, 0.0) / ROUNDED_DOWN
+
+
+@kernel
+def _inside_ahead(model, part, point, direction, longest, workspace):
+    """How far from a point on, m, at most *longest*, a part's inside reaches along a unit direction."""
+    reals, words, frames, parts = model
+    scale = frames[part].scale
+    x, y, z = to_local(frames, parts, part, point[0], point[1], point[2])
+    dx, dy, dz = direction_to_local(frames, parts, part, direction[0], direction[1], direction[2])
+    origin = x + SKIPPED * dx, y + SKIPPED * dy, z + SKIPPED * dz
+    start, no_slot = parts[part].root, np.int64(NO_SLOT)
+    _, length, _, _ = ray_in_part(
+        reals, words, start, origin, (dx, dy, dz), longest * scale, no_slot, workspace.stacks
+    )
+    if length == np.inf:
+        return 0.0
+    half = SKIPPED + 0.5 * length
+    middle = x + half * dx, y + half * dy, z + half * dz
+    return (length + SKIPPED) / scale if is_inside_part(model, part, middle, workspace) else 0.0
+
+
+@kernel
+def _piercing_edge(corners, edge):
+    """Fill the point at which an edge of two crossing triangles meets the other, and its ends, (9,).
+
+    Return whose edge it is: 0 or 1.
+    """
+    closest, best, owner = stack_f64(18), np.inf, 0
+    for one in range(2):
+        a = corner_of(corners, 1 - one, 0)
+        b, c = corner_of(corners, 1 - one, 1), corner_of(corners, 1 - one, 2)
+        normal = cross(*between(a, b), *between(a, c))
+        for k in range(3):
+            p, q = corner_of(corners, one, k), corner_of(corners, one, k + 1)
+            h, g = dot(*normal, *between(a, p)), dot(*normal, *between(a, q))
+            if h == g or (h > 0.0) == (g > 0.0):
+                continue
+            t = h / (h - g)
+            x, y, z = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1]), p[2] + t * (q[2] - p[2])
+            off = between((x, y, z), on_triangle(corners, 1 - one, x, y, z, closest))
+            off_sq = dot(*off, *off)
+            if off_sq < best:
+                best, owner = off_sq, one
+                edge[0], edge[1], edge[2] = x, y, z
+                edge[3], edge[4], edge[5] = p
+                edge[6], edge[7], edge[8] = q
+    return owner
+
+
+@kernel
+def _point_of_both(model, first, second, slots, frame_map, shift, found, workspace):
+    """Fill a point that is inside both of two parts, on an edge of one; whether it is found."""
+    reals, _, frames, parts = model
+    corners, local, edge = stack_f64(BOTH), stack_f64(9), stack_f64(9)
+    read_both(reals, slots, frame_map[0], frame_map[1], corners)
+    owner = _piercing_edge(corners, local)
+    for k in range(3):
+        to_scene(frames, parts, first, local, 3 * k, edge, 3 * k)
+    best = 0.0
+    for end in range(1, 3):
+        x, y, z, length = _unit(
+            edge[3 * end] - edge[0], edge[3 * end + 1] - edge[1], edge[3 * end + 2] - edge[2]
+        )
+        start = edge[0], edge[1], edge[2]
+        if owner == 0:
+            start = edge[0] + shift[0], edge[1] + shift[1], edge[2] + shift[2]
+        other = second if owner == 0 else first
+        reach = _inside_ahead(model, other, start, (x, y, z), length, workspace) if length > 0.0 else 0.0
+        if reach > best:
+            best = reach
+            found[POINT] = edge[0] + shift[0] + 0.5 * reach * x
+            found[POINT + 1] = edge[1] + shift[1] + 0.5 * reach * y
+            found[POINT + 2] = edge[2] + shift[2] + 0.5 * reach * z
+    return best > 0.0
+
+
+@kernel
+def _probe(model, first, second, faces, shift, nearest, found, normal, last, budget, workspace):
+    """Fill *found* with how the parts lie with the first one shifted; return the steps.
+
+    *nearest*, m: how far apart at most is of interest. *normal*, *last* slots: renewed where they are found.
+    """
+    frames, slots = model.frames, stack_i64(2)
+    turn, offset, one, other = stack_f64(9), stack_f64(3), stack_f64(POSE_SIZE), stack_f64(POSE_SIZE)
+    for k in range(9):
+        one[k], other[k] = frames[first].rotation[k], frames[second].rotation[k]
+    for k in range(3):
+        one[9 + k], other[9 + k] = frames[first].translation[k] + shift[k], frames[second].translation[k]
+    frames_at(frames, first, second, one, other, turn, offset)
+    slots[0], slots[1] = last[0], last[1]
+    reach, scale = nearest * frames[first].scale, frames[first].scale
+    best, lower_sq, steps = nearest_of_parts(
+        model, first, second, (turn, offset), reach * reach, CLOSEST_PROBE_TOLERANCE, budget, slots
+    )
+    if slots[0] != NO_SLOT:
+        last[0], last[1] = slots[0], slots[1]
+    if best == CROSSING:
+        is_found = _point_of_both(model, first, second, slots, (turn, offset), shift, found, workspace)
+        found[IS_APART] = OVERLAPPING if is_found else UNKNOWN
+        return steps
+    found[GAP], point = min(sqrt(max(lower_sq, 0.0)) / scale, nearest), stack_f64(3)
+    back = -shift[0], -shift[1], -shift[2]
+    found[IS_APART] = APART if found[GAP] > 0.0 or budget == 0 or steps < budget else UNKNOWN
+    if contained_corner(model, second, first, faces[0], shift, point, workspace):
+        found[IS_APART] = OVERLAPPING
+    elif contained_corner(model, first, second, faces[1], back, point, workspace):
+        found[IS_APART] = OVERLAPPING
+        for k in range(3):
+            point[k] += shift[k]
+    elif slots[0] != NO_SLOT:
+        _fill_normal(model, first, slots, turn, offset, normal)
+    for k in range(3):
+        found[POINT + k] = point[k]
+    return steps
+
+
+@kernel
+def _fill_normal(model, first, slots, turn, offset, normal):
+    """Fill the direction, scene's frame, from the second part to the first, if they are apart."""
+    corners, ends, points = stack_f64(BOTH), stack_f64(6), stack_f64(6)
+    read_both(model.reals, slots, turn, offset, corners)
+    connect(corners, ends)
+    to_scene(model.frames, model.parts, first, ends, 0, points, 0)
+    to_scene(model.frames, model.parts, first, ends, 3, points, 3)
+    x, y, z, length = _unit(points[0] - points[3], points[1] - points[4], points[2] - points[5])
+    if length > 0.0:
+        normal[0], normal[1], normal[2] = x, y, z
+
+
+@kernel
+def _learn(model, first, second, at, direction, shift, known, found, workspace):
+    """Take into account what a probe has found with the first part displaced by *at*."""
+    if found[IS_APART] == APART:
+        known[UPPER] = max(min(known[UPPER], at - found[GAP] * ROUNDED_DOWN), known[LOWER])
+        known[CEILING] = min(known[CEILING], known[UPPER])
+        return
+    begin = end = at
+    if found[IS_APART] == OVERLAPPING:
+        there = found[POINT], found[POINT + 1], found[POINT + 2]
+        here = there[0] - shift[0], there[1] - shift[1], there[2] - shift[2]
+        along = direction[0], direction[1], direction[2]
+        against = -direction[0], -direction[1], -direction[2]
+        end += _inside_ahead(model, second, there, along, np.inf, workspace)
+        end += _inside_ahead(model, first, here, against, np.inf, workspace)
+        begin -= _inside_ahead(model, second, there, against, np.inf, workspace)
+        begin -= _inside_ahead(model, first, here, along, np.inf, workspace)
+        end = min(end * ROUNDED_DOWN, known[UPPER])
+    known[STRIDE] *= 4.0
+    if begin <= known[LOWER]:
+        known[LOWER] = max(known[LOWER], end)
+        known[FLOOR] = max(known[FLOOR], end)
+    elif begin <= known[FLOOR]:
+        known[FLOOR] = max(known[FLOOR], end)
+    else:
+        known[CEILING] = min(known[CEILING], begin)
+        known[FLOOR] = known[FLOOR] if end > begin else at
+
+
+@entry(ModelArrays, "int, int, int32[:], int32[:], float64[:], float, float, int, float64[:]")
+def depth_along(model, first, second, faces, other_faces, direction, limit, tolerance, budget, depth):
+    """Fill how far the first part must move along a unit *direction*, scene's frame; (`DEPTH_SIZE`,).
+
+    *faces*, *other_faces*: one of each of their surfaces. *limit*, m: a depth beyond it is not looked for.
+    *tolerance*: share of it by which its bounds may differ. *budget*: steps at most; 0: as many as it takes.
+    The bound from above that is in *depth* before is where it is looked first; 0: nowhere.
+    """
+    frames, known, found, shift = model.frames, stack_f64(5), stack_f64(5), stack_f64(3)
+    normal, last, workspace = stack_f64(3), stack_i64(2), new_workspace()
+    last[0] = last[1] = NO_SLOT
+    reset_recent(workspace)
+    size = _boxes_apart_from(frames[first], frames[second], direction)
+    known[LOWER] = known[FLOOR] = 0.0
+    known[UPPER] = known[CEILING] = size
+    known[STRIDE] = max(0.5 * tolerance, 1e-6)
+    normal[0] = normal[1] = normal[2] = 0.0
+    at, steps, probes, is_open = min(depth[DEPTH_UPPER], size), 0, 0, size > 0.0
+    while is_open:
+        for k in range(3):
+            shift[k] = at * direction[k]
+        nearest = max(at - known[LOWER], 1e-9 * size) * 1.001
+        left = budget - steps if budget > 0 else 0
+        steps += _probe(
+            model, first, second, (faces, other_faces), shift, nearest, found, normal, last, left, workspace
+        )
+        _learn(model, first, second, at, direction, shift, known, found, workspace)
+        probes += 1
+        if known[CEILING] - known[FLOOR] <= tolerance * known[CEILING] + 1e-12 * size:
+            # A gap that is left open below: it is looked on beyond it.
+            known[CEILING] = known[UPPER]
+            known[FLOOR] = max(known[FLOOR], min(at, known[UPPER]))
+        is_open = (
+            known[UPPER] - known[FLOOR] > tolerance * known[UPPER] + 1e-12 * size
+            and known[LOWER] <= limit
+            and probes < MOST_PROBES
+            and (budget == 0 or steps < budget)
+        )
+        at = 0.5 * (known[FLOOR] + known[CEILING])
+        if found[IS_APART] == APART and probes % 2 == 1:
+            at = max(at, (1.0 - NEAR_CEILING * tolerance) * known[CEILING])
+        elif found[IS_APART] != APART:
+            at = min(at, known[FLOOR] * (1.0 + known[STRIDE]) + known[STRIDE] * 1e-3 * size)
+    depth[DEPTH_LOWER], depth[DEPTH_UPPER], depth[DEPTH_STEPS] = known[LOWER], known[UPPER], steps
+    for k in range(3):
+        depth[DEPTH_NORMAL + k] = normal[k]

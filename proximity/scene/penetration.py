@@ -1,0 +1,100 @@
+"""How deep one part is in another: how far it must move to be free."""
+
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from proximity.kernels.pair.penetration import (
+    DEPTH_LOWER,
+    DEPTH_NORMAL,
+    DEPTH_SIZE,
+    DEPTH_STEPS,
+    DEPTH_UPPER,
+    depth_along,
+)
+from proximity.scene.model.assembly import Model
+
+MOST_TURNS = 4
+"""Times that the direction follows the surface at which a part comes free."""
+ROUGH = 0.1
+"""Tolerance while directions are compared."""
+
+
+class Penetration(NamedTuple):
+    """How far the first of two parts must move along a direction until it is free of the second.
+
+    ``first`` and ``second`` are the parts' names. Moved by ``depth``, m, along ``direction``, (3,), scene's
+    frame, the parts do not overlap; moved by less than ``lower``, m, they do. 0 where they do not overlap
+    where they are.
+    """
+
+    first: str
+    second: str
+    depth: float
+    lower: float
+    direction: np.ndarray
+
+
+class PenetrationSearch:
+    """Looks for a short way by which the first of two parts of a model comes free of the second.
+
+    *faces*: one of each surface of either part.
+    """
+
+    def __init__(
+        self, model: Model, first: int, second: int, faces: tuple[np.ndarray, np.ndarray], budget: int = 0
+    ) -> None:
+        self._asked = model.packed, first, second, *faces
+        self._frames = model.frames[first], model.frames[second]
+        self._budget, self.steps = budget, 0
+        self._found = np.empty(DEPTH_SIZE)
+        self.depth, self.lower, self.direction = inf, 0.0, np.zeros(3)
+        self._normal = np.zeros(3)
+
+    def look_along(self, direction: np.ndarray, tolerance: float, expected: float = 0.0) -> bool:
+        """Keep a direction if the depth along it is less than along the best so far; whether it is.
+
+        *expected*: depth, m, near which it is looked first.
+        """
+        left = max(self._budget - self.steps, 1) if self._budget else 0
+        found, limit = self._found, self.depth
+        found[DEPTH_UPPER] = expected
+        depth_along(*self._asked, direction, limit, tolerance, left, found)
+        self.steps += int(found[DEPTH_STEPS])
+        if not found[DEPTH_UPPER] < limit:
+            return False
+        self.depth, self.lower = float(found[DEPTH_UPPER]) + 0.0, float(found[DEPTH_LOWER])
+        self.direction, self._normal = direction, found[DEPTH_NORMAL : DEPTH_NORMAL + 3].copy()
+        return True
+
+    def search(self, tolerance: float) -> None:
+        """Look for a direction with a small depth, anywhere."""
+        self._compare_axes()
+        self.follow_normals(ROUGH)
+        self.refine(tolerance)
+
+    def _compare_axes(self) -> None:
+        """Compare the axes of both parts, and the line between their middles."""
+        middles = [0.5 * (frame["box_lower"] + frame["box_upper"]) for frame in self._frames]
+        between = middles[0] - middles[1]
+        length = float(np.linalg.norm(between))
+        axes = [frame["rotation"].reshape(3, 3).T for frame in self._frames]
+        axes = [*axes, between[None] / length] if length > 0.0 else axes
+        directions = np.concatenate(axes)
+        for direction in np.unique(np.concatenate([directions, -directions]) + 0.0, axis=0):
+            self.look_along(np.ascontiguousarray(direction), ROUGH)
+
+    def follow_normals(self, tolerance: float) -> None:
+        """Turn the direction to the normal at which the part comes free, while that is a shorter way."""
+        for _ in range(MOST_TURNS):
+            if not self._normal.any() or not self.look_along(self._normal, tolerance, self.depth):
+                break
+
+    def refine(self, tolerance: float) -> None:
+        """Bring the bounds of the best direction together."""
+        if self.depth < inf and self.depth - self.lower > tolerance * self.depth:
+            before, self.depth = (self.depth, self.lower), inf
+            self.look_along(self.direction, tolerance, self.depth)
+            if self.depth > before[0]:
+                self.depth, self.lower = before

@@ -1,0 +1,170 @@
+// Points from a text, such as a scan: coloured by their signed distance, with a table, and as CSV.
+
+import * as THREE from "three";
+import { sliceColour } from "../colours.js";
+import { mm } from "../frames.js";
+import { byId, made, offer, setText } from "../panel.js";
+import { niceStep } from "../stage.js";
+
+const MOST_AT_ONCE = 4000; // points, before pictures have their turn
+const WAIT_MS = 150; // until parts that move stand still
+const UNITS = { m: 1, cm: 1e-2, mm: 1e-3, um: 1e-6, in: 0.0254, ft: 0.3048 };
+const ROWS = ["points", "min", "max", "mean", "RMS", "50 % within", "95 % within", "99 % within", "within the bar"];
+const DEEPEST = 0.1; // below a surface, of the parts' size, that points are seen through it
+const isNumber = (word) => word !== "" && (Number.isFinite(Number(word)) || /^[+-]?(nan|inf)/i.test(word));
+
+export class PointCloud {
+  constructor(stage, parts, local, panel) {
+    Object.assign(this, { stage, parts, local, panel });
+    this.unit = 1e-3; // m
+    this.ticket = 0;
+    this.before = { value: 0 }; // m by which points are drawn nearer to the eye than they are
+    byId("points-range").onchange = ({ target }) => this.paint(Math.max(Number(target.value) / 1e3, 1e-9));
+    byId("points-csv").onclick = () => this.save();
+    byId("points-close").onclick = () => this.clear();
+    byId("points-file").onchange = ({ target }) => this.read(target.files[0]).then(() => (target.value = ""));
+    addEventListener("dragover", (event) => event.preventDefault());
+    addEventListener("drop", (event) => {
+      event.preventDefault();
+      this.read(event.dataTransfer.files[0]);
+    });
+    parts.addEventListener("placed", () => {
+      clearTimeout(this.timer);
+      if (this.object) this.timer = setTimeout(() => this.object && this.measure(), WAIT_MS);
+    });
+  }
+
+  async read(file) {
+    if (!file) return;
+    try {
+      await this.show(file.name, parsePoints(await file.text(), file.name, this.unit));
+    } catch (failure) {
+      this.panel.say(failure.message);
+    }
+  }
+
+  /** Show points, three numbers each, m, scene frame. */
+  async show(name, coordinates) {
+    this.clear();
+    Object.assign(this, { name, coordinates, count: coordinates.length / 3, range: undefined });
+    if (!this.count) return this.panel.say(`${name} has no points.`);
+    await this.measure();
+  }
+
+  clear() {
+    this.ticket += 1;
+    this.name = "";
+    byId("points-card").hidden = true;
+    this.object?.removeFromParent();
+    this.object?.geometry.dispose();
+    this.object = null;
+  }
+
+  async measure() {
+    const ticket = ++this.ticket, { local, coordinates, count } = this;
+    const scene = await local.open();
+    const [distances, part, isSigned] = [new Float64Array(count), new Int32Array(count), new Int32Array(count)];
+    for (let first = 0; first < count; first += MOST_AT_ONCE) {
+      if (ticket !== this.ticket) return;
+      local.follow(scene, this.parts.list);
+      const found = scene.closest(coordinates.subarray(3 * first, 3 * (first + MOST_AT_ONCE)));
+      distances.set(found.signedDistance, first);
+      part.set(found.part, first);
+      isSigned.set(found.isSigned, first);
+      await new Promise((next) => setTimeout(next));
+    }
+    if (ticket !== this.ticket) return;
+    const known = distances.filter(Number.isFinite).sort(), sizes = known.map(Math.abs).sort();
+    Object.assign(this, { distances, part, isSigned, known, sizes });
+    this.before.value = Math.min(Math.max(-1.1 * (known[0] ?? 0), 1e-6), DEEPEST * this.stage.radius);
+    if (!this.object) this.draw();
+    this.paint(this.range ?? niceStep(this.share(0.95) || 1e-3));
+  }
+
+  draw() {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(this.coordinates), 3));
+    geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * this.count), 3));
+    const material = new THREE.PointsMaterial({ size: 5, sizeAttenuation: false, vertexColors: true, toneMapped: false });
+    material.onBeforeCompile = (shader) => {
+      shader.uniforms.before = this.before;
+      shader.vertexShader = `uniform float before;\n${shader.vertexShader}`.replace("#include <project_vertex>",
+        "#include <project_vertex>\nmvPosition.xyz *= max(1.0 - before / length(mvPosition.xyz), 0.1);\ngl_Position = projectionMatrix * mvPosition;");
+    };
+    this.object = new THREE.Points(geometry, material);
+    this.object.frustumCulled = false;
+    this.stage.root.add(this.object);
+  }
+
+  /** Colour the points: *range*, m, is at the ends of the bar. */
+  paint(range) {
+    this.range = range;
+    const colours = this.object.geometry.getAttribute("color"), colour = new THREE.Color();
+    this.distances.forEach((distance, k) => {
+      colour.setRGB(...(Number.isFinite(distance) ? sliceColour(distance, range) : [0.5, 0.5, 0.5]), THREE.SRGBColorSpace);
+      colour.toArray(colours.array, 3 * k);
+    });
+    colours.needsUpdate = true;
+    byId("points-card").hidden = false;
+    byId("points-range").value = +(1e3 * range).toPrecision(4);
+    this.tell();
+    this.stage.wake();
+  }
+
+  /** The size of a distance that this share of the points does not exceed. */
+  share(share) {
+    return this.sizes[Math.max(Math.ceil(share * this.sizes.length) - 1, 0)];
+  }
+
+  tell() {
+    const { known, sizes, range } = this;
+    const sum = (numbers, of) => numbers.reduce((total, each) => total + of(each), 0) / numbers.length;
+    const lengths = [known[0], known.at(-1), sum(known, (each) => each), Math.sqrt(sum(known, (each) => each * each)), ...[0.5, 0.95, 0.99].map((each) => this.share(each))];
+    const within = (100 * sizes.filter((each) => each <= range).length) / sizes.length;
+    const values = [this.count.toLocaleString("en").replaceAll(",", " "), ...lengths.map((each) => `${mm(each, 3)} mm`), `${within.toFixed(1)} %`];
+    byId("points-table").replaceChildren(...ROWS.flatMap((name, k) => [made("dt", name), made("dd", values[k])]));
+    setText(byId("points-name"), `${this.name}: RMS ${values[4]}`);
+    const unknown = this.isSigned.filter((each, k) => !each && this.part[k] >= 0).length;
+    setText(byId("points-note"), unknown ? `Inside and outside are not known for ${unknown} of them: their distances are positive.` : "");
+  }
+
+  /** Offer the points with their distances, as columns that `proximity query --csv` writes too. */
+  save() {
+    const lines = ["x_mm,y_mm,z_mm,distance_mm,is_signed,part"];
+    const quoted = this.parts.list.map(({ name }) => (/[",\n]/.test(name) ? `"${name.replaceAll('"', '""')}"` : name));
+    const shown = (metres) => (Number.isFinite(metres) ? +(1e3 * metres).toPrecision(15) : "nan");
+    for (let k = 0; k < this.count; k++) {
+      const point = [...this.coordinates.subarray(3 * k, 3 * k + 3), this.distances[k]].map(shown);
+      lines.push([...point, Boolean(this.isSigned[k]), quoted[this.part[k]] ?? ""].join());
+    }
+    offer(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }), `${this.name.replace(/\.\w+$/, "")}-distances.csv`);
+  }
+}
+
+/**
+ * The points of a text, m. A line has three numbers between commas, semicolons or spaces; the first line may name
+ * the columns, x, y and z among them, and their unit; otherwise they are in *unit*, m. What begins with # is a comment.
+ */
+export function parsePoints(text, name, unit) {
+  const found = [];
+  let axes = null, scale = unit;
+  text.replace(/^\ufeff/, "").split(/\r?\n/).forEach((line, row) => {
+    const said = line.replace(/(^|\s)#.*/, "").trim();
+    if (!said) return;
+    const separator = said.includes(",") ? "," : said.includes(";") ? ";" : /\s+/;
+    const fields = said.split(separator).map((field) => field.trim().replace(/^"(.*)"$/, "$1"));
+    const isHeader = axes === null && !fields.some(isNumber);
+    if (isHeader) {
+      const words = fields.map((field) => field.toLowerCase().split(/[^a-z]+/).filter(Boolean));
+      axes = ["x", "y", "z"].map((axis) => words.findIndex(([first]) => first === axis));
+      if (axes.includes(-1)) throw new Error(`${name}, line ${row + 1}: expected three numbers, or columns named x, y and z.`);
+      scale = UNITS[words[axes[0]][1]] ?? scale;
+      return;
+    }
+    axes ??= [0, 1, 2];
+    const point = axes.map((column) => fields[column] ?? "");
+    if (!point.every(isNumber)) throw new Error(`${name}, line ${row + 1}: expected three numbers, with decimal points.`);
+    found.push(...point.map((word) => scale * Number(word)));
+  });
+  return new Float64Array(found);
+}
