@@ -232,14 +232,17 @@ class Reading:
         )
 
 
+WIDTH = Annotated[
+    float | None,
+    option("MM", "Width of the figure; the size of the text stays.", callback=within(40.0, 1000.0, "mm")),
+]
+
+
 @dataclass(frozen=True, slots=True)
 class Printing:
     """How a figure is printed."""
 
-    width: Annotated[
-        float | None,
-        option("MM", "Width of the figure; the size of the text stays.", callback=within(40.0, 1000.0, "mm")),
-    ] = None
+    width: WIDTH = None
     caption: Annotated[
         bool, flag("--caption/--no-caption", "Whether conditions stand below the figure.", show_default=False)
     ] = True

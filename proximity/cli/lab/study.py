@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from proximity.cli import output, progress
-from proximity.cli.options import argument, flag, option
+from proximity.cli.options import WIDTH, argument, flag, option
 from proximity.cli.program import EXIT_INTERRUPTED, group_of
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ def run(
 def report(
     folder: Annotated[Path, argument("DIR", "Folder of results.")],
     out: Annotated[Path | None, option("FILE", "Page to write; study.html in DIR if not given.")] = None,
+    width: WIDTH = None,
 ) -> None:
     """Write the results of a study as a page: factors, effects, plots and the worst conditions.
 
@@ -75,8 +76,9 @@ def report(
 
     Examples:
       proximity study report force-error.results
+      proximity study report force-error.results --width 86
     """
-    _write_page(folder, out)
+    _write_page(folder, out, width)
 
 
 def _run(study: "Study", results: Path, options: dict[str, Any]) -> None:
@@ -113,13 +115,13 @@ def _jobs() -> "dict[str, Job]":
     return {job.name: job for job in (CERTIFICATE, REPLAY, PRESS, FIELD, CHECK)}
 
 
-def _write_page(folder: Path, out: Path | None) -> None:
+def _write_page(folder: Path, out: Path | None, width: float | None) -> None:
     from proximity.errors import ServiceError
     from proximity.lab.figures import style
     from proximity.lab.sweep.study_file import read_study
     from proximity.lab.sweep.study_page import study_report
 
-    source = folder / "study.toml"
+    source, sheet = folder / "study.toml", style.Sheet(None if width is None else width / 1e3)
     if not source.is_file():
         raise ServiceError(f"{folder}: no results of a study, expected the folder of proximity study run")
     page = folder / PAGE if out is None else out
@@ -130,7 +132,7 @@ def _write_page(folder: Path, out: Path | None) -> None:
             beside = page.with_name(f"{page.stem}-{name}.csv")
             style.write_table(beside, plot.numbers)
             for form in ("png", "pdf"):
-                drawn = style.render(plot.draw, None, plot.size, form)
+                drawn = style.render(plot.draw, None, plot.size, form, sheet=sheet)
                 style.write_bytes(beside.with_suffix(f".{form}"), drawn)
     plots = "".join(f", {page.stem}-{name}.png, .pdf, .csv" for name in report.plots)
     output.report(f"wrote {page}{plots}")

@@ -208,10 +208,10 @@ def is_narrow(figure: "Figure", across: int = 2) -> bool:
 
 def panels_across(figure: "Figure", count: int, *, share: bool = True) -> "list[Axes]":
     """Return panels side by side, or below one another where a figure is too narrow for that."""
-    if not is_narrow(figure, count):
-        return list(figure.subplots(1, count, sharex=share, sharey=share))
+    if not is_narrow(figure, max(count, 2)):
+        return list(figure.subplots(1, count, sharex=share, sharey=share, squeeze=False).flat)
     figure.set_figheight(count * PANEL_HEIGHT)
-    return list(figure.subplots(count, 1, sharex=share, sharey=share))
+    return list(figure.subplots(count, 1, sharex=share, sharey=share, squeeze=False).flat)
 
 
 def label_shared(panels: "Iterable[Axes]", x: str, y: str) -> None:
@@ -233,8 +233,12 @@ def letter_panels(panels: "Iterable[Axes]", captions: Iterable[str]) -> None:
 
 
 def legend_above(figure: "Figure", panel: "Axes", columns: int) -> None:
-    """Put a panel's legend above all panels, in as many of its columns as are wide enough."""
-    handles, names = panel.get_legend_handles_labels()
+    """Put a panel's legend above all panels."""
+    legend_of(figure, *panel.get_legend_handles_labels(), columns)
+
+
+def legend_of(figure: "Figure", handles: Sequence[Any], names: Sequence[str], columns: int) -> None:
+    """Put a legend above all panels, in as many of *columns* as are wide enough."""
     for fewer in range(columns, 0, -1):
         legend = figure.legend(handles, names, loc="outside upper center", ncols=fewer)
         if fewer == 1 or legend.get_window_extent().width < figure.bbox.width:

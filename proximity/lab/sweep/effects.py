@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from proximity.lab.figures import style
 from proximity.lab.figures.pages import COLOURS, DASHES, INK
 from proximity.lab.figures.style import Table
 from proximity.lab.sweep.design import Job, Kind
@@ -147,7 +148,15 @@ WITHOUT_X = {NOT_USED: (0, (1, 1.5)), None: (0, (6, 2))}
 BAND = (0.1, 0.9)
 """Quantiles between which a band lies, where a point is the median of several conditions."""
 WIDEST, NARROWEST, PANEL_HEIGHT = 6.0, 1.9, 3.2  # inches, of all panels and of one
-ACROSS = 4  # small panels side by side
+ACROSS, SMALL_WIDTH, SMALL_HEIGHT = 4, 1.6, 2.6  # small panels side by side; inches, at least, of one
+MARKERS = "osD^vPX<>h"
+STROKES = {
+    "real": style.REAL, "coupled": style.COUPLED, "decaff": style.TIME_STAMPED, "naive": style.NAIVE,
+    "latched": style.LATCHED, "feed-forward": style.SERIES[2], "time-stamped": style.TIME_STAMPED,
+}  # fmt: skip
+"""Levels that other figures draw, too: they look the same here."""
+DRAWN_IN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "1": ("%", 100.0)}
+"""Units that axes have instead of those of rows, and how many make one of them."""
 
 
 class Plot(NamedTuple):
@@ -181,7 +190,7 @@ def main_plot(rows: Rows, choice: PlotChoice) -> Plot:
     assert x is not None and measure is not None, "both are chosen"
     panels, of_panel = _levels(rows, choice.columns, MOST_PANELS)
     lines, of_line = _levels(rows, choice.lines, MOST_LINES)
-    across, up = rows.measure(x), rows.measure(measure)
+    across, up = (_unit(rows, name)[1] * rows.measure(name) for name in (x, measure))
     worst = np.max if rows.job.measures[measure].is_worse_high else np.min
     summary = worst if choice.points == "worst" else np.median
     draw_line = partial(_draw_line, summary=summary)
@@ -191,7 +200,7 @@ def main_plot(rows: Rows, choice: PlotChoice) -> Plot:
     meaning = {NOT_USED: without_factor(rows, x), None: f"{words(x)} {absent}"}
 
     def draw(figure: "Figure", _: Any) -> None:
-        axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+        axes = style.panels_across(figure, len(panels))
         for number, (panel, caption) in enumerate(zip(axes, panels, strict=True)):
             for line, label in enumerate(lines):
                 is_meant = (of_panel == number) & (of_line == line) & np.isfinite(up)
@@ -201,56 +210,68 @@ def main_plot(rows: Rows, choice: PlotChoice) -> Plot:
                 for kind, is_without in without.items():
                     if (is_meant & is_without).any():
                         level = float(summary(up[is_meant & is_without]))
-                        panel.axhline(level, color=_colour(line), linestyle=WITHOUT_X[kind], linewidth=1.4)
+                        panel.axhline(
+                            level,
+                            color=_stroke(line, label)["color"],
+                            linestyle=WITHOUT_X[kind],
+                            linewidth=1.4,
+                        )
                         panel.plot([], color=INK, linestyle=WITHOUT_X[kind], label=meaning[kind])
-            panel.set(title=caption, xlabel=_axis(rows, x))
+            panel.set_title(caption)
             _scale(panel, across, up)
-        axes[0].set_ylabel(_axis(rows, measure))
+        style.label_shared(axes, _axis(rows, x), _axis(rows, measure))
         handles = {
             name: handle
             for panel in axes
             for handle, name in zip(*panel.get_legend_handles_labels(), strict=True)
         }
         handles = {name: handles[name] for name in sorted(handles, key=lambda name: name in meaning.values())}
-        if len(handles) > 1:
+        if len(handles) > 1 and style.is_narrow(figure):
+            style.legend_of(figure, list(handles.values()), list(handles), 3)
+        elif len(handles) > 1:
             figure.legend(handles.values(), handles, loc="outside right center", fontsize=7)
 
     width = 1.4 + max(WIDEST / len(panels), NARROWEST) * len(panels)
     shown = dict.fromkeys(filter(None, (choice.columns, choice.lines, x, measure)))
-    table = Table({_axis(rows, name): np.array(list(map(str, rows.values(name)))) for name in shown})
+    table = Table({_column(rows, name): np.array(list(map(str, rows.values(name)))) for name in shown})
     return Plot(draw, (width, PANEL_HEIGHT), table)
 
 
 def effects_plot(rows: Rows, effects: list[Effect]) -> Plot:
     """Return a small panel a factor: the mean of a measure at each level; only numbers are joined."""
-    height = -(-len(effects) // ACROSS)
+    measure = effects[0].measure
+    height, factor = -(-len(effects) // ACROSS), _unit(rows, measure)[1]
 
     def draw(figure: "Figure", _: Any) -> None:
-        across = min(len(effects), ACROSS)
-        axes = figure.subplots(height, across, sharey=True, squeeze=False)
+        across = min(len(effects), ACROSS, max(1, int(figure.get_figwidth() / SMALL_WIDTH)))
+        down = -(-len(effects) // across)
+        if across < min(len(effects), ACROSS):
+            figure.set_figheight(SMALL_HEIGHT * down)
+        axes = figure.subplots(down, across, sharey=True, squeeze=False)
         for panel, effect in zip(axes.flat, effects, strict=False):
             joined = "o-" if rows.is_number(effect.factor) else "o"
-            panel.plot(range(len(effect.means)), effect.means, joined, color=COLOURS[0])
+            means = [factor * mean for mean in effect.means]
+            panel.plot(range(len(means)), means, joined, color=COLOURS[0])
             panel.margins(x=0.1)
             panel.set_xticks(range(len(effect.labels)), effect.labels, rotation=60, ha="right")
-            panel.set_title(f"{_axis(rows, effect.factor)}: {effect.share:.0%}")
+            panel.set_title(f"{_column(rows, effect.factor)}\n{effect.share:.0%} of variance")
         for panel in axes.flat[len(effects) :]:
             panel.set_axis_off()
         for row in axes:
-            row[0].set_ylabel(f"mean of {_axis(rows, effects[0].measure)}")
+            row[0].set_ylabel(f"mean {_axis(rows, measure)}")
 
     levels = [
         (each.factor, label, count, mean)
         for each in effects
         for label, count, mean in zip(each.labels, each.counts, each.means, strict=True)
     ]
-    mean = f"mean of {_axis(rows, effects[0].measure)}"
+    mean = f"mean of {_column(rows, measure)}"
     table = Table.of_rows(("factor", "level", "conditions", mean), levels)
-    return Plot(draw, (0.6 + 2.0 * min(len(effects), ACROSS), 2.6 * height), table)
+    return Plot(draw, (0.6 + 2.0 * min(len(effects), ACROSS), SMALL_HEIGHT * height), table)
 
 
 def _draw_points(panel: "Axes", across: np.ndarray, up: np.ndarray, line: int, label: str) -> None:
-    panel.plot(across, up, ".", color=_colour(line), alpha=0.7, markersize=4, label=label)
+    panel.plot(across, up, ".", color=_stroke(line, label)["color"], alpha=0.7, markersize=4, label=label)
 
 
 def _draw_line(
@@ -262,7 +283,7 @@ def _draw_line(
     *,
     summary: Callable[[np.ndarray], Any],
 ) -> None:
-    colour, dash = _colour(line), DASHES[line % len(DASHES)]
+    stroke = _stroke(line, label)
     points = np.unique(across)
     if not len(points):
         return
@@ -272,14 +293,11 @@ def _draw_line(
     groups = [up[across == point] for point in points]
     if summary is np.median and max(map(len, groups)) > 1:
         low, high = np.array([np.quantile(group, BAND) for group in groups]).T
-        panel.fill_between(points, low, high, color=colour, alpha=0.15, linewidth=0)
+        panel.fill_between(points, low, high, color=stroke["color"], alpha=0.15, linewidth=0)
     panel.plot(
         points,
         [float(summary(group)) for group in groups],
-        "o",
-        markersize=2.5,
-        linestyle=dash,
-        color=colour,
+        **stroke,
         label=label,
     )
 
@@ -293,20 +311,37 @@ def _levels(rows: Rows, name: str | None, most: int) -> tuple[list[str], np.ndar
     return [""], np.zeros(rows.table.num_rows, int)
 
 
-def _unit(rows: Rows, name: str) -> str:
+def _si_unit(rows: Rows, name: str) -> str:
     factor, measure = rows.job.factors.get(name), rows.job.measures.get(name)
     return factor.accepted.unit if factor is not None else measure.unit if measure is not None else ""
 
 
+def _unit(rows: Rows, name: str) -> tuple[str, float]:
+    """The unit in which something is drawn, and what numbers in SI units are multiplied by."""
+    unit = _si_unit(rows, name)
+    return DRAWN_IN.get(unit, (unit, 1.0))
+
+
 def _axis(rows: Rows, name: str) -> str:
-    unit = _unit(rows, name)
+    unit, _ = _unit(rows, name)
+    return f"{words(name)} [{unit}]" if unit else words(name)
+
+
+def _column(rows: Rows, name: str) -> str:
+    """The name of a column or factor, whose numbers are in SI units."""
+    unit = _si_unit(rows, name)
     return f"{words(name)} [{unit}]" if unit else words(name)
 
 
 def _level_words(rows: Rows, name: str, level: Level) -> str:
     """A level in a legend or above a panel: latency 0.01 s."""
+    unit, factor = _unit(rows, name)
     has_unit = level not in (None, NOT_USED) and not isinstance(level, str)
-    return f"{words(name)} {rows.label(name, level)} {_unit(rows, name) if has_unit else ''}".rstrip()
+    if has_unit and isinstance(level, float):
+        level = factor * level
+    elif has_unit:
+        unit = _si_unit(rows, name)
+    return f"{words(name)} {rows.label(name, level)} {unit if has_unit else ''}".rstrip()
 
 
 def _scale(panel: "Axes", across: np.ndarray, up: np.ndarray) -> None:
@@ -333,5 +368,9 @@ def _nothing(number: float, _: float) -> str:
     return ""
 
 
-def _colour(line: int) -> str:
-    return COLOURS[line % len(COLOURS)]
+def _stroke(line: int, label: str) -> style.Stroke:
+    """How a line is drawn: as in other figures where they have it, else by its number."""
+    own = {"color": COLOURS[line % len(COLOURS)], "linestyle": DASHES[line % len(DASHES)],
+           "marker": MARKERS[line % len(MARKERS)]}  # fmt: skip
+    known = STROKES.get(label.rpartition(" ")[2], own)
+    return {**known, "markersize": 3.2, "color": INK if known["color"] == "black" else known["color"]}

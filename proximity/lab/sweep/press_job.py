@@ -72,7 +72,7 @@ FACTORS = {
 """SI units; the seed decides where the wall lies between two counts of the drum's encoder."""
 
 MEASURES = {
-    "force_error": Measure(),
+    "force_error": Measure("1"),
     "onset": Measure("s"),
     "penetration": Measure("m"),
     "steady_error": Measure("N"),
