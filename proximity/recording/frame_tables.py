@@ -39,7 +39,12 @@ HEADER_COLUMNS = {
 _STATES = {state.value: state.name.lower() for state in State}
 STATE_NAMES = np.array([_STATES.get(number, str(number)) for number in range(256)])
 """The word for each number a header's state may have."""
-WORDS = {"flags": ContactFlag, "surface": Surface, "mode": Mode, "source": Source}
+WORDS: dict[str, type[IntEnum] | type[IntFlag]] = {
+    "flags": ContactFlag,
+    "surface": Surface,
+    "mode": Mode,
+    "source": Source,
+}
 """Columns of numbers that stand for names, which CSV has instead."""
 _NO_FRAMES = np.zeros(0, frame_type(FRAME.size(0)))
 
@@ -86,7 +91,7 @@ def _in_words(name: str, column: np.ndarray) -> np.ndarray:
     if name not in WORDS:
         return column
     numbers, rows = np.unique(column, return_inverse=True)
-    return np.array([_name_of(WORDS[name], number) for number in numbers.tolist()], object)[rows]
+    return np.array([_name_of(WORDS[name], number) for number in numbers.tolist()])[rows]
 
 
 def _name_of(kind: type[IntEnum | IntFlag], number: int) -> str:

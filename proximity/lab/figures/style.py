@@ -227,7 +227,8 @@ def letter_panels(panels: "Iterable[Axes]", captions: Iterable[str]) -> None:
         spec = panel.get_subplotspec()
         assert spec is not None, "panels stand in a grid"
         grid = spec.get_gridspec()
-        width = panel.get_figure().get_figwidth() / grid.ncols - LABEL_WIDTH
+        figure: Any = panel.get_figure()
+        width = figure.get_figwidth() / grid.ncols - LABEL_WIDTH
         most = int(TITLE_LETTERS_AN_INCH * width)
         panel.set_title("\n".join(_wrapped(f"({letter}) {title}", most)), loc="left")
 
