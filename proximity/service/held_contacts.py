@@ -15,13 +15,13 @@ import numpy as np
 from proximity.kernels.layout import NO_PART
 from proximity.kernels.scene.placement import move_parts
 from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
-from proximity.pose import ROUNDING, Pose
+from proximity.pose import ROUNDING, Pose, velocities_between
 from proximity.scene.model.assembly import Model, finished
 from proximity.scene.scene import Scene
 from proximity.service.description import PartLabels
 from proximity.service.inputs.part_prediction import HOLD_NS, ReportedMotion, pose_at
 from proximity.service.samples import FingerPoses, Samples
-from proximity.tracker.part_tracker import CONNECTION, ConnectionFlag, PartTracker, follow, velocities_between
+from proximity.tracker.part_tracker import CONNECTION, ConnectionFlag, PartTracker, follow
 from proximity.transport import forget
 
 SAME = [name for name in CONTACT.names or () if name in (CONNECTION.names or ()) and name != "flags"]

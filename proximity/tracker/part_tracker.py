@@ -13,10 +13,10 @@ from proximity.checks import not_negative, positive, whole
 from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import contact_record
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, columns_of
-from proximity.kernels.pair import frontier, held_records, held_tick
+from proximity.kernels.pair import frontier, held_records, held_tick, held_times
 from proximity.kernels.pair.held_motion import POSE_SIZE
 from proximity.kernels.scene.part_containment import contains_corner
-from proximity.pose import Pose
+from proximity.pose import Pose, velocities_between
 from proximity.scene.model.assembly import Model
 from proximity.scene.penetration import PenetrationSearch
 from proximity.scene.scene import Scene
@@ -25,8 +25,6 @@ from proximity.tracker.tracker_arguments import LONGEST_LATENCY, as_nanoseconds
 HORIZON = 0.25
 """s"""
 LEAST_DEPTH_TOLERANCE = 0.01
-LONGEST_STEP = 0.1
-"""s between two poses from which a velocity is taken."""
 CONNECTION = held_records.CONNECTION_RECORD
 """One connection of a part that is tracked; `PartTracker.tick` says what is in it."""
 
@@ -235,26 +233,57 @@ class PartTracker:
         if model.epoch != self._epoch:
             self._adopt(model)
         held_tick.follow_parts(model.packed, self._packed, is_moved)
-        if self._settings["unsure"][0] and self._decide_inside(model):
-            held_tick.follow_parts(model.packed, self._packed, False)
+        if self._settings["unsure"][0]:
+            if self._decide_inside(model):
+                held_tick.follow_parts(model.packed, self._packed, False)
+            else:
+                self._forbid_motion()
+        elif self._settings["opening"][0] and not self._comes_free(model):
+            self._forbid_motion()
         self._last_model = weakref.ref(model)
         for record in self.connections:
             if record["depth"] == np.inf:
                 self._measure_depth(model, record)
         return self.connections
 
-    def _measure_depth(self, model: Model, record: Any) -> None:
-        """Fill how far a part must move to be free of another, along the direction found last, or anew."""
-        own, other = int(record["own_part"]), int(record["part"])
+    def _forbid_motion(self) -> None:
+        """Certify no time without a contact."""
+        self._settings["free_time"] = self.connections["time_to_contact_lower"] = 0.0
+
+    def _comes_free(self, model: Model) -> bool:
+        """Whether parts that touch others do not touch them from within: whether a small move frees them."""
+        pairs = self._pairs
+        sizes = model.frames["own_upper"] - model.frames["own_lower"]
+        slips = held_times.SLIP * np.linalg.norm(sizes[pairs["own"]], axis=1)
+        is_unsure = (pairs["is_unsure"] != 0) & (pairs["is_crossing"] == 0)
+        for row in np.flatnonzero(is_unsure & (pairs["upper"] <= slips)):
+            own, other, direction = int(pairs["own"][row]), int(pairs["other"][row]), pairs["normal"][row]
+            search, length = self._penetration_search(model, own, other), float(slips[row])
+            if search is None or not direction.any():
+                return False
+            search.look_along(direction.copy(), 0.5, length)
+            if search.depth > length:
+                return False
+        return True
+
+    def _penetration_search(self, model: Model, own: int, other: int) -> PenetrationSearch | None:
+        """A search for the way out of another part; None where shapes have changed meanwhile."""
         try:
             faces = [self._scene.part(model.names[row]).solid.surface_faces for row in (own, other)]
         except SceneError:
-            return
+            return None
         if self._scene.epoch != model.epoch:
+            return None
+        budget = int(self._settings["budget"][0])
+        return PenetrationSearch(model, own, other, (faces[0], faces[1]), budget)
+
+    def _measure_depth(self, model: Model, record: Any) -> None:
+        """Fill how far a part must move to be free of another, along the direction found last, or anew."""
+        own, other = int(record["own_part"]), int(record["part"])
+        search = self._penetration_search(model, own, other)
+        if search is None:
             return
         row = np.flatnonzero((self._pairs["own"] == own) & (self._pairs["other"] == other))[0]
-        budget = int(self._settings["budget"][0])
-        search = PenetrationSearch(model, own, other, (faces[0], faces[1]), budget)
         tolerance = max(float(self._settings["tolerance"][0]), LEAST_DEPTH_TOLERANCE)
         last = self._pairs["normal"][row].copy()
         if last.any():
@@ -361,18 +390,3 @@ class PartTracker:
 def follow(tracker: PartTracker, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
     """Answer as `PartTracker.tick` does, of a model in which all parts stand where they are at *pose_ns*."""
     return tracker._follow(model, pose_ns, now_ns, is_predicted)
-
-
-def velocities_between(
-    last: tuple[int, Pose] | None, pose: Pose, pose_ns: int
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Velocity and angular velocity between two poses, if they are near enough in time."""
-    if last is None or not 0 < pose_ns - last[0] <= 1e9 * LONGEST_STEP:
-        return None
-    seconds = 1e-9 * (pose_ns - last[0])
-    turn = pose.rotation @ last[1].rotation.T
-    axis = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    sine = float(np.linalg.norm(axis))
-    angle = float(np.arctan2(sine, 0.5 * (np.trace(turn) - 1.0)))
-    angular = axis * (angle / sine / seconds) if sine > 0.0 else np.zeros(3)
-    return (pose.translation - last[1].translation) / seconds, angular

@@ -144,6 +144,19 @@ def test_a_tracked_part_that_touches_is_free_to_leave_and_not_to_enter():
         assert (record["time_to_contact"] == np.inf) == is_free
 
 
+@pytest.mark.parametrize("budget", [None, 1])
+def test_a_part_that_touches_from_within_is_not_free(budget):
+    scene = Scene(
+        [
+            Solid(*shapes.box((0, 0, 0), (4, 4, 4)), name="a"),
+            Solid(*shapes.box((1, 1, 0), (2, 2, 1)), name="b"),
+        ]
+    )
+    tracker = PartTracker(scene, "b", budget=budget)
+    record = tracker.tick(Pose(), 10**9, 10**9, velocity=[0, 0, 0.1], angular_velocity=[0, 0, 0])[0]
+    assert record["time_to_contact_lower"] == tracker.free_time == 0.0
+
+
 @pytest.mark.parametrize("direction", [(0, 0, 0), (1, 2), (np.nan, 0, 0), (np.inf, 0, 0)])
 def test_a_direction_that_is_none_is_refused(direction):
     with pytest.raises(ArgumentError, match="direction"):

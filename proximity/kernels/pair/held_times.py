@@ -19,7 +19,7 @@ AHEAD_TOLERANCE = 0.1
 """Of those walks: that much of the way to a contact is left for the next."""
 AT_CONTACT = 1e-6
 """Share of the way that is left where a contact counts as found."""
-TIMED, OPENING = 1, 2
+TIMED, MAY_OPEN = 1, 2
 SLIP = 2.0**-17
 """Parts that touch are not in each other's way if they are apart when they have moved so far, in sizes."""
 
@@ -45,7 +45,7 @@ def _size_of(frame):
 def find_times(model, held):
     """Find for how long nothing is met, while all velocities stay: of the pairs that come first."""
     option = held.settings[0]
-    horizon, option.free_time = option.horizon, option.horizon
+    horizon, option.free_time, option.opening = option.horizon, option.horizon, 0
     if not option.is_predicted:
         option.free_time = 0.0
         return
@@ -57,9 +57,10 @@ def find_times(model, held):
             pair.free_time = lower / pair.speed
         elif lower == 0.0:
             pair.free_time = 0.0
-        if lower == 0.0 and pair.speed > 0.0 and not pair.is_crossing and not pair.is_inside:
-            pair.free_time = min(SLIP * _size_of(model.frames[pair.own]) / pair.speed, horizon)
-            pair.is_timed = OPENING
+        slip = SLIP * _size_of(model.frames[pair.own])
+        is_touching = pair.upper <= AT_CONTACT * slip and not pair.is_crossing and not pair.is_inside
+        if is_touching and pair.speed > 0.0:
+            pair.free_time, pair.is_timed = min(slip / pair.speed, horizon), MAY_OPEN
     work = 0
     for _ in range(MOST_ADVANCES):
         first = _first_to_meet(held)
@@ -68,9 +69,13 @@ def find_times(model, held):
         work += _advance(model, held.pairs[first], option, option.budget - work if option.budget > 0 else 0)
     option.work += work
     for number in range(len(held.pairs)):
-        if held.pairs[number].is_timed == OPENING:
+        if held.pairs[number].is_timed == MAY_OPEN:
             held.pairs[number].free_time = 0.0
-        option.free_time = min(option.free_time, held.pairs[number].free_time)
+        pair = held.pairs[number]
+        option.free_time = min(option.free_time, pair.free_time)
+        slip = SLIP * _size_of(model.frames[pair.own])
+        if pair.free_time > 0.0 and pair.is_unsure and pair.upper <= AT_CONTACT * slip:
+            option.opening += 1
 
 
 @inlined
@@ -99,7 +104,7 @@ def _advance(model, pair, option, budget):
     _, lower_sq, steps = nearest_of_parts(
         model, pair.own, pair.other, (turn, offset), reach * reach, AHEAD_TOLERANCE, budget, slots
     )
-    if pair.is_timed == OPENING:
+    if pair.is_timed == MAY_OPEN:
         pair.is_timed = 0
         if lower_sq <= 0.0:
             pair.free_time, pair.is_timed = 0.0, TIMED
