@@ -159,7 +159,7 @@ class PairQueries:
         -----
         Degenerate: 0 where the parts are apart, or touch; the direction is then that of their distance. Where
         both are open, ``lower`` is 0: they have no inside.
-        Cost: 0.1 to 1 ms; with a direction a tenth of it.
+        Cost: 1 to 15 ms for parts of 3 to 80 thousand faces; with a direction a third of it.
         Thread: as all queries.
         Source: directional penetration depth, Dobkin, Hershberger, Kirkpatrick, Suri 1993.
         """

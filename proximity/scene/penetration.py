@@ -17,6 +17,10 @@ from proximity.scene.model.assembly import Model
 
 MOST_TURNS = 4
 """Times that the direction follows the surface at which a part comes free."""
+BEYOND = 0.4
+"""Of the tolerance: so much beyond the depth expected parts should be apart."""
+LEAST_GAIN = 0.25
+"""Of the tolerance: for less a direction is not turned."""
 ROUGH = 0.1
 """Tolerance while directions are compared."""
 
@@ -55,11 +59,11 @@ class PenetrationSearch:
     def look_along(self, direction: np.ndarray, tolerance: float, expected: float = 0.0) -> bool:
         """Keep a direction if the depth along it is less than along the best so far; whether it is.
 
-        *expected*: depth, m, near which it is looked first.
+        *expected*: depth, m, at which it is looked first, a little beyond.
         """
         left = max(self._budget - self.steps, 1) if self._budget else 0
         found, limit = self._found, self.depth
-        found[DEPTH_UPPER] = expected
+        found[DEPTH_UPPER] = expected * (1.0 + BEYOND * tolerance)
         depth_along(*self._asked, direction, limit, tolerance, left, found)
         self.steps += int(found[DEPTH_STEPS])
         if not found[DEPTH_UPPER] < limit:
@@ -88,7 +92,10 @@ class PenetrationSearch:
     def follow_normals(self, tolerance: float) -> None:
         """Turn the direction to the normal at which the part comes free, while that is a shorter way."""
         for _ in range(MOST_TURNS):
-            if not self._normal.any() or not self.look_along(self._normal, tolerance, self.depth):
+            gain = 1.0 - float(self._normal @ self.direction)  # share of the depth that turning saves, about
+            if not self._normal.any() or gain < LEAST_GAIN * tolerance:
+                break
+            if not self.look_along(self._normal, tolerance, self.depth):
                 break
 
     def refine(self, tolerance: float) -> None:
