@@ -80,17 +80,16 @@ def connect(corners, ends):
 
 
 @kernel
-def cross_at(corners, ends):
-    """Fill a point that two crossing triangles have in common, (6,): the point of each, which are equal.
+def piercing_edge(corners, edge):
+    """Fill the point at which an edge of two crossing triangles meets the other, and its ends, (9,).
 
-    Of the points where an edge of one meets the plane of the other the nearest to the other.
+    Return whose edge it is: 0 or 1.
     """
-    closest, best = stack_f64(CLOSEST_SIZE), np.inf
+    closest, best, owner = stack_f64(CLOSEST_SIZE), np.inf, 0
     for one in range(2):
         a = corner_of(corners, 1 - one, 0)
-        normal = cross(
-            *between(a, corner_of(corners, 1 - one, 1)), *between(a, corner_of(corners, 1 - one, 2))
-        )
+        b, c = corner_of(corners, 1 - one, 1), corner_of(corners, 1 - one, 2)
+        normal = cross(*between(a, b), *between(a, c))
         for k in range(3):
             p, q = corner_of(corners, one, k), corner_of(corners, one, k + 1)
             h, g = dot(*normal, *between(a, p)), dot(*normal, *between(a, q))
@@ -98,7 +97,24 @@ def cross_at(corners, ends):
                 continue
             t = h / (h - g)
             x, y, z = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1]), p[2] + t * (q[2] - p[2])
-            best = _keep_nearer(best, (x, y, z), on_triangle(corners, 1 - one, x, y, z, closest), ends)
-    for axis in range(3):
-        ends[3 + axis] = ends[axis]
+            off = between((x, y, z), on_triangle(corners, 1 - one, x, y, z, closest))
+            off_sq = dot(*off, *off)
+            if off_sq < best:
+                best, owner = off_sq, one
+                edge[0], edge[1], edge[2] = x, y, z
+                edge[3], edge[4], edge[5] = p
+                edge[6], edge[7], edge[8] = q
+    return owner
+
+
+@kernel
+def cross_at(corners, ends):
+    """Fill a point that two crossing triangles have in common, (6,): the point of each, which are equal.
+
+    Of the points where an edge of one meets the plane of the other the nearest to the other.
+    """
+    edge = stack_f64(9)
+    piercing_edge(corners, edge)
+    for k in range(6):
+        ends[k] = edge[k % 3]
     return 0.0

@@ -13,13 +13,13 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.geometry.frames import ROUNDED_DOWN, direction_to_local, to_local, to_scene
-from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_SLOT, ModelArrays
 from proximity.kernels.pair.blocks import read_both
 from proximity.kernels.pair.boxes import frames_at
-from proximity.kernels.pair.connection import BOTH, connect, corner_of, on_triangle
+from proximity.kernels.pair.connection import BOTH, connect, piercing_edge
 from proximity.kernels.pair.held_motion import POSE_SIZE
-from proximity.kernels.pair.triangles import CROSSING, between
+from proximity.kernels.pair.triangles import CROSSING
 from proximity.kernels.pair.walk import nearest_of_parts
 from proximity.kernels.ray.walk import ray_in_part
 from proximity.kernels.scene.chunk_tables import new_workspace, reset_recent
@@ -88,40 +88,12 @@ def _inside_ahead(model, part, point, direction, longest, workspace):
 
 
 @kernel
-def _piercing_edge(corners, edge):
-    """Fill the point at which an edge of two crossing triangles meets the other, and its ends, (9,).
-
-    Return whose edge it is: 0 or 1.
-    """
-    closest, best, owner = stack_f64(18), np.inf, 0
-    for one in range(2):
-        a = corner_of(corners, 1 - one, 0)
-        b, c = corner_of(corners, 1 - one, 1), corner_of(corners, 1 - one, 2)
-        normal = cross(*between(a, b), *between(a, c))
-        for k in range(3):
-            p, q = corner_of(corners, one, k), corner_of(corners, one, k + 1)
-            h, g = dot(*normal, *between(a, p)), dot(*normal, *between(a, q))
-            if h == g or (h > 0.0) == (g > 0.0):
-                continue
-            t = h / (h - g)
-            x, y, z = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1]), p[2] + t * (q[2] - p[2])
-            off = between((x, y, z), on_triangle(corners, 1 - one, x, y, z, closest))
-            off_sq = dot(*off, *off)
-            if off_sq < best:
-                best, owner = off_sq, one
-                edge[0], edge[1], edge[2] = x, y, z
-                edge[3], edge[4], edge[5] = p
-                edge[6], edge[7], edge[8] = q
-    return owner
-
-
-@kernel
 def _point_of_both(model, first, second, slots, frame_map, shift, found, workspace):
     """Fill a point that is inside both of two parts, on an edge of one; whether it is found."""
     reals, _, frames, parts = model
     corners, local, edge = stack_f64(BOTH), stack_f64(9), stack_f64(9)
     read_both(reals, slots, frame_map[0], frame_map[1], corners)
-    owner = _piercing_edge(corners, local)
+    owner = piercing_edge(corners, local)
     for k in range(3):
         to_scene(frames, parts, first, local, 3 * k, edge, 3 * k)
     best = 0.0
