@@ -190,7 +190,7 @@ class Reading:
         float,
         option(
             "MM",
-            "Largest deviation of triangles from the curved faces of a STEP file.",
+            "Deviation of triangles from the curved faces of a STEP file; free-form faces may exceed it.",
             callback=within(0.0, is_open=True),
         ),
     ] = 0.01
