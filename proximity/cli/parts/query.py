@@ -52,12 +52,13 @@ def query(
     fields, and lengths with 15 digits. Signed distance is negative inside. A part without an inside has
     unsigned distances, which are marked.
 
-    A file of points has one point per line, separated by commas, semicolons or spaces. The first line may
-    name the columns and their unit, which must be that of --units. All other columns are copied to CSV
-    and JSON, as given_NAME where the answers have a column of that name; a column called name is shown in
-    the table as well. # at the start of a line or after a space begins a comment. A point that is not
-    finite is answered with nan. Behind the answers to a file of points stands what they are together: least,
-    greatest and mean signed distance, the root of the mean square, and within what 95 % of them are.
+    A file of points is a point cloud (.ply), or has one point per line, separated by commas, semicolons or
+    spaces. The first line may name the columns and their unit, which must be that of --units. All other
+    columns are copied to CSV and JSON, as given_NAME where the answers have a column of that name; a column
+    called name is shown in the table as well. # at the start of a line or after a space begins a comment. A
+    point that is not finite is answered with nan. Behind the answers to a file of points stands what they
+    are together: least, greatest and mean signed distance, the root of the mean square, and within what
+    95 % of them are.
 
     With --within the exit code is 1 if a point is farther than that from the surface, inside or outside.
 

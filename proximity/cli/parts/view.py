@@ -66,7 +66,7 @@ def view(
     hand: Annotated[bool, flag("--hand", "Start with a hand that follows the mouse.")] = False,
     points: Annotated[
         str | None,
-        option("FILE", "Show these points (CSV) in colours of their signed distance; - is standard input."),
+        option("FILE", "Show these points (CSV, PLY) in colours of their signed distance; - is stdin."),
     ] = None,
     fit: Annotated[bool, flag("--fit", "Move the recorded hand to where it touches the parts.")] = False,
     browser: Annotated[
