@@ -95,20 +95,20 @@ def query(
     for note in notes_on_sizes(scene):
         report(f"note: {note}")
     collected = Deviations(within) if question.mode == "closest" else None
-    is_summed_up = collected is not None and points is not None
+    summary = None if points is None else collected
     try:
         answered = question.answers(asked)
         if collected is not None:
             answered = collected.collected(answered)
         if as_json:
-            answers.write_json(question, str(file), answered, collected.values if is_summed_up else None)
+            answers.write_json(question, str(file), answered, None if summary is None else summary.values)
         elif csv is not None:
             with text_output(csv) as stream:
                 answers.write_csv(question, stream, answered)
         else:
-            answer_text.write_text(question, answered, is_whole=is_summed_up)
-        if is_summed_up and collected.count > 1 and not as_json and csv != STDOUT:
-            typer.echo(collected.sentence(reading.units))
+            answer_text.write_text(question, answered, is_whole=summary is not None)
+        if summary is not None and summary.count > 1 and not as_json and csv != STDOUT:
+            typer.echo(summary.sentence(reading.units))
     finally:
         question.note_far_points()
     if collected is not None and collected.farther_count:
