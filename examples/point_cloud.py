@@ -8,8 +8,8 @@ without both for the sample bracket and a scan that is made up here, with noise 
 
 It writes deviations.csv (x, y, z, the signed deviation and the nearest surface point, all in millimetres)
 and deviations.png into the folder in which it is started. It prints the mean and the largest deviation, and
-how many points are farther than 0.1 mm from the surface. Points outside the part have positive deviations.
-It needs: pip install matplotlib
+how many points are farther than 0.1 mm from the surface. Deviations are positive (blue) outside the part and
+negative (red) inside. It needs: pip install matplotlib
 """
 
 import sys
@@ -60,7 +60,7 @@ def main():
     figure = plt.figure(figsize=(9, 4), layout="constrained")
     left = figure.add_subplot(1, 2, 1, projection="3d")
     limit = 1e3 * np.abs(deviation).max()
-    drawn = left.scatter(*(1e3 * points).T, c=1e3 * deviation, s=5, cmap="coolwarm", vmin=-limit, vmax=limit)
+    drawn = left.scatter(*(1e3 * points).T, c=1e3 * deviation, s=5, cmap="RdBu", vmin=-limit, vmax=limit)
     left.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]", aspect="equal")
     figure.colorbar(drawn, label="deviation [mm]", shrink=0.7, pad=0.12)
     right = figure.add_subplot(1, 2, 2)

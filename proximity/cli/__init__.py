@@ -60,6 +60,7 @@ RUN_BARE = ("demo", "figures", "claims", "simulate")
 MEANT = {
     **dict.fromkeys(("distance", "distances", "measure", "closest", "nearest", "ray", "sdf"), "query"),
     **dict.fromkeys(("gap", "gaps", "collision", "collide", "interference", "overlap"), "clearance"),
+    **dict.fromkeys(("penetration", "depth", "crossing"), "clearance"),
     **dict.fromkeys(("info", "inspect", "validate", "list", "stats"), "check"),
     **dict.fromkeys(("convert", "prepare", "save"), "compile"),
     **dict.fromkeys(("draw", "render", "image", "screenshot", "slice"), "picture"),

@@ -190,7 +190,7 @@ class Reading:
         float,
         option(
             "MM",
-            "Largest deviation of triangles from the curved faces of a STEP file.",
+            "Deviation of triangles from the curved faces of a STEP file; free-form faces may exceed it.",
             callback=within(0.0, is_open=True),
         ),
     ] = 0.01
@@ -222,14 +222,15 @@ class Reading:
 
             refuse((self.scale != 1.0, "--scale", f"{file} is a scene file, whose files are not scaled"))
             return PartFiles().scene(read_scene_file(file))
-        return proximity.load(
-            str(file),
-            units=self.units,
-            scale=self.scale,
-            progress=count,
-            step_tolerance=self.step_tolerance / 1e3,
-            unpacked_limit=self.unpacked_limit * 1e9,
-        )
+        return proximity.load(str(file), units=self.units, progress=count, **self.options())
+
+    def options(self) -> dict[str, Any]:
+        """Return the options of `load` beside the unit."""
+        return {
+            "scale": self.scale,
+            "step_tolerance": self.step_tolerance / 1e3,
+            "unpacked_limit": self.unpacked_limit * 1e9,
+        }
 
 
 WIDTH = Annotated[

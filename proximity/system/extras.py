@@ -26,4 +26,7 @@ def needed(sentence: str, extra: str) -> Iterator[None]:
         package = PACKAGES.get(module, module)
         is_there = not isinstance(missing, ModuleNotFoundError)
         how = f"cannot be imported ({missing})" if is_there else "is not installed"
-        raise MissingLibraryError(f"{sentence} {package}, which {how}: {installation(extra)}") from missing
+        raise MissingLibraryError(
+            f"{sentence} {package}, which {how}: {installation(extra)}, or in a checkout "
+            f'pip install -e ".[{extra}]"'
+        ) from missing

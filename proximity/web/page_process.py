@@ -61,6 +61,7 @@ class PageSettings:
 
     files: tuple[str, ...]  # parts; or a scene file; or a log of frames and parts
     units: str = "mm"
+    reading: tuple[tuple[str, float], ...] = ()  # more options of `load`, for every file
     recording: str | None = None  # a hand to replay
     is_recording_fitted: bool = False  # so that it touches
     first_input: str = ""  # "replay": the recording at once; "mouse": a hand
@@ -196,7 +197,7 @@ def _attach_to_service(settings: PageSettings, path: str, frames: str, opened: E
 
 def _open_log(settings: PageSettings, log: str, served: SceneFile | None) -> Shown:
     """The log of a service that ran, over its parts where they are given."""
-    frames, files = LoggedFrames(log), PartFiles()
+    frames, files = LoggedFrames(log), PartFiles(**dict(settings.reading))
     scene = None if served is None else files.scene(served)
     count = frames.finger_count
     shown = Shown(_title(settings), scene, frames, PageInbox(None, None, None, scene, count))
@@ -210,7 +211,7 @@ def _open_log(settings: PageSettings, log: str, served: SceneFile | None) -> Sho
 
 def _open_parts(settings: PageSettings) -> Shown:
     """Parts over which pages compute by themselves, each for its own hands."""
-    served, files = page_settings(settings.files, settings), PartFiles()
+    served, files = page_settings(settings.files, settings), PartFiles(**dict(settings.reading))
     scene, count = files.scene(served), finger_count(served, None)
     shown = Shown(_title(settings), scene, None, PageInbox(None, None, None, scene, count))
     welcome = {

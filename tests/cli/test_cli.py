@@ -123,6 +123,34 @@ def test_json_of_several_chunks_is_valid(run, monkeypatch):
     assert [answer["query"][0] for answer in json.loads(result.out)["answers"]] == [0, 3, 6, 9, 12]
 
 
+def test_scan_is_summed_up_and_passes_or_fails(run, tmp_path):
+    path, scan = tmp_path / "scan.csv", ("query", "ball.stl", "--points")
+    path.write_text("".join(f"{10 + k / 2} 0 0\n" for k in range(-1, 3)) + "nan 0 0\n", encoding="utf-8")
+    document = json.loads(run(*scan, path, "--json").out)
+    summary, expected = document["summary"], [row["signed_distance"] for row in document["answers"][:4]]
+
+    assert (summary["count"], summary["not_answered"]) == (5, 1)
+    assert [summary[key] for key in ("min", "max", "mean", "rms", "within_95_percent")] == pytest.approx(
+        [
+            min(expected),
+            max(expected),
+            np.mean(expected),
+            np.sqrt(np.mean(np.square(expected))),
+            np.max(np.abs(expected)),
+        ],
+        abs=1e-12,
+    )
+    table = run(*scan, path).out.splitlines()
+    assert len(table) == 7 and table[-1].startswith("5 points, 1 not answered: ")
+    csv = run(*scan, path, "--csv", tmp_path / "answers.csv", "--within", 1)
+    assert (csv.code, csv.out.split("; ")[-1]) == (1, "1 farther than 1 mm.\n")  # nan is not known to be near
+    path.write_text("9.5 0 0\n10.5 0 0\n", encoding="utf-8")
+    assert run(*scan, path, "--within", 1).code == 0
+    assert run(*scan, path, "--within", 1e-6).code == 1
+    assert run("query", "ball.stl", 8, 0, 0, "--within", 1).code == 1
+    assert run("query", "ball.stl", 9, 0, 0, "--within", 1, "--ray", 1, 0, 0).code == 2
+
+
 def test_points_come_from_a_file(run, tmp_path):
     path = tmp_path / "points.csv"
     path.write_text("x,y,z\n0,0,12.5\n", encoding="utf-8")

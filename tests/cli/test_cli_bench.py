@@ -102,7 +102,8 @@ def test_without_matplotlib_the_numbers_are_written_and_the_gate_holds(
 ):
     def missing():
         raise MissingLibraryError(
-            'figures need matplotlib, which is not installed: pip install "cad-proximity[sim]"'
+            'figures need matplotlib, which is not installed: pip install "cad-proximity[sim]", '
+            'or in a checkout pip install -e ".[sim]"'
         )
 
     monkeypatch.setattr(style, "load_figure", missing)

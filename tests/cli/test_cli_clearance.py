@@ -61,7 +61,7 @@ def test_all_pairs_are_a_table_the_nearest_first(run):
     ]  # fmt: skip
     assert lines[1].split()[:5] == ["lid", "pin", "0", "touching", "-"]
     assert lines[6].split()[:4] == ["pin", "pin_2", "38", "apart"]
-    assert lines[7] == "6 pairs; 2 of them touch or overlap."
+    assert lines[7] == "6 pairs; 3 of them touch or overlap."
 
 
 def test_parts_that_overlap_are_named_with_their_volume(run, cubes):
@@ -73,6 +73,11 @@ def test_parts_that_overlap_are_named_with_their_volume(run, cubes):
     assert found["base", "core"] == ("second inside first", pytest.approx(8.0))
     assert found["base", "beside"] == ("apart", 0.0)
     assert found["base", "open"] == ("crossing", None)
+    deep = {(pair["first"], pair["second"]): (pair["depth"], pair["direction"]) for pair in pairs}
+    assert deep["base", "crossing"] == (pytest.approx(2.0, rel=0.01), [-1.0, 0.0, 0.0])
+    assert deep["base", "beside"] == (0.0, None)
+    assert "depth [mm]" in run(cubes).out
+    assert "depth [mm]" not in run(cubes, "beside").out
     assert "unknown: a part is open" in run(cubes).out
 
 
@@ -83,6 +88,7 @@ def test_two_parts_are_labelled_lines(run, cubes):
         "from            -3  -1  -1 mm (base)",
         "to              -3  -1  -1 mm (core)",
         "overlap         8 mm³",
+        "depth           4 mm: moved by it along 1  0  0, base is free",
     ]
     assert "distance        0.2 cm" in run(cubes, "beside", "base", "--units", "cm").out
 
@@ -92,6 +98,35 @@ def test_one_part_is_measured_against_the_others(run, cubes):
 
     assert len(lines) == 6 and all("beside" in line for line in lines[1:5])
     assert lines[5] == "4 pairs; 0 of them touch or overlap."
+
+
+def test_gaps_and_depths_up_to_contact_are_touching(run):
+    def relations(*words):
+        pairs = json.loads(run(ASSEMBLY, "--json", *words).out)["pairs"]
+        return {(pair["first"], pair["second"]): pair["relation"] for pair in pairs}
+
+    assert relations()["base", "lid"] == "touching"
+    assert relations("--contact", 0)["base", "lid"] == "apart"
+    assert relations("--contact", 4.1)["base", "pin"] == "touching"
+
+
+def test_pairs_that_are_meant_to_be_near_do_not_fail_a_build(run, cubes, tmp_path):
+    gate = (ASSEMBLY, "--below", 4.5)
+    assert run(*gate).code == 1
+    listed = run(*gate, "--ignore-touching", "--csv", tmp_path / "wanted.csv")
+    assert (listed.code, listed.out.splitlines()[-1]) == (1, "2 pairs of 6 are nearer than 4.5 mm.")
+    assert run(*gate, "--ignore-touching", "--allow", tmp_path / "wanted.csv").code == 0
+    (tmp_path / "turned.csv").write_text("second,first\nbase,pin\n")
+    assert "pin_2" in run(*gate, "--ignore-touching", "--allow", tmp_path / "turned.csv").out
+    # Parts that cross or contain each other are no contacts.
+    assert run(cubes, "base", "core", "--below", 1, "--ignore-touching").code == 1
+
+
+def test_equal_parts_at_one_place_are_no_contact(run, tmp_path):
+    vertices, faces = shapes.cube(0.01, MIDDLE)
+    Scene([Solid(vertices, faces, name="a"), Solid(vertices, faces, name="b")]).save(tmp_path / "same.prox")
+
+    assert run(tmp_path / "same.prox", "--below", 1, "--ignore-touching").code == 1
 
 
 @pytest.mark.parametrize(
@@ -118,7 +153,7 @@ def test_twenty_pairs_are_shown_and_all_are_listed(run, tmp_path):
     few, all_of_them = run(tmp_path / "row.prox"), run(tmp_path / "row.prox", "--all")
 
     assert len(few.out.splitlines()) == 22
-    assert few.out.endswith("These are the nearest 20 of 28 pairs; --all lists all.\n")
+    assert few.out.endswith("nearest 20 of 28 pairs; 0 of them touch or overlap; --all lists all.\n")
     assert len(all_of_them.out.splitlines()) == 30
     near = run(tmp_path / "row.prox", "--below", 1000)
     assert near.out.endswith(
@@ -146,7 +181,9 @@ def test_csv_has_all_digits_and_no_formulas(run, tmp_path):
     assert rows[1][:2] == ["'=1+1", "b"]
     expected = proximity.load(tmp_path / "two.prox").clearance("=1+1", "b")
     assert float(rows[1][2]) == pytest.approx(expected.distance, abs=1e-15)
-    np.testing.assert_allclose(np.array(rows[1][5:], float)[::3], [0.05, 0.25], atol=1e-15)
+    np.testing.assert_allclose(np.array(rows[1][5:11], float)[::3], [0.05, 0.25], atol=1e-15)
+    assert rows[0][11:] == ["depth_m", "direction_x", "direction_y", "direction_z"]
+    assert rows[1][11:] == ["0.0", "", "", ""]
 
 
 @pytest.mark.parametrize(
@@ -157,6 +194,10 @@ def test_csv_has_all_digits_and_no_formulas(run, tmp_path):
         (("bolt",), "no part is named 'bolt'; the scene has 'base', 'lid', 'pin', 'pin_2'"),
         (("pin", "pin"), "'pin' is asked how far it is from itself, expected two parts"),
         (("--below", "-1"), "expected 0 to"),
+        (("--ignore-touching",), "requires --below"),
+        (("--allow", "wanted.csv"), "requires --below"),
+        (("--below", "1", "--allow", "absent.csv"), "absent.csv: cannot be read"),
+        (("--below", "1", "--allow", str(ASSEMBLY)), "expected CSV with the columns first and second"),
     ],
 )
 def test_what_cannot_be_measured_is_told(words, sentence, run):

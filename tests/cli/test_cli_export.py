@@ -201,6 +201,7 @@ def test_missing_pyarrow_is_told_with_what_to_install(run, tmp_path, monkeypatch
 
     assert result.code == 2
     assert result.err == (
-        'proximity: Parquet needs pyarrow, which is not installed: pip install "cad-proximity[parquet]"\n'
+        'proximity: Parquet needs pyarrow, which is not installed: pip install "cad-proximity[parquet]", '
+        'or in a checkout pip install -e ".[parquet]"\n'
     )
     assert list(tmp_path.iterdir()) == [log]

@@ -261,3 +261,30 @@ def test_rounded_number_is_near_and_short(value):
 
     assert float(f"{result:.15g}") == result
     assert result == pytest.approx(value, rel=5.1e-15, abs=1e-323)
+
+
+@pytest.mark.parametrize("faces", ["", "element face 1\nproperty list uchar int vertex_indices\n"])
+def test_vertices_of_a_ply_file_are_points(tmp_path, faces):
+    rows = "1 0 2 3 7\n4 0 5 6 7\n7 0 8 9 7\n" + ("3 0 1 2\n" if faces else "")
+    properties = "".join(f"property float {name}\n" for name in ("x", "red", "y", "z", "quality"))
+    path = tmp_path / "scan.PLY"
+    path.write_text(f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}{faces}end_header\n{rows}")
+
+    chunks = list(read_points(str(path), limit=2))
+
+    assert [list(chunk.coordinates) for chunk in chunks] == [[1, 2, 3, 4, 5, 6], [7, 8, 9]]
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("ply\nformat ascii 1.0\nend_header\n", "its header declares no vertices"),
+        ("1 2 3\n", "not a PLY file"),
+    ],
+)
+def test_ply_without_points_is_refused(tmp_path, text, why):
+    path = tmp_path / "scan.ply"
+    path.write_text(text)
+
+    with pytest.raises(ArgumentError, match=rf"scan\.ply: .*{why}"):
+        list(read_points(str(path)))

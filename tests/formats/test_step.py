@@ -291,6 +291,15 @@ def test_step_declares_its_unit_and_triangles_know_their_cad_face(tmp_path, unit
     )
 
 
+def test_step_with_free_form_faces_is_noted(tmp_path):
+    text = step_text.box_step((1, 2, 3), "mm", name="lid")
+    text = text.replace("DATA;", "DATA; /* as of #1=B_SPLINE_SURFACE_WITH_KNOTS */", 1)
+
+    contents = read(tmp_path, text.encode())
+
+    assert contents.notes[-1].startswith("on free-form faces, which the file has, OpenCASCADE may exceed")
+
+
 def test_step_without_units_is_read_in_those_of_the_caller(tmp_path):
     contents = read(tmp_path, step_text.box_step((1, 2, 3), None), "part.stp", units="cm")
     assert (contents.units, contents.units_declared) == ("cm", False)

@@ -223,11 +223,12 @@ def test_page_and_numbers_are_written_beside_each_other(told, tmp_path):
 def test_numbers_are_written_even_without_matplotlib_or_jinja(told, tmp_path, monkeypatch):
     def missing():
         raise MissingLibraryError(
-            'figures need matplotlib, which is not installed: pip install "cad-proximity[sim]"'
+            'figures need matplotlib, which is not installed: pip install "cad-proximity[sim]", '
+            'or in a checkout pip install -e ".[sim]"'
         )
 
     monkeypatch.setattr(style, "load_figure", missing)
-    with pytest.raises(MissingLibraryError, match=r'pip install "cad-proximity\[sim\]"$'):
+    with pytest.raises(MissingLibraryError, match=r'pip install "cad-proximity\[sim\]", or in a'):
         report.write_report(tmp_path / "cell.html", told, ball_subject().scene)
 
     assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]

@@ -227,7 +227,8 @@ def test_folder_that_is_a_file_is_refused(tmp_path):
 def test_missing_matplotlib_is_told_with_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(
-        MissingLibraryError, match=r'^figures need matplotlib, which is not installed: pip .*\[sim\]"$'
+        MissingLibraryError,
+        match=r'^figures need matplotlib, which is not installed: pip .*\[sim\]"',
     ):
         catalogue.write_figure("5a", tmp_path / "folder")
     assert not list(tmp_path.iterdir())

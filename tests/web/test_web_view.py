@@ -22,6 +22,7 @@ from project import MESHES
 from websockets.sync.client import connect
 
 import proximity
+from proximity import cli
 from proximity.errors import MissingLibraryError, RecordingError, ServiceError
 from proximity.message import FRAME, Message, State
 from proximity.recording import FrameLog
@@ -29,7 +30,7 @@ from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service.config import read_scene_file
 from proximity.web import running_page
-from proximity.web.page_process import PageSettings, page_settings, run_page
+from proximity.web.page_process import PageSettings, _open_parts, page_settings, run_page
 from proximity.web.sources import LoggedFrames
 
 PATIENCE = 120.0
@@ -152,9 +153,24 @@ def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
     monkeypatch.delitem(sys.modules, "proximity.web.bridge", raising=False)
 
     with pytest.raises(
-        MissingLibraryError, match=r'^the page needs websockets.*: pip install "cad-proximity\[web\]"$'
+        MissingLibraryError,
+        match=r'^the page needs websockets.*: pip install "cad-proximity\[web\]"',
     ):
         shown()
+
+
+def test_files_are_read_with_the_options_of_the_command(monkeypatch, tmp_path):
+    read = []
+    monkeypatch.setattr("proximity.web.page_process.write_page", lambda given, out: read.append(given) or 1e6)
+    words = ["view", BRACKET, "--scale", 2, "--step-tolerance", 0.002, "--save", tmp_path / "page.html"]
+    monkeypatch.setattr(sys, "argv", ["proximity", *map(str, words)])
+
+    with pytest.raises(SystemExit):
+        cli.main()
+
+    (settings,) = read
+    assert dict(settings.reading) == {"scale": 2.0, "step_tolerance": 2e-6, "unpacked_limit": 2e9}
+    assert _open_parts(settings).scene.part_sizes == pytest.approx(2 * proximity.load(BRACKET).part_sizes)
 
 
 def test_parts_are_shown_as_was_asked_for():

@@ -33,8 +33,11 @@ DISPENSABLE = ("part_name", "point", "point_on_segment", "point_on_solid", "side
 """Fields to leave out, in this order, until a table is as narrow as the terminal."""
 
 
-def write_text(question: Question, chunks: Iterator[Answers]) -> None:
-    """Write labelled lines for a single answer; for several a table, on a terminal its start."""
+def write_text(question: Question, chunks: Iterator[Answers], *, is_whole: bool = False) -> None:
+    """Write labelled lines for a single answer; for several a table, on a terminal its start.
+
+    *is_whole*: what a terminal does not show is answered all the same.
+    """
     first = next(chunks)
     count, more = count_of(first), None
     if count == 1:
@@ -43,6 +46,8 @@ def write_text(question: Question, chunks: Iterator[Answers]) -> None:
         return
     if sys.stdout.isatty():
         more = next(chunks, None)
+        if more and is_whole:
+            count, more = count + sum(map(count_of, chain([more], chunks))), None
         chunks, first = iter(()), {name: values[:TERMINAL_ROWS] for name, values in first.items()}
     row = 0
     for chunk in counted_answers(chain([first], chunks)):

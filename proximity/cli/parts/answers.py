@@ -9,7 +9,7 @@ import csv
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, TextIO
@@ -208,8 +208,13 @@ class Question:
             )
 
 
-def write_json(question: Question, file: str, chunks: Iterable[Answers]) -> None:
-    """Write one JSON document: what was asked, then ``answers``, one a line.
+def write_json(
+    question: Question,
+    file: str,
+    chunks: Iterable[Answers],
+    summary: Callable[[], dict[str, Any]] | None = None,
+) -> None:
+    """Write one JSON document: what was asked, then ``answers``, one a line, and perhaps a ``summary``.
 
     Where *chunks* end in an error behind some answers, these are written, and its sentence as ``error``: the
     document is complete. An error before any answer leaves nothing written.
@@ -229,7 +234,8 @@ def write_json(question: Question, file: str, chunks: Iterable[Answers]) -> None
         if not opening:
             write(f'\n], "error": {json.dumps(str(error))}}}\n')
         raise
-    write("\n]}\n")
+    end = "" if summary is None else f', "summary": {json.dumps(plain(summary()), allow_nan=False)}'
+    write(f"\n]{end}}}\n")
 
 
 def write_csv(question: Question, stream: TextIO, chunks: Iterable[Answers]) -> None:

@@ -33,7 +33,8 @@ def picture(
 
     --points draws points and the shortest connections from them to the parts. Colours show signed
     distances; if there are few points, numbers do as well. --slice adds a map of the signed distance in
-    a plane. Requires PyVista and matplotlib: pip install "cad-proximity[picture]".
+    a plane. Requires PyVista and matplotlib: pip install "cad-proximity[picture]", or in a checkout
+    pip install -e ".[picture]".
 
     Examples:
       proximity picture bracket.stl -o bracket.png

@@ -1,6 +1,6 @@
-"""Points from text: three numbers a line, as CSV or between spaces, read in chunks.
+"""Points from text: three numbers a line, as CSV or between spaces, read in chunks; and from PLY.
 
-Only the standard library: text that begins badly is refused before NumPy and the file are loaded.
+Text needs only the standard library: what begins badly is refused before NumPy and the file are loaded.
 """
 
 import csv
@@ -52,7 +52,7 @@ class Columns(NamedTuple):
 def read_points(
     path: str, units: str = "mm", limit: int = 20_000, note: Note = lambda sentence: None
 ) -> Iterator[Points]:
-    """Yield the points of a text file in chunks.
+    """Yield the points of a text file, or of a file .ply, in chunks.
 
     Blank lines and comments are skipped; a comment begins with ``#`` at the start of a line or behind white
     space. Fields stand between commas, semicolons or white space. The first line may name the columns: x, y
@@ -67,7 +67,9 @@ def read_points(
     if path == STANDARD_INPUT and sys.stdin is None:
         raise ArgumentError("standard input is closed, expected lines of three numbers")
     try:
-        if path == STANDARD_INPUT:
+        if path.lower().endswith(".ply"):
+            yield from _ply_points(path, limit)
+        elif path == STANDARD_INPUT:
             if hasattr(sys.stdin, "reconfigure"):
                 sys.stdin.reconfigure(encoding="utf-8", errors="surrogateescape")
             yield from parse_points(_lines(sys.stdin), name, units, limit, note)
@@ -76,6 +78,19 @@ def read_points(
                 yield from parse_points(_lines(stream), name, units, limit, note)
     except OSError as failure:
         raise ArgumentError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
+
+
+def _ply_points(path: str, limit: int) -> Iterator[Points]:
+    """Yield the vertices of a PLY file in chunks."""
+    from proximity.errors import MeshFormatError
+    from proximity.formats.ply.ply import read_ply_points
+
+    try:
+        vertices = read_ply_points(Path(path).read_bytes())
+    except MeshFormatError as unfit:
+        raise ArgumentError(f"{path}: {unfit}") from unfit
+    for first in range(0, len(vertices), limit):
+        yield Points(array("d", vertices[first : first + limit].tobytes()))
 
 
 def parse_points(

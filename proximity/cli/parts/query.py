@@ -9,10 +9,12 @@ from typing import Annotated
 import typer
 
 from proximity.cli.options import FILE, JSON, Reading, argument, flag, option, refuse, with_option_groups
-from proximity.cli.output import report, text_output
+from proximity.cli.options import within as in_range
+from proximity.cli.output import STDOUT, report, text_output
 from proximity.cli.parts.points import Points, number, read_points
 from proximity.system.memory import collector_paused
 
+EXIT_FARTHER = 1
 POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
 
 
@@ -32,6 +34,14 @@ def query(
     ] = False,
     as_json: JSON = False,
     csv: Annotated[Path | None, option("FILE", "Write CSV to this file; - is standard output.")] = None,
+    within: Annotated[
+        float | None,
+        option(
+            "LENGTH",
+            "Exit with code 1 if a point is farther than this from the surface.",
+            callback=in_range(0.0),
+        ),
+    ] = None,
     workers: Annotated[int, option("N", "Number of threads for many queries; -1 uses all cores.")] = 1,
     *,
     reading: Reading,
@@ -42,11 +52,15 @@ def query(
     fields, and lengths with 15 digits. Signed distance is negative inside. A part without an inside has
     unsigned distances, which are marked.
 
-    A file of points has one point per line, separated by commas, semicolons or spaces. The first line may
-    name the columns and their unit, which must be that of --units. All other columns are copied to CSV
-    and JSON, as given_NAME where the answers have a column of that name; a column called name is shown in
-    the table as well. # at the start of a line or after a space begins a comment. A point that is not
-    finite is answered with nan.
+    A file of points is a point cloud (.ply), or has one point per line, separated by commas, semicolons or
+    spaces. The first line may name the columns and their unit, which must be that of --units. All other
+    columns are copied to CSV and JSON, as given_NAME where the answers have a column of that name; a column
+    called name is shown in the table as well. # at the start of a line or after a space begins a comment. A
+    point that is not finite is answered with nan. Behind the answers to a file of points stands what they
+    are together: least, greatest and mean signed distance, the root of the mean square, and within what
+    95 % of them are.
+
+    With --within the exit code is 1 if a point is farther than that from the surface, inside or outside.
 
     Answers are written while points are read. If a line is not a point, the error names it and the exit
     code is 2. Standard output then has the answers before that line (a JSON document ends with the key
@@ -55,7 +69,7 @@ def query(
     Examples:
       proximity query bracket.stl 30 10 5
       proximity query bracket.stl -1 -2.5 -3e-2 --units in
-      proximity query gearbox.step --points points.csv --csv answers.csv
+      proximity query gearbox.step --points scan.csv --csv answers.csv --within 0.1
       proximity query bracket.stl 30 10 50 --ray 0 0 -1
       proximity query bracket.stl 0 0 50  60 0 50 --segment --json
       shuf points.txt | proximity query bracket.stl --points - --workers -1
@@ -64,6 +78,7 @@ def query(
         (ray and segment, "--ray and --segment", "give one of them, not both"),
         (as_json and csv, "--json and --csv", "give one of them, not both"),
         (workers == 0 or workers < -1, "--workers", f"{workers} threads: expected 1 or more, or -1"),
+        (within is not None and (ray or segment), "--within", "is for points, not for rays or segments"),
     )
     direction = None if ray is None else _numbers(ray, "--ray")
     asked = _points(coordinates, points, reading.units, is_segment=segment)
@@ -71,6 +86,7 @@ def query(
     # What imports and kernels leave behind is no garbage: to look at it again and again is 4 % of a query.
     with collector_paused():
         from proximity.cli.parts import answer_text, answers
+        from proximity.cli.parts.deviations import Deviations
         from proximity.formats import metres_per_unit
         from proximity.scene.loader import notes_on_sizes
 
@@ -78,17 +94,25 @@ def query(
         question = answers.Question(scene, reading.units, metres, direction, workers, is_segment=segment)
     for note in notes_on_sizes(scene):
         report(f"note: {note}")
+    collected = Deviations(within) if question.mode == "closest" else None
+    summary = None if points is None else collected
     try:
         answered = question.answers(asked)
+        if collected is not None:
+            answered = collected.collected(answered)
         if as_json:
-            answers.write_json(question, str(file), answered)
+            answers.write_json(question, str(file), answered, None if summary is None else summary.values)
         elif csv is not None:
             with text_output(csv) as stream:
                 answers.write_csv(question, stream, answered)
         else:
-            answer_text.write_text(question, answered)
+            answer_text.write_text(question, answered, is_whole=summary is not None)
+        if summary is not None and summary.count > 1 and not as_json and csv != STDOUT:
+            typer.echo(summary.sentence(reading.units))
     finally:
         question.note_far_points()
+    if collected is not None and collected.farther_count:
+        raise typer.Exit(EXIT_FARTHER)
 
 
 def _points(

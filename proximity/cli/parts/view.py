@@ -11,7 +11,8 @@ import typer
 from proximity.cli import progress
 from proximity.cli.options import (
     LIMIT,
-    UNITS,
+    SCENE_FILE,
+    Reading,
     argument,
     flag,
     option,
@@ -61,12 +62,11 @@ def view(
     files: Annotated[list[Path], argument("FILES", "Parts, a scene file (.toml), a log (.frames).")],
     listening: Listening,
     program: Program,
-    units: UNITS = "mm",
     replay: Annotated[Path | None, option("HAND", "Start with this recorded hand (CSV).")] = None,
     hand: Annotated[bool, flag("--hand", "Start with a hand that follows the mouse.")] = False,
     points: Annotated[
         str | None,
-        option("FILE", "Show these points (CSV) in colours of their signed distance; - is standard input."),
+        option("FILE", "Show these points (CSV, PLY) in colours of their signed distance; - is stdin."),
     ] = None,
     fit: Annotated[bool, flag("--fit", "Move the recorded hand to where it touches the parts.")] = False,
     browser: Annotated[
@@ -90,6 +90,8 @@ def view(
         ),
     ] = None,
     limit: LIMIT = None,
+    *,
+    reading: Reading,
 ) -> None:
     """Show FILES in the browser: the parts, and the distance at the mouse or at fingertips.
 
@@ -110,21 +112,24 @@ def view(
       proximity view part.step --save part.html   # to mail, or to open from a disk
       proximity view cell.toml --no-browser --port 8787
     """
+    is_scene_file = any(file.suffix.lower() == SCENE_FILE for file in files)
+    refuse((is_scene_file and reading.scale != 1.0, "--scale", "files of a scene file are not scaled"))
     refuse((hand and replay, "--hand and --replay", "give one of them, not both"))
     refuse((out and out.suffix not in (".html", ".rrd"), "--save", f"{out} does not end in .html or .rrd"))
     if out is not None and out.suffix == ".rrd":
-        _write_rerun(files, out, units, radius)
+        _write_rerun(files, out, reading, radius)
         return
     from proximity.web.page_process import PageSettings
 
     settings = PageSettings(
         files=tuple(map(str, files)),
-        units=units,
+        units=reading.units,
+        reading=tuple(reading.options().items()),
         recording=str(sample("hand.csv") if replay is None else replay),
         is_recording_fitted=fit or replay is None,
         first_input="mouse" if hand else "" if replay is None else "replay",
         points_name=Path(points or "").name,
-        points=b"" if points is None else _coordinates(points, units),
+        points=b"" if points is None else _coordinates(points, reading.units),
         radius=None if radius is None else radius / 1e3,
         port=listening.port,
         bind=listening.bind,
@@ -174,7 +179,7 @@ def _show(settings: "PageSettings", program: Program, limit: float | None, *, op
         typer.echo(json.dumps({"event": "report", **ended}))
 
 
-def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None) -> None:
+def _write_rerun(files: list[Path], out: Path, reading: Reading, radius: float | None) -> None:
     """Write a log of frames, and the parts that it is of, for Rerun."""
     logs = [name for name in files if name.suffix == ".frames"]
     if len(logs) != 1:
@@ -187,7 +192,7 @@ def _write_rerun(files: list[Path], out: Path, units: str, radius: float | None)
         ShownPart(part.name, part.pose.point(part.solid.mesh.vertices), part.solid.mesh.faces)
         for name in files
         if name not in logs
-        for part in load(name, units=units).parts
+        for part in load(name, units=reading.units, **reading.options()).parts
     ]
     reader = FrameReader(logs[0])
     with progress.spinner(f"writing {out}, frames") as show:

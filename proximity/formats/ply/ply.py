@@ -34,6 +34,15 @@ def read_ply(source: Source) -> RawFile:
     return RawFile(f"PLY {kind}", [RawMesh("", vertices, faces, source_faces)], notes=notes)
 
 
+def read_ply_points(data: bytes) -> np.ndarray:
+    """Return the vertices of a PLY file with or without faces, (N, 3), in the file's unit."""
+    header = read_header(data)
+    _check_positions({element.name: element for element in header.elements})
+    read = _read_ascii if header.is_ascii else _read_binary
+    vertices = read(data, header, [])["vertex"]
+    return np.column_stack([np.asarray(vertices[axis], dtype=np.float64) for axis in "xyz"])
+
+
 def _unrolled(pieces: list[polygons.Piece]) -> np.ndarray:
     """Triangles of strips, (F, 3); -1 ends a strip, and every other triangle of one runs the other way."""
     strips = {
@@ -51,14 +60,20 @@ def _unrolled(pieces: list[polygons.Piece]) -> np.ndarray:
     return faces[(faces != -1).all(axis=1)]
 
 
-def _surface(elements: dict[str, Element]) -> Element:
-    """The element of the faces, or of the strips."""
+def _check_positions(elements: dict[str, Element]) -> Element:
+    """The element of the vertices, which have positions."""
     vertex = elements.get("vertex")
     if vertex is None or not vertex.count:
         raise MeshFormatError("its header declares no vertices")
     scalars = {column.name for column in vertex.properties if column.count_dtype is None}
     if not scalars >= {"x", "y", "z"}:
         raise MeshFormatError("its vertices have no x, y and z, expected positions in space")
+    return vertex
+
+
+def _surface(elements: dict[str, Element]) -> Element:
+    """The element of the faces, or of the strips."""
+    vertex = _check_positions(elements)
     surfaces = [elements[name] for name in ("face", "tristrips") if name in elements and elements[name].count]
     if len(surfaces) > 1:
         raise MeshFormatError("it holds faces and triangle strips, expected one of them")

@@ -27,7 +27,7 @@ _ROUND_SHARE, _FREE_SHARE = 0.7 * MOST_OF_FACE / 10.1, 1e5
 
 _NUMBER = re.compile(r"(?<![\w.#+-])[-+]?\d+\.\d*(?:E[-+]?\d+)?")
 _ROUND = re.compile(r"\b(?:SPHERICAL|(?:DEGENERATE_)?TOROIDAL)_SURFACE\s*\(([^)]*)\)")
-_FREE = re.compile(r"\bB_SPLINE_SURFACE|\bSURFACE_OF_|\bOFFSET_SURFACE")
+FREE_FORM = re.compile(r"\bB_SPLINE_SURFACE|\bSURFACE_OF_|\bOFFSET_SURFACE")
 _COMPLAINT = re.compile(r"\bERR\b|Error|Exception|Fails Count", re.IGNORECASE)
 _ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -90,7 +90,7 @@ def _mesh_by_and_by(text: str, path: str, tolerance: float, coarse: float) -> Me
 def _deciding_size(text: str, tolerance: float) -> float:
     """The size, in the file's numbers, by which triangles could be too many; 0.0 if they cannot."""
     radius = max((_largest(_NUMBER.findall(match)) for match in _ROUND.findall(text)), default=0.0)
-    is_free = _FREE.search(text) is not None
+    is_free = FREE_FORM.search(text) is not None
     if radius > _ROUND_SHARE * tolerance or is_free:
         size = _largest(_NUMBER.findall(text))
         if radius > _ROUND_SHARE * tolerance or size > _FREE_SHARE * tolerance:

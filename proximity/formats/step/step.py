@@ -54,6 +54,11 @@ def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> 
             f"curved faces are approximated within {tolerance * 1e3:g} mm by flat triangles: distances "
             "are exact to the triangles"
         )
+    if conversion.FREE_FORM.search(text):
+        notes.append(
+            "on free-form faces, which the file has, OpenCASCADE may exceed the tolerance: measure with two "
+            "tolerances where that matters"
+        )
     raw.notes += notes
     raw.units = ", ".join(units) or None
     raw.metres_per_number = 1.0 if units else undeclared_metres / _ASSUMED_METRES

@@ -28,10 +28,14 @@ _Kept = dict[tuple[str, str], tuple[Any, tuple[Part, ...], tuple[str, ...]]]
 
 
 class PartFiles:
-    """The files that parts came from, kept: an edited scene reads only those that have changed."""
+    """The files that parts came from, kept: an edited scene reads only those that have changed.
 
-    def __init__(self) -> None:
+    *options*: of `load`, for every file.
+    """
+
+    def __init__(self, **options: Any) -> None:
         self._kept: _Kept = {}
+        self._options = options
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -67,7 +71,7 @@ class PartFiles:
         key, stamp = (entry.file, entry.units), stamp_of(entry.file)
         found = kept.get(key) or self._kept.get(key)
         if found is None or found[0] != stamp:
-            loaded = load(entry.file, units=entry.units)
+            loaded = load(entry.file, units=entry.units, **self._options)
             notes = tuple(f"{entry.file}: {note}" for note in notes_on_sizes(loaded))
             found = stamp, tuple(loaded.parts), notes
         kept[key] = found
