@@ -193,7 +193,7 @@ export class Stage {
 
   addNumber(value, x, y, floor, size) {
     const label = new Label({ height: size, isFlat: true });
-    label.show(`${+(1e3 * value).toPrecision(6)}`.replace("-", "−"), "#8d9aab");
+    label.show(`${+(1e3 * this.spacing * Math.round(value / this.spacing)).toPrecision(6)}`.replace("-", "−"), "#8d9aab");
     label.object.position.set(x, y, floor);
     this.grid.add(label.object);
   }
