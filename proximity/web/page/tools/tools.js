@@ -16,14 +16,14 @@ const HINTS = {
 const KEYS = { KeyM: "move", KeyD: "measure", KeyC: "clip", KeyS: "slice", KeyP: "picture", KeyL: "link", Home: "reset", Slash: "help" };
 
 export class Tools {
-  constructor(stage, parts, local, panel) {
-    Object.assign(this, { stage, parts, local, panel });
+  constructor(stage, parts, local, panel, probe) {
+    Object.assign(this, { stage, parts, local, panel, probe });
     this.mode = "";
     this.caster = new THREE.Raycaster();
     this.measure = new Measure(stage);
     this.nearest = new Nearest(stage, parts, local);
     this.plane = new SlicePlane(stage, parts, local);
-    this.points = new PointCloud(stage, parts, local, panel);
+    this.points = probe.points = new PointCloud(stage, parts, local, panel);
     parts.limited = (part, matrix) => (byId("tool-stop").checked ? this.nearest.reached(part, matrix) : matrix);
     this.mayMove = false;
     this.actions = {
