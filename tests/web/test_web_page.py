@@ -222,6 +222,7 @@ def test_the_probe_answers_for_a_point_under_the_mouse_and_points_are_clipped(pa
     assert (points[page.ask(seen), 1] < np.mean(scene.bounds, axis=0)[1] - 1e-3).any()
 
     page.page.keyboard.press("c")
+    page.page.get_by_role("radio", name="y", exact=True).click()
     page.until("page.tools.points.object.material.clippingPlanes?.length === 1")
     assert (points[page.ask(seen), 1] > np.mean(scene.bounds, axis=0)[1] - 1e-3).all()
     page.picture("points-clipped")

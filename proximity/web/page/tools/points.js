@@ -1,7 +1,7 @@
 // Points from a text, such as a scan: coloured by their signed distance, with a table, and as CSV.
 
 import * as THREE from "three";
-import { sliceColour } from "../colours.js";
+import { css, sliceColour } from "../colours.js";
 import { mm } from "../frames.js";
 import { byId, made, offer, setText } from "../panel.js";
 import { niceStep } from "../stage.js";
@@ -152,6 +152,25 @@ export class PointCloud {
     setText(byId("points-name"), `${this.name}: RMS ${values[4]}`);
     const unknown = this.isSigned.filter((each, k) => !each && this.part[k] >= 0).length;
     setText(byId("points-note"), unknown ? `Inside and outside are not known for ${unknown} of them: their distances are positive.` : "");
+  }
+
+  /** Draw the colour bar of the points into a picture: the file's name and RMS above it, its range below. */
+  drawBar(context) {
+    if (!this.object) return;
+    context.fillStyle = "rgba(17, 21, 28, 0.85)";
+    context.fillRect(14, 14, 300, 78);
+    const bar = context.createLinearGradient(28, 0, 300, 0);
+    for (let k = 0; k <= 20; k++) bar.addColorStop(k / 20, css(sliceColour(k / 10 - 1, 1)));
+    context.fillStyle = bar;
+    context.fillRect(28, 46, 272, 12);
+    context.fillStyle = "#f4f6f9";
+    context.font = "600 13px system-ui, 'Segoe UI', Roboto, Arial, sans-serif";
+    context.fillText(byId("points-name").textContent, 28, 35, 272);
+    const end = +(1e3 * this.range).toPrecision(4), words = [`−${end} mm inside`, "0", `${end} mm outside`];
+    ["left", "center", "right"].forEach((align, k) => {
+      context.textAlign = align;
+      context.fillText(words[k], 28 + 136 * k, 78);
+    });
   }
 
   /** Offer the points with their distances, as columns that `proximity query --csv` writes too. */

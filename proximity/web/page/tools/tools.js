@@ -91,7 +91,11 @@ export class Tools {
 
   async picture() {
     const name = `${document.title.split(" ")[0]}.png`;
-    offer(await this.stage.picture(), name);
+    const { mark } = this.probe, wasSeen = mark?.group.visible;
+    if (mark) mark.group.visible = false;
+    const picture = this.stage.picture((context) => this.points.drawBar(context));
+    if (mark) mark.group.visible = wasSeen;
+    offer(await picture, name);
     this.say(`The picture is saved as ${name}.`);
   }
 
