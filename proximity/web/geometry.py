@@ -20,10 +20,11 @@ MOST_FACES = 500_000
 FEWEST_FACES = 200
 """Of a part of a larger scene."""
 COLOURS = (
-    (0.32, 0.42, 0.55), (0.62, 0.38, 0.18), (0.22, 0.47, 0.41), (0.50, 0.29, 0.41),
-    (0.40, 0.46, 0.20), (0.27, 0.36, 0.62), (0.58, 0.46, 0.24), (0.33, 0.34, 0.36),
+    (0.32, 0.42, 0.55), (0.78, 0.31, 0.07), (0.10, 0.49, 0.29), (0.56, 0.19, 0.52), (0.61, 0.59, 0.09),
+    (0.26, 0.23, 0.77), (0.17, 0.62, 0.73), (0.19, 0.32, 0.09), (0.86, 0.48, 0.64), (0.08, 0.21, 0.42),
+    (0.38, 0.18, 0.04), (0.24, 0.24, 0.24),
 )  # fmt: skip
-"""Of parts, in turn, as linear red, green and blue; alike in lightness, so that shading is what is seen."""
+"""Of parts, in turn, as linear red, green and blue; none is red, as parts that cross are shown."""
 EDGE_COLOUR = (0.03, 0.035, 0.05)
 
 _FLOAT, _UNSIGNED = 5126, 5125

@@ -104,6 +104,22 @@ def test_page_does_not_speak_of_an_inside_that_no_part_has(box, monkeypatch):
     ]
 
 
+def test_points_beside_a_slice_have_a_scale_of_their_own(box, monkeypatch):
+    levels = []
+    draw_bar = sheet._draw_bar
+    monkeypatch.setattr(
+        sheet, "_draw_bar",
+        lambda *given, **more: (draw_bar(*given, **more), levels.append(given[3].levels[[0, -1]].tolist())),
+    )  # fmt: skip
+    near = np.array([[0.02, 0.015, -4e-5], [0.02, 0.015, 2e-5]])
+
+    for reach in (None, 2.5e-5):
+        sheet.draw(Picture(box, "box", near, ("z", 0.005), size=SIZE, reach=reach))
+
+    assert levels[1] == pytest.approx([-0.02, 0.04]) and levels[3] == pytest.approx([-0.025, 0.025])
+    assert levels[0] == levels[2] and levels[0][1] > 1.0
+
+
 def test_many_parts_and_long_names_are_cut_short(box):
     solid = box.parts[0].solid
     parts = [
@@ -166,7 +182,8 @@ def drawn(scene, camera, points=None):
         hit = scene.closest(points)
         connections = Connections(points, hit.point, hit.signed_distance)
     tints = ["#a9bdd1"] * len(scene.parts)
-    image = draw_scene(scene.parts, tints, connections, None, camera, DistanceColors(np.ones(1), 1e-3))
+    colors = DistanceColors(np.ones(1), 1e-3)
+    image = draw_scene(scene.parts, tints, connections, None, camera, (colors, colors))
     return (image < 250).any(axis=-1), image
 
 

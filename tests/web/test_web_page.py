@@ -185,7 +185,7 @@ def test_points_are_shown_with_their_distances_and_saved(page, scene, tmp_path):
         written = list(csv.DictReader(file))
     assert saved.value.suggested_filename == "scan-distances.csv"
     np.testing.assert_allclose(
-        [float(row["distance_mm"]) for row in written], 1e3 * expected, rtol=0, atol=1e-9
+        [float(row["signed_distance_mm"]) for row in written], 1e3 * expected, rtol=0, atol=1e-9
     )
 
     page.page.get_by_role("button", name="hide bracket").click()
@@ -196,6 +196,38 @@ def test_points_are_shown_with_their_distances_and_saved(page, scene, tmp_path):
     page.page.get_by_role("button", name="show bracket").click()
     page.page.get_by_role("button", name="Close").click()
     assert page.ask("page.tools.points.object === null")
+
+
+def test_the_probe_answers_for_a_point_under_the_mouse_and_points_are_clipped(page, scene, tmp_path):
+    seen = (
+        "[...Array(900).keys()].map((k) => page.tools.points.under({ x: (k % 30) / 30 - 0.5, "
+        "y: Math.floor(k / 30) / 30 - 0.5 })).filter((row) => row >= 0)"
+    )
+    rng = np.random.default_rng(48)
+    points = rng.uniform(*scene.bounds, (5000, 3)).round(6)
+    np.savetxt(tmp_path / "scan.csv", 1e3 * points, delimiter=",")
+    page.page.locator("#points-file").set_input_files(tmp_path / "scan.csv")
+    page.until("page.tools.points.object && !document.getElementById('points-card').hidden")
+    page.ask("page.choose('probe')")
+
+    page.until(f"!!({seen}).length")
+    row = page.ask(
+        "[...Array(900).keys()].some((k) => { page.probe.pointer.set((k % 30) / 30 - 0.5, "
+        "Math.floor(k / 30) / 30 - 0.5); page.probe.update(); return page.probe.answer.point; }) && "
+        "page.probe.answer.point"
+    )
+    k = int(row.removeprefix("point ")) - 1
+    assert page.ask("page.probe.answer.distance") == page.ask(f"page.tools.points.distances[{k}]")
+    assert f"{row} of scan.csv" in page.ask("document.getElementById('probe-side').textContent")
+    assert (points[page.ask(seen), 1] < np.mean(scene.bounds, axis=0)[1] - 1e-3).any()
+
+    page.page.keyboard.press("c")
+    page.page.get_by_role("radio", name="y", exact=True).click()
+    page.until("page.tools.points.object.material.clippingPlanes?.length === 1")
+    assert (points[page.ask(seen), 1] > np.mean(scene.bounds, axis=0)[1] - 1e-3).all()
+    page.picture("points-clipped")
+    page.page.keyboard.press("Escape")
+    page.page.get_by_role("button", name="Close").click()
 
 
 def test_a_file_that_has_no_points_is_refused_with_its_line(page, tmp_path):

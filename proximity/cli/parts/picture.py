@@ -1,5 +1,6 @@
 """``proximity picture``: a PNG of the parts of a file, of points, and of a slice of the signed distance."""
 
+import math
 import re
 import time
 from pathlib import Path
@@ -21,6 +22,10 @@ def picture(
     cut: Annotated[
         str | None,
         option("AXIS=POSITION", "Show the signed distance in a plane, for example z=3.", "--slice"),
+    ] = None,
+    reach: Annotated[
+        float | None,
+        option("LENGTH", "Distance at the ends of the colour bar of the points, in --units.", "--range"),
     ] = None,
     view: Annotated[
         str, option("VIEW", "View: iso, front, back, left, right, top or bottom. z is up.")
@@ -44,6 +49,8 @@ def picture(
     started = time.monotonic()
     if out.suffix.lower() != ".png":
         raise typer.BadParameter(f"{out} does not end in .png", param_hint="--out")
+    if reach is not None and not (points is not None and 0.0 < reach < math.inf):
+        raise typer.BadParameter(f"{reach}: expected a length above 0, with --points", param_hint="--range")
     pixels, plane = _size(size), None if cut is None else _plane(cut)
     rows = None if points is None else [chunk.coordinates for chunk in read_points(points, reading.units)]
     import numpy as np
@@ -62,6 +69,7 @@ def picture(
         metres=metres,
         view=view,
         size=pixels,
+        reach=None if reach is None else reach * metres,
     )
     with progress.spinner(f"drawing {file}"):
         write_picture(drawn, out)

@@ -76,20 +76,22 @@ class DistanceColors:
     """A colour map for the signed distances of one picture.
 
     *signed_distance*: all that will be shown; what is not finite is left out. *metres*: metres in the unit in
-    which steps are round numbers.
+    which steps are round numbers. *reach*, m: the bar ends there on both sides, whatever the distances.
     """
 
-    def __init__(self, signed_distance: np.ndarray, metres: float) -> None:
+    def __init__(self, signed_distance: np.ndarray, metres: float, reach: float | None = None) -> None:
         matplotlib = load_matplotlib()
         finite = signed_distance[np.isfinite(signed_distance)] / metres
         low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
         low, high = min(low, 0.0), max(high, 0.0)
-        reach = max(high, -low) or 1.0
-        low, high = min(low, -SHARE_OF_RANGE * reach), max(high, SHARE_OF_RANGE * reach)
+        largest = max(high, -low) or 1.0
+        low, high = min(low, -SHARE_OF_RANGE * largest), max(high, SHARE_OF_RANGE * largest)
         steps = matplotlib.ticker.MaxNLocator(TICKS, steps=[1, 2, 5, 10])
         self.levels: np.ndarray = steps.tick_values(
             low, high
         )  # in the unit; the range is that of the outer ones
+        if reach is not None:
+            self.levels = reach / metres * np.linspace(-1.0, 1.0, 5)
         self.metres = metres
         self.step: float = float(self.levels[1] - self.levels[0]) / 2 * metres  # m, between iso lines
         norm = matplotlib.colors.TwoSlopeNorm(0.0, self.levels[0], self.levels[-1])

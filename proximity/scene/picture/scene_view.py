@@ -117,9 +117,9 @@ def draw_scene(
     connections: Connections | None,
     field: FieldSlice | None,
     camera: Camera,
-    colors: DistanceColors,
+    colors: tuple[DistanceColors, DistanceColors],
 ) -> np.ndarray:
-    """Return the image, (H, W, 3) uint8: parts in their *tints*, and *field* as a sheet of its colours."""
+    """Return the image, (H, W, 3) uint8: parts in *tints*; *colors*: of *field*, of the points."""
     pyvista = load_pyvista()
     width, height = camera.size
     plotter = pyvista.Plotter(
@@ -137,9 +137,9 @@ def draw_scene(
         )
     _add_parts(plotter, parts, tints, camera)
     if field is not None:
-        _add_sheet(plotter, field, camera, colors)
+        _add_sheet(plotter, field, camera, colors[0])
     if connections is not None and len(connections.points):
-        _add_queries(plotter, connections, camera, colors)
+        _add_queries(plotter, connections, camera, colors[1])
     _aim(plotter, camera)
     plotter.enable_ssao(radius=0.06, bias=0.004, kernel_size=32)
     image = plotter.screenshot(return_img=True)

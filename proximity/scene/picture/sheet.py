@@ -20,10 +20,11 @@ SMALLEST, LARGEST = 200, 4000  # pixels a side
 DOTS_PER_INCH = 100
 MUTED = "#5d6b7a"
 PART_COLORS = (
-    "#a9bdd1", "#e3b77f", "#98c5a4", "#d79a94", "#b7a6d3", "#8fc6cc", "#d9c97c", "#c3aa94", "#dba7c5",
+    "#c4c7ca", "#e3b77f", "#98c5a4", "#d79a94", "#b7a6d3", "#8fc6cc", "#d9c97c", "#c3aa94", "#dba7c5",
     "#a8b39a",
 )  # fmt: skip
 NAMED_PARTS = 8
+MOST_FLAT_TICKS = 6  # of a bar in width
 LABELLED_POINTS = 12
 NAME_LENGTH = 28  # characters; longer names are cut
 NO_INSIDE = "no inside is known"
@@ -37,7 +38,7 @@ class Picture:
     ``scene`` is asked for every number. ``title`` stands above. ``points`` (N, 3), m, are joined with the
     nearest points of the parts. ``cut`` is the axis that a slice lies across, and where, m. ``unit`` is the
     word for lengths on the page, ``metres`` how many metres it has. ``view`` is one of `TO_VIEWER`,
-    ``size`` the width and height in pixels.
+    ``size`` the width and height in pixels. ``reach``, m, is at the ends of the colour bar of the points.
     """
 
     scene: "Scene"
@@ -48,6 +49,7 @@ class Picture:
     metres: float = 1e-3
     view: str = "iso"
     size: tuple[int, int] = (1400, 800)
+    reach: float | None = None
 
 
 def write_picture(picture: Picture, path: str | os.PathLike[str]) -> None:
@@ -106,25 +108,25 @@ def _figure(matplotlib: Any, picture: Picture) -> Any:
     if picture.cut is not None:
         field = FieldSlice.of(picture.scene, *picture.cut, unit=picture.unit, metres=picture.metres)
     connections = None if picture.points is None else _connections(picture)
-    shown = [np.zeros(0)] if field is None else [field.signed_distance.reshape(-1)]
-    if connections is not None:
-        shown.append(connections.signed_distance)
-    colors = DistanceColors(np.concatenate(shown), picture.metres)
+    colors, point_colors = (
+        DistanceColors(
+            np.zeros(0) if each is None else each.signed_distance.reshape(-1), picture.metres, reach
+        )
+        for each, reach in ((field, None), (connections, picture.reach))
+    )
     width, height = picture.size
     figure = matplotlib.figure.Figure(
         figsize=(width / DOTS_PER_INCH, height / DOTS_PER_INCH), facecolor="white"
     )
-    has_bar = field is not None or connections is not None
     share = 1.0 if field is None else 0.525
-    camera = _draw_view(figure, picture, connections, field, colors, share)
+    camera = _draw_view(figure, picture, connections, field, (colors, point_colors), share)
     if field is not None:
         box = slice_box(picture.size, field)
         _draw_map(figure.add_axes(box), picture, field, colors)
-        bar_box = (box[0] + box[2] + 0.013, box[1], 0.012, box[3])
-    else:
-        bar_box = (0.925, 0.20, 0.012, 0.60)
-    if has_bar:
-        _draw_bar(figure, figure.add_axes(bar_box), picture, colors)
+        _draw_bar(figure, figure.add_axes((box[0] + box[2] + 0.013, box[1], 0.012, box[3])), picture, colors)
+    if connections is not None:
+        bar_box = (0.925, 0.20, 0.012, 0.60) if field is None else (0.03, 0.885, 0.30, 0.014)
+        _draw_bar(figure, figure.add_axes(bar_box), picture, point_colors, is_flat=field is not None)
     _draw_head(figure, picture)
     draw_scale(figure.axes[0], camera, picture.unit, picture.metres)
     draw_axes(figure.axes[0], camera)
@@ -143,7 +145,7 @@ def _draw_view(
     picture: Picture,
     connections: Connections | None,
     field: FieldSlice | None,
-    colors: DistanceColors,
+    colors: tuple[DistanceColors, DistanceColors],
     share: float,
 ) -> Camera:
     """Draw the parts on the left of the page, and what is asked of them; returns the camera."""
@@ -221,13 +223,21 @@ def _draw_map(axes: Any, picture: Picture, field: FieldSlice, colors: DistanceCo
     axes.set_title(f"{what} at {field.axis} = {position} {picture.unit}", fontsize="medium")
 
 
-def _draw_bar(figure: Any, axes: Any, picture: Picture, colors: DistanceColors) -> None:
+def _draw_bar(
+    figure: Any, axes: Any, picture: Picture, colors: DistanceColors, *, is_flat: bool = False
+) -> None:
+    """Draw a colour bar; a flat one is that of points beside a slice."""
     matplotlib = load_matplotlib()
     mappable = matplotlib.cm.ScalarMappable(colors.norm, colors.map)
-    bar = figure.colorbar(mappable, cax=axes, ticks=colors.levels)
-    bar.ax.axhline(0.0, color=INK, linewidth=2.2)
+    every = 2 if is_flat and len(colors.levels) > MOST_FLAT_TICKS else 1  # zero stays
+    ticks = colors.levels[np.argmin(np.abs(colors.levels)) % every :: every]
+    bar = figure.colorbar(
+        mappable, cax=axes, ticks=ticks, orientation="horizontal" if is_flat else "vertical"
+    )
+    (bar.ax.axvline if is_flat else bar.ax.axhline)(0.0, color=INK, linewidth=2.2)
     bar.outline.set_linewidth(0.8)
-    bar.set_label(f"{picture.unit}, {'negative inside' if _has_inside(picture) else NO_INSIDE}")
+    words = f"{picture.unit}, {'negative inside' if _has_inside(picture) else NO_INSIDE}"
+    bar.set_label(f"points: {words}" if is_flat else words)
 
 
 def _has_inside(picture: Picture) -> bool:

@@ -88,12 +88,12 @@ export function shownDistance(contact) {
   return contact.lower > 0 ? `≥ ${mm(contact.lower, 1)}` : "may touch";
 }
 
-/** A length in millimetres, as text. */
-export function mm(metres, digits = 2) {
+/** A length in millimetres, as text: with as many decimals as are asked for, or fewer the larger it is. */
+export function mm(metres, digits) {
   if (metres === Infinity) return "∞";
   if (metres === -Infinity) return "−∞";
   if (!Number.isFinite(metres)) return "—";
   const size = Math.abs(metres) * 1e3;
-  const shown = size >= 1000 ? 0 : size >= 100 ? 1 : digits;
+  const shown = digits ?? (size >= 1000 ? 0 : size >= 100 ? 1 : 2);
   return (metres * 1e3).toFixed(shown).replace(/^-(?=[0.]*$)/, "").replace("-", "−");
 }

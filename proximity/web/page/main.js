@@ -28,7 +28,7 @@ class Page {
     this.parts.addEventListener("placed", () => (local.version += 1));
     this.fingers = new Fingers(this.stage);
     this.probe = new Probe(this.stage, this.parts, local);
-    this.tools = new Tools(this.stage, this.parts, local, this.panel);
+    this.tools = new Tools(this.stage, this.parts, local, this.panel, this.probe);
     this.shapes = { left: new HandShape(this.stage.root), right: new HandShape(this.stage.root) };
     this.paths = new Map(); // of fingers, as they were sent
     this.tracked = new Set(); // fingers that were sent last

@@ -193,20 +193,24 @@ export class Stage {
 
   addNumber(value, x, y, floor, size) {
     const label = new Label({ height: size, isFlat: true });
-    label.show(`${+(1e3 * value).toPrecision(6)}`.replace("-", "−"), "#8d9aab");
+    label.show(`${+(1e3 * this.spacing * Math.round(value / this.spacing)).toPrecision(6)}`.replace("-", "−"), "#8d9aab");
     label.object.position.set(x, y, floor);
     this.grid.add(label.object);
   }
 
-  /** A picture of what is seen, with every pixel of the screen, as a Blob. */
-  async picture() {
+  /** A picture of what is seen, with every pixel of the screen, as a Blob; *paint* draws over it, in CSS pixels. */
+  async picture(paint) {
     const { ratio } = this;
     this.ratio = devicePixelRatio;
     this.resized();
-    const picture = await new Promise((resolve) => this.canvas.toBlob(resolve, "image/png"));
+    const sheet = document.createElement("canvas"), context = sheet.getContext("2d");
+    [sheet.width, sheet.height] = [this.canvas.width, this.canvas.height];
+    context.drawImage(this.canvas, 0, 0);
+    context.scale(devicePixelRatio, devicePixelRatio);
+    paint(context);
     this.ratio = ratio;
     this.resized();
-    return picture;
+    return new Promise((resolve) => sheet.toBlob(resolve, "image/png"));
   }
 }
 

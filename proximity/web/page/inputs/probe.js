@@ -58,12 +58,13 @@ export class Probe {
     if (isBusy && this.mark) this.mark.group.visible = false;
     if (isBusy || !this.listening || !scene || !this.parts.isLoaded) return;
     this.local.follow(scene, this.parts.list);
-    const position = this.placed(scene).toArray(), found = scene.closest(position);
-    const distance = Math.abs(found.signedDistance[0]) < ON ? 0 : found.signedDistance[0];
+    const row = this.points.under(this.pointer), isOfScan = row >= 0;
+    const position = isOfScan ? [...this.points.coordinates.subarray(3 * row, 3 * row + 3)] : this.placed(scene).toArray(), found = scene.closest(position);
+    const distance = !isOfScan && Math.abs(found.signedDistance[0]) < ON ? 0 : found.signedDistance[0];
     this.answer = {
       isKnown: found.part[0] >= 0, isExact: true, isSigned: found.isSigned[0] !== 0, distance,
       part: this.parts.list[found.part[0]]?.name, position, pointOnFinger: position, pointOnPart: [...found.point],
-      normal: [...found.gradient],
+      normal: [...found.gradient], point: isOfScan ? `point ${row + 1}` : "",
     };
     this.mark.show(this.answer, this.stage);
     this.say(this.answer);
@@ -72,6 +73,7 @@ export class Probe {
   /** The point under the pointer, scene frame: on a part, on the cut of one, or as far away as the last of them. */
   placed(scene) {
     const { camera, root, controls } = this.stage;
+    this.isBeside = false;
     this.caster.setFromCamera(this.pointer, camera);
     const { ray } = this.caster, toScene = root.matrixWorld.clone().invert();
     let begin = 0, end = Infinity;
@@ -91,6 +93,7 @@ export class Probe {
         return this.last.clone().addScaledVector(normal, side * this.lift);
       }
     }
+    this.isBeside = true;
     const middle = this.last ? this.stage.toWorld(this.last) : controls.target;
     const facing = new THREE.Plane().setFromNormalAndCoplanarPoint(camera.getWorldDirection(new THREE.Vector3()), middle);
     return (ray.intersectPlane(facing, new THREE.Vector3()) ?? controls.target.clone()).applyMatrix4(toScene);
@@ -99,7 +102,8 @@ export class Probe {
   say(answer) {
     byId("probe-card").hidden = false;
     setText(byId("probe-distance"), words(answer, 3));
-    setText(byId("probe-side"), sideOf(answer));
+    setText(byId("probe-side"), answer.point ? `${answer.point} of ${this.points.name}, ${sideOf(answer)}` : sideOf(answer));
+    setText(byId("probe-depth"), !answer.point && this.isBeside ? "Beside the parts: as far from the eye as the last point on a part." : "");
     setText(byId("probe-at"), lengths(answer.position, 3));
     setText(byId("probe-near"), lengths(answer.pointOnPart, 3));
     setText(byId("probe-normal"), lengths(answer.normal.map((each) => each / 1e3), 3)); // of length 1, not in mm
@@ -119,8 +123,9 @@ class Mark extends Finger {
   show(answer, stage) {
     this.radius = SIZE * stage.radius;
     const eye = stage.toScene(stage.camera.position).distanceTo(new THREE.Vector3(...answer.position));
-    const text = answer.distance === 0 ? `on ${answer.part}\n${lengths(answer.position)}` : words(answer);
+    const text = answer.point ? `${words(answer, 3)}\n${answer.point}` : answer.distance === 0 ? `on ${answer.part}\n${lengths(answer.position)}` : words(answer);
     super.show({ ...answer, text: answer.isKnown ? text : "no part" }, "OK", null, () => 0.019 * eye);
+    this.ball.visible = !answer.point; // the point itself is seen
   }
 }
 

@@ -55,11 +55,11 @@ export class Measure {
     line.renderOrder = 18;
     const label = new Label({ height: 0.07 * this.stage.radius, avoids: true });
     const apart = to.clone().sub(from);
-    const parts = apart.toArray().map((x) => mm(x));
-    label.show(`${mm(apart.length())} mm\n${parts.join("  ")}`);
+    const parts = apart.toArray().map((x) => mm(x, 2));
+    label.show(`${mm(apart.length(), 2)} mm\n${parts.join("  ")}`);
     label.object.position.copy(from).add(to).multiplyScalar(0.5);
     label.anchor(0.5, -0.25);
     this.group.add(line, label.object);
-    return `${mm(apart.length())} mm apart; along x, y, z: ${parts.join(", ")} mm.`;
+    return `${mm(apart.length(), 2)} mm apart; along x, y, z: ${parts.join(", ")} mm.`;
   }
 }

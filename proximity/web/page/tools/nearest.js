@@ -12,7 +12,7 @@ const STEP_TOLERANCE = 0.2; // of how far the part may go
 const MOST_STEPS = 40;
 const GAP = 1e-5; // m, below which a part comes no nearer
 const NEARER = 0.999;
-const HELD = 0x3a2c10, MEETING = 0xc81010;
+const MEETING = 0xa00000;
 
 export class Nearest {
   constructor(stage, parts, local) {
@@ -33,7 +33,7 @@ export class Nearest {
     this.found = [];
     if (!this.group.visible) return;
     this.group.visible = false;
-    this.parts.pick(this.parts.picked); // the usual colours
+    for (const each of this.parts.list) for (const mesh of each.meshes) mesh.material.color.set(each.colour);
   }
 
   /** Show the nearest connections of a part, if something has moved; what is to be said, or null. */
@@ -78,10 +78,7 @@ export class Nearest {
       label.anchor(0.5, -0.25);
     });
     const meeting = new Set(this.found.filter(({ relation }) => relation > TOUCHING).map((each) => each.part));
-    for (const each of this.parts.list) {
-      const colour = each === part ? HELD : meeting.has(each) ? MEETING : 0;
-      for (const mesh of each.meshes) mesh.material.emissive.setHex(colour);
-    }
+    for (const each of this.parts.list) for (const mesh of each.meshes) mesh.material.color.set(meeting.has(each) ? MEETING : each.colour);
     this.group.visible = true;
   }
 

@@ -1,7 +1,7 @@
 // Points from a text, such as a scan: coloured by their signed distance, with a table, and as CSV.
 
 import * as THREE from "three";
-import { sliceColour } from "../colours.js";
+import { css, sliceColour } from "../colours.js";
 import { mm } from "../frames.js";
 import { byId, made, offer, setText } from "../panel.js";
 import { niceStep } from "../stage.js";
@@ -10,6 +10,8 @@ const MOST_AT_ONCE = 4000; // points, before pictures have their turn
 const WAIT_MS = 150; // until parts that move stand still
 const UNITS = { m: 1, cm: 1e-2, mm: 1e-3, um: 1e-6, in: 0.0254, ft: 0.3048 };
 const ROWS = ["points", "min", "max", "mean", "RMS", "50 % within", "95 % within", "99 % within", "within the bar"];
+const NEAR = 14; // half pixels from the mouse, that a point is taken
+const MOST_TRIED = 8;
 const DEEPEST = 0.1; // below a surface, of the parts' size, that points are seen through it
 const isNumber = (word) => word !== "" && (Number.isFinite(Number(word)) || /^[+-]?(nan|inf)/i.test(word));
 
@@ -89,11 +91,35 @@ export class PointCloud {
     material.onBeforeCompile = (shader) => {
       shader.uniforms.before = this.before;
       shader.vertexShader = `uniform float before;\n${shader.vertexShader}`.replace("#include <project_vertex>",
-        "#include <project_vertex>\nmvPosition.xyz *= max(1.0 - before / length(mvPosition.xyz), 0.1);\ngl_Position = projectionMatrix * mvPosition;");
+        "#include <project_vertex>\ngl_Position = projectionMatrix * vec4(mvPosition.xyz * max(1.0 - before / length(mvPosition.xyz), 0.1), 1.0);");
     };
     this.object = new THREE.Points(geometry, material);
     this.object.frustumCulled = false;
+    this.object.onBeforeRender = () => (material.clippingPlanes = this.parts.clipping);
     this.stage.root.add(this.object);
+  }
+
+  /** The row of the point that is seen nearest to *pointer*, -1 to 1 across the view; -1 where none is near. */
+  under(pointer) {
+    if (!this.object) return -1;
+    const { camera, root } = this.stage, near = NEAR / innerHeight, found = [], [place, seen] = [new THREE.Vector3(), new THREE.Vector3()];
+    const toView = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).multiply(root.matrixWorld);
+    for (let k = 0; k < this.count; k++) {
+      seen.fromArray(this.coordinates, 3 * k).applyMatrix4(toView);
+      const away = Math.hypot((seen.x - pointer.x) * camera.aspect, seen.y - pointer.y);
+      if (away < near && seen.z < 1) found.push([away, k]);
+    }
+    const eye = this.stage.toScene(camera.position);
+    const isSeen = ([, k]) => {
+      const at = place.fromArray(this.coordinates, 3 * k), world = this.stage.toWorld(at);
+      if (this.parts.clipping.some((plane) => plane.distanceToPoint(world) < 0)) return false;
+      const ray = new THREE.Ray(world, camera.position.clone().sub(world).normalize()), way = eye.clone().sub(at).normalize();
+      const end = Math.min(world.distanceTo(camera.position), ...this.parts.clipping.map((plane) => ray.distanceToPlane(plane) ?? Infinity));
+      const free = end - this.before.value;
+      if (free <= 0) return true;
+      return this.local.scene.cast(at.addScaledVector(way, this.before.value).toArray(), way.toArray(), { maxDistance: free }).part[0] < 0;
+    };
+    return found.sort(([one], [other]) => one - other).slice(0, MOST_TRIED).find(isSeen)?.[1] ?? -1;
   }
 
   /** Colour the points: *range*, m, is at the ends of the bar. */
@@ -128,9 +154,28 @@ export class PointCloud {
     setText(byId("points-note"), unknown ? `Inside and outside are not known for ${unknown} of them: their distances are positive.` : "");
   }
 
+  /** Draw the colour bar of the points into a picture: the file's name and RMS above it, its range below. */
+  drawBar(context) {
+    if (!this.object) return;
+    context.fillStyle = "rgba(17, 21, 28, 0.85)";
+    context.fillRect(14, 14, 300, 78);
+    const bar = context.createLinearGradient(28, 0, 300, 0);
+    for (let k = 0; k <= 20; k++) bar.addColorStop(k / 20, css(sliceColour(k / 10 - 1, 1)));
+    context.fillStyle = bar;
+    context.fillRect(28, 46, 272, 12);
+    context.fillStyle = "#f4f6f9";
+    context.font = "600 13px system-ui, 'Segoe UI', Roboto, Arial, sans-serif";
+    context.fillText(byId("points-name").textContent, 28, 35, 272);
+    const end = +(1e3 * this.range).toPrecision(4), words = [`−${end} mm inside`, "0", `${end} mm outside`];
+    ["left", "center", "right"].forEach((align, k) => {
+      context.textAlign = align;
+      context.fillText(words[k], 28 + 136 * k, 78);
+    });
+  }
+
   /** Offer the points with their distances, as columns that `proximity query --csv` writes too. */
   save() {
-    const lines = ["x_mm,y_mm,z_mm,distance_mm,is_signed,part"];
+    const lines = ["x_mm,y_mm,z_mm,signed_distance_mm,is_signed,part_name"];
     const quoted = this.parts.list.map(({ name }) => (/[",\n]/.test(name) ? `"${name.replaceAll('"', '""')}"` : name));
     const shown = (metres) => (Number.isFinite(metres) ? +(1e3 * metres).toPrecision(15) : "nan");
     for (let k = 0; k < this.count; k++) {

@@ -16,14 +16,14 @@ const HINTS = {
 const KEYS = { KeyM: "move", KeyD: "measure", KeyC: "clip", KeyS: "slice", KeyP: "picture", KeyL: "link", Home: "reset", Slash: "help" };
 
 export class Tools {
-  constructor(stage, parts, local, panel) {
-    Object.assign(this, { stage, parts, local, panel });
+  constructor(stage, parts, local, panel, probe) {
+    Object.assign(this, { stage, parts, local, panel, probe });
     this.mode = "";
     this.caster = new THREE.Raycaster();
     this.measure = new Measure(stage);
     this.nearest = new Nearest(stage, parts, local);
     this.plane = new SlicePlane(stage, parts, local);
-    this.points = new PointCloud(stage, parts, local, panel);
+    this.points = probe.points = new PointCloud(stage, parts, local, panel);
     parts.limited = (part, matrix) => (byId("tool-stop").checked ? this.nearest.reached(part, matrix) : matrix);
     this.mayMove = false;
     this.actions = {
@@ -91,7 +91,11 @@ export class Tools {
 
   async picture() {
     const name = `${document.title.split(" ")[0]}.png`;
-    offer(await this.stage.picture(), name);
+    const { mark } = this.probe, wasSeen = mark?.group.visible;
+    if (mark) mark.group.visible = false;
+    const picture = this.stage.picture((context) => this.points.drawBar(context));
+    if (mark) mark.group.visible = wasSeen;
+    offer(await picture, name);
     this.say(`The picture is saved as ${name}.`);
   }
 
