@@ -89,7 +89,9 @@ def test_fingers_that_are_not_served_are_counted_and_the_others_taken(inlet, cap
 
     assert np.isnan(polled.values[0, 0]) and polled.values[1, 0] == 4.0
     assert source.notes == [f"queue:: 4 {what} of fingers that are not served"]
-    assert [record.message for record in caplog.records] == [f"queue:: {what} of fingers that are not served"]
+    assert [record.message for record in caplog.records] == [
+        f"queue:: {what} of fingers that are not served are not used"
+    ]
 
 
 @EACH_INPUT

@@ -236,7 +236,7 @@ static bool is_old(const decaff_subscriber *frames, const decaff_frame_header *n
 static bool is_believable(const decaff_contact *c, const decaff_frame_header *frame, int64_t latest_ns)
 {
     bool is_it = (c->surface <= (uint8_t)DECAFF_SURFACE_DEFORMABLE) && (c->mode <= (uint8_t)DECAFF_MODE_HOLD)
-                 && (c->source <= (uint8_t)DECAFF_SOURCE_TELEOPERATION) && (c->force_is_valid <= 1u);
+                 && (c->source <= (uint8_t)DECAFF_SOURCE_HELD) && (c->force_is_valid <= 1u);
 
     if (is_it && ((c->flags & (uint32_t)DECAFF_FLAG_TRACKED) != 0u)) {
         double normal_sq = (c->normal[0] * c->normal[0]) + (c->normal[1] * c->normal[1])
@@ -267,7 +267,7 @@ static enum decaff_reason content_reason(const decaff_subscriber *frames, const 
     uint32_t i;
 
     if ((next->state > (uint8_t)DECAFF_STATE_STOPPING)
-        || (next->source > (uint8_t)DECAFF_SOURCE_TELEOPERATION)) {
+        || (next->source > (uint8_t)DECAFF_SOURCE_HELD)) {
         reason = DECAFF_REASON_CONTENT;
     } else if ((next->pose_ns > latest_ns) || (next->publish_ns > latest_ns)) {
         reason = DECAFF_REASON_FUTURE;
