@@ -41,7 +41,7 @@ class Penetration(NamedTuple):
 
 
 class PenetrationSearch:
-    """Looks for a short way by which the first of two parts of a model comes free of the second.
+    """Looks for a direction in which the first of two parts of a model soon comes free of the second.
 
     *faces*: one of each surface of either part.
     """
@@ -90,7 +90,7 @@ class PenetrationSearch:
             self.look_along(np.ascontiguousarray(direction), ROUGH)
 
     def follow_normals(self, tolerance: float) -> None:
-        """Turn the direction to the normal at which the part comes free, while that is a shorter way."""
+        """Turn the direction to the normal at which the part comes free, while that makes the depth less."""
         for _ in range(MOST_TURNS):
             gain = 1.0 - float(self._normal @ self.direction)  # share of the depth that turning saves, about
             if not self._normal.any() or gain < LEAST_GAIN * tolerance:

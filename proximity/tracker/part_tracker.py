@@ -252,42 +252,45 @@ class PartTracker:
 
     def _comes_free(self, model: Model) -> bool:
         """Whether parts that touch others do not touch them from within: whether a small move frees them."""
-        pairs = self._pairs
-        sizes = model.frames["own_upper"] - model.frames["own_lower"]
-        slips = held_times.SLIP * np.linalg.norm(sizes[pairs["own"]], axis=1)
-        is_unsure = (pairs["is_unsure"] != 0) & (pairs["is_crossing"] == 0)
-        for row in np.flatnonzero(is_unsure & (pairs["upper"] <= slips)):
-            own, other, direction = int(pairs["own"][row]), int(pairs["other"][row]), pairs["normal"][row]
-            search, length = self._penetration_search(model, own, other), float(slips[row])
-            if search is None or not direction.any():
+        for pair in self._pairs[self._pairs["is_opening"] != 0]:
+            search = self._penetration_search(model, pair)
+            if search is None or not pair["normal"].any():
                 return False
-            search.look_along(direction.copy(), 0.5, length)
+            frame = model.frames[pair["own"]]
+            length = held_times.SLIP * float(np.linalg.norm(frame["own_upper"] - frame["own_lower"]))
+            search.look_along(pair["normal"], 0.5, length)
             if search.depth > length:
                 return False
         return True
 
-    def _penetration_search(self, model: Model, own: int, other: int) -> PenetrationSearch | None:
-        """A search for the way out of another part; None where shapes have changed meanwhile."""
+    def _surface_faces(self, model: Model, rows: Iterable[Any]) -> dict[int, np.ndarray] | None:
+        """One face of each surface of some parts; None where shapes have changed since the model."""
         try:
-            faces = [self._scene.part(model.names[row]).solid.surface_faces for row in (own, other)]
+            faces = {int(row): self._scene.part(model.names[row]).solid.surface_faces for row in rows}
         except SceneError:
             return None
-        if self._scene.epoch != model.epoch:
+        return faces if self._scene.epoch == model.epoch else None
+
+    def _penetration_search(self, model: Model, pair: Any) -> PenetrationSearch | None:
+        """A search for a direction out of the other part of a pair; None where shapes have changed."""
+        own, other = int(pair["own"]), int(pair["other"])
+        faces = self._surface_faces(model, (own, other))
+        if faces is None:
             return None
         budget = int(self._settings["budget"][0])
-        return PenetrationSearch(model, own, other, (faces[0], faces[1]), budget)
+        return PenetrationSearch(model, own, other, (faces[own], faces[other]), budget)
 
     def _measure_depth(self, model: Model, record: Any) -> None:
         """Fill how far a part must move to be free of another, along the direction found last, or anew."""
-        own, other = int(record["own_part"]), int(record["part"])
-        search = self._penetration_search(model, own, other)
+        pairs = self._pairs
+        row = np.flatnonzero((pairs["own"] == record["own_part"]) & (pairs["other"] == record["part"]))[0]
+        pair = pairs[row].copy()
+        search = self._penetration_search(model, pair)
         if search is None:
             return
-        row = np.flatnonzero((self._pairs["own"] == own) & (self._pairs["other"] == other))[0]
         tolerance = max(float(self._settings["tolerance"][0]), LEAST_DEPTH_TOLERANCE)
-        last = self._pairs["normal"][row].copy()
-        if last.any():
-            search.look_along(last, tolerance, float(self._pairs["depth"][row]))
+        if pair["normal"].any():
+            search.look_along(pair["normal"], tolerance, float(pair["depth"]))
             search.follow_normals(tolerance)
         else:
             search.search(tolerance)
@@ -297,7 +300,7 @@ class PartTracker:
             search.direction,
         )
         record["work"] += search.steps
-        self._pairs["normal"][row], self._pairs["depth"][row] = search.direction, search.depth
+        pairs["normal"][row], pairs["depth"][row] = search.direction, search.depth
 
     def _offsets_in_group(self) -> list[Pose]:
         """Poses of the tracked parts relative to the first."""
@@ -361,12 +364,10 @@ class PartTracker:
         Whether it is decided: where shapes have changed since the model was taken, the next tick does it.
         """
         rows = np.flatnonzero((self._pairs["is_unsure"] != 0) & (self._pairs["lower"] > 0.0))
-        both = {int(row) for name in ("own", "other") for row in self._pairs[name][rows]}
-        try:
-            faces = {row: self._scene.part(model.names[row]).solid.surface_faces for row in both}
-        except SceneError:
-            return False
-        if self._scene.epoch != model.epoch:
+        faces = self._surface_faces(
+            model, {row for name in ("own", "other") for row in self._pairs[name][rows]}
+        )
+        if faces is None:
             return False
         point = np.empty(3)
         for row in rows:

@@ -25,6 +25,7 @@ HELD_PAIR = record(
     frontier_moved="f8",  # m that anything has moved since it was looked at
     is_resolved="i8",  # 1 where this tick has looked
     is_timed="i8",  # `TIMED` where it has found how long they do not meet, `MAY_OPEN` where it has to
+    is_opening="i8",  # 1 where they touch and come free, if neither part is inside the other
     is_crossing="i8",  # 1 where faces of both cross
     is_inside="i8",  # 1 where one is inside the other
     is_unsure="i8",  # 1 where surfaces may have met since inside and outside were decided
@@ -46,7 +47,7 @@ HELD_SETTINGS = record(
     frontier_length="i8",  # its entries
     next_frontier="i8",  # the one that is given away next; written by it
     unsure="i8",  # pairs of which it must be asked whether one part is inside the other; likewise
-    opening="i8",  # pairs that touch and come free, if neither part is inside the other; likewise
+    opening="i8",  # pairs that are opening, and of which it must be asked; likewise
     free_time="f8",  # s: nothing is met before; likewise
 )
 

@@ -227,8 +227,8 @@ def _fill_record(model, held, number, rows):
         _fill_unknown(record, _lowest_of_rest(held, rows, number), option)
         return
     pair, ends = held.pairs[row], stack_f64(6)
-    if pair.slots[0] == NO_SLOT:
-        _connect_surfaces(model, pair, option)
+    if pair.slots[0] == NO_SLOT:  # one part is inside the other, and their surfaces beyond the range
+        _look_into(model, held, row, np.inf)
     lower = _lowest_of_rest(held, rows, 0) if number == 0 else lower_of(pair)
     length = fill_connection(model, pair.own, pair.other, pair.is_crossing != 0, pair.slots, ends, 0)
     pair.upper = length
@@ -261,20 +261,6 @@ def _fill_record(model, held, number, rows):
     _predict(model, record, pair, option)
     if number == 0:
         record["time_to_contact_lower"] = option.free_time
-
-
-@kernel
-def _connect_surfaces(model, pair, option):
-    """Find a connection of the surfaces where one part is inside the other, beyond the working range."""
-    slots, turn, offset = stack_i64(2), stack_f64(9), stack_f64(3)
-    slots[0] = slots[1] = NO_SLOT
-    frames_between(model.frames, pair.own, pair.other, turn, offset)
-    _, lower_sq, steps = nearest_of_parts(
-        model, pair.own, pair.other, (turn, offset), np.inf, option.tolerance, option.budget, slots
-    )
-    option.work += steps
-    pair.slots[0], pair.slots[1] = slots[0], slots[1]
-    pair.lower = max(pair.lower, sqrt(max(lower_sq, 0.0)) / model.frames[pair.own].scale * ROUNDED_DOWN)
 
 
 @kernel

@@ -57,10 +57,10 @@ def find_times(model, held):
             pair.free_time = lower / pair.speed
         elif lower == 0.0:
             pair.free_time = 0.0
-        slip = SLIP * _size_of(model.frames[pair.own])
+        slip, pair.is_opening = SLIP * _size_of(model.frames[pair.own]), 0
         is_touching = pair.upper <= AT_CONTACT * slip and not pair.is_crossing and not pair.is_inside
         if is_touching and pair.speed > 0.0:
-            pair.free_time, pair.is_timed = min(slip / pair.speed, horizon), MAY_OPEN
+            pair.free_time, pair.is_timed, pair.is_opening = min(slip / pair.speed, horizon), MAY_OPEN, 1
     work = 0
     for _ in range(MOST_ADVANCES):
         first = _first_to_meet(held)
@@ -69,13 +69,12 @@ def find_times(model, held):
         work += _advance(model, held.pairs[first], option, option.budget - work if option.budget > 0 else 0)
     option.work += work
     for number in range(len(held.pairs)):
-        if held.pairs[number].is_timed == MAY_OPEN:
-            held.pairs[number].free_time = 0.0
         pair = held.pairs[number]
+        if pair.is_timed == MAY_OPEN:
+            pair.free_time = 0.0
         option.free_time = min(option.free_time, pair.free_time)
-        slip = SLIP * _size_of(model.frames[pair.own])
-        if pair.free_time > 0.0 and pair.is_unsure and pair.upper <= AT_CONTACT * slip:
-            option.opening += 1
+        pair.is_opening = 1 if pair.is_opening and pair.is_unsure and pair.free_time > 0.0 else 0
+        option.opening += pair.is_opening
 
 
 @inlined

@@ -107,11 +107,17 @@ def _shortest(model, first, second, limit, tolerance, budget, answer):
 @kernel
 def fill_connection(model, first, second, is_crossing, slots, answer, at):
     """Write the ends, scene's frame, of the shortest connection of two triangles; return its length, m."""
-    reals, _, frames, parts = model
     turn, offset = stack_f64(9), stack_f64(3)
+    frames_between(model.frames, first, second, turn, offset)
+    return fill_ends(model, first, (turn, offset), is_crossing, slots, answer, at)
+
+
+@kernel
+def fill_ends(model, first, frame_map, is_crossing, slots, answer, at):
+    """As `fill_connection`, with the second part where *frame_map* takes it."""
+    reals, _, frames, parts = model
     corners, ends = stack_f64(BOTH), stack_f64(6)
-    frames_between(frames, first, second, turn, offset)
-    read_both(reals, slots, turn, offset, corners)
+    read_both(reals, slots, frame_map[0], frame_map[1], corners)
     apart_sq = cross_at(corners, ends) if is_crossing else connect(corners, ends)
     to_scene(frames, parts, first, ends, 0, answer, at)
     to_scene(frames, parts, first, ends, 3, answer, at + 3)

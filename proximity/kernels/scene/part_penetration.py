@@ -17,8 +17,9 @@ from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_SLOT, ModelArrays
 from proximity.kernels.pair.blocks import read_both
 from proximity.kernels.pair.boxes import frames_at
-from proximity.kernels.pair.connection import BOTH, connect, piercing_edge
+from proximity.kernels.pair.connection import BOTH, piercing_edge
 from proximity.kernels.pair.held_motion import POSE_SIZE
+from proximity.kernels.pair.part_query import fill_ends
 from proximity.kernels.pair.triangles import CROSSING
 from proximity.kernels.pair.walk import nearest_of_parts
 from proximity.kernels.ray.walk import ray_in_part
@@ -148,23 +149,13 @@ def _probe(model, first, second, faces, shift, nearest, found, normal, last, bud
         for k in range(3):
             point[k] += shift[k]
     elif slots[0] != NO_SLOT:
-        _fill_normal(model, first, slots, turn, offset, normal)
+        ends = stack_f64(6)
+        length = fill_ends(model, first, (turn, offset), False, slots, ends, 0)
+        for k in range(3):
+            normal[k] = (ends[k] - ends[3 + k]) / length if length > 0.0 else normal[k]
     for k in range(3):
         found[POINT + k] = point[k]
     return steps
-
-
-@kernel
-def _fill_normal(model, first, slots, turn, offset, normal):
-    """Fill the direction, scene's frame, from the second part to the first, if they are apart."""
-    corners, ends, points = stack_f64(BOTH), stack_f64(6), stack_f64(6)
-    read_both(model.reals, slots, turn, offset, corners)
-    connect(corners, ends)
-    to_scene(model.frames, model.parts, first, ends, 0, points, 0)
-    to_scene(model.frames, model.parts, first, ends, 3, points, 3)
-    x, y, z, length = _unit(points[0] - points[3], points[1] - points[4], points[2] - points[5])
-    if length > 0.0:
-        normal[0], normal[1], normal[2] = x, y, z
 
 
 @kernel

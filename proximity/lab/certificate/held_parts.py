@@ -52,7 +52,7 @@ def _ticked(subject: Subject, entry: HeldEntry, tick_count: int, seed: int) -> T
     )
     contacts, period_ns = np.zeros(held.count, CONTACT), round(NS_PER_S * subject.period)
     held.rehearse()
-    poses = _way_through(scene, entry.part, tick_count + REHEARSAL, seed, subject.period)
+    poses = _path_through(scene, entry.part, tick_count + REHEARSAL, seed, subject.period)
     with without_collector():
         for tick, matrices in enumerate(poses):
             now_ns = (tick + 1) * period_ns
@@ -70,7 +70,7 @@ def _ticked(subject: Subject, entry: HeldEntry, tick_count: int, seed: int) -> T
     return log
 
 
-def _way_through(
+def _path_through(
     scene: Scene, names: tuple[str, ...], tick_count: int, seed: int, period: float
 ) -> Iterator[list[np.ndarray]]:
     """Poses (4, 4) of parts at each tick: the middle of the first goes where a hand goes, others with it."""
