@@ -133,6 +133,18 @@ def test_a_tracked_part_that_crosses_another_says_how_deep_and_which_way():
         assert record["normal"] == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
 
 
+def test_a_tracked_part_inside_another_is_led_to_the_nearest_side():
+    around, inside = shapes.cube(0.1, (0.0, 0.0, 0.0)), shapes.cube(0.02, (0.02, 0.0, 0.0))
+    tracker = PartTracker(Scene([Solid(*around, name="a"), Solid(*inside, name="b")]), "b")
+    for tick in range(3):
+        pose = Pose(None, [1e-4 * tick, 0.0, 0.0])
+        record = tracker.tick(pose, 10**9 + 10**6 * tick, 10**9 + 10**6 * tick)[0]
+        depth = 0.04 - 1e-4 * tick
+        assert record["depth_lower"] <= depth * (1.0 + 1e-9)
+        assert record["depth"] == pytest.approx(depth, rel=0.02)
+        assert record["normal"] == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
+
+
 def test_a_tracked_part_that_touches_is_free_to_leave_and_not_to_enter():
     tracker = PartTracker(boxes((0.0, 0.0, 0.1)), "b")
     for velocity, is_free in (([0, 0, 0.1], True), ([0, 0, -0.1], False), ([0.1, 0, 0.1], True)):

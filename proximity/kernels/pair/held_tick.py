@@ -237,12 +237,12 @@ def _fill_record(model, held, number, rows):
     record["distance"], record["lower"], record["upper"] = upper, lower, upper
     for k in range(3):
         record["point_on_own"][k], record["point_on_part"][k] = ends[k], ends[3 + k]
-        if length > 0.0:
-            pair.normal[k] = (ends[k] - ends[3 + k]) / length
+        record["normal"][k] = (ends[k] - ends[3 + k]) / length if length > 0.0 else 0.0
     if length == 0.0 and not pair.is_crossing:
-        turn_normal(model, pair.own, pair.other, pair.slots, pair.normal)
-    for k in range(3):
-        record["normal"][k] = 0.0 if pair.is_crossing else pair.normal[k]
+        turn_normal(model, pair.own, pair.other, pair.slots, record["normal"])
+    if not pair.is_crossing and not pair.is_inside and (length == 0.0 or not pair.is_unsure):
+        for k in range(3):  # from within, surfaces are nearest the wrong way round
+            pair.normal[k] = record["normal"][k]
     record["part"], record["own_part"] = pair.other, pair.own
     record["own_face"] = load_int(model.words, model.parts[pair.own].slot_faces + pair.slots[0])
     record["face"] = load_int(model.words, model.parts[pair.other].slot_faces + pair.slots[1])
