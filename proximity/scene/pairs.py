@@ -140,7 +140,8 @@ class PairQueries:
             parts and the line between their middles are compared, and the best is turned to the normal at
             which the part comes free.
         tolerance : float
-            Share of the depth by which the two bounds may differ.
+            Share of the depth by which the two bounds are meant to differ at most. They differ by more where
+            it is left open whether the part is free for a moment before, and after 48 probes.
 
         Returns
         -------
