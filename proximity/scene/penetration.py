@@ -1,10 +1,18 @@
-"""How deep one part is in another: how far it must move to be free."""
+"""How deep one part is in another: how far it must move to be free, and how far a point of it is inside."""
 
 from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
+from proximity.kernels.scene.deepest_point import (
+    DEEPEST_LOWER,
+    DEEPEST_POINT,
+    DEEPEST_SIZE,
+    DEEPEST_STEPS,
+    DEEPEST_UPPER,
+    deepest_point,
+)
 from proximity.kernels.scene.part_penetration import (
     DEPTH_LOWER,
     DEPTH_NORMAL,
@@ -23,14 +31,20 @@ LEAST_GAIN = 0.25
 """Of the tolerance: for less a direction is not turned."""
 ROUGH = 0.1
 """Tolerance while directions are compared."""
+REST = 1e-7
+"""Of a part's size: bounds of the deepest point are brought no nearer to each other."""
+DEEPEST_BUDGET = 2_000_000
+"""Steps in each direction, some 2 s, after which the bounds of the deepest point are left as they are."""
 
 
 class Penetration(NamedTuple):
-    """How far the first of two parts must move along a direction until it is free of the second.
+    """How deep two parts are in each other.
 
-    ``first`` and ``second`` are the parts' names. Moved by ``depth``, m, along ``direction``, (3,), scene's
-    frame, the parts do not overlap; moved by less than ``lower``, m, they do. 0 where they do not overlap
-    where they are.
+    ``first`` and ``second`` are the parts' names. *Way out*: moved by ``depth``, m, along ``direction``, (3,),
+    scene's frame, the first part does not overlap the second; moved by less than ``lower``, m, it does.
+    *Deepest point*: no point of either part is farther inside the other than ``deepest``, m; ``deepest_point``,
+    (3,) m, scene's frame, is at least ``deepest_lower``, m, inside. All are 0 where the parts do not overlap;
+    the point is nan then.
     """
 
     first: str
@@ -38,6 +52,34 @@ class Penetration(NamedTuple):
     depth: float
     lower: float
     direction: np.ndarray
+    deepest: float
+    deepest_lower: float
+    deepest_point: np.ndarray
+
+
+class DeepestPoint(NamedTuple):
+    """Bounds, m, of how far any point of two parts is inside the other, the point, (3,) m, and the steps."""
+
+    upper: float
+    lower: float
+    point: np.ndarray
+    steps: int
+
+
+def find_deepest(
+    model: Model, first: int, second: int, tolerance: float, budget: int = DEEPEST_BUDGET
+) -> DeepestPoint:
+    """Search both parts for their deepest point in the other; *tolerance*: share between its bounds."""
+    found, frames = np.zeros(DEEPEST_SIZE), model.frames[[first, second]]
+    found[DEEPEST_POINT : DEEPEST_POINT + 3] = np.nan
+    rest = REST * float(np.linalg.norm(frames["own_upper"] - frames["own_lower"], axis=1).min())
+    upper, steps = 0.0, 0
+    for inner, outer in ((first, second), (second, first)):
+        deepest_point(model.packed, inner, outer, tolerance, rest, budget, found)
+        upper = max(upper, float(found[DEEPEST_UPPER]))
+        steps += int(found[DEEPEST_STEPS])
+    point = found[DEEPEST_POINT : DEEPEST_POINT + 3].copy()
+    return DeepestPoint(upper, float(found[DEEPEST_LOWER]), point, steps)
 
 
 class PenetrationSearch:

@@ -41,13 +41,14 @@ class ConnectionFlag(IntFlag):
     SKIPPED = contact_record.SKIPPED
     """No search was made: the bounds follow from the last one and from the motion since."""
     INSIDE = contact_record.INSIDE
-    """One of the parts is inside the other. The distance is 0; the points are the nearest of the surfaces."""
+    """One of the parts is inside the other. The distance is 0; both points are the one of the inner surface that
+    is nearest to the outer surface."""
     IN_RANGE = contact_record.IN_RANGE
     """The distance is within the working range."""
     PART_CHANGED = contact_record.PART_CHANGED
     """The connection is to another part than at the tick before."""
     CROSSING = held_records.CROSSING_PARTS
-    """Faces of the two parts cross. The distance is 0; the points are a common point of both."""
+    """The surfaces of the two parts meet, and they share volume. The distance is 0; both points are one."""
 
     @classmethod
     def _missing_(cls, value: Any) -> Any:
@@ -363,20 +364,25 @@ class PartTracker:
 
         Whether it is decided: where shapes have changed since the model was taken, the next tick does it.
         """
-        rows = np.flatnonzero((self._pairs["is_unsure"] != 0) & (self._pairs["lower"] > 0.0))
-        faces = self._surface_faces(
-            model, {row for name in ("own", "other") for row in self._pairs[name][rows]}
-        )
+        pairs, point = self._pairs, np.empty(3)
+        rows = np.flatnonzero(pairs["is_undecided"])
+        faces = self._surface_faces(model, {row for name in ("own", "other") for row in pairs[name][rows]})
         if faces is None:
             return False
-        point = np.empty(3)
         for row in rows:
-            own, other = int(self._pairs["own"][row]), int(self._pairs["other"][row])
-            self._pairs["is_inside"][row] = any(
-                contains_corner(model.packed, outer, inner, faces[inner], point)
-                for inner, outer in ((own, other), (other, own))
+            own, other = int(pairs["own"][row]), int(pairs["other"][row])
+            pairs["is_inside"][row] = next(
+                (
+                    inside
+                    for inside, inner, outer in (
+                        (held_records.OWN_INSIDE, own, other),
+                        (held_records.OTHER_INSIDE, other, own),
+                    )
+                    if contains_corner(model.packed, outer, inner, faces[inner], point)
+                ),
+                0,
             )
-            self._pairs["is_unsure"][row] = 0
+            pairs["is_unsure"][row] = pairs["lower"][row] <= 0.0
         return True
 
     def __reduce__(self) -> tuple[Any, ...]:

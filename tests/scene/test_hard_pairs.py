@@ -123,14 +123,14 @@ OTHERS = {
     "a corner on a face": (BOX, solid((2, 2, 4), (1, 1, 9), (3, 1, 9), (2, 3, 9)), 0, TOUCHING),
     "a corner on an edge": (BOX, solid((4, 4, 2), (9, 9, 1), (9, 10, 2), (9, 9, 3)), 0, TOUCHING),
     "an edge on a face": (BOX, solid((1, 1, 4), (3, 2, 4), (1, 2, 9), (2, 1, 9)), 0, TOUCHING),
-    "the same box": (BOX, BOX, 0, TOUCHING),
-    "boxes with sides in common planes": (BOX, box(2, 0, 0, 6, 4, 4), 0, TOUCHING),
+    "the same box": (BOX, BOX, 0, CROSSING),
+    "boxes with sides in common planes": (BOX, box(2, 0, 0, 6, 4, 4), 0, CROSSING),
     "boxes that cross": (BOX, box(3, 3, 3, 6, 6, 6), 0, CROSSING),
     "a bar through a box": (BOX, box(1, 1, -2, 3, 3, 6), 0, CROSSING),
     "a corner in a box": (BOX, solid((2, 2, 3), (1, 1, 9), (3, 1, 9), (2, 3, 9)), 0, CROSSING),
     "a box in another": (BOX, box(1, 1, 1, 2, 2, 2), 0, SECOND),
-    "a box in another, at its face": (BOX, box(1, 1, 0, 2, 2, 1), 0, TOUCHING),
-    "a box in another, at its corner": (BOX, box(0, 0, 0, 1, 1, 1), 0, TOUCHING),
+    "a box in another, at its face": (BOX, box(1, 1, 0, 2, 2, 1), 0, CROSSING),
+    "a box in another, at its corner": (BOX, box(0, 0, 0, 1, 1, 1), 0, CROSSING),
     "one of two bodies inside": (BOX, shapes.join(FAR_BOX, box(1, 1, 1, 3, 3, 3)), 0, SECOND),
     "the other of two bodies inside": (
         BOX, shapes.join(box(1, 1, 1, 3, 3, 3), FAR_BOX), 0, SECOND
@@ -245,10 +245,15 @@ ANYWHERE = Place(pose=Pose(shapes.rotation(5), [1e3, -2e3, 5e2]), size=3e3)
 THROUGH_DIAGONALS = ("boxes that cross", "a sheet through a box")
 
 
+def distance_to(scene: Scene, name: str, point: np.ndarray) -> float:
+    """Distance from a point of the scene to the surface of a part."""
+    part = scene.part(name)
+    return float(part.solid.distance(part.pose.inverse.point(point)))
+
+
 def assert_is_on(scene: Scene, name: str, point: np.ndarray, room: float) -> None:
     """Hold a point of the scene against the surface of a part."""
-    part = scene.part(name)
-    assert part.solid.distance(part.pose.inverse.point(point)) <= room
+    assert distance_to(scene, name, point) <= room
 
 
 @pytest.mark.parametrize("where", PLACES)
@@ -293,8 +298,15 @@ def test_a_tracker_knows_them_from_nothing_and_from_what_it_kept(name, where):
             name
         ):  # what touches by rounding may be inside as well
             assert bool(record["flags"] & ConnectionFlag.INSIDE) == (relation in BACK)
-        assert_is_on(scene, "a", record["point_on_part"], room)
-        assert_is_on(scene, "b", record["point_on_own"], room)
+        if relation != FIRST:  # then it is on the inner surface
+            assert_is_on(scene, "b", record["point_on_own"], room)
+        if relation != SECOND:
+            assert_is_on(scene, "a", record["point_on_part"], room)
+        if record["flags"] & ConnectionFlag.INSIDE:
+            assert record["point_on_own"].tolist() == record["point_on_part"].tolist()
+            there = distance_to(scene, "a", record["point_on_own"])
+            here = distance_to(scene, "a", scene.clearance("a", "b").point_on_first)
+            assert there == pytest.approx(here, abs=room)
 
 
 @pytest.mark.parametrize("name", PAIRS)

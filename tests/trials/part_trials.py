@@ -252,7 +252,9 @@ def _note(log, cell, tick, records):
         log.rank.append(rank[place])
         log.relation.append(str(found[row].relation) if is_known else "")
         log.size.append(np.abs(cell.translations).max() + cell.size)
-        ends = ((cell.held, record["point_on_own"]), (row, record["point_on_part"])) if is_known else ()
+        ends = [(cell.held, record["point_on_own"]), (row, record["point_on_part"])] if is_known else []
+        if is_known and record["flags"] & ConnectionFlag.INSIDE:  # both are on the surface of one of them
+            ends = [min(ends, key=lambda end: _off(cell, *end))]
         log.off.append(max((_off(cell, part, point) for part, point in ends), default=0.0))
 
 

@@ -195,8 +195,8 @@ PROXIMITY_API int proximity_closest_to_segments(const proximity_scene *scene, co
 
 enum {
     PROXIMITY_APART = 0,
-    PROXIMITY_TOUCHING = 1, /* surfaces meet but for rounding, and no face crosses another */
-    PROXIMITY_CROSSING = 2,
+    PROXIMITY_TOUCHING = 1,     /* surfaces meet, to within rounding; the parts have no volume in common */
+    PROXIMITY_CROSSING = 2,     /* surfaces meet, and the parts have volume in common */
     PROXIMITY_FIRST_INSIDE = 3, /* the first part, or one of its surfaces, is inside the second */
     PROXIMITY_SECOND_INSIDE = 4
 };
@@ -204,8 +204,8 @@ enum {
 typedef struct proximity_clearance_answer {
     double lower;             /* m: the distance is no less; equal to it where the search was not ended early */
     double distance;          /* m; 0 unless the parts are apart; infinite beyond the limit */
-    double point_on_first[3]; /* the ends of the shortest connection; nan where there is none */
-    double point_on_second[3];
+    double point_on_first[3]; /* the ends of the shortest connection; nan where there is none; */
+    double point_on_second[3]; /* one point of both where parts cross, or one is inside the other */
     int32_t face_on_first, face_on_second; /* or PROXIMITY_NO_FACE */
     int32_t relation;                      /* PROXIMITY_APART, ... */
     int32_t unused;

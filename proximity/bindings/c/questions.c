@@ -275,21 +275,25 @@ int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t sec
                                         .face_on_second = (int32_t)told[9],
                                         .relation = (int32_t)told[10]};
     int64_t parts[] = {first, second, first};
-    int is_asked = found.relation == MAY_BE_INSIDE;
-    found.relation = is_asked ? PROXIMITY_APART : found.relation;
-    for (int k = 0; k < 2 && is_asked; k++) {
+    for (int k = 0; k < 2 && told[MAY_BE_INSIDE] != 0.0; k++) {
         double point[3];
         int is_inside = has_inside(scene, parts[k + 1], parts[k], point);
         if (is_inside < 0) {
             return no_memory(error);
         }
         if (is_inside) {
+            const double unlimited[] = {INFINITY, 0.0};
+            memcpy(words + 3, unlimited, sizeof unlimited);
+            words[5] = 0;
+            if (isnan(told[2]) && !proximity_call(scene->set, CONNECT_PARTS, words)) {
+                return no_memory(error);
+            }
             found.lower = found.distance = 0.0;
-            memcpy(found.point_on_first, point, sizeof point);
-            memcpy(found.point_on_second, point, sizeof point);
+            memcpy(found.point_on_first, told + 2 + 3 * k, sizeof point);
+            memcpy(found.point_on_second, told + 2 + 3 * k, sizeof point);
             found.face_on_first = found.face_on_second = PROXIMITY_NO_FACE;
             found.relation = PROXIMITY_FIRST_INSIDE + k;
-            is_asked = 0;
+            break;
         }
     }
     *answer = found;

@@ -9,21 +9,16 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, dot, offset_of
+from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, ORIENTED_STRIDE
 from proximity.kernels.pair.boxes import SHRINK, mapped
-from proximity.kernels.pair.connection import BOTH, connect
-from proximity.kernels.pair.triangles import (
-    CROSSING,
-    MEETING_SQ,
-    SIDE_ROUNDING,
-    between,
-    cross_along_line,
-    triangles_apart,
-)
-from proximity.kernels.stack_arrays import stack_f64
+from proximity.kernels.pair.connection import BOTH, connect, read_both
+from proximity.kernels.pair.meeting import APART_HERE, NEAR, meeting_reach, share_at
+from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, triangles_apart
+from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
+    absolute,
     bits,
     horizontal_min,
     maximum,
@@ -60,19 +55,6 @@ def _gap_along(axis, triangle, others, slack, axis_sq):
     # In units of the axis' length, and so is the slack.
     gap = maximum(maximum(above, below) - slack * square_root(axis_sq), splat(0.0))
     return select(axis_sq > splat(TINY), gap * gap * splat(SHRINK) / axis_sq, splat(0.0))
-
-
-@kernel
-def read_both(reals, slots, turn, offset, corners):
-    """Write the corners of two triangles, (18,), in the first frame."""
-    for number in range(2):
-        at = offset_of(slots[number])
-        for k in range(3):
-            x, y, z = reals[at + 24 * k], reals[at + 24 * k + 8], reals[at + 24 * k + 16]
-            if number:
-                x, y, z = mapped(turn, offset, x, y, z)
-            to = 9 * number + 3 * k
-            corners[to], corners[to + 1], corners[to + 2] = x, y, z
 
 
 @kernel
@@ -155,14 +137,28 @@ def _block_gap(model, boxes, first, second, frame_map, margin, reach, axis):
     return max(gap, _gap_to_either_side(normal, triangles, others, margin) * SHRINK)
 
 
+@inlined
+def _is_back_to_back(triangle, others, normals, reach):
+    """Which of eight triangles lie in the plane of a triangle and look the other way."""
+    normal = cross(*between(triangle[0], triangle[1]), *between(triangle[0], triangle[2]))
+    highest = splat(0.0)
+    for corner in others:
+        highest = maximum(highest, absolute(dot(*normal, *between(triangle[0], corner))))
+    near = NEAR * reach
+    is_flat = highest * highest <= splat(near * near) * dot(*normal, *normal)
+    return is_flat & (dot(*normal, *normals) < splat(0.0))
+
+
 @kernel
-def nearer_in_blocks(model, boxes, first, second, frame_map, slack, best, axis, slots):
+def nearer_in_blocks(model, pair, first, second, frame_map, slack, best, axis, slots):
     """Update the best squared distance, its slots and its axis with triangles of two blocks; return it.
 
-    Also a squared distance below which none of their triangles are. *boxes*: as in `_block_gap`.
+    Also a squared distance below which none of their triangles are. *pair*: rows of both parts. A best of
+    `meeting_reach` squared stays: then only triangles at which the parts share volume are searched.
     """
     reals, (turn, offset) = model.reals, frame_map
     base, nearer = BLOCK_STRIDE * first, MAP_ROUNDING * slack
+    boxes, meeting_sq = model.parts[pair[0]].block_boxes, meeting_reach(slack) * meeting_reach(slack)
     gap = _block_gap(model, boxes, first, second, frame_map, nearer, sqrt(best), axis)
     if gap > 0.0 and gap * gap > best:
         return best, gap * gap
@@ -196,27 +192,34 @@ def nearer_in_blocks(model, boxes, first, second, frame_map, slack, best, axis, 
             least = minimum(least, bound)
             continue
         apart_sq = select(is_used, triangles_apart(triangle, others, rounding_sq), far)
-        if best == MEETING_SQ:
-            is_crossing = is_used & cross_along_line(triangle, others, splat(SIDE_ROUNDING * slack))
-            apart_sq = select(is_crossing, splat(CROSSING), apart_sq)
         least = minimum(least, apart_sq)
         smallest = horizontal_min(apart_sq)
-        if smallest < best and (best > MEETING_SQ or smallest == CROSSING):
-            best = smallest
+        if smallest < best and (best > meeting_sq or smallest == CROSSING):
+            best = max(smallest, meeting_sq) if smallest > CROSSING else CROSSING
             slots[0] = LANES * first + lane
             slots[1] = LANES * second + trailing_zeros(bits(apart_sq <= splat(smallest)))
             if best == CROSSING:
                 break
             turn_axis(reals, slots, turn, offset, axis)
+        if best == meeting_sq:
+            is_back = _is_back_to_back(triangle, others, normals, meeting_reach(slack))
+            which = bits((apart_sq <= splat(meeting_sq)) & ~is_back)
+            if _shares_at_any(
+                model, pair, LANES * first + lane, LANES * second, which, frame_map, slack, slots
+            ):
+                best = CROSSING
+                break
     return best, horizontal_min(least)
 
 
 @kernel
-def nearer_or_crossing(model, boxes, first, second, frame_map, slack, best, axis, slots):
-    """As `nearer_in_blocks`; where triangles meet, it is looked for those that cross: else `MEETING_SQ`."""
-    best, least_sq = nearer_in_blocks(model, boxes, first, second, frame_map, slack, best, axis, slots)
-    if best == 0.0:
-        best, least_sq = nearer_in_blocks(
-            model, boxes, first, second, frame_map, slack, MEETING_SQ, axis, slots
-        )
-    return best, least_sq
+def _shares_at_any(model, pair, slot, base, which, frame_map, slack, slots):
+    """Whether two parts share volume at a triangle and some of eight others, *which*: then set the slots."""
+    tried, inside = stack_i64(2), stack_f64(6)
+    while which:
+        tried[0], tried[1] = slot, base + trailing_zeros(which)
+        which &= which - 1
+        if share_at(model, pair[0], pair[1], tried, frame_map, slack, inside) != APART_HERE:
+            slots[0], slots[1] = tried[0], tried[1]
+            return True
+    return False

@@ -4,7 +4,8 @@ import numpy as np
 
 from proximity.kernels.geometry.closest_feature import CLOSEST_POINT, CLOSEST_SIZE, CLOSEST_TRIANGLE
 from proximity.kernels.geometry.closest_feature import closest_on_triangle as closest_on_corners
-from proximity.kernels.geometry.triangle import TINY, cross, dot
+from proximity.kernels.geometry.triangle import TINY, cross, dot, offset_of
+from proximity.kernels.pair.boxes import mapped
 from proximity.kernels.pair.triangles import between
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
@@ -33,6 +34,19 @@ def _keep_nearer(apart_sq, one, other, ends):
 
 
 @kernel
+def read_both(reals, slots, turn, offset, corners):
+    """Write the corners of two triangles, (18,), in the first frame."""
+    for number in range(2):
+        at = offset_of(slots[number])
+        for k in range(3):
+            x, y, z = reals[at + 24 * k], reals[at + 24 * k + 8], reals[at + 24 * k + 16]
+            if number:
+                x, y, z = mapped(turn, offset, x, y, z)
+            to = 9 * number + 3 * k
+            corners[to], corners[to + 1], corners[to + 2] = x, y, z
+
+
+@kernel
 def on_triangle(corners, triangle, x, y, z, closest):
     """The point of a triangle, 0 or 1, that is nearest to another point."""
     for k in range(9):
@@ -42,7 +56,7 @@ def on_triangle(corners, triangle, x, y, z, closest):
 
 
 @inlined
-def _between_edges(p, d, q, e):
+def between_edges(p, d, q, e):
     """Whether two edges are nearest in their insides, and where."""
     nx, ny, nz = cross(*d, *e)
     normal_sq = dot(nx, ny, nz, nx, ny, nz)
@@ -73,48 +87,7 @@ def connect(corners, ends):
         d = between(p, corner_of(corners, 0, i + 1))
         for j in range(3):
             q = corner_of(corners, 1, j)
-            is_inside, one, other = _between_edges(p, d, q, between(q, corner_of(corners, 1, j + 1)))
+            is_inside, one, other = between_edges(p, d, q, between(q, corner_of(corners, 1, j + 1)))
             if is_inside:
                 best = _keep_nearer(best, one, other, ends)
     return best
-
-
-@kernel
-def piercing_edge(corners, edge):
-    """Fill the point at which an edge of two crossing triangles meets the other, and its ends, (9,).
-
-    Return whose edge it is: 0 or 1.
-    """
-    closest, best, owner = stack_f64(CLOSEST_SIZE), np.inf, 0
-    for one in range(2):
-        a = corner_of(corners, 1 - one, 0)
-        b, c = corner_of(corners, 1 - one, 1), corner_of(corners, 1 - one, 2)
-        normal = cross(*between(a, b), *between(a, c))
-        for k in range(3):
-            p, q = corner_of(corners, one, k), corner_of(corners, one, k + 1)
-            h, g = dot(*normal, *between(a, p)), dot(*normal, *between(a, q))
-            if h == g or (h > 0.0) == (g > 0.0):
-                continue
-            t = h / (h - g)
-            x, y, z = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1]), p[2] + t * (q[2] - p[2])
-            off = between((x, y, z), on_triangle(corners, 1 - one, x, y, z, closest))
-            off_sq = dot(*off, *off)
-            if off_sq < best:
-                best, owner = off_sq, one
-                edge[0], edge[1], edge[2] = x, y, z
-                edge[3], edge[4], edge[5] = p
-                edge[6], edge[7], edge[8] = q
-    return owner
-
-
-@kernel
-def cross_at(corners, ends):
-    """Fill a point that two crossing triangles have in common, (6,): the point of each, which are equal.
-
-    Of the points where an edge of one meets the plane of the other the nearest to the other.
-    """
-    edge = stack_f64(9)
-    piercing_edge(corners, edge)
-    for k in range(6):
-        ends[k] = edge[k % 3]
-    return 0.0

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.layout import LANES, NODE_CHILDREN, NODE_STRIDE
-from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_or_crossing
-from proximity.kernels.pair.triangles import MEETING_SQ
+from proximity.kernels.layout import LANES, NO_SLOT, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_in_blocks
+from proximity.kernels.pair.meeting import meeting_reach
 from proximity.kernels.pair.walk import begin_short, bounds_of_children, opens_first, rounding_size, used
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
@@ -150,9 +150,10 @@ def nearest_from_frontier(
     words, parts, frames = model.words, model.parts, model.frames
     axis, steps = stack_f64(3), 0
     axis[0], axis[1], axis[2] = 0.0, 0.0, 0.0
-    boxes, slack = parts[first].block_boxes, rounding_size(frames, first, second, frame_map[1])
+    slack = rounding_size(frames, first, second, frame_map[1])
+    meeting_sq = meeting_reach(slack) * meeting_reach(slack)
     best = begin_short(model, first, second, frame_map[0], frame_map[1], best, axis, slots)
-    best = MEETING_SQ if best == 0.0 else best
+    best = max(best, meeting_sq)
     if count == 0:
         count = _plant(words, parts, first, second, frontier)
         store(frontier.limits, frontier.begin + count, splat(np.inf))
@@ -170,11 +171,11 @@ def nearest_from_frontier(
             if frontier.entries[at, 2] == BLOCKS:
                 one = ~load_int(words, frontier.entries[at, 0] + NODE_CHILDREN)
                 other = ~load_int(words, frontier.entries[at, 1] + NODE_CHILDREN)
-                best, least_sq = nearer_or_crossing(
-                    model, boxes, one, other, frame_map, slack, best, axis, slots
+                best, least_sq = nearer_in_blocks(
+                    model, (first, second), one, other, frame_map, slack, best, axis, slots
                 )
                 reach = sqrt(max(best, 0.0)) * share
-                least = reach if best == MEETING_SQ else sqrt(max(least_sq, 0.0))
+                least = reach if best == meeting_sq else sqrt(max(least_sq, 0.0))
                 frontier.limits[at] = max(frontier.limits[at], least)
                 at += 1
             else:
@@ -187,7 +188,7 @@ def nearest_from_frontier(
                 else:
                     at += 1
         lowest = _lower(frontier, count, 0.0)
-    if best == MEETING_SQ:
+    if best == meeting_sq and slots[0] != NO_SLOT:
         return 0.0, 0.0, steps, count
     lower = reach if lowest >= reach * NEARLY else max(lowest, 0.0)
     return best, lower * lower if best > 0.0 else 0.0, steps, count

@@ -7,7 +7,8 @@ import numpy as np
 from proximity.native import bundle, record
 
 CROSSING_PARTS = 4096
-"""Beside the bits of `contact_record`: faces of the two parts cross."""
+"""A bit next to those of `contact_record`: the surfaces of the two parts meet, and they share volume."""
+OWN_INSIDE, OTHER_INSIDE = 1, 2
 
 HELD_PAIR = record(
     "HeldPair",
@@ -27,8 +28,9 @@ HELD_PAIR = record(
     is_timed="i8",  # `TIMED` where it has found how long they do not meet, `MAY_OPEN` where it has to
     is_opening="i8",  # 1 where they touch and come free, if neither part is inside the other
     is_crossing="i8",  # 1 where faces of both cross
-    is_inside="i8",  # 1 where one is inside the other
+    is_inside="i8",  # `OWN_INSIDE` or `OTHER_INSIDE` where one is inside the other
     is_unsure="i8",  # 1 where surfaces may have met since inside and outside were decided
+    is_undecided="i8",  # 1 where inside and outside are to be decided after this tick
 )
 
 HELD_SETTINGS = record(

@@ -27,7 +27,7 @@ from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, ModelArrays
 from proximity.kernels.pair.boxes import frames_between
 from proximity.kernels.pair.frontier import OVERFLOW, Frontier, nearest_from_frontier
 from proximity.kernels.pair.held_motion import STILL_ROUNDING, displacements, velocity_at
-from proximity.kernels.pair.held_records import CROSSING_PARTS, HeldArrays
+from proximity.kernels.pair.held_records import CROSSING_PARTS, OTHER_INSIDE, OWN_INSIDE, HeldArrays
 from proximity.kernels.pair.held_times import find_times, lower_of
 from proximity.kernels.pair.part_query import fill_connection, turn_normal
 from proximity.kernels.pair.triangles import CROSSING
@@ -58,8 +58,9 @@ def follow_parts(model, held, is_moved):
     option.unsure = 0
     for number in range(len(held.pairs)):
         pair = held.pairs[number]
-        if pair.is_unsure and pair.lower > 0.0:
-            option.unsure += 1
+        is_touching = pair.is_resolved and pair.upper <= 0.0 and not pair.is_crossing
+        pair.is_undecided = 1 if pair.is_unsure and (pair.lower > 0.0 or is_touching) else 0
+        option.unsure += pair.is_undecided
     find_times(model, held)
     for number in range(len(held.records)):
         _fill_record(model, held, number, rows)
@@ -231,12 +232,14 @@ def _fill_record(model, held, number, rows):
         _look_into(model, held, row, np.inf)
     lower = _lowest_of_rest(held, rows, 0) if number == 0 else lower_of(pair)
     length = fill_connection(model, pair.own, pair.other, pair.is_crossing != 0, pair.slots, ends, 0)
-    pair.upper = length
+    pair.upper = length = 0.0 if pair.upper <= 0.0 else length
     upper = _upper_of(pair)
     lower = min(lower, upper)
     record["distance"], record["lower"], record["upper"] = upper, lower, upper
+    own_end = 3 if pair.is_inside == OTHER_INSIDE else 0
+    other_end = 0 if pair.is_inside == OWN_INSIDE else 3
     for k in range(3):
-        record["point_on_own"][k], record["point_on_part"][k] = ends[k], ends[3 + k]
+        record["point_on_own"][k], record["point_on_part"][k] = ends[own_end + k], ends[other_end + k]
         record["normal"][k] = (ends[k] - ends[3 + k]) / length if length > 0.0 else 0.0
     if length == 0.0 and not pair.is_crossing:
         turn_normal(model, pair.own, pair.other, pair.slots, record["normal"])
@@ -244,8 +247,10 @@ def _fill_record(model, held, number, rows):
         for k in range(3):  # from within, surfaces are nearest the wrong way round
             pair.normal[k] = record["normal"][k]
     record["part"], record["own_part"] = pair.other, pair.own
-    record["own_face"] = load_int(model.words, model.parts[pair.own].slot_faces + pair.slots[0])
-    record["face"] = load_int(model.words, model.parts[pair.other].slot_faces + pair.slots[1])
+    record["own_face"], record["face"] = NO_FACE, NO_FACE
+    if not pair.is_inside:
+        record["own_face"] = load_int(model.words, model.parts[pair.own].slot_faces + pair.slots[0])
+        record["face"] = load_int(model.words, model.parts[pair.other].slot_faces + pair.slots[1])
     record["depth"], record["depth_lower"] = 0.0, 0.0
     if pair.is_crossing or pair.is_inside:
         record["depth"] = np.inf

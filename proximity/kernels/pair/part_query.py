@@ -7,28 +7,27 @@ import numpy as np
 from proximity.kernels.geometry.frames import rounding_at, to_scene, turn_to_scene
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import NO_FACE, NO_SLOT, ModelArrays
-from proximity.kernels.pair.blocks import read_both
 from proximity.kernels.pair.boxes import frames_between
-from proximity.kernels.pair.connection import BOTH, connect, corner_of, cross_at
+from proximity.kernels.pair.connection import BOTH, connect, corner_of, read_both
+from proximity.kernels.pair.meeting import common_line, meeting_reach
 from proximity.kernels.pair.triangles import CROSSING, between
-from proximity.kernels.pair.walk import nearest_of_parts
+from proximity.kernels.pair.walk import nearest_of_parts, rounding_size
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
-ANSWER_SIZE = 11
-"""A distance that none is below, and the distance, m; a point on each part, m, scene's frame; the faces; how
-the parts lie to each other."""
+ANSWER_SIZE = 12
+"""A lower bound of the distance, and the distance, m; a point on each part, m, scene's frame; the faces; the
+relation of the parts; 1 where one part may be inside the other, because boxes overlap and nothing crosses."""
 ANSWER_LOWER = 0
 ANSWER_DISTANCE = 1
 ANSWER_POINTS = 2
 ANSWER_FACES = 8
 ANSWER_RELATION = 10
+ANSWER_MAY_BE_INSIDE = 11
 APART = 0
 TOUCHES = 1
 CROSSES = 2
-MAY_BE_INSIDE = 3
-"""Relations; the last one: apart, but the boxes overlap, so that one part may be inside the other."""
 
 
 @entry(ModelArrays, "int, int, float, float, int, float64[:]")
@@ -47,16 +46,11 @@ def connect_parts(model, first, second, limit, tolerance, budget, answer):
             answer[one], answer[other] = answer[other], answer[one]
         one, other = ANSWER_FACES, ANSWER_FACES + 1
         answer[one], answer[other] = answer[other], answer[one]
-    if is_crossing:
-        answer[ANSWER_RELATION] = CROSSES
-    elif not answer[ANSWER_DISTANCE] <= rounding_at(
-        model.frames, *_point(answer)
-    ):  # of nothing, not even nan
-        answer[ANSWER_RELATION] = (
-            MAY_BE_INSIDE if _overlap(model.frames[first], model.frames[second]) else APART
-        )
-    else:
-        answer[ANSWER_RELATION] = TOUCHES
+    # In this order a distance that is nan is none.
+    is_touching = answer[ANSWER_DISTANCE] <= rounding_at(model.frames, *_point(answer))
+    answer[ANSWER_RELATION] = CROSSES if is_crossing else (TOUCHES if is_touching else APART)
+    is_overlapping = _overlap(model.frames[first], model.frames[second])
+    answer[ANSWER_MAY_BE_INSIDE] = 1.0 if is_overlapping and not is_crossing else 0.0
 
 
 @inlined
@@ -109,16 +103,19 @@ def fill_connection(model, first, second, is_crossing, slots, answer, at):
     """Write the ends, scene's frame, of the shortest connection of two triangles; return its length, m."""
     turn, offset = stack_f64(9), stack_f64(3)
     frames_between(model.frames, first, second, turn, offset)
-    return fill_ends(model, first, (turn, offset), is_crossing, slots, answer, at)
+    return fill_ends(model, first, second, (turn, offset), is_crossing, slots, answer, at)
 
 
 @kernel
-def fill_ends(model, first, frame_map, is_crossing, slots, answer, at):
+def fill_ends(model, first, second, frame_map, is_crossing, slots, answer, at):
     """As `fill_connection`, with the second part where *frame_map* takes it."""
     reals, _, frames, parts = model
     corners, ends = stack_f64(BOTH), stack_f64(6)
     read_both(reals, slots, frame_map[0], frame_map[1], corners)
-    apart_sq = cross_at(corners, ends) if is_crossing else connect(corners, ends)
+    apart_sq = connect(corners, ends)
+    if is_crossing:
+        common_line(corners, meeting_reach(rounding_size(frames, first, second, frame_map[1])), ends)
+        ends[3], ends[4], ends[5], apart_sq = ends[0], ends[1], ends[2], 0.0
     to_scene(frames, parts, first, ends, 0, answer, at)
     to_scene(frames, parts, first, ends, 3, answer, at + 3)
     return sqrt(apart_sq) / frames[first].scale

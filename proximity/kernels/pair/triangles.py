@@ -10,23 +10,20 @@ same side. The side on which two lines pass each other is the sign of one volume
 edges and three edges there are nine. Sides count where they are more than rounding: what is not is so near
 that the distance tells.
 
-Where edges pass exactly through edges no side counts. There triangles cross if both have corners on both
-sides of the other's plane, and the pieces of the line of both planes that are inside them overlap.
+Triangles that meet without a clear side do not cross here: `meeting` decides.
 
 Source: Ericson, Real-Time Collision Detection, 5.1.8 and 5.1.9 (distances); Segura, Feito 2001 (crossing by
-signed volumes); Moeller 1997, A fast triangle-triangle intersection test (crossing by intervals).
+signed volumes).
 """
 
 import numpy as np
 
 from proximity.kernels.geometry.triangle import TINY, cross, dot, point_triangle_distance_sq
 from proximity.native import inlined
-from proximity.native.simd import absolute, like, maximum, minimum, select, square_root
+from proximity.native.simd import like, minimum, select
 
 CROSSING = -1.0
 """Squared distance of triangles that cross."""
-MEETING_SQ = 1e-40
-"""Taken for the squared distance of surfaces that meet, while it is looked for triangles that cross."""
 SIDE_ROUNDING = 2.0**-46
 """Heights and distances below it, times the size of coordinates, are of no side."""
 
@@ -137,71 +134,3 @@ def triangles_apart(a, b, rounding_sq):
     )
     apart_sq = minimum(apart_sq, minimum(_from_corners(a, b), _from_corners(b, a)))
     return select(is_crossing, like(CROSSING, apart_sq), apart_sq)
-
-
-@inlined
-def _end_on_edge(h, g, p, q, rounding):
-    """Where an edge, from height *h* at *p* of a line to *g* at *q*, meets a plane: latest and earliest."""
-    zero, endless = like(0.0, rounding), like(np.inf, rounding)
-    is_through = (minimum(h, g) <= zero) & (maximum(h, g) >= zero) & (absolute(h - g) > rounding)
-    rise = select(is_through, h - g, like(1.0, rounding))
-    at, off = p + (q - p) * h / rise, absolute(q - p) * rounding / absolute(rise)
-    return select(is_through, at + off, endless), select(is_through, at - off, -endless)
-
-
-@inlined
-def _inner_interval(heights, positions, rounding):
-    """Where a triangle's piece of a plane begins and ends along a line, without what is rounding.
-
-    *heights*: of its corners over the plane; *positions*: of them along the line.
-    """
-    (h, g, f), (p, q, r) = heights, positions
-    first, first_end = _end_on_edge(h, g, p, q, rounding)
-    second, second_end = _end_on_edge(g, f, q, r, rounding)
-    third, third_end = _end_on_edge(f, h, r, p, rounding)
-    return minimum(minimum(first, second), third), maximum(maximum(first_end, second_end), third_end)
-
-
-@inlined
-def _straddles(heights, rounding):
-    """Whether a triangle has corners clearly above and clearly below a plane."""
-    highest = maximum(maximum(heights[0], heights[1]), heights[2])
-    lowest = minimum(minimum(heights[0], heights[1]), heights[2])
-    return (highest > rounding) & (lowest < -rounding)
-
-
-@inlined
-def cross_along_line(a, b, rounding):
-    """Which triangles *b* cross triangle *a*, as `triangles_apart` takes them: by intervals on a line.
-
-    *rounding*: of a length.
-    """
-    normal = cross(*between(a[0], a[1]), *between(a[0], a[2]))
-    other = cross(*between(b[0], b[1]), *between(b[0], b[2]))
-    slack, other_slack = (
-        rounding * square_root(dot(*normal, *normal)),
-        rounding * square_root(dot(*other, *other)),
-    )
-    over_b = (
-        dot(*other, *between(b[0], a[0])),
-        dot(*other, *between(b[0], a[1])),
-        dot(*other, *between(b[0], a[2])),
-    )
-    over_a = (
-        dot(*normal, *between(a[0], b[0])),
-        dot(*normal, *between(a[0], b[1])),
-        dot(*normal, *between(a[0], b[2])),
-    )
-    line = cross(*normal, *other)
-    zero = like(0.0, rounding)
-    on_line = zero, dot(*line, *between(a[0], a[1])), dot(*line, *between(a[0], a[2]))
-    begin, end = _inner_interval(over_b, on_line, other_slack)
-    on_line = (
-        dot(*line, *between(a[0], b[0])),
-        dot(*line, *between(a[0], b[1])),
-        dot(*line, *between(a[0], b[2])),
-    )
-    other_begin, other_end = _inner_interval(over_a, on_line, slack)
-    overlap = minimum(end, other_end) - maximum(begin, other_begin)
-    is_long = overlap > rounding * square_root(dot(*line, *line))
-    return is_long & _straddles(over_b, other_slack) & _straddles(over_a, slack)

@@ -24,7 +24,7 @@ from proximity.kernels.layout import (
     NODE_STRIDE,
     STACKS_SIZE,
 )
-from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_or_crossing, turn_axis
+from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_in_blocks, turn_axis
 from proximity.kernels.pair.boxes import (
     begins_of,
     box_at,
@@ -37,7 +37,7 @@ from proximity.kernels.pair.boxes import (
     mapped_box_at,
     mapped_boxes,
 )
-from proximity.kernels.pair.triangles import MEETING_SQ
+from proximity.kernels.pair.meeting import meeting_reach, to_second
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part
 from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64, stack_i64_rows
 from proximity.native import inlined, kernel
@@ -149,7 +149,6 @@ def begin_short(model, first, second, turn, offset, best, axis, slots):
     turns = MOST_TURNS if tried[0] == NO_SLOT else 0
     if turns == 0:
         best = _keep_shorter(reals, tried, turn, offset, best, axis, slots)
-    inverse_sq = 1.0 / (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
     x, y, z = offset[0], offset[1], offset[2]
     for _ in range(turns):
         before = best
@@ -157,10 +156,7 @@ def begin_short(model, first, second, turn, offset, best, axis, slots):
             model, first, parts[first].root, (x, y, z), np.inf, np.int64(NO_SLOT), NOTHING_SEEN, stacks
         )
         x, y, z = _nearest_on(reals, tried[0], x, y, z)
-        dx, dy, dz = x - offset[0], y - offset[1], z - offset[2]
-        x = (turn[0] * dx + turn[3] * dy + turn[6] * dz) * inverse_sq
-        y = (turn[1] * dx + turn[4] * dy + turn[7] * dz) * inverse_sq
-        z = (turn[2] * dx + turn[5] * dy + turn[8] * dz) * inverse_sq
+        x, y, z = to_second((turn, offset), x, y, z)
         _, tried[1] = closest_in_part(
             model, second, parts[second].root, (x, y, z), np.inf, np.int64(NO_SLOT), NOTHING_SEEN, stacks
         )
@@ -211,8 +207,8 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
     ratio = abs(frames[first].scale / frames[second].scale)
     slack = rounding_size(frames, first, second, offset)
     margin = splat(MAP_ROUNDING * slack)
-    best = begin_short(model, first, second, turn, offset, best, axis, slots)
-    best = MEETING_SQ if best == 0.0 else best
+    meeting_sq = meeting_reach(slack) * meeting_reach(slack)
+    best = max(begin_short(model, first, second, turn, offset, best, axis, slots), meeting_sq)
     one, other = NODE_STRIDE * parts[first].root, NODE_STRIDE * parts[second].root
     at, left = 0, used(words, one)
     while left:
@@ -237,9 +233,8 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
         below_one = load_int(words, one + NODE_CHILDREN)
         below_other = load_int(words, other + NODE_CHILDREN)
         if below_one < 0 and below_other < 0:
-            boxes = parts[first].block_boxes
-            best, _ = nearer_or_crossing(
-                model, boxes, ~below_one, ~below_other, frame_map, slack, best, axis, slots
+            best, _ = nearer_in_blocks(
+                model, (first, second), ~below_one, ~below_other, frame_map, slack, best, axis, slots
             )
             reach = best * share_sq
         elif opens_first(words, below_one, below_other, one, other, ratio):
@@ -252,7 +247,7 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
             bounds = bounds_of_children(words, one, node, False, frame_map, margin, axis, box)
             is_open = bits(bounds < splat(reach)) & used(words, node)
             at = _wait(waiting, at, one, node, bounds, is_open, False)
-    if best == MEETING_SQ:
+    if best == meeting_sq and slots[0] != NO_SLOT:
         return 0.0, 0.0, steps
     # What still waits was not looked into.
     lower = reach

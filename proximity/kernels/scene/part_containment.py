@@ -5,12 +5,16 @@ all: one point of each tells.
 """
 
 from proximity.kernels.geometry.frames import to_local, to_scene
-from proximity.kernels.layout import SIGN_NONE, ModelArrays
+from proximity.kernels.layout import NO_GRID, SIGN_NONE, ModelArrays
 from proximity.kernels.scene.chunk_tables import new_workspace, reset_recent
 from proximity.kernels.scene.containment import depth_in_part, state_in_part
-from proximity.kernels.sign.inside_grid import CELL_CROSSED, CELL_INSIDE
+from proximity.kernels.sign.inside_grid import CELL_INSIDE, CELL_OUTSIDE
+from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
+
+CLEAR = 2.0**-41
+"""A point farther from a surface is clear of it; in sizes of coordinates."""
 
 
 @entry(ModelArrays, "int, int32[:], int32[:] -> int")
@@ -54,39 +58,51 @@ def _is_in_box(frame, point):
 
 
 @kernel
-def is_inside_part(model, part, p, workspace):
-    """Whether a part contains *p*, in its local frame."""
+def is_deep(model, part, p, margin, workspace):
+    """Whether *p*, in a part's local frame, is inside the part, and farther from its surface than *margin*."""
     state = state_in_part(model, part, p)
-    if state != CELL_CROSSED:
+    if state == CELL_OUTSIDE or (state == CELL_INSIDE and model.parts[part].grid != NO_GRID):
         return state == CELL_INSIDE
-    _, slot = depth_in_part(model, part, p, state, workspace)
-    return slot >= 0
+    depth_sq, slot = depth_in_part(model, part, p, state, workspace)
+    return slot >= 0 and depth_sq > margin * margin
 
 
 @kernel
 def contained_corner(model, part, inner, faces, shift, point, workspace):
-    """Whether a part contains a corner of some of another part's *faces* if that were shifted.
+    """Whether a part contains another's surfaces, displaced by *shift*, if nothing of them crosses.
 
-    *point*: filled with where the corner is then, (3,) m, scene's frame.
+    *faces*: one of each surface of the other. One of its corners, or its middle, has to be clear of the part's
+    surface. *point*: filled with the one that is inside, (3,) m, scene's frame.
     """
     reals, words, frames, parts = model
     if parts[part].sign == SIGN_NONE:
         return False
+    local, middle, margin = stack_f64(3), stack_f64(3), 0.0
+    for axis in range(3):
+        margin = max(margin, abs(frames[inner].box_lower[axis]), abs(frames[inner].box_upper[axis]))
+    margin = CLEAR * (1.0 + margin * frames[part].scale)
     for k in range(len(faces)):
-        corner = load_int(words, parts[inner].faces + 3 * faces[k])
-        to_scene(frames, parts, inner, reals, parts[inner].corners + 3 * corner, point, 0)
-        for axis in range(3):
-            point[axis] += shift[axis]
-        if _is_in_box(frames[part], point):
+        middle[0] = middle[1] = middle[2] = 0.0
+        for number in range(4):
+            corner = load_int(words, parts[inner].faces + 3 * faces[k] + number % 3)
+            for axis in range(3):
+                middle[axis] += reals[parts[inner].corners + 3 * corner + axis] / 3.0 if number < 3 else 0.0
+                local[axis] = reals[parts[inner].corners + 3 * corner + axis] if number < 3 else middle[axis]
+            to_scene(frames, parts, inner, local, 0, point, 0)
+            for axis in range(3):
+                point[axis] += shift[axis]
             p = to_local(frames, parts, part, point[0], point[1], point[2])
-            if is_inside_part(model, part, p, workspace):
+            if _is_in_box(frames[part], point) and is_deep(model, part, p, margin, workspace):
                 return True
     return False
 
 
 @entry(ModelArrays, "int, int, int32[:], float64[:] -> bool")
 def contains_corner(model, part, inner, faces, point):
-    """Whether a part contains a corner of some of another part's *faces*; fills it, (3,) m, scene's frame."""
+    """Whether a part contains a surface of another part; fills a point of it, (3,) m, scene's frame.
+
+    Nothing of both may cross. *faces*: one of each surface of the other part.
+    """
     workspace = new_workspace()
     reset_recent(workspace)
     return contained_corner(model, part, inner, faces, (0.0, 0.0, 0.0), point, workspace)

@@ -12,19 +12,24 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.frames import ROUNDED_DOWN, direction_to_local, to_local, to_scene
+from proximity.kernels.geometry.frames import (
+    ROUNDED_DOWN,
+    direction_to_local,
+    to_local,
+    to_scene,
+    turn_to_scene,
+)
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_SLOT, ModelArrays
-from proximity.kernels.pair.blocks import read_both
 from proximity.kernels.pair.boxes import frames_at
-from proximity.kernels.pair.connection import BOTH, piercing_edge
 from proximity.kernels.pair.held_motion import POSE_SIZE
+from proximity.kernels.pair.meeting import SHARING, share_at
 from proximity.kernels.pair.part_query import fill_ends
 from proximity.kernels.pair.triangles import CROSSING
-from proximity.kernels.pair.walk import nearest_of_parts
+from proximity.kernels.pair.walk import nearest_of_parts, rounding_size
 from proximity.kernels.ray.walk import ray_in_part
 from proximity.kernels.scene.chunk_tables import new_workspace, reset_recent
-from proximity.kernels.scene.part_containment import contained_corner, is_inside_part
+from proximity.kernels.scene.part_containment import contained_corner, is_deep
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import entry, inlined, kernel
 
@@ -43,8 +48,8 @@ SKIPPED_AHEAD = 2.0**-36
 """Local units ahead of a point that are not looked at: the point may lie on a face."""
 
 # What is known: the first part is free nowhere below `LOWER`, and free at `UPPER`; the next probe is between
-# `FLOOR` and `CEILING`, and `NEXT_STRIDE` beyond the floor.
-LOWER, UPPER, FLOOR, CEILING, NEXT_STRIDE = 0, 1, 2, 3, 4
+# `FLOOR` and `CEILING`, and `NEXT_STRIDE` beyond the floor: 0 at first, since flush parts come free there.
+LOWER, UPPER, FLOOR, CEILING, NEXT_STRIDE, FIRST_STRIDE, KNOWN_SIZE = 0, 1, 2, 3, 4, 5, 6
 # What a probe finds: whether the parts are apart, and how far; or a point of both, scene's frame.
 STATE, GAP, POINT = 0, 1, 2
 PROBE_APART, PROBE_OVERLAPS, PROBE_UNDECIDED = 1.0, 0.0, -1.0
@@ -85,34 +90,26 @@ def _inside_ahead(model, part, point, direction, longest, workspace):
         return 0.0
     half = SKIPPED_AHEAD + 0.5 * length
     middle = x + half * dx, y + half * dy, z + half * dz
-    return (length + SKIPPED_AHEAD) / scale if is_inside_part(model, part, middle, workspace) else 0.0
+    return (length + SKIPPED_AHEAD) / scale if is_deep(model, part, middle, 0.0, workspace) else 0.0
 
 
 @kernel
 def _point_of_both(model, first, second, slots, frame_map, shift, found, workspace):
-    """Fill a point that is inside both of two parts, on an edge of one; whether it is found."""
-    reals, _, frames, parts = model
-    corners, local, edge = stack_f64(BOTH), stack_f64(9), stack_f64(9)
-    read_both(reals, slots, frame_map[0], frame_map[1], corners)
-    owner = piercing_edge(corners, local)
+    """Fill a point that is inside both of two parts next to two triangles; whether it is found."""
+    frames, parts = model.frames, model.parts
+    inside, direction = stack_f64(6), stack_f64(3)
+    slack = rounding_size(frames, first, second, frame_map[1])
+    if share_at(model, first, second, slots, frame_map, slack, inside) != SHARING:
+        return False
+    to_scene(frames, parts, first, inside, 0, found, POINT)
+    turn_to_scene(frames, parts, first, inside, 3, direction, 0)
+    x, y, z = found[POINT], found[POINT + 1], found[POINT + 2]
+    along, there = (direction[0], direction[1], direction[2]), (x + shift[0], y + shift[1], z + shift[2])
+    reach = _inside_ahead(model, first, (x, y, z), along, np.inf, workspace)
+    reach = min(reach, _inside_ahead(model, second, there, along, np.inf, workspace))
     for k in range(3):
-        to_scene(frames, parts, first, local, 3 * k, edge, 3 * k)
-    best = 0.0
-    for end in range(1, 3):
-        x, y, z, length = _unit(
-            edge[3 * end] - edge[0], edge[3 * end + 1] - edge[1], edge[3 * end + 2] - edge[2]
-        )
-        start = edge[0], edge[1], edge[2]
-        if owner == 0:
-            start = edge[0] + shift[0], edge[1] + shift[1], edge[2] + shift[2]
-        other = second if owner == 0 else first
-        reach = _inside_ahead(model, other, start, (x, y, z), length, workspace) if length > 0.0 else 0.0
-        if reach > best:
-            best = reach
-            found[POINT] = edge[0] + shift[0] + 0.5 * reach * x
-            found[POINT + 1] = edge[1] + shift[1] + 0.5 * reach * y
-            found[POINT + 2] = edge[2] + shift[2] + 0.5 * reach * z
-    return best > 0.0
+        found[POINT + k] = there[k] + 0.5 * reach * direction[k]
+    return True
 
 
 @kernel
@@ -150,7 +147,7 @@ def _probe(model, first, second, faces, shift, nearest, found, normal, last, bud
             point[k] += shift[k]
     elif slots[0] != NO_SLOT:
         ends = stack_f64(6)
-        length = fill_ends(model, first, (turn, offset), False, slots, ends, 0)
+        length = fill_ends(model, first, second, (turn, offset), False, slots, ends, 0)
         for k in range(3):
             normal[k] = (ends[k] - ends[3 + k]) / length if length > 0.0 else normal[k]
     for k in range(3):
@@ -176,8 +173,9 @@ def _learn(model, first, second, at, direction, shift, known, found, workspace):
         begin -= _inside_ahead(model, second, there, against, np.inf, workspace)
         begin -= _inside_ahead(model, first, here, along, np.inf, workspace)
         end = min(end * ROUNDED_DOWN, known[UPPER])
-    known[NEXT_STRIDE] *= 4.0
-    if begin <= known[LOWER]:
+    known[NEXT_STRIDE] = 4.0 * known[NEXT_STRIDE] + known[FIRST_STRIDE]
+    # Stretches that only meet leave an instant at which the parts may be free.
+    if begin < known[LOWER] * ROUNDED_DOWN:
         known[LOWER] = max(known[LOWER], end)
         known[FLOOR] = max(known[FLOOR], end)
     elif begin <= known[FLOOR]:
@@ -195,14 +193,15 @@ def depth_along(model, first, second, faces, other_faces, direction, limit, tole
     *tolerance*: share of it by which its bounds may differ. *budget*: steps at most; 0: as many as it takes.
     The bound from above that is in *depth* before is where it is looked first; 0: nowhere.
     """
-    frames, known, found, shift = model.frames, stack_f64(5), stack_f64(5), stack_f64(3)
+    frames, known, found, shift = model.frames, stack_f64(KNOWN_SIZE), stack_f64(5), stack_f64(3)
     normal, last, workspace = stack_f64(3), stack_i64(2), new_workspace()
     last[0] = last[1] = NO_SLOT
     reset_recent(workspace)
     size = _boxes_apart_from(frames[first], frames[second], direction)
     known[LOWER] = known[FLOOR] = 0.0
     known[UPPER] = known[CEILING] = size
-    known[NEXT_STRIDE] = max(0.5 * tolerance, 1e-6)
+    known[FIRST_STRIDE] = max(0.5 * tolerance, 1e-6)
+    known[NEXT_STRIDE] = -0.25 * known[FIRST_STRIDE]
     normal[0] = normal[1] = normal[2] = 0.0
     at, steps, probes, is_open = min(depth[DEPTH_UPPER], size), 0, 0, size > 0.0
     while is_open:
@@ -229,7 +228,8 @@ def depth_along(model, first, second, faces, other_faces, direction, limit, tole
         if found[STATE] == PROBE_APART and probes % 2 == 1:
             at = max(at, (1.0 - NEAR_CEILING * tolerance) * known[CEILING])
         elif found[STATE] != PROBE_APART:
-            at = min(at, known[FLOOR] * (1.0 + known[NEXT_STRIDE]) + known[NEXT_STRIDE] * 1e-3 * size)
+            stride = known[NEXT_STRIDE]
+            at = min(at, known[FLOOR] / ROUNDED_DOWN * (1.0 + stride) + stride * 1e-3 * size)
     depth[DEPTH_LOWER], depth[DEPTH_UPPER], depth[DEPTH_STEPS] = known[LOWER], known[UPPER], steps
     for k in range(3):
         depth[DEPTH_NORMAL + k] = normal[k]
