@@ -22,11 +22,11 @@ from proximity.scene.solid import Solid
 class Relation(StrEnum):
     """How two parts lie to each other.
 
-    ``TOUCHING``: the surfaces meet, to within rounding, 1e-13 of sizes, and the parts have no volume in common.
-    ``CROSSING``: the surfaces meet and the parts have volume in common; faces cross, or lie flush with the
-    material on the same side. Open parts cross where their faces do. ``FIRST_INSIDE`` and ``SECOND_INSIDE``:
-    the whole part, or one of its surfaces, is inside the other part, and touches its surface in single points
-    at most.
+    ``TOUCHING``: the surfaces meet, to within rounding, 1e-13 of sizes, and the parts have no volume in
+    common. ``CROSSING``: the surfaces meet and the parts have volume in common; faces cross, or lie flush
+    with the material on the same side. Open parts cross where their faces do. ``FIRST_INSIDE`` and
+    ``SECOND_INSIDE``: the whole part, or one of its surfaces, is inside the other part, and touches its
+    surface in single points at most.
     """
 
     APART = "apart"
@@ -140,9 +140,9 @@ class PairQueries:
         first, second : str or int
             Names or indices of two parts, hidden or not. For the way out the first one is moved.
         direction : (3,) array-like, scene's frame
-            Direction of the way out. Default: a direction with a short way; the axes of both parts and the line
-            between their middles are compared, and the best is turned to the normal at which the part comes
-            free.
+            Direction of the way out. Default: a direction with a short way; the axes of both parts and the
+            line between their middles are compared, and the best is turned to the normal at which the part
+            comes free.
         tolerance : float
             Share by which the bounds of each depth may differ. They differ by more after 48 probes of the way
             out, where the part may be free for a moment before, and by 1e-7 of the smaller part's size for
@@ -151,9 +151,9 @@ class PairQueries:
         Returns
         -------
         Penetration
-            Bounds of the displacement at which the parts do not overlap for the first time, and of the largest
-            distance of a point of their common volume to the surface of either part. They do not depend on how
-            finely surfaces are divided. Along another direction the way out may be shorter.
+            Bounds of the displacement at which the parts do not overlap for the first time, and of the
+            largest distance of a point of their common volume to the surface of either part. They do not
+            depend on how finely surfaces are divided. Along another direction the way out may be shorter.
 
         Raises
         ------

@@ -40,11 +40,11 @@ DEEPEST_BUDGET = 2_000_000
 class Penetration(NamedTuple):
     """How deep two parts are in each other.
 
-    ``first`` and ``second`` are the parts' names. *Way out*: moved by ``depth``, m, along ``direction``, (3,),
-    scene's frame, the first part does not overlap the second; moved by less than ``lower``, m, it does.
-    *Deepest point*: no point of either part is farther inside the other than ``deepest``, m; ``deepest_point``,
-    (3,) m, scene's frame, is at least ``deepest_lower``, m, inside. All are 0 where the parts do not overlap;
-    the point is nan then.
+    ``first`` and ``second`` are the parts' names. *Way out*: moved by ``depth``, m, along ``direction``,
+    (3,), scene's frame, the first part does not overlap the second; moved by less than ``lower``, m, it does.
+    *Deepest point*: no point of either part is farther inside the other than ``deepest``, m;
+    ``deepest_point``, (3,) m, scene's frame, is at least ``deepest_lower``, m, inside. All are 0 where the
+    parts do not overlap; the point is nan then.
     """
 
     first: str

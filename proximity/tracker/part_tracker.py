@@ -41,8 +41,8 @@ class ConnectionFlag(IntFlag):
     SKIPPED = contact_record.SKIPPED
     """No search was made: the bounds follow from the last one and from the motion since."""
     INSIDE = contact_record.INSIDE
-    """One of the parts is inside the other. The distance is 0; both points are the one of the inner surface that
-    is nearest to the outer surface."""
+    """One of the parts is inside the other. The distance is 0; both points are the one of the inner surface
+    that is nearest to the outer surface."""
     IN_RANGE = contact_record.IN_RANGE
     """The distance is within the working range."""
     PART_CHANGED = contact_record.PART_CHANGED

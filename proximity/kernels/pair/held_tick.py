@@ -242,7 +242,9 @@ def _fill_record(model, held, number, rows):
         record["point_on_own"][k], record["point_on_part"][k] = ends[own_end + k], ends[other_end + k]
         record["normal"][k] = (ends[k] - ends[3 + k]) / length if length > 0.0 else 0.0
     if length == 0.0 and not pair.is_crossing:
-        turn_normal(model, pair.own, pair.other, pair.slots, record["normal"])
+        turn, offset = stack_f64(9), stack_f64(3)
+        frames_between(model.frames, pair.own, pair.other, turn, offset)
+        turn_normal(model, pair.own, (turn, offset), pair.slots, record["normal"])
     if not pair.is_crossing and not pair.is_inside and (length == 0.0 or not pair.is_unsure):
         for k in range(3):  # from within, surfaces are nearest the wrong way round
             pair.normal[k] = record["normal"][k]

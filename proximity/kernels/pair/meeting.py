@@ -9,8 +9,6 @@ Source: neighbourhoods of edges and faces in set operations, Requicha, Voelcker 
 
 from math import floor, sqrt
 
-import numpy as np
-
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import SIGN_NONE

@@ -122,15 +122,13 @@ def fill_ends(model, first, second, frame_map, is_crossing, slots, answer, at):
 
 
 @kernel
-def turn_normal(model, first, second, slots, normal):
+def turn_normal(model, first, frame_map, slots, normal):
     """Set the direction, scene's frame, by which the first part moves away where two triangles touch.
 
-    It is normal to that one of them beyond which the other is.
+    It is normal to that one of them beyond which the other is. *frame_map*: from the second part's frame.
     """
-    turn, offset = stack_f64(9), stack_f64(3)
     corners, local = stack_f64(BOTH), stack_f64(3)
-    frames_between(model.frames, first, second, turn, offset)
-    read_both(model.reals, slots, turn, offset, corners)
+    read_both(model.reals, slots, frame_map[0], frame_map[1], corners)
     best = -np.inf
     for one in range(2):
         a = corner_of(corners, one, 0)

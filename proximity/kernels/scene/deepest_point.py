@@ -15,7 +15,12 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.closest_feature import CLOSEST_ARM, closest_on_triangle, read_corners
+from proximity.kernels.geometry.closest_feature import (
+    CLOSEST_ARM,
+    CLOSEST_POINT,
+    closest_on_triangle,
+    read_corners,
+)
 from proximity.kernels.geometry.frames import ROUNDED_DOWN, ROUNDED_UP, to_scene
 from proximity.kernels.geometry.triangle import corners_of_block, cross, dot, offset_of
 from proximity.kernels.layout import (
@@ -296,7 +301,7 @@ def _fill_heights(reals, slot, pieces, row, heights):
 
 @kernel
 def _fill_beyond(reals, slot, pieces, row, heights):
-    """Fill how far a piece's corners are beyond that edge of a triangle that cuts it best; return by how much."""
+    """Fill how far a piece's corners are beyond the edge of a triangle that cuts it best; return the least."""
     a, b, c = _triangle_at(reals, slot)
     normal, best = cross(*between(a, b), *between(a, c)), 0.0
     heights[0] = heights[1] = heights[2] = 0.0
@@ -534,6 +539,16 @@ def _has_critical(model, outer, boxes, row, middle, distance, slot, is_inside, b
 
 
 @kernel
+def _foot(reals, slot, p, frame_map, workspace):
+    """The point of a triangle of the inner part that is nearest to *p*, in the outer frame."""
+    closest = workspace.closest
+    read_corners(reals, slot, closest)
+    closest_on_triangle(p[0], p[1], p[2], closest)
+    x, y, z = closest[CLOSEST_POINT], closest[CLOSEST_POINT + 1], closest[CLOSEST_POINT + 2]
+    return mapped(frame_map[0], frame_map[1], x, y, z)
+
+
+@kernel
 def _search_volume(model, inner, outer, frame_map, boxes, state, room, budget, workspace):
     """Look for deep points within the volume that both parts may have in common: in a first box and below."""
     ratio = abs(model.frames[inner].scale / model.frames[outer].scale)
@@ -559,8 +574,10 @@ def _search_volume(model, inner, outer, frame_map, boxes, state, room, budget, w
         is_inner = _contains(model, inner, p, inner_known, workspace)
         if inner_distance > radius * ratio * ROUNDED_UP and not is_inner:
             continue
-        if is_inside and is_inner:
-            _keep_deeper(state, distance, middle)
+        if is_inside:
+            gap = 0.0 if is_inner else inner_distance / ratio * ROUNDED_UP
+            place = middle if is_inner else _foot(model.reals, inner_known, p, frame_map, workspace)
+            _keep_deeper(state, distance - gap, place)
         bound, goal = min(bound, (distance + radius) * ROUNDED_UP), _goal(state, room)
         if bound > goal:
             bound = _bound_in_box(model, outer, boxes, count, middle, distance, known, bound, goal, workspace)
@@ -589,7 +606,7 @@ def _halve(boxes, row, bound):
 
 @kernel
 def _fill_common_box(model, inner, outer, frame_map, boxes):
-    """Fill the box that both parts' boxes have in common, outer local frame; return the largest depth in it."""
+    """Fill the common box of both parts, outer local frame; return a depth that no point of it exceeds."""
     frames, corner, least = model.frames, stack_f64(3), np.inf
     turn, offset = frame_map
     for axis in range(3):

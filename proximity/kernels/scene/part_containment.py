@@ -59,7 +59,7 @@ def _is_in_box(frame, point):
 
 @kernel
 def is_deep(model, part, p, margin, workspace):
-    """Whether *p*, in a part's local frame, is inside the part, and farther from its surface than *margin*."""
+    """Whether *p*, in a part's local frame, is inside the part, by more than *margin*."""
     state = state_in_part(model, part, p)
     if state == CELL_OUTSIDE or (state == CELL_INSIDE and model.parts[part].grid != NO_GRID):
         return state == CELL_INSIDE
@@ -71,8 +71,8 @@ def is_deep(model, part, p, margin, workspace):
 def contained_corner(model, part, inner, faces, shift, point, workspace):
     """Whether a part contains another's surfaces, displaced by *shift*, if nothing of them crosses.
 
-    *faces*: one of each surface of the other. One of its corners, or its middle, has to be clear of the part's
-    surface. *point*: filled with the one that is inside, (3,) m, scene's frame.
+    *faces*: one of each surface of the other. One of its corners, or its middle, has to be clear of the
+    part's surface. *point*: filled with the one that is inside, (3,) m, scene's frame.
     """
     reals, words, frames, parts = model
     if parts[part].sign == SIGN_NONE:

@@ -24,7 +24,7 @@ from proximity.kernels.layout import NO_SLOT, ModelArrays
 from proximity.kernels.pair.boxes import frames_at
 from proximity.kernels.pair.held_motion import POSE_SIZE
 from proximity.kernels.pair.meeting import SHARING, share_at
-from proximity.kernels.pair.part_query import fill_ends
+from proximity.kernels.pair.part_query import fill_ends, turn_normal
 from proximity.kernels.pair.triangles import CROSSING
 from proximity.kernels.pair.walk import nearest_of_parts, rounding_size
 from proximity.kernels.ray.walk import ray_in_part
@@ -146,10 +146,14 @@ def _probe(model, first, second, faces, shift, nearest, found, normal, last, bud
         for k in range(3):
             point[k] += shift[k]
     elif slots[0] != NO_SLOT:
-        ends = stack_f64(6)
-        length = fill_ends(model, first, second, (turn, offset), False, slots, ends, 0)
-        for k in range(3):
-            normal[k] = (ends[k] - ends[3 + k]) / length if length > 0.0 else normal[k]
+        if best > 0.0:
+            ends = stack_f64(6)
+            fill_ends(model, first, second, (turn, offset), False, slots, ends, 0)
+            normal[0], normal[1], normal[2], _ = _unit(
+                ends[0] - ends[3], ends[1] - ends[4], ends[2] - ends[5]
+            )
+        else:
+            turn_normal(model, first, (turn, offset), slots, normal)
     for k in range(3):
         found[POINT + k] = point[k]
     return steps
