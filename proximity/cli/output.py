@@ -97,9 +97,9 @@ def length(value: float, digits: int = 9) -> str:
     return number(0.0 if abs(value) < NO_LENGTH else value, digits)
 
 
-def counted(count: int, what: str) -> str:
-    """Return a number with what it counts."""
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+def counted(count: int, noun: str, plural: str = "") -> str:
+    """Return a number with its noun; *plural*: where an s is not enough."""
+    return f"{count} {noun if count == 1 else plural or noun + 's'}"
 
 
 def printable(text: str) -> str:

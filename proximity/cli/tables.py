@@ -69,11 +69,11 @@ def print_fitting(
     dispensable: Sequence[str],
     elsewhere: str,
     *,
-    has_total: bool = False,
+    styles: Sequence[str] = (),
 ) -> None:
     """Print columns; where the console is narrow, without some, and say so.
 
-    *elsewhere*: where all is shown. *has_total*: the last row is bold.
+    *elsewhere*: where all is shown. *styles*: of rows, the last of them of the last row.
     """
     unbounded = console.options.update(width=UNBOUNDED)
     for count in range(len(dispensable) + 1):
@@ -82,8 +82,8 @@ def print_fitting(
         drawn = table_of(titles, zip(*(column.cells for column in kept), strict=True))
         if console.measure(drawn, options=unbounded).maximum <= console.width:
             break
-    if has_total:
-        drawn.rows[-1].style = "bold"
+    for row, style in zip(reversed(drawn.rows), reversed(styles), strict=False):
+        row.style = style
     console.print(drawn)
     if missing := ", ".join(column.title for column in columns if column not in kept):
         report(f"note: the terminal is narrow: columns are left out ({missing}); {elsewhere} shows all")

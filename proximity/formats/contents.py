@@ -37,6 +37,7 @@ class FileContents:
     units_declared: bool  # False: the file declares none, and the caller's word was taken
     geometries: tuple[Geometry, ...]  # at least one
     notes: tuple[str, ...]  # sentences for the user: what was left out, renamed or assumed
+    approximation: float  # m: how far triangles may be from curved faces; 0 where the file has triangles
 
 
 @dataclass(slots=True, eq=False)
@@ -60,6 +61,7 @@ class RawFile:
     units: str | None = None  # None: the file declares none
     metres_per_number: float | None = None  # where `units` says another (STEP comes in metres)
     notes: list[str] = field(default_factory=list)
+    approximation: float = 0.0  # m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -82,7 +82,13 @@ def read_geometries(
     except (MeshError, MissingLibraryError) as reason:
         raise type(reason)(f"{shown}: {reason}") from reason.__cause__
     return FileContents(
-        shown, raw.format, raw.units or units, raw.units is not None, geometries, (*raw.notes, *naming)
+        shown,
+        raw.format,
+        raw.units or units,
+        raw.units is not None,
+        geometries,
+        (*raw.notes, *naming),
+        scale * raw.approximation,
     )
 
 

@@ -94,7 +94,12 @@ def load(
             unpacked_limit=unpacked_limit,
         )
         report = LoadReport(
-            contents.path, contents.format, contents.units, contents.units_declared, contents.notes
+            contents.path,
+            contents.format,
+            contents.units,
+            contents.units_declared,
+            contents.notes,
+            contents.approximation,
         )
         scene = scene_of(_counted(contents.geometries, progress), os.fspath(path), report)
     # The package itself is not warned: its commands give the unit of answers as well.
@@ -118,6 +123,7 @@ def joined(scenes: Sequence[Scene]) -> Scene:
         ", ".join(dict.fromkeys(report.units for report in reports)),
         all(report.units_declared for report in reports),
         tuple(notes),
+        max((report.approximation for report in reports), default=0.0),
     )
     return whole
 

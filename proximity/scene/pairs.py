@@ -36,6 +36,8 @@ class Relation(StrEnum):
     SECOND_INSIDE = "second inside first"
 
 
+SHARING = (Relation.CROSSING, Relation.FIRST_INSIDE, Relation.SECOND_INSIDE)
+"""Relations of parts with volume in common; open parts may cross without."""
 WIDER = 1.0 + 2.0**-40
 LEAST_TOLERANCE = 1e-9
 """Of a depth: bounds that are nearer to each other are not looked for."""
@@ -232,6 +234,12 @@ class PairQueries:
                     del found[most:]
                     limit = min(limit, found[-1][0])
         return [pair for *_, pair in found]
+
+
+def deepest_of(queries: PairQueries, first: str, second: str, tolerance: float) -> DeepestPoint:
+    """Return the deepest point of two parts without their way out; *tolerance* as in `penetration`."""
+    model, _, (row, other) = queries._state_with_rows(first, second)
+    return find_deepest(model, row, other, tolerance)
 
 
 def _unit(direction: Any) -> np.ndarray:

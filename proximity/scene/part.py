@@ -60,6 +60,8 @@ class LoadReport:
         False: the file declares none, and *units* is that of the caller.
     notes : tuple of str
         Sentences for the user.
+    approximation : float, m
+        How far triangles may be from the curved faces of a STEP file; 0 where the file has triangles.
     """
 
     path: str
@@ -67,6 +69,7 @@ class LoadReport:
     units: str
     units_declared: bool
     notes: tuple[str, ...]
+    approximation: float = 0.0
 
     def __repr__(self) -> str:
         units = f"{self.units} {'declared' if self.units_declared else 'assumed'}"

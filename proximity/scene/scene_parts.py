@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from operator import is_
 from typing import Any
 
@@ -106,9 +107,15 @@ class SceneParts:
         try:
             return self.row_of[name]  # type: ignore[index]
         except (KeyError, TypeError):
-            known = ", ".join(repr(known) for known in list(self.row_of)[:10])
-            more = "" if len(self.row_of) <= 10 else f" and {len(self.row_of) - 10} more"
-            raise SceneError(f"no part is named {name!r}; the scene has {known}{more}") from None
+            raise SceneError(f"no part is named {name!r}; {self._hint(name)}") from None
+
+    def _hint(self, name: object) -> str:
+        """Name the part with the most similar name, or some of them."""
+        if close := get_close_matches(str(name), self.row_of, 1):
+            return f"did you mean {close[0]!r}?"
+        known = ", ".join(repr(known) for known in list(self.row_of)[:10])
+        more = "" if len(self.row_of) <= 10 else f" and {len(self.row_of) - 10} more"
+        return f"the scene has {known}{more}"
 
     def rows_of(self, names: list[str]) -> np.ndarray:
         """Return the rows of parts of those names, each once; a `SceneError` if they are not."""

@@ -65,7 +65,7 @@ def without_diagonals(filled: np.ndarray) -> np.ndarray:
 
 
 def free_from(first: Polycube, second: Polycube, offset: np.ndarray, direction: np.ndarray) -> float:
-    """How far the first, displaced by *offset*, moves along a direction until it is free for the first time."""
+    """How far the first, displaced by *offset*, moves along a direction until it is free."""
     apart = (second.cells[None] - first.cells[:, None]).reshape(-1, 3) - offset
     begin, end = np.full(len(apart), -np.inf), np.full(len(apart), np.inf)
     for axis in range(3):

@@ -102,11 +102,13 @@ def print_report(report: Values, *, is_whole: bool) -> None:
         Column(title, title + unit.format(report["units"]), is_right, [cell(part) for part in shown])
         for title, (unit, is_right, cell, _) in COLUMNS.items()
     ]
-    if has_total := len(parts) > 1:
+    if len(parts) > 1:
         total = {**report["total"], "size": report["size"]}
         for column, (*_, cell) in zip(columns, COLUMNS.values(), strict=True):
             column.cells.append(cell(total))
-    print_fitting(console, columns, DISPENSABLE, "a wider one, a pipe or --json", has_total=has_total)
+    print_fitting(
+        console, columns, DISPENSABLE, "a wider one, a pipe or --json", styles=["bold"] * (len(parts) > 1)
+    )
     if len(shown) < len(parts):
         console.print(f"These are the first {len(shown)} of {len(parts)} parts; --all lists all.")
     console.print()

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,20 +22,28 @@ from proximity.cli.options import (
     with_option_groups,
     within,
 )
-from proximity.cli.output import MISSING, counted, in_unit, length, print_block, printable, write_document
+from proximity.cli.output import (
+    MISSING,
+    counted,
+    in_unit,
+    length,
+    print_block,
+    printable,
+    report,
+    write_document,
+)
 from proximity.system.table_text import table_text
 
 if TYPE_CHECKING:
-    import proximity
+    from proximity.cli.parts.measured_pairs import MeasuredPair
     from proximity.cli.tables import Column
 
 EXIT_NEARER = 1
-PAIRS_SHOWN = 20
 DIGITS = 6
 """Significant, of numbers in the table."""
-CONTACT_M = 1e-8
-"""Gaps and depths up to this count as contact: what STEP's import rounds parts of a metre by."""
-DISPENSABLE = ("to", "from", "overlap")
+FEW_DIGITS = 4
+"""Of depths, of which the bounds are a thousandth apart."""
+DISPENSABLE = ("to", "from", "depth", "overlap")
 """Columns to leave out, in this order, until the table is as narrow as the terminal."""
 Values = dict[str, Any]
 
@@ -43,25 +52,35 @@ Values = dict[str, Any]
 def clearance(
     words: Annotated[
         list[str],
-        argument("FILE [PART [PART]]", f"{FILE_HELP} Then one part against the others, or two parts."),
+        argument(
+            "FILE [PART [PART]]",
+            f"{FILE_HELP} Then one part against the others, or two parts; 'bolt*' names several.",
+        ),
     ],
+    clashes: Annotated[bool, flag("--clashes", "Only pairs that overlap; the exit code tells.")] = False,
     below: Annotated[
         float | None,
-        option("DISTANCE", "Only pairs nearer than this; the exit code tells.", callback=within(0.0)),
+        option(
+            "DISTANCE",
+            "Only pairs nearer than this, or overlapping; the exit code tells.",
+            callback=within(0.0),
+        ),
     ] = None,
     contact: Annotated[
         float | None,
         option(
-            "LENGTH", "Gaps and depths up to this are touching; 1e-5 mm if not given.", callback=within(0.0)
+            "LENGTH",
+            "Pairs no deeper in each other than this are touching. Default: the tolerance of a STEP file, "
+            "else 1e-5 mm.",
+            callback=within(0.0),
         ),
     ] = None,
     ignore_touching: Annotated[
-        bool,
-        flag("--ignore-touching", "With --below: leave out pairs that touch without a common volume."),
+        bool, flag("--ignore-touching", "With --below: leave out pairs that touch.")
     ] = False,
     allow: Annotated[
         Path | None,
-        option("FILE", "With --below: leave out the pairs of this CSV file, as --csv writes it."),
+        option("FILE", "Leave out the pairs of this CSV file, as --csv writes it; patterns are names, too."),
     ] = None,
     list_all: Annotated[bool, flag("--all", "All pairs, not only the nearest 20.")] = False,
     csv_path: Annotated[Path | None, option("FILE", "Write the pairs to a CSV file, too.", "--csv")] = None,
@@ -69,61 +88,90 @@ def clearance(
     *,
     reading: Reading,
 ) -> None:
-    """Measure how far the parts of FILE are apart, the nearest pair first.
+    """Measure how far the parts of FILE are apart: clashes first, then the nearest pair.
 
-    For every two parts: the shortest distance, its two ends, whether the parts touch, cross, or one is
-    inside the other, the volume that both of them fill, and the depth: how far the first must move to be
-    free of the second (--csv and --json have the direction, too). One PART is measured against all
-    others, two against each other; `proximity check` lists the names. Several files are one scene, with
-    parts where they are in their files; a word behind the first that is the name of a file of parts is
-    such a file.
+    For every two parts: the shortest distance and its two ends; whether the parts touch, cross, or one is
+    inside the other; the volume that both of them fill; deepest, how far any point of one is inside the
+    other; and the way out, how far the first must move to be free of the second. One PART is measured
+    against all others, two against each other; `proximity check` lists the names. Several files are one
+    scene, with parts where they are in their files.
 
-    Distances are exact to the triangles. In a STEP file, parts that touch may be 1e-6 mm apart or cross by as
-    much: up to --contact they count as touching.
-
-    With --below the exit code is 1 if a pair is nearer than that, and 0 if none is. Pairs that are meant to
-    be near are left out with --ignore-touching, or listed once with --csv and named with --allow.
+    A screw in its hole overlaps it by the approximation of round surfaces by triangles. Pairs whose deepest
+    point is within --contact touch: they fit. With --clashes the exit code is 1 if a pair overlaps by more,
+    and 0 if none does. With --below it is 1 if a pair is nearer than that, or overlaps. Pairs that are meant
+    to clash are listed once with --csv, and named with --allow.
 
     Examples:
+      proximity clearance gearbox.step --clashes
       proximity clearance gearbox.step
       proximity clearance gearbox.step shaft
-      proximity clearance gearbox.step lid base --json
+      proximity clearance gearbox.step lid 'screw*' --json
       proximity clearance knob.stl plate.stl
-      proximity clearance gearbox.step --below 0.5 --csv too_near.csv
       proximity clearance gearbox.step --below 0.5 --ignore-touching --allow wanted.csv
     """
     files, names = _files_and_names(words)
+    is_gate = clashes or below is not None
     refuse(
         (len(names) > 2, "PART", f"{len(names)} names are given, expected two at most"),
         (len(names) == 2 and list_all, "--all", "two parts are one pair"),
+        (clashes and below is not None, "--below", "--clashes is given as well"),
         (below is None and ignore_touching, "--ignore-touching", "requires --below"),
-        (below is None and allow is not None, "--allow", "requires --below"),
+        (not is_gate and allow is not None, "--allow", "requires --clashes or --below"),
+    )
+    from proximity.cli.parts.measured_pairs import (
+        CONTACT_M,
+        MAX_SHOWN,
+        find_pairs,
+        matching,
+        measure,
+        read_allowed,
+        verdict,
     )
     from proximity.formats import metres_per_unit
 
     metres, scene = metres_per_unit(reading.units), reading.load(*files)
-    file, allowed = " + ".join(map(str, files)), set() if allow is None else _allowed(allow)
-    limit = CONTACT_M if contact is None else contact * metres
-    with progress.spinner(f"measuring {file}"):
-        found = _pairs(scene, names, None if below is None else below * metres, is_whole=list_all)
-        pairs = [
-            _values(scene, pair, metres, limit)
-            for pair in found
-            if frozenset(map(table_text, pair[:2])) not in allowed
-        ]
+    approximation = 0.0 if scene.report is None else scene.report.approximation
+    limit = (approximation or CONTACT_M) if contact is None else contact * metres
+    nearest = 0.0 if below is None else below * metres
+    allowed = {} if allow is None else read_allowed(allow, scene)
+    groups, shown = [matching(scene, name) for name in names], " + ".join(map(str, files))
+    with progress.spinner(f"measuring {shown}"):
+        found = find_pairs(scene, groups, nearest if is_gate else None, is_whole=list_all)
+        pairs = sorted((measure(scene, pair, limit) for pair in found), key=lambda pair: pair.rank)
+    _note_unused(allowed, pairs, allow)
+    pairs = [pair for pair in pairs if pair.names not in allowed]
+    sentence = verdict(pairs, limit, approximation, metres, reading.units)
+    if is_gate:
+        pairs = [pair for pair in pairs if pair.is_clash or pair.clearance.distance < nearest]
     if ignore_touching:
-        pairs = [pair for pair in pairs if pair["relation"] != "touching" or pair["overlap"]]
+        pairs = [pair for pair in pairs if pair.relation != "touching"]
+    values = [_values(pair, metres) for pair in pairs]
     if csv_path is not None:
-        _write_csv(csv_path, pairs, reading.units)
+        _write_csv(csv_path, values, reading.units)
     if as_json:
-        write_document({"file": file, "units": reading.units, "below": below, "pairs": pairs})
-    elif len(names) == 2 and pairs:
-        print_block(_lines(pairs[0], reading.units))
+        said = {"below": below, "contact": in_unit(limit, metres), "verdict": sentence}
+        write_document({"file": shown, "units": reading.units, **said, "pairs": values})
+    elif len(pairs) == len(names) - 1 == 1:
+        print_block(_lines(values[0], reading.units))
     else:
-        _print_table(pairs if list_all else pairs[:PAIRS_SHOWN], reading.units)
-        typer.echo(_summary(pairs, below, reading.units, names, len(scene.parts), is_whole=list_all))
-    if below is not None and pairs:
+        _print_table(values if list_all or clashes else values[:MAX_SHOWN], reading.units)
+        if len(scene.parts) == 1:
+            typer.echo("There is only one part, and no other to compare it with.")
+            return
+        if not clashes:
+            names = [printable(name) for name in names]
+            typer.echo(_summary(values, below, reading.units, names, len(scene.parts), is_whole=list_all))
+        _print_verdict(sentence, is_clash=any(pair.is_clash for pair in pairs))
+    if is_gate and pairs:
         raise typer.Exit(EXIT_NEARER)
+
+
+def _note_unused(allowed: dict[frozenset[str], int], pairs: list["MeasuredPair"], path: Path | None) -> None:
+    """Report how many lines of allowed pairs are of use no longer."""
+    found = {pair.names for pair in pairs}
+    used = {line for pair, line in allowed.items() if pair in found}
+    if unused := len({*allowed.values()} - used):
+        report(f"note: {counted(unused, 'pair')} of {path} {'is' if unused == 1 else 'are'} no longer near")
 
 
 def _files_and_names(words: list[str]) -> tuple[list[Path], list[str]]:
@@ -136,67 +184,28 @@ def _files_and_names(words: list[str]) -> tuple[list[Path], list[str]]:
     return [Path(word) for word in (words[0], *files)], names
 
 
-def _allowed(path: Path) -> set[frozenset[str]]:
-    """Pairs of a CSV file with the columns first and second, by names as `table_text` writes them."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            rows = list(csv.DictReader(stream))
-            return {frozenset((table_text(row["first"]), table_text(row["second"]))) for row in rows}
-    except OSError as failure:
-        reason = f"{path}: cannot be read ({failure.strerror or failure})"
-    except (KeyError, TypeError, UnicodeDecodeError, csv.Error):
-        reason = f"{path}: expected CSV with the columns first and second"
-    raise typer.BadParameter(reason, param_hint="--allow")
-
-
-def _pairs(
-    scene: "proximity.Scene", names: list[str], below: float | None, *, is_whole: bool
-) -> list["proximity.Clearance"]:
-    """The pairs that are asked for; *below*: m."""
-    if len(names) == 2:
-        found = [scene.clearance(*names)]
-    else:
-        most = None if is_whole or below is not None else PAIRS_SHOWN
-        limit = {} if below is None else {"max_distance": below}
-        found = scene.closest_pairs(most=most, of=names[0] if names else None, **limit)
-    return [pair for pair in found if below is None or pair.distance < below]
-
-
-def _values(scene: "proximity.Scene", pair: "proximity.Clearance", metres: float, contact: float) -> Values:
-    """What is said about a pair, in the user's unit; *contact*: m, up to which it touches."""
+def _values(pair: "MeasuredPair", metres: float) -> Values:
+    """What is said about a pair, in the user's unit."""
     import numpy as np
 
-    import proximity
     from proximity.cli.output import in_units
 
-    ends = pair.point_on_first[None], pair.point_on_second[None]
-    deep = None if pair.distance > 0.0 else scene.penetration(pair.first, pair.second)
-    is_contact = pair.distance + (0.0 if deep is None else deep.depth) <= contact
+    found = pair.clearance
+    ends = found.point_on_first[None], found.point_on_second[None]
     return {
-        "first": pair.first,
-        "second": pair.second,
-        "distance": float(in_units(np.array([pair.distance]), metres, *ends)[0]),
-        "relation": str(proximity.Relation.TOUCHING if is_contact else pair.relation),
-        "overlap": _overlap(scene, pair, metres),
-        "depth": 0.0 if deep is None else in_unit(deep.depth, metres),
-        "direction": deep.direction.tolist() if deep is not None and not is_contact else None,
+        "first": found.first,
+        "second": found.second,
+        "distance": float(in_units(np.array([found.distance]), metres, *ends)[0]),
+        "relation": str(pair.relation),
+        "deepest": in_unit(pair.deepest, metres),
+        "deepest_lower": in_unit(pair.deepest_lower, metres),
+        "overlap": None if pair.volume is None else in_unit(pair.volume, metres**3),
+        "depth": in_unit(pair.depth, metres),
+        "direction": None if pair.direction is None else pair.direction.tolist(),
+        "is_clash": pair.is_clash,
         "from": in_units(ends[0], metres)[0].tolist(),
         "to": in_units(ends[1], metres)[0].tolist(),
     }
-
-
-def _overlap(scene: "proximity.Scene", pair: "proximity.Clearance", metres: float) -> float | None:
-    """The volume that two parts have in common; None where a part is open."""
-    from proximity.errors import MeshError
-    from proximity.scene.overlap import overlap
-
-    if pair.distance > 0.0:
-        return 0.0
-    try:
-        common = overlap(scene, pair.first, pair.second)
-    except MeshError:
-        return None
-    return 0.0 if common is None else in_unit(common.volume, metres**3)
 
 
 def _volume(pair: Values) -> str:
@@ -205,8 +214,8 @@ def _volume(pair: Values) -> str:
     return length(pair["overlap"], DIGITS) if pair["overlap"] else MISSING
 
 
-def _depth(pair: Values) -> str:
-    return MISSING if pair["direction"] is None else length(pair["depth"], DIGITS)
+def _length(pair: Values, name: str) -> str:
+    return length(pair[name], FEW_DIGITS) if pair[name] else MISSING
 
 
 def _point(position: list[float]) -> str:
@@ -220,63 +229,82 @@ def _lines(pair: Values, units: str) -> Iterator[tuple[str, str]]:
         yield end, f"{_point(pair[end])} {units} ({pair[part]})"
     if pair["overlap"] != 0.0:
         yield "overlap", _volume(pair) + (f" {units}\N{SUPERSCRIPT THREE}" if pair["overlap"] else "")
-    if (depth := _depth(pair)) != MISSING:
+    if pair["deepest"]:
+        yield "deepest", f"{_length(pair, 'deepest')} {units}: no point of one is farther inside the other"
+    if pair["direction"] is not None:
         along = "  ".join(f"{part + 0.0:.4g}" for part in (round(each, 4) for each in pair["direction"]))
-        yield "depth", f"{depth} {units}: moved by it along {along}, {pair['first']} is free"
+        yield "way out", f"{_length(pair, 'depth')} {units} along {along}: then {pair['first']} is free"
 
 
 def _print_table(pairs: list[Values], units: str) -> None:
-    from proximity.cli.tables import Column, print_fitting, results_console
+    from proximity.cli.tables import print_fitting, results_console
 
     if not pairs:
         return
+    console, styles = results_console(), ["red" if pair["is_clash"] else "" for pair in pairs]
+    columns = _columns(pairs, units, console.width // 4)
+    print_fitting(console, columns, DISPENSABLE, "a wider one, a pipe or --json", styles=styles)
+
+
+def _columns(pairs: list[Values], units: str, most: int) -> "list[Column]":
+    """The columns of a table; names longer than *most* letters take several lines."""
+    from proximity.cli.tables import Column
+
+    cube, deep = f"{units}\N{SUPERSCRIPT THREE}", any(pair["deepest"] for pair in pairs)
     columns = [
-        Column("first", "first", False, [printable(pair["first"]) for pair in pairs]),
-        Column("second", "second", False, [printable(pair["second"]) for pair in pairs]),
+        Column("first", "first", False, [in_lines(printable(pair["first"]), most) for pair in pairs]),
+        Column("second", "second", False, [in_lines(printable(pair["second"]), most) for pair in pairs]),
         Column("distance", f"distance [{units}]", True, [length(pair["distance"], DIGITS) for pair in pairs]),
         Column("relation", "relation", False, [pair["relation"] for pair in pairs]),
-        Column("overlap", f"overlap [{units}\N{SUPERSCRIPT THREE}]", True, list(map(_volume, pairs))),
-        *_depth_column(pairs, units),
+        Column("deepest", f"deepest [{units}]", True, [_length(pair, "deepest") for pair in pairs]),
+        Column("overlap", f"overlap [{cube}]", True, list(map(_volume, pairs))),
+        Column("depth", f"way out [{units}]", True, [_length(pair, "depth") for pair in pairs]),
         Column("from", f"from [{units}]", True, [_point(pair["from"]) for pair in pairs]),
         Column("to", f"to [{units}]", True, [_point(pair["to"]) for pair in pairs]),
     ]
-    print_fitting(results_console(), columns, DISPENSABLE, "a wider one, a pipe or --json")
+    return [column for column in columns if deep or column.name not in ("deepest", "depth")]
 
 
-def _depth_column(pairs: list[Values], units: str) -> "Iterator[Column]":
-    """The column of depths, where one pair overlaps."""
-    from proximity.cli.tables import Column
-
-    depths = list(map(_depth, pairs))
-    if {*depths} != {MISSING}:
-        yield Column("depth", f"depth [{units}]", True, depths)
+def in_lines(name: str, most: int) -> str:
+    """Return a name in lines of up to *most* letters, which end behind a separator."""
+    lines = [""]
+    for word in re.findall(r"[^-/_. ]*[-/_. ]?", name):
+        if lines[-1] and len(lines[-1]) + len(word) > most:
+            lines.append("")
+        lines[-1] += word
+    return "\n".join(lines)
 
 
 def _summary(
     pairs: list[Values], below: float | None, units: str, names: list[str], part_count: int, *, is_whole: bool
 ) -> str:
-    """One sentence about what was found."""
-    of = "parts" if not names else f"{printable(names[0])} and another part"
-    if len(names) == 2:
-        of = " and ".join(map(printable, names))
+    """A sentence about which pairs are listed."""
+    from proximity.cli.parts.measured_pairs import MAX_SHOWN
+
     count = part_count - 1 if names else part_count * (part_count - 1) // 2
-    if count == 0:
-        return "There is only one part, and no other to compare it with."
+    hidden = 0 if is_whole else max(len(pairs) - MAX_SHOWN, 0)
     if below is not None:
+        of = f"{printable(names[0])} and another part" if len(names) == 1 else "parts"
         near = f"nearer than {length(below)} {units}"
         if not pairs:
-            return f"No pair of {of} is {near}." if len(names) < 2 else f"{of} are not {near}."
-        hidden = len(pairs) - PAIRS_SHOWN
-        shown = f"; these are the first {PAIRS_SHOWN}, --all lists all" if hidden > 0 and not is_whole else ""
+            return f"No pair of {' and '.join(map(printable, names)) if len(names) == 2 else of} is {near}."
+        shown = f"; these are the first {MAX_SHOWN}, --all lists all" if hidden else ""
         return f"{counted(len(pairs), 'pair')} of {count} {'is' if len(pairs) == 1 else 'are'} {near}{shown}."
     meeting = sum(pair["relation"] != "apart" for pair in pairs)
-    if len(pairs) < count:
-        least = "all of them" if meeting == len(pairs) else f"{meeting} of them"
-        return (
-            f"These are the nearest {len(pairs)} of {counted(count, 'pair')}; {least} touch or overlap; "
-            "--all lists all."
-        )
-    return f"{counted(count, 'pair')}; {meeting} of them touch or overlap."
+    if hidden or len(pairs) < count:
+        listed = f"These are the nearest {len(pairs) - hidden} of {counted(count, 'pair')}; "
+        least = "all of them" if meeting >= len(pairs) else f"{meeting} of them"
+        return f"{listed}{least} touch or overlap; --all lists all."
+    return f"{counted(len(pairs), 'pair')}; {meeting} of them touch or overlap."
+
+
+def _print_verdict(sentence: str, *, is_clash: bool) -> None:
+    """Print the verdict, in colour on a terminal."""
+    from rich.text import Text
+
+    from proximity.cli.tables import results_console
+
+    results_console().print(Text(sentence, style="bold red" if is_clash else "bold green"))
 
 
 def _write_csv(path: Path, pairs: list[Values], units: str) -> None:
@@ -286,12 +314,12 @@ def _write_csv(path: Path, pairs: list[Values], units: str) -> None:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     ends = [f"{end}_{axis}_{units}" for end in ("from", "to") for axis in "xyz"]
-    ends += [f"depth_{units}", *(f"direction_{axis}" for axis in "xyz")]
+    ends += [f"depth_{units}", *(f"direction_{axis}" for axis in "xyz"), f"deepest_{units}"]
     writer.writerow(["first", "second", f"distance_{units}", "relation", f"overlap_{units}3", *ends])
     for pair in pairs:
         volume = "" if pair["overlap"] is None else pair["overlap"]
         named = table_text(pair["first"]), table_text(pair["second"])
-        depth = [pair["depth"], *(pair["direction"] or [""] * 3)]
+        depth = [pair["depth"], *(pair["direction"] or [""] * 3), pair["deepest"]]
         points = *pair["from"], *pair["to"]
         writer.writerow([*named, pair["distance"], pair["relation"], volume, *points, *depth])
     with whole_file(path) as stream:

@@ -301,7 +301,7 @@ def _fill_heights(reals, slot, pieces, row, heights):
 
 @kernel
 def _fill_beyond(reals, slot, pieces, row, heights):
-    """Fill how far a piece's corners are beyond the edge of a triangle that cuts it best; return the least."""
+    """Fill how far corners of a piece are beyond the edge that cuts it best; return the length cut off."""
     a, b, c = _triangle_at(reals, slot)
     normal, best = cross(*between(a, b), *between(a, c)), 0.0
     heights[0] = heights[1] = heights[2] = 0.0

@@ -14,7 +14,14 @@ from proximity.scene.sign import SignMethod
 
 _NO_ROWS = np.zeros((0, 3))
 _REPAIRS = tuple(field.name for field in fields(Repairs))
-_REPORT = {"path": str, "format": str, "units": str, "units_declared": bool, "notes": list}
+_REPORT = {
+    "path": str,
+    "format": str,
+    "units": str,
+    "units_declared": bool,
+    "notes": list,
+    "approximation": float,
+}
 
 
 def expect(is_right: Any, message: str) -> None:
@@ -89,7 +96,9 @@ def report_of(value: Any) -> dict[str, Any] | None:
     """Return the fields of a report, or None."""
     if value is None:
         return None
-    expect(type(value) is dict and value.keys() == _REPORT.keys(), f"the report is {_shown(value)}")
+    expect(type(value) is dict, f"the report is {_shown(value)}")
+    value = {"approximation": 0.0} | value  # earlier files do not have it
+    expect(value.keys() == _REPORT.keys(), f"the report is {_shown(value)}")
     for field, kind in _REPORT.items():
         expect(type(value[field]) is kind, f"the report has {_shown(value[field])} for {field}")
     list_of(str, value["notes"], "notes")
