@@ -8,7 +8,9 @@ N``. With ``--program`` a program ticks that has the engine for browsers: ``"nod
 --experimental-wasm-relaxed-simd tests/support/clients/module_server.mjs FOLDER plain"``.
 
 With ``--parts --ticks 1e6`` the trials are those of `tests/trials/part_trials.py`: a part that moves among
-others, with bounds, flags and certified times beside what `Scene.clearance` answers at one tick in ten."""
+others, with bounds, flags and certified times beside what `Scene.clearance` answers at one tick in ten; and
+every second one is of `tests/trials/flush_trials.py`: solids of cubes that slide along each other, with
+shared volume, distance and way out counted from the cubes."""
 
 import argparse
 import math
@@ -24,6 +26,7 @@ from benchmarks.support.project import project_module
 
 run_trial = project_module("tests/trials", "bound_trials").run_trial
 run_part_trial = project_module("tests/trials", "part_trials").run_trial
+run_flush_trial = project_module("tests/trials", "flush_trials").run_flush_trial
 Tally = project_module("tests/trials", "trial_log").Tally
 
 SIZES = (2000, 5000, 12_000, 40_000)
@@ -103,7 +106,8 @@ def _run(number, options):
 
 def _trial(number, options):
     if options.parts:
-        return run_part_trial(number, _size(number))
+        run = run_flush_trial if number % 2 else run_part_trial
+        return run(number // 2, _size(number))
     program, given = options.program, {"is_heavy": number % LIGHT_SHARE != 0}
     if program is None:
         return run_trial(number, _size(number), **given)

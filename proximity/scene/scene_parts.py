@@ -111,7 +111,7 @@ class SceneParts:
 
     def _hint(self, name: object) -> str:
         """Name the part with the most similar name, or some of them."""
-        if close := get_close_matches(str(name), self.row_of, 1):
+        if isinstance(name, str) and (close := get_close_matches(name, self.row_of, 1)):
             return f"did you mean {close[0]!r}?"
         known = ", ".join(repr(known) for known in list(self.row_of)[:10])
         more = "" if len(self.row_of) <= 10 else f" and {len(self.row_of) - 10} more"

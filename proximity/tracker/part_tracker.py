@@ -198,8 +198,9 @@ class PartTracker:
               ``lower`` holds for all parts, and where there is no connection for all that are not answered;
             - ``point_on_own``, ``point_on_part``, m, scene's frame: its ends;
             - ``normal``: unit vector along which the tracked part moves away; 0 where there is none;
-            - ``depth``, ``depth_lower``, m: where parts cross or one is inside the other, how far the tracked
-              part must move along the normal to be free of the other, at most and at least; else 0;
+            - ``depth``, ``depth_lower``, m: where parts cross, one is inside the other, or a budget left
+              that open, how far the tracked part must move along the normal to be free of the other, at most
+              and at least; else 0;
             - ``part``, ``own_part``, ``face``, ``own_face``: rows of `Scene.parts` and of their faces; -1;
             - ``approach_speed``, m/s: -d/dt of the distance; nan where velocities are not known;
             - ``predicted_ns``, ``predicted_distance``, ``predicted_lower``, ``predicted_upper``: when the
@@ -295,13 +296,11 @@ class PartTracker:
             search.follow_normals(tolerance)
         else:
             search.search(tolerance)
-        record["depth"], record["depth_lower"], record["normal"] = (
-            search.depth,
-            search.lower,
-            search.direction,
-        )
+        record["depth"], record["depth_lower"] = search.depth, search.lower
         record["work"] += search.steps
-        pairs["normal"][row], pairs["depth"][row] = search.direction, search.depth
+        if search.depth > 0.0:
+            record["normal"] = pairs["normal"][row] = search.direction
+            pairs["depth"][row] = search.depth
 
     def _offsets_in_group(self) -> list[Pose]:
         """Poses of the tracked parts relative to the first."""

@@ -89,6 +89,12 @@ def overlap(first: Polycube, second: Polycube, offset: np.ndarray, shrink: float
     return bool((apart < 1.0 - shrink).all(axis=-1).any())
 
 
+def distance(first: Polycube, second: Polycube, offset: np.ndarray) -> float:
+    """The distance between both, the first displaced by *offset*; 0 where they touch or overlap."""
+    gaps = np.abs(second.cells[None] - first.cells[:, None] - offset) - 1.0
+    return float(np.linalg.norm(np.maximum(gaps, 0.0), axis=-1).min())
+
+
 def depth_in(solid: Polycube, points: np.ndarray) -> np.ndarray:
     """How far points are inside; -1 where they are outside, 0 on the surface."""
     a, b, c = np.moveaxis(solid.mesh[0][solid.mesh[1]], 1, 0)

@@ -58,8 +58,8 @@ def follow_parts(model, held, is_moved):
     option.unsure = 0
     for number in range(len(held.pairs)):
         pair = held.pairs[number]
-        is_touching = pair.is_resolved and pair.upper <= 0.0 and not pair.is_crossing
-        pair.is_undecided = 1 if pair.is_unsure and (pair.lower > 0.0 or is_touching) else 0
+        is_known = pair.lower > 0.0 or (pair.is_resolved and pair.is_touching)
+        pair.is_undecided = 1 if pair.is_unsure and is_known else 0
         option.unsure += pair.is_undecided
     find_times(model, held)
     for number in range(len(held.records)):
@@ -78,7 +78,7 @@ def _lower_bounds(model, held):
             continue
         pair.lower -= moved
         pair.upper += moved
-        pair.is_crossing = 0
+        pair.is_crossing = pair.is_touching = 0
         pair.frontier_moved += moved
         gap = _gap_between_boxes(frames[pair.own], frames[pair.other])
         if gap > pair.lower:
@@ -172,15 +172,17 @@ def _look_into(model, held, number, reach):
         pair.frontier_moved * scale, limit, tolerance, budget, slots,
     )  # fmt: skip
     pair.frontier_count, pair.frontier_moved = count, 0.0
+    option.work += steps
     if lower_sq == OVERFLOW:
         slots[0], slots[1] = pair.slots[0], pair.slots[1]
         budget = 0 if option.budget == 0 else max(budget - steps, 1)
-        best, lower_sq, more = nearest_of_parts(
+        best, lower_sq, steps = nearest_of_parts(
             model, pair.own, pair.other, (turn, offset), limit, tolerance, budget, slots
         )
-        steps += more
-    option.work += steps
-    pair.is_resolved, pair.is_crossing = 1, 1 if best == CROSSING else 0
+        option.work += steps
+    pair.is_resolved, pair.is_crossing, pair.is_touching = 1, 1 if best == CROSSING else 0, 0
+    if best == 0.0:
+        pair.is_touching = 1 if budget == 0 or steps < budget else 0
     if slots[0] != NO_SLOT:
         pair.slots[0], pair.slots[1] = slots[0], slots[1]
         pair.upper = sqrt(max(best, 0.0)) / scale
@@ -232,7 +234,7 @@ def _fill_record(model, held, number, rows):
         _look_into(model, held, row, np.inf)
     lower = _lowest_of_rest(held, rows, 0) if number == 0 else lower_of(pair)
     length = fill_connection(model, pair.own, pair.other, pair.is_crossing != 0, pair.slots, ends, 0)
-    pair.upper = length = 0.0 if pair.upper <= 0.0 else length
+    pair.upper = length
     upper = _upper_of(pair)
     lower = min(lower, upper)
     record["distance"], record["lower"], record["upper"] = upper, lower, upper
@@ -241,11 +243,12 @@ def _fill_record(model, held, number, rows):
     for k in range(3):
         record["point_on_own"][k], record["point_on_part"][k] = ends[own_end + k], ends[other_end + k]
         record["normal"][k] = (ends[k] - ends[3 + k]) / length if length > 0.0 else 0.0
-    if length == 0.0 and not pair.is_crossing:
+    is_touching = (pair.is_touching or length == 0.0) and not pair.is_crossing
+    if is_touching:
         turn, offset = stack_f64(9), stack_f64(3)
         frames_between(model.frames, pair.own, pair.other, turn, offset)
         turn_normal(model, pair.own, (turn, offset), pair.slots, record["normal"])
-    if not pair.is_crossing and not pair.is_inside and (length == 0.0 or not pair.is_unsure):
+    if not pair.is_crossing and not pair.is_inside and (is_touching or not pair.is_unsure):
         for k in range(3):  # from within, surfaces are nearest the wrong way round
             pair.normal[k] = record["normal"][k]
     record["part"], record["own_part"] = pair.other, pair.own
@@ -254,7 +257,7 @@ def _fill_record(model, held, number, rows):
         record["own_face"] = load_int(model.words, model.parts[pair.own].slot_faces + pair.slots[0])
         record["face"] = load_int(model.words, model.parts[pair.other].slot_faces + pair.slots[1])
     record["depth"], record["depth_lower"] = 0.0, 0.0
-    if pair.is_crossing or pair.is_inside:
+    if pair.is_inside or (pair.lower == 0.0 and not pair.is_touching):
         record["depth"] = np.inf
     record["flags"] = (
         (EXACT if lower >= upper * ROUNDED_DOWN else BOUNDED)

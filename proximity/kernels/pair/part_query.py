@@ -90,7 +90,7 @@ def _shortest(model, first, second, limit, tolerance, budget, answer):
         return False
     distance = fill_connection(model, first, second, best == CROSSING, slots, answer, ANSWER_POINTS)
     # Where all was looked into, the bound is the distance but for its rounding.
-    is_exact = best == CROSSING or (tolerance == 0.0 and lower_sq >= best)
+    is_exact = best == CROSSING or (tolerance == 0.0 and lower_sq >= best > 0.0)
     answer[ANSWER_LOWER] = distance if is_exact else min(sqrt(lower_sq) / scale, distance)
     answer[ANSWER_DISTANCE] = distance
     answer[ANSWER_FACES] = load_int(words, parts[first].slot_faces + slots[0])
