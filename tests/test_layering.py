@@ -37,6 +37,7 @@ signature · sources
 tracking
 scene
 pair
+inside
 point · ray · segment
 tree
 sign
@@ -47,7 +48,7 @@ compiled_stack · contact_record
 layout
 """,
     "proximity.scene": """
-picture · trimesh_scene
+clashes · picture · trimesh_scene
 loader · overlap
 scene
 pairs · scene_parts

@@ -10,10 +10,10 @@ import numpy as np
 
 from proximity.checks import as_float64, not_negative, shown, whole
 from proximity.errors import ArgumentError, SceneError
+from proximity.kernels.inside.part_containment import contains_corner
 from proximity.kernels.layout import NO_FACE
 from proximity.kernels.pair import part_query
 from proximity.kernels.pair.part_query import connect_parts
-from proximity.kernels.scene.part_containment import contains_corner
 from proximity.scene.model.assembly import Model
 from proximity.scene.penetration import DeepestPoint, Penetration, PenetrationSearch, find_deepest
 from proximity.scene.solid import Solid

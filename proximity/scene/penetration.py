@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.scene.deepest_point import (
+from proximity.kernels.pair.deepest_point import (
     DEEPEST_LOWER,
     DEEPEST_POINT,
     DEEPEST_SIZE,
@@ -13,7 +13,7 @@ from proximity.kernels.scene.deepest_point import (
     DEEPEST_UPPER,
     deepest_point,
 )
-from proximity.kernels.scene.part_penetration import (
+from proximity.kernels.pair.part_penetration import (
     DEPTH_LOWER,
     DEPTH_NORMAL,
     DEPTH_SIZE,

@@ -12,10 +12,10 @@ from proximity import native
 from proximity.checks import not_negative, positive, whole
 from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import contact_record
+from proximity.kernels.inside.part_containment import contains_corner
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, columns_of
 from proximity.kernels.pair import frontier, held_records, held_tick, held_times
 from proximity.kernels.pair.held_motion import POSE_SIZE
-from proximity.kernels.scene.part_containment import contains_corner
 from proximity.pose import Pose, velocities_between
 from proximity.scene.model.assembly import Model
 from proximity.scene.penetration import PenetrationSearch

@@ -35,8 +35,8 @@ from proximity.cli.output import (
 from proximity.system.table_text import table_text
 
 if TYPE_CHECKING:
-    from proximity.cli.parts.measured_pairs import MeasuredPair
     from proximity.cli.tables import Column
+    from proximity.scene.clashes import MeasuredPair
 
 EXIT_NEARER = 1
 DIGITS = 6
@@ -118,20 +118,13 @@ def clearance(
         (below is None and ignore_touching, "--ignore-touching", "requires --below"),
         (not is_gate and allow is not None, "--allow", "requires --clashes or --below"),
     )
-    from proximity.cli.parts.measured_pairs import (
-        CONTACT_M,
-        MAX_SHOWN,
-        find_pairs,
-        matching,
-        measure,
-        read_allowed,
-        verdict,
-    )
+    from proximity.cli.parts.measured_pairs import MAX_SHOWN, find_pairs, matching, read_allowed, verdict
     from proximity.formats import metres_per_unit
+    from proximity.scene.clashes import contact_limit, measure
 
     metres, scene = metres_per_unit(reading.units), reading.load(*files)
     approximation = 0.0 if scene.report is None else scene.report.approximation
-    limit = (approximation or CONTACT_M) if contact is None else contact * metres
+    limit = contact_limit(scene) if contact is None else contact * metres
     nearest = 0.0 if below is None else below * metres
     allowed = {} if allow is None else read_allowed(allow, scene)
     groups, shown = [matching(scene, name) for name in names], " + ".join(map(str, files))

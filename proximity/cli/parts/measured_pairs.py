@@ -2,57 +2,21 @@
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import product
+from math import inf
 from pathlib import Path
-from typing import Any
 
 import typer
 
 import proximity
 from proximity.cli.output import counted, in_unit, length, printable
-from proximity.errors import MeshError, SceneError
-from proximity.scene.overlap import overlap
-from proximity.scene.pairs import SHARING, deepest_of
+from proximity.errors import SceneError
+from proximity.scene.clashes import CONTACT, MeasuredPair
 from proximity.system.table_text import table_text
 
-CONTACT_M = 1e-8
-"""Depth up to which parts touch, where the file has triangles; the import of STEP rounds by as much."""
 MAX_SHOWN = 20
-TOLERANCE, WAY_TOLERANCE = 0.001, 0.01
-"""Shares between the bounds of the deepest point and of the way out."""
 FEW_DIGITS = 3
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredPair:
-    """Two parts, and lengths in m, scene's frame; None for a volume or depth that is not known."""
-
-    clearance: proximity.Clearance
-    relation: proximity.Relation
-    deepest: float = 0.0
-    deepest_lower: float = 0.0
-    deepest_point: Any = None
-    is_clash: bool = False
-    volume: float | None = 0.0
-    depth: float | None = 0.0
-    direction: Any = None
-
-    @property
-    def names(self) -> frozenset[str]:
-        """Names of both parts."""
-        return frozenset(self.clearance[:2])
-
-    @property
-    def is_fit(self) -> bool:
-        """Whether the parts overlap by more than rounding and no more than the contact limit."""
-        return not self.is_clash and self.deepest_lower > CONTACT_M
-
-    @property
-    def rank(self) -> tuple[bool, float, float]:
-        """Key by which clashes come first, the deepest of them at the top, then the nearest pairs."""
-        return (not self.is_clash, -self.deepest if self.is_clash else 0.0, self.clearance.distance)
 
 
 def matching(scene: proximity.Scene, name: str) -> list[str]:
@@ -76,37 +40,14 @@ def find_pairs(
     else:
         for of in groups[0] if groups else [None]:
             if limit is not None or is_whole:
-                found += scene.closest_pairs(of=of, **({} if limit is None else {"max_distance": limit}))
+                found += scene.closest_pairs(of=of, max_distance=inf if limit is None else limit)
             else:
-                found += scene.closest_pairs(of=of, max_distance=CONTACT_M)
+                found += scene.closest_pairs(of=of, max_distance=CONTACT)
                 found += scene.closest_pairs(of=of, most=MAX_SHOWN)
     kept: dict[frozenset[str], proximity.Clearance] = {}
     for pair in found:
         kept.setdefault(frozenset(pair[:2]), pair)
     return [pair for pair in kept.values() if limit is None or pair.distance <= limit]
-
-
-def measure(scene: proximity.Scene, pair: proximity.Clearance, contact: float) -> MeasuredPair:
-    """Measure how deep two parts are in each other; up to *contact*, m, they touch."""
-    touching = proximity.Relation.TOUCHING
-    if pair.relation not in SHARING:
-        return MeasuredPair(pair, touching if pair.distance <= contact else pair.relation)
-    upper, lower, point, _ = deepest_of(scene, pair.first, pair.second, TOLERANCE)
-    volume = _volume(scene, pair)
-    is_open = not all(scene.part(name).solid.has_inside for name in pair[:2])
-    if upper <= contact and not is_open:
-        return MeasuredPair(pair, touching, upper, lower, point, volume=volume)
-    deep = scene.penetration(pair.first, pair.second, tolerance=WAY_TOLERANCE)
-    return MeasuredPair(pair, pair.relation, upper, lower, point, True, volume, deep.depth, deep.direction)
-
-
-def _volume(scene: proximity.Scene, pair: proximity.Clearance) -> float | None:
-    """Return the common volume of two parts; None where a part is open."""
-    try:
-        common = overlap(scene, pair.first, pair.second)
-    except MeshError:
-        return None
-    return 0.0 if common is None else common.volume
 
 
 def read_allowed(path: Path, scene: proximity.Scene) -> dict[frozenset[str], int]:
@@ -132,6 +73,11 @@ def read_allowed(path: Path, scene: proximity.Scene) -> dict[frozenset[str], int
     raise typer.BadParameter(reason, param_hint="--allow")
 
 
+def _rounded(value: float) -> str:
+    """A number with `FEW_DIGITS`, or with all before the point."""
+    return length(value, max(FEW_DIGITS, len(str(int(value)))))
+
+
 def verdict(
     pairs: Sequence[MeasuredPair], contact: float, approximation: float, metres: float, units: str
 ) -> str:
@@ -141,10 +87,8 @@ def verdict(
     said = []
     if clashes:
         worst = max(clashes, key=lambda pair: pair.deepest)
-        depth = length(in_unit(worst.deepest, metres), FEW_DIGITS)
-        volume = (
-            "" if not worst.volume else f", {length(in_unit(worst.volume, metres**3), FEW_DIGITS)} {units}³"
-        )
+        depth = _rounded(in_unit(worst.deepest, metres))
+        volume = f", {_rounded(in_unit(worst.volume, metres**3))} {units}³" if worst.volume else ""
         names = " and ".join(map(printable, worst.clearance[:2]))
         which = "the deepest " if len(clashes) > 1 else ""
         said.append(f"{counted(len(clashes), 'clash', 'clashes')}, {which}{names}: {depth} {units}{volume}")

@@ -13,7 +13,7 @@ from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, d
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, ORIENTED_STRIDE
 from proximity.kernels.pair.boxes import SHRINK, mapped
 from proximity.kernels.pair.connection import BOTH, connect, read_both
-from proximity.kernels.pair.meeting import APART_HERE, NEAR, meeting_reach, share_at
+from proximity.kernels.pair.meeting import APART_HERE, ON_SURFACE, meeting_reach, share_at
 from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, triangles_apart
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import inlined, kernel
@@ -144,7 +144,7 @@ def _is_back_to_back(triangle, others, normals, reach):
     highest = splat(0.0)
     for corner in others:
         highest = maximum(highest, absolute(dot(*normal, *between(triangle[0], corner))))
-    near = NEAR * reach
+    near = ON_SURFACE * reach
     is_flat = highest * highest <= splat(near * near) * dot(*normal, *normal)
     return is_flat & (dot(*normal, *normals) < splat(0.0))
 

@@ -11,19 +11,19 @@ from math import floor, sqrt
 
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
 from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.inside.chunk_tables import new_workspace, reset_recent
+from proximity.kernels.inside.part_containment import is_deep
 from proximity.kernels.layout import SIGN_NONE
 from proximity.kernels.pair.boxes import mapped
 from proximity.kernels.pair.connection import BOTH, between_edges, corner_of, on_triangle, read_both
 from proximity.kernels.pair.triangles import between
-from proximity.kernels.scene.chunk_tables import new_workspace, reset_recent
-from proximity.kernels.scene.part_containment import is_deep
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
 from proximity.native.simd import load_int
 
 MEETING = 2.0**-44
 """Surfaces nearer than this meet; in sizes of coordinates."""
-NEAR = 8.0
+ON_SURFACE = 8.0
 """Points within this multiple of `MEETING` of a line or plane lie on it."""
 LEAST_OVERLAP = 2.0**-30
 """Wedges that overlap by a smaller angle touch."""
@@ -106,7 +106,7 @@ def common_line(corners, reach, line):
     length = sqrt(longest_sq)
     for k in range(3):
         line[3 + k] = line[3 + k] / length if length > 0.0 else 0.0
-    return length if length > NEAR * reach else 0.0
+    return length if length > ON_SURFACE * reach else 0.0
 
 
 @inlined
@@ -151,7 +151,7 @@ def _fill_wedge(model, part, slot, frame_map, corners, number, line, reach, rays
         p, q = corner_of(corners, number, k), corner_of(corners, number, k + 1)
         edge = between(p, q)
         off = cross(*edge, *between(p, start))
-        if dot(*off, *off) > NEAR * NEAR * reach * reach * dot(*edge, *edge):
+        if dot(*off, *off) > ON_SURFACE * ON_SURFACE * reach * reach * dot(*edge, *edge):
             continue
         x, y, z, _ = _across(*between(start, corner_of(corners, number, k + 2)), line)
         _set(rays, 0, x, y, z)
@@ -227,7 +227,7 @@ def _is_flat(corners, number, reach):
     highest = 0.0
     for k in range(3):
         highest = max(highest, abs(dot(*normal, *between(a, corner_of(corners, 1 - number, k)))))
-    return highest * highest <= NEAR * NEAR * reach * reach * dot(*normal, *normal)
+    return highest * highest <= ON_SURFACE * ON_SURFACE * reach * reach * dot(*normal, *normal)
 
 
 @kernel
@@ -297,7 +297,7 @@ def share_at(model, first, second, slots, frame_map, slack, inside):
     is_flat = _is_flat(corners, 0, reach) or _is_flat(corners, 1, reach)
     width = _width(corners, reach, line) if is_flat else 0.0
     direction, is_common = stack_f64(3), False
-    if width > NEAR * reach:
+    if width > ON_SURFACE * reach:
         length = min(width, length)
         is_common = dot(*_ray(one, 1), *_ray(other, 1)) > 0.0
         direction[0], direction[1], direction[2] = _ray(one, 1)
@@ -307,7 +307,7 @@ def share_at(model, first, second, slots, frame_map, slack, inside):
         return APART_HERE
     for k in range(3):
         inside[k], inside[3 + k] = line[k], 0.25 * length * direction[k]
-    if find_inside(model, first, second, frame_map, NEAR * reach, inside):
+    if find_inside(model, first, second, frame_map, ON_SURFACE * reach, inside):
         return SHARING
     is_through = width == 0.0 and edge == -1 and other_edge == -1
     is_open = model.parts[first].sign == SIGN_NONE or model.parts[second].sign == SIGN_NONE

@@ -29,6 +29,17 @@ from proximity.kernels.geometry.frames import (
     turn_to_scene,
 )
 from proximity.kernels.geometry.rows import fetch_row, limit_of
+from proximity.kernels.inside.chunk_tables import (
+    POINT_CHUNK,
+    Chunk,
+    new_candidates,
+    new_features,
+    new_found,
+    new_workspace,
+    reset_found,
+    reset_recent,
+)
+from proximity.kernels.inside.containment import deepest_of_chunk, is_contained
 from proximity.kernels.layout import (
     FEATURE_NONE,
     IN_MILLIMETRES,
@@ -41,17 +52,6 @@ from proximity.kernels.layout import (
     ModelArrays,
 )
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part
-from proximity.kernels.scene.chunk_tables import (
-    POINT_CHUNK,
-    Chunk,
-    new_candidates,
-    new_features,
-    new_found,
-    new_workspace,
-    reset_found,
-    reset_recent,
-)
-from proximity.kernels.scene.containment import deepest_of_chunk, is_contained
 from proximity.kernels.scene.point_chunk import (
     begin_chunk,
     closest_of_chunk,

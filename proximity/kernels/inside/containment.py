@@ -12,10 +12,8 @@ parts whose surface passes through their cell.
 import numpy as np
 
 from proximity.kernels.geometry.frames import to_local
-from proximity.kernels.layout import LANES, NO_GRID, NO_PART, NO_SLOT, SIGN_NONE
-from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part
-from proximity.kernels.scene.chunk_tables import RECENT_PARTS
-from proximity.kernels.scene.part_grid import (
+from proximity.kernels.inside.chunk_tables import RECENT_PARTS
+from proximity.kernels.inside.part_grid import (
     containing_bits,
     dynamic_bits,
     dynamic_turn_count,
@@ -26,6 +24,8 @@ from proximity.kernels.scene.part_grid import (
     turns_of,
     turns_of_list,
 )
+from proximity.kernels.layout import LANES, NO_GRID, NO_PART, NO_SLOT, SIGN_NONE
+from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part
 from proximity.kernels.sign.inside_grid import (
     CELL_CROSSED,
     CELL_INSIDE,

@@ -23,6 +23,8 @@ from proximity.kernels.geometry.closest_feature import (
 )
 from proximity.kernels.geometry.frames import ROUNDED_DOWN, ROUNDED_UP, to_scene
 from proximity.kernels.geometry.triangle import corners_of_block, cross, dot, offset_of
+from proximity.kernels.inside.chunk_tables import new_workspace, reset_recent
+from proximity.kernels.inside.containment import state_in_part
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     LANES,
@@ -38,8 +40,6 @@ from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, t
 from proximity.kernels.pair.walk import used
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part, slot_distance_sq
 from proximity.kernels.ray.walk import ray_in_part
-from proximity.kernels.scene.chunk_tables import new_workspace, reset_recent
-from proximity.kernels.scene.containment import state_in_part
 from proximity.kernels.sign.inside_grid import CELL_CROSSED, CELL_INSIDE
 from proximity.kernels.sign.side import signed_of_slot
 from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows, stack_i64
@@ -61,12 +61,12 @@ from proximity.native.simd import (
 DEEPEST_LOWER, DEEPEST_UPPER, DEEPEST_POINT, DEEPEST_STEPS = 0, 1, 2, 5
 DEEPEST_SIZE = 6
 """m: a point is so deep, and none is deeper; that point, scene's frame; steps."""
-ROOM = 512
+CAPACITY = 512
 """Pieces or boxes that wait at once."""
 NODES = 1024
 LEAST_CUT = 2.0**-10
 """A cut leaves at least this share of a piece on either side."""
-BOX_MARGIN = np.float32(2.0**-20)
+WIDENING = np.float32(2.0**-20)
 """Local units by which boxes are widened for the rounding to float32."""
 SIDES = 8
 """Directions that are tried for it."""
@@ -74,7 +74,7 @@ FACING = 2.0**-10
 """Least cosine between faces and the side to which all of them look."""
 # State of a search in the outer part's local frame: the deepest point found so far and how deep it is; the
 # largest bound of what was settled; steps.
-BEST, PLACE, SETTLED, STEPS, STATE_SIZE = 0, 1, 4, 5, 6
+BEST, POSITION, BOUND, STEPS, STATE_SIZE = 0, 1, 4, 5, 6
 
 
 @inlined
@@ -100,9 +100,9 @@ def _contains(model, part, p, slot, workspace):
 
 
 @inlined
-def _goal(state, room):
-    """A bound up to this settles a piece; *room*: the share and the length, local, left between bounds."""
-    return state[BEST] * (1.0 + room[0]) + room[1]
+def _goal(state, limits):
+    """A bound up to this settles a piece; *limits*: the share and the length, local, left between bounds."""
+    return state[BEST] * (1.0 + limits[0]) + limits[1]
 
 
 @inlined
@@ -111,7 +111,7 @@ def _keep_deeper(state, depth, p):
     state[STEPS] += 1.0
     if depth > state[BEST]:
         state[BEST] = depth
-        state[PLACE], state[PLACE + 1], state[PLACE + 2] = p
+        state[POSITION], state[POSITION + 1], state[POSITION + 2] = p
 
 
 @inlined
@@ -180,14 +180,14 @@ def _box(lower, upper, margin):
     """A box in float32, wider by a margin and by rounding."""
     return (
         (
-            np.float32(lower[0] - margin) - BOX_MARGIN,
-            np.float32(lower[1] - margin) - BOX_MARGIN,
-            np.float32(lower[2] - margin) - BOX_MARGIN,
+            np.float32(lower[0] - margin) - WIDENING,
+            np.float32(lower[1] - margin) - WIDENING,
+            np.float32(lower[2] - margin) - WIDENING,
         ),
         (
-            np.float32(upper[0] + margin) + BOX_MARGIN,
-            np.float32(upper[1] + margin) + BOX_MARGIN,
-            np.float32(upper[2] + margin) + BOX_MARGIN,
+            np.float32(upper[0] + margin) + WIDENING,
+            np.float32(upper[1] + margin) + WIDENING,
+            np.float32(upper[2] + margin) + WIDENING,
         ),
     )
 
@@ -355,15 +355,15 @@ def _is_shallow(model, outer, pieces, count, middle, slot, goal, heights, worksp
         pieces[count, 3 * k + 2] -= goal * z
     if crossing != NO_SLOT:
         return -1
-    place = middle[0] + goal * x, middle[1] + goal * y, middle[2] + goal * z
-    _, slot = _nearest(model, outer, place, slot, workspace)
-    return 0 if _contains(model, outer, place, slot, workspace) else 1
+    position = middle[0] + goal * x, middle[1] + goal * y, middle[2] + goal * z
+    _, slot = _nearest(model, outer, position, slot, workspace)
+    return 0 if _contains(model, outer, position, slot, workspace) else 1
 
 
 @kernel
-def _settle_piece(model, outer, pieces, count, state, room, workspace):
+def _bound_or_cut(model, outer, pieces, count, state, limits, workspace):
     """Settle a piece, the one behind the last, or replace it by smaller ones; return the count."""
-    reals, heights, far, goal = model.reals, stack_f64(3), stack_f64(3), _goal(state, room)
+    reals, heights, far, goal = model.reals, stack_f64(3), stack_f64(3), _goal(state, limits)
     a, b, c = _corner(pieces, count, 0), _corner(pieces, count, 1), _corner(pieces, count, 2)
     middle = (a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0, (a[2] + b[2] + c[2]) / 3.0
     radius_sq = 0.0
@@ -371,9 +371,9 @@ def _settle_piece(model, outer, pieces, count, state, room, workspace):
         arm = between(middle, _corner(pieces, count, k))
         radius_sq = max(radius_sq, dot(*arm, *arm))
     distance, slot = _nearest(model, outer, middle, np.int64(NO_SLOT), workspace)
-    is_inside = distance > room[2] and _contains(model, outer, middle, slot, workspace)
+    is_inside = distance > limits[2] and _contains(model, outer, middle, slot, workspace)
     bound = min(pieces[count, 9], _bound_of_piece(reals, slot, slot, pieces, count, far))
-    if distance > sqrt(radius_sq) + room[2] and not is_inside:
+    if distance > sqrt(radius_sq) + limits[2] and not is_inside:
         return count
     if bound > goal and distance <= sqrt(radius_sq) + goal:
         shallow = _is_shallow(model, outer, pieces, count, middle, slot, goal, heights, workspace)
@@ -383,39 +383,39 @@ def _settle_piece(model, outer, pieces, count, state, room, workspace):
             bound = goal
     if is_inside:
         _keep_deeper(state, distance, middle)
-    if bound > _goal(state, room):
-        place = far[0], far[1], far[2]
-        depth, other = _nearest(model, outer, place, slot, workspace)
-        if depth > room[2] and _contains(model, outer, place, other, workspace):
-            _keep_deeper(state, depth, place)
+    if bound > _goal(state, limits):
+        position = far[0], far[1], far[2]
+        depth, other = _nearest(model, outer, position, slot, workspace)
+        if depth > limits[2] and _contains(model, outer, position, other, workspace):
+            _keep_deeper(state, depth, position)
         bound = min(bound, _bound_of_piece(reals, slot, other, pieces, count, far))
-    if bound > _goal(state, room):
+    if bound > _goal(state, limits):
         _fill_beyond(reals, slot, pieces, count, heights)
         return _cut(pieces, count, heights, bound)
-    state[SETTLED] = max(state[SETTLED], bound)
+    state[BOUND] = max(state[BOUND], bound)
     return count
 
 
 @kernel
-def _search_pieces(model, outer, pieces, count, state, room, budget, workspace):
+def _search_pieces(model, outer, pieces, count, state, limits, budget, workspace):
     """Settle pieces of the inner surface; what the budget leaves counts with its bound."""
-    while count > 0 and state[STEPS] < budget and count + 3 < ROOM:
+    while count > 0 and state[STEPS] < budget and count + 3 < CAPACITY:
         count -= 1
         state[STEPS] += 1.0
-        if pieces[count, 9] > _goal(state, room):
-            count = _settle_piece(model, outer, pieces, count, state, room, workspace)
+        if pieces[count, 9] > _goal(state, limits):
+            count = _bound_or_cut(model, outer, pieces, count, state, limits, workspace)
         else:
-            state[SETTLED] = max(state[SETTLED], pieces[count, 9])
+            state[BOUND] = max(state[BOUND], pieces[count, 9])
     for row in range(count):
-        state[SETTLED] = max(state[SETTLED], pieces[row, 9])
+        state[BOUND] = max(state[BOUND], pieces[row, 9])
 
 
 @kernel
-def _search_surface(model, inner, outer, frame_map, cap, state, room, budget, workspace):
+def _search_surface(model, inner, outer, frame_map, cap, state, limits, budget, workspace):
     """Look for the deepest point of the inner part's surface."""
     reals, words, frames, parts = model
     turn, offset = frame_map
-    nodes, pieces = stack_i64(NODES), stack_f64_rows(ROOM, 10)
+    nodes, pieces = stack_i64(NODES), stack_f64_rows(CAPACITY, 10)
     ratio = abs(frames[outer].scale / frames[inner].scale)
     nodes[0], count, known = parts[inner].root, 1, np.int64(NO_SLOT)
     while count > 0:
@@ -430,7 +430,7 @@ def _search_surface(model, inner, outer, frame_map, cap, state, room, budget, wo
                 low, high = np.float64(words[at + 8 * k]), np.float64(words[at + 24 + 8 * k])
                 middle[k] = 0.5 * (low + high)
                 radius_sq += 0.25 * (high - low) * (high - low)
-            radius = sqrt(radius_sq) * ratio * ROUNDED_UP + room[2]
+            radius = sqrt(radius_sq) * ratio * ROUNDED_UP + limits[2]
             p = mapped(turn, offset, middle[0], middle[1], middle[2])
             if max(abs(p[0]), abs(p[1]), abs(p[2])) > 1.0 + radius:
                 continue
@@ -439,18 +439,18 @@ def _search_surface(model, inner, outer, frame_map, cap, state, room, budget, wo
             if distance > radius and not _contains(model, outer, p, known, workspace):
                 continue
             bound = min(distance + radius, cap)
-            if bound <= _goal(state, room):
-                state[SETTLED] = max(state[SETTLED], bound)
+            if bound <= _goal(state, limits):
+                state[BOUND] = max(state[BOUND], bound)
                 continue
             child = load_int(words, at + NODE_CHILDREN)
             if state[STEPS] >= budget or (child >= 0 and count + 1 >= NODES):
-                state[SETTLED] = max(state[SETTLED], bound)
+                state[BOUND] = max(state[BOUND], bound)
             elif child >= 0:
                 nodes[count] = child
                 count += 1
             else:
                 waiting = _read_block(reals, ~child, frame_map, bound, pieces)
-                _search_pieces(model, outer, pieces, waiting, state, room, budget, workspace)
+                _search_pieces(model, outer, pieces, waiting, state, limits, budget, workspace)
 
 
 @kernel
@@ -549,15 +549,15 @@ def _foot(reals, slot, p, frame_map, workspace):
 
 
 @kernel
-def _search_volume(model, inner, outer, frame_map, boxes, state, room, budget, workspace):
+def _search_volume(model, inner, outer, frame_map, boxes, state, limits, budget, workspace):
     """Look for deep points within the volume that both parts may have in common: in a first box and below."""
     ratio = abs(model.frames[inner].scale / model.frames[outer].scale)
     count, known, inner_known = 1, np.int64(NO_SLOT), np.int64(NO_SLOT)
-    while count > 0 and state[STEPS] < budget and count + 2 < ROOM:
+    while count > 0 and state[STEPS] < budget and count + 2 < CAPACITY:
         count -= 1
         middle, bound = (boxes[count, 0], boxes[count, 1], boxes[count, 2]), boxes[count, 6]
-        if bound <= _goal(state, room):
-            state[SETTLED] = max(state[SETTLED], bound)
+        if bound <= _goal(state, limits):
+            state[BOUND] = max(state[BOUND], bound)
             continue
         radius = sqrt(
             boxes[count, 3] * boxes[count, 3]
@@ -576,17 +576,17 @@ def _search_volume(model, inner, outer, frame_map, boxes, state, room, budget, w
             continue
         if is_inside:
             gap = 0.0 if is_inner else inner_distance / ratio * ROUNDED_UP
-            place = middle if is_inner else _foot(model.reals, inner_known, p, frame_map, workspace)
-            _keep_deeper(state, distance - gap, place)
-        bound, goal = min(bound, (distance + radius) * ROUNDED_UP), _goal(state, room)
+            position = middle if is_inner else _foot(model.reals, inner_known, p, frame_map, workspace)
+            _keep_deeper(state, distance - gap, position)
+        bound, goal = min(bound, (distance + radius) * ROUNDED_UP), _goal(state, limits)
         if bound > goal:
             bound = _bound_in_box(model, outer, boxes, count, middle, distance, known, bound, goal, workspace)
         if bound <= goal:
-            state[SETTLED] = max(state[SETTLED], bound)
+            state[BOUND] = max(state[BOUND], bound)
         elif _has_critical(model, outer, boxes, count, middle, distance, known, is_inside, bound, workspace):
             count = _halve(boxes, count, bound)
     for row in range(count):
-        state[SETTLED] = max(state[SETTLED], boxes[row, 6])
+        state[BOUND] = max(state[BOUND], boxes[row, 6])
 
 
 @kernel
@@ -615,8 +615,8 @@ def _fill_common_box(model, inner, outer, frame_map, boxes):
             for i in range(3):
                 side = frames[inner].own_upper[i] if k >> i & 1 else frames[inner].own_lower[i]
                 corner[i] = (side - frames[inner].centre[i]) * frames[inner].scale
-            place = mapped(turn, offset, corner[0], corner[1], corner[2])[axis]
-            low, high = min(low, place), max(high, place)
+            position = mapped(turn, offset, corner[0], corner[1], corner[2])[axis]
+            low, high = min(low, position), max(high, position)
         lower = (frames[outer].own_lower[axis] - frames[outer].centre[axis]) * frames[outer].scale
         upper = (frames[outer].own_upper[axis] - frames[outer].centre[axis]) * frames[outer].scale
         least = min(least, 0.5 * (upper - lower))
@@ -634,7 +634,7 @@ def deepest_point(model, inner, outer, tolerance, rest, budget, deepest):
     steps at most. The lower bound that is in *deepest* before is known from elsewhere.
     """
     frames, scale = model.frames, model.frames[outer].scale
-    workspace, state, boxes = new_workspace(), stack_f64(STATE_SIZE), stack_f64_rows(ROOM, 7)
+    workspace, state, boxes = new_workspace(), stack_f64(STATE_SIZE), stack_f64_rows(CAPACITY, 7)
     turn, offset = stack_f64(9), stack_f64(3)
     reset_recent(workspace)
     known = deepest[DEEPEST_LOWER]
@@ -645,13 +645,13 @@ def deepest_point(model, inner, outer, tolerance, rest, budget, deepest):
     slack = 1.0
     for k in range(3):
         slack = max(slack, abs(offset[k]) + 2.0 * abs(scale / frames[inner].scale))
-    room = tolerance, max(rest * scale, 16.0 * SIDE_ROUNDING * slack), 16.0 * SIDE_ROUNDING * slack
-    state[BEST], state[SETTLED], state[STEPS] = known * scale, 0.0, 0.0
+    limits = tolerance, max(rest * scale, 16.0 * SIDE_ROUNDING * slack), 16.0 * SIDE_ROUNDING * slack
+    state[BEST], state[BOUND], state[STEPS] = known * scale, 0.0, 0.0
     cap = _fill_common_box(model, inner, outer, (turn, offset), boxes)
-    _search_surface(model, inner, outer, (turn, offset), cap, state, room, budget, workspace)
-    _search_volume(model, inner, outer, (turn, offset), boxes, state, room, 2.0 * budget, workspace)
+    _search_surface(model, inner, outer, (turn, offset), cap, state, limits, budget, workspace)
+    _search_volume(model, inner, outer, (turn, offset), boxes, state, limits, 2.0 * budget, workspace)
     deepest[DEEPEST_STEPS] = state[STEPS]
-    deepest[DEEPEST_UPPER] = max(known, max(state[BEST], state[SETTLED]) / scale * ROUNDED_UP)
+    deepest[DEEPEST_UPPER] = max(known, max(state[BEST], state[BOUND]) / scale * ROUNDED_UP)
     if state[BEST] > known * scale:
         deepest[DEEPEST_LOWER] = state[BEST] / scale * ROUNDED_DOWN
-        to_scene(frames, model.parts, outer, state, PLACE, deepest, DEEPEST_POINT)
+        to_scene(frames, model.parts, outer, state, POSITION, deepest, DEEPEST_POINT)

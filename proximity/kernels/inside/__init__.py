@@ -1,0 +1,1 @@
+"""Which parts contain a point, and how deep it is in them."""

@@ -1,0 +1,79 @@
+"""Pairs of parts that clash, fit or touch: how deep they are in each other."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from proximity.errors import MeshError
+from proximity.scene.overlap import overlap
+from proximity.scene.pairs import SHARING, Clearance, Relation, deepest_of
+from proximity.scene.scene import Scene
+
+CONTACT = 1e-8  # m
+"""Depth up to which parts touch, where the file has triangles; the import of STEP rounds by as much."""
+TOLERANCE, EXIT_TOLERANCE = 0.001, 0.01
+"""Shares between the bounds of the deepest point and of the way out."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredPair:
+    """Two parts, and lengths in m, scene's frame; None for a volume that is not known."""
+
+    clearance: Clearance
+    relation: Relation
+    deepest: float = 0.0
+    deepest_lower: float = 0.0
+    deepest_point: Any = None
+    is_clash: bool = False
+    volume: float | None = 0.0
+    depth: float = 0.0
+    direction: Any = None
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of both parts."""
+        return frozenset(self.clearance[:2])
+
+    @property
+    def is_fit(self) -> bool:
+        """Whether the parts overlap by more than rounding and no more than the contact limit."""
+        return not self.is_clash and self.deepest_lower > CONTACT
+
+    @property
+    def rank(self) -> tuple[bool, float, float]:
+        """Key by which clashes come first, the deepest of them at the top, then the nearest pairs."""
+        return (not self.is_clash, -self.deepest if self.is_clash else 0.0, self.clearance.distance)
+
+
+def contact_limit(scene: Scene) -> float:
+    """Return the depth, m, up to which parts touch: the deviation of triangles from surfaces of the file."""
+    return (scene.report and scene.report.approximation) or CONTACT
+
+
+def measure(scene: Scene, pair: Clearance, contact: float) -> MeasuredPair:
+    """Measure how deep two parts are in each other; up to *contact*, m, they touch."""
+    touching = Relation.TOUCHING
+    if pair.relation not in SHARING:
+        return MeasuredPair(pair, touching if pair.distance <= contact else pair.relation)
+    upper, lower, point, _ = deepest_of(scene, pair.first, pair.second, TOLERANCE)
+    volume = _volume(scene, pair)
+    is_open = not all(scene.part(name).solid.has_inside for name in pair[:2])
+    if upper <= contact and not is_open:
+        return MeasuredPair(pair, touching, upper, lower, point, volume=volume)
+    deep = scene.penetration(pair.first, pair.second, tolerance=EXIT_TOLERANCE)
+    return MeasuredPair(pair, pair.relation, upper, lower, point, True, volume, deep.depth, deep.direction)
+
+
+def _volume(scene: Scene, pair: Clearance) -> float | None:
+    """Return the common volume of two parts; None where a part is open."""
+    try:
+        common = overlap(scene, pair.first, pair.second)
+    except MeshError:
+        return None
+    return 0.0 if common is None else common.volume
+
+
+def find_clashes(scene: Scene) -> list[MeasuredPair]:
+    """Return the pairs that overlap by more than `contact_limit`, the deepest first."""
+    limit = contact_limit(scene)
+    measured = [measure(scene, pair, limit) for pair in scene.closest_pairs(max_distance=0.0)]
+    return sorted((pair for pair in measured if pair.is_clash), key=lambda pair: pair.rank)
