@@ -1,6 +1,7 @@
 """Read a file into geometries in metres: choose the reader, scale, place and name."""
 
 import os
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -192,21 +193,21 @@ def unique_names(names: list[str]) -> tuple[list[str], list[str]]:
     """
     taken = set(names)
     unique: list[str] = []
-    counts: dict[str, int] = {}
+    last: dict[str, int] = {}  # number given to a name
     for name in names:
-        counts[name] = counts.get(name, 0) + 1
-        if counts[name] == 1:
+        if name not in last:
+            last[name] = 1
             unique.append(name)
             continue
-        number = counts[name]
-        while f"{name}_{number}" in taken:
-            number += 1
-        unique.append(f"{name}_{number}")
+        last[name] += 1
+        while f"{name}_{last[name]}" in taken:
+            last[name] += 1
+        unique.append(f"{name}_{last[name]}")
         taken.add(unique[-1])
     notes = [
         f"{count} of its meshes are called {text_rows.shortened(name, 60)}; "
         "from the second on they are numbered"
-        for name, count in counts.items()
+        for name, count in Counter(names).items()
         if count > 1
     ]
     return unique, notes

@@ -20,6 +20,7 @@ from project import MESHES
 from proximity import formats
 from proximity.errors import MeshFormatError
 from proximity.formats.step import conversion, product_structure
+from proximity.formats.step.step_records import StepText
 
 BOX = step_text.box_step((1, 2, 3), name="lid")
 ASSEMBLY = (MESHES / "assembly.step").read_text("ascii")
@@ -84,7 +85,7 @@ def test_product_gives_its_name_where_its_use_has_a_number():
         b'{"nodes": [{"name": "NAUO7", "children": [1]}, {"name": "=>[0:1:1:5]", "mesh": 0}],'
         b' "meshes": [{"name": "SOLID"}]}'
     )
-    named = product_structure.with_names_of_products(header, text)
+    named = product_structure.with_names_of_products(header, StepText(text))
     assert b'{"name": "pin", "mesh": 0}' in named
 
 
@@ -248,7 +249,11 @@ def test_part_that_lost_its_place_or_shape_is_not_left_out_or_put_elsewhere(tmp_
 def test_fewer_parts_than_the_assemblies_hold_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "part.step"
     path.write_text(ASSEMBLY)
-    assert len(formats.read_geometries(path).geometries) == product_structure.count_bodies(ASSEMBLY) == 4
+    assert (
+        len(formats.read_geometries(path).geometries)
+        == product_structure.count_bodies(StepText(ASSEMBLY))
+        == 4
+    )
     monkeypatch.setattr(product_structure, "count_bodies", lambda text: 5)
     with pytest.raises(
         MeshFormatError, match="its assemblies hold 5 parts, but OpenCASCADE could read 4 only"
@@ -257,20 +262,20 @@ def test_fewer_parts_than_the_assemblies_hold_are_refused(tmp_path, monkeypatch)
 
 
 def test_uses_are_expanded():
-    assert product_structure.count_bodies(NESTED) == 4
+    assert product_structure.count_bodies(StepText(NESTED)) == 4
 
 
 def test_files_that_place_shapes_in_other_ways_are_left_alone():
     text = NESTED.replace(
         "#61=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#71,#51);", "#61=MAPPED_ITEM('',#1,#2);"
     )
-    assert product_structure.count_bodies(text) == 0
+    assert product_structure.count_bodies(StepText(text)) == 0
 
 
 def test_product_that_contains_itself_is_refused():
     text = NESTED.replace("('','','',#2,#3,$)", "('','','',#2,#1,$)", 1)
     with pytest.raises(MeshFormatError, match=r"PRODUCT_DEFINITION #[12] is part of itself, expected a tree"):
-        product_structure.count_bodies(text)
+        product_structure.count_bodies(StepText(text))
 
 
 # Units and CAD faces
@@ -293,7 +298,12 @@ def test_step_declares_its_unit_and_triangles_know_their_cad_face(tmp_path, unit
 
 def test_step_with_free_form_faces_is_noted(tmp_path):
     text = step_text.box_step((1, 2, 3), "mm", name="lid")
-    text = text.replace("DATA;", "DATA; /* as of #1=B_SPLINE_SURFACE_WITH_KNOTS */", 1)
+    point = re.search(r"(#\d+) = CARTESIAN_POINT", text)[1]
+    surface = (
+        f"#901=B_SPLINE_SURFACE_WITH_KNOTS('',1,1,(({point},{point}),({point},{point})),.UNSPECIFIED.,.F.,.F.,"
+        ".F.,(2,2),(2,2),(0.,1.),(0.,1.),.UNSPECIFIED.);\n"
+    )
+    text = text.replace(TAIL, surface + TAIL)
 
     contents = read(tmp_path, text.encode())
 

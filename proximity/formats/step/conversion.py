@@ -11,6 +11,7 @@ from proximity.formats.contents import RawFile
 from proximity.formats.gltf import buffers, gltf
 from proximity.formats.libraries import run_library
 from proximity.formats.step.product_structure import with_names_of_products
+from proximity.formats.step.step_records import StepText
 
 STEP_ANGLE = 0.25
 """How far neighbouring triangles may turn against each other, radians: keeps fillets round whose radius is
@@ -26,7 +27,7 @@ _ROUND_SHARE, _FREE_SHARE = 0.7 * MOST_OF_FACE / 10.1, 1e5
 """A radius or a size is looked at beyond so many tolerances. A sphere takes 10.1 triangles a tolerance."""
 
 _NUMBER = re.compile(r"(?<![\w.#+-])[-+]?\d+\.\d*(?:E[-+]?\d+)?")
-_ROUND = re.compile(r"\b(?:SPHERICAL|(?:DEGENERATE_)?TOROIDAL)_SURFACE\s*\(([^)]*)\)")
+_ROUND = re.compile(r"\b(?:SPHERICAL|(?:DEGENERATE_)?TOROIDAL)_SURFACE\s*+\(([^)]*+)")
 FREE_FORM = re.compile(r"\bB_SPLINE_SURFACE|\bSURFACE_OF_|\bOFFSET_SURFACE")
 _COMPLAINT = re.compile(r"\bERR\b|Error|Exception|Fails Count", re.IGNORECASE)
 _ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
@@ -44,7 +45,7 @@ class Meshed:
     tolerance: float  # m, within which they are
 
 
-def mesh_within_limits(text: str, path: str, tolerance: float, metres: float) -> Meshed:
+def mesh_within_limits(text: StepText, path: str, tolerance: float, metres: float) -> Meshed:
     """Return a file as triangles, within *tolerance* in m where that does not take too many of them.
 
     *metres*: the longest unit of the file.
@@ -56,11 +57,11 @@ def mesh_within_limits(text: str, path: str, tolerance: float, metres: float) ->
         raw = _mesh(text, path, tolerance)
         if _triangle_counts(raw)[0] <= MOST_TRIANGLES:
             return Meshed(raw, tolerance)
-    size = _largest(_NUMBER.findall(text)) * metres
+    size = _largest(_NUMBER.findall(text.blank)) * metres
     return _mesh_by_and_by(text, path, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
 
 
-def _mesh_by_and_by(text: str, path: str, tolerance: float, coarse: float) -> Meshed:
+def _mesh_by_and_by(text: StepText, path: str, tolerance: float, coarse: float) -> Meshed:
     """Go from a coarse tolerance to the one wanted, or as near to it as the limits allow."""
     raw = _mesh(text, path, coarse)
     while coarse > tolerance:
@@ -87,12 +88,12 @@ def _mesh_by_and_by(text: str, path: str, tolerance: float, coarse: float) -> Me
     return Meshed(raw, coarse)
 
 
-def _deciding_size(text: str, tolerance: float) -> float:
+def _deciding_size(text: StepText, tolerance: float) -> float:
     """The size, in the file's numbers, by which triangles could be too many; 0.0 if they cannot."""
-    radius = max((_largest(_NUMBER.findall(match)) for match in _ROUND.findall(text)), default=0.0)
-    is_free = FREE_FORM.search(text) is not None
+    radius = max((_largest(_NUMBER.findall(match)) for match in _ROUND.findall(text.blank)), default=0.0)
+    is_free = FREE_FORM.search(text.blank) is not None
     if radius > _ROUND_SHARE * tolerance or is_free:
-        size = _largest(_NUMBER.findall(text))
+        size = _largest(_NUMBER.findall(text.blank))
         if radius > _ROUND_SHARE * tolerance or size > _FREE_SHARE * tolerance:
             return size
     return 0.0
@@ -111,9 +112,9 @@ def _triangle_counts(raw: RawFile) -> tuple[int, int]:
     return sum(len(rows) for rows in products), most
 
 
-def _mesh(text: str, path: str, tolerance: float) -> RawFile:
+def _mesh(text: StepText, path: str, tolerance: float) -> RawFile:
     try:
-        glb = _convert(text.encode("latin-1"), tolerance)
+        glb = _convert(text.text.encode("latin-1"), tolerance)
     except OSError as failure:  # a full disk, no room for another process
         reported = failure.strerror or str(failure)
         raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
