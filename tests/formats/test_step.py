@@ -89,6 +89,53 @@ def test_product_gives_its_name_where_its_use_has_a_number():
     assert b'{"name": "pin", "mesh": 0}' in named
 
 
+# Names in other encodings
+
+
+@pytest.mark.parametrize(
+    ("encoding", "name", "words"),
+    [
+        ("utf-8", "Gehäuse 海绵座", None),
+        ("latin-1", "Gehäuse", "Windows-1252"),
+        ("latin-1", "Größe Ø10", "Windows-1252"),
+        ("cp1252", "Plaque d’appui – côté droit", "Windows-1252"),
+        ("gb18030", "海绵座", "GB18030"),
+        ("gb18030", "镀锌垫片 M6", "GB18030"),
+        ("shift_jis", "ハウジング", "Shift-JIS"),
+        ("shift_jis", "歯車", "Shift-JIS"),
+        ("shift_jis", "表", "Shift-JIS"),  # its second byte is a backslash
+        ("cp1251", "Корпус", "Windows-1251"),
+    ],
+)
+def test_name_that_is_not_utf8_keeps_its_letters_and_is_noted(tmp_path, encoding, name, words):
+    # Was: Geh㴳e, without a word.
+    contents = read(tmp_path, step_text.box_step((1, 2, 3), name=name).encode(encoding))
+    assert contents.geometries[0].name == name
+    note = f"its text is not UTF-8, and was read as {words}: names may have other letters"
+    assert (contents.notes[:-1] == (note,)) if words else (len(contents.notes) == 1)
+
+
+def test_bytes_that_no_encoding_has_stay_legible(tmp_path):
+    contents = read(tmp_path, BOX.encode().replace(b"lid", b"lid \x81 \xe4"))
+    assert contents.geometries[0].name.startswith("lid ") and contents.geometries[0].name.endswith(" ä")
+    assert "was read as Latin-1" in contents.notes[0]
+
+
+def test_product_and_use_of_one_name_find_each_other_beyond_ascii(tmp_path):
+    text = ASSEMBLY.replace("'pin'", "'Bolzen_ö'")
+    numbered = re.sub(r"(OCCURRENCE)\('pin_left','pin_left'", r"\1('7','NAUO7'", text)
+    solids = numbered.replace("MANIFOLD_SOLID_BREP('Bolzen_ö'", "MANIFOLD_SOLID_BREP('SOLID'")
+    assert "Bolzen_ö" in [geometry.name for geometry in read(tmp_path, solids).geometries]
+
+
+def test_part_file_in_another_encoding_is_noted_by_its_name(tmp_path):
+    text, lid = with_lid_in_file("lid.stp")
+    (tmp_path / "lid.stp").write_bytes(lid.replace("'lid'", "'Dübel'").encode("latin-1"))
+    contents = read(tmp_path, text)
+    assert "Dübel" in [geometry.name for geometry in contents.geometries]
+    assert contents.notes[0].startswith("its part 'lid.stp': its text is not UTF-8")
+
+
 # Part files
 
 
@@ -294,6 +341,32 @@ def test_step_declares_its_unit_and_triangles_know_their_cad_face(tmp_path, unit
         "curved faces are approximated within 0.01 mm by flat triangles: distances are exact to the "
         "triangles",
     )
+
+
+STYLES = (
+    "COLOUR_RGB('',{red},0.,0.)", "FILL_AREA_STYLE_COLOUR('',{last})", "FILL_AREA_STYLE('',({last}))",
+    "SURFACE_STYLE_FILL_AREA({last})", "SURFACE_SIDE_STYLE('',({last}))",
+    "SURFACE_STYLE_USAGE(.BOTH.,{last})", "PRESENTATION_STYLE_ASSIGNMENT(({last}))",
+    "STYLED_ITEM('color',({last}),{item})",
+)  # fmt: skip
+
+
+def colour(first, item, red):
+    """Records that give a face a colour, each by the one before."""
+    return "".join(
+        f"#{number}={record.format(red=red, last=f'#{number - 1}', item=item)};\n"
+        for number, record in enumerate(STYLES, first)
+    )
+
+
+def test_colours_of_faces_do_not_change_the_numbers_of_cad_faces(tmp_path):
+    # Was: a file whose faces had colours gave most triangles the numbers of triangles.
+    faces = re.findall(r"(#\d+) = ADVANCED_FACE", BOX)
+    context = re.search(r"(#\d+) = \( GEOMETRIC", BOX)[1]
+    styles = colour(9000, faces[3], "1.") + colour(9100, faces[5], "0.5")
+    styles += f"#9990=MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION('',(#9007,#9107),{context});\n"
+    (part,) = read(tmp_path, BOX.replace(TAIL, styles + TAIL)).geometries
+    assert part.source_faces.tolist() == np.repeat(np.arange(6), 2).tolist()
 
 
 def test_step_with_free_form_faces_is_noted(tmp_path):

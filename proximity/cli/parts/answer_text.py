@@ -97,7 +97,7 @@ def _write_row(columns: list[Column], cells: Iterable[str]) -> None:
 
 def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Labels and values of one answer, with the names of its points where they have some."""
-    is_closest, is_found = question.mode == "closest", answer["face"] is not None
+    is_closest, is_found = question.mode == "closest", answer["face_id"] is not None
     for name, value in answer.items():
         field = FIELDS.get(name, GIVEN)
         if not field.label or value is None or not (is_found or name.endswith("name")):

@@ -172,7 +172,7 @@ class Question:
             elif name == "part":
                 found |= self._faces(hits)
             elif name == "feature":
-                words = zip(hits.feature.tolist(), found["face"], strict=True)
+                words = zip(hits.feature.tolist(), found["face_id"], strict=True)
                 found[name] = [None if face is None else Feature(each).name.lower() for each, face in words]
         return found
 

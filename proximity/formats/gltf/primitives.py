@@ -28,7 +28,7 @@ class Primitive:
     mode: int
     position: int  # accessor
     targets: list[Any]  # of displacements, JSON
-    face_ids: np.ndarray | None  # CAD face of each triangle
+    face_ids: np.ndarray | None  # CAD face of each triangle, or of others where there are several surfaces
     packed: tuple[int, int] | None  # by Draco: buffer view, and the identifier of positions in it
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # (V, 3), stored numbers
     corners: np.ndarray | None = None  # rows of points; None: all of them, in turn
@@ -128,11 +128,6 @@ def _check_count(primitive: Primitive) -> None:
     if primitive.mode != _TRIANGLES and count < 3:
         kind = "strip" if primitive.mode == _TRIANGLE_STRIP else "fan"
         raise MeshFormatError(f"{place} is a {kind} of {count} corners, expected at least 3")
-    if primitive.face_ids is not None and len(primitive.face_ids) != primitive.face_count:
-        raise MeshFormatError(
-            f"{place} names the CAD faces of {len(primitive.face_ids)} triangles, "
-            f"but there are {primitive.face_count}"
-        )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later

@@ -29,6 +29,7 @@ _ROUND_SHARE, _FREE_SHARE = 0.7 * MOST_OF_FACE / 10.1, 1e5
 _NUMBER = re.compile(r"(?<![\w.#+-])[-+]?\d+\.\d*(?:E[-+]?\d+)?")
 _ROUND = re.compile(r"\b(?:SPHERICAL|(?:DEGENERATE_)?TOROIDAL)_SURFACE\s*+\(([^)]*+)")
 FREE_FORM = re.compile(r"\bB_SPLINE_SURFACE|\bSURFACE_OF_|\bOFFSET_SURFACE")
+_STYLED = re.compile(r"(STYLED_ITEM\s*+\(\s*+'[^']*+'\s*+,\s*+)\([^)]*+\)")
 _COMPLAINT = re.compile(r"\bERR\b|Error|Exception|Fails Count", re.IGNORECASE)
 _ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -106,15 +107,15 @@ def _largest(numbers: list[str]) -> float:
 
 
 def _triangle_counts(raw: RawFile) -> tuple[int, int]:
-    """Triangles of all products, and of the CAD face with most of them."""
+    """Triangles of all products, and of the known CAD face with most of them."""
     products = {id(mesh.source_faces): mesh.source_faces for mesh in raw.meshes}.values()
-    most = max((int(np.bincount(rows).max()) for rows in products if len(rows)), default=0)
+    most = max((int(np.bincount(rows[rows >= 0], minlength=1).max()) for rows in products), default=0)
     return sum(len(rows) for rows in products), most
 
 
 def _mesh(text: StepText, path: str, tolerance: float) -> RawFile:
     try:
-        glb = _convert(text.text.encode("latin-1"), tolerance)
+        glb = _convert(_without_styles(text.text).encode(), tolerance)
     except OSError as failure:  # a full disk, no room for another process
         reported = failure.strerror or str(failure)
         raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
@@ -122,6 +123,11 @@ def _mesh(text: StepText, path: str, tolerance: float) -> RawFile:
     # Nodes carry numbers of assembly steps (NAUO1); people know the products.
     header = with_names_of_products(header, text)
     return gltf.read_document(header, path, binary, "STEP", [])
+
+
+def _without_styles(text: str) -> str:
+    """Return a text without its colours: the CAD faces of faces in several colours would be named wrongly."""
+    return text if "INVISIBILITY" in text else _STYLED.sub(r"\1()", text)
 
 
 def _convert(data: bytes, tolerance: float) -> bytes:

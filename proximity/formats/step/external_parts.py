@@ -12,7 +12,7 @@ from pathlib import Path
 
 from proximity.errors import MeshFormatError
 from proximity.formats.step.product_structure import products_of
-from proximity.formats.step.step_records import QUOTED, StepText
+from proximity.formats.step.step_records import QUOTED, StepText, decoded
 from proximity.formats.text_rows import PADDING, shortened
 from proximity.system.regular_file import open_regular
 
@@ -33,7 +33,7 @@ _LOCATION = re.compile(rf"=\s*+(?:{'|'.join(_NAMING)}|EXTERNAL_SOURCE)\s*+\({_AR
 
 
 def without_trailer(data: bytes) -> tuple[str, list[str]]:
-    """Return the text of a STEP file up to its end, and a note if anything but signatures comes after it."""
+    """Return the text of a STEP file up to its end, with notes on its encoding and on what comes after it."""
     data = data.removeprefix(_MARK)
     ends = [match.end() for match in _END.finditer(data)]
     if not ends:
@@ -45,15 +45,17 @@ def without_trailer(data: bytes) -> tuple[str, list[str]]:
     *sections, rest = _END_OF_SECTION.split(data[ends[0] :])
     is_signed = all(section.lstrip().startswith(b"SIGNATURE") for section in sections)
     is_known = is_signed and not rest.strip(PADDING)
-    note = f"{len(data) - ends[0]} bytes after END-ISO-10303-21 were ignored"
-    return data[: ends[0]].decode("latin-1") + "\n", [] if is_known else [note]
+    text, notes = decoded(data[: ends[0]])
+    if not is_known:
+        notes.append(f"{len(data) - ends[0]} bytes after END-ISO-10303-21 were ignored")
+    return text + "\n", notes
 
 
-def with_external_parts(text: str, path: str) -> str:
+def with_external_parts(text: str, path: str, notes: list[str]) -> str:
     """Return the text of the file at *path* with the records of the part files that it refers to."""
     if not any(kind in text for kind in _REFERRING):
         return text
-    return _Merge(Path(path).resolve().parent).merged(text, Path(path).resolve())
+    return _Merge(Path(path).resolve().parent, notes).merged(text, Path(path).resolve())
 
 
 @dataclass(slots=True)
@@ -61,6 +63,7 @@ class _Merge:
     """A file and those that it refers to, each once."""
 
     folder: Path  # beyond which nothing is read
+    notes: list[str]
     last_number: int = 0
     open_paths: list[Path] = field(default_factory=list)
     roots: dict[Path, tuple[str, str, str]] = field(default_factory=dict)  # definition, its shape, shape
@@ -107,12 +110,13 @@ class _Merge:
         if beside not in self.roots:
             try:
                 with open_regular(beside) as file:
-                    text = without_trailer(file.read())[0]
+                    text, notes = without_trailer(file.read())
             except MeshFormatError as reason:
                 raise MeshFormatError(f"{what}: {reason}") from None
             except (OSError, ValueError) as reason:
                 reported = reason.strerror if isinstance(reason, OSError) else str(reason)
                 raise MeshFormatError(f"{what} beside it cannot be read ({reported})") from reason
+            self.notes += [f"{what}: {note}" for note in notes]
             self.roots[beside] = self._merged_root(text, beside, what)
         return self.roots[beside]
 

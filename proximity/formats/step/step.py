@@ -11,7 +11,7 @@ import re
 import numpy as np
 
 from proximity.errors import MeshFormatError
-from proximity.formats.contents import RawFile, Source
+from proximity.formats.contents import UNKNOWN_FACE, RawFile, Source
 from proximity.formats.step import conversion, product_structure
 from proximity.formats.step.external_parts import with_external_parts, without_trailer
 from proximity.formats.step.step_records import REFERENCE, StepText
@@ -39,7 +39,7 @@ _ASSUMED_METRES = 1e-3  # what OpenCASCADE takes for a number without a unit
 def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> RawFile:
     """Mesh a STEP file within *tolerance*, m; *undeclared_metres* is a number where it declares no unit."""
     own_text, notes = without_trailer(source.data)
-    text = StepText(with_external_parts(own_text, source.path))
+    text = StepText(with_external_parts(own_text, source.path, notes))
     units = _units(text)
     body_count = product_structure.count_bodies(text)
     metres = max((metres_per_unit(unit) for unit in units if unit in UNITS), default=_ASSUMED_METRES)
@@ -89,7 +89,7 @@ def _notes_on_faces(text: StepText, raw: RawFile) -> list[str]:
     products = {id(mesh.source_faces): mesh.source_faces for mesh in raw.meshes}
     arrived = sum(len(np.unique(rows)) for rows in products.values())
     listed: set[str] = set().union(*shells.values())
-    if arrived >= len(listed):
+    if arrived >= len(listed) or any(UNKNOWN_FACE in rows for rows in products.values()):
         return []
     used = product_structure.used_records(text)
     unused = listed.difference(*(faces for shell, faces in shells.items() if shell in used))
