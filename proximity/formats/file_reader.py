@@ -39,6 +39,7 @@ def read_geometries(
     scale: float = 1.0,
     step_tolerance: float = step.STEP_TOLERANCE,
     unpacked_limit: float = threemf.UNPACKED_LIMIT,
+    cache: bool = True,
 ) -> FileContents:
     """Read every mesh of a file, in metres, at its place.
 
@@ -46,14 +47,15 @@ def read_geometries(
     does not say (STL, OBJ, PLY, OFF); a key of `UNITS`. Files that declare their unit (glTF, 3MF, STEP) are
     read in that one, whatever stands here. *scale*: by which all lengths are multiplied.
     *step_tolerance*: how far triangles may leave the curved surfaces of a STEP file. *unpacked_limit*: what a
-    3MF file, which is an archive, may unpack to. Returned: at least
-    one geometry; nothing merged, dropped or repaired. Identical instances share their arrays.
+    3MF file, which is an archive, may unpack to. *cache*: take the triangles of a STEP file from the user's
+    cache, or keep them there. Returned: at least one geometry; nothing merged, dropped or repaired. Identical
+    instances share their arrays.
     """
     units = unit_name(units)
     metres = metres_per_unit(units)
     scale = positive("scale", scale, "times")
     tolerance = positive("step_tolerance", step_tolerance, "metres")
-    read_step = partial(step.read_step, tolerance=tolerance, undeclared_metres=metres)
+    read_step = partial(step.read_step, tolerance=tolerance, undeclared_metres=metres, is_cached=cache)
     limit = positive("unpacked_limit", unpacked_limit, "bytes", may_be_infinite=True)
     read_3mf = partial(threemf.read_3mf, unpacked_limit=limit)
     readers: dict[str, Callable[[Source], RawFile]] = {**_READERS, "STEP": read_step, "3MF": read_3mf}

@@ -77,8 +77,8 @@ def no_library(monkeypatch):
     def refuse(*_, **__):
         raise MeshFormatError("no library reads it")
 
-    for module in (conversion, dialects):
-        monkeypatch.setattr(module, "run_library", refuse)
+    monkeypatch.setattr(dialects, "run_library", refuse)
+    monkeypatch.setattr(conversion.Library, "run", refuse)
 
 
 def seconds(path, text):

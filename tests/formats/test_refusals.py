@@ -383,7 +383,7 @@ def test_end_of_the_step_library_is_a_sentence(tmp_path, monkeypatch, code, word
     assert says(refusal(write(tmp_path, "part.step", STEP)), words)
 
 
-@pytest.mark.parametrize("where", ["tempfile.TemporaryDirectory", "subprocess.run"])
+@pytest.mark.parametrize("where", ["tempfile.TemporaryDirectory", "subprocess.Popen"])
 def test_full_disk_on_the_way_to_the_step_library_is_said(tmp_path, monkeypatch, where):
     def fail(*arguments, **options):
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -1,7 +1,15 @@
-"""Conversion of STEP to GLB by cascadio (OpenCASCADE), within limits of time, memory and triangles."""
+"""Conversion of STEP to GLB by cascadio (OpenCASCADE), within limits of time, memory and triangles.
 
+One process converts as often as needed, since importing OpenCASCADE takes longer than converting most files.
+The triangles are kept in the user's cache.
+"""
+
+import hashlib
+import json
 import re
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +17,10 @@ import numpy as np
 from proximity.errors import MeshError, MeshFormatError
 from proximity.formats.contents import RawFile
 from proximity.formats.gltf import buffers, gltf
-from proximity.formats.libraries import run_library
+from proximity.formats.libraries import Library
 from proximity.formats.step.product_structure import with_names_of_products
 from proximity.formats.step.step_records import StepText
+from proximity.system.file_cache import FileCache
 
 STEP_ANGLE = 0.25
 """How far neighbouring triangles may turn against each other, radians: keeps fillets round whose radius is
@@ -21,6 +30,9 @@ MOST_OF_FACE = 150_000
 """Triangles of one CAD face: OpenCASCADE takes 4 s for 100 000, and 4 times as long for twice as many."""
 MOST_SECONDS, MOST_BYTES = 600, 8 << 30
 """Of one conversion."""
+CACHE = FileCache("step", 1 << 30)
+"""Triangles of files; the least recently used are removed beyond a gigabyte."""
+_CACHE_LAYOUT = 1
 _FIRST_SHARE = 1e-3
 """Of the size of a file: the tolerance of the first conversion where the triangles have to be estimated."""
 _ROUND_SHARE, _FREE_SHARE = 0.7 * MOST_OF_FACE / 10.1, 1e5
@@ -42,31 +54,75 @@ class _LimitError(MeshFormatError):
 class Meshed:
     """A file as triangles."""
 
+    glb: bytes
     raw: RawFile
     tolerance: float  # m, within which they are
 
 
-def mesh_within_limits(text: StepText, path: str, tolerance: float, metres: float) -> Meshed:
+_Mesher = Callable[[float], Meshed]  # by the tolerance, m
+_shared = threading.local()
+
+
+@contextmanager
+def converter() -> Iterator[Library]:
+    """Give the process that converts: one for all files that are read in such a block."""
+    if (outer := getattr(_shared, "library", None)) is not None:
+        yield outer
+        return
+    with Library("step", MOST_SECONDS, MOST_BYTES) as library:
+        _shared.library = library
+        try:
+            yield library
+        finally:
+            del _shared.library
+
+
+def mesh_within_limits(
+    text: StepText, path: str, tolerance: float, metres: float, *, is_cached: bool = True
+) -> Meshed:
     """Return a file as triangles, within *tolerance* in m where that does not take too many of them.
 
-    *metres*: the longest unit of the file.
+    *metres*: the longest unit of the file. *is_cached*: take the triangles from the user's cache, or put them
+    there.
     """
+    data = _without_styles(text.text).encode()
+    limits = MOST_TRIANGLES, MOST_OF_FACE, MOST_SECONDS, MOST_BYTES
+    settings = repr((_CACHE_LAYOUT, _cascadio_version(), tolerance, metres, STEP_ANGLE, limits))
+    key = hashlib.blake2b(settings.encode() + data, digest_size=32).hexdigest()
+    if is_cached and (kept := CACHE.read(key)) is not None:
+        head, _, glb = kept.partition(b"\n")
+        reached, *notes = json.loads(head)
+        raw = _document(glb, text, path)
+        raw.notes += notes
+        return Meshed(glb, raw, reached)
+    with converter() as library:
+        meshed, notes = _meshed(
+            text, lambda finer: _mesh(library, data, text, path, finer), tolerance, metres
+        )
+    if is_cached:
+        CACHE.write(key, json.dumps([meshed.tolerance, *notes]).encode() + b"\n" + meshed.glb)
+    meshed.raw.notes += notes
+    return meshed
+
+
+def _meshed(text: StepText, mesh: _Mesher, tolerance: float, metres: float) -> tuple[Meshed, list[str]]:
+    """Triangles, and a note where they are not within the tolerance."""
     size = _deciding_size(text, tolerance / metres) * metres
     if size:
-        return _mesh_by_and_by(text, path, tolerance, max(tolerance, size * _FIRST_SHARE))
+        return _mesh_by_and_by(mesh, tolerance, max(tolerance, size * _FIRST_SHARE))
     with suppress(_LimitError):
-        raw = _mesh(text, path, tolerance)
-        if _triangle_counts(raw)[0] <= MOST_TRIANGLES:
-            return Meshed(raw, tolerance)
+        meshed = mesh(tolerance)
+        if _triangle_counts(meshed.raw)[0] <= MOST_TRIANGLES:
+            return meshed, []
     size = _largest(_NUMBER.findall(text.blank)) * metres
-    return _mesh_by_and_by(text, path, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
+    return _mesh_by_and_by(mesh, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
 
 
-def _mesh_by_and_by(text: StepText, path: str, tolerance: float, coarse: float) -> Meshed:
+def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> tuple[Meshed, list[str]]:
     """Go from a coarse tolerance to the one wanted, or as near to it as the limits allow."""
-    raw = _mesh(text, path, coarse)
+    meshed = mesh(coarse)
     while coarse > tolerance:
-        total, most = _triangle_counts(raw)
+        total, most = _triangle_counts(meshed.raw)
         # Where a surface is curved both ways triangles grow with 1 / tolerance, elsewhere less.
         finer = max(tolerance, coarse * max(total / MOST_TRIANGLES, most / MOST_OF_FACE))
         factor = coarse / tolerance
@@ -82,11 +138,10 @@ def _mesh_by_and_by(text: StepText, path: str, tolerance: float, coarse: float) 
         try:
             if finer > max(0.8 * coarse, tolerance):
                 raise _LimitError
-            raw, coarse = _mesh(text, path, finer), finer
+            meshed, coarse = mesh(finer), finer
         except _LimitError:
-            raw.notes.append(f"curved faces are approximated within {coarse * 1e3:.2g} mm, {excess}")
-            break
-    return Meshed(raw, coarse)
+            return meshed, [f"curved faces are approximated within {coarse * 1e3:.2g} mm, {excess}"]
+    return meshed, []
 
 
 def _deciding_size(text: StepText, tolerance: float) -> float:
@@ -113,16 +168,29 @@ def _triangle_counts(raw: RawFile) -> tuple[int, int]:
     return sum(len(rows) for rows in products), most
 
 
-def _mesh(text: StepText, path: str, tolerance: float) -> RawFile:
+def _mesh(library: Library, data: bytes, text: StepText, path: str, tolerance: float) -> Meshed:
     try:
-        glb = _convert(_without_styles(text.text).encode(), tolerance)
+        glb = _convert(library, data, tolerance)
     except OSError as failure:  # a full disk, no room for another process
         reported = failure.strerror or str(failure)
         raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
+    return Meshed(glb, _document(glb, text, path), tolerance)
+
+
+def _document(glb: bytes, text: StepText, path: str) -> RawFile:
     header, binary, _ = buffers.split_glb(glb)
     # Nodes carry numbers of assembly steps (NAUO1); people know the products.
     header = with_names_of_products(header, text)
     return gltf.read_document(header, path, binary, "STEP", [])
+
+
+def _cascadio_version() -> str:
+    import importlib.metadata  # 20 ms
+
+    try:
+        return importlib.metadata.version("cascadio")
+    except importlib.metadata.PackageNotFoundError:
+        return ""
 
 
 def _without_styles(text: str) -> str:
@@ -130,12 +198,9 @@ def _without_styles(text: str) -> str:
     return text if "INVISIBILITY" in text else _STYLED.sub(r"\1()", text)
 
 
-def _convert(data: bytes, tolerance: float) -> bytes:
-    done = run_library(
-        "step",
+def _convert(library: Library, data: bytes, tolerance: float) -> bytes:
+    done = library.run(
         data,
-        seconds=MOST_SECONDS,
-        byte_count=MOST_BYTES,
         tol_linear=tolerance * 1e3,  # cascadio takes mm, and triangles stay within half of it
         tol_angular=STEP_ANGLE,
     )

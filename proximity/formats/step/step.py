@@ -36,14 +36,16 @@ _SI_METRE = re.compile(r"SI_UNIT\s*+\(\s*+(\$|\.\w++\.)\s*+,\s*+\.METRE\.")
 _ASSUMED_METRES = 1e-3  # what OpenCASCADE takes for a number without a unit
 
 
-def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> RawFile:
+def read_step(
+    source: Source, *, tolerance: float, undeclared_metres: float, is_cached: bool = True
+) -> RawFile:
     """Mesh a STEP file within *tolerance*, m; *undeclared_metres* is a number where it declares no unit."""
     own_text, notes = without_trailer(source.data)
     text = StepText(with_external_parts(own_text, source.path, notes))
     units = _units(text)
     body_count = product_structure.count_bodies(text)
     metres = max((metres_per_unit(unit) for unit in units if unit in UNITS), default=_ASSUMED_METRES)
-    meshed = conversion.mesh_within_limits(text, source.path, tolerance, metres)
+    meshed = conversion.mesh_within_limits(text, source.path, tolerance, metres, is_cached=is_cached)
     raw = meshed.raw
     notes += _notes_on_faces(text, raw)
     if len(raw.meshes) < body_count:
