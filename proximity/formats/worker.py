@@ -64,9 +64,8 @@ def work() -> int:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python's own would wait for the end of the work
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what libraries print
-    _limit_memory(settings["bytes"])
     for line in sys.stdin:
-        _limit_time(settings["seconds"])
+        _limit(settings["seconds"], settings["bytes"])
         code = _done(TASKS[settings["task"]], json.loads(line))
         sys.stdout.flush()
         ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fflush(None)  # what C printed
@@ -83,26 +82,22 @@ def _done(task: Any, settings: dict[str, Any]) -> int:
         return TOO_MUCH
 
 
-def _limit_memory(byte_count: int) -> None:
-    """Limit memory, and end with the guard, as far as the system can."""
+def _limit(seconds: int, byte_count: int) -> None:
+    """Limit time of all processors from now on and memory, and end with the guard, as far as possible."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
     if sys.platform != "win32":
         import resource
 
-        for kind, limit in ((resource.RLIMIT_CORE, 0), (resource.RLIMIT_DATA, byte_count)):
+        end = int(time.process_time()) + seconds
+        limits: list[tuple[Any, int, int]] = [
+            (resource.RLIMIT_CORE, 0, 0),
+            (resource.RLIMIT_CPU, end, resource.getrlimit(resource.RLIMIT_CPU)[1]),
+            (resource.RLIMIT_DATA, byte_count, byte_count),
+        ]
+        for kind, soft, hard in limits:
             with suppress(OSError, ValueError):  # a lower one is set already
-                resource.setrlimit(kind, (limit, limit))
-
-
-def _limit_time(seconds: int) -> None:
-    """Limit the time of all processors from now on."""
-    if sys.platform != "win32":
-        import resource
-
-        spent, (_, highest) = int(time.process_time()), resource.getrlimit(resource.RLIMIT_CPU)
-        with suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_CPU, (spent + seconds, highest))
+                resource.setrlimit(kind, (soft, hard))
 
 
 def _convert_step(settings: dict[str, Any]) -> int:

@@ -5,11 +5,10 @@ The triangles are kept in the user's cache.
 """
 
 import hashlib
-import json
 import re
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +31,6 @@ MOST_SECONDS, MOST_BYTES = 600, 8 << 30
 """Of one conversion."""
 CACHE = FileCache("step", 1 << 30)
 """Triangles of files; the least recently used are removed beyond a gigabyte."""
-_CACHE_LAYOUT = 1
 _FIRST_SHARE = 1e-3
 """Of the size of a file: the tolerance of the first conversion where the triangles have to be estimated."""
 _ROUND_SHARE, _FREE_SHARE = 0.7 * MOST_OF_FACE / 10.1, 1e5
@@ -54,75 +52,57 @@ class _LimitError(MeshFormatError):
 class Meshed:
     """A file as triangles."""
 
-    glb: bytes
     raw: RawFile
     tolerance: float  # m, within which they are
 
 
-_Mesher = Callable[[float], Meshed]  # by the tolerance, m
+_Mesher = Callable[[float], RawFile]  # by the tolerance, m
 _shared = threading.local()
 
 
 @contextmanager
 def converter() -> Iterator[Library]:
-    """Give the process that converts: one for all files that are read in such a block."""
-    if (outer := getattr(_shared, "library", None)) is not None:
-        yield outer
-        return
-    with Library("step", MOST_SECONDS, MOST_BYTES) as library:
+    """Give the process that converts, which starts when it is needed: one for all files of such a block."""
+    outer = getattr(_shared, "library", None)
+    with nullcontext(outer) if outer else Library("step", MOST_SECONDS, MOST_BYTES) as library:
         _shared.library = library
         try:
             yield library
         finally:
-            del _shared.library
+            _shared.library = outer
 
 
 def mesh_within_limits(
-    text: StepText, path: str, tolerance: float, metres: float, *, is_cached: bool = True
+    text: StepText, path: str, tolerance: float, metres: float, *, is_cached: bool
 ) -> Meshed:
     """Return a file as triangles, within *tolerance* in m where that does not take too many of them.
 
-    *metres*: the longest unit of the file. *is_cached*: take the triangles from the user's cache, or put them
-    there.
+    *metres*: the longest unit of the file. *is_cached*: take triangles from the user's cache, or keep them.
     """
     data = _without_styles(text.text).encode()
-    limits = MOST_TRIANGLES, MOST_OF_FACE, MOST_SECONDS, MOST_BYTES
-    settings = repr((_CACHE_LAYOUT, _cascadio_version(), tolerance, metres, STEP_ANGLE, limits))
-    key = hashlib.blake2b(settings.encode() + data, digest_size=32).hexdigest()
-    if is_cached and (kept := CACHE.read(key)) is not None:
-        head, _, glb = kept.partition(b"\n")
-        reached, *notes = json.loads(head)
-        raw = _document(glb, text, path)
-        raw.notes += notes
-        return Meshed(glb, raw, reached)
-    with converter() as library:
-        meshed, notes = _meshed(
-            text, lambda finer: _mesh(library, data, text, path, finer), tolerance, metres
-        )
-    if is_cached:
-        CACHE.write(key, json.dumps([meshed.tolerance, *notes]).encode() + b"\n" + meshed.glb)
-    meshed.raw.notes += notes
-    return meshed
+
+    def mesh(tolerance: float) -> RawFile:
+        header, binary, _ = buffers.split_glb(_convert(data, tolerance, is_cached))
+        # Nodes carry numbers of assembly steps (NAUO1); people know the products.
+        return gltf.read_document(with_names_of_products(header, text), path, binary, "STEP", [])
+
+    with converter():
+        size = _deciding_size(text, tolerance / metres) * metres
+        if size:
+            return _mesh_by_and_by(mesh, tolerance, max(tolerance, size * _FIRST_SHARE))
+        with suppress(_LimitError):
+            raw = mesh(tolerance)
+            if _triangle_counts(raw)[0] <= MOST_TRIANGLES:
+                return Meshed(raw, tolerance)
+        size = _largest(_NUMBER.findall(text.blank)) * metres
+        return _mesh_by_and_by(mesh, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
 
 
-def _meshed(text: StepText, mesh: _Mesher, tolerance: float, metres: float) -> tuple[Meshed, list[str]]:
-    """Triangles, and a note where they are not within the tolerance."""
-    size = _deciding_size(text, tolerance / metres) * metres
-    if size:
-        return _mesh_by_and_by(mesh, tolerance, max(tolerance, size * _FIRST_SHARE))
-    with suppress(_LimitError):
-        meshed = mesh(tolerance)
-        if _triangle_counts(meshed.raw)[0] <= MOST_TRIANGLES:
-            return meshed, []
-    size = _largest(_NUMBER.findall(text.blank)) * metres
-    return _mesh_by_and_by(mesh, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
-
-
-def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> tuple[Meshed, list[str]]:
+def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> Meshed:
     """Go from a coarse tolerance to the one wanted, or as near to it as the limits allow."""
-    meshed = mesh(coarse)
+    raw = mesh(coarse)
     while coarse > tolerance:
-        total, most = _triangle_counts(meshed.raw)
+        total, most = _triangle_counts(raw)
         # Where a surface is curved both ways triangles grow with 1 / tolerance, elsewhere less.
         finer = max(tolerance, coarse * max(total / MOST_TRIANGLES, most / MOST_OF_FACE))
         factor = coarse / tolerance
@@ -138,10 +118,11 @@ def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> tuple[Mes
         try:
             if finer > max(0.8 * coarse, tolerance):
                 raise _LimitError
-            meshed, coarse = mesh(finer), finer
+            raw, coarse = mesh(finer), finer
         except _LimitError:
-            return meshed, [f"curved faces are approximated within {coarse * 1e3:.2g} mm, {excess}"]
-    return meshed, []
+            raw.notes.append(f"curved faces are approximated within {coarse * 1e3:.2g} mm, {excess}")
+            break
+    return Meshed(raw, coarse)
 
 
 def _deciding_size(text: StepText, tolerance: float) -> float:
@@ -168,42 +149,22 @@ def _triangle_counts(raw: RawFile) -> tuple[int, int]:
     return sum(len(rows) for rows in products), most
 
 
-def _mesh(library: Library, data: bytes, text: StepText, path: str, tolerance: float) -> Meshed:
-    try:
-        glb = _convert(library, data, tolerance)
-    except OSError as failure:  # a full disk, no room for another process
-        reported = failure.strerror or str(failure)
-        raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
-    return Meshed(glb, _document(glb, text, path), tolerance)
-
-
-def _document(glb: bytes, text: StepText, path: str) -> RawFile:
-    header, binary, _ = buffers.split_glb(glb)
-    # Nodes carry numbers of assembly steps (NAUO1); people know the products.
-    header = with_names_of_products(header, text)
-    return gltf.read_document(header, path, binary, "STEP", [])
-
-
-def _cascadio_version() -> str:
-    import importlib.metadata  # 20 ms
-
-    try:
-        return importlib.metadata.version("cascadio")
-    except importlib.metadata.PackageNotFoundError:
-        return ""
-
-
 def _without_styles(text: str) -> str:
     """Return a text without its colours: the CAD faces of faces in several colours would be named wrongly."""
     return text if "INVISIBILITY" in text else _STYLED.sub(r"\1()", text)
 
 
-def _convert(library: Library, data: bytes, tolerance: float) -> bytes:
-    done = library.run(
-        data,
-        tol_linear=tolerance * 1e3,  # cascadio takes mm, and triangles stay within half of it
-        tol_angular=STEP_ANGLE,
-    )
+def _convert(data: bytes, tolerance: float, is_cached: bool) -> bytes:
+    key = hashlib.blake2b(f"{_cascadio_version()} {tolerance} {STEP_ANGLE} ".encode() + data).hexdigest()
+    if is_cached and (kept := CACHE.read(key)) is not None:
+        return kept
+    try:
+        with converter() as library:
+            # cascadio takes mm, and triangles stay within half of it
+            done = library.run(data, tol_linear=tolerance * 1e3, tol_angular=STEP_ANGLE)
+    except OSError as failure:  # a full disk, no room for another process
+        reported = failure.strerror or str(failure)
+        raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
     printed = _ESCAPES.sub("", done.printed)
     complaint = next((line.strip(" *\t") for line in printed.splitlines() if _COMPLAINT.search(line)), "")
     if done.returncode < 0:
@@ -218,4 +179,14 @@ def _convert(library: Library, data: bytes, tolerance: float) -> bytes:
     if done.returncode or complaint or not done.output:
         reported = f": {' '.join(complaint.split())[:160]}" if complaint else ""
         raise MeshFormatError(f"OpenCASCADE could not read all of it{reported}")
+    if is_cached:
+        CACHE.write(key, done.output)
     return done.output
+
+
+def _cascadio_version() -> str:
+    import importlib.metadata  # 20 ms
+
+    with suppress(importlib.metadata.PackageNotFoundError):
+        return importlib.metadata.version("cascadio")
+    return ""

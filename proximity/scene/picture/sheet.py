@@ -218,7 +218,7 @@ def _draw_map(axes: Any, picture: Picture, field: FieldSlice, colors: DistanceCo
         axes.contour(right, up, distance, [0.0], colors=INK, linewidths=2.2)
     names = ["xyz"[row] for row in SHOWN_AXES[field.axis]]
     axes.set(xlabel=f"{names[0]}, {picture.unit}", ylabel=f"{names[1]}, {picture.unit}")
-    position = f"{field.position / picture.metres:.6g}"
+    position = f"{field.position / picture.metres:.10g}"
     what = "Signed distance" if _has_inside(picture) else f"Distance ({NO_INSIDE})"
     axes.set_title(f"{what} at {field.axis} = {position} {picture.unit}", fontsize="medium")
 
