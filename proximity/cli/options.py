@@ -32,9 +32,9 @@ def _complete_units(incomplete: str) -> list[str]:
     return [name for name in known if name.startswith(incomplete)]
 
 
-def _unit_name(text: str) -> str:
+def _unit_name(text: str | None) -> str | None:
     """The unit as the library spells it: MM, inch and metres are taken too."""
-    if text in ("mm", "m"):
+    if text in ("mm", "m", None):
         return text
     from proximity.formats import unit_name  # slow
 
@@ -123,7 +123,15 @@ UNITS = Annotated[
         callback=_unit_name,
     ),
 ]
-
+POINTS_UNITS = Annotated[
+    str | None,
+    option(
+        "UNIT",
+        "Unit of the points of --points, if not that of --units.",
+        autocompletion=_complete_units,
+        callback=_unit_name,
+    ),
+]
 
 ADDRESS = Annotated[
     str,

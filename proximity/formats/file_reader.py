@@ -1,5 +1,6 @@
 """Read a file into geometries in metres: choose the reader, scale, place and name."""
 
+import math
 import os
 from collections import Counter
 from collections.abc import Callable
@@ -87,6 +88,23 @@ def read_geometries(
     return FileContents(
         shown, raw.format, raw.units or units, raw.units is not None, geometries, (*raw.notes, *naming)
     )
+
+
+def read_vertices(path: str) -> np.ndarray:
+    """Return the vertices of a PLY, OBJ or STL file, with or without faces, (N, 3), in the file's numbers.
+
+    STL repeats them for each face; they are returned once.
+    """
+    readers = {".ply": ply.read_ply_points, ".obj": obj.read_obj_points}
+    reader = readers.get(Path(path).suffix.lower())
+    if reader is None:
+        parts = read_geometries(path, units="m").geometries
+        vertices = np.concatenate([part.vertices for part in parts])
+        return vertices[np.sort(np.unique(vertices, axis=0, return_index=True)[1])]
+    try:
+        return reader(_read_bytes(path, math.inf))
+    except MeshFormatError as reason:
+        raise MeshFormatError(f"{path}: {reason}") from reason
 
 
 def _read(reader: Callable[[Source], RawFile], source: Source) -> RawFile:

@@ -113,6 +113,11 @@ def read_obj(source: Source) -> RawFile:
     return RawFile("OBJ", _split_objects(lines, vertices, faces, source_faces), notes=notes)
 
 
+def read_obj_points(data: bytes) -> np.ndarray:
+    """Return the vertices of an OBJ file with or without faces, (N, 3), in the file's unit."""
+    return _read_vertices(_Lines(data))
+
+
 def _read_vertices(lines: _Lines) -> np.ndarray:
     """Positions; weights and colours may follow them."""
 

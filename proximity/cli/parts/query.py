@@ -2,19 +2,30 @@
 
 from array import array
 from collections.abc import Iterable, Iterator
-from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from proximity.cli.options import FILE, JSON, Reading, argument, flag, option, refuse, with_option_groups
+from proximity.cli.options import (
+    FILE,
+    JSON,
+    POINTS_UNITS,
+    Reading,
+    argument,
+    flag,
+    option,
+    refuse,
+    with_option_groups,
+)
 from proximity.cli.options import within as in_range
 from proximity.cli.output import STDOUT, report, text_output
-from proximity.cli.parts.points import Points, number, read_points
+from proximity.cli.parts.points import STANDARD_INPUT, Points, number, read_ahead, read_points
+from proximity.errors import ArgumentError
 from proximity.system.memory import collector_paused
 
 EXIT_FARTHER = 1
+POINTS_AHEAD = 1_000_000  # of a file, whose size is compared with that of the parts before the first answer
 POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
 
 
@@ -25,7 +36,10 @@ def query(
         list[str] | None,
         argument("X Y Z", "Coordinates of one or more points. Negative numbers are allowed."),
     ] = None,
-    points: Annotated[str | None, option("FILE", "Read the points from a file; - is standard input.")] = None,
+    points: Annotated[
+        str | None, option("FILE", "Read the points from a text, PLY, STL or OBJ file; - is standard input.")
+    ] = None,
+    points_units: POINTS_UNITS = None,
     ray: Annotated[
         tuple[str, str, str] | None, option("DX DY DZ", "Cast a ray from each point in this direction.")
     ] = None,
@@ -40,6 +54,12 @@ def query(
             "LENGTH",
             "Exit with code 1 if a point is farther than this from the surface.",
             callback=in_range(0.0),
+        ),
+    ] = None,
+    report_page: Annotated[
+        Path | None,
+        option(
+            "FILE", "Write a page (.html) with a verdict by --within, a picture and a histogram.", "--report"
         ),
     ] = None,
     workers: Annotated[int, option("N", "Number of threads for many queries; -1 uses all cores.")] = 1,
@@ -79,14 +99,22 @@ def query(
         (as_json and csv, "--json and --csv", "give one of them, not both"),
         (workers == 0 or workers < -1, "--workers", f"{workers} threads: expected 1 or more, or -1"),
         (within is not None and (ray or segment), "--within", "is for points, not for rays or segments"),
+        (points_units and points is None, "--points-units", "is for --points"),
+        (report_page and (points is None or within is None), "--report", "needs --points and --within"),
     )
+    if report_page is not None:
+        from proximity.cli.parts.scan_report import check_libraries, write_report
+
+        check_libraries()
     direction = None if ray is None else _numbers(ray, "--ray")
-    asked = _points(coordinates, points, reading.units, is_segment=segment)
-    asked = chain([next(asked)], asked)  # what begins badly is refused before the file is loaded
+    asked = _points(coordinates, points, reading.units, points_units, is_segment=segment)
+    asked, sides = read_ahead(asked, 1 if points in (None, STANDARD_INPUT) else POINTS_AHEAD)
+    if points is not None and within is not None and not sides:
+        raise ArgumentError(f"{points} holds no finite point, expected some to compare with --within")
     # What imports and kernels leave behind is no garbage: to look at it again and again is 4 % of a query.
     with collector_paused():
         from proximity.cli.parts import answer_text, answers
-        from proximity.cli.parts.deviations import Deviations
+        from proximity.cli.parts.deviations import Deviations, unit_sentence
         from proximity.formats import metres_per_unit
         from proximity.scene.loader import notes_on_sizes
 
@@ -94,7 +122,13 @@ def query(
         question = answers.Question(scene, reading.units, metres, direction, workers, is_segment=segment)
     for note in notes_on_sizes(scene):
         report(f"note: {note}")
-    collected = Deviations(within) if question.mode == "closest" else None
+    if points is not None and points_units is None:
+        sentence = unit_sentence(sides, scene, reading.units, metres)
+        if sentence and within is not None:
+            raise ArgumentError(sentence)
+        if sentence:
+            report(f"note: {sentence}")
+    collected = Deviations(reading.units, metres, within) if question.mode == "closest" else None
     summary = None if points is None else collected
     try:
         answered = question.answers(asked)
@@ -108,21 +142,30 @@ def query(
         else:
             answer_text.write_text(question, answered, is_whole=summary is not None)
         if summary is not None and summary.count > 1 and not as_json and csv != STDOUT:
-            typer.echo(summary.sentence(reading.units))
+            typer.echo(summary.sentence())
     finally:
         question.note_far_points()
+    if report_page is not None and collected is not None:
+        write_report(report_page, scene, file.name, Path(points or "").name, collected)
     if collected is not None and collected.farther_count:
         raise typer.Exit(EXIT_FARTHER)
 
 
 def _points(
-    coordinates: list[str] | None, path: str | None, units: str, *, is_segment: bool
+    coordinates: list[str] | None,
+    path: str | None,
+    units: str,
+    points_units: str | None,
+    *,
+    is_segment: bool,
 ) -> Iterator[Points]:
     """Yield what was typed, at once, or what is read from a file."""
     length = POINTS_PER_CHUNK * (2 if is_segment else 1)
     refuse((coordinates and path is not None, "--points", "points are given as arguments already"))
     if path is not None:
-        yield from read_points(path, units, length, lambda sentence: report(f"note: {sentence}"))
+        yield from read_points(
+            path, units, length, lambda sentence: report(f"note: {sentence}"), points_units
+        )
         return
     refuse((not coordinates, "X Y Z", "give a point, or --points FILE"))
     numbers = _numbers(coordinates or (), "X Y Z")
