@@ -24,19 +24,9 @@ _LARGE_BYTES = 1 << 24
 class Outcome:
     """How a library ended, and what it made."""
 
-    returncode: int  # negative: the signal that it crashed by
+    returncode: int  # of `worker`; negative: the signal that it crashed by
     printed: str
     output: bytes  # empty where nothing was written
-
-    @property
-    def is_over_limit(self) -> bool:
-        """Whether it took too much time or memory."""
-        return self.returncode == worker.TOO_MUCH
-
-    @property
-    def is_missing(self) -> bool:
-        """Whether it cannot be imported."""
-        return self.returncode == worker.NOT_INSTALLED
 
 
 class Library:

@@ -90,7 +90,7 @@ def test_scan_of_a_region_is_no_other_unit(run, tmp_path, plate, upper):
     assert (result.code, result.err) == (0, "")
 
 
-@pytest.mark.parametrize("text", ["", "# nothing\n", "x,y,z\n", "nan nan nan\n"])
+@pytest.mark.parametrize("text", ["", "# nothing\n", "x,y,z\n", "1 nan nan\n"])
 def test_scan_without_a_point_never_passes(run, tmp_path, plate, text):
     path = tmp_path / "scan.csv"
     path.write_text(text)

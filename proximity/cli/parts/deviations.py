@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 import proximity
-from proximity.cli.output import counted, number, printable
+from proximity.cli.output import counted, number, printable, report
 from proximity.cli.parts.answers import Answers
-from proximity.formats.units import UNIT_NAMES, scan_unit
+from proximity.errors import ArgumentError
+from proximity.formats.units import UNIT_NAMES, metres_per_unit, scan_unit
 
 SHARE = 95  # per cent of the points, of which the greatest deviation is given
 MOST_KEPT = 20_000_000
@@ -21,17 +22,19 @@ MOST_SHOWN = 20_000  # points of a picture
 _WORST = ("query", "signed_distance", "part_name")
 
 
-def unit_sentence(sides: list[float], scene: "proximity.Scene", units: str, metres: float) -> str:
-    """Return a sentence on a scan that is likely to be in another unit than *units*, else "".
+def check_unit(sides: list[float], scene: "proximity.Scene", units: str, *, is_gate: bool) -> None:
+    """Note that a scan is likely to be in another unit than *units*; of a gate, refuse it.
 
-    *sides*: of the box around the scan, in *units*.
+    *sides*: of the box around the scan, in *units*; none of one without a point.
     """
-    part = np.subtract(*scene.bounds[::-1]).tolist()
-    unit = scan_unit([side * metres for side in sides], part, units) if len(sides) == 3 else None
-    if unit is None:
-        return ""
-    sizes = f"{number(max(sides), 4)} {units} across, the part {number(max(part) / metres, 4)} {units}"
-    return f"the scan is {sizes}: is it in {UNIT_NAMES.get(unit, unit)}? give --points-units {unit}"
+    metres, part = metres_per_unit(units), np.subtract(*scene.bounds[::-1]).tolist()
+    unit = scan_unit([side * metres for side in sides], part, units) if sides else None
+    if unit is not None:
+        sizes = f"{number(max(sides), 4)} {units} across, the part {number(max(part) / metres, 4)} {units}"
+        words = f"the scan is {sizes}: is it in {UNIT_NAMES.get(unit, unit)}? give --points-units {unit}"
+        if is_gate:
+            raise ArgumentError(words)
+        report(f"note: {words}")
 
 
 class Deviations:

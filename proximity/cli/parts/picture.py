@@ -64,14 +64,14 @@ def picture(
         rows = [chunk.coordinates for chunk in chunks]
     import numpy as np
 
-    from proximity.cli.parts.deviations import unit_sentence
+    from proximity.cli.parts.deviations import check_unit
     from proximity.formats import metres_per_unit
     from proximity.scene.picture import Picture, load_renderer, write_picture
 
     load_renderer()
     metres, scene = metres_per_unit(reading.units), reading.load(file)
-    if points_units is None and (sentence := unit_sentence(sides, scene, reading.units, metres)):
-        report(f"note: {sentence}")
+    if points_units is None:
+        check_unit(sides, scene, reading.units, is_gate=False)
     drawn = Picture(
         scene,
         file.name,

@@ -115,11 +115,9 @@ def read_ahead(chunks: Iterator[Points], limit: int) -> tuple[Iterator[Points], 
             raise failure
         yield from chunks
 
-    axes = [
-        [value for chunk in read for value in chunk.coordinates[axis::3] if math.isfinite(value)]
-        for axis in range(3)
-    ]
-    return again(), [max(values) - min(values) for values in axes if values]
+    rows = (row for chunk in read for row in zip(*(chunk.coordinates[k::3] for k in range(3)), strict=True))
+    axes = zip(*(row for row in rows if all(map(math.isfinite, row))), strict=True)
+    return again(), [max(values) - min(values) for values in axes]
 
 
 def _vertices(path: str, limit: int) -> Iterator[Points]:

@@ -72,15 +72,17 @@ def query(
     fields, and lengths with 15 digits. Signed distance is negative inside. A part without an inside has
     unsigned distances, which are marked.
 
-    A file of points is a point cloud (.ply), or has one point per line, separated by commas, semicolons or
-    spaces. The first line may name the columns and their unit, which must be that of --units. All other
-    columns are copied to CSV and JSON, as given_NAME where the answers have a column of that name; a column
-    called name is shown in the table as well. # at the start of a line or after a space begins a comment. A
-    point that is not finite is answered with nan. Behind the answers to a file of points stands what they
-    are together: least, greatest and mean signed distance, the root of the mean square, and within what
-    95 % of them are.
+    A file of points is a mesh or point cloud (.ply, .stl, .obj), or has one point per line, separated by
+    commas, semicolons or spaces, with a normal behind it or not. The first line may name the columns and
+    their unit, which must be that of --points-units or --units. All other columns are copied to CSV and
+    JSON, as given_NAME where the answers have a column of that name; a column called name is shown in the
+    table as well. # at the start of a line or after a space begins a comment. A point that is not finite is
+    answered with nan. Behind the answers to a file of points stands what they are together: least, greatest
+    and mean signed distance, the root of the mean square, within what 95 % of them are, and which point is
+    the worst.
 
-    With --within the exit code is 1 if a point is farther than that from the surface, inside or outside.
+    With --within the exit code is 1 if a point is farther than that from the surface, inside or outside,
+    and 2 if a file has no point, or is in an unlikely unit. --report writes all of this as a page.
 
     Answers are written while points are read. If a line is not a point, the error names it and the exit
     code is 2. Standard output then has the answers before that line (a JSON document ends with the key
@@ -90,6 +92,7 @@ def query(
       proximity query bracket.stl 30 10 5
       proximity query bracket.stl -1 -2.5 -3e-2 --units in
       proximity query gearbox.step --points scan.csv --csv answers.csv --within 0.1
+      proximity query gearbox.step --points scan.stl --within 0.1 --report report.html
       proximity query bracket.stl 30 10 50 --ray 0 0 -1
       proximity query bracket.stl 0 0 50  60 0 50 --segment --json
       shuf points.txt | proximity query bracket.stl --points - --workers -1
@@ -114,7 +117,7 @@ def query(
     # What imports and kernels leave behind is no garbage: to look at it again and again is 4 % of a query.
     with collector_paused():
         from proximity.cli.parts import answer_text, answers
-        from proximity.cli.parts.deviations import Deviations, unit_sentence
+        from proximity.cli.parts.deviations import Deviations, check_unit
         from proximity.formats import metres_per_unit
         from proximity.scene.loader import notes_on_sizes
 
@@ -123,11 +126,7 @@ def query(
     for note in notes_on_sizes(scene):
         report(f"note: {note}")
     if points is not None and points_units is None:
-        sentence = unit_sentence(sides, scene, reading.units, metres)
-        if sentence and within is not None:
-            raise ArgumentError(sentence)
-        if sentence:
-            report(f"note: {sentence}")
+        check_unit(sides, scene, reading.units, is_gate=within is not None)
     collected = Deviations(reading.units, metres, within) if question.mode == "closest" else None
     summary = None if points is None else collected
     try:
@@ -152,12 +151,7 @@ def query(
 
 
 def _points(
-    coordinates: list[str] | None,
-    path: str | None,
-    units: str,
-    points_units: str | None,
-    *,
-    is_segment: bool,
+    coordinates: list[str] | None, path: str | None, units: str, points_units: str | None, *, is_segment: bool
 ) -> Iterator[Points]:
     """Yield what was typed, at once, or what is read from a file."""
     length = POINTS_PER_CHUNK * (2 if is_segment else 1)

@@ -41,11 +41,7 @@ def read_gltf(source: Source) -> RawFile:
 
 
 def read_document(
-    header: bytes,
-    path: str,
-    binary: bytes | None,
-    format_name: str,
-    notes: list[str],
+    header: bytes, path: str, binary: bytes | None, format_name: str, notes: list[str]
 ) -> RawFile:
     """Read the geometry of a glTF document."""
     document = buffers.parse_header(header)

@@ -11,6 +11,7 @@ from proximity.errors import MeshFormatError
 from proximity.formats.gltf import accessors
 from proximity.formats.gltf.buffers import Document, entries, extension, integer
 from proximity.formats.libraries import run_library
+from proximity.formats.worker import NOT_INSTALLED, TOO_MUCH
 from proximity.system.extras import needed
 
 DRACO = "KHR_draco_mesh_compression"
@@ -194,7 +195,7 @@ def _unpacked(streams: Sequence[tuple[memoryview, int]]) -> list[tuple[np.ndarra
     done = run_library("draco", data, seconds=_DRACO_SECONDS, byte_count=byte_count)
     if done.returncode:
         printed = done.printed.strip().splitlines()
-        if done.is_over_limit or done.is_missing:  # it is installed: there was no memory to import it
+        if done.returncode in (TOO_MUCH, NOT_INSTALLED):  # it is installed: there was no memory to import it
             reported = f"it takes more than {_DRACO_SECONDS} s or {byte_count >> 30} GB, expected less"
         elif done.returncode < 0 or not printed:
             reported = f"the decoder crashed, signal {-done.returncode}"

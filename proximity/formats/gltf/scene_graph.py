@@ -94,12 +94,7 @@ def _roots(document: Document) -> list[int]:
     return [k for k in range(count) if k not in children]
 
 
-def _node(
-    document: Document,
-    entry: dict[str, Any],
-    index: int,
-    world_from_parent: np.ndarray,
-) -> Node:
+def _node(document: Document, entry: dict[str, Any], index: int, world_from_parent: np.ndarray) -> Node:
     given = {
         key: numbers(entry[key], length, f"the {key} of node {index}")
         for key, length in _TRANSFORMS.items()

@@ -9,7 +9,6 @@ import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from proximity.formats.gltf import buffers, gltf
 from proximity.formats.libraries import Library
 from proximity.formats.step.product_structure import with_names_of_products
 from proximity.formats.step.step_records import StepText
+from proximity.formats.worker import NOT_INSTALLED, TOO_MUCH
 from proximity.system.file_cache import FileCache
 
 STEP_ANGLE = 0.25
@@ -48,14 +48,6 @@ class _LimitError(MeshFormatError):
     """A conversion takes more than its limits."""
 
 
-@dataclass(frozen=True, slots=True)
-class Meshed:
-    """A file as triangles."""
-
-    raw: RawFile
-    tolerance: float  # m, within which they are
-
-
 _Mesher = Callable[[float], RawFile]  # by the tolerance, m
 _shared = threading.local()
 
@@ -74,8 +66,8 @@ def converter() -> Iterator[Library]:
 
 def mesh_within_limits(
     text: StepText, path: str, tolerance: float, metres: float, *, is_cached: bool
-) -> Meshed:
-    """Return a file as triangles, within *tolerance* in m where that does not take too many of them.
+) -> tuple[RawFile, float]:
+    """Return a file as triangles, and their tolerance, m: a larger one if *tolerance* takes too many of them.
 
     *metres*: the longest unit of the file. *is_cached*: take triangles from the user's cache, or keep them.
     """
@@ -93,12 +85,12 @@ def mesh_within_limits(
         with suppress(_LimitError):
             raw = mesh(tolerance)
             if _triangle_counts(raw)[0] <= MOST_TRIANGLES:
-                return Meshed(raw, tolerance)
+                return raw, tolerance
         size = _largest(_NUMBER.findall(text.blank)) * metres
         return _mesh_by_and_by(mesh, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
 
 
-def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> Meshed:
+def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> tuple[RawFile, float]:
     """Go from a coarse tolerance to the one wanted, or as near to it as the limits allow."""
     raw = mesh(coarse)
     while coarse > tolerance:
@@ -122,7 +114,7 @@ def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> Meshed:
         except _LimitError:
             raw.notes.append(f"curved faces are approximated within {coarse * 1e3:.2g} mm, {excess}")
             break
-    return Meshed(raw, coarse)
+    return raw, coarse
 
 
 def _deciding_size(text: StepText, tolerance: float) -> float:
@@ -169,9 +161,9 @@ def _convert(data: bytes, tolerance: float, is_cached: bool) -> bytes:
     complaint = next((line.strip(" *\t") for line in printed.splitlines() if _COMPLAINT.search(line)), "")
     if done.returncode < 0:
         raise MeshFormatError(f"OpenCASCADE crashed on it (signal {-done.returncode})")
-    if done.is_missing:
+    if done.returncode == NOT_INSTALLED:
         raise MeshError("STEP files need the package cascadio, which cannot be imported")
-    if done.is_over_limit or "alloc" in printed:
+    if done.returncode == TOO_MUCH or "alloc" in printed:
         raise _LimitError(
             f"OpenCASCADE takes more than {MOST_SECONDS} s or {MOST_BYTES >> 30} GB to mesh it within "
             f"{tolerance * 1e3:g} mm, expected less"

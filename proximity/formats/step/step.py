@@ -45,14 +45,13 @@ def read_step(
     units = _units(text)
     body_count = product_structure.count_bodies(text)
     metres = max((metres_per_unit(unit) for unit in units if unit in UNITS), default=_ASSUMED_METRES)
-    meshed = conversion.mesh_within_limits(text, source.path, tolerance, metres, is_cached=is_cached)
-    raw = meshed.raw
+    raw, reached = conversion.mesh_within_limits(text, source.path, tolerance, metres, is_cached=is_cached)
     notes += _notes_on_faces(text, raw)
     if len(raw.meshes) < body_count:
         raise MeshFormatError(
             f"its assemblies hold {body_count} parts, but OpenCASCADE could read {len(raw.meshes)} only"
         )
-    if meshed.tolerance == tolerance:
+    if reached == tolerance:
         notes.append(
             f"curved faces are approximated within {tolerance * 1e3:g} mm by flat triangles: distances "
             "are exact to the triangles"
