@@ -716,3 +716,13 @@ def test_files_after_public_reports_are_read(shared_data):
     assert scenes["fan"].parts[0].solid.mesh.face_count == 2
     noted = {name for name, scene in scenes.items() if scene.report.notes}
     assert noted == {"morph_weights", "visibility", "wrong_min", "zero_scale_node"}
+
+
+def test_skin_and_turned_ball_of_reports_are_where_a_viewer_shows_them(shared_data):
+    reports = shared_data / "reports-2"
+    for name, corners_mm in (
+        ("gltf_skin_node_moved", [[0, 0, 0], [20, 10, 5]]),
+        ("gltf_turned_ball", [[-9.97669, -9.97669, -10], [9.97669, 9.97669, 10]]),
+    ):
+        bounds = proximity.load(reports / f"{name}.gltf").bounds
+        assert np.allclose(np.array(bounds) * 1e3, corners_mm, atol=1e-4)

@@ -508,3 +508,19 @@ def test_step_files_of_reports_are_read(shared_data, name):
     assert len(box.faces) == 12
     assert np.allclose(np.ptp(box.vertices, axis=0), [0.02, 0.01, 0.005])
     assert len(contents.notes) == 1 + (name == "unreferenced_shell")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "names"), [("latin1", ["Gehäuse", "Pièce"]), ("gb18030", ["海绵座", "垫圈"])]
+)
+def test_names_of_reports_keep_their_letters(shared_data, encoding, names):
+    contents = formats.read_geometries(shared_data / "reports-2" / f"step_names_{encoding}.step")
+    assert [geometry.name for geometry in contents.geometries] == names and "not UTF-8" in contents.notes[0]
+
+
+def test_assembly_of_a_public_report_is_read_the_same_a_second_time(shared_data):
+    path = shared_data / "assemblies" / "as1-oc-214.stp"
+    first, second = (formats.read_geometries(path) for _ in range(2))
+    assert len(first.geometries) == 18 and first.notes == second.notes
+    for one, other in zip(first.geometries, second.geometries, strict=True):
+        assert one.name == other.name and np.array_equal(world(one), world(other))

@@ -31,6 +31,7 @@ MOST_SECONDS, MOST_BYTES = 600, 8 << 30
 """Of one conversion."""
 CACHE = FileCache("step", 1 << 30)
 """Triangles of files; the least recently used are removed beyond a gigabyte."""
+_CONVERSION = 1  # another number where `worker` converts otherwise
 _FIRST_SHARE = 1e-3
 """Of the size of a file: the tolerance of the first conversion where the triangles have to be estimated."""
 _ROUND_SHARE, _FREE_SHARE = 0.7 * MOST_OF_FACE / 10.1, 1e5
@@ -147,7 +148,8 @@ def _without_styles(text: str) -> str:
 
 
 def _convert(data: bytes, tolerance: float, is_cached: bool) -> bytes:
-    key = hashlib.blake2b(f"{_cascadio_version()} {tolerance} {STEP_ANGLE} ".encode() + data).hexdigest()
+    settings = f"{_CONVERSION} {_cascadio_version()} {tolerance} {STEP_ANGLE} "
+    key = hashlib.blake2b(settings.encode() + data).hexdigest()
     if is_cached and (kept := CACHE.read(key)) is not None:
         return kept
     try:
