@@ -17,7 +17,7 @@ from typing import Any
 from proximity.formats import worker
 
 _LARGE_BYTES = 1 << 24
-"""After so large an input the process ends: importing takes little beside it, and memory starts afresh."""
+"""The process ends after a larger input: importing is cheap compared with it, and frees the memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Library:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
     def run(self, data: bytes, **settings: Any) -> Outcome:
-        """Have the task done on *data*; raise OSError if the system has no room for it."""
+        """Do the task on *data*; raise OSError if the system has no space for it."""
         self._folder = self._folder or tempfile.TemporaryDirectory(prefix="proximity-")
         folder = Path(self._folder.name)
         process = self._process = self._process or self._started(folder)
@@ -92,6 +92,6 @@ class Library:
 
 
 def run_library(task: str, data: bytes, *, seconds: int, byte_count: int, **settings: Any) -> Outcome:
-    """Have one of `worker.TASKS` read *data*; raise OSError if the system has no room for it."""
+    """Do one of `worker.TASKS` on *data*; raise OSError if the system has no space for it."""
     with Library(task, seconds, byte_count) as library:
         return library.run(data, **settings)

@@ -83,8 +83,8 @@ def _joined(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
     """Put together lines of numbers that a backslash continues; comments and names may end in one."""
     pieces: list[str] = []
     for line_id, line in lines:
-        goes_on = line.endswith("\\") and "#" not in line
-        if goes_on and (pieces or line.split(maxsplit=1)[0] not in _NAMING):
+        continues = line.endswith("\\") and "#" not in line
+        if continues and (pieces or line.split(maxsplit=1)[0] not in _NAMING):
             pieces.append(line[:-1])
         else:
             yield line_id - len(pieces), " ".join([*pieces, line])

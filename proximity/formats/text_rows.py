@@ -64,7 +64,7 @@ def _uniform_table(rows: list[str]) -> np.ndarray | None:
 
 
 def _not_a_number(rows: list[str], locate: Callable[[int], str]) -> MeshFormatError:
-    """The error about the first word that is not a number, by halving."""
+    """Return the error for the first word that is not a number, by bisection."""
     words = [(row_id, word) for row_id, row in enumerate(rows) for word in row.split()]
     while len(words) > 1:
         half = len(words) // 2

@@ -38,7 +38,7 @@ Lines = Iterator[tuple[str, str]]
 
 
 def _corner(position: list[float], size: list[float]) -> str:
-    """A position, with more digits where it is far from the origin for the size of what is there."""
+    """Format a position, with more digits if it is far from the origin compared with *size*."""
     ratio = max(map(abs, position)) / (max(size) or math.inf)
     digits = FEW_DIGITS + math.ceil(math.log10(max(ratio, 1.0)))
     return "  ".join(length(coordinate, min(digits, DIGITS)) for coordinate in position)

@@ -47,9 +47,7 @@ class Deviations:
     def __init__(self, units: str, metres: float, within: float | None) -> None:
         self.units, self.metres, self.within = units, metres, within
         self.count = self.farther_count = 0
-        self.worst: list[
-            dict[str, Any]
-        ] = []  # the farthest points: their rows among the answers, and answers
+        self.worst: list[dict[str, Any]] = []  # answers to the farthest points, with their rows
         self.shown, self._stride = np.empty((0, 3)), 1  # points, evenly thinned
         self._least, self._most, self._sum, self._squares = np.inf, -np.inf, 0.0, 0.0
         self._unknown_count, self._distances = 0, array("d")

@@ -55,7 +55,7 @@ _shared = threading.local()
 
 @contextmanager
 def converter() -> Iterator[Library]:
-    """Give the process that converts, which starts when it is needed: one for all files of such a block."""
+    """Yield the process that converts, which starts with the first file; blocks within share it."""
     outer = getattr(_shared, "library", None)
     with nullcontext(outer) if outer else Library("step", MOST_SECONDS, MOST_BYTES) as library:
         _shared.library = library

@@ -232,7 +232,7 @@ def _draw_bar(
     *,
     is_flat: bool = False,
 ) -> None:
-    """Draw a colour bar; *distances*, m: of the points that it is of; a flat one is that beside a slice."""
+    """Draw a colour bar, of the points if *distances*, m, are given; it is flat next to a slice."""
     matplotlib = load_matplotlib()
     mappable = matplotlib.cm.ScalarMappable(colors.norm, colors.map)
     every = 2 if is_flat else 1  # zero stays
