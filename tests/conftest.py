@@ -2,6 +2,7 @@
 
 import os
 import signal
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from project import SHARED_DATA
 
 import proximity
 from proximity.native import IS_AHEAD
+from proximity.system.file_cache import FOLDER_VARIABLE
 
 # A suite in the background, or one that may not hang up, is started with signals ignored, and programs
 # rightly leave them so. Tests that send them mean a program in the foreground.
@@ -17,6 +19,10 @@ for _name, _handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signa
     if getattr(signal, _name, None) and signal.getsignal(getattr(signal, _name)) is signal.SIG_IGN:
         signal.signal(getattr(signal, _name), _handler)
 
+
+# What commands keep for the next one is not the user's in tests, and goes with the run.
+_CACHE = tempfile.TemporaryDirectory(prefix="proximity-test-cache-")
+os.environ[FOLDER_VARIABLE] = _CACHE.name
 
 settings.register_profile("default", deadline=None)  # a first call compiles, which no deadline can know
 settings.register_profile(

@@ -32,9 +32,9 @@ def _complete_units(incomplete: str) -> list[str]:
     return [name for name in known if name.startswith(incomplete)]
 
 
-def _unit_name(text: str) -> str:
+def _unit_name(text: str | None) -> str | None:
     """The unit as the library spells it: MM, inch and metres are taken too."""
-    if text in ("mm", "m"):
+    if text in ("mm", "m", None):
         return text
     from proximity.formats import unit_name  # slow
 
@@ -123,7 +123,15 @@ UNITS = Annotated[
         callback=_unit_name,
     ),
 ]
-
+POINTS_UNITS = Annotated[
+    str | None,
+    option(
+        "UNIT",
+        "Unit of the points of --points, if not that of --units.",
+        autocompletion=_complete_units,
+        callback=_unit_name,
+    ),
+]
 
 ADDRESS = Annotated[
     str,
@@ -197,19 +205,28 @@ class Reading:
     unpacked_limit: Annotated[
         float, option("GB", "Largest unpacked size of a 3MF file.", callback=within(0.0, is_open=True))
     ] = 2.0
+    no_cache: Annotated[
+        bool, flag("--no-cache", "Convert a STEP file again, without the triangles kept by earlier commands.")
+    ] = False
 
     def load(self, *files: Path, doing: str = "reading") -> "proximity.Scene":
         """Return the scene in files, with a spinner, compiling kernels first where that is needed."""
         progress.prepare_kernels()
-        started = time.monotonic()
+        from proximity.formats.step.conversion import CACHE, converter
+
+        started, kept_before = time.monotonic(), CACHE.kept_count
         scenes = []
-        for file in files:
-            with progress.spinner(f"{doing} {file}") as count:
-                scenes.append(self._load(file, count))
+        with converter():
+            for file in files:
+                with progress.spinner(f"{doing} {file}") as count:
+                    scenes.append(self._load(file, count))
         seconds = time.monotonic() - started
         if seconds > SLOW_S and doing == "reading" and sys.stderr.isatty():
             words = " ".join(map(str, files))
-            report(f"note: reading took {seconds:.1f} s; a file of `proximity compile {words}` opens at once")
+            remedy = f"a file of `proximity compile {words}` opens at once"
+            if CACHE.kept_count > kept_before:
+                remedy = "the triangles are kept, and the next command will not convert the file again"
+            report(f"note: reading took {seconds:.1f} s; {remedy}")
         if len(scenes) == 1:
             return scenes[0]
         from proximity.scene.loader import joined
@@ -221,7 +238,7 @@ class Reading:
             from proximity.service.config import PartFiles, read_scene_file
 
             refuse((self.scale != 1.0, "--scale", f"{file} is a scene file, whose files are not scaled"))
-            return PartFiles().scene(read_scene_file(file))
+            return PartFiles(cache=not self.no_cache).scene(read_scene_file(file))
         return proximity.load(str(file), units=self.units, progress=count, **self.options())
 
     def options(self) -> dict[str, Any]:
@@ -230,6 +247,7 @@ class Reading:
             "scale": self.scale,
             "step_tolerance": self.step_tolerance / 1e3,
             "unpacked_limit": self.unpacked_limit * 1e9,
+            "cache": not self.no_cache,
         }
 
 

@@ -12,6 +12,7 @@ asked for rare dialects only. glTF is read here too, STEP by cascadio (OpenCASCA
 from proximity.formats.contents import FileContents, Geometry
 from proximity.formats.file_reader import read_geometries
 from proximity.formats.format_detection import EXTENSIONS
+from proximity.formats.step.conversion import converter
 from proximity.formats.step.step import STEP_TOLERANCE
 from proximity.formats.threemf.threemf import UNPACKED_LIMIT
 from proximity.formats.units import SYNONYMS, UNITS, likely_unit, metres_per_unit, size_notes, unit_name
@@ -24,6 +25,7 @@ __all__ = [
     "UNPACKED_LIMIT",
     "FileContents",
     "Geometry",
+    "converter",
     "likely_unit",
     "metres_per_unit",
     "read_geometries",

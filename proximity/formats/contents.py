@@ -10,6 +10,9 @@ from proximity.pose import Pose
 MOST_PARTS = 20_000
 """Parts that one file may place. A scene of so many takes ten seconds, and a small file can name millions."""
 
+UNKNOWN_FACE = -1
+"""Stands for the CAD faces of a part whose triangles do not say which they belong to."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Geometry:

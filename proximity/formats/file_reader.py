@@ -1,6 +1,8 @@
 """Read a file into geometries in metres: choose the reader, scale, place and name."""
 
+import math
 import os
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -38,6 +40,7 @@ def read_geometries(
     scale: float = 1.0,
     step_tolerance: float = step.STEP_TOLERANCE,
     unpacked_limit: float = threemf.UNPACKED_LIMIT,
+    cache: bool = True,
 ) -> FileContents:
     """Read every mesh of a file, in metres, at its place.
 
@@ -45,14 +48,15 @@ def read_geometries(
     does not say (STL, OBJ, PLY, OFF); a key of `UNITS`. Files that declare their unit (glTF, 3MF, STEP) are
     read in that one, whatever stands here. *scale*: by which all lengths are multiplied.
     *step_tolerance*: how far triangles may leave the curved surfaces of a STEP file. *unpacked_limit*: what a
-    3MF file, which is an archive, may unpack to. Returned: at least
-    one geometry; nothing merged, dropped or repaired. Identical instances share their arrays.
+    3MF file, which is an archive, may unpack to. *cache*: take the triangles of a STEP file from the user's
+    cache, or keep them there. Returned: at least one geometry; nothing merged, dropped or repaired. Identical
+    instances share their arrays.
     """
     units = unit_name(units)
     metres = metres_per_unit(units)
     scale = positive("scale", scale, "times")
     tolerance = positive("step_tolerance", step_tolerance, "metres")
-    read_step = partial(step.read_step, tolerance=tolerance, undeclared_metres=metres)
+    read_step = partial(step.read_step, tolerance=tolerance, undeclared_metres=metres, is_cached=cache)
     limit = positive("unpacked_limit", unpacked_limit, "bytes", may_be_infinite=True)
     read_3mf = partial(threemf.read_3mf, unpacked_limit=limit)
     readers: dict[str, Callable[[Source], RawFile]] = {**_READERS, "STEP": read_step, "3MF": read_3mf}
@@ -90,6 +94,23 @@ def read_geometries(
         (*raw.notes, *naming),
         scale * raw.approximation,
     )
+
+
+def read_vertices(path: str) -> np.ndarray:
+    """Return the vertices of a PLY, OBJ or STL file, with or without faces, (N, 3), in the file's numbers.
+
+    STL repeats them for each face; they are returned once.
+    """
+    readers = {".ply": ply.read_ply_points, ".obj": obj.read_obj_points}
+    reader = readers.get(Path(path).suffix.lower())
+    if reader is None:
+        parts = read_geometries(path, units="m").geometries
+        vertices = np.concatenate([part.vertices for part in parts])
+        return vertices[np.sort(np.unique(vertices, axis=0, return_index=True)[1])]
+    try:
+        return reader(_read_bytes(path, math.inf))
+    except MeshFormatError as reason:
+        raise MeshFormatError(f"{path}: {reason}") from reason
 
 
 def _read(reader: Callable[[Source], RawFile], source: Source) -> RawFile:
@@ -198,21 +219,21 @@ def unique_names(names: list[str]) -> tuple[list[str], list[str]]:
     """
     taken = set(names)
     unique: list[str] = []
-    counts: dict[str, int] = {}
+    last: dict[str, int] = {}  # number given to a name
     for name in names:
-        counts[name] = counts.get(name, 0) + 1
-        if counts[name] == 1:
+        if name not in last:
+            last[name] = 1
             unique.append(name)
             continue
-        number = counts[name]
-        while f"{name}_{number}" in taken:
-            number += 1
-        unique.append(f"{name}_{number}")
+        last[name] += 1
+        while f"{name}_{last[name]}" in taken:
+            last[name] += 1
+        unique.append(f"{name}_{last[name]}")
         taken.add(unique[-1])
     notes = [
         f"{count} of its meshes are called {text_rows.shortened(name, 60)}; "
         "from the second on they are numbered"
-        for name, count in counts.items()
+        for name, count in Counter(names).items()
         if count > 1
     ]
     return unique, notes

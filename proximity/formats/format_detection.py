@@ -37,7 +37,7 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (rb"\xff\xfe|\xfe\xff", "text in UTF-16 (save it as UTF-8)"),
 )
 _ASCII_STL = re.compile(rb"(\xef\xbb\xbf)?(\s|[#;!/][^\r\n]*[\r\n])*solid\b", re.IGNORECASE)
-_OBJ_LINES = re.compile(rb"(#[^\n]*\n|\s)*((mtllib|usemtl|o|g|s)\s[^\n]*\n|#[^\n]*\n|\s)*v\s+[-+.\d]")
+_OBJ_LINES = re.compile(rb"((mtllib|usemtl|o|g|s)\s[^\n]*\n|#[^\n]*\n|\s)*v\s+[-+.\d]")
 _SNIFFED_BYTES = 65536
 _TEXT_EXTENSIONS = frozenset([".obj", ".off", ".gltf", ".step", ".stp"])
 

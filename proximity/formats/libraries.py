@@ -1,4 +1,4 @@
-"""Libraries that read a file in a process of their own, within limits of time and memory.
+"""Libraries that read files in a process of their own, within limits of time and memory.
 
 Damaged files can crash them or take hours, and what they print can only be caught by exchanging file
 descriptors, which would swallow what other threads print.
@@ -9,56 +9,89 @@ import os
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from proximity.formats import worker
 
+_LARGE_BYTES = 1 << 24
+"""The process ends after a larger input: importing is cheap compared with it, and frees the memory."""
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """How a library ended, and what it made."""
 
-    returncode: int  # negative: the signal that it crashed by
+    returncode: int  # of `worker`; negative: the signal that it crashed by
     printed: str
     output: bytes  # empty where nothing was written
 
-    @property
-    def is_over_limit(self) -> bool:
-        """Whether it took too much time or memory."""
-        return self.returncode == worker.TOO_MUCH
 
-    @property
-    def is_missing(self) -> bool:
-        """Whether it cannot be imported."""
-        return self.returncode == worker.NOT_INSTALLED
+class Library:
+    """A library in a process that does one of `worker.TASKS` as often as needed; it starts with the first.
 
+    *seconds*: of one task.
+    """
 
-def run_library(task: str, data: bytes, *, seconds: int, byte_count: int, **settings: Any) -> Outcome:
-    """Have one of `worker.TASKS` read *data*; raise OSError if the system has no room for it."""
-    with tempfile.TemporaryDirectory(prefix="proximity-") as folder:
-        source, target, log = (Path(folder, name) for name in ("input", "output", "log"))
+    def __init__(self, task: str, seconds: int, byte_count: int) -> None:
+        self._limits = {"task": task, "seconds": seconds, "bytes": byte_count}
+        self._process: subprocess.Popen[bytes] | None = None
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+
+    def run(self, data: bytes, **settings: Any) -> Outcome:
+        """Do the task on *data*; raise OSError if the system has no space for it."""
+        self._folder = self._folder or tempfile.TemporaryDirectory(prefix="proximity-")
+        folder = Path(self._folder.name)
+        process = self._process = self._process or self._started(folder)
+        source, target, log = (folder / name for name in ("input", "output", "log"))
         source.write_bytes(data)
-        limits = {"task": task, "folder": folder, "seconds": seconds, "bytes": byte_count}
-        paths = {"path": sys.path, "input": str(source), "output": str(target)}  # imports as in this process
-        with log.open("wb") as output:
-            returncode = _run(json.dumps(limits | paths | settings).encode() + b"\n", output.fileno())
+        printed_before = log.stat().st_size
+        request = {"input": str(source), "output": str(target), **settings}
+        assert process.stdin is not None and process.stdout is not None, "they are pipes"
+        with suppress(BrokenPipeError):  # it has ended, and its code says why
+            process.stdin.write(json.dumps(request).encode() + b"\n")
+            process.stdin.flush()
+        answer = process.stdout.readline()
         made = target.read_bytes() if target.exists() else b""
-        return Outcome(returncode, log.read_text("utf-8", "replace"), made)
+        printed = log.read_bytes()[printed_before:].decode("utf-8", "replace")
+        target.unlink(missing_ok=True)
+        outcome = Outcome(int(answer) if answer else process.wait(), printed, made)
+        if not answer or len(data) > _LARGE_BYTES:
+            self.close()
+        return outcome
 
-
-def _run(settings: bytes, output: int) -> int:
-    """Run the worker; it sees the end of the pipe when this process ends, however that comes."""
-    inner, outer = os.pipe()
-    try:
-        os.write(outer, settings)
+    def _started(self, folder: Path) -> "subprocess.Popen[bytes]":
+        """Start the worker; it sees the end of the pipe when this process ends, however that comes."""
         # No -m: the worker imports nothing of ours. Threads of BLAS would use up its memory.
         command = [sys.executable, "-P", worker.__file__]
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-        return subprocess.run(
-            command, stdin=inner, stdout=output, stderr=subprocess.STDOUT, check=False, env=environment
-        ).returncode
-    finally:
-        os.close(inner)
-        os.close(outer)
+        with (folder / "log").open("wb") as log:
+            pipe = subprocess.PIPE
+            process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=log, env=environment)
+        first = {**self._limits, "folder": str(folder), "path": sys.path}  # imports as in this process
+        assert process.stdin is not None, "it is a pipe"
+        process.stdin.write(json.dumps(first).encode() + b"\n")
+        return process
+
+    def close(self) -> None:
+        """End the process, if there is one, and remove its folder."""
+        if self._process is not None:
+            with suppress(BrokenPipeError), self._process:
+                pass  # closes the pipes and waits
+        if self._folder is not None:
+            self._folder.cleanup()
+        self._process = self._folder = None
+
+    def __enter__(self) -> "Library":
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.close()
+
+
+def run_library(task: str, data: bytes, *, seconds: int, byte_count: int, **settings: Any) -> Outcome:
+    """Do one of `worker.TASKS` on *data*; raise OSError if the system has no space for it."""
+    with Library(task, seconds, byte_count) as library:
+        return library.run(data, **settings)

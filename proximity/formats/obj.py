@@ -6,7 +6,7 @@ whole one unless a face refers to what is missing.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -79,17 +79,18 @@ class _Lines:
             self.unknown.append(begin)
 
 
-def _joined(lines: Iterable[tuple[int, str]]) -> list[tuple[int, str]]:
+def _joined(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
     """Put together lines of numbers that a backslash continues; comments and names may end in one."""
-    joined: list[tuple[int, str]] = []
-    goes_on = False
+    pieces: list[str] = []
     for line_id, line in lines:
-        if goes_on:
-            line_id, start = joined.pop()
-            line = f"{start[:-1]} {line}"
-        joined.append((line_id, line))
-        goes_on = line.endswith("\\") and "#" not in line and line.split(maxsplit=1)[0] not in _NAMING
-    return joined
+        continues = line.endswith("\\") and "#" not in line
+        if continues and (pieces or line.split(maxsplit=1)[0] not in _NAMING):
+            pieces.append(line[:-1])
+        else:
+            yield line_id - len(pieces), " ".join([*pieces, line])
+            pieces = []
+    if pieces:
+        yield line_id - len(pieces) + 1, " ".join(pieces) + "\\"
 
 
 def read_obj(source: Source) -> RawFile:
@@ -110,6 +111,11 @@ def read_obj(source: Source) -> RawFile:
         notes.append(f"{count} of its lines are no statements of OBJ and were ignored: {lines.unknown[0]}")
     notes += text_rows.end_notes(source.data)
     return RawFile("OBJ", _split_objects(lines, vertices, faces, source_faces), notes=notes)
+
+
+def read_obj_points(data: bytes) -> np.ndarray:
+    """Return the vertices of an OBJ file with or without faces, (N, 3), in the file's unit."""
+    return _read_vertices(_Lines(data))
 
 
 def _read_vertices(lines: _Lines) -> np.ndarray:

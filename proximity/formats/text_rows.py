@@ -64,10 +64,15 @@ def _uniform_table(rows: list[str]) -> np.ndarray | None:
 
 
 def _not_a_number(rows: list[str], locate: Callable[[int], str]) -> MeshFormatError:
-    for row_id, row in enumerate(rows):
-        for word in row.split():
-            if _uniform_table([word]) is None:
-                return MeshFormatError(f"{locate(row_id)} has {shortened(word)}, expected a number")
+    """Return the error for the first word that is not a number, by bisection."""
+    words = [(row_id, word) for row_id, row in enumerate(rows) for word in row.split()]
+    while len(words) > 1:
+        half = len(words) // 2
+        is_good = _uniform_table([word for _, word in words[:half]]) is not None
+        words = words[half:] if is_good else words[:half]
+    for row_id, word in words:
+        if _uniform_table([word]) is None:
+            return MeshFormatError(f"{locate(row_id)} has {shortened(word)}, expected a number")
     return MeshFormatError("something in it is not a number")
 
 

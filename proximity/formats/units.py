@@ -40,6 +40,8 @@ SMALL_FILE = 0.010
 """m; a whole file below this that declares no unit is more often in inches than of so small parts."""
 TYPICAL_PART = 0.1
 """m; of parts that a hand touches."""
+UNLIKELY_RATIO, ALIKE = math.log(5.0), math.log(2.0)
+"""Of the sizes of part and scan: the ratio beyond which other units are tried, and the one of equal units."""
 UNIT_NAMES = {"mm": "millimetres", "in": "inches", "m": "metres", "um": "micrometres"}
 """Units that modelling programs commonly write."""
 
@@ -70,6 +72,23 @@ def likely_unit(size: float, units: str) -> str | None:
     sizes = {name: number * UNITS[name] for name in (units, *UNIT_NAMES)}
     nearest = min(sizes, key=lambda name: abs(math.log10(sizes[name]) - math.log10(TYPICAL_PART)))
     return nearest if SMALLEST_PART <= sizes[nearest] <= LARGEST_PART else None
+
+
+def scan_unit(scan: Sequence[float], part: Sequence[float], units: str) -> str | None:
+    """Return the unit in which a scan has the size of its part, or None if *units* are likely enough.
+
+    *scan*, *part*: sides of boxes, m; the scan's as read in *units*. Scans of a region are smaller than their
+    part: therefore the two longest sides must differ by the factor of one unit.
+    """
+    ratios = [own / side if side > 0.0 else 0.0 for side, own in zip(sorted(scan), sorted(part), strict=True)]
+    if not all(0.0 < ratio < math.inf for ratio in ratios[1:]) or abs(math.log(ratios[2])) < UNLIKELY_RATIO:
+        return None
+
+    def misfit(name: str) -> float:
+        return max(abs(math.log(ratio * UNITS[units] / UNITS[name])) for ratio in ratios[1:])
+
+    likeliest = min((*UNIT_NAMES, "cm", "ft"), key=misfit)
+    return likeliest if misfit(likeliest) < ALIKE else None
 
 
 def size_notes(parts: Sequence[tuple[str, float]], whole: float, units: str, is_declared: bool) -> list[str]:

@@ -1,11 +1,12 @@
 """The processes in which libraries read what could crash them, or take time and memory without end.
 
-A guard, and below it one that runs the library. Started by path, they import nothing of this package. The
-first line on standard input has the settings as JSON. Its end says that who asked is gone, killed perhaps:
-then the guard ends the work and removes its folder. A library may hold the interpreter's lock, so that a
-thread beside it could not do that.
+A guard, and below it one that runs the library. Started by path, they import nothing of this package. Lines
+on standard input are JSON: first the settings of all tasks, then those of each task, which a line with its
+code answers. When the input ends, because the other process ends or is killed, the guard ends the work and
+removes its folder. A library may hold the interpreter's lock, so that a thread of its own process could not.
 """
 
+import ctypes
 import json
 import os
 import shutil
@@ -13,6 +14,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from contextlib import suppress
 from typing import Any
 
@@ -24,41 +26,56 @@ _PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
 def guard() -> int:
     """Have the work done within the limits; return the exit code."""
     line = sys.stdin.readline()
-    settings = json.loads(line)
+    settings, is_over = json.loads(line), threading.Event()
     command = [sys.executable, "-P", __file__, "work"]
-    child = subprocess.Popen(command, stdin=subprocess.PIPE, text=True)
+    child = subprocess.Popen(command, stdin=subprocess.PIPE, text=True, bufsize=1)
     assert child.stdin is not None, "it is a pipe"
     child.stdin.write(line)
-    child.stdin.close()
-    threading.Thread(target=_end_when_orphaned, args=(child, settings["folder"]), daemon=True).start()
-    try:
-        code = child.wait(settings["seconds"])
-    except subprocess.TimeoutExpired:
-        child.kill()
-        return TOO_MUCH
+    threading.Thread(target=_pass_on, args=(child, settings["seconds"], is_over), daemon=True).start()
+    code = child.wait()
+    if is_over.is_set():
+        shutil.rmtree(settings["folder"], ignore_errors=True)
+        return 1
     if code < 0 and -code not in (signal.SIGXCPU, signal.SIGKILL):
         with suppress(OSError):
             os.kill(os.getpid(), -code)  # as it ended
     return TOO_MUCH if code < 0 else code
 
 
-def _end_when_orphaned(child: "subprocess.Popen[str]", folder: str) -> None:
-    """Wait until the other end of the pipe is closed."""
-    sys.stdin.read()
+def _pass_on(child: "subprocess.Popen[str]", seconds: float, is_over: threading.Event) -> None:
+    """Pass on tasks, each with its time, until the other end of the pipe is closed; end the work then."""
+    assert child.stdin is not None, "it is a pipe"
+    timer = threading.Timer(0.0, child.kill)
+    for line in sys.stdin:
+        timer.cancel()
+        timer = threading.Timer(seconds, child.kill)
+        timer.daemon = True
+        timer.start()
+        with suppress(OSError):
+            child.stdin.write(line)
+    is_over.set()
     child.kill()
-    child.wait()
-    shutil.rmtree(folder, ignore_errors=True)
-    os._exit(1)
 
 
 def work() -> int:
-    """Read one file; return the exit code."""
+    """Do tasks until there are no more; return the exit code."""
     settings = json.loads(sys.stdin.readline())
     sys.path[:] = settings["path"]
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python's own would wait for the end of the work
-    _limit(settings["seconds"], settings["bytes"])
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what libraries print
+    for line in sys.stdin:
+        _limit(settings["seconds"], settings["bytes"])
+        code = _done(TASKS[settings["task"]], json.loads(line))
+        sys.stdout.flush()
+        ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fflush(None)  # what C printed
+        print(code, file=answers, flush=True)
+    return 0
+
+
+def _done(task: Any, settings: dict[str, Any]) -> int:
     try:
-        return TASKS[settings["task"]](settings)
+        return int(task(settings))
     except ImportError:
         return NOT_INSTALLED
     except MemoryError:
@@ -66,22 +83,21 @@ def work() -> int:
 
 
 def _limit(seconds: int, byte_count: int) -> None:
-    """Limit time of all processors and memory, and end with the guard, as far as the system can."""
+    """Limit time of all processors from now on and memory, and end with the guard, as far as possible."""
     if sys.platform == "linux":
-        import ctypes
-
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
     if sys.platform != "win32":
         import resource
 
-        limits: list[tuple[Any, int]] = [
-            (resource.RLIMIT_CORE, 0),
-            (resource.RLIMIT_CPU, seconds),
-            (resource.RLIMIT_DATA, byte_count),
+        end = int(time.process_time()) + seconds
+        limits: list[tuple[Any, int, int]] = [
+            (resource.RLIMIT_CORE, 0, 0),
+            (resource.RLIMIT_CPU, end, resource.getrlimit(resource.RLIMIT_CPU)[1]),
+            (resource.RLIMIT_DATA, byte_count, byte_count),
         ]
-        for kind, limit in limits:
+        for kind, soft, hard in limits:
             with suppress(OSError, ValueError):  # a lower one is set already
-                resource.setrlimit(kind, (limit, limit))
+                resource.setrlimit(kind, (soft, hard))
 
 
 def _convert_step(settings: dict[str, Any]) -> int:
@@ -126,4 +142,4 @@ def _unpack_draco(settings: dict[str, Any]) -> int:
 TASKS = {"step": _convert_step, "trimesh": _load_by_trimesh, "draco": _unpack_draco}
 
 if __name__ == "__main__":
-    sys.exit(work() if sys.argv[1:] else guard())
+    os._exit(work() if sys.argv[1:] else guard())  # a thread may hold standard input

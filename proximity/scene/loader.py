@@ -32,6 +32,7 @@ def load(
     scale: float = 1.0,
     step_tolerance: float = STEP_TOLERANCE,
     unpacked_limit: float = UNPACKED_LIMIT,
+    cache: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Scene:
     """Return the scene in a file: STL, OBJ, PLY, OFF, glTF, GLB, 3MF or STEP, or one that `Scene.save` wrote.
@@ -51,6 +52,8 @@ def load(
         ``scene.report`` repeats it.
     unpacked_limit : bytes
         Largest size that a 3MF file, which is an archive, may unpack to.
+    cache : bool
+        Whether the triangles of a STEP file are taken from the user's cache, or kept there for the next time.
     progress : callable
         Called with the number of meshes that are prepared and the number of all, after each of them. Not
         called for a compiled scene.
@@ -92,6 +95,7 @@ def load(
             scale=scale,
             step_tolerance=step_tolerance,
             unpacked_limit=unpacked_limit,
+            cache=cache,
         )
         report = LoadReport(
             contents.path,

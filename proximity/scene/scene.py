@@ -1,5 +1,6 @@
 """Scenes: parts with poses, with the same queries as one solid."""
 
+import weakref
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -57,6 +58,7 @@ class Scene(Queries, PairQueries):
 
     def _begin(self, parts: SceneParts, report: LoadReport | None) -> None:
         self._parts, self.report, self._lock = parts, report, fork_safe_lock()
+        self._bounds: tuple[Any, Any, Any] = (lambda: None, None, None)  # of a model: reference, two corners
 
     @classmethod
     def from_mesh(cls, vertices: Any, faces: Any = None, *, name: str = "mesh") -> "Scene":
@@ -126,9 +128,32 @@ class Scene(Queries, PairQueries):
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner of the box around all parts, hidden ones too, m, (3,) each."""
-        row = self.snapshot().frames[-1]
-        return row["box_lower"].copy(), row["box_upper"].copy()
+        """Lower and upper corner of the smallest box around all parts, hidden ones too, m, (3,) each."""
+        known = self._bounds
+        if known[0]() is not self.snapshot():
+            known = self._bounds = self._box_of_vertices()
+        return known[1].copy(), known[2].copy()
+
+    def _box_of_vertices(self) -> tuple[Any, np.ndarray, np.ndarray]:
+        """A reference to the present model, and the corners of the smallest box around its parts."""
+        model, parts = self._model_and_parts()
+        frames = model.frames[:-1]
+        lowers, uppers = frames["box_lower"].copy(), frames["box_upper"].copy()
+        # The kernels' box of a turned part is around its turned box, which is larger.
+        for row in np.flatnonzero(model.parts["is_turned"][:-1]):
+            mesh, frame = parts[row].solid.mesh, frames[row]
+            corners = mesh.vertices[np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)) > 0]
+            points = corners @ frame["rotation"].reshape(3, 3).T + frame["translation"]
+            lowers[row], uppers[row] = points.min(axis=0), points.max(axis=0)
+        return weakref.ref(model), lowers.min(axis=0), uppers.max(axis=0)
+
+    def _model_and_parts(self) -> tuple[Model, list[Part]]:
+        """The arrays of the present state, and the parts in the same state."""
+        while True:
+            model = self.snapshot()
+            with self._lock:
+                if self._parts.state.current is model:
+                    return model, list(self._parts)
 
     @property
     def part_sizes(self) -> np.ndarray:
@@ -348,13 +373,7 @@ class Scene(Queries, PairQueries):
         Thread: parts may be queried and moved meanwhile; the file has the state of one moment.
         """
         check_extension(path)
-        while True:
-            model = self.snapshot()
-            with self._lock:
-                if self._parts.state.current is model:
-                    parts = list(self._parts)
-                    break
-        write_scene(path, model, parts, self.report)
+        write_scene(path, *self._model_and_parts(), self.report)
 
     def deform(self, name: str, vertices: Any) -> None:
         """Move the vertices of a part; its faces stay, and its tree is refitted, not rebuilt.

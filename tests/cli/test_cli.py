@@ -141,9 +141,11 @@ def test_scan_is_summed_up_and_passes_or_fails(run, tmp_path):
         abs=1e-12,
     )
     table = run(*scan, path).out.splitlines()
-    assert len(table) == 7 and table[-1].startswith("5 points, 1 not answered: ")
+    assert len(table) == 8 and table[-2].startswith("5 points, 1 not answered: ")
+    assert table[-1] == "The worst is #3 at 11  0  0: 1 mm from ball."
     csv = run(*scan, path, "--csv", tmp_path / "answers.csv", "--within", 1)
-    assert (csv.code, csv.out.split("; ")[-1]) == (1, "1 farther than 1 mm.\n")  # nan is not known to be near
+    assert csv.code == 1  # nan is not known to be near
+    assert csv.out.splitlines()[0].endswith("; 80.0 % within ±1 mm, 1 farther.")
     path.write_text("9.5 0 0\n10.5 0 0\n", encoding="utf-8")
     assert run(*scan, path, "--within", 1).code == 0
     assert run(*scan, path, "--within", 1e-6).code == 1

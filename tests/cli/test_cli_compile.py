@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import sys
 
 import numpy as np
 import pytest
@@ -190,3 +191,16 @@ def test_a_part_named_as_a_formula_is_text_in_a_spreadsheet(run):
     assert [row["part_name"] for row in rows] == ['\'=HYPERLINK("http://x")', "'+1??@sum", "'-2?[2J", "a=b?c"]
     assert {row["name"] for row in rows} == {"'@name"}
     assert [float(row["signed_distance_mm"]) for row in rows] == [-5.0] * 4  # numbers keep their sign
+
+
+def test_slow_conversion_says_that_the_next_command_spares_it(run, monkeypatch, tmp_path):
+    monkeypatch.setattr("proximity.cli.options.SLOW_S", -1.0)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("PROXIMITY_CACHE_DIR", str(tmp_path / "cache"))
+    kept = "the triangles are kept, and the next command will not convert the file again"
+    path = MESHES / "assembly.step"
+
+    assert "opens at once" in run("check", path, "--no-cache").err
+    assert not (tmp_path / "cache").exists()
+    assert kept in run("check", path).err
+    assert "opens at once" in run("check", path).err

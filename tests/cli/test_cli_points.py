@@ -174,16 +174,16 @@ def test_numbers_come_back_exactly(rows):
         ),
         (  # was: millimetres
             "time_s,hand,finger,x_m,y_m,z_m\n0,0,1,0.1,0.2,0.3\n",
-            "points.csv, line 1: column 'x_m' is in m, expected mm; add --units m",
+            "points.csv, line 1: column 'x_m' is in m, expected mm; add --points-units m",
         ),
         (  # was, as those below: millimetres
             "x [inch],y [inch],z [inch]\n1,2,3\n",
-            "points.csv, line 1: column 'x [inch]' is in inches, expected mm; add --units in",
+            "points.csv, line 1: column 'x [inch]' is in inches, expected mm; add --points-units in",
         ),
         ("x [\u00b5m],y,z\n1,2,3\n",
-         "points.csv, line 1: column 'x [\u00b5m]' is in um, expected mm; add --units um"),
+         "points.csv, line 1: column 'x [\u00b5m]' is in um, expected mm; add --points-units um"),
         ("x (m) raw,y,z\n1,2,3\n",
-         "points.csv, line 1: column 'x (m) raw' is in m, expected mm; add --units m"),
+         "points.csv, line 1: column 'x (m) raw' is in m, expected mm; add --points-units m"),
         (f"1 2 {'9' * 50}z\n", f"points.csv, line 1: '{'9' * 37}...' is not a number"),
     ],
 )  # fmt: skip

@@ -323,9 +323,9 @@ def test_instances_of_one_mesh_share_their_arrays(tmp_path):
 def test_what_is_left_out_of_a_scene_is_said(tmp_path):
     header, blob = mesh_files.gltf_document(
         [[(SHIFTED, FACES), (SHIFTED, FACES)]],
-        [{"mesh": 0, "skin": 0}, {"mesh": 0}],
+        [{"mesh": 0, "skin": 0, "children": [1]}, {"mesh": 0, "translation": [0, 0, 1]}],
         animations=[{}],
-        skins=[{}],
+        skins=[{"joints": [0, 1]}],
     )
     header["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 0}]
     header["meshes"][0]["primitives"][1]["mode"] = 1
@@ -340,6 +340,76 @@ def test_what_is_left_out_of_a_scene_is_said(tmp_path):
         "its morph targets were not applied, the meshes are in their basic shape",
         "its skins were not applied, the meshes are in their rest position",
     )
+
+
+def test_scenes_without_a_default_one_are_said_to_have_none(tmp_path):
+    header = changed(scenes=[{"nodes": [0]}, {"nodes": []}])
+    del header["scene"]
+    (note,) = read(tmp_path, header).notes
+    assert note == "it holds several scenes and names no default: the first was read"
+
+
+def skinned(*joints, matrices=None):
+    """A skinned cube with a child below it, and joints below an armature that is scaled."""
+    nodes = [
+        {"mesh": 0, "skin": 0, "translation": [0.3, 0, 0], "children": [1]},
+        {"mesh": 0, "translation": [0, 0.2, 0]},
+        {"scale": [0.01, 0.01, 0.01], "children": list(range(3, 3 + len(joints)))},
+        *({"translation": joint} for joint in joints),
+    ]
+    skin = {"joints": list(range(3, 3 + len(joints)))}
+    header, blob = mesh_files.gltf_document([[(VERTICES, FACES)]], nodes, skins=[skin])
+    header["scenes"] = [{"nodes": [0, 2]}]
+    if matrices is not None:
+        (view,), blob = with_arrays(header, np.array(matrices, "<f4").swapaxes(1, 2), blob=blob)
+        header["accessors"].append(
+            {"type": "MAT4", "componentType": 5126, "count": len(matrices), "bufferView": view}
+        )
+        skin["inverseBindMatrices"] = len(header["accessors"]) - 1
+    return header, blob
+
+
+def shift(*vector):
+    matrix = np.eye(4)
+    matrix[:3, 3] = vector
+    return matrix
+
+
+def test_skinned_mesh_is_placed_by_its_joints_and_not_by_its_node(tmp_path):
+    joints = [0, 0, 5], [1, 0, 0]
+    contents = read(tmp_path, *skinned(*joints, matrices=[shift(2, 0, -5), shift(1, 0, 0)]))
+    mesh, child = contents.geometries
+    assert np.allclose(world(mesh), 0.01 * (VERTICES + np.array([2, 0, 0])))
+    assert np.allclose(world(child), VERTICES + np.array([0.3, 0.2, 0]))
+    assert not any("skins" in note for note in contents.notes)
+
+
+def test_skinned_mesh_that_its_joints_bend_stays_straight_with_a_note(tmp_path):
+    contents = read(tmp_path, *skinned([0, 0, 5], [1, 0, 0]))
+    assert np.allclose(world(contents.geometries[0]), 0.01 * (VERTICES + np.array([0, 0, 5])))
+    assert "its skins were not applied, the meshes are in their rest position" in contents.notes
+
+
+def test_skin_with_fewer_matrices_than_joints_is_refused(tmp_path):
+    document = skinned([0, 0, 5], [1, 0, 0], matrices=[np.eye(4)])
+    assert refusal(tmp_path, *document) == "skin 0 has 2 joints, but 1 matrices"
+
+
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_cad_faces_that_fit_no_triangles_are_unknown_and_noted(tmp_path, is_alone):
+    # Was: "names the CAD faces of 5 triangles, but there are 12", and nothing was read.
+    surfaces = [(VERTICES, FACES)] * (1 if is_alone else 2)
+    header, blob = mesh_files.gltf_document([surfaces], [{"mesh": 0, "name": "lid"}])
+    count = 5 if is_alone else len(FACES)
+    (view,), blob = with_arrays(header, np.arange(count, dtype="<u4"), blob=blob)
+    accessor = {"type": "SCALAR", "componentType": 5125, "count": count, "bufferView": view}
+    header["accessors"].append(accessor)
+    faces = {"faceIndices": len(header["accessors"]) - 1}
+    header["meshes"][0]["primitives"][0]["extensions"] = {"TM_brep_faces": faces}
+    contents = read(tmp_path, header, blob)
+    (part,) = contents.geometries
+    assert len(part.faces) == len(FACES) * len(surfaces) and set(part.source_faces.tolist()) == {-1}
+    assert contents.notes == ("the numbers of the CAD faces of 'lid' are unknown",)
 
 
 @pytest.mark.parametrize(
@@ -646,3 +716,13 @@ def test_files_after_public_reports_are_read(shared_data):
     assert scenes["fan"].parts[0].solid.mesh.face_count == 2
     noted = {name for name, scene in scenes.items() if scene.report.notes}
     assert noted == {"morph_weights", "visibility", "wrong_min", "zero_scale_node"}
+
+
+def test_skin_and_turned_ball_of_reports_are_where_a_viewer_shows_them(shared_data):
+    reports = shared_data / "reports-2"
+    for name, corners_mm in (
+        ("gltf_skin_node_moved", [[0, 0, 0], [20, 10, 5]]),
+        ("gltf_turned_ball", [[-9.97669, -9.97669, -10], [9.97669, 9.97669, 10]]),
+    ):
+        bounds = proximity.load(reports / f"{name}.gltf").bounds
+        assert np.allclose(np.array(bounds) * 1e3, corners_mm, atol=1e-4)

@@ -20,6 +20,7 @@ from project import MESHES
 from proximity import formats
 from proximity.errors import MeshFormatError
 from proximity.formats.step import conversion, product_structure
+from proximity.formats.step.step_records import StepText
 
 BOX = step_text.box_step((1, 2, 3), name="lid")
 ASSEMBLY = (MESHES / "assembly.step").read_text("ascii")
@@ -84,8 +85,55 @@ def test_product_gives_its_name_where_its_use_has_a_number():
         b'{"nodes": [{"name": "NAUO7", "children": [1]}, {"name": "=>[0:1:1:5]", "mesh": 0}],'
         b' "meshes": [{"name": "SOLID"}]}'
     )
-    named = product_structure.with_names_of_products(header, text)
+    named = product_structure.with_names_of_products(header, StepText(text))
     assert b'{"name": "pin", "mesh": 0}' in named
+
+
+# Names in other encodings
+
+
+@pytest.mark.parametrize(
+    ("encoding", "name", "words"),
+    [
+        ("utf-8", "Gehäuse 海绵座", None),
+        ("latin-1", "Gehäuse", "Windows-1252"),
+        ("latin-1", "Größe Ø10", "Windows-1252"),
+        ("cp1252", "Plaque d’appui – côté droit", "Windows-1252"),
+        ("gb18030", "海绵座", "GB18030"),
+        ("gb18030", "镀锌垫片 M6", "GB18030"),
+        ("shift_jis", "ハウジング", "Shift-JIS"),
+        ("shift_jis", "歯車", "Shift-JIS"),
+        ("shift_jis", "表", "Shift-JIS"),  # its second byte is a backslash
+        ("cp1251", "Корпус", "Windows-1251"),
+    ],
+)
+def test_name_that_is_not_utf8_keeps_its_letters_and_is_noted(tmp_path, encoding, name, words):
+    # Was: Geh㴳e, without a word.
+    contents = read(tmp_path, step_text.box_step((1, 2, 3), name=name).encode(encoding))
+    assert contents.geometries[0].name == name
+    note = f"its text is not UTF-8, and was read as {words}: names may have other letters"
+    assert (contents.notes[:-1] == (note,)) if words else (len(contents.notes) == 1)
+
+
+def test_bytes_that_no_encoding_has_stay_legible(tmp_path):
+    contents = read(tmp_path, BOX.encode().replace(b"lid", b"lid \x81 \xe4"))
+    assert contents.geometries[0].name.startswith("lid ") and contents.geometries[0].name.endswith(" ä")
+    assert "was read as Latin-1" in contents.notes[0]
+
+
+def test_product_and_use_of_one_name_find_each_other_beyond_ascii(tmp_path):
+    text = ASSEMBLY.replace("'pin'", "'Bolzen_ö'")
+    numbered = re.sub(r"(OCCURRENCE)\('pin_left','pin_left'", r"\1('7','NAUO7'", text)
+    solids = numbered.replace("MANIFOLD_SOLID_BREP('Bolzen_ö'", "MANIFOLD_SOLID_BREP('SOLID'")
+    assert "Bolzen_ö" in [geometry.name for geometry in read(tmp_path, solids).geometries]
+
+
+def test_part_file_in_another_encoding_is_noted_by_its_name(tmp_path):
+    text, lid = with_lid_in_file("lid.stp")
+    (tmp_path / "lid.stp").write_bytes(lid.replace("'lid'", "'Dübel'").encode("latin-1"))
+    contents = read(tmp_path, text)
+    assert "Dübel" in [geometry.name for geometry in contents.geometries]
+    assert contents.notes[0].startswith("its part 'lid.stp': its text is not UTF-8")
 
 
 # Part files
@@ -248,7 +296,11 @@ def test_part_that_lost_its_place_or_shape_is_not_left_out_or_put_elsewhere(tmp_
 def test_fewer_parts_than_the_assemblies_hold_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "part.step"
     path.write_text(ASSEMBLY)
-    assert len(formats.read_geometries(path).geometries) == product_structure.count_bodies(ASSEMBLY) == 4
+    assert (
+        len(formats.read_geometries(path).geometries)
+        == product_structure.count_bodies(StepText(ASSEMBLY))
+        == 4
+    )
     monkeypatch.setattr(product_structure, "count_bodies", lambda text: 5)
     with pytest.raises(
         MeshFormatError, match="its assemblies hold 5 parts, but OpenCASCADE could read 4 only"
@@ -257,20 +309,20 @@ def test_fewer_parts_than_the_assemblies_hold_are_refused(tmp_path, monkeypatch)
 
 
 def test_uses_are_expanded():
-    assert product_structure.count_bodies(NESTED) == 4
+    assert product_structure.count_bodies(StepText(NESTED)) == 4
 
 
 def test_files_that_place_shapes_in_other_ways_are_left_alone():
     text = NESTED.replace(
         "#61=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#71,#51);", "#61=MAPPED_ITEM('',#1,#2);"
     )
-    assert product_structure.count_bodies(text) == 0
+    assert product_structure.count_bodies(StepText(text)) == 0
 
 
 def test_product_that_contains_itself_is_refused():
     text = NESTED.replace("('','','',#2,#3,$)", "('','','',#2,#1,$)", 1)
     with pytest.raises(MeshFormatError, match=r"PRODUCT_DEFINITION #[12] is part of itself, expected a tree"):
-        product_structure.count_bodies(text)
+        product_structure.count_bodies(StepText(text))
 
 
 # Units and CAD faces
@@ -291,9 +343,40 @@ def test_step_declares_its_unit_and_triangles_know_their_cad_face(tmp_path, unit
     )
 
 
+STYLES = (
+    "COLOUR_RGB('',{red},0.,0.)", "FILL_AREA_STYLE_COLOUR('',{last})", "FILL_AREA_STYLE('',({last}))",
+    "SURFACE_STYLE_FILL_AREA({last})", "SURFACE_SIDE_STYLE('',({last}))",
+    "SURFACE_STYLE_USAGE(.BOTH.,{last})", "PRESENTATION_STYLE_ASSIGNMENT(({last}))",
+    "STYLED_ITEM('color',({last}),{item})",
+)  # fmt: skip
+
+
+def colour(first, item, red):
+    """Records that give a face a colour, each by the one before."""
+    return "".join(
+        f"#{number}={record.format(red=red, last=f'#{number - 1}', item=item)};\n"
+        for number, record in enumerate(STYLES, first)
+    )
+
+
+def test_colours_of_faces_do_not_change_the_numbers_of_cad_faces(tmp_path):
+    # Was: a file whose faces had colours gave most triangles the numbers of triangles.
+    faces = re.findall(r"(#\d+) = ADVANCED_FACE", BOX)
+    context = re.search(r"(#\d+) = \( GEOMETRIC", BOX)[1]
+    styles = colour(9000, faces[3], "1.") + colour(9100, faces[5], "0.5")
+    styles += f"#9990=MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION('',(#9007,#9107),{context});\n"
+    (part,) = read(tmp_path, BOX.replace(TAIL, styles + TAIL)).geometries
+    assert part.source_faces.tolist() == np.repeat(np.arange(6), 2).tolist()
+
+
 def test_step_with_free_form_faces_is_noted(tmp_path):
     text = step_text.box_step((1, 2, 3), "mm", name="lid")
-    text = text.replace("DATA;", "DATA; /* as of #1=B_SPLINE_SURFACE_WITH_KNOTS */", 1)
+    point = re.search(r"(#\d+) = CARTESIAN_POINT", text)[1]
+    surface = (
+        f"#901=B_SPLINE_SURFACE_WITH_KNOTS('',1,1,(({point},{point}),({point},{point})),.UNSPECIFIED.,.F.,.F.,"
+        ".F.,(2,2),(2,2),(0.,1.),(0.,1.),.UNSPECIFIED.);\n"
+    )
+    text = text.replace(TAIL, surface + TAIL)
 
     contents = read(tmp_path, text.encode())
 
@@ -365,7 +448,7 @@ def test_conversion_over_its_limits_is_refused_with_them(tmp_path, monkeypatch):
     monkeypatch.setattr(conversion, "MOST_SECONDS", 0)
     assert re.match(
         r"OpenCASCADE takes more than 0 s or 8 GB to mesh it within [\d.e-]+ mm, expected less",
-        refusal(tmp_path, BOX),
+        refusal_of(write(tmp_path, "part.step", BOX), cache=False),
     )
 
 
@@ -425,3 +508,19 @@ def test_step_files_of_reports_are_read(shared_data, name):
     assert len(box.faces) == 12
     assert np.allclose(np.ptp(box.vertices, axis=0), [0.02, 0.01, 0.005])
     assert len(contents.notes) == 1 + (name == "unreferenced_shell")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "names"), [("latin1", ["Gehäuse", "Pièce"]), ("gb18030", ["海绵座", "垫圈"])]
+)
+def test_names_of_reports_keep_their_letters(shared_data, encoding, names):
+    contents = formats.read_geometries(shared_data / "reports-2" / f"step_names_{encoding}.step")
+    assert [geometry.name for geometry in contents.geometries] == names and "not UTF-8" in contents.notes[0]
+
+
+def test_assembly_of_a_public_report_is_read_the_same_a_second_time(shared_data):
+    path = shared_data / "assemblies" / "as1-oc-214.stp"
+    first, second = (formats.read_geometries(path) for _ in range(2))
+    assert len(first.geometries) == 18 and first.notes == second.notes
+    for one, other in zip(first.geometries, second.geometries, strict=True):
+        assert one.name == other.name and np.array_equal(world(one), world(other))

@@ -113,11 +113,50 @@ def test_points_beside_a_slice_have_a_scale_of_their_own(box, monkeypatch):
     )  # fmt: skip
     near = np.array([[0.02, 0.015, -4e-5], [0.02, 0.015, 2e-5]])
 
-    for reach in (None, 2.5e-5):
+    for reach in (None, (-2.5e-5, 2.5e-5)):
         sheet.draw(Picture(box, "box", near, ("z", 0.005), size=SIZE, reach=reach))
 
-    assert levels[1] == pytest.approx([-0.02, 0.04]) and levels[3] == pytest.approx([-0.025, 0.025])
+    assert levels[1] == pytest.approx([-0.04, 0.04]) and levels[3] == pytest.approx([-0.025, 0.025])
     assert levels[0] == levels[2] and levels[0][1] > 1.0
+
+
+@pytest.mark.parametrize(
+    ("reach", "words"),
+    [
+        (None, None),
+        ((-2.5e-5, 2.5e-5), "66.6 % within ±0.025 mm"),
+        ((-5e-5, 1e-5), "33.3 % within \N{MINUS SIGN}0.05 to 0.01 mm"),
+    ],
+)
+@pytest.mark.parametrize("cut", [None, ("z", 0.005)])
+def test_share_of_points_within_the_bar_is_written_on_the_page_and_nothing_is_cut_off(
+    box, monkeypatch, reach, words, cut
+):
+    figures, make = [], sheet._figure
+    monkeypatch.setattr(sheet, "_figure", lambda *given: figures.append(make(*given)) or figures[-1])
+    points = np.array([[0.02, 0.015, height] for height in (4e-5, -2e-5, -2.2e-5)])  # of the lowest face
+    sheet.draw(Picture(box, "box", points, cut, size=(640, 360), reach=reach))
+
+    (figure,) = figures
+    agg = pytest.importorskip("matplotlib.backends.backend_agg")
+    renderer = agg.FigureCanvasAgg(figure).get_renderer()
+    labels = [label for axes in figure.axes[1:] for label in (axes.yaxis.label, axes.xaxis.label)]
+    (label,) = (label for label in labels[-2:] if "negative inside" in label.get_text())
+    assert (words is None) == ("within" not in label.get_text()) and (words or "") in label.get_text()
+    for text in labels:
+        extent = text.get_window_extent(renderer)
+        assert extent.x0 >= 0 and extent.x1 <= figure.bbox.width and extent.y1 <= figure.bbox.height
+
+
+def test_points_of_one_side_have_zero_in_the_middle_of_the_colours():
+    # Was: a bar from -0.1 to 0.3 for deviations of up to 0.3 mm.
+    distances = np.array([-8e-5, 3e-4])
+    assert DistanceColors(distances, 1e-3, is_even=True).levels[[0, -1]] == pytest.approx([-0.3, 0.3])
+    uneven = DistanceColors(distances, 1e-3, is_even=True, reach=(-5e-5, 2e-4))
+    assert uneven.levels[[0, -1]] == pytest.approx([-0.05, 0.2])
+    assert uneven.share(distances) == 0.0 and uneven.share(np.array([0.0, 1e-4, 3e-4, -5e-5])) == 0.75
+    for colors in (uneven, DistanceColors(distances, 1e-3, is_even=True)):
+        assert colors(np.array([0.0])).min() > 0.95
 
 
 def test_many_parts_and_long_names_are_cut_short(box):

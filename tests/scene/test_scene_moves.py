@@ -1,6 +1,7 @@
 """Parts that move between questions: cheap, never torn, and to the bit what a scene made anew answers."""
 
 import re
+import threading
 
 import judging
 import numpy as np
@@ -107,6 +108,49 @@ def test_parts_of_one_frame_are_walked_right_after_some_of_them_left_it():
 
     assert_answers_alike(scene, anew(scene), points, others)
     assert_right_by_brute_force(scene, points)
+
+
+def test_bounds_are_those_of_the_vertices_however_parts_are_turned():
+    # Was: the box of a turned box, 179.3 mm for a ball of 153.6 mm.
+    rng = np.random.default_rng(5)
+    vertices, faces = shapes.sphere(0.01)
+    unused = np.vstack([vertices, [[9.0, 9.0, 9.0]]])
+    scene = Scene([Solid(unused, faces, name="ball"), Solid(*shapes.cube(0.02), name="cube")])
+    for matrices in (None, *(matrices_of(rng, 2, 0.1) for _ in range(3)), np.array([np.eye(4)] * 2)):
+        if matrices is not None:
+            scene.move_many(["ball", "cube"], matrices)
+        corners = [part.pose.point(part.solid.mesh.vertices[part.solid.mesh.faces]) for part in scene.parts]
+        corners = np.concatenate([corner.reshape(-1, 3) for corner in corners])
+        for _ in range(2):
+            lower, upper = scene.bounds
+            assert np.allclose(lower, corners.min(axis=0), rtol=0, atol=1e-15)
+            assert np.allclose(upper, corners.max(axis=0), rtol=0, atol=1e-15)
+            lower[:] = upper[:] = 7.0  # the caller's own
+
+
+def test_bounds_follow_parts_that_other_threads_move_and_remove():
+    scene = Scene(some_parts(4))
+    largest = np.abs(scene.bounds).max() + 20.0
+    wrong, is_over = [], threading.Event()
+
+    def read():
+        while not is_over.is_set():
+            lower, upper = scene.bounds
+            if not (lower < upper).all() or np.abs([lower, upper]).max() > largest:
+                wrong.append((lower, upper))
+
+    readers = [threading.Thread(target=read) for _ in range(2)]
+    for reader in readers:
+        reader.start()
+    last = scene.parts[-1]
+    for matrix in matrices_of(np.random.default_rng(3), 100):
+        scene.move(scene.parts[0].name, matrix)
+        scene.remove(last.name)
+        scene.add(last)
+    is_over.set()
+    for reader in readers:
+        reader.join()
+    assert not wrong
 
 
 def test_velocities_are_those_of_the_last_move():

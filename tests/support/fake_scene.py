@@ -54,12 +54,17 @@ class FakeScene:
                 name=name, solid=solid, pose=Pose(), source_faces=np.arange(100, 200), repairs=FakeRepairs()
             ),
         )
-        self.bounds = np.full(3, -RADIUS), np.full(3, RADIUS)
         self.part_sizes = np.full((1, 3), 2.0 * RADIUS)
         self.report = SimpleNamespace(
             path="ball.stl", format="STL binary", units="mm", units_declared=False, notes=("2 names shared",)
         )
         self.has_inside = has_inside
+
+    @property
+    def bounds(self):
+        """The box of the parts."""
+        corners = np.concatenate([part.pose.point(part.solid.mesh.vertices) for part in self.parts])
+        return corners.min(axis=0), corners.max(axis=0)
 
     def closest(self, points, *, workers=1):
         with np.errstate(invalid="ignore", over="ignore"):

@@ -176,6 +176,9 @@ def test_points_are_shown_with_their_distances_and_saved(page, scene, tmp_path):
     shown = dict(zip(*(page.ask(f"[...document.querySelectorAll('#points-table {tag}')].map((each) => "
                                 "each.textContent)") for tag in ("dt", "dd")), strict=True))  # fmt: skip
     assert shown["points"] == "5 000"
+    within = next(name for name in shown if name.startswith("within ±"))
+    reach = float(within.removeprefix("within ±").removesuffix(" mm")) / 1e3
+    assert shown[within] == f"{100 * np.mean(np.abs(expected) <= reach):.1f} %"
     assert shown["RMS"] == f"{1e3 * np.sqrt(np.mean(expected**2)):.3f} mm"
     assert shown["95 % within"] == f"{1e3 * np.quantile(abs(expected), 0.95, method='inverted_cdf'):.3f} mm"
     page.picture("points")
@@ -216,7 +219,7 @@ def test_the_probe_answers_for_a_point_under_the_mouse_and_points_are_clipped(pa
         "Math.floor(k / 30) / 30 - 0.5); page.probe.update(); return page.probe.answer.point; }) && "
         "page.probe.answer.point"
     )
-    k = int(row.removeprefix("point ")) - 1
+    k = int(row.removeprefix("#"))
     assert page.ask("page.probe.answer.distance") == page.ask(f"page.tools.points.distances[{k}]")
     assert f"{row} of scan.csv" in page.ask("document.getElementById('probe-side').textContent")
     assert (points[page.ask(seen), 1] < np.mean(scene.bounds, axis=0)[1] - 1e-3).any()
@@ -419,7 +422,21 @@ def test_a_slice_of_the_signed_distance_is_seen(page):
     page.until(f"page.tools.plane.ticket > {first} && page.tools.plane.mesh.visible")
     page.page.wait_for_timeout(600)
     page.picture("slice")
-    assert "lines every" in page.ask("document.getElementById('legend-high').textContent")
+    low, high = (page.ask(f"document.getElementById('legend-{end}').textContent") for end in ("low", "high"))
+    deepest, farthest = float(low.removeprefix("−")), float(high.split(" mm, lines every ")[0])
+    assert 0.0 < deepest < farthest, "inside has a scale of its own"
+
+    # The probe stops at the slice where no part lies before it.
+    page.ask("page.choose('probe')")
+    page.until("page.local.scene && page.probe.answer")
+    found = page.ask(
+        "[...Array(900).keys()].map((k) => { page.probe.pointer.set((k % 30) / 30 - 0.5, "
+        "Math.floor(k / 30) / 30 - 0.5); page.probe.update(); "
+        "return [page.probe.answer.position[2], page.probe.answer.distance]; })"
+    )
+    offset = page.ask("page.tools.plane.offset")
+    on_slice = [distance for height, distance in found if abs(height - offset) < 1e-9]
+    assert len(on_slice) > 100 and max(on_slice) > 1e-3
 
 
 def test_a_picture_is_saved_and_a_link_opens_the_same_view(page, chromium):

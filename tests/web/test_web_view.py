@@ -162,14 +162,16 @@ def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
 def test_files_are_read_with_the_options_of_the_command(monkeypatch, tmp_path):
     read = []
     monkeypatch.setattr("proximity.web.page_process.write_page", lambda given, out: read.append(given) or 1e6)
-    words = ["view", BRACKET, "--scale", 2, "--step-tolerance", 0.002, "--save", tmp_path / "page.html"]
+    words = ["view", BRACKET, "--scale", 2, "--step-tolerance", 0.002, "--no-cache"]
+    words += ["--save", tmp_path / "page.html"]
     monkeypatch.setattr(sys, "argv", ["proximity", *map(str, words)])
 
     with pytest.raises(SystemExit):
         cli.main()
 
     (settings,) = read
-    assert dict(settings.reading) == {"scale": 2.0, "step_tolerance": 2e-6, "unpacked_limit": 2e9}
+    expected = {"scale": 2.0, "step_tolerance": 2e-6, "unpacked_limit": 2e9, "cache": False}
+    assert dict(settings.reading) == expected
     assert _open_parts(settings).scene.part_sizes == pytest.approx(2 * proximity.load(BRACKET).part_sizes)
 
 

@@ -65,7 +65,11 @@ def write_text(question: Question, chunks: Iterator[Answers], *, is_whole: bool 
 
 def _shown(question: Question, answers: Answers, first_row: int) -> list[Column]:
     """Columns of a table: name or number, the points, distance, side, closest points; the part at the end."""
-    columns = [column for column in columns_of(answers, question.units, question.decimals) if column.title]
+    columns = [
+        column
+        for column in columns_of(answers, question.units, question.decimals, question.width)
+        if column.title
+    ]
     if "is_signed" in answers:
         signs = zip(answers["signed_distance"], answers["is_signed"], strict=True)
         behind = [column.name for column in columns].index("signed_distance") + 1
@@ -97,7 +101,7 @@ def _write_row(columns: list[Column], cells: Iterable[str]) -> None:
 
 def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Labels and values of one answer, with the names of its points where they have some."""
-    is_closest, is_found = question.mode == "closest", answer["face"] is not None
+    is_closest, is_found = question.mode == "closest", answer["face_id"] is not None
     for name, value in answer.items():
         field = FIELDS.get(name, GIVEN)
         if not field.label or value is None or not (is_found or name.endswith("name")):
@@ -108,7 +112,7 @@ def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, st
             ending += f", {SIDE_WORDS.get(where, where)}"
         elif name == "distance" and "start" in answer and value == 0.0:
             ending += ", touches the surface"
-        words = "  ".join(map(field.shown, value if field.axes else [value]))
+        words = "  ".join(field.shown(each, question.digits) for each in (value if field.axes else [value]))
         label = "point" if name == "point" and not is_closest else field.label
         yield label, (ON_FEATURES[value] if name == "feature" else words) + ending
     if not is_found:

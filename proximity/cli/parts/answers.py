@@ -19,6 +19,9 @@ import numpy as np
 import proximity
 from proximity.cli import progress
 from proximity.cli.output import (
+    DIGITS as MOST_DIGITS,
+)
+from proximity.cli.output import (
     MISSING,
     in_units,
     length,
@@ -50,12 +53,12 @@ class Field:
     is_length: bool = False  # in the user's unit
     is_text: bool = False
 
-    def shown(self, value: Any) -> str:
+    def shown(self, value: Any, digits: int = DIGITS) -> str:
         """Return a value for people; components of directions that are rounding errors are zeros."""
         if self.is_text:
             return MISSING if value is None else printable(str(value))
         if self.is_length:
-            return length(value, DIGITS)
+            return length(value, digits)
         return number(round(value, DIRECTION_DECIMALS) if self.axes else value, DIGITS)
 
 
@@ -121,6 +124,9 @@ class Question:
         self._size = float((self._upper - self._lower).max())
         self._asked, self._far_count, self._farthest = 0, 0, 0.0
         self.decimals = max(1, min(7, round(math.log10(metres / SMALLEST_M))))
+        whole = len(f"{max(*np.abs(self._lower), *np.abs(self._upper)):.0f}")  # digits before the point
+        self.digits = max(DIGITS, min(whole + 4, MOST_DIGITS))
+        self.width = max(NUMBER_WIDTH, min(whole, MOST_DIGITS) + 5)  # of a column of coordinates
         self._own = {each.name_in_csv for each in columns_of({key: [] for key in ANSWERED[self.mode]}, units)}
 
     def answers(self, chunks: Iterable[Points]) -> Iterator[Answers]:
@@ -172,7 +178,7 @@ class Question:
             elif name == "part":
                 found |= self._faces(hits)
             elif name == "feature":
-                words = zip(hits.feature.tolist(), found["face"], strict=True)
+                words = zip(hits.feature.tolist(), found["face_id"], strict=True)
                 found[name] = [None if face is None else Feature(each).name.lower() for each, face in words]
         return found
 
@@ -293,7 +299,9 @@ def count_of(answers: Answers) -> int:
     return len(next(iter(answers.values())))
 
 
-def columns_of(answers: Answers, units: str, decimals: int = 4) -> Iterator[Column]:
+def columns_of(
+    answers: Answers, units: str, decimals: int = 4, width_of_number: int = NUMBER_WIDTH
+) -> Iterator[Column]:
     for name, values in answers.items():
         field = FIELDS.get(name, GIVEN)
         ending = f"_{units}" if field.is_length else ""
@@ -302,5 +310,9 @@ def columns_of(answers: Answers, units: str, decimals: int = 4) -> Iterator[Colu
             words = "_".join(filter(None, ("" if name == "query" else name, letter)))
             each = [vector[axis] for vector in values] if letter else values
             title = field.title.format(letter, unit=units)
-            width = -TEXT_WIDTHS.get(name, 0) if field.is_text else max(NUMBER_WIDTH, len(title))
+            width = (
+                -TEXT_WIDTHS.get(name, 0)
+                if field.is_text
+                else max(width_of_number if field.axes else NUMBER_WIDTH, len(title))
+            )
             yield Column(name, title, words + ending, field, each, width, decimals)

@@ -10,6 +10,7 @@ import numpy as np
 
 import proximity
 from proximity.cli.output import (
+    DIGITS,
     FEW_DIGITS,
     MISSING,
     counted,
@@ -36,8 +37,11 @@ Cell = Callable[[Values], str]
 Lines = Iterator[tuple[str, str]]
 
 
-def _corner(position: list[float]) -> str:
-    return "  ".join(length(coordinate, FEW_DIGITS) for coordinate in position)
+def _corner(position: list[float], size: list[float]) -> str:
+    """Format a position, with more digits if it is far from the origin compared with *size*."""
+    ratio = max(map(abs, position)) / (max(size) or math.inf)
+    digits = FEW_DIGITS + math.ceil(math.log10(max(ratio, 1.0)))
+    return "  ".join(length(coordinate, min(digits, DIGITS)) for coordinate in position)
 
 
 def _size(values: Values) -> str:
@@ -77,7 +81,6 @@ def report_of(scene: "proximity.Scene", file: str, units: str, metres: float) ->
     origin = scene.report
     assert origin is not None, "a scene read from a file has a report"
     parts = [_part_values(part, metres) for part in scene.parts]
-    lower, upper = _box_of_whole(scene)
     return {
         "file": file,
         "compiled_from": origin.path if origin.path != file else None,
@@ -86,7 +89,7 @@ def report_of(scene: "proximity.Scene", file: str, units: str, metres: float) ->
         "file_units_declared": origin.units_declared,
         "notes": list(origin.notes),
         "units": units,
-        **_box(lower, upper, metres),
+        **_box(*scene.bounds, metres),
         "total": _total(parts),
         "parts": parts,
     }
@@ -128,8 +131,8 @@ def _head(report: Values) -> Lines:
     yield "format", report["format"]
     yield "units of file", f"{report['file_units']} ({declared})"
     yield "size", f"{_size(report)} {units}"
-    yield "from", f"{_corner(report['lower'])} {units}"
-    yield "to", f"{_corner(report['upper'])} {units}"
+    yield "from", f"{_corner(report['lower'], report['size'])} {units}"
+    yield "to", f"{_corner(report['upper'], report['size'])} {units}"
     yield "parts", str(len(report["parts"]))
     for note in report["notes"]:
         yield "note", note
@@ -163,15 +166,6 @@ def _part_values(part: "proximity.Part", metres: float) -> Values:
     }
 
 
-def _box_of_whole(scene: "proximity.Scene") -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner, m, of the box around all faces where they stand in the scene: (3,) each."""
-    corners = [
-        part.pose.point(part.solid.mesh.vertices[part.solid.mesh.faces.ravel()]) for part in scene.parts
-    ]
-    lower = np.min([of_part.min(axis=0) for of_part in corners], axis=0)
-    return lower, np.max([of_part.max(axis=0) for of_part in corners], axis=0)
-
-
 def _box(lower: np.ndarray, upper: np.ndarray, metres: float) -> Values:
     with np.errstate(over="ignore"):
         corners = {"size": upper - lower, "lower": lower, "upper": upper}
@@ -198,7 +192,7 @@ def _remarks(parts: list[Values], units: str) -> Lines:
     yield from _grouped(parts, "sign", lambda part: f"{part['sign_method']}: {part['sign_reason']}")
     unclosed = [part for part in parts if part["open_edge_count"]]
     for part in unclosed[:NAMES_SHOWN]:
-        where = f"the first near {_corner(part['open_edge'])} {units} ({part['name']})"
+        where = f"the first near {_corner(part['open_edge'], part['size'])} {units} ({part['name']})"
         yield "not closed", f"{counted(part['open_edge_count'], 'edge')}, {where}"
     if (more := len(unclosed) - NAMES_SHOWN) > 0:
         yield "not closed", f"edges of {counted(more, 'more part')}; --json lists them"

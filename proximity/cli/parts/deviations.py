@@ -1,55 +1,94 @@
 """What many signed distances are together: of a scan, its deviations from the part."""
 
+import math
 from array import array
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from proximity.cli.output import counted, number
+import proximity
+from proximity.cli.output import counted, number, printable, report
 from proximity.cli.parts.answers import Answers
+from proximity.errors import ArgumentError
+from proximity.formats.units import UNIT_NAMES, metres_per_unit, scan_unit
 
 SHARE = 95  # per cent of the points, of which the greatest deviation is given
 MOST_KEPT = 20_000_000
 """Points: the share is of those that come first, so that memory stays bounded."""
-DIGITS = 5
+DIGITS, PLACE_DIGITS = 5, 9
+MOST_WORST = 10
+MOST_SHOWN = 20_000  # points of a picture
+_WORST = ("query", "signed_distance", "part_name")
+
+
+def check_unit(sides: list[float], scene: "proximity.Scene", units: str, *, is_gate: bool) -> None:
+    """Note that a scan is likely to be in another unit than *units*; of a gate, refuse it.
+
+    *sides*: of the box around the scan, in *units*; none of one without a point.
+    """
+    metres, part = metres_per_unit(units), np.subtract(*scene.bounds[::-1]).tolist()
+    unit = scan_unit([side * metres for side in sides], part, units) if sides else None
+    if unit is not None:
+        sizes = f"{number(max(sides), 4)} {units} across, the part {number(max(part) / metres, 4)} {units}"
+        words = f"the scan is {sizes}: is it in {UNIT_NAMES.get(unit, unit)}? give --points-units {unit}"
+        if is_gate:
+            raise ArgumentError(words)
+        report(f"note: {words}")
 
 
 class Deviations:
     """Collects signed distances as they are answered.
 
-    *within*: in the unit of the answers; points that are farther from the surface are counted.
+    *units*: of the answers, with so many *metres*. *within*: in that unit; points that are farther from the
+    surface are counted.
     """
 
-    def __init__(self, within: float | None) -> None:
-        self.within, self.count, self.farther_count = within, 0, 0
+    def __init__(self, units: str, metres: float, within: float | None) -> None:
+        self.units, self.metres, self.within = units, metres, within
+        self.count = self.farther_count = 0
+        self.worst: list[dict[str, Any]] = []  # answers to the farthest points, with their rows
+        self.shown, self._stride = np.empty((0, 3)), 1  # points, evenly thinned
         self._least, self._most, self._sum, self._squares = np.inf, -np.inf, 0.0, 0.0
-        self._unknown_count, self._sizes = 0, array("d")
+        self._unknown_count, self._distances = 0, array("d")
+
+    @property
+    def distances(self) -> np.ndarray:
+        """The known signed distances, the first `MOST_KEPT`."""
+        return np.frombuffer(self._distances) if self._distances else np.empty(0)
 
     def collected(self, chunks: Iterator[Answers]) -> Iterator[Answers]:
-        """Yield answers as they come, and keep what is asked of them."""
+        """Yield answers as they come, and collect them."""
         for chunk in chunks:
-            self._add(np.array(chunk["signed_distance"], dtype=np.float64))
+            self._add(chunk)
             yield chunk
 
-    def _add(self, distances: np.ndarray) -> None:
-        known = distances[np.isfinite(distances)]
-        sizes = np.abs(known)
+    def _add(self, chunk: Answers) -> None:
+        distances = np.array(chunk["signed_distance"], dtype=np.float64)
+        sizes = np.where(np.isfinite(distances), np.abs(distances), -1.0)
+        known = distances[sizes >= 0.0]
+        for row in np.argsort(-sizes, kind="stable")[: min(len(known), MOST_WORST)].tolist():
+            self.worst.append({"row": self.count + row} | {name: chunk[name][row] for name in _WORST})
+        self.worst = sorted(self.worst, key=lambda each: -abs(each["signed_distance"]))[:MOST_WORST]
+        rows = np.array(chunk["query"], dtype=np.float64).reshape(-1, 3)
+        self.shown = np.concatenate([self.shown, rows[-self.count % self._stride :: self._stride]])
+        while len(self.shown) > MOST_SHOWN:
+            self.shown, self._stride = self.shown[::2], 2 * self._stride
         self.count += len(distances)
         self._unknown_count += len(distances) - len(known)
-        if self.within is not None:  # what is not known to be near is not near
-            self.farther_count += len(distances) - int(np.sum(sizes <= self.within))
+        if self.within is not None:  # an unknown distance is not within
+            self.farther_count += len(distances) - int(np.sum(np.abs(known) <= self.within))
         if len(known):
             self._least = min(self._least, float(known.min()))
             self._most = max(self._most, float(known.max()))
             self._sum += float(known.sum())
             self._squares += float(known @ known)
-            self._sizes.frombytes(sizes[: max(MOST_KEPT - len(self._sizes), 0)].tobytes())
+            self._distances.frombytes(known[: max(MOST_KEPT - len(self._distances), 0)].tobytes())
 
     def values(self) -> dict[str, Any]:
         """Return all as plain values, nan where no distance is known."""
         known = self.count - self._unknown_count
-        sizes = np.frombuffer(self._sizes) if self._sizes else np.array([np.nan])
+        sizes = np.abs(self.distances) if known else np.array([np.nan])
         values: dict[str, Any] = {
             "count": self.count,
             "not_answered": self._unknown_count,
@@ -58,19 +97,31 @@ class Deviations:
             "mean": self._sum / known if known else np.nan,
             "rms": (self._squares / known) ** 0.5 if known else np.nan,
             f"within_{SHARE}_percent": float(np.quantile(sizes, SHARE / 100, method="inverted_cdf")),
+            "worst": self.worst[0] if self.worst else None,
         }
         if self.within is not None:
-            values |= {"within": self.within, "farther": self.farther_count}
+            share = 1.0 - self.farther_count / max(self.count, 1)
+            values |= {"within": self.within, "farther": self.farther_count, "share_within": share}
         return values
 
-    def sentence(self, units: str) -> str:
-        """Return all in one line."""
-        found = {name: number(value, DIGITS) for name, value in self.values().items()}
-        unknown = f", {found['not_answered']} not answered" if self._unknown_count else ""
-        farther = f"; {found['farther']} farther than {found['within']} {units}" if "farther" in found else ""
+    def share_within(self) -> str:
+        """Return the share of the points that are within the tolerance, in words; 100 % are all."""
+        tenths = math.floor(1e3 * (self.count - self.farther_count) / max(self.count, 1))
+        return f"{tenths / 10:.1f} % within ±{number(self.within or 0.0, DIGITS)} {self.units}"
+
+    def sentence(self) -> str:
+        """Return all in a line, and the worst point in another."""
+        found = {name: number(value, DIGITS) for name, value in self.values().items() if name != "worst"}
+        unknown = f", {self._unknown_count} not answered" if self._unknown_count else ""
         share = found[f"within_{SHARE}_percent"]
-        return (
-            f"{counted(self.count, 'point')}{unknown}: {found['min']} to {found['max']} {units}, mean "
-            f"{found['mean']}, RMS {found['rms']}, {SHARE} % within {share} {units}"
-            f"{farther}."
+        farther = "" if self.within is None else f"; {self.share_within()}, {self.farther_count} farther"
+        words = (
+            f"{counted(self.count, 'point')}{unknown}: {found['min']} to {found['max']} {self.units}, mean "
+            f"{found['mean']}, RMS {found['rms']}, {SHARE} % within {share} {self.units}{farther}."
         )
+        for worst in self.worst[:1]:
+            place = "  ".join(number(coordinate, PLACE_DIGITS) for coordinate in worst["query"])
+            distance = f"{number(worst['signed_distance'], DIGITS)} {self.units}"
+            part = printable(worst["part_name"])
+            words += f"\nThe worst is #{worst['row']} at {place}: {distance} from {part}."
+        return words

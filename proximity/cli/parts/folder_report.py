@@ -48,6 +48,7 @@ def check_folder(folder: Path, reading: Reading, limit: float, *, as_json: bool,
     """Report on every file below a folder; whether one was refused, or of a strict check has no inside."""
     words = ["--units", reading.units, "--step-tolerance", str(reading.step_tolerance)]
     words += ["--unpacked-limit", str(reading.unpacked_limit), "--scale", str(reading.scale)]
+    words += ["--no-cache"] * reading.no_cache
     results = []
     with progress.spinner(f"reading {folder}, files") as count:
         for result in check_files(folder, words, limit):

@@ -1,17 +1,18 @@
 """``proximity picture``: a PNG of the parts of a file, of points, and of a slice of the signed distance."""
 
-import math
 import re
+import sys
 import time
+from array import array
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from proximity.cli import progress
-from proximity.cli.options import FILE, Reading, option, with_option_groups
+from proximity.cli.options import FILE, POINTS_UNITS, Reading, option, with_option_groups
 from proximity.cli.output import report
-from proximity.cli.parts.points import number, read_points
+from proximity.cli.parts.points import number, read_ahead, read_points
 
 
 @with_option_groups
@@ -19,13 +20,18 @@ def picture(
     file: FILE,
     out: Annotated[Path, option("FILE", "PNG file to write. An existing file is replaced.", "-o", "--out")],
     points: Annotated[str | None, option("FILE", "Draw the points of a file; - is standard input.")] = None,
+    points_units: POINTS_UNITS = None,
     cut: Annotated[
         str | None,
         option("AXIS=POSITION", "Show the signed distance in a plane, for example z=3.", "--slice"),
     ] = None,
     reach: Annotated[
-        float | None,
-        option("LENGTH", "Distance at the ends of the colour bar of the points, in --units.", "--range"),
+        str | None,
+        option(
+            "LENGTH",
+            "Distance at both ends of the colour bar of the points, in --units; or two, as in -0.05,0.2.",
+            "--range",
+        ),
     ] = None,
     view: Annotated[
         str, option("VIEW", "View: iso, front, back, left, right, top or bottom. z is up.")
@@ -49,17 +55,23 @@ def picture(
     started = time.monotonic()
     if out.suffix.lower() != ".png":
         raise typer.BadParameter(f"{out} does not end in .png", param_hint="--out")
-    if reach is not None and not (points is not None and 0.0 < reach < math.inf):
-        raise typer.BadParameter(f"{reach}: expected a length above 0, with --points", param_hint="--range")
+    ends = None if reach is None else _ends(reach, has_points=points is not None)
     pixels, plane = _size(size), None if cut is None else _plane(cut)
-    rows = None if points is None else [chunk.coordinates for chunk in read_points(points, reading.units)]
+    rows: list[array[float]] | None = None
+    sides: list[float] = []
+    if points is not None:
+        chunks, sides = read_ahead(read_points(points, reading.units, points_units=points_units), sys.maxsize)
+        rows = [chunk.coordinates for chunk in chunks]
     import numpy as np
 
+    from proximity.cli.parts.deviations import check_unit
     from proximity.formats import metres_per_unit
     from proximity.scene.picture import Picture, load_renderer, write_picture
 
     load_renderer()
     metres, scene = metres_per_unit(reading.units), reading.load(file)
+    if points_units is None:
+        check_unit(sides, scene, reading.units, is_gate=False)
     drawn = Picture(
         scene,
         file.name,
@@ -69,7 +81,7 @@ def picture(
         metres=metres,
         view=view,
         size=pixels,
-        reach=None if reach is None else reach * metres,
+        reach=None if ends is None else (ends[0] * metres, ends[1] * metres),
     )
     with progress.spinner(f"drawing {file}"):
         write_picture(drawn, out)
@@ -80,6 +92,19 @@ def picture(
             "distances from them have no sign, and `proximity check` says why"
         )
     typer.echo(f"{out}: {pixels[0]} x {pixels[1]} pixels, {time.monotonic() - started:.1f} s")
+
+
+def _ends(text: str, *, has_points: bool) -> tuple[float, float]:
+    """The ends of the bar: a length on both sides of zero, or one below it and one above."""
+    try:
+        first, *more = (number(word, is_finite=True) for word in text.split(","))
+        low, high = (-first, first) if not more else (first, *more)
+    except ValueError:
+        low = high = 0.0
+    if not (has_points and low < 0.0 < high):
+        expected = "a length above 0, or two as in -0.05,0.2, with --points"
+        raise typer.BadParameter(f"{text}: expected {expected}", param_hint="--range")
+    return low, high
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Points from text: three numbers a line, as CSV or between spaces, read in chunks; and from PLY.
+"""Points from text: three numbers a line, as CSV or between spaces, read in chunks; and vertices of meshes.
 
 Text needs only the standard library: what begins badly is refused before NumPy and the file are loaded.
 """
@@ -49,26 +49,43 @@ class Columns(NamedTuple):
     is_header: bool = False  # whether the first line says so
 
 
+NORMALS = Columns(kept=(("nx", 3), ("ny", 4), ("nz", 5)), field_count=6)
+"""Of lines with six numbers and no header."""
+MESHES = (".ply", ".stl", ".obj")
+
+
 def read_points(
-    path: str, units: str = "mm", limit: int = 20_000, note: Note = lambda sentence: None
+    path: str,
+    units: str = "mm",
+    limit: int = 20_000,
+    note: Note = lambda sentence: None,
+    points_units: str | None = None,
 ) -> Iterator[Points]:
-    """Yield the points of a text file, or of a file .ply, in chunks.
+    """Yield the points of a text file, or the vertices of a PLY, STL or OBJ file, in chunks.
 
     Blank lines and comments are skipped; a comment begins with ``#`` at the start of a line or behind white
     space. Fields stand between commas, semicolons or white space. The first line may name the columns: x, y
     and z among others, with their unit behind them or not, or three other names in this order. No name begins
     like a number. Other columns are kept as text.
 
-    *units*: of the coordinates; a header that names another unit contradicts it. *limit*: points in a chunk.
+    *units*: of the coordinates; a header that names another unit contradicts it. *points_units*: that of the
+    file, if not *units*, to which its points are converted. *limit*: points in a chunk.
     A shorter chunk is the last; there is at least one, perhaps empty. *note*: is given a sentence about
     text without a point.
     """
+    if points_units is not None:
+        from proximity.formats import metres_per_unit  # slow
+
+        factor = metres_per_unit(points_units) / metres_per_unit(units)
+        for chunk in read_points(path, points_units, limit, note):
+            yield Points(array("d", [factor * value for value in chunk.coordinates]), chunk.kept)
+        return
     name = "standard input" if path == STANDARD_INPUT else path
     if path == STANDARD_INPUT and sys.stdin is None:
         raise ArgumentError("standard input is closed, expected lines of three numbers")
     try:
-        if path.lower().endswith(".ply"):
-            yield from _ply_points(path, limit)
+        if path.lower().endswith(MESHES):
+            yield from _vertices(path, limit)
         elif path == STANDARD_INPUT:
             if hasattr(sys.stdin, "reconfigure"):
                 sys.stdin.reconfigure(encoding="utf-8", errors="surrogateescape")
@@ -80,15 +97,38 @@ def read_points(
         raise ArgumentError(f"{name}: cannot be read ({failure.strerror or failure})") from failure
 
 
-def _ply_points(path: str, limit: int) -> Iterator[Points]:
-    """Yield the vertices of a PLY file in chunks."""
-    from proximity.errors import MeshFormatError
-    from proximity.formats.ply.ply import read_ply_points
+def read_ahead(chunks: Iterator[Points], limit: int) -> tuple[Iterator[Points], list[float]]:
+    """Read the first chunk, and more up to a limit; return all chunks, and the sides of the box around these.
+
+    The box has no sides if there is no finite point. What begins badly is refused at once.
+    """
+    read, failure = [next(chunks)], None
+    try:
+        while sum(map(len, read)) < limit and (chunk := next(chunks, None)) is not None:
+            read.append(chunk)
+    except ArgumentError as reason:
+        failure = reason
+
+    def again() -> Iterator[Points]:
+        yield from read
+        if failure is not None:
+            raise failure
+        yield from chunks
+
+    rows = (row for chunk in read for row in zip(*(chunk.coordinates[k::3] for k in range(3)), strict=True))
+    axes = zip(*(row for row in rows if all(map(math.isfinite, row))), strict=True)
+    return again(), [max(values) - min(values) for values in axes]
+
+
+def _vertices(path: str, limit: int) -> Iterator[Points]:
+    """Yield the vertices of a mesh in chunks."""
+    from proximity.errors import MeshError
+    from proximity.formats.file_reader import read_vertices
 
     try:
-        vertices = read_ply_points(Path(path).read_bytes())
-    except MeshFormatError as unfit:
-        raise ArgumentError(f"{path}: {unfit}") from unfit
+        vertices = read_vertices(path)
+    except MeshError as unfit:
+        raise ArgumentError(str(unfit)) from unfit
     for first in range(0, len(vertices), limit):
         yield Points(array("d", vertices[first : first + limit].tobytes()))
 
@@ -115,9 +155,10 @@ def parse_points(
             if not fields[-1] and len(fields) != (columns or Columns()).field_count:
                 del fields[-1]  # some programs end every line with a separator
             if columns is None:
-                columns = _header(fields, where, units) or Columns()
+                has_normals = len(fields) == NORMALS.field_count and all(map(_is_number, fields))
+                columns = _header(fields, where, units) or (NORMALS if has_normals else Columns())
+                points = _empty(columns)
                 if columns.is_header:
-                    points = _empty(columns)
                     continue
             _append(points, columns, fields, line, where)
             if len(points) >= limit:
@@ -215,7 +256,7 @@ def _check_unit(name: str, units: str, where: str) -> None:
     if known and units not in known:
         spelt = "inches" if known[-1] == "in" else known[-1]
         raise ArgumentError(
-            f"{where}: column {_shown(name)} is in {spelt}, expected {units}; add --units {known[-1]}"
+            f"{where}: column {_shown(name)} is in {spelt}, expected {units}; add --points-units {known[-1]}"
         )
 
 

@@ -2,19 +2,30 @@
 
 from array import array
 from collections.abc import Iterable, Iterator
-from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from proximity.cli.options import FILE, JSON, Reading, argument, flag, option, refuse, with_option_groups
+from proximity.cli.options import (
+    FILE,
+    JSON,
+    POINTS_UNITS,
+    Reading,
+    argument,
+    flag,
+    option,
+    refuse,
+    with_option_groups,
+)
 from proximity.cli.options import within as in_range
 from proximity.cli.output import STDOUT, report, text_output
-from proximity.cli.parts.points import Points, number, read_points
+from proximity.cli.parts.points import STANDARD_INPUT, Points, number, read_ahead, read_points
+from proximity.errors import ArgumentError
 from proximity.system.memory import collector_paused
 
 EXIT_FARTHER = 1
+POINTS_AHEAD = 1_000_000  # of a file, whose size is compared with that of the parts before the first answer
 POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
 
 
@@ -25,7 +36,10 @@ def query(
         list[str] | None,
         argument("X Y Z", "Coordinates of one or more points. Negative numbers are allowed."),
     ] = None,
-    points: Annotated[str | None, option("FILE", "Read the points from a file; - is standard input.")] = None,
+    points: Annotated[
+        str | None, option("FILE", "Read the points from a text, PLY, STL or OBJ file; - is standard input.")
+    ] = None,
+    points_units: POINTS_UNITS = None,
     ray: Annotated[
         tuple[str, str, str] | None, option("DX DY DZ", "Cast a ray from each point in this direction.")
     ] = None,
@@ -42,6 +56,12 @@ def query(
             callback=in_range(0.0),
         ),
     ] = None,
+    report_page: Annotated[
+        Path | None,
+        option(
+            "FILE", "Write a page (.html) with a verdict by --within, a picture and a histogram.", "--report"
+        ),
+    ] = None,
     workers: Annotated[int, option("N", "Number of threads for many queries; -1 uses all cores.")] = 1,
     *,
     reading: Reading,
@@ -52,15 +72,17 @@ def query(
     fields, and lengths with 15 digits. Signed distance is negative inside. A part without an inside has
     unsigned distances, which are marked.
 
-    A file of points is a point cloud (.ply), or has one point per line, separated by commas, semicolons or
-    spaces. The first line may name the columns and their unit, which must be that of --units. All other
-    columns are copied to CSV and JSON, as given_NAME where the answers have a column of that name; a column
-    called name is shown in the table as well. # at the start of a line or after a space begins a comment. A
-    point that is not finite is answered with nan. Behind the answers to a file of points stands what they
-    are together: least, greatest and mean signed distance, the root of the mean square, and within what
-    95 % of them are.
+    A file of points is a mesh or point cloud (.ply, .stl, .obj), or has one point per line, separated by
+    commas, semicolons or spaces, with a normal behind it or not. The first line may name the columns and
+    their unit, which must be that of --points-units or --units. All other columns are copied to CSV and
+    JSON, as given_NAME where the answers have a column of that name; a column called name is shown in the
+    table as well. # at the start of a line or after a space begins a comment. A point that is not finite is
+    answered with nan. Behind the answers to a file of points stands what they are together: least, greatest
+    and mean signed distance, the root of the mean square, within what 95 % of them are, and which point is
+    the worst.
 
-    With --within the exit code is 1 if a point is farther than that from the surface, inside or outside.
+    With --within the exit code is 1 if a point is farther than that from the surface, inside or outside,
+    and 2 if a file has no point, or is in an unlikely unit. --report writes all of this as a page.
 
     Answers are written while points are read. If a line is not a point, the error names it and the exit
     code is 2. Standard output then has the answers before that line (a JSON document ends with the key
@@ -70,6 +92,7 @@ def query(
       proximity query bracket.stl 30 10 5
       proximity query bracket.stl -1 -2.5 -3e-2 --units in
       proximity query gearbox.step --points scan.csv --csv answers.csv --within 0.1
+      proximity query gearbox.step --points scan.stl --within 0.1 --report report.html
       proximity query bracket.stl 30 10 50 --ray 0 0 -1
       proximity query bracket.stl 0 0 50  60 0 50 --segment --json
       shuf points.txt | proximity query bracket.stl --points - --workers -1
@@ -79,14 +102,22 @@ def query(
         (as_json and csv, "--json and --csv", "give one of them, not both"),
         (workers == 0 or workers < -1, "--workers", f"{workers} threads: expected 1 or more, or -1"),
         (within is not None and (ray or segment), "--within", "is for points, not for rays or segments"),
+        (points_units and points is None, "--points-units", "is for --points"),
+        (report_page and (points is None or within is None), "--report", "needs --points and --within"),
     )
+    if report_page is not None:
+        from proximity.cli.parts.scan_report import check_libraries, write_report
+
+        check_libraries()
     direction = None if ray is None else _numbers(ray, "--ray")
-    asked = _points(coordinates, points, reading.units, is_segment=segment)
-    asked = chain([next(asked)], asked)  # what begins badly is refused before the file is loaded
+    asked = _points(coordinates, points, reading.units, points_units, is_segment=segment)
+    asked, sides = read_ahead(asked, 1 if points in (None, STANDARD_INPUT) else POINTS_AHEAD)
+    if points is not None and within is not None and not sides:
+        raise ArgumentError(f"{points} holds no finite point, expected some to compare with --within")
     # What imports and kernels leave behind is no garbage: to look at it again and again is 4 % of a query.
     with collector_paused():
         from proximity.cli.parts import answer_text, answers
-        from proximity.cli.parts.deviations import Deviations
+        from proximity.cli.parts.deviations import Deviations, check_unit
         from proximity.formats import metres_per_unit
         from proximity.scene.loader import notes_on_sizes
 
@@ -94,7 +125,9 @@ def query(
         question = answers.Question(scene, reading.units, metres, direction, workers, is_segment=segment)
     for note in notes_on_sizes(scene):
         report(f"note: {note}")
-    collected = Deviations(within) if question.mode == "closest" else None
+    if points is not None and points_units is None:
+        check_unit(sides, scene, reading.units, is_gate=within is not None)
+    collected = Deviations(reading.units, metres, within) if question.mode == "closest" else None
     summary = None if points is None else collected
     try:
         answered = question.answers(asked)
@@ -108,21 +141,25 @@ def query(
         else:
             answer_text.write_text(question, answered, is_whole=summary is not None)
         if summary is not None and summary.count > 1 and not as_json and csv != STDOUT:
-            typer.echo(summary.sentence(reading.units))
+            typer.echo(summary.sentence())
     finally:
         question.note_far_points()
+    if report_page is not None and collected is not None:
+        write_report(report_page, scene, file.name, Path(points or "").name, collected)
     if collected is not None and collected.farther_count:
         raise typer.Exit(EXIT_FARTHER)
 
 
 def _points(
-    coordinates: list[str] | None, path: str | None, units: str, *, is_segment: bool
+    coordinates: list[str] | None, path: str | None, units: str, points_units: str | None, *, is_segment: bool
 ) -> Iterator[Points]:
     """Yield what was typed, at once, or what is read from a file."""
     length = POINTS_PER_CHUNK * (2 if is_segment else 1)
     refuse((coordinates and path is not None, "--points", "points are given as arguments already"))
     if path is not None:
-        yield from read_points(path, units, length, lambda sentence: report(f"note: {sentence}"))
+        yield from read_points(
+            path, units, length, lambda sentence: report(f"note: {sentence}"), points_units
+        )
         return
     refuse((not coordinates, "X Y Z", "give a point, or --points FILE"))
     numbers = _numbers(coordinates or (), "X Y Z")

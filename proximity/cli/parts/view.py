@@ -11,6 +11,7 @@ import typer
 from proximity.cli import progress
 from proximity.cli.options import (
     LIMIT,
+    POINTS_UNITS,
     SCENE_FILE,
     Reading,
     argument,
@@ -66,8 +67,9 @@ def view(
     hand: Annotated[bool, flag("--hand", "Start with a hand that follows the mouse.")] = False,
     points: Annotated[
         str | None,
-        option("FILE", "Show these points (CSV, PLY) in colours of their signed distance; - is stdin."),
+        option("FILE", "Show points (text, PLY, STL, OBJ) in colours of their distance; - is stdin."),
     ] = None,
+    points_units: POINTS_UNITS = None,
     fit: Annotated[bool, flag("--fit", "Move the recorded hand to where it touches the parts.")] = False,
     browser: Annotated[
         bool, flag("--browser/--no-browser", "Whether to open a browser.", show_default=False)
@@ -98,7 +100,7 @@ def view(
     FILES are one of these: parts (STL, OBJ, PLY, OFF, glTF, 3MF, STEP or a compiled scene); a scene
     file (.toml), whose parts and fingers are used; a log of frames (.frames), which is played back,
     together with the parts that it was recorded with. Hands come from a headset with WebXR, the mouse,
-    or a recording. --points reads points as query does, such as a scan of the part, in --units.
+    or a recording. --points reads points as query does, such as a scan of the part.
 
     The page computes distances by itself; the command serves it. Ctrl-C stops it. Only this machine can
     connect, and only with the token in the printed address.
@@ -129,7 +131,7 @@ def view(
         is_recording_fitted=fit or replay is None,
         first_input="mouse" if hand else "" if replay is None else "replay",
         points_name=Path(points or "").name,
-        points=b"" if points is None else _coordinates(points, reading.units),
+        points=b"" if points is None else _coordinates(points, points_units or reading.units),
         radius=None if radius is None else radius / 1e3,
         port=listening.port,
         bind=listening.bind,

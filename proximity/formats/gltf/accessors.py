@@ -13,7 +13,7 @@ POSITION_TYPES = (5126, 5120, 5121, 5122, 5123)
 """Numbers of single precision, and the whole numbers of KHR_mesh_quantization."""
 
 _DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_COMPONENTS = {"SCALAR": 1, "VEC3": 3}
+_COMPONENTS = {"SCALAR": 1, "VEC3": 3, "MAT4": 16}
 _BOUNDS_ROUNDING = 1e-5  # of the largest coordinate: single precision, or six digits of text
 
 
@@ -25,6 +25,12 @@ def read_positions(document: Document, index: int, place: str) -> np.ndarray:
 def read_indices(document: Document, index: int, place: str) -> np.ndarray:
     """Return whole numbers as they stand in the file, (count,), not copied unless they are sparse."""
     return _read(document, index, place, "SCALAR", INDEX_TYPES)[:, 0]
+
+
+def read_matrices(document: Document, index: int, place: str) -> np.ndarray:
+    """Return matrices, (count, 4, 4) float64."""
+    stored = _read(document, index, place, "MAT4", (5126,))
+    return stored.astype(np.float64).reshape(-1, 4, 4).swapaxes(1, 2)  # column after column
 
 
 def as_lengths(document: Document, index: int, stored: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
-from proximity.formats.contents import RawFile, RawMesh, Source
+from proximity.formats.contents import UNKNOWN_FACE, RawFile, RawMesh, Source
 from proximity.formats.gltf import buffers, primitives, scene_graph
 from proximity.formats.gltf.buffers import Document
 from proximity.formats.gltf.primitives import Primitive
@@ -41,11 +41,7 @@ def read_gltf(source: Source) -> RawFile:
 
 
 def read_document(
-    header: bytes,
-    path: str,
-    binary: bytes | None,
-    format_name: str,
-    notes: list[str],
+    header: bytes, path: str, binary: bytes | None, format_name: str, notes: list[str]
 ) -> RawFile:
     """Read the geometry of a glTF document."""
     document = buffers.parse_header(header)
@@ -53,9 +49,13 @@ def read_document(
     buffers.load_buffers(document, path, binary)
     nodes = [node for node in scene_graph.walk(document) if node.mesh != scene_graph.NO_MESH]
     if not nodes:
-        notes.append("its default scene places no meshes")
+        notes.append("its scene places no meshes")
     surfaces = primitives.read_meshes(document, sorted({node.mesh for node in nodes}), notes)
-    meshes = _placed(nodes, _parts(document, nodes, surfaces), notes)
+    parts = _parts(document, nodes, surfaces)
+    meshes = _placed(nodes, parts, notes)
+    pairs = zip(nodes, parts, strict=True)
+    if unknown := [node.label for node, part in pairs if part and part[2][0] == UNKNOWN_FACE]:
+        notes.append(f"the numbers of the CAD faces of {text_rows.listed(unknown)} are unknown")
     notes += _notes(document, nodes, surfaces)
     return RawFile(format_name, meshes, units="m", notes=notes)
 
@@ -102,22 +102,23 @@ def _parts(
 
 def _assembled(document: Document, own: list[Primitive], weights: tuple[float, ...]) -> Part | None:
     """All primitives of a mesh as one: they are what one body shows in several materials."""
+    own = [primitive for primitive in own if primitive.face_count]
+    if not own:
+        return None
     vertices: list[np.ndarray] = []
     faces: list[np.ndarray] = []
-    rows: list[np.ndarray] = []
-    vertex_count = row_count = 0
+    vertex_count = 0
     for primitive in own:
-        if not primitive.face_count:
-            continue
         vertices.append(primitives.vertices(document, primitive, weights))
         faces.append(primitives.triangles(primitive) + vertex_count)
-        ids = primitive.face_ids
-        rows.append(np.arange(row_count, row_count + primitive.face_count) if ids is None else ids)
         vertex_count += len(vertices[-1])
-        row_count += primitive.face_count
-    if not row_count:
-        return None
-    return np.concatenate(vertices), np.concatenate(faces), np.concatenate(rows).astype(np.int32)
+    row_count = sum(primitive.face_count for primitive in own)
+    ids, *others = [primitive.face_ids for primitive in own]
+    if ids is None:
+        ids = np.arange(row_count)
+    elif others or len(ids) != row_count:
+        ids = np.full(row_count, UNKNOWN_FACE)  # they are counted within a surface, and of the first only
+    return np.concatenate(vertices), np.concatenate(faces), ids.astype(np.int32)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
@@ -159,14 +160,16 @@ def _dimensions(matrix: np.ndarray) -> int:
 def _notes(document: Document, nodes: Sequence[Node], surfaces: dict[int, list[Primitive]]) -> list[str]:
     notes = []
     if len(document.json.get("scenes") or []) > 1:
-        notes.append("it holds several scenes, the default one was read")
+        has_default = document.json.get("scene") is not None
+        which = ", the default one" if has_default else " and names no default: the first"
+        notes.append(f"it holds several scenes{which} was read")
     if document.json.get("animations"):
         notes.append("its animations were not applied")
     if any(any(node.weights) for node in nodes):
         notes.append("its morph targets were applied with the weights of the file")
     elif any(primitive.targets for own in surfaces.values() for primitive in own):
         notes.append("its morph targets were not applied, the meshes are in their basic shape")
-    if any(node.has_skin for node in nodes):
+    if any(node.is_bent for node in nodes):
         notes.append("its skins were not applied, the meshes are in their rest position")
     if document.wrong_bounds:
         more = len(document.wrong_bounds) - 1

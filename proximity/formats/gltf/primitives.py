@@ -11,6 +11,7 @@ from proximity.errors import MeshFormatError
 from proximity.formats.gltf import accessors
 from proximity.formats.gltf.buffers import Document, entries, extension, integer
 from proximity.formats.libraries import run_library
+from proximity.formats.worker import NOT_INSTALLED, TOO_MUCH
 from proximity.system.extras import needed
 
 DRACO = "KHR_draco_mesh_compression"
@@ -28,7 +29,7 @@ class Primitive:
     mode: int
     position: int  # accessor
     targets: list[Any]  # of displacements, JSON
-    face_ids: np.ndarray | None  # CAD face of each triangle
+    face_ids: np.ndarray | None  # CAD face of each triangle, or of others where there are several surfaces
     packed: tuple[int, int] | None  # by Draco: buffer view, and the identifier of positions in it
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # (V, 3), stored numbers
     corners: np.ndarray | None = None  # rows of points; None: all of them, in turn
@@ -128,11 +129,6 @@ def _check_count(primitive: Primitive) -> None:
     if primitive.mode != _TRIANGLES and count < 3:
         kind = "strip" if primitive.mode == _TRIANGLE_STRIP else "fan"
         raise MeshFormatError(f"{place} is a {kind} of {count} corners, expected at least 3")
-    if primitive.face_ids is not None and len(primitive.face_ids) != primitive.face_count:
-        raise MeshFormatError(
-            f"{place} names the CAD faces of {len(primitive.face_ids)} triangles, "
-            f"but there are {primitive.face_count}"
-        )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
@@ -199,7 +195,7 @@ def _unpacked(streams: Sequence[tuple[memoryview, int]]) -> list[tuple[np.ndarra
     done = run_library("draco", data, seconds=_DRACO_SECONDS, byte_count=byte_count)
     if done.returncode:
         printed = done.printed.strip().splitlines()
-        if done.is_over_limit or done.is_missing:  # it is installed: there was no memory to import it
+        if done.returncode in (TOO_MUCH, NOT_INSTALLED):  # it is installed: there was no memory to import it
             reported = f"it takes more than {_DRACO_SECONDS} s or {byte_count >> 30} GB, expected less"
         elif done.returncode < 0 or not printed:
             reported = f"the decoder crashed, signal {-done.returncode}"

@@ -9,10 +9,12 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
 from proximity.formats.contents import check_part_count
+from proximity.formats.gltf.accessors import read_matrices
 from proximity.formats.gltf.buffers import Document, entries, extension, integer, numbers
 
 NO_MESH = -1
 _MOST_NODES = 200_000
+_JOINT_ROUNDING = 1e-5  # of the largest entry: chains of joints are written in single precision
 _TRANSFORMS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
 
 
@@ -24,9 +26,9 @@ class Node:
     name: str  # of the node, else of its mesh, else ""
     mesh: int  # or NO_MESH
     weights: tuple[float, ...]  # of morph targets: of the node, else of its mesh
-    has_skin: bool
     is_hidden: bool  # itself, or a node above it
-    matrix: np.ndarray  # (4, 4) float64, world from node
+    matrix: np.ndarray  # (4, 4) float64, world from node; of its skin if it has one
+    is_bent: bool = False  # by its skin, which is not applied
 
     @property
     def label(self) -> str:
@@ -55,7 +57,27 @@ def walk(document: Document) -> list[Node]:
         nodes.append(node)
         children = [integer(child, f"the children of node {index}") for child in entries(entry, "children")]
         waiting += [(child, node.matrix, node.is_hidden) for child in reversed(children)]
+    joints = {node.index: node.matrix for node in nodes}
+    for node in nodes:
+        if "skin" in (entry := document.entry("nodes", node.index)):
+            skin = integer(entry["skin"], f"the skin of node {node.index}")
+            node.matrix, node.is_bent = _skin_placement(document, skin, joints)
     return nodes
+
+
+@np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
+def _skin_placement(document: Document, index: int, joints: dict[int, np.ndarray]) -> tuple[np.ndarray, bool]:
+    """The matrix of the first joint, which places a mesh instead of its own node; whether others differ."""
+    skin, place = document.entry("skins", index), f"skin {index}"
+    given = [integer(joint, f"the joints of {place}") for joint in entries(skin, "joints")]
+    placed = np.array([joints.get(joint, np.eye(4)) for joint in given or [-1]])
+    if skin.get("inverseBindMatrices") is not None:
+        bind = integer(skin["inverseBindMatrices"], f"the matrices of {place}")
+        mesh_to_joint = read_matrices(document, bind, place)
+        if len(mesh_to_joint) < len(placed):
+            raise MeshFormatError(f"{place} has {len(placed)} joints, but {len(mesh_to_joint)} matrices")
+        placed = placed @ mesh_to_joint[: len(placed)]
+    return placed[0], bool(np.abs(placed - placed[0]).max() > _JOINT_ROUNDING * np.abs(placed).max())
 
 
 def _roots(document: Document) -> list[int]:
@@ -72,12 +94,7 @@ def _roots(document: Document) -> list[int]:
     return [k for k in range(count) if k not in children]
 
 
-def _node(
-    document: Document,
-    entry: dict[str, Any],
-    index: int,
-    world_from_parent: np.ndarray,
-) -> Node:
+def _node(document: Document, entry: dict[str, Any], index: int, world_from_parent: np.ndarray) -> Node:
     given = {
         key: numbers(entry[key], length, f"the {key} of node {index}")
         for key, length in _TRANSFORMS.items()
@@ -92,7 +109,7 @@ def _node(
     matrix = world_from_parent @ _local_matrix(given) if given else world_from_parent
     weights = entries(entry, "weights") or entries(of_mesh, "weights")
     weights = numbers(weights, len(weights), f"the weights of node {index}")
-    return Node(index, name, mesh, tuple(weights), entry.get("skin") is not None, False, matrix)
+    return Node(index, name, mesh, tuple(weights), False, matrix)
 
 
 def _local_matrix(given: dict[str, list[float]]) -> np.ndarray:

@@ -1,7 +1,6 @@
 """The header of a PLY file: which elements follow, how many, with which properties."""
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -60,6 +59,7 @@ def read_header(data: bytes) -> Header:
         raise MeshFormatError("its first line is not ply")
     byte_order: str | None = None
     elements: list[Element] = []
+    declared: set[tuple[str, str]] = set()  # tables with their columns
     for line_id, line in enumerate(lines[1:], 2):
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
@@ -67,10 +67,10 @@ def read_header(data: bytes) -> Header:
         if words[0] == "format" and len(words) > 1 and words[1] in _BYTE_ORDERS:
             byte_order = _BYTE_ORDERS[words[1]]
         elif (element := _element(words)) is not None:
-            _check_new(element.name, elements, line_id)
+            _check_new("", element.name, declared, line_id)
             elements.append(element)
         elif elements and (column := _property(words, byte_order or "<")) is not None:
-            _check_new(column.name, elements[-1].properties, line_id)
+            _check_new(elements[-1].name, column.name, declared, line_id)
             elements[-1].properties.append(column)
         else:
             message = f"line {line_id} of its header is {text_rows.shortened(line, 60)}"
@@ -83,11 +83,12 @@ def read_header(data: bytes) -> Header:
     return Header(byte_order == "", elements, data_start)
 
 
-def _check_new(name: str, declared: Sequence[Element | Property], line_id: int) -> None:
-    """Refuse two columns or tables of one name, of which only one would be read."""
-    if any(other.name == name for other in declared):
+def _check_new(table: str, name: str, declared: set[tuple[str, str]], line_id: int) -> None:
+    """Refuse two columns of a table, or two tables, of one name: only one would be read."""
+    if (table, name) in declared:
         twice = text_rows.shortened(name)
         raise MeshFormatError(f"line {line_id} of its header declares {twice} a second time")
+    declared.add((table, name))
 
 
 def _element(words: list[str]) -> Element | None:

@@ -44,13 +44,15 @@ def read_binary(data: bytes, start: int, element: Element) -> tuple[Columns, int
 def _row_dtype(data: bytes, start: int, element: Element) -> np.dtype:
     """Layout of a row if all lists are as long as those of the first row."""
     fields: list[tuple] = []
+    at = start
     for k, column in enumerate(element.properties):
         if column.count_dtype is None:
             fields.append((f"value{k}", column.dtype))
+            at += column.dtype.itemsize
             continue
-        at = start + np.dtype(fields).itemsize
         count = _count_at(data, at, column.count_dtype, element, 0)
         fields += [(f"count{k}", column.count_dtype), (f"value{k}", column.dtype, (count,))]
+        at += column.count_dtype.itemsize + count * column.dtype.itemsize
     return np.dtype(fields)
 
 

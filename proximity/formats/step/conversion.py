@@ -1,16 +1,25 @@
-"""Conversion of STEP to GLB by cascadio (OpenCASCADE), within limits of time, memory and triangles."""
+"""Conversion of STEP to GLB by cascadio (OpenCASCADE), within limits of time, memory and triangles.
 
+One process converts as often as needed, since importing OpenCASCADE takes longer than converting most files.
+The triangles are kept in the user's cache.
+"""
+
+import hashlib
 import re
-from contextlib import suppress
-from dataclasses import dataclass
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 
 import numpy as np
 
 from proximity.errors import MeshError, MeshFormatError
 from proximity.formats.contents import RawFile
 from proximity.formats.gltf import buffers, gltf
-from proximity.formats.libraries import run_library
+from proximity.formats.libraries import Library
 from proximity.formats.step.product_structure import with_names_of_products
+from proximity.formats.step.step_records import StepText
+from proximity.formats.worker import NOT_INSTALLED, TOO_MUCH
+from proximity.system.file_cache import FileCache
 
 STEP_ANGLE = 0.25
 """How far neighbouring triangles may turn against each other, radians: keeps fillets round whose radius is
@@ -20,14 +29,18 @@ MOST_OF_FACE = 150_000
 """Triangles of one CAD face: OpenCASCADE takes 4 s for 100 000, and 4 times as long for twice as many."""
 MOST_SECONDS, MOST_BYTES = 600, 8 << 30
 """Of one conversion."""
+CACHE = FileCache("step", 1 << 30)
+"""Triangles of files; the least recently used are removed beyond a gigabyte."""
+_CONVERSION = 1  # another number where `worker` converts otherwise
 _FIRST_SHARE = 1e-3
 """Of the size of a file: the tolerance of the first conversion where the triangles have to be estimated."""
 _ROUND_SHARE, _FREE_SHARE = 0.7 * MOST_OF_FACE / 10.1, 1e5
 """A radius or a size is looked at beyond so many tolerances. A sphere takes 10.1 triangles a tolerance."""
 
 _NUMBER = re.compile(r"(?<![\w.#+-])[-+]?\d+\.\d*(?:E[-+]?\d+)?")
-_ROUND = re.compile(r"\b(?:SPHERICAL|(?:DEGENERATE_)?TOROIDAL)_SURFACE\s*\(([^)]*)\)")
+_ROUND = re.compile(r"\b(?:SPHERICAL|(?:DEGENERATE_)?TOROIDAL)_SURFACE\s*+\(([^)]*+)")
 FREE_FORM = re.compile(r"\bB_SPLINE_SURFACE|\bSURFACE_OF_|\bOFFSET_SURFACE")
+_STYLED = re.compile(r"(STYLED_ITEM\s*+\(\s*+'[^']*+'\s*+,\s*+)\([^)]*+\)")
 _COMPLAINT = re.compile(r"\bERR\b|Error|Exception|Fails Count", re.IGNORECASE)
 _ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -36,33 +49,51 @@ class _LimitError(MeshFormatError):
     """A conversion takes more than its limits."""
 
 
-@dataclass(frozen=True, slots=True)
-class Meshed:
-    """A file as triangles."""
-
-    raw: RawFile
-    tolerance: float  # m, within which they are
+_Mesher = Callable[[float], RawFile]  # by the tolerance, m
+_shared = threading.local()
 
 
-def mesh_within_limits(text: str, path: str, tolerance: float, metres: float) -> Meshed:
-    """Return a file as triangles, within *tolerance* in m where that does not take too many of them.
+@contextmanager
+def converter() -> Iterator[Library]:
+    """Yield the process that converts, which starts with the first file; blocks within share it."""
+    outer = getattr(_shared, "library", None)
+    with nullcontext(outer) if outer else Library("step", MOST_SECONDS, MOST_BYTES) as library:
+        _shared.library = library
+        try:
+            yield library
+        finally:
+            _shared.library = outer
 
-    *metres*: the longest unit of the file.
+
+def mesh_within_limits(
+    text: StepText, path: str, tolerance: float, metres: float, *, is_cached: bool
+) -> tuple[RawFile, float]:
+    """Return a file as triangles, and their tolerance, m: a larger one if *tolerance* takes too many of them.
+
+    *metres*: the longest unit of the file. *is_cached*: take triangles from the user's cache, or keep them.
     """
-    size = _deciding_size(text, tolerance / metres) * metres
-    if size:
-        return _mesh_by_and_by(text, path, tolerance, max(tolerance, size * _FIRST_SHARE))
-    with suppress(_LimitError):
-        raw = _mesh(text, path, tolerance)
-        if _triangle_counts(raw)[0] <= MOST_TRIANGLES:
-            return Meshed(raw, tolerance)
-    size = _largest(_NUMBER.findall(text)) * metres
-    return _mesh_by_and_by(text, path, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
+    data = _without_styles(text.text).encode()
+
+    def mesh(tolerance: float) -> RawFile:
+        header, binary, _ = buffers.split_glb(_convert(data, tolerance, is_cached))
+        # Nodes carry numbers of assembly steps (NAUO1); people know the products.
+        return gltf.read_document(with_names_of_products(header, text), path, binary, "STEP", [])
+
+    with converter():
+        size = _deciding_size(text, tolerance / metres) * metres
+        if size:
+            return _mesh_by_and_by(mesh, tolerance, max(tolerance, size * _FIRST_SHARE))
+        with suppress(_LimitError):
+            raw = mesh(tolerance)
+            if _triangle_counts(raw)[0] <= MOST_TRIANGLES:
+                return raw, tolerance
+        size = _largest(_NUMBER.findall(text.blank)) * metres
+        return _mesh_by_and_by(mesh, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
 
 
-def _mesh_by_and_by(text: str, path: str, tolerance: float, coarse: float) -> Meshed:
+def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> tuple[RawFile, float]:
     """Go from a coarse tolerance to the one wanted, or as near to it as the limits allow."""
-    raw = _mesh(text, path, coarse)
+    raw = mesh(coarse)
     while coarse > tolerance:
         total, most = _triangle_counts(raw)
         # Where a surface is curved both ways triangles grow with 1 / tolerance, elsewhere less.
@@ -80,19 +111,19 @@ def _mesh_by_and_by(text: str, path: str, tolerance: float, coarse: float) -> Me
         try:
             if finer > max(0.8 * coarse, tolerance):
                 raise _LimitError
-            raw, coarse = _mesh(text, path, finer), finer
+            raw, coarse = mesh(finer), finer
         except _LimitError:
             raw.notes.append(f"curved faces are approximated within {coarse * 1e3:.2g} mm, {excess}")
             break
-    return Meshed(raw, coarse)
+    return raw, coarse
 
 
-def _deciding_size(text: str, tolerance: float) -> float:
+def _deciding_size(text: StepText, tolerance: float) -> float:
     """The size, in the file's numbers, by which triangles could be too many; 0.0 if they cannot."""
-    radius = max((_largest(_NUMBER.findall(match)) for match in _ROUND.findall(text)), default=0.0)
-    is_free = FREE_FORM.search(text) is not None
+    radius = max((_largest(_NUMBER.findall(match)) for match in _ROUND.findall(text.blank)), default=0.0)
+    is_free = FREE_FORM.search(text.blank) is not None
     if radius > _ROUND_SHARE * tolerance or is_free:
-        size = _largest(_NUMBER.findall(text))
+        size = _largest(_NUMBER.findall(text.blank))
         if radius > _ROUND_SHARE * tolerance or size > _FREE_SHARE * tolerance:
             return size
     return 0.0
@@ -105,40 +136,36 @@ def _largest(numbers: list[str]) -> float:
 
 
 def _triangle_counts(raw: RawFile) -> tuple[int, int]:
-    """Triangles of all products, and of the CAD face with most of them."""
+    """Triangles of all products, and of the known CAD face with most of them."""
     products = {id(mesh.source_faces): mesh.source_faces for mesh in raw.meshes}.values()
-    most = max((int(np.bincount(rows).max()) for rows in products if len(rows)), default=0)
+    most = max((int(np.bincount(rows[rows >= 0], minlength=1).max()) for rows in products), default=0)
     return sum(len(rows) for rows in products), most
 
 
-def _mesh(text: str, path: str, tolerance: float) -> RawFile:
+def _without_styles(text: str) -> str:
+    """Return a text without its colours: the CAD faces of faces in several colours would be named wrongly."""
+    return text if "INVISIBILITY" in text else _STYLED.sub(r"\1()", text)
+
+
+def _convert(data: bytes, tolerance: float, is_cached: bool) -> bytes:
+    settings = f"{_CONVERSION} {_cascadio_version()} {tolerance} {STEP_ANGLE} "
+    key = hashlib.blake2b(settings.encode() + data).hexdigest()
+    if is_cached and (kept := CACHE.read(key)) is not None:
+        return kept
     try:
-        glb = _convert(text.encode("latin-1"), tolerance)
+        with converter() as library:
+            # cascadio takes mm, and triangles stay within half of it
+            done = library.run(data, tol_linear=tolerance * 1e3, tol_angular=STEP_ANGLE)
     except OSError as failure:  # a full disk, no room for another process
         reported = failure.strerror or str(failure)
         raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
-    header, binary, _ = buffers.split_glb(glb)
-    # Nodes carry numbers of assembly steps (NAUO1); people know the products.
-    header = with_names_of_products(header, text)
-    return gltf.read_document(header, path, binary, "STEP", [])
-
-
-def _convert(data: bytes, tolerance: float) -> bytes:
-    done = run_library(
-        "step",
-        data,
-        seconds=MOST_SECONDS,
-        byte_count=MOST_BYTES,
-        tol_linear=tolerance * 1e3,  # cascadio takes mm, and triangles stay within half of it
-        tol_angular=STEP_ANGLE,
-    )
     printed = _ESCAPES.sub("", done.printed)
     complaint = next((line.strip(" *\t") for line in printed.splitlines() if _COMPLAINT.search(line)), "")
     if done.returncode < 0:
         raise MeshFormatError(f"OpenCASCADE crashed on it (signal {-done.returncode})")
-    if done.is_missing:
+    if done.returncode == NOT_INSTALLED:
         raise MeshError("STEP files need the package cascadio, which cannot be imported")
-    if done.is_over_limit or "alloc" in printed:
+    if done.returncode == TOO_MUCH or "alloc" in printed:
         raise _LimitError(
             f"OpenCASCADE takes more than {MOST_SECONDS} s or {MOST_BYTES >> 30} GB to mesh it within "
             f"{tolerance * 1e3:g} mm, expected less"
@@ -146,4 +173,14 @@ def _convert(data: bytes, tolerance: float) -> bytes:
     if done.returncode or complaint or not done.output:
         reported = f": {' '.join(complaint.split())[:160]}" if complaint else ""
         raise MeshFormatError(f"OpenCASCADE could not read all of it{reported}")
+    if is_cached:
+        CACHE.write(key, done.output)
     return done.output
+
+
+def _cascadio_version() -> str:
+    import importlib.metadata  # 20 ms
+
+    with suppress(importlib.metadata.PackageNotFoundError):
+        return importlib.metadata.version("cascadio")
+    return ""

@@ -12,28 +12,28 @@ from pathlib import Path
 
 from proximity.errors import MeshFormatError
 from proximity.formats.step.product_structure import products_of
-from proximity.formats.text_rows import shortened
+from proximity.formats.step.step_records import QUOTED, StepText, decoded
+from proximity.formats.text_rows import PADDING, shortened
 from proximity.system.regular_file import open_regular
 
-_END = re.compile(rb"END-ISO-10303-21\s*;")
-_SIGNATURES = re.compile(rb"(?:\s*SIGNATURE\b.*?ENDSEC\s*;)*[\s\0\x1a]*", re.DOTALL)
+_END = re.compile(rb"END-ISO-10303-21\s*+;")
+_END_OF_SECTION = re.compile(rb"ENDSEC\s*+;")
 _MARK = b"\xef\xbb\xbf"
 _MOST_FILES = 1000
+_EXTENSIONS = (".stp", ".step", ".p21")
 
-_TOKEN = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/|#\d+", re.DOTALL)
-_STRING = re.compile(r"'((?:[^']|'')*)'")
-_DATA = re.compile(r"\bDATA\s*(?:\([^;]*\))?\s*;(.*)\bENDSEC\s*;", re.DOTALL)
+_TOKEN = re.compile(rf"{QUOTED}|#\d+")
+_STRING = re.compile(r"'(?:[^']|'')*+'")
+_DATA = re.compile(r"\bDATA\s*+(?:\([^;]*+)?;")
 _REFERRING = "APPLIED_DOCUMENT_REFERENCE", "PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS"
 _NAMING = "DOCUMENT", "DOCUMENT_FILE", "APPLIED_EXTERNAL_IDENTIFICATION_ASSIGNMENT"
-_RECORD = re.compile(
-    rf"(#\d+)\s*=\s*({'|'.join(sorted((*_REFERRING, *_NAMING), key=len, reverse=True))})"
-    r"\s*\(((?:'[^']*'|[^';])*)\)\s*;"
-)
-_LOCATION = re.compile(rf"=\s*(?:{'|'.join(_NAMING)}|EXTERNAL_SOURCE)\s*\((?:'[^']*'|[^';])*\)\s*;")
+_ARGUMENTS = r"(?:'[^']*+'|[^';]++)*+;?"
+_RECORD = re.compile(rf"{QUOTED}|(#\d++)\s*+={_ARGUMENTS}")
+_LOCATION = re.compile(rf"=\s*+(?:{'|'.join(_NAMING)}|EXTERNAL_SOURCE)\s*+\({_ARGUMENTS}")
 
 
 def without_trailer(data: bytes) -> tuple[str, list[str]]:
-    """Return the text of a STEP file up to its end, and a note if anything but signatures comes after it."""
+    """Return the text of a STEP file up to its end, with notes on its encoding and on what comes after it."""
     data = data.removeprefix(_MARK)
     ends = [match.end() for match in _END.finditer(data)]
     if not ends:
@@ -42,16 +42,20 @@ def without_trailer(data: bytes) -> tuple[str, list[str]]:
         raise MeshFormatError(
             "it is several STEP files in one, of which OpenCASCADE would read the first only"
         )
-    is_known = _SIGNATURES.fullmatch(data, ends[0]) is not None
-    note = f"{len(data) - ends[0]} bytes after END-ISO-10303-21 were ignored"
-    return data[: ends[0]].decode("latin-1") + "\n", [] if is_known else [note]
+    *sections, rest = _END_OF_SECTION.split(data[ends[0] :])
+    is_signed = all(section.lstrip().startswith(b"SIGNATURE") for section in sections)
+    is_known = is_signed and not rest.strip(PADDING)
+    text, notes = decoded(data[: ends[0]])
+    if not is_known:
+        notes.append(f"{len(data) - ends[0]} bytes after END-ISO-10303-21 were ignored")
+    return text + "\n", notes
 
 
-def with_external_parts(text: str, path: str) -> str:
+def with_external_parts(text: str, path: str, notes: list[str]) -> str:
     """Return the text of the file at *path* with the records of the part files that it refers to."""
     if not any(kind in text for kind in _REFERRING):
         return text
-    return _Merge(Path(path).resolve().parent).merged(text, Path(path).resolve())
+    return _Merge(Path(path).resolve().parent, notes).merged(text, Path(path).resolve())
 
 
 @dataclass(slots=True)
@@ -59,6 +63,7 @@ class _Merge:
     """A file and those that it refers to, each once."""
 
     folder: Path  # beyond which nothing is read
+    notes: list[str]
     last_number: int = 0
     open_paths: list[Path] = field(default_factory=list)
     roots: dict[Path, tuple[str, str, str]] = field(default_factory=dict)  # definition, its shape, shape
@@ -74,10 +79,11 @@ class _Merge:
     def _with_roots(self, text: str, path: Path) -> str:
         """The text in which the products of part files stand for those that refer to them."""
         self.open_paths.append(path)
-        products = products_of(text)
+        source = StepText(text)
+        products = products_of(source)
         renamed: dict[str, str] = {}
-        gone: list[str] = []
-        for product, name in _references(text):
+        gone: set[str] = set()
+        for product, name in _references(source):
             definition = products.shapes.get(product)
             if definition is None or products.has_bodies(product) or product in products.assemblies:
                 continue  # a drawing of what is there
@@ -86,11 +92,9 @@ class _Merge:
             root = self._root(name, path)
             shape, representation = definition
             renamed |= dict(zip((product, shape, representation), root, strict=True))
-            gone += [product, shape, representation, products.links[shape]]
-        for number in gone:
-            record = rf"(?<=;)(?:\s|/\*.*?\*/)*{number}\s*=(?:'[^']*'|[^';])*;"
-            text, count = re.subn(record, "\n", text, count=1, flags=re.DOTALL)
-            assert count == 1, "the records of a product end like all others"
+            gone |= {product, shape, representation, products.links[shape]}
+        if gone:
+            text = _RECORD.sub(lambda match: "\n" if match[1] in gone else match[0], text)
         self.open_paths.pop()
         text = _LOCATION.sub(lambda match: _STRING.sub("''", match[0]), text)  # OpenCASCADE would open it
         return _with_references(text, lambda number: renamed.get(number, number)) if renamed else text
@@ -106,12 +110,13 @@ class _Merge:
         if beside not in self.roots:
             try:
                 with open_regular(beside) as file:
-                    text = without_trailer(file.read())[0]
+                    text, notes = without_trailer(file.read())
             except MeshFormatError as reason:
                 raise MeshFormatError(f"{what}: {reason}") from None
             except (OSError, ValueError) as reason:
                 reported = reason.strerror if isinstance(reason, OSError) else str(reason)
                 raise MeshFormatError(f"{what} beside it cannot be read ({reported})") from reason
+            self.notes += [f"{what}: {note}" for note in notes]
             self.roots[beside] = self._merged_root(text, beside, what)
         return self.roots[beside]
 
@@ -120,30 +125,28 @@ class _Merge:
         self.last_number += max(map(int, re.findall(r"#(\d+)", text)), default=0)
         text = _with_references(text, lambda number: f"#{int(number[1:]) + first}")
         text = self._with_roots(text, path)
-        products, data = products_of(text), _DATA.search(text)
+        products, data = products_of(StepText(text)), _DATA.search(text)
         roots = products.roots
         if len(roots) != 1 or data is None:
             raise MeshFormatError(f"{what} has {len(roots)} products that are part of no other, expected one")
-        self.records.append(data[1])
+        self.records.append(text[data.end() : text.rindex("ENDSEC")])
         return (roots[0], *products.shapes[roots[0]])
 
 
-def _references(text: str) -> list[tuple[str, str]]:
+def _references(text: StepText) -> list[tuple[str, str]]:
     """Products, and the names of part files that they refer to."""
-    found = _RECORD.findall(text)
+    found = list(text.records(*_REFERRING, *_NAMING))
     names: dict[str, str] = {}
-    for own, kind, arguments in found:
-        texts = _STRING.findall(arguments)
-        part_file = next((each for each in texts if each.lower().endswith((".stp", ".step", ".p21"))), "")
-        if kind in _NAMING and part_file:
-            owners = re.findall(r"#\d+", _STRING.sub("", arguments)) if kind == _NAMING[2] else [own]
+    for record in found:
+        part_file = next((each for each in record.strings if each.lower().endswith(_EXTENSIONS)), "")
+        if record.kind in _NAMING and part_file:
+            owners = record.references if record.kind == _NAMING[2] else [record.own]
             names |= dict.fromkeys(owners, part_file)
     pairs = []
-    for own, kind, arguments in found:
-        if kind in _REFERRING:
-            numbers = re.findall(r"#\d+", _STRING.sub("", arguments))
-            part_file = next((names[number] for number in numbers if number in names), "")
-            users = [own] if kind == _REFERRING[1] else numbers
+    for record in found:
+        if record.kind in _REFERRING:
+            part_file = next((names[number] for number in record.references if number in names), "")
+            users = [record.own] if record.kind == _REFERRING[1] else record.references
             pairs += [(user, part_file) for user in users if part_file]
     return pairs
 

@@ -1,8 +1,8 @@
 """The products of a STEP file: their uses in assemblies are checked and counted, and their names found.
 
 OpenCASCADE passes over a use whose place is missing, and puts a shape that belongs to no product at the
-origin, without a word. So the products and their uses are looked up here, by regular expressions: this needs
-a few kinds of records only. Where a file places shapes in another way (mapped items), nothing is said.
+origin, without a word. So the products and their uses are looked up here, which needs a few kinds of records
+only. Where a file places shapes in another way (mapped items), nothing is said.
 """
 
 import graphlib
@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from proximity.errors import MeshFormatError
+from proximity.formats.step.step_records import StepText
 
 _USE = "NEXT_ASSEMBLY_USAGE_OCCURRENCE"
 _PLACEMENT = "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION"
@@ -24,27 +25,14 @@ _BODIES = ("MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS", "FACETED_BREP", "SHELL_BASE
 _OTHER_PLACEMENTS = ("MAPPED_ITEM", "INVISIBILITY")
 """Records with which positions are given otherwise, or shapes left out on purpose."""
 
-_TEXT = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
-_KINDS = "|".join((_USE, _PLACEMENT, _SHAPE, _RELATION, *_OF, *_BODIES))
-_RECORD = re.compile(rf"(#\d+)\s*=\s*({_KINDS}|\w*SHAPE_REPRESENTATION)\s*\(([^;]*)\)\s*;")
-_REFERENCE = re.compile(r"#\d+")
-_DEFINITION = re.compile(r"(#\d+)\s*=\s*PRODUCT_DEFINITION(?:_WITH_ASSOCIATED_DOCUMENTS)?\s*\(")
-_SHAPE_LINK = re.compile(rf"(#\d+)\s*=\s*{_SHAPE}\s*\(\s*(#\d+)")
-_ANY = re.compile(r"(#\d+)\s*=\s*\(?\s*(\w*)([^;]*);")
+_PRODUCT = "PRODUCT_DEFINITION(?:_WITH_ASSOCIATED_DOCUMENTS)?"
+_KINDS = (_USE, _PLACEMENT, _SHAPE, _RELATION, *_OF, *_BODIES, _PRODUCT, r"\w*SHAPE_REPRESENTATION")
 _SHAPE_GIVING = ("SHAPE_DEFINITION_REPRESENTATION", "REPRESENTATION_RELATIONSHIP")
 """Ends of the names of records that give products their shapes; shapes, colours and texts belong to them."""
 
-_QUOTED = r"'((?:[^']|'')*)'"
-_NAMED_USE = re.compile(
-    rf"=\s*NEXT_ASSEMBLY_USAGE_OCCURRENCE\s*\(\s*{_QUOTED}\s*,\s*{_QUOTED}\s*,[^;#]*#\d+\s*,\s*(#\d+)"
-)
-_ABOVE = re.compile(
-    r"(#\d+)\s*=\s*PRODUCT_DEFINITION(?:_FORMATION\w*|_WITH_ASSOCIATED_DOCUMENTS)?\s*\([^;#]*(#\d+)"
-)
-_NAMED_PRODUCT = re.compile(rf"(#\d+)\s*=\s*PRODUCT\s*\(\s*{_QUOTED}\s*,\s*{_QUOTED}")
 _NO_NAME = re.compile(
-    r"\s*((SOLID|COMPOUND|COMPSOLID|SHELL|FACE|ASSEMBLY|NAUO)?[_ ]?\d*|=>\[[\d:]*\]|"
-    r"Open CASCADE STEP translator.*)\s*"
+    r"((SOLID|COMPOUND|COMPSOLID|SHELL|FACE|ASSEMBLY|NAUO)?[_ ]?\d*|=>\[[\d:]*\]|"
+    r"Open CASCADE STEP translator.*)"
 )
 """Names that programs give where people gave none."""
 
@@ -56,17 +44,19 @@ class _Records:
     uses: dict[str, tuple[str, str]] = field(default_factory=dict)  # use -> definitions: assembly, part
     placements: list[tuple[str, str]] = field(default_factory=list)  # relation of shapes, what it places
     shapes: list[tuple[str, str]] = field(default_factory=list)  # what has it, representation
+    links: dict[str, str] = field(default_factory=dict)  # what has a shape -> record that says so
+    products: set[str] = field(default_factory=set)
     owners: dict[str, str] = field(default_factory=dict)  # product definition shape -> its use or product
     relations: dict[str, list[str]] = field(default_factory=dict)  # relation -> two representations
     contents: dict[str, list[str]] = field(default_factory=dict)  # representation -> items
     bodies: set[str] = field(default_factory=set)
 
 
-def count_bodies(text: str) -> int:
+def count_bodies(text: StepText) -> int:
     """Return how many meshes the assemblies of a file must give at least; 0 if that cannot be known."""
-    if _USE not in text or any(word in text for word in _OTHER_PLACEMENTS):
+    if _USE not in text.blank or any(word in text.blank for word in _OTHER_PLACEMENTS):
         return 0
-    records = _read(_TEXT.sub(" ", text))
+    records = _read(text)
     placed = {records.owners.get(placement) for _, placement in records.placements}
     shapes = defaultdict(list)
     for of, shape in records.shapes:
@@ -98,49 +88,51 @@ class Products:
     has_bodies: Callable[[str], bool]
 
 
-def products_of(text: str) -> Products:
+def products_of(text: StepText) -> Products:
     """Return the products that a text has."""
-    text = _TEXT.sub(" ", text)
     records = _read(text)
-    links = {of: own for own, of in _SHAPE_LINK.findall(text)}
     # Properties, as the volume for a check, have shapes too: these belong to an aspect, not to a product.
-    definitions = set(_DEFINITION.findall(text))
-    owners = {of: own for of, own in records.owners.items() if own in definitions}
+    owners = {of: own for of, own in records.owners.items() if own in records.products}
     shapes = {owners[of]: (of, shape) for of, shape in records.shapes if of in owners}
     parts = {part for _, part in records.uses.values()}
     linked = _linked(records)
     return Products(
         shapes=shapes,
-        links=links,
+        links=records.links,
         assemblies={assembly for assembly, _ in records.uses.values()},
         roots=[product for product in shapes if product not in parts],
         has_bodies=lambda product: _has_body(records, linked, [shapes[product][1]]),
     )
 
 
-def used_records(text: str) -> set[str]:
+def used_records(text: StepText) -> set[str]:
     """Return the records that belong to a product, or to a relation of shapes, by their numbers."""
-    records = {
-        own: (kind, _REFERENCE.findall(rest)) for own, kind, rest in _ANY.findall(_TEXT.sub(" ", text))
-    }
-    waiting = [own for own, (kind, _) in records.items() if kind.endswith(_SHAPE_GIVING)]
+    records = {record.own: record for record in text.records(r"\w*+")}
+    waiting = [
+        record.own
+        for record in records.values()
+        if (record.kind or record.arguments.partition("(")[0].strip()).endswith(_SHAPE_GIVING)
+    ]
     used = set(waiting)
     while waiting:
-        new = [other for other in records.get(waiting.pop(), ("", ()))[1] if other not in used]
+        record = records.get(waiting.pop())
+        new = [other for other in (record.references if record else ()) if other not in used]
         used.update(new)
         waiting += new
     return used
 
 
-def _read(text: str) -> _Records:
-    """Sort the records; texts and comments are blank already, so that a semicolon is an end."""
+def _read(text: StepText) -> _Records:
+    """Sort the records by kind."""
     records = _Records()
-    for own_id, kind, arguments in _RECORD.findall(text):
-        references = _REFERENCE.findall(arguments)
+    for record in text.records(*_KINDS):
+        own_id, kind, references = record.own, record.kind, record.references
         if kind in _BODIES:
             records.bodies.add(own_id)
         elif kind in _OF:
             records.owners[own_id] = references[-1] if references else ""
+        elif kind.startswith("PRODUCT_DEFINITION"):
+            records.products.add(own_id)
         elif len(references) < 2:
             continue
         elif kind == _USE:
@@ -149,6 +141,7 @@ def _read(text: str) -> _Records:
             records.placements.append((references[0], references[1]))
         elif kind == _SHAPE:
             records.shapes.append((references[0], references[1]))
+            records.links[references[0]] = own_id
         elif kind == _RELATION:
             records.relations[own_id] = references[:2]
         else:
@@ -198,7 +191,7 @@ def _has_body(records: _Records, linked: dict[str, list[str]], shapes: list[str]
     return False
 
 
-def with_names_of_products(header: bytes, text: str) -> bytes:
+def with_names_of_products(header: bytes, text: StepText) -> bytes:
     """Return the header of a GLB document in which nodes are named as people know them.
 
     The name of its product goes before a node's own, and both before those of the nodes above it.
@@ -222,17 +215,23 @@ def with_names_of_products(header: bytes, text: str) -> bytes:
 
 
 def _is_name(name: Any) -> bool:
-    return isinstance(name, str) and not _NO_NAME.fullmatch(name)
+    return isinstance(name, str) and not _NO_NAME.fullmatch(name.strip())
 
 
-def _products_of_uses(text: str) -> dict[str | None, str]:
+def _products_of_uses(text: StepText) -> dict[str | None, str]:
     """Names of products by the names of their uses in assemblies, where these differ."""
-    above = dict(_ABOVE.findall(text))
-    names = {own: name or id_ for own, id_, name in _NAMED_PRODUCT.findall(text)}
-    uses = [
-        (name or id_, names.get(above.get(above.get(part, ""), ""), ""))
-        for id_, name, part in _NAMED_USE.findall(text)
-    ]
-    counts = Counter(use for use, _ in uses)
+    above: dict[str, str] = {}  # definition -> formation -> product
+    names: dict[str, str] = {}
+    uses: list[tuple[str, str]] = []  # name, definition of the part
+    for record in text.records(_USE, _PRODUCT, r"PRODUCT_DEFINITION_FORMATION\w*+", "PRODUCT"):
+        own_name = next((string for string in record.strings[1::-1] if string), "")
+        if record.kind == "PRODUCT":
+            names[record.own] = own_name
+        elif record.kind == _USE:
+            uses += [(own_name, part) for part in record.references[1:2]]
+        elif record.references:
+            above[record.own] = record.references[0]
+    named = [(use, names.get(above.get(above.get(part, ""), ""), "")) for use, part in uses]
+    counts = Counter(use for use, _ in named)
     # A text with a backslash is encoded.
-    return {use: name for use, name in uses if counts[use] == 1 and "\\" not in name}
+    return {use: name for use, name in named if counts[use] == 1 and "\\" not in name}

@@ -11,9 +11,10 @@ import re
 import numpy as np
 
 from proximity.errors import MeshFormatError
-from proximity.formats.contents import RawFile, Source
+from proximity.formats.contents import UNKNOWN_FACE, RawFile, Source
 from proximity.formats.step import conversion, product_structure
 from proximity.formats.step.external_parts import with_external_parts, without_trailer
+from proximity.formats.step.step_records import REFERENCE, StepText
 from proximity.formats.units import UNITS, metres_per_unit
 
 STEP_TOLERANCE = 1e-5
@@ -30,31 +31,32 @@ _SI_PREFIXES = {
     ".KILO.": "km",
 }
 _CONVERSIONS = {"INCH": "in", "FOOT": "ft", "YARD": "yd", "MILE": "mi", "MIL": "mil", "MILLIMETRE": "mm"}
-_REFERENCE = re.compile(r"#\d+")
-_SHELL = re.compile(r"(#\d+)\s*=\s*(?:CLOSED|OPEN)_SHELL\s*\(\s*'(?:[^']|'')*'\s*,\s*\(([^)]*)\)")
+_CONTEXT = re.compile(r"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*+\(\s*+\(([^)]*+)")
+_SI_METRE = re.compile(r"SI_UNIT\s*+\(\s*+(\$|\.\w++\.)\s*+,\s*+\.METRE\.")
 _ASSUMED_METRES = 1e-3  # what OpenCASCADE takes for a number without a unit
 
 
-def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> RawFile:
+def read_step(
+    source: Source, *, tolerance: float, undeclared_metres: float, is_cached: bool = True
+) -> RawFile:
     """Mesh a STEP file within *tolerance*, m; *undeclared_metres* is a number where it declares no unit."""
-    text, notes = without_trailer(source.data)
-    text = with_external_parts(text, source.path)
+    own_text, notes = without_trailer(source.data)
+    text = StepText(with_external_parts(own_text, source.path, notes))
     units = _units(text)
     body_count = product_structure.count_bodies(text)
     metres = max((metres_per_unit(unit) for unit in units if unit in UNITS), default=_ASSUMED_METRES)
-    meshed = conversion.mesh_within_limits(text, source.path, tolerance, metres)
-    raw = meshed.raw
+    raw, reached = conversion.mesh_within_limits(text, source.path, tolerance, metres, is_cached=is_cached)
     notes += _notes_on_faces(text, raw)
     if len(raw.meshes) < body_count:
         raise MeshFormatError(
             f"its assemblies hold {body_count} parts, but OpenCASCADE could read {len(raw.meshes)} only"
         )
-    if meshed.tolerance == tolerance:
+    if reached == tolerance:
         notes.append(
             f"curved faces are approximated within {tolerance * 1e3:g} mm by flat triangles: distances "
             "are exact to the triangles"
         )
-    if conversion.FREE_FORM.search(text):
+    if conversion.FREE_FORM.search(text.blank):
         notes.append(
             "on free-form faces, which the file has, OpenCASCADE may exceed the tolerance: measure with two "
             "tolerances where that matters"
@@ -66,32 +68,30 @@ def read_step(source: Source, *, tolerance: float, undeclared_metres: float) -> 
     return raw
 
 
-def _units(text: str) -> list[str]:
+def _units(text: StepText) -> list[str]:
     """Names of the length units that the representations of the file are in, sorted."""
     by_id: dict[str, str] = {}
-    for match in re.finditer(r"#(\d+)\s*=\s*\(([^;]*\bLENGTH_UNIT\b[^;]*)\)\s*;", text):
-        body = match.group(2)
-        converted = re.search(r"CONVERSION_BASED_UNIT\s*\(\s*'([^']*)'", body)
-        prefixed = re.search(r"SI_UNIT\s*\(\s*(\$|\.\w+\.)\s*,\s*\.METRE\.", body)
-        if converted:
-            name = converted.group(1).strip().upper()
-            by_id[match.group(1)] = _CONVERSIONS.get(name, name.lower() or "?")
+    for record in text.records(""):
+        if not re.search(r"\bLENGTH_UNIT\b", record.arguments):
+            continue
+        prefixed = _SI_METRE.search(record.arguments)
+        if "CONVERSION_BASED_UNIT" in record.arguments and record.strings:
+            name = record.strings[0].strip().upper()
+            by_id[record.own] = _CONVERSIONS.get(name, name.lower() or "?")
         elif prefixed:
-            by_id[match.group(1)] = _SI_PREFIXES.get(prefixed.group(1), "?")
-    used = set()
-    for match in re.finditer(r"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^)]*)\)", text):
-        used |= {by_id[unit_id] for unit_id in re.findall(r"#(\d+)", match.group(1)) if unit_id in by_id}
-    return sorted(used)
+            by_id[record.own] = _SI_PREFIXES.get(prefixed[1], "?")
+    contexts = [REFERENCE.findall(found) for found in _CONTEXT.findall(text.blank)]
+    return sorted({by_id[own] for context in contexts for own in context if own in by_id})
 
 
-def _notes_on_faces(text: str, raw: RawFile) -> list[str]:
+def _notes_on_faces(text: StepText, raw: RawFile) -> list[str]:
     """Compare the CAD faces that arrived with those that shells list, and say which no product has."""
-    shells = {match[1]: set(_REFERENCE.findall(match[2])) for match in _SHELL.finditer(text)}
+    shells = {record.own: set(record.references) for record in text.records("CLOSED_SHELL", "OPEN_SHELL")}
     # A product that stands in several places shares its arrays.
     products = {id(mesh.source_faces): mesh.source_faces for mesh in raw.meshes}
     arrived = sum(len(np.unique(rows)) for rows in products.values())
     listed: set[str] = set().union(*shells.values())
-    if arrived >= len(listed):
+    if arrived >= len(listed) or any(UNKNOWN_FACE in rows for rows in products.values()):
         return []
     used = product_structure.used_records(text)
     unused = listed.difference(*(faces for shell, faces in shells.items() if shell in used))

@@ -75,23 +75,31 @@ def load_matplotlib() -> Any:
 class DistanceColors:
     """A colour map for the signed distances of one picture.
 
-    *signed_distance*: all that will be shown; what is not finite is left out. *metres*: metres in the unit in
-    which steps are round numbers. *reach*, m: the bar ends there on both sides, whatever the distances.
+    *signed_distance*: all that will be shown; values that are not finite are left out. *metres*: metres in
+    the unit in which steps are round numbers. *is_even*: the bar is as long on both sides of zero. *reach*:
+    the ends of the bar, m, whatever the distances.
     """
 
-    def __init__(self, signed_distance: np.ndarray, metres: float, reach: float | None = None) -> None:
+    def __init__(
+        self,
+        signed_distance: np.ndarray,
+        metres: float,
+        *,
+        is_even: bool = False,
+        reach: tuple[float, float] | None = None,
+    ) -> None:
         matplotlib = load_matplotlib()
         finite = signed_distance[np.isfinite(signed_distance)] / metres
         low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-        low, high = min(low, 0.0), max(high, 0.0)
         largest = max(high, -low) or 1.0
-        low, high = min(low, -SHARE_OF_RANGE * largest), max(high, SHARE_OF_RANGE * largest)
+        least = largest if is_even else SHARE_OF_RANGE * largest
+        low, high = min(low, -least), max(high, least)
         steps = matplotlib.ticker.MaxNLocator(TICKS, steps=[1, 2, 5, 10])
         self.levels: np.ndarray = steps.tick_values(
             low, high
         )  # in the unit; the range is that of the outer ones
         if reach is not None:
-            self.levels = reach / metres * np.linspace(-1.0, 1.0, 5)
+            self.levels = np.array([reach[0], reach[0] / 2, 0.0, reach[1] / 2, reach[1]]) / metres
         self.metres = metres
         self.step: float = float(self.levels[1] - self.levels[0]) / 2 * metres  # m, between iso lines
         norm = matplotlib.colors.TwoSlopeNorm(0.0, self.levels[0], self.levels[-1])
@@ -99,6 +107,11 @@ class DistanceColors:
         self.table = matplotlib.colormaps[MAP](norm(values))[:, :3]
         self.map = matplotlib.colors.ListedColormap(self.table)
         self.norm = matplotlib.colors.Normalize(self.levels[0], self.levels[-1])
+
+    def share(self, signed_distance: np.ndarray) -> float:
+        """Return the share of distances, m, that do not pass the ends of the bar."""
+        ends = self.levels[[0, -1]] * self.metres
+        return float(np.mean((signed_distance >= ends[0]) & (signed_distance <= ends[1])))
 
     def __call__(self, signed_distance: np.ndarray) -> np.ndarray:
         """Return colours, the shape of the distances (m) + (3,); nan is grey."""

@@ -24,7 +24,6 @@ PART_COLORS = (
     "#a8b39a",
 )  # fmt: skip
 NAMED_PARTS = 8
-MOST_FLAT_TICKS = 6  # of a bar in width
 LABELLED_POINTS = 12
 NAME_LENGTH = 28  # characters; longer names are cut
 NO_INSIDE = "no inside is known"
@@ -38,7 +37,8 @@ class Picture:
     ``scene`` is asked for every number. ``title`` stands above. ``points`` (N, 3), m, are joined with the
     nearest points of the parts. ``cut`` is the axis that a slice lies across, and where, m. ``unit`` is the
     word for lengths on the page, ``metres`` how many metres it has. ``view`` is one of `TO_VIEWER`,
-    ``size`` the width and height in pixels. ``reach``, m, is at the ends of the colour bar of the points.
+    ``size`` the width and height in pixels. ``reach``, m, are the ends of the colour bar of the points, the
+    first below 0; the share of the points between them is written below it.
     """
 
     scene: "Scene"
@@ -49,7 +49,7 @@ class Picture:
     metres: float = 1e-3
     view: str = "iso"
     size: tuple[int, int] = (1400, 800)
-    reach: float | None = None
+    reach: tuple[float, float] | None = None
 
 
 def write_picture(picture: Picture, path: str | os.PathLike[str]) -> None:
@@ -108,12 +108,10 @@ def _figure(matplotlib: Any, picture: Picture) -> Any:
     if picture.cut is not None:
         field = FieldSlice.of(picture.scene, *picture.cut, unit=picture.unit, metres=picture.metres)
     connections = None if picture.points is None else _connections(picture)
-    colors, point_colors = (
-        DistanceColors(
-            np.zeros(0) if each is None else each.signed_distance.reshape(-1), picture.metres, reach
-        )
-        for each, reach in ((field, None), (connections, picture.reach))
-    )
+    none = np.zeros(0)
+    colors = DistanceColors(none if field is None else field.signed_distance.reshape(-1), picture.metres)
+    distances = none if connections is None else connections.signed_distance
+    point_colors = DistanceColors(distances, picture.metres, is_even=True, reach=picture.reach)
     width, height = picture.size
     figure = matplotlib.figure.Figure(
         figsize=(width / DOTS_PER_INCH, height / DOTS_PER_INCH), facecolor="white"
@@ -126,7 +124,9 @@ def _figure(matplotlib: Any, picture: Picture) -> Any:
         _draw_bar(figure, figure.add_axes((box[0] + box[2] + 0.013, box[1], 0.012, box[3])), picture, colors)
     if connections is not None:
         bar_box = (0.925, 0.20, 0.012, 0.60) if field is None else (0.03, 0.885, 0.30, 0.014)
-        _draw_bar(figure, figure.add_axes(bar_box), picture, point_colors, is_flat=field is not None)
+        _draw_bar(
+            figure, figure.add_axes(bar_box), picture, point_colors, distances, is_flat=field is not None
+        )
     _draw_head(figure, picture)
     draw_scale(figure.axes[0], camera, picture.unit, picture.metres)
     draw_axes(figure.axes[0], camera)
@@ -218,18 +218,24 @@ def _draw_map(axes: Any, picture: Picture, field: FieldSlice, colors: DistanceCo
         axes.contour(right, up, distance, [0.0], colors=INK, linewidths=2.2)
     names = ["xyz"[row] for row in SHOWN_AXES[field.axis]]
     axes.set(xlabel=f"{names[0]}, {picture.unit}", ylabel=f"{names[1]}, {picture.unit}")
-    position = f"{field.position / picture.metres:.6g}"
+    position = f"{field.position / picture.metres:.10g}"
     what = "Signed distance" if _has_inside(picture) else f"Distance ({NO_INSIDE})"
     axes.set_title(f"{what} at {field.axis} = {position} {picture.unit}", fontsize="medium")
 
 
 def _draw_bar(
-    figure: Any, axes: Any, picture: Picture, colors: DistanceColors, *, is_flat: bool = False
+    figure: Any,
+    axes: Any,
+    picture: Picture,
+    colors: DistanceColors,
+    distances: np.ndarray | None = None,
+    *,
+    is_flat: bool = False,
 ) -> None:
-    """Draw a colour bar; a flat one is that of points beside a slice."""
+    """Draw a colour bar, of the points if *distances*, m, are given; it is flat next to a slice."""
     matplotlib = load_matplotlib()
     mappable = matplotlib.cm.ScalarMappable(colors.norm, colors.map)
-    every = 2 if is_flat and len(colors.levels) > MOST_FLAT_TICKS else 1  # zero stays
+    every = 2 if is_flat else 1  # zero stays
     ticks = colors.levels[np.argmin(np.abs(colors.levels)) % every :: every]
     bar = figure.colorbar(
         mappable, cax=axes, ticks=ticks, orientation="horizontal" if is_flat else "vertical"
@@ -237,7 +243,14 @@ def _draw_bar(
     (bar.ax.axvline if is_flat else bar.ax.axhline)(0.0, color=INK, linewidth=2.2)
     bar.outline.set_linewidth(0.8)
     words = f"{picture.unit}, {'negative inside' if _has_inside(picture) else NO_INSIDE}"
+    if distances is not None and picture.reach is not None and len(distances):
+        low, high = (f"{end:g}".replace("-", "\N{MINUS SIGN}") for end in colors.levels[[0, -1]])
+        ends = f"±{high}" if -colors.levels[0] == colors.levels[-1] else f"{low} to {high}"
+        tenths = np.floor(1e3 * colors.share(distances))  # 100 % are all
+        words += f"\n{tenths / 10:.1f} % within {ends} {picture.unit}"
     bar.set_label(f"points: {words}" if is_flat else words)
+    if distances is not None and not is_flat:
+        bar.ax.yaxis.set_label_position("left")  # on the right it would be cut off
 
 
 def _has_inside(picture: Picture) -> bool:

@@ -10,6 +10,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from proximity.errors import ProximityError, ServiceError
+from proximity.formats import converter
 from proximity.pose import Pose
 from proximity.recording import Recording, read_recording
 from proximity.scene.loader import load, notes_on_sizes
@@ -44,6 +45,10 @@ class PartFiles:
 
     def scene(self, settings: SceneFile) -> Scene:
         """Return the scene of a file."""
+        with converter():
+            return self._scene(settings)
+
+    def _scene(self, settings: SceneFile) -> Scene:
         kept: _Kept = {}
         parts: list[Part] = []
         entry_of: dict[str, int] = {}  # by name

@@ -75,14 +75,15 @@ export class Parts extends EventTarget {
     return part;
   }
 
-  /** The box around parts, in the frame of *frame*: the scene's. */
+  /** The smallest box around parts, in the frame of *frame*: the scene's. */
   bounds(parts = this.list, frame = this.stage.root) {
     const box = new THREE.Box3();
     this.stage.root.updateMatrixWorld(true);
     const fromWorld = frame.matrixWorld.clone().invert();
+    const corner = new THREE.Vector3();
     for (const { geometry, matrixWorld } of parts.flatMap((part) => part.meshes)) {
-      if (!geometry.boundingBox) geometry.computeBoundingBox();
-      box.union(geometry.boundingBox.clone().applyMatrix4(fromWorld.clone().multiply(matrixWorld)));
+      const place = fromWorld.clone().multiply(matrixWorld), { position } = geometry.attributes;
+      for (let k = 0; k < position.count; k++) box.expandByPoint(corner.fromBufferAttribute(position, k).applyMatrix4(place));
     }
     return box;
   }

@@ -64,13 +64,13 @@ export class Probe {
     this.answer = {
       isKnown: found.part[0] >= 0, isExact: true, isSigned: found.isSigned[0] !== 0, distance,
       part: this.parts.list[found.part[0]]?.name, position, pointOnFinger: position, pointOnPart: [...found.point],
-      normal: [...found.gradient], point: isOfScan ? `point ${row + 1}` : "",
+      normal: [...found.gradient], point: isOfScan ? `#${row}` : "",
     };
     this.mark.show(this.answer, this.stage);
     this.say(this.answer);
   }
 
-  /** The point under the pointer, scene frame: on a part, on the cut of one, or as far away as the last of them. */
+  /** The point under the pointer, scene frame: on a part, its cut or the slice, or as far away as the last of them. */
   placed(scene) {
     const { camera, root, controls } = this.stage;
     this.isBeside = false;
@@ -82,6 +82,10 @@ export class Probe {
       if (plane.distanceToPoint(ray.origin) < 0) begin = at;
       else end = at;
     }
+    const slice = this.plane.mesh.visible ? this.caster.intersectObject(this.plane.mesh)[0] : undefined;
+    const onSlice = slice?.point.clone().applyMatrix4(toScene);
+    if (slice && slice.distance <= begin) return (this.last = onSlice);
+    end = Math.min(end, slice?.distance ?? Infinity);
     if (begin < Infinity) {
       const own = ray.clone().applyMatrix4(toScene), origin = own.at(begin, new THREE.Vector3());
       if (begin > 0 && scene.contains(origin.toArray())[0]) return (this.last = origin);
@@ -93,6 +97,7 @@ export class Probe {
         return this.last.clone().addScaledVector(normal, side * this.lift);
       }
     }
+    if (slice) return (this.last = onSlice);
     this.isBeside = true;
     const middle = this.last ? this.stage.toWorld(this.last) : controls.target;
     const facing = new THREE.Plane().setFromNormalAndCoplanarPoint(camera.getWorldDirection(new THREE.Vector3()), middle);

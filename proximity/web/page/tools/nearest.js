@@ -104,8 +104,11 @@ export class Nearest {
 
   /** How far anything of a part is from its origin, at most. */
   reachOf(part) {
-    const { min, max } = this.parts.bounds([part], part.object);
-    return min.negate().max(max).length();
+    if (part.reach === undefined) {
+      const { min, max } = this.parts.bounds([part], part.object);
+      part.reach = min.negate().max(max).length();
+    }
+    return part.reach;
   }
 
   put(part, matrix) {

@@ -9,7 +9,7 @@ import { niceStep } from "../stage.js";
 const MOST_AT_ONCE = 4000; // points, before pictures have their turn
 const WAIT_MS = 150; // until parts that move stand still
 const UNITS = { m: 1, cm: 1e-2, mm: 1e-3, um: 1e-6, in: 0.0254, ft: 0.3048 };
-const ROWS = ["points", "min", "max", "mean", "RMS", "50 % within", "95 % within", "99 % within", "within the bar"];
+const ROWS = ["points", "min", "max", "mean", "RMS", "50 % within", "95 % within", "99 % within"];
 const NEAR = 14; // half pixels from the mouse, that a point is taken
 const MOST_TRIED = 8;
 const DEEPEST = 0.1; // below a surface, of the parts' size, that points are seen through it
@@ -148,7 +148,7 @@ export class PointCloud {
     const lengths = [known[0], known.at(-1), sum(known, (each) => each), Math.sqrt(sum(known, (each) => each * each)), ...[0.5, 0.95, 0.99].map((each) => this.share(each))];
     const within = (100 * sizes.filter((each) => each <= range).length) / sizes.length;
     const values = [this.count.toLocaleString("en").replaceAll(",", " "), ...lengths.map((each) => `${mm(each, 3)} mm`), `${within.toFixed(1)} %`];
-    byId("points-table").replaceChildren(...ROWS.flatMap((name, k) => [made("dt", name), made("dd", values[k])]));
+    byId("points-table").replaceChildren(...[...ROWS, `within ±${+(1e3 * range).toPrecision(4)} mm`].flatMap((name, k) => [made("dt", name), made("dd", values[k])]));
     setText(byId("points-name"), `${this.name}: RMS ${values[4]}`);
     const unknown = this.isSigned.filter((each, k) => !each && this.part[k] >= 0).length;
     setText(byId("points-note"), unknown ? `Inside and outside are not known for ${unknown} of them: their distances are positive.` : "");

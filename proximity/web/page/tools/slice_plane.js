@@ -113,10 +113,10 @@ export class SlicePlane {
   }
 
   show(slice) {
-    const sizes = slice.values.filter(Number.isFinite).map(Math.abs);
-    const range = sizes.reduce((most, size) => Math.max(most, size), 1e-9);
-    const step = niceStep(range / 9);
-    this.paint(slice, range, step);
+    const known = slice.values.filter(Number.isFinite);
+    const [inside, outside] = [-1, 1].map((sign) => known.reduce((most, value) => (value * sign > most ? value * sign : most), 1e-9));
+    const step = niceStep(Math.max(inside, outside) / 9);
+    this.paint(slice, (value) => sliceColour(value, value < 0 ? inside : outside), step);
     const [o, u, v] = [slice.origin, slice.u, slice.v].map((each) => new THREE.Vector3(...each));
     const corners = [o, o.clone().add(u), o.clone().add(v), o.clone().add(u).add(v)];
     const geometry = new THREE.BufferGeometry().setFromPoints(corners);
@@ -125,12 +125,13 @@ export class SlicePlane {
     this.mesh.geometry.dispose();
     this.mesh.geometry = geometry;
     this.mesh.visible = true;
-    byId("legend-low").textContent = `−${mm(range, 0)}`;
-    byId("legend-high").textContent = `${mm(range, 0)} mm, lines every ${+(1e3 * step).toPrecision(3)}`;
+    const [deepest, farthest] = [inside, outside].map((size) => +(1e3 * size).toPrecision(2));
+    byId("legend-low").textContent = inside > 1e-9 ? `−${deepest}` : "";
+    byId("legend-high").textContent = `${farthest} mm, lines every ${+(1e3 * step).toPrecision(3)}`;
   }
 
   /** Colours, a line at every step, and a dark one on the surface. */
-  paint({ width, height, values }, range, step) {
+  paint({ width, height, values }, colourOf, step) {
     const pixels = new Uint8Array(4 * width * height);
     for (let k = 0; k < values.length; k++) {
       const value = values[k];
@@ -139,7 +140,7 @@ export class SlicePlane {
       const crosses = (each) => Math.floor(each / step) !== Math.floor(value / step);
       const isSurface = value < 0 !== right < 0 || value < 0 !== above < 0;
       const shade = isSurface ? 0.05 : crosses(right) || crosses(above) ? 0.72 : 1;
-      const colour = sliceColour(value, range);
+      const colour = colourOf(value);
       for (let i = 0; i < 3; i++) pixels[4 * k + i] = 255 * shade * colour[i];
       pixels[4 * k + 3] = 255;
     }

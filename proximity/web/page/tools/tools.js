@@ -22,7 +22,7 @@ export class Tools {
     this.caster = new THREE.Raycaster();
     this.measure = new Measure(stage);
     this.nearest = new Nearest(stage, parts, local);
-    this.plane = new SlicePlane(stage, parts, local);
+    this.plane = probe.plane = new SlicePlane(stage, parts, local);
     this.points = probe.points = new PointCloud(stage, parts, local, panel);
     parts.limited = (part, matrix) => (byId("tool-stop").checked ? this.nearest.reached(part, matrix) : matrix);
     this.mayMove = false;

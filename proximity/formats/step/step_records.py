@@ -1,0 +1,72 @@
+"""The text of a STEP file and its records, found in a time that grows with its length, whatever it holds.
+
+The patterns neither backtrack nor start again within what they have passed: quantifiers are possessive, and a
+string, a comment or a record that is not closed reaches to the end of the text.
+"""
+
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cached_property
+from typing import NamedTuple
+
+REFERENCE = re.compile(r"#\d+")
+QUOTED = r"'[^']*+(?:'|\Z)|/\*(?s:.*?)(?:\*/|\Z)"
+"""Strings and comments; a doubled quote ends one string and begins the next."""
+
+_COMMON = {  # of an encoding: what most of the text is beyond ASCII, in bytes
+    "Shift-JIS": (  # kana, and kanji of which several follow one another or one is a whole string
+        "cp932", rb"\x81\x5b|\x82[\x9f-\xf1]|\x83[\x40-\x96]|(?:[\x88-\x9f\xe0-\xea][\x40-\xfc]){2}"
+        rb"|'[\x88-\x9f][\x40-\xfc]'",
+    ),
+    "GB18030": ("gb18030", rb"(?:[\xb0-\xd7][\xa1-\xfe])+"),
+    "Windows-1251": ("cp1251", rb"[\xc0-\xff]{3,}"),
+    "Windows-1252": ("cp1252", rb"[\x80-\xff]"),
+    "Latin-1": ("latin-1", rb"[\x80-\xff]"),
+}  # fmt: skip
+_QUOTED = re.compile(QUOTED)
+_STRING = re.compile(r"'((?:[^']|'')*+)'")
+
+
+def decoded(data: bytes) -> tuple[str, list[str]]:
+    """Return a text in its likely encoding, and a note if that is not UTF-8."""
+    with suppress(UnicodeDecodeError):
+        return data.decode("utf-8"), []
+    beyond = len(data.translate(None, bytes(range(128))))
+    for name, (encoding, common) in _COMMON.items():
+        if 2 * sum(map(len, re.findall(common, data))) >= beyond:
+            with suppress(UnicodeDecodeError):
+                note = f"its text is not UTF-8, and was read as {name}: names may have other letters"
+                return data.decode(encoding), [note]
+    raise AssertionError("every byte is a letter of Latin-1")
+
+
+class Record(NamedTuple):
+    """A record with its number."""
+
+    own: str  # "#12"
+    kind: str  # "PRODUCT"; "" if it is complex
+    arguments: str  # strings and comments are blank
+    references: list[str]
+    strings: list[str]
+
+
+class StepText:
+    """The text of a STEP file."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    @cached_property
+    def blank(self) -> str:
+        """The text with strings and comments blanked, so that a semicolon is an end."""
+        return _QUOTED.sub(lambda match: " " * len(match[0]), self.text)
+
+    def records(self, *kinds: str) -> Iterator[Record]:
+        """Yield the records of some kinds, which are regular expressions, in the order of the file."""
+        pattern = rf"(#\d++)\s*+=\s*+({'|'.join(kinds)})\s*+\(([^;]*+)"
+        for match in re.finditer(pattern, self.blank):
+            strings = _STRING.findall(self.text[match.start(3) : match.end(3)])
+            references = REFERENCE.findall(match[3])
+            plain = [string.replace("''", "'") for string in strings]
+            yield Record(match[1], match[2], match[3], references, plain)
