@@ -62,7 +62,7 @@ def read_step(
             "tolerances where that matters"
         )
     raw.notes += notes
-    raw.approximation = meshed.tolerance
+    raw.approximation = reached
     raw.units = ", ".join(units) or None
     raw.metres_per_number = 1.0 if units else undeclared_metres / _ASSUMED_METRES
     return raw
