@@ -1,0 +1,125 @@
+"""What both searches for the deepest point share: the state, distances to the outer part, walks by a box."""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.geometry.triangle import cross, dot, offset_of
+from proximity.kernels.inside.containment import state_in_part
+from proximity.kernels.layout import NO_SLOT
+from proximity.kernels.pair.triangles import between
+from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part, slot_distance_sq
+from proximity.kernels.sign.inside_grid import CELL_CROSSED, CELL_INSIDE
+from proximity.kernels.sign.side import signed_of_slot
+from proximity.native import inlined
+from proximity.native.simd import load, select, splat32
+
+CAPACITY = 512
+"""Pieces or boxes that wait at once."""
+WIDENING = np.float32(2.0**-20)
+"""Local units by which boxes are widened for the rounding to float32."""
+# State of a search in the outer part's local frame: the deepest point found so far and how deep it is; the
+# largest bound of what was settled; steps.
+BEST, POSITION, BOUND, STEPS, STATE_SIZE = 0, 1, 4, 5, 6
+
+
+@inlined
+def nearest_outer(model, outer, p, known, workspace):
+    """Distance to the outer surface and slot of its nearest triangle; *known*: a slot near by, or none."""
+    best_sq = np.inf
+    if known != NO_SLOT:
+        best_sq = slot_distance_sq(model.reals, known, *p)
+    root = model.parts[outer].root
+    found_sq, slot = closest_in_part(model, outer, root, p, best_sq, known, NOTHING_SEEN, workspace.stacks)
+    return sqrt(found_sq), slot
+
+
+@inlined
+def contains(model, part, p, slot, workspace):
+    """Whether a part contains *p*, of which the nearest triangle is known."""
+    state = state_in_part(model, part, p)
+    return (
+        signed_of_slot(model, part, slot, p, workspace.closest) < 0.0
+        if state == CELL_CROSSED
+        else state == CELL_INSIDE
+    )
+
+
+@inlined
+def goal_of(state, limits):
+    """A bound up to this settles a piece; *limits*: the share and the length, local, left between bounds."""
+    return state[BEST] * (1.0 + limits[0]) + limits[1]
+
+
+@inlined
+def keep_deeper(state, depth, p):
+    """Keep a point inside both parts if it is the deepest so far."""
+    state[STEPS] += 1.0
+    if depth > state[BEST]:
+        state[BEST] = depth
+        state[POSITION], state[POSITION + 1], state[POSITION + 2] = p
+
+
+@inlined
+def _meets_box(words, base, box):
+    """Which children of a node meet a box: lower and upper corners, float32."""
+    (lx, ly, lz), (ux, uy, uz) = box
+    return (
+        (load(words, base) <= splat32(ux))
+        & (load(words, base + 24) >= splat32(lx))
+        & (load(words, base + 8) <= splat32(uy))
+        & (load(words, base + 32) >= splat32(ly))
+        & (load(words, base + 16) <= splat32(uz))
+        & (load(words, base + 40) >= splat32(lz))
+    )
+
+
+@inlined
+def open_meeting(words, base, query, reach):
+    """Children of a node that meet the box of a query."""
+    is_met = _meets_box(words, base, query[0])
+    bounds = select(is_met, splat32(np.float32(0.0)), splat32(np.float32(np.inf)))
+    return bounds, bounds, bounds <= splat32(reach)
+
+
+@inlined
+def widened_box(lower, upper, margin):
+    """A box in float32, wider by a margin and by rounding."""
+    return (
+        (
+            np.float32(lower[0] - margin) - WIDENING,
+            np.float32(lower[1] - margin) - WIDENING,
+            np.float32(lower[2] - margin) - WIDENING,
+        ),
+        (
+            np.float32(upper[0] + margin) + WIDENING,
+            np.float32(upper[1] + margin) + WIDENING,
+            np.float32(upper[2] + margin) + WIDENING,
+        ),
+    )
+
+
+@inlined
+def distance_to_slot(reals, slot, p):
+    """Distance to one triangle."""
+    return sqrt(slot_distance_sq(reals, slot, *p))
+
+
+@inlined
+def triangle_at(reals, slot):
+    """The corners of a triangle."""
+    at = offset_of(slot)
+    return (
+        (reals[at], reals[at + 8], reals[at + 16]),
+        (reals[at + 24], reals[at + 32], reals[at + 40]),
+        (reals[at + 48], reals[at + 56], reals[at + 64]),
+    )
+
+
+@inlined
+def normal_of_slot(reals, slot):
+    """The unit normal of a triangle; 0 where it has no area."""
+    a, b, c = triangle_at(reals, slot)
+    x, y, z = cross(*between(a, b), *between(a, c))
+    length = sqrt(dot(x, y, z, x, y, z))
+    return (x / length, y / length, z / length) if length > 0.0 else (0.0, 0.0, 0.0)
