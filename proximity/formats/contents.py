@@ -18,7 +18,7 @@ UNKNOWN_FACE = -1
 class Geometry:
     """One mesh at one place of a file, in metres; the arrays are read-only."""
 
-    name: str  # unique in the file; from the scene graph, else the file's stem
+    name: str  # unique in the file; from the scene graph, with its assemblies if need be; else the stem
     vertices: np.ndarray  # (V, 3) float64, m, in the part's own frame; scale and mirror are baked in
     faces: np.ndarray  # (F, 3) int64, triangles, rows of vertices
     source_faces: np.ndarray  # (F,) int32, zero-based: the file's polygon; STEP: the part's CAD face
@@ -53,6 +53,7 @@ class RawMesh:
     source_faces: np.ndarray  # (F,) int32
     matrix: np.ndarray | None = None  # (4, 4) float64, world from mesh; None: identity
     is_hidden: bool = False  # a part that no question finds until it is shown
+    above: tuple[str, ...] = ()  # names of the assemblies that hold it, the outermost first
 
 
 @dataclass(slots=True, eq=False)

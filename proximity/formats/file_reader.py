@@ -5,6 +5,7 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -161,7 +162,10 @@ def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry,
     if not meshes:
         reasons = f" ({'; '.join(raw.notes)})" if raw.notes else ""
         raise MeshFormatError(f"it contains no faces{reasons}")
-    names, notes = unique_names([mesh.name.strip() or stem for mesh in meshes])
+    names = [mesh.name.strip() or stem for mesh in meshes]
+    if raw.format == "STEP":
+        names = _with_assemblies(meshes, names)
+    names, notes = unique_names(names)
     hidden = [
         text_rows.shortened(name, 60) for mesh, name in zip(meshes, names, strict=True) if mesh.is_hidden
     ]
@@ -210,6 +214,17 @@ def _check_finite(mesh: RawMesh, vertices: np.ndarray, name: str) -> None:
             f"vertex {vertex} of {text_rows.shortened(name, 60)} is not finite: ({values}); "
             f"{int(is_bad.sum())} of the {int(is_used.sum())} vertices in use are not finite"
         )
+
+
+def _with_assemblies(meshes: list[RawMesh], names: list[str]) -> list[str]:
+    """Put the names of their assemblies before names that several meshes have, without a common root."""
+    levels = zip(*(mesh.above for mesh in meshes), strict=False)
+    common = sum(1 for _ in takewhile(lambda level: len(set(level)) == 1, levels))
+    counts = Counter(names)
+    return [
+        "/".join((*mesh.above[common:], name)) if counts[name] > 1 else name
+        for mesh, name in zip(meshes, names, strict=True)
+    ]
 
 
 def unique_names(names: list[str]) -> tuple[list[str], list[str]]:

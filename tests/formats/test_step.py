@@ -89,6 +89,34 @@ def test_product_gives_its_name_where_its_use_has_a_number():
     assert b'{"name": "pin", "mesh": 0}' in named
 
 
+TWICE = """\
+#800=SHAPE_REPRESENTATION('machine',(#13,#683),#9);
+#801=PRODUCT('machine','machine','',(#3));
+#802=PRODUCT_DEFINITION_FORMATION('','',#801);
+#803=PRODUCT_DEFINITION('design','',#802,#4);
+#804=PRODUCT_DEFINITION_SHAPE('','',#803);
+#805=SHAPE_DEFINITION_REPRESENTATION(#804,#800);
+""" + "".join(
+    f"#8{k}1=NEXT_ASSEMBLY_USAGE_OCCURRENCE('{name}','{name}','',#803,#699,$);\n"
+    f"#8{k}2=PRODUCT_DEFINITION_SHAPE('','',#8{k}1);\n"
+    f"#8{k}3=ITEM_DEFINED_TRANSFORMATION('','',#13,{place});\n"
+    f"#8{k}4=(REPRESENTATION_RELATIONSHIP('','',#696,#800)REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION"
+    f"(#8{k}3)SHAPE_REPRESENTATION_RELATIONSHIP());\n"
+    f"#8{k}5=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#8{k}4,#8{k}2);\n"
+    for k, (name, place) in enumerate((("left", "#683"), ("right", "#691")), start=1)
+)
+"""The assembly of the file, used twice in another."""
+
+
+def test_parts_of_one_name_carry_the_names_of_their_assemblies(tmp_path):
+    contents = read(tmp_path, ASSEMBLY.replace(TAIL, TWICE + TAIL))
+    names = [geometry.name for geometry in contents.geometries]
+    assert names == [
+        f"{side}/{part}" for side in ("left", "right") for part in ("base", "lid", "pin", "pin_2")
+    ]
+    assert "2 of its meshes are called 'left/pin'; from the second on they are numbered" in contents.notes
+
+
 # Names in other encodings
 
 

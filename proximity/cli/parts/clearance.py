@@ -235,7 +235,7 @@ def _print_table(pairs: list[Values], units: str) -> None:
     if not pairs:
         return
     console, styles = results_console(), ["red" if pair["is_clash"] else "" for pair in pairs]
-    columns = _columns(pairs, units, console.width // 4)
+    columns = _columns(pairs, units, console.width // 4 + 2)
     print_fitting(console, columns, DISPENSABLE, "a wider one, a pipe or --json", styles=styles)
 
 
@@ -255,13 +255,16 @@ def _columns(pairs: list[Values], units: str, most: int) -> "list[Column]":
         Column("from", f"from [{units}]", True, [_point(pair["from"]) for pair in pairs]),
         Column("to", f"to [{units}]", True, [_point(pair["to"]) for pair in pairs]),
     ]
-    return [column for column in columns if deep or column.name not in ("deepest", "depth")]
+    left_out = set() if deep else {"deepest", "depth"}
+    if not any(pair["distance"] for pair in pairs):
+        left_out.add("distance")
+    return [column for column in columns if column.name not in left_out]
 
 
 def in_lines(name: str, most: int) -> str:
-    """Return a name in lines of up to *most* letters, which end behind a separator."""
+    """Return a name in lines of up to *most* letters, which end behind an assembly, else a separator."""
     lines = [""]
-    for word in re.findall(r"[^-/_. ]*[-/_. ]?", name):
+    for word in re.findall(r"[^/]+/?" if "/" in name else r"[^-_. ]*[-_. ]?", name):
         if lines[-1] and len(lines[-1]) + len(word) > most:
             lines.append("")
         lines[-1] += word

@@ -139,7 +139,7 @@ def _placed(nodes: Sequence[Node], parts: Sequence[Part | None], notes: list[str
             vertices = vertices @ matrix[:3, :3].T
             matrix = np.eye(4)
             matrix[:3, 3] = node.matrix[:3, 3]
-        meshes.append(RawMesh(node.name, vertices, faces, rows, matrix, node.is_hidden))
+        meshes.append(RawMesh(node.name, vertices, faces, rows, matrix, node.is_hidden, node.above))
     if nothing and not meshes:
         raise MeshFormatError(f"all of its parts are scaled to nothing: {text_rows.listed(nothing)}")
     if nothing:

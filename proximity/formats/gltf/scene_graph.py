@@ -14,7 +14,10 @@ from proximity.formats.gltf.buffers import Document, entries, extension, integer
 
 NO_MESH = -1
 _MOST_NODES = 200_000
+_MOST_LEVELS = 16  # whose names are kept for a part, 60 letters of each
 _JOINT_ROUNDING = 1e-5  # of the largest entry: chains of joints are written in single precision
+_Above = tuple[np.ndarray, bool, tuple[str, ...]]
+"""What a node hands to its children: its placement, whether it is hidden, the names down to it."""
 _TRANSFORMS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
 
 
@@ -28,6 +31,7 @@ class Node:
     weights: tuple[float, ...]  # of morph targets: of the node, else of its mesh
     is_hidden: bool  # itself, or a node above it
     matrix: np.ndarray  # (4, 4) float64, world from node; of its skin if it has one
+    above: tuple[str, ...] = ()  # names of the nodes above it, where they have one
     is_bent: bool = False  # by its skin, which is not applied
 
     @property
@@ -44,19 +48,21 @@ def walk(document: Document) -> list[Node]:
         raise MeshFormatError(f"it has {len(given)} nodes, expected at most {_MOST_NODES}")
     nodes: list[Node] = []
     seen: set[int] = set()
-    waiting = [(index, np.eye(4), False) for index in reversed(_roots(document))]
+    top = np.eye(4), False, ()
+    waiting: list[tuple[int, _Above]] = [(index, top) for index in reversed(_roots(document))]
     while waiting:
-        index, world_from_parent, is_hidden = waiting.pop()
+        index, (world_from_parent, is_hidden, above) = waiting.pop()
         if index in seen:
             raise MeshFormatError(f"node {index} occurs in the scene twice, expected a tree")
         seen.add(index)
         entry = document.entry("nodes", index)
         node = _node(document, entry, index, world_from_parent)
         is_shown = extension(entry, "KHR_node_visibility", f"node {index}").get("visible") is not False
-        node.is_hidden = is_hidden or not is_shown
+        node.is_hidden, node.above = is_hidden or not is_shown, above
         nodes.append(node)
         children = [integer(child, f"the children of node {index}") for child in entries(entry, "children")]
-        waiting += [(child, node.matrix, node.is_hidden) for child in reversed(children)]
+        own = node.matrix, node.is_hidden, (*above, node.name[:60])[-_MOST_LEVELS:] if node.name else above
+        waiting += [(child, own) for child in reversed(children)]
     joints = {node.index: node.matrix for node in nodes}
     for node in nodes:
         if "skin" in (entry := document.entry("nodes", node.index)):

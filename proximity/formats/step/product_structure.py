@@ -194,7 +194,8 @@ def _has_body(records: _Records, linked: dict[str, list[str]], shapes: list[str]
 def with_names_of_products(header: bytes, text: StepText) -> bytes:
     """Return the header of a GLB document in which nodes are named as people know them.
 
-    The name of its product goes before a node's own, and both before those of the nodes above it.
+    The name of its product goes before a node's own, and both before those of the nodes above it. An
+    assembly keeps its own name: two of one product differ in it.
     """
     document: dict[str, Any] = json.loads(header)
     nodes, meshes = document.get("nodes", []), document.get("meshes", [])
@@ -207,8 +208,9 @@ def with_names_of_products(header: bytes, text: StepText) -> bytes:
         node = nodes[row]
         own, mesh = node.get("name"), meshes[node["mesh"]] if "mesh" in node else {}
         names = mesh.get("name"), products.get(own), own, above
-        node["name"] = next((name for name in names if _is_name(name)), "")
-        waiting += [(child, node["name"]) for child in node.get("children", ())]
+        name = next((str(name) for name in names if _is_name(name)), "")
+        node["name"] = own if not mesh and _is_name(own) else name
+        waiting += [(child, name) for child in node.get("children", ())]
     for mesh in meshes:
         mesh.pop("name", None)
     return json.dumps(document).encode()
