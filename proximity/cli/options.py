@@ -132,6 +132,19 @@ POINTS_UNITS = Annotated[
         callback=_unit_name,
     ),
 ]
+CONTACT = Annotated[
+    float | None,
+    option(
+        "LENGTH",
+        "Pairs no deeper in each other than this are touching. Default: the tolerance of a STEP file, "
+        "else 1e-5 mm.",
+        callback=within(0.0),
+    ),
+]
+ALLOW = Annotated[
+    Path | None,
+    option("FILE", "Leave out the pairs of this CSV file, as --csv writes it; patterns are names, too."),
+]
 
 ADDRESS = Annotated[
     str,

@@ -1,5 +1,6 @@
 """Pairs of parts that clash, fit or touch: how deep they are in each other."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,7 +50,7 @@ def contact_limit(scene: Scene) -> float:
     return (scene.report and scene.report.approximation) or CONTACT
 
 
-def measure(scene: Scene, pair: Clearance, contact: float) -> MeasuredPair:
+def _measure(scene: Scene, pair: Clearance, contact: float) -> MeasuredPair:
     """Measure how deep two parts are in each other; up to *contact*, m, they touch."""
     touching = Relation.TOUCHING
     if pair.relation not in SHARING:
@@ -72,8 +73,6 @@ def _volume(scene: Scene, pair: Clearance) -> float | None:
     return 0.0 if common is None else common.volume
 
 
-def find_clashes(scene: Scene) -> list[MeasuredPair]:
-    """Return the pairs that overlap by more than `contact_limit`, the deepest first."""
-    limit = contact_limit(scene)
-    measured = [measure(scene, pair, limit) for pair in scene.closest_pairs(max_distance=0.0)]
-    return sorted((pair for pair in measured if pair.is_clash), key=lambda pair: pair.rank)
+def measure_pairs(scene: Scene, pairs: Iterable[Clearance], contact: float) -> list[MeasuredPair]:
+    """Measure pairs of parts, in the order of `MeasuredPair.rank`; up to *contact*, m, they touch."""
+    return sorted((_measure(scene, pair, contact) for pair in pairs), key=lambda pair: pair.rank)

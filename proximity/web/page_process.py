@@ -18,6 +18,7 @@ from proximity.errors import ProximityError, ServiceError
 from proximity.formats import metres_per_unit
 from proximity.message import PATH_CORNERS
 from proximity.recording import Recording, read_recording
+from proximity.scene.clashes import MeasuredPair
 from proximity.scene.scene import Scene
 from proximity.service.config import (
     FingerSettings,
@@ -67,6 +68,7 @@ class PageSettings:
     first_input: str = ""  # "replay": the recording at once; "mouse": a hand
     points_name: str = ""  # of points that are shown with their distances
     points: bytes = b""  # their coordinates, m, float64
+    find_clashes: Callable[[Scene], Sequence[MeasuredPair]] | None = None  # None: they are not listed
     radius: float | None = None  # m; None: as the scene file says
     port: int = 0
     bind: str = "127.0.0.1"
@@ -240,8 +242,20 @@ def _about(settings: PageSettings, served: SceneFile, scene: Scene, count: int) 
         "first_input": settings.first_input,
         "points": {"name": settings.points_name} if settings.points else None,
         "unit": metres_per_unit(settings.units),
+        "clashes": settings.find_clashes and [_listed(pair) for pair in settings.find_clashes(scene)],
         "drum_degrees": _drum_degrees(served, count),
         "recording": recording and _recorded(recording, scene, max(radii), settings),
+    }
+
+
+def _listed(clash: MeasuredPair) -> dict[str, Any]:
+    """Return a clash as the page lists it, in m, scene's frame."""
+    return {
+        "names": clash.clearance[:2],
+        "deepest": clash.deepest,
+        "depth": clash.depth,
+        "volume": clash.volume,
+        "point": clash.deepest_point.tolist() if np.isfinite(clash.deepest_point).all() else None,
     }
 
 

@@ -411,6 +411,14 @@ def test_units_of_files_and_kinds_of_parts_are_taken(read):
     assert in_mm.parts[0].stiffness is None
 
 
+def test_approximation_of_a_step_file_is_that_of_the_scene(read):
+    path = (MESHES / "assembly.step").as_posix()
+
+    scene = PartFiles().scene(read(f"[[parts]]\nfile = '{path}'\n" + POSES))
+
+    assert scene.report.approximation == load(path).report.approximation > 0.0
+
+
 @pytest.mark.parametrize(("kind", "stiffness"), [("", 500.0), ("kind = 'rigid'\n", None)])
 def test_compiled_part_keeps_its_kind_unless_told(read, folder, kind, stiffness):
     scene = PartFiles().scene(read(PART + POSES))

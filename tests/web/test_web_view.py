@@ -175,6 +175,34 @@ def test_files_are_read_with_the_options_of_the_command(monkeypatch, tmp_path):
     assert _open_parts(settings).scene.part_sizes == pytest.approx(2 * proximity.load(BRACKET).part_sizes)
 
 
+def test_clashes_are_listed_on_request(monkeypatch, tmp_path):
+    scene = Scene([Solid(*shapes.cube(0.1, (x, 0, 0)), name=name) for name, x in (("a", 0), ("b", 0.08))])
+    scene.save(tmp_path / "cubes.prox")
+    read = []
+    monkeypatch.setattr("proximity.web.page_process.write_page", lambda given, out: read.append(given) or 1e6)
+    for more in ((), ("--contact", 15), ("--contact", 30), ("--allow", tmp_path / "allow.csv")):
+        (tmp_path / "allow.csv").write_text("first,second\nb,*\n")
+        words = ["view", tmp_path / "cubes.prox", "--clashes", *more, "--save", tmp_path / "page.html"]
+        monkeypatch.setattr(sys, "argv", ["proximity", *map(str, words)])
+        with pytest.raises(SystemExit):
+            cli.main()
+
+    listed = [json.loads(_open_parts(settings).content["welcome"])["clashes"] for settings in read]
+    (clash,) = listed[0]
+    assert clash["names"] == ["a", "b"] and listed[1:] == [[clash], [], []]
+    assert (clash["deepest"], clash["depth"]) == pytest.approx((0.02, 0.02), rel=0.02)
+    assert clash["volume"] == pytest.approx(0.02 * 0.1 * 0.1)
+    assert len(clash["point"]) == 3
+
+
+def test_limit_of_clashes_requires_clashes(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["proximity", "view", str(BRACKET), "--contact", "1"])
+    with pytest.raises(SystemExit):
+        cli.main()
+
+    assert "requires --clashes" in " ".join(capsys.readouterr().err.split())
+
+
 def test_parts_are_shown_as_was_asked_for():
     files = ("part.stl", str(BRACKET))
     settings = page_settings(files, PageSettings(files, units="in", radius=0.005))

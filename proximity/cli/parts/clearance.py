@@ -11,6 +11,8 @@ import typer
 
 from proximity.cli import progress
 from proximity.cli.options import (
+    ALLOW,
+    CONTACT,
     FILE_HELP,
     JSON,
     SCENE_FILE,
@@ -29,7 +31,6 @@ from proximity.cli.output import (
     length,
     print_block,
     printable,
-    report,
     write_document,
 )
 from proximity.system.table_text import table_text
@@ -66,22 +67,11 @@ def clearance(
             callback=within(0.0),
         ),
     ] = None,
-    contact: Annotated[
-        float | None,
-        option(
-            "LENGTH",
-            "Pairs no deeper in each other than this are touching. Default: the tolerance of a STEP file, "
-            "else 1e-5 mm.",
-            callback=within(0.0),
-        ),
-    ] = None,
+    contact: CONTACT = None,
     ignore_touching: Annotated[
         bool, flag("--ignore-touching", "With --below: leave out pairs that touch.")
     ] = False,
-    allow: Annotated[
-        Path | None,
-        option("FILE", "Leave out the pairs of this CSV file, as --csv writes it; patterns are names, too."),
-    ] = None,
+    allow: ALLOW = None,
     list_all: Annotated[bool, flag("--all", "All pairs, not only the nearest 20.")] = False,
     csv_path: Annotated[Path | None, option("FILE", "Write the pairs to a CSV file, too.", "--csv")] = None,
     as_json: JSON = False,
@@ -118,22 +108,21 @@ def clearance(
         (below is None and ignore_touching, "--ignore-touching", "requires --below"),
         (not is_gate and allow is not None, "--allow", "requires --clashes or --below"),
     )
-    from proximity.cli.parts.measured_pairs import MAX_SHOWN, find_pairs, matching, read_allowed, verdict
+    from proximity.cli.parts import measured_pairs
     from proximity.formats import metres_per_unit
-    from proximity.scene.clashes import contact_limit, measure
+    from proximity.scene.clashes import contact_limit, measure_pairs
 
     metres, scene = metres_per_unit(reading.units), reading.load(*files)
     approximation = 0.0 if scene.report is None else scene.report.approximation
     limit = contact_limit(scene) if contact is None else contact * metres
     nearest = 0.0 if below is None else below * metres
-    allowed = {} if allow is None else read_allowed(allow, scene)
-    groups, shown = [matching(scene, name) for name in names], " + ".join(map(str, files))
+    allowed = {} if allow is None else measured_pairs.read_allowed(allow, scene)
+    groups, shown = [measured_pairs.matching(scene, name) for name in names], " + ".join(map(str, files))
     with progress.spinner(f"measuring {shown}"):
-        found = find_pairs(scene, groups, nearest if is_gate else None, is_whole=list_all)
-        pairs = sorted((measure(scene, pair, limit) for pair in found), key=lambda pair: pair.rank)
-    _note_unused(allowed, pairs, allow)
-    pairs = [pair for pair in pairs if pair.names not in allowed]
-    sentence = verdict(pairs, limit, approximation, metres, reading.units)
+        found = measured_pairs.find_pairs(scene, groups, nearest if is_gate else None, is_whole=list_all)
+        pairs = measure_pairs(scene, found, limit)
+    pairs = measured_pairs.without_allowed(pairs, allowed, allow)
+    sentence = measured_pairs.verdict(pairs, limit, approximation, metres, reading.units)
     if is_gate:
         pairs = [pair for pair in pairs if pair.is_clash or pair.clearance.distance < nearest]
     if ignore_touching:
@@ -147,7 +136,7 @@ def clearance(
     elif len(pairs) == len(names) - 1 == 1:
         print_block(_lines(values[0], reading.units))
     else:
-        _print_table(values if list_all or clashes else values[:MAX_SHOWN], reading.units)
+        _print_table(values if list_all or clashes else values[: measured_pairs.MAX_SHOWN], reading.units)
         if len(scene.parts) == 1:
             typer.echo("There is only one part, and no other to compare it with.")
             return
@@ -157,14 +146,6 @@ def clearance(
         _print_verdict(sentence, is_clash=any(pair.is_clash for pair in pairs))
     if is_gate and pairs:
         raise typer.Exit(EXIT_NEARER)
-
-
-def _note_unused(allowed: dict[frozenset[str], int], pairs: list["MeasuredPair"], path: Path | None) -> None:
-    """Report how many lines of allowed pairs are of use no longer."""
-    found = {pair.names for pair in pairs}
-    used = {line for pair, line in allowed.items() if pair in found}
-    if unused := len({*allowed.values()} - used):
-        report(f"note: {counted(unused, 'pair')} of {path} {'is' if unused == 1 else 'are'} no longer near")
 
 
 def _files_and_names(words: list[str]) -> tuple[list[Path], list[str]]:

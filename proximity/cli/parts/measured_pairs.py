@@ -10,9 +10,9 @@ from pathlib import Path
 import typer
 
 import proximity
-from proximity.cli.output import counted, in_unit, length, printable
+from proximity.cli.output import counted, in_unit, length, printable, report
 from proximity.errors import SceneError
-from proximity.scene.clashes import CONTACT, MeasuredPair
+from proximity.scene.clashes import CONTACT, MeasuredPair, contact_limit, measure_pairs
 from proximity.system.table_text import table_text
 
 MAX_SHOWN = 20
@@ -71,6 +71,25 @@ def read_allowed(path: Path, scene: proximity.Scene) -> dict[frozenset[str], int
     else:
         return allowed
     raise typer.BadParameter(reason, param_hint="--allow")
+
+
+def without_allowed(
+    pairs: list[MeasuredPair], allowed: dict[frozenset[str], int], path: Path | None
+) -> list[MeasuredPair]:
+    """Return the pairs that are not allowed; report how many lines of *path* are no longer of use."""
+    found = {pair.names for pair in pairs}
+    used = {line for pair, line in allowed.items() if pair in found}
+    if unused := len({*allowed.values()} - used):
+        report(f"note: {counted(unused, 'pair')} of {path} {'is' if unused == 1 else 'are'} no longer near")
+    return [pair for pair in pairs if pair.names not in allowed]
+
+
+def find_clashes(scene: proximity.Scene, contact: float | None, path: Path | None) -> list[MeasuredPair]:
+    """Return the pairs that overlap by more than *contact*, m, and are not allowed in *path*."""
+    allowed = {} if path is None else read_allowed(path, scene)
+    limit = contact_limit(scene) if contact is None else contact
+    pairs = measure_pairs(scene, scene.closest_pairs(max_distance=0.0), limit)
+    return [pair for pair in without_allowed(pairs, allowed, path) if pair.is_clash]
 
 
 def _rounded(value: float) -> str:

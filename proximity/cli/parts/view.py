@@ -10,6 +10,8 @@ import typer
 
 from proximity.cli import progress
 from proximity.cli.options import (
+    ALLOW,
+    CONTACT,
     LIMIT,
     POINTS_UNITS,
     SCENE_FILE,
@@ -28,6 +30,10 @@ from proximity.cli.program import stop_after
 from proximity.system.stop_signals import stop_at_input, stopped_by_signals
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from proximity import Scene
+    from proximity.scene.clashes import MeasuredPair
     from proximity.web.page_process import PageSettings
 
 
@@ -49,6 +55,32 @@ class Listening:
 
 
 @dataclass(frozen=True)
+class Clashes:
+    """Which pairs of parts are listed."""
+
+    clashes: Annotated[bool, flag("--clashes", "List the parts that overlap, the deepest first.")] = False
+    contact: CONTACT = None
+    allow: ALLOW = None
+
+    def finder(self, units: str) -> "Callable[[Scene], list[MeasuredPair]] | None":
+        """Return the search of a scene for clashes; None where they are not listed."""
+        has_more = self.contact is not None or self.allow is not None
+        refuse((has_more and not self.clashes, "--contact, --allow", "requires --clashes"))
+        if not self.clashes:
+            return None
+        from proximity.cli.parts.measured_pairs import find_clashes
+        from proximity.formats import metres_per_unit
+
+        contact = None if self.contact is None else self.contact * metres_per_unit(units)
+
+        def find(scene: "Scene") -> "list[MeasuredPair]":
+            with progress.spinner("measuring clashes"):
+                return find_clashes(scene, contact, self.allow)
+
+        return find
+
+
+@dataclass(frozen=True)
 class Program:
     """What a program that starts this one asks for."""
 
@@ -63,6 +95,7 @@ def view(
     files: Annotated[list[Path], argument("FILES", "Parts, a scene file (.toml), a log (.frames).")],
     listening: Listening,
     program: Program,
+    clashes: Clashes,
     replay: Annotated[Path | None, option("HAND", "Start with this recorded hand (CSV).")] = None,
     hand: Annotated[bool, flag("--hand", "Start with a hand that follows the mouse.")] = False,
     points: Annotated[
@@ -100,7 +133,8 @@ def view(
     FILES are one of these: parts (STL, OBJ, PLY, OFF, glTF, 3MF, STEP or a compiled scene); a scene
     file (.toml), whose parts and fingers are used; a log of frames (.frames), which is played back,
     together with the parts that it was recorded with. Hands come from a headset with WebXR, the mouse,
-    or a recording. --points reads points as query does, such as a scan of the part.
+    or a recording. --points reads points as query does, such as a scan of the part. --clashes lists the
+    parts that overlap, as clearance does; the page shows the two that are chosen.
 
     The page computes distances by itself; the command serves it. Ctrl-C stops it. Only this machine can
     connect, and only with the token in the printed address.
@@ -108,6 +142,7 @@ def view(
     Examples:
       proximity view part.step
       proximity view part.step --points scan.csv
+      proximity view gearbox.step --clashes
       proximity view meshes/bracket.stl --replay meshes/hand.csv
       proximity view run.frames meshes/bracket.stl
       proximity view run.frames part.step --save run.rrd
@@ -132,6 +167,7 @@ def view(
         first_input="mouse" if hand else "" if replay is None else "replay",
         points_name=Path(points or "").name,
         points=b"" if points is None else _coordinates(points, points_units or reading.units),
+        find_clashes=clashes.finder(reading.units),
         radius=None if radius is None else radius / 1e3,
         port=listening.port,
         bind=listening.bind,

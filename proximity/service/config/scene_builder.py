@@ -24,8 +24,8 @@ DEFAULT_FINGERS = 5
 TWO_HANDS = 10
 NOT_OF_TRACKER = ("count", "names")
 """Settings of fingers that no tracker is given."""
-_Kept = dict[tuple[str, str], tuple[Any, tuple[Part, ...], tuple[str, ...]]]
-"""Stamp, parts and notes of files, by name and unit."""
+_Kept = dict[tuple[str, str], tuple[Any, tuple[Part, ...], tuple[str, ...], float]]
+"""Stamp, parts, notes and approximation, m, of files, by name and unit."""
 
 
 class PartFiles:
@@ -41,7 +41,7 @@ class PartFiles:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences on files whose parts have an unlikely size, as of the last scene."""
-        return tuple(note for _, _, notes in self._kept.values() for note in notes)
+        return tuple(note for _, _, notes, _ in self._kept.values() for note in notes)
 
     def scene(self, settings: SceneFile) -> Scene:
         """Return the scene of a file."""
@@ -69,7 +69,8 @@ class PartFiles:
         except ProximityError as unusable:
             raise settings.error(("parts",), f"parts: {unusable}") from unusable
         self._kept = kept
-        scene.report = LoadReport(settings.path, "scene file", "m", True, self.notes)
+        approximation = max((deviation for *_, deviation in kept.values()), default=0.0)
+        scene.report = LoadReport(settings.path, "scene file", "m", True, self.notes, approximation)
         return scene
 
     def _load(self, entry: PartEntry, kept: _Kept) -> tuple[Part, ...]:
@@ -78,7 +79,7 @@ class PartFiles:
         if found is None or found[0] != stamp:
             loaded = load(entry.file, units=entry.units, **self._options)
             notes = tuple(f"{entry.file}: {note}" for note in notes_on_sizes(loaded))
-            found = stamp, tuple(loaded.parts), notes
+            found = stamp, tuple(loaded.parts), notes, loaded.report.approximation if loaded.report else 0.0
         kept[key] = found
         return found[1]
 

@@ -79,7 +79,8 @@ class Page {
     this.isLoading = false;
     this.panel.cover("");
     this.tools.readLink();
-    const { points, unit } = this.about;
+    const { clashes, points, unit } = this.about;
+    if (clashes) this.tools.clashes.show(clashes);
     this.tools.points.unit = unit;
     if (points) this.tools.points.show(points.name, new Float64Array(await this.local.ask("points")));
   }
@@ -200,7 +201,7 @@ async function begin(ask) {
 
 const token = new URLSearchParams(location.hash.slice(1)).get("token");
 const cover = (sentence) => new Panel().cover(sentence);
-if (innerWidth <= 640) byId("side").open = byId("points-card").open = false; // as in style.css
+if (innerWidth <= 640) byId("side").open = byId("points-card").open = byId("clashes-card").open = false; // as in style.css
 if (!document.createElement("canvas").getContext("webgl2")) {
   cover("This browser cannot draw in three dimensions: WebGL 2 is missing or switched off.");
 } else if (!window.saved && !token) cover("The address has no token: open the address that proximity view printed.");

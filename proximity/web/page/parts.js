@@ -5,6 +5,8 @@ import { GLTFLoader } from "./vendor/three/addons/loaders/GLTFLoader.js";
 import { ENUMS } from "./layout.mjs";
 
 const SEND_MS = 12;
+const EDGE = 0.85; // opacity of edges
+const FAINT = 0.08; // opacity
 
 export class Parts extends EventTarget {
   constructor(stage, link) {
@@ -68,7 +70,7 @@ export class Parts extends EventTarget {
         part.meshes.push(each);
         part.colour = `#${each.material.color.getHexString()}`;
       } else if (each.isLine) {
-        each.material = new THREE.LineBasicMaterial({ color: 0x0d1117, transparent: true, opacity: 0.85 });
+        each.material = new THREE.LineBasicMaterial({ color: 0x0d1117, transparent: true, opacity: EDGE });
         part.edges.push(each);
       }
     });
@@ -168,6 +170,19 @@ export class Parts extends EventTarget {
     for (const part of this.list) {
       for (const each of [...part.meshes, ...part.edges]) each.material.clippingPlanes = planes;
     }
+  }
+
+  /** Make all parts but these faint; null: none. */
+  fade(kept) {
+    for (const part of this.list) {
+      const isFaint = (part.isFaint = kept !== null && !kept.includes(part));
+      for (const { material } of part.meshes) {
+        Object.assign(material, { transparent: isFaint, opacity: isFaint ? FAINT : 1, depthWrite: !isFaint, needsUpdate: true });
+      }
+      for (const { material } of part.edges) material.opacity = EDGE * (isFaint ? FAINT : 1);
+    }
+    this.dispatchEvent(new Event("faded"));
+    this.stage.wake();
   }
 
   /** The nearest part under the pointer: { part, point (world), normal }, or null. */

@@ -130,11 +130,22 @@ export class Stage {
 
   /** Look at all of it from above and the front. */
   home() {
-    const centre = this.toWorld(this.box.getCenter(new THREE.Vector3()));
-    const away = (1.35 * this.radius) / Math.sin(THREE.MathUtils.degToRad(FOV / 2)) / Math.min(this.camera.aspect, 1);
-    this.controls.target.copy(centre);
-    this.camera.position.copy(centre).addScaledVector(new THREE.Vector3(0.55, 0.55, 0.8).normalize(), away);
+    this.frame(this.box, new THREE.Vector3(0.55, 0.55, 0.8));
+  }
+
+  /** Look at a box, scene frame, from a direction: that of now if none is given. */
+  frame(box, from = this.camera.position.clone().sub(this.controls.target)) {
+    const centre = this.toWorld(box.getCenter(new THREE.Vector3()));
+    const radius = Math.max(box.getSize(new THREE.Vector3()).length() / 2, 1e-4);
+    const away = (1.35 * radius) / Math.sin(THREE.MathUtils.degToRad(FOV / 2)) / Math.min(this.camera.aspect, 1);
+    this.look(centre.clone().addScaledVector(from.normalize(), away), centre);
+  }
+
+  look(eye, at) {
+    this.camera.position.copy(eye);
+    this.controls.target.copy(at);
     this.controls.update();
+    this.wake();
   }
 
   zoom(factor) {

@@ -161,7 +161,7 @@ class Cut {
     Object.assign(this, { stage, parts });
     this.caps = new Map();
     this.planes = [];
-    parts.addEventListener("placed", () => this.follow());
+    for (const name of ["placed", "faded"]) parts.addEventListener(name, () => this.follow());
   }
 
   show(planes, axis, offset) {
@@ -178,7 +178,7 @@ class Cut {
 
   follow() {
     for (const [part, { cap, counters }] of this.caps) {
-      cap.visible = this.planes.length > 0 && part.object.visible;
+      cap.visible = this.planes.length > 0 && part.object.visible && !part.isFaint;
       for (const each of counters) [each.visible, each.material.clippingPlanes] = [cap.visible, this.planes];
     }
   }

@@ -2,6 +2,7 @@
 
 import * as THREE from "three";
 import { byId, isTyped, offer } from "../panel.js";
+import { Clashes } from "./clashes.js";
 import { Measure } from "./measuring.js";
 import { Nearest } from "./nearest.js";
 import { PointCloud } from "./points.js";
@@ -23,6 +24,7 @@ export class Tools {
     this.measure = new Measure(stage);
     this.nearest = new Nearest(stage, parts, local);
     this.plane = probe.plane = new SlicePlane(stage, parts, local);
+    this.clashes = new Clashes(stage, parts);
     this.points = probe.points = new PointCloud(stage, parts, local, panel);
     parts.limited = (part, matrix) => (byId("tool-stop").checked ? this.nearest.reached(part, matrix) : matrix);
     this.mayMove = false;
@@ -84,6 +86,7 @@ export class Tools {
 
   reset() {
     this.setMode("");
+    this.clashes.choose(null);
     if (this.mayMove) this.parts.reset();
     this.closePlane();
     this.stage.home();
@@ -133,9 +136,10 @@ export class Tools {
     }
   }
 
-  /** Close what is open: the keys, then the tool and what is picked, then the plane. */
+  /** Close what is open: the keys, then the clash, then the tool and what is picked, then the plane. */
   escape() {
     if (!byId("help").hidden) return this.toggleHelp();
+    if (this.clashes.chosen) return this.clashes.choose(null);
     if (this.mode || this.parts.picked) return void (this.setMode(""), this.parts.pick(null));
     this.closePlane();
   }
