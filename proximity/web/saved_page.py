@@ -2,6 +2,7 @@
 
 import base64
 import gzip
+import hashlib
 import json
 import posixpath
 import re
@@ -13,6 +14,12 @@ from proximity.web.page_content import scene_page_files
 LEVEL = 6  # of the compression
 CHARSET = "windows-1252"
 """Every byte is a letter: 2 % more than the bytes, where base64 takes a third more."""
+POLICY = (
+    """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; base-uri 'none'; """
+    """form-action 'none'; img-src blob: data:; style-src 'nonce-{nonce}'; """
+    """script-src 'nonce-{nonce}' 'wasm-unsafe-eval' blob:">"""
+)
+"""Nothing but what the file has, and nothing goes out: what a part's name could bring in does not run."""
 _IMPORTED = re.compile(r"""(\bfrom\s*|\bimport\s*\(?\s*)(["'])([^"']+)\2""")
 _THREE = "page/vendor/three/three.module.js"
 _SCRIPTS = re.compile(r'<script type="(?:importmap|module)".*?</script>\n', re.DOTALL)
@@ -31,6 +38,7 @@ window.saved = async (name) => {
   const stream = new Blob([packed.subarray(0, size)]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new Response(stream).arrayBuffer();
 };
+const { nonce } = document.currentScript;
 (async () => {
   const imports = {};
   for (const [name, text] of Object.entries(JSON.parse(new TextDecoder().decode(await saved("modules"))))) {
@@ -38,6 +46,7 @@ window.saved = async (name) => {
   }
   const map = document.createElement("script");
   map.type = "importmap";
+  map.nonce = nonce;
   map.textContent = JSON.stringify({ imports });
   document.head.append(map);
   await import("page/main.js");
@@ -69,9 +78,11 @@ def save_page(path: Path, shown: dict[str, bytes]) -> int:
     ]
     page = _SCRIPTS.sub("", files["/index.html"].decode())
     page = _LINK.sub(lambda link: _inside(files[f"/{link[1]}"], link[1]), page)
-    page = page.replace('<meta charset="utf-8">', f'<meta charset="{CHARSET}">')
+    nonce = hashlib.sha256(b"".join(blocks)).hexdigest()
+    page = page.replace('<meta charset="utf-8">', f'<meta charset="{CHARSET}">{POLICY.format(nonce=nonce)}')
+    page = page.replace("<style>", f'<style nonce="{nonce}">')
     head, body, tail = page.encode("ascii", "xmlcharrefreplace").partition(b"</body>")
-    content = b"\n".join([head, *blocks, f"<script>{BEGIN}</script>".encode(), body + tail])
+    content = b"\n".join([head, *blocks, f'<script nonce="{nonce}">{BEGIN}</script>'.encode(), body + tail])
     with whole_file(path) as stream:
         stream.write(content)
     return len(content)

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from browsing import browser
+from far_end import until
 from project import MESHES
 
 import proximity
@@ -39,6 +40,17 @@ def test_file_names_nothing_elsewhere(saved):
     assert not re.search(r'(src|href)="(?!data:)[^"#]', text)
 
 
+def test_page_lets_nothing_else_run_and_nothing_out(saved):
+    text = saved.read_bytes().decode("latin-1")
+    policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]+)"', text)[1]
+    rules = dict(each.split(" ", 1) for each in policy.split("; "))
+    nonce = re.search(r'<script nonce="(\w{64})">', text)[1]
+
+    assert rules["default-src"] == rules["base-uri"] == rules["form-action"] == "'none'"
+    assert rules["script-src"] == f"'nonce-{nonce}' 'wasm-unsafe-eval' blob:"
+    assert text.index("Content-Security-Policy") < text.index("<style") < text.index("<script")
+
+
 def test_imports_are_by_name():
     text = 'import { a } from "./b.js";\nimport * as T from "three";\nawait import("../c.mjs");\n"from here"'
 
@@ -60,16 +72,19 @@ def test_page_from_a_disk_computes_what_python_computes(saved):
         requests, failures = [], []
         page.on("request", lambda request: requests.append(request.url))
         page.on("pageerror", lambda failure: failures.append(str(failure)))
+        page.on(
+            "console", lambda said: failures.append(said.text) if "Content Security" in said.text else None
+        )
         page.goto(saved.as_uri())
-        page.wait_for_function("window.page?.parts.isLoaded", timeout=90_000)
+        until(lambda: page.evaluate("window.page?.parts.isLoaded"))
         page.evaluate("page.choose('mouse')")
         page.mouse.move(480, 300)
-        page.wait_for_function(KNOWN, timeout=90_000)
+        until(lambda: page.evaluate(KNOWN))
         found = np.array(page.evaluate(READING))
         instructions = page.evaluate("page.link.scene.instructions")
         sliced = page.evaluate(f"page.local.sliced({SLICE}, page.parts.list, () => true).then(Array.from)")
         page.evaluate("page.link.sendChanges([{ name: 'bracket', action: 0 }])")
-        page.wait_for_function("!page.parts.list[0].object.visible", timeout=30_000)
+        until(lambda: page.evaluate("!page.parts.list[0].object.visible"))
         hidden = page.evaluate("page.reading.contacts.map((each) => each.distance)")
 
     scene = proximity.load(MESHES / "bracket.stl", units="mm")
@@ -89,5 +104,8 @@ def test_without_webassembly_the_page_says_so(saved):
         page = running.new_page(viewport={"width": 960, "height": 600})
         page.add_init_script("delete window.WebAssembly")
         page.goto(saved.as_uri())
-        page.wait_for_function("document.getElementById('cover-text').textContent.includes('no WebAssembly')",
-                               timeout=90_000)  # fmt: skip
+        until(
+            lambda: page.evaluate(
+                "document.getElementById('cover-text').textContent.includes('no WebAssembly')"
+            )
+        )
