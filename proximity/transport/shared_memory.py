@@ -15,6 +15,7 @@ import sys
 import time
 from typing import Any
 from urllib.parse import quote
+from weakref import WeakSet
 
 import numpy as np
 
@@ -117,6 +118,7 @@ class SharedMemoryOutlet(_Mailbox):
         if outcome != OK:
             raise self._refusal(outcome)
         self._is_open = True
+        _OUTLETS.add(self)
 
     def loop_end(self, largest: int) -> dict[str, Any]:
         """What the loop of a service has to know to send messages of up to *largest* bytes from here."""
@@ -137,6 +139,19 @@ class SharedMemoryOutlet(_Mailbox):
         outcome = self._call.enlarge(self._box, size)
         if outcome != OK:
             raise self._refusal(outcome)
+
+
+_OUTLETS: WeakSet[SharedMemoryOutlet] = WeakSet()
+
+
+def _close_inherited() -> None:
+    """Leave mailboxes, and their names, to the process that a child was forked from."""
+    for outlet in list(_OUTLETS):
+        outlet.close()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_close_inherited)
 
 
 class SharedMemoryInlet(_Mailbox):

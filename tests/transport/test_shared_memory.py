@@ -222,6 +222,72 @@ def test_reader_does_not_follow_what_no_writer_has_left(address, path):
     inlet.close()
 
 
+def in_fork(work):
+    """Run something in a forked child, which then ends as programs do; its process."""
+    child = os.fork()
+    if child == 0:
+        try:
+            work()
+        finally:
+            os._exit(0)
+    return child
+
+
+def test_forked_child_takes_nothing_from_its_parent(address, path):
+    outlet, inlet = open_outlet(address), open_inlet(address)
+    said, heard = os.pipe()
+
+    def child():
+        with pytest.raises(PublishError, match="was closed"):
+            outlet.send(np.full(9, 1, np.uint8))
+        outlet.close()
+        os.write(heard, b"1")
+
+    os.waitpid(in_fork(child), 0)
+
+    assert os.read(said, 1) == b"1" and path.exists() and inlet.is_written
+    outlet.send(np.full(9, 7, np.uint8))
+    assert taken(inlet) == [7]
+    for end in (outlet, inlet):
+        end.close()
+    os.close(said)
+    os.close(heard)
+
+
+def test_name_of_a_killed_writer_is_free_while_its_child_lives(address):
+    ready, say = os.pipe()
+    rest, end = os.pipe()
+
+    def writer():
+        outlet = open_outlet(address)
+        outlet.send(np.full(9, 3, np.uint8))
+        in_fork(lambda: (os.write(say, b"1"), os.close(end), os.read(rest, 1)))
+        time.sleep(600)
+
+    parent = in_fork(writer)
+    assert os.read(ready, 1) == b"1"
+    os.kill(parent, signal.SIGKILL)
+    os.waitpid(parent, 0)
+    outlet = open_outlet(address)
+    outlet.close()
+    for each in (ready, say, rest, end):
+        os.close(each)
+
+
+def test_mailbox_that_is_closed_and_has_its_name_is_none_and_nobody_spins(address, path):
+    outlet, inlet = open_outlet(address), open_inlet(address)
+    outlet.send(np.full(9, 3, np.uint8))
+    with path.open("r+b") as file, mmap.mmap(file.fileno(), 0) as memory:
+        struct.pack_into("<q", memory, 24, 0)
+
+    assert taken(inlet) == [3]
+    assert not inlet.wait(0.3)
+    assert not inlet.is_written
+    assert not inlet._is_open  # it looks now and then, as where there is no mailbox
+    outlet.close()
+    inlet.close()
+
+
 READER = """
 #define _GNU_SOURCE
 #include "decaff_mailbox.h"

@@ -16,6 +16,9 @@
  *   if (decaff_mailbox_open(&box, "decaff") == DECAFF_MAILBOX_OK)
  *       size = decaff_mailbox_read(&box, message, sizeof message);
  *
+ * A process that forks: what a child has inherited of a writer is to be closed there, which takes nothing from its
+ * parent; as long as it is open, the name of a parent that was killed stays in use.
+ *
  * What is read is a message as from any other transport: check it before it is used. One thread uses a
  * decaff_mailbox at a time. Memory is mapped to be read only, but by its writer.
  */
@@ -148,6 +151,12 @@ static inline void decaff_mailbox_wake(decaff_mailbox *box)
 #endif
 }
 
+/* Whether its writer has closed it: what waits may be read, and then another file has the name. */
+static inline int decaff_mailbox_is_closed(const decaff_mailbox *box)
+{
+    return __atomic_load_n(&box->header->writer, __ATOMIC_ACQUIRE) == 0;
+}
+
 #ifdef __linux__
 /* Have the lock of the open file, or (F_OFD_GETLK) ask whether somebody else has it; 0: so it is. */
 static inline int decaff_mailbox_lock(int file, int command)
@@ -201,14 +210,15 @@ static inline int decaff_mailbox_begin(decaff_mailbox *box, const char *name)
                                                                                       : DECAFF_MAILBOX_OK;
 }
 
-/* Let go of it; a writer tells its readers that nothing more will come, and gives the name back. Twice is once. */
+/* Let go of it; a writer tells its readers that nothing more will come, and gives the name back; its forked child
+   does not. Twice is once. */
 static inline void decaff_mailbox_close(decaff_mailbox *box)
 {
     struct stat here, there;
 
     if (box->header == NULL)
         return;
-    if (box->is_writer) {
+    if (box->is_writer && __atomic_load_n(&box->header->writer, __ATOMIC_RELAXED) == getpid()) {
         if (fstat(box->file, &here) == 0 && lstat(box->path, &there) == 0 && here.st_ino == there.st_ino)
             unlink(box->path);
         __atomic_store_n(&box->header->writer, 0, __ATOMIC_RELEASE);
@@ -244,6 +254,10 @@ static inline int decaff_mailbox_open(decaff_mailbox *box, const char *name)
         close(file);
         return outcome;
     }
+    if (decaff_mailbox_is_closed(box)) { /* and still has its name */
+        decaff_mailbox_close(box);
+        return DECAFF_MAILBOX_NOBODY;
+    }
     box->position = __atomic_load_n(&box->header->newest, __ATOMIC_ACQUIRE);
     return DECAFF_MAILBOX_OK;
 }
@@ -253,12 +267,6 @@ static inline int decaff_mailbox_open(decaff_mailbox *box, const char *name)
 static inline int decaff_mailbox_has(const decaff_mailbox *box)
 {
     return __atomic_load_n(&box->header->head, __ATOMIC_ACQUIRE) != box->position;
-}
-
-/* Whether its writer has closed it: what waits may be read, and then another file has the name. */
-static inline int decaff_mailbox_is_closed(const decaff_mailbox *box)
-{
-    return __atomic_load_n(&box->header->writer, __ATOMIC_ACQUIRE) == 0;
 }
 
 #ifdef __linux__
@@ -351,8 +359,10 @@ static inline int decaff_mailbox_of_the_dead(const decaff_mailbox *box, decaff_m
         outcome = DECAFF_MAILBOX_NOBODY; /* it was closed just now */
     else if (outcome == DECAFF_MAILBOX_OK && (fstat(file, &here) != 0 || here.st_ino != there.st_ino))
         outcome = DECAFF_MAILBOX_IN_USE; /* another one was faster */
-    if (outcome == DECAFF_MAILBOX_OK)
+    if (outcome == DECAFF_MAILBOX_OK) {
+        __atomic_store_n(&dead->header->writer, getpid(), __ATOMIC_RELEASE);
         return outcome;
+    }
     if (dead->header != NULL)
         munmap(dead->header, sizeof *dead->header + dead->ring);
     dead->header = NULL;
