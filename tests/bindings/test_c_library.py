@@ -18,7 +18,7 @@ from project import IMPORT_PATHS, MESHES, ROOT, TRIALS
 
 import proximity
 from benchmarks.digest import queries, scenes, ticks
-from benchmarks.digest.library import LibraryScene, LibraryTracker, through_library
+from benchmarks.digest.library import LibraryScene, LibraryTracker, Paths, through_library
 from proximity import (
     ArgumentError,
     MeshFormatError,
@@ -287,6 +287,15 @@ def test_settings_and_ticks_that_cannot_be_used_are_told():
         tracker.tick(points, 10**9, 10**9, paths=np.zeros((2, 3, 3)), path_bends=[0.0, 1.0, 1.0])
     with pytest.raises(ArgumentError, match="paths have less than two corners"):
         tracker.tick(points, 10**9, 10**9, paths=np.zeros((2, 1, 3)))
+    instants = np.full(2, 10**9)
+    for count in (2**16 + 1, 2**62):  # of which the bytes would overflow
+        paths = Paths(points.ctypes.data, count)
+        addresses = [ctypes.c_void_p(each.ctypes.data) for each in (points, instants, tracker.contacts)]
+        with pytest.raises(ArgumentError, match=r"paths have more than 2\^16 corners"):
+            tracker._scene.call(
+                "tick", tracker._tracker, *addresses[:2], ctypes.c_int64(10**9), None, ctypes.byref(paths),
+                addresses[2],
+            )  # fmt: skip
 
 
 # --- bytes, threads --------------------------------------------------------------------------------------

@@ -40,28 +40,49 @@ def prepare(folder):
         )
 
 
-@pytest.mark.slow
-def test_sanitizers_find_nothing(tmp_path):
-    prepare(tmp_path)
-    files = ["-o", tmp_path / "driver", *tmp_path.glob("*.c"), "-lm", "-ldl"]
-    command = [c_compiler(), *OPTIONS, f"-I{tmp_path}", *files]
+@pytest.fixture(scope="module")
+def driver(tmp_path_factory):
+    """A program that opens files, changes them, and uses their scenes."""
+    folder = tmp_path_factory.mktemp("driver")
+    prepare(folder)
+    files = ["-o", folder / "driver", *folder.glob("*.c"), "-lm", "-ldl"]
+    command = [c_compiler(), *OPTIONS, f"-I{folder}", *files]
     built = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
     if "asan" in built.stderr:
         pytest.skip("the compiler has no sanitizers")
     assert built.returncode == 0, built.stderr
-    paths = [tmp_path / f"{name}.prox" for name in mutated_scenes.SCENES]
-    for path in paths:
-        mutated_scenes.SCENES[path.stem]().save(path)
+    return folder / "driver"
 
+
+def opened_and_refused(driver, paths):
     done = subprocess.run(
-        [tmp_path / "driver", *paths],
+        [driver, *paths],
         env=os.environ | {"LIBRARY": str(library_in_c.library_path())},
         capture_output=True,
         text=True,
         timeout=280,
         check=False,
     )
-
     assert done.returncode == 0, done.stderr
-    opened, refused = map(int, done.stdout.split())
+    return tuple(map(int, done.stdout.split()))
+
+
+@pytest.mark.slow
+def test_sanitizers_find_nothing(driver, tmp_path):
+    paths = [tmp_path / f"{name}.prox" for name in mutated_scenes.SCENES]
+    for path in paths:
+        mutated_scenes.SCENES[path.stem]().save(path)
+
+    opened, refused = opened_and_refused(driver, paths)
+
     assert opened >= 2 * len(paths) and refused > 100 * len(paths)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("digits", [19, 20, 60])
+def test_number_of_many_digits_is_refused_before_it_overflows(driver, digits, tmp_path):
+    path = tmp_path / "alone.prox"
+    mutated_scenes.alone().save(path)
+    mutated_scenes.rewrite_text(path, b'"offset":', b'"offset":' + b"9" * digits)
+
+    assert opened_and_refused(driver, [path])[0] == 0

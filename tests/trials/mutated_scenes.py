@@ -10,6 +10,7 @@ import json
 import os
 import signal
 import sys
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -245,6 +246,20 @@ def changed(number, name, metadata, arrays):
         return metadata, arrays, change_metadata(rng, metadata)
     times = 1 if rng.random() < 0.8 else int(rng.integers(2, 5))
     return metadata, arrays, "; ".join(change_array(rng, arrays, number + 13 * k) for k in range(times))
+
+
+def rewrite_text(path, old, new):
+    """Change the description of a saved scene where *old* first is, with the right checksums."""
+    data = path.read_bytes()
+    fields = list(archive.HEADER.unpack_from(data))
+    text = data[archive.HEADER.size : archive.HEADER.size + fields[4]]
+    written = text.rstrip().replace(old, new, 1)
+    assert written != text.rstrip() and len(written) <= len(text)
+    fields[5] = zlib.crc32(written := written.ljust(len(text)))
+    header = archive.HEADER.pack(*fields[:-1], 0)[:-4]
+    path.write_bytes(
+        header + zlib.crc32(header).to_bytes(4, "little") + written + data[archive.HEADER.size + len(text) :]
+    )
 
 
 def ask(asked, points):

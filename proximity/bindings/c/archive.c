@@ -106,16 +106,18 @@ static int find(Text object, const char *key, Text *value)
     return 0;
 }
 
+enum { MOST_DIGITS = 18 }; /* of a number of 64 bits in any case */
+
 static int read_whole(Text *text, int64_t *number)
 {
     int is_negative = take(text, '-'), digits = 0;
     *number = 0;
     skip_space(text);
     for (; text->at < text->end && *text->at >= '0' && *text->at <= '9'; text->at++, digits++) {
-        *number = 10 * *number + (*text->at - '0');
+        *number = digits < MOST_DIGITS ? 10 * *number + (*text->at - '0') : *number;
     }
     *number = is_negative ? -*number : *number;
-    return digits > 0 && digits < 19;
+    return digits > 0 && digits <= MOST_DIGITS;
 }
 
 static int find_whole(Text object, const char *key, int64_t *number)

@@ -28,7 +28,7 @@ typedef struct proximity_tracker_settings {
    finger whose first corner is not finite has none. */
 typedef struct proximity_paths {
     const double *corners;
-    size_t corner_count;       /* 2 or more */
+    size_t corner_count;       /* 2 to 65536 */
     const double *path_bends;  /* bend at each corner, increasing; NULL: evenly from 0 to 1 */
     const double *bends;       /* bend of each finger at its pose; NULL: that of the nearest point of its path */
 } proximity_paths;

@@ -10,6 +10,8 @@
 
 _Static_assert(sizeof(decaff_contact) == CONTACT_SIZE, "a contact is the record that kernels fill");
 
+enum { MOST_CORNERS = 1 << 16 }; /* of a path */
+
 struct proximity_tracker {
     const proximity_scene *scene;
     size_t count;
@@ -233,6 +235,9 @@ static const char *unfit_tick(const proximity_tracker *tracker, const int64_t *p
     }
     if (paths != NULL && (paths->corners == NULL || paths->corner_count < 2)) {
         return "paths have less than two corners";
+    }
+    if (paths != NULL && paths->corner_count > MOST_CORNERS) {
+        return "paths have more than 2^16 corners";
     }
     for (size_t k = 0; paths != NULL && paths->path_bends != NULL && k < paths->corner_count; k++) {
         double bend = paths->path_bends[k];
