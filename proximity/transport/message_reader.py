@@ -192,7 +192,8 @@ class MessageReader:
             before = self._ended.pop((kind.magic, session), -1)
             if len(self._ended) > MOST_RUNS:
                 del self._ended[next(iter(self._ended))]
-        counts.lost += sequence - before - 1
+        missing = sequence - before - 1
+        counts.lost += missing if missing <= MOST_SKIPPED else 0  # of a run that was joined late
         counts.received += 1
         self._last[kind.magic] = message
         self._newest_session = max(self._newest_session, session)

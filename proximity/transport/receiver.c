@@ -69,7 +69,8 @@ static int reason_against(size_t size, int is_from_sender, int64_t now_ns)
     flaw = (int)decaff_check_frame(&arrived, size);
     if (flaw != DECAFF_FLAW_NONE)
         return flaw;
-    if (has_frame && new->session == last->session && new->sequence <= last->sequence)
+    if (has_frame && new->session == last->session
+        && (new->sequence <= last->sequence || new->sequence - last->sequence > DECAFF_MOST_SKIPPED))
         return OLD;
     if (has_frame && new->session < last->session && (has_key || now_ns - heard_ns <= 1000000000))
         return OLD; /* of a run before; after silence the sender's calendar may have been put back, but */

@@ -301,6 +301,22 @@ def test_flood_of_garbage_and_forged_poses_makes_no_wrong_frame(scene, tmp_path)
     forger.close()
 
 
+def test_count_of_lost_messages_does_not_overflow(scene):
+    """A run may begin with any number; as a count of those before it, it was below 0."""
+    poses, frames = by_shared_memory()
+    with Served(scene, poses, frames) as served:
+        served.publisher.close()
+        sender, message = open_outlet(poses), Message(POSES, COUNT)
+        message.records["finger"], message.records["position"] = np.arange(COUNT), ABOVE
+        for session, number in enumerate([2**64 - 2, 2**63, 4, 2**64 - 1]):
+            message.header["send_ns"] = message.records["pose_ns"] = time.monotonic_ns()
+            sender.send(message.seal(time.time_ns() + session, number).copy())
+        taken = served.service._loop.input
+        until(lambda: int(taken["received"]) == 4)
+        assert int(taken["lost"]) == 4 and int(taken["sessions"]) == 4
+        sender.close()
+
+
 def test_sender_that_ends_leaves_frames_late_then_stale_and_the_next_is_taken(scene):
     with Served(scene, *by_shared_memory(), valid_for=0.02) as served:
         for _ in range(3):

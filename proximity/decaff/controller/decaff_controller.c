@@ -320,7 +320,11 @@ static void accept(decaff_subscriber *frames, const decaff_frame_header *next, c
     } else {
         /* the first frame */
     }
-    frames->lost += next->sequence - expected;
+    if ((next->sequence - expected) <= (uint64_t)DECAFF_MOST_SKIPPED) {
+        frames->lost += next->sequence - expected;
+    } else {
+        /* a run that was joined late */
+    }
     if (!frames->shares_clock) {
         decaff_clock_hear(&frames->clock, next->session, next->publish_ns, now_ns);
     }

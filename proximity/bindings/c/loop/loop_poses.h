@@ -108,7 +108,8 @@ static void accept_message(LoopInput *input, int kind, const decaff_input_header
         }
         input->ended[input->ended_count++] = ended;
     }
-    input->lost += (int64_t)(header->sequence - before - 1);
+    uint64_t missing = header->sequence - before - 1;
+    input->lost += missing <= DECAFF_MOST_SKIPPED ? (int64_t)missing : 0; /* of a run that was joined late */
     input->received++;
     last->is_any = 1;
     last->session = header->session;

@@ -357,7 +357,7 @@ private:
         if (!last_)
             return false;
         if (next.session == last_->session)
-            return next.sequence <= last_->sequence;
+            return next.sequence <= last_->sequence || next.sequence - last_->sequence > DECAFF_MOST_SKIPPED;
         const auto run = ended(next.session);
         if (next.session > last_->session && run == ended_.end())
             return false;
@@ -417,7 +417,8 @@ private:
                     ended_.erase(ended_.begin());
             }
         }
-        counts_.lost += next.sequence - expected;
+        const std::uint64_t missing = next.sequence - expected;
+        counts_.lost += missing <= DECAFF_MOST_SKIPPED ? missing : 0; // of a run that was joined late
         counts_.received++;
         if (!shares_clock_)
             decaff_clock_hear(&clock_, next.session, next.sent_ns, next.now_ns);

@@ -12,6 +12,7 @@ export const STATE_NAMES = Object.keys(State);
 
 const LONGEST_VALID_NS = 1_000_000_000n; // after its oldest pose no frame is valid for longer
 const AHEAD_NS = 5_000_000n; // an instant farther in the future is a mistake
+const MOST_SKIPPED = 100_000_000n; // numbers; by more no message is ahead of the last of its run
 const RESTART_SILENCE_NS = 50_000_000n; // of a publisher elsewhere: then another run may have begun
 const MOST_RUNS = 64; // that are remembered
 const MOST_NS = 2n ** 62n;
@@ -362,7 +363,9 @@ export class FrameReader {
     if (this.#isKeyed && session < this.#newestSession) return true; // with a key it may be a recording
     const last = this.#last;
     if (last === null) return false;
-    if (session === last.session) return sequence <= last.sequence;
+    if (session === last.session) {
+      return sequence <= last.sequence || sequence - last.sequence > MOST_SKIPPED;
+    }
     const wasFollowed = this.#ended.has(session);
     if (session > last.session && !wasFollowed) return false;
     const isSilent = now - last.now > RESTART_SILENCE_NS;
@@ -381,7 +384,8 @@ export class FrameReader {
       this.#ended.delete(session);
       if (this.#ended.size > MOST_RUNS) this.#ended.delete(this.#ended.keys().next().value);
     }
-    this.counts.lost += sequence - before - 1n;
+    const missing = sequence - before - 1n;
+    this.counts.lost += missing <= MOST_SKIPPED ? missing : 0n; // of a run that was joined late
     this.counts.received++;
     this.#last = { session, sequence, sent, now };
     if (session > this.#newestSession) this.#newestSession = session;

@@ -336,6 +336,7 @@ namespace Decaff
     /// <summary>Judges frames and lets the newest age; without a network. Instants are of this machine's clock.</summary>
     public unsafe class DecaffFrameReader
     {
+        private const ulong MostSkipped = 100000000; // numbers; by more no message is ahead of the last of its run
         private const long LongestValidNs = 1000000000, AheadNs = 5000000, RestartSilenceNs = 50000000;
         private const long MostNs = 1L << 62;
         private const int MostRuns = 64;
@@ -546,7 +547,7 @@ namespace Decaff
             if (!hasFrame)
                 return false;
             if (arrived.Session == lastSession)
-                return arrived.Sequence <= lastSequence;
+                return arrived.Sequence <= lastSequence || arrived.Sequence - lastSequence > MostSkipped;
             int run = endedSessions.IndexOf(arrived.Session);
             if (arrived.Session > lastSession && run < 0)
                 return false;
@@ -601,7 +602,8 @@ namespace Decaff
                 if (hasFrame)
                     expected = Follow();
             }
-            Counts.Lost += arrived.Sequence - expected;
+            ulong missing = arrived.Sequence - expected;
+            Counts.Lost += missing <= MostSkipped ? missing : 0; // of a run that was joined late
             Counts.Received++;
             if (!isShared)
                 clock.Hear(arrived.Session, arrived.PublishNs, now);
