@@ -50,6 +50,7 @@ def pytest_addoption(parser):
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config):
     """Replace defaults of pytest-benchmark; options given on the command line stay."""
+    config.option.dist = "no"  # of pytest-xdist: one process measures
     for name, (theirs, ours) in DEFAULTS.items():
         if str(getattr(config.option, name)) == theirs:
             setattr(config.option, name, ours)

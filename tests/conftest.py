@@ -2,12 +2,15 @@
 
 import os
 import signal
+import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
-from project import SHARED_DATA
+from project import SHARED_DATA, TESTS
 
 import proximity
 from proximity.native import IS_AHEAD
@@ -40,7 +43,7 @@ def shared_data() -> Path:
 
 
 NO_INTERNALS = "internals of compiled code: run with PROXIMITY_ISA=jit"
-NO_BROWSER = "the page in a browser: run PROXIMITY_BROWSER=1 python -m pytest tests/web by itself"
+NO_BROWSER = "the page in a browser: run PROXIMITY_BROWSER=1 python -m pytest -n 0 -m browser by itself"
 """Pictures are drawn in software here, which takes the machine of all other tests."""
 TESTS_OF_PROCESSES = {"bench", "cli", "examples", "service", "transport", "web"}
 """Folders whose tests start processes, look at clocks, or use what a machine has once."""
@@ -49,6 +52,72 @@ MORE_TESTS_OF_PROCESSES = {
     "test_receiver_c.py", "test_stopping.py", "test_study_run.py",
 }  # fmt: skip
 """Files elsewhere that do so too."""
+
+
+FIRST_TIER = {
+    "formats", "kernels", "mesh", "message", "native", "properties", "recording", "scene", "system", "tracker",
+}  # fmt: skip
+"""Folders of the tests that run without --everything: no process, no port, only the extra ``test``."""
+LATER_TESTS = {
+    "test_clients.py", "test_clients_service.py", "test_documentation.py", "test_hostile_text.py",
+    "test_kernel_build.py", "test_kernels_uncompiled.py", "test_message_blank.py", "test_message_header.py",
+    "test_modes.py", "test_picture.py", "test_refusals.py", "test_release.py", "test_step.py",
+    "test_step_cache.py",
+}  # fmt: skip
+"""Files in these folders that start processes, take minutes, or need the extra ``test-all``."""
+LATER_MARKS = ("browser", "processes", "slow")
+EVENTS_OF_PROCESSES = {"os.fork", "os.forkpty", "os.posix_spawn", "socket.bind", "subprocess.Popen"}
+_guarded: list[str] = []
+"""The test of the first tier that runs now."""
+
+
+def is_in_first_tier(path: Path) -> bool:
+    """Whether the tests of a file run without --everything; single ones may be marked as later ones."""
+    folder, *below = path.relative_to(TESTS).parts
+    is_listed = folder in FIRST_TIER if below else True
+    return is_listed and path.name not in LATER_TESTS | MORE_TESTS_OF_PROCESSES
+
+
+def is_marked_later(item: pytest.Item) -> bool:
+    """Whether a test is not in the first tier although its file is."""
+    return any(item.get_closest_marker(mark) for mark in LATER_MARKS)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option for all tests."""
+    parser.addoption("--everything", action="store_true", help="Run all tests, not only the first tier.")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Run all tests of given paths and marks; workers of pytest-xdist have the option of their run."""
+    if config.args_source is pytest.Config.ArgsSource.ARGS or config.option.markexpr:
+        config.option.everything = config.option.everything or not hasattr(config, "workerinput")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files of later tests, which may import packages that are not here."""
+    if config.option.everything or collection_path.suffix != ".py":
+        return None
+    return None if is_in_first_tier(collection_path) else True
+
+
+def _refuse_processes(event: str, arguments: tuple[Any, ...]) -> None:
+    if _guarded and event in EVENTS_OF_PROCESSES:
+        pytest.fail(f"{_guarded[0]} is in the first tier and raises {event}: mark it with `processes`")
+
+
+sys.addaudithook(_refuse_processes)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Let no test of the first tier start a process or open a port."""
+    if is_in_first_tier(item.path) and not is_marked_later(item):
+        _guarded.append(item.nodeid)
+    try:
+        return (yield)
+    finally:
+        _guarded.clear()
 
 
 def has_processes(path: Path) -> bool:
@@ -65,6 +134,9 @@ def kernels_of_programs(request: pytest.FixtureRequest) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Skip what this run has not; with pytest-xdist a file stays with one worker, and all of processes do."""
+    if not config.option.everything:
+        config.hook.pytest_deselected(items=[item for item in items if is_marked_later(item)])
+        items[:] = [item for item in items if not is_marked_later(item)]
     if IS_AHEAD:
         for item in items:
             if item.get_closest_marker("internals"):

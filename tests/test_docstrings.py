@@ -73,6 +73,7 @@ scene.closest(points, max_distance=object())
 """
 
 
+@pytest.mark.processes
 def test_types_of_answers_are_known(tmp_path):
     """Where a type were not known, what is wrong would pass."""
     user = tmp_path / "user.py"

@@ -125,6 +125,7 @@ def test_unknown_name_is_an_attribute_error():
         _ = proximity.distance
 
 
+@pytest.mark.processes
 def test_importing_the_package_imports_nothing_heavy():
     code = (
         "import proximity, sys; "

@@ -489,6 +489,7 @@ def invisible(is_visible=False):
     return {"KHR_node_visibility": {"visible": is_visible}}
 
 
+@pytest.mark.processes
 def test_hidden_node_is_a_hidden_part_and_so_is_all_below_it(tmp_path):
     nodes = [
         {"name": "group", "extensions": invisible(), "children": [1]},
@@ -607,6 +608,7 @@ def test_morph_target_of_other_length_is_refused(tmp_path):
     )
 
 
+@pytest.mark.processes
 def test_draco_stream_that_is_damaged_or_holds_no_positions_is_refused(tmp_path):
     stream = draco_stream()
     message = "its geometry stored by KHR_draco_mesh_compression cannot be unpacked ("
@@ -639,6 +641,7 @@ def draco_stream(**options):
     return packer.encode(np.float32(VERTICES), np.uint32(FACES), quantization_bits=10, **options)
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("options", [{}, {"preserve_order": True}, {"compression_level": 10}])
 def test_geometry_packed_by_draco_is_read(tmp_path, options):
     header, blob = packed_document(draco_stream(**options))
@@ -652,6 +655,7 @@ def test_geometry_packed_by_draco_is_read(tmp_path, options):
     assert scene.signed_distance([2.5, 0.5, 0.5]) == pytest.approx(-0.5, abs=1e-3)
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(("name", "value"), [("_DRACO_SECONDS", 0), ("_DRACO_BYTES", 1 << 20)])
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory")
 def test_draco_stream_that_takes_too_much_is_refused(tmp_path, monkeypatch, name, value):
@@ -660,6 +664,7 @@ def test_draco_stream_that_takes_too_much_is_refused(tmp_path, monkeypatch, name
     assert "cannot be unpacked (it takes more than " in refusal(tmp_path, *packed_document(stream))
 
 
+@pytest.mark.processes
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_crash_of_the_draco_decoder_is_a_sentence(tmp_path, monkeypatch):
     pytest.importorskip("DracoPy")
@@ -668,6 +673,7 @@ def test_crash_of_the_draco_decoder_is_a_sentence(tmp_path, monkeypatch):
     assert "(the decoder crashed, signal 11)" in refusal(tmp_path, *packed_document(b"DRACO"))
 
 
+@pytest.mark.processes
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory")
 def test_draco_stream_that_claims_a_billion_faces_is_refused(tmp_path):
     draco_stream()  # skips without the decoder
@@ -699,16 +705,11 @@ def test_files_after_public_reports_are_read(shared_data):
     reports = shared_data / "reports"
     if not reports.is_dir():
         pytest.skip("the files after public reports are not here")
-    scenes = {path.stem.removeprefix("gltf_"): proximity.load(path) for path in reports.glob("gltf_*.gltf")}
+    boxes = "sparse", "quantized", "wrong_min", "zero_scale_node", "data_uri_newlines", "data_uri_no_padding"
+    names = *boxes, "morph_weights", "visibility", "fan"
+    scenes = {name: proximity.load(reports / f"gltf_{name}.gltf") for name in names}
     box = [[0, 0, 0], [0.02, 0.01, 0.005]]
-    for name in (
-        "sparse",
-        "quantized",
-        "wrong_min",
-        "zero_scale_node",
-        "data_uri_newlines",
-        "data_uri_no_padding",
-    ):
+    for name in boxes:
         assert np.allclose(scenes[name].bounds, box, atol=1e-8), name
         assert [part.solid.mesh.face_count for part in scenes[name].parts] == [12], name
     assert np.allclose(scenes["morph_weights"].bounds, np.add(box, [0.01, 0, 0]), atol=1e-8)

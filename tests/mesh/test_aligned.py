@@ -66,6 +66,7 @@ def _change(room, answer):
     answer.put(int(room[0]))
 
 
+@pytest.mark.processes
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are not forked everywhere")
 def test_a_forked_process_writes_to_memory_of_its_own():
     room = aligned_empty(2 * HUGE_PAGE, np.uint8)

@@ -532,9 +532,10 @@ def test_public_names_are_those_that_the_module_lists():
     assert all(hasattr(simd, name) for name in simd.__all__)
 
 
+@pytest.mark.processes
 @pytest.mark.skipif(native.MODE == "interpreted", reason="this is the interpreted run")
 def test_all_of_this_holds_when_numba_interprets():
-    program = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:dash", __file__]
+    program = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "-p", "no:dash", __file__]
     done = subprocess.run(
         program,
         cwd=ROOT,

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from fingers import Finger
+from project import RECORDED_HANDS
 
 from proximity.kernels.contact_record import PREDICTED
 from proximity.kernels.tracking.motion import JUMP_SLACK, MAX_SPEED
@@ -13,10 +14,10 @@ pytestmark = pytest.mark.internals
 
 
 @cache
-def recordings(folder):
+def recordings():
     """Times (s) and places (m) of each finger of all recordings."""
     fingers = []
-    for path in sorted((folder / "hands").glob("*.csv")):
+    for path in RECORDED_HANDS:
         rows = np.loadtxt(path, delimiter=",", skiprows=1)
         for hand, finger in np.unique(rows[:, 1:3], axis=0):
             own = rows[(rows[:, 1] == hand) & (rows[:, 2] == finger)]
@@ -24,7 +25,7 @@ def recordings(folder):
     return fingers
 
 
-def predictions(folder, h):
+def predictions(h):
     """How far each recorded pose, held and predicted, is from the place *h* later; its bound; two choices.
 
     The recording is interpolated linearly; where it has a gap of more than 30 ms until then, nothing is
@@ -32,7 +33,7 @@ def predictions(folder, h):
     velocity is known and no tracking jump lies between the pose before it and the place compared with.
     """
     found = []
-    for times, places in recordings(folder):
+    for times, places in recordings():
         finger = Finger()
         steps = np.diff(times)
         lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
@@ -57,8 +58,9 @@ def predictions(folder, h):
     return held, error, rho, is_moving > 0.0, is_clean > 0.0
 
 
-def test_recorded_fingers_are_predicted_over_nine_milliseconds(shared_data):
-    held, error, _, is_moving, is_clean = predictions(shared_data, 0.009)
+@pytest.mark.usefixtures("shared_data")
+def test_recorded_fingers_are_predicted_over_nine_milliseconds():
+    held, error, _, is_moving, is_clean = predictions(0.009)
 
     assert len(held) > 15_000 and is_moving.sum() > 7_500 and (~is_clean).sum() < 20
     assert np.quantile(held[is_moving], 0.95) == pytest.approx(8.54e-3, abs=0.05e-3)
@@ -67,8 +69,9 @@ def test_recorded_fingers_are_predicted_over_nine_milliseconds(shared_data):
     assert 1.9e-3 < np.quantile(error, 0.95) <= 2.1e-3
 
 
-def test_bound_holds_for_recorded_fingers(shared_data):
-    _, error, rho, _, is_clean = predictions(shared_data, 0.009)
+@pytest.mark.usefixtures("shared_data")
+def test_bound_holds_for_recorded_fingers():
+    _, error, rho, _, is_clean = predictions(0.009)
     is_kept = error <= rho
 
     assert 0.999 <= is_kept[is_clean].mean() < 0.9999

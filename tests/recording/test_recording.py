@@ -7,6 +7,7 @@ from collections import Counter
 import make_recording
 import numpy as np
 import pytest
+from project import RECORDED_HANDS
 
 from proximity.errors import ArgumentError, FileError, MissingLibraryError, RecordingError
 from proximity.message import CONTACT, FRAME, ContactFlag, Message
@@ -208,8 +209,9 @@ def test_fingers_are_named_with_their_hand_where_there_are_several(read):
     assert read(HEADER + "0,0,0,1,2,3\n0,3,4,1,2,3\n").finger_name(1) == "little of hand 3"
 
 
-def test_recordings_of_real_hands_are_read(shared_data):
-    counts = {path.stem: read_recording(path).sample_count for path in (shared_data / "hands").glob("*.csv")}
+@pytest.mark.usefixtures("shared_data")
+def test_recordings_of_real_hands_are_read():
+    counts = {path.stem: read_recording(path).sample_count for path in RECORDED_HANDS}
 
     assert counts["two-hands"] == 9830
     assert counts["grab"] == 1870

@@ -92,6 +92,7 @@ print(json.dumps(report))
 """
 
 
+@pytest.mark.processes
 def test_batch_of_slow_rows_is_interrupted_long_before_its_end():
     """The whole would take ten seconds; the scene answers as before, and threads are gone."""
     done = subprocess.run(

@@ -48,6 +48,7 @@ def refused(contents, tmp_path):
     return load
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(("name", "count"), [("cell", 500), ("crowd", 250), ("alone", 100), ("bodies", 150)])
 def test_changed_file_is_refused_or_can_be_used(name, count, tmp_path):
     """Each column of every table and a thousand numbers are changed; a crash would end the other process."""

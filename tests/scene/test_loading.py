@@ -82,6 +82,7 @@ def test_file_that_places_a_part_too_far_off_is_refused(tmp_path):
     )
 
 
+@pytest.mark.processes
 def test_progress_of_loading_counts_meshes():
     counted = []
 
@@ -221,6 +222,7 @@ def test_who_hands_one_to_a_constructor_is_told_of_the_conversion(take, given):
         take(given)
 
 
+@pytest.mark.processes
 def test_trimesh_is_not_imported_to_be_refused():
     code = (
         "import sys, proximity; proximity.Solid; proximity.from_trimesh; assert 'trimesh' not in sys.modules"

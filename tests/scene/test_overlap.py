@@ -101,6 +101,7 @@ def test_a_part_that_is_no_solid_is_named():
         overlap(scene, "a", "lid")
 
 
+@pytest.mark.processes
 def test_the_parts_of_the_sample_assembly_touch_and_do_not_overlap():
     scene = proximity.load(MESHES / "assembly.step")
 

@@ -8,5 +8,8 @@ MESHES = ROOT / "meshes"
 SUPPORT = TESTS / "support"
 TRIALS = TESTS / "trials"
 SHARED_DATA = ROOT.parent / "shared" / "data"
+RECORDED_HANDS = [
+    SHARED_DATA / "hands" / f"{name}.csv" for name in ("grab", "hand-splay", "two-hands", "waiting", "wave")
+]
 IMPORT_PATHS = [str(SUPPORT), str(SUPPORT / "messages"), str(TRIALS), str(ROOT)]
 """What programs started by tests need on PYTHONPATH."""

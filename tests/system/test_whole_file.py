@@ -130,6 +130,7 @@ def writer(tmp_path):
         process.kill()
 
 
+@pytest.mark.processes
 @needs_locks
 @pytest.mark.parametrize("number", ["SIGTERM", "SIGKILL"])
 def test_what_a_killed_writer_left_goes_with_the_next_file(number, writer, tmp_path):
@@ -143,6 +144,7 @@ def test_what_a_killed_writer_left_goes_with_the_next_file(number, writer, tmp_p
     assert list(tmp_path.iterdir()) == [tmp_path / "other.csv"]
 
 
+@pytest.mark.processes
 @needs_locks
 def test_what_a_living_writer_has_begun_stays(writer, tmp_path):
     (unfinished,) = tmp_path.iterdir()

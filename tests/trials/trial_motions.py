@@ -10,7 +10,8 @@ from functools import cache
 
 import numpy as np
 import shapes
-from trial_cells import MESHES, SHARED_DATA
+from project import RECORDED_HANDS
+from trial_cells import MESHES
 
 from proximity.pose import Pose
 from proximity.recording import read_recording
@@ -84,7 +85,7 @@ def course_of(rng, styles, places, seconds, max_speed, max_acceleration):
 @cache
 def recorded_hands(period):
     """Recorded hands, one array (T, 5, 3) each, about their middle; nan where the sensor saw none."""
-    paths = [MESHES / "hand.csv", *sorted((SHARED_DATA / "hands").glob("*.csv"))]
+    paths = [MESHES / "hand.csv", *(path for path in RECORDED_HANDS if path.is_file())]
     hands = []
     for path in paths:
         recording = read_recording(path).resampled(period)

@@ -1,0 +1,45 @@
+"""What ``python -m pytest`` runs: tests that start no process, open no port, and need few packages."""
+
+import os
+import socket
+import subprocess
+import sys
+import tomllib
+
+import pytest
+from project import ROOT
+
+MAX_PACKAGES = 10
+
+
+def bind():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+
+
+@pytest.mark.parametrize(
+    "act",
+    [
+        bind,
+        pytest.param(
+            lambda: os.fork() or os._exit(0),
+            id="fork",
+            marks=pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here"),
+        ),
+        pytest.param(lambda: subprocess.run([sys.executable, "-c", ""], check=True), id="run"),
+    ],
+)
+def test_process_or_port_fails_a_test_of_the_first_tier(act):
+    with pytest.raises(pytest.fail.Exception, match=r"test_process_or_port.*mark it with `processes`"):
+        act()
+
+
+@pytest.mark.processes
+def test_marked_test_may_start_a_process():
+    assert subprocess.run([sys.executable, "-c", ""], check=False).returncode == 0
+
+
+def test_first_tier_needs_few_packages():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+    assert len(project["optional-dependencies"]["test"]) <= MAX_PACKAGES

@@ -1,0 +1,24 @@
+"""Check format, lint and types: ``python tools/check.py``; ``--fix`` mends what it can."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+CHECKS = (("ruff", "format", "--check", "."), ("ruff", "check", "."), ("mypy",))
+MENDING = (("ruff", "format", "."), ("ruff", "check", "--fix", "."), ("mypy",))
+
+
+def main() -> int:
+    """Run all checks, each to its end; return how many failed."""
+    failed = []
+    for words in MENDING if "--fix" in sys.argv[1:] else CHECKS:
+        print("$", *words, flush=True)
+        if subprocess.run([sys.executable, "-m", *words], cwd=ROOT).returncode:
+            failed.append(" ".join(words))
+    print(f"failed: {', '.join(failed)}" if failed else "all checks passed")
+    return len(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
