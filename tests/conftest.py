@@ -55,7 +55,8 @@ MORE_TESTS_OF_PROCESSES = {
 
 
 FIRST_TIER = {
-    "formats", "kernels", "mesh", "message", "native", "properties", "recording", "scene", "system", "tracker",
+    "formats", "kernels", "mesh", "message", "native", "properties", "recording", "scene", "system",
+    "tracker",
 }  # fmt: skip
 """Folders of the tests that run without --everything: no process, no port, only the extra ``test``."""
 LATER_TESTS = {

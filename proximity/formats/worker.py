@@ -15,11 +15,12 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 from contextlib import suppress
 from typing import Any
 
-NOT_INSTALLED, TOO_MUCH = 3, 4
-"""Exit codes: the library cannot be imported; a limit was passed."""
+FAILED, NOT_INSTALLED, TOO_MUCH = 1, 3, 4
+"""Codes: an exception, which is printed; the library cannot be imported; a limit was passed."""
 _PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
 
 
@@ -80,6 +81,9 @@ def _done(task: Any, settings: dict[str, Any]) -> int:
         return NOT_INSTALLED
     except MemoryError:
         return TOO_MUCH
+    except Exception:  # the next file may be sound, and importing the library takes longer than to read it
+        traceback.print_exc()
+        return FAILED
 
 
 def _limit(seconds: int, byte_count: int) -> None:

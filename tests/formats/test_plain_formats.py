@@ -361,7 +361,7 @@ REPORTED = (
     "obj_dollar_line.obj", "obj_tag_t_vw.obj", "off_face_over_lines.off", "off_joined_header.off",
     "ply_comments_in_body.ply", "ply_split_rows.ply", "ply_tristrips.ply",
     "ply_vertex_index_extra_numbers.ply", "stl_comments.stl", "stl_ctrlz.stl", "stl_end_solid.stl",
-    "stl_no_normal.stl",
+    pytest.param("stl_no_normal.stl", marks=pytest.mark.processes),  # by trimesh
 )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ import os
 import re
 import struct
 import tracemalloc
+from contextlib import ExitStack
 
 import mesh_files
 import numpy as np
@@ -19,7 +20,8 @@ from hypothesis import strategies as st
 import proximity
 from proximity import formats
 from proximity.errors import MeshError, MeshFormatError, ProximityError
-from proximity.formats import file_reader, text_rows, worker
+from proximity.formats import dialects, file_reader, text_rows, worker
+from proximity.formats.libraries import Library
 from proximity.recording import FrameLog, FrameReader, read_recording
 from proximity.service.config import read_scene_file
 
@@ -525,6 +527,23 @@ def test_four_billion_faces_are_not_allocated(tmp_path):
 # Any damage at all
 
 
+@pytest.fixture
+def one_process(monkeypatch):
+    """Have trimesh read all files of a test in one process: hundreds would each import it again."""
+    opened = {}
+    with ExitStack() as ends:
+
+        def run(task, data, *, seconds, byte_count, **more):
+            limits = task, seconds, byte_count
+            if limits not in opened:
+                opened[limits] = ends.enter_context(Library(*limits))
+            return opened[limits].run(data, **more)
+
+        monkeypatch.setattr(dialects, "run_library", run)
+        yield
+
+
+@pytest.mark.usefixtures("one_process")
 @pytest.mark.parametrize("name", WHOLE)
 def test_no_beginning_of_a_file_is_taken_for_the_whole(tmp_path, name):
     """Cut anywhere: refused, or nothing is missing, or (OBJ has no counts) it is said."""
@@ -561,6 +580,7 @@ def damaged(draw):
     return name, bytes(data)
 
 
+@pytest.mark.usefixtures("one_process")
 @settings(
     max_examples=400,
     derandomize=True,
