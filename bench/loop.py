@@ -2,9 +2,10 @@
 
 A pose of five fingers above a part is published at instants that have nothing to do with ticks, and who
 published it looks without pause for the frame that has been made of it. Times are in µs; *published* and
-*seen* count from the pose. ``--busy``: a process beside that computes all the time; ``--thread``: a thread of
-Python in the service's process that does; ``--rate HZ``: of ticks. ``--csv FILE`` appends how late they were,
-``--plot FILE`` draws such a file.
+*seen* count from the pose. ``--recording``: poses are played from one, and both count from the beginning of a
+tick. ``--moving``: the part moves with each pose. ``--busy``: a process beside that computes all the time;
+``--thread``: a thread of Python in the service's process that does; ``--rate HZ``: of ticks. ``--csv FILE``
+appends how late they were, ``--plot FILE`` draws such a file.
 """
 
 import argparse
@@ -25,8 +26,9 @@ from matplotlib.figure import Figure
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from proximity import POSES, Message
+from proximity import MOVES, POSES, Message
 from proximity.lab.figures.style import LOOK
+from proximity.message import FRAME
 from proximity.service.hosting import serve
 from proximity.transport import open_inlet, open_publisher
 from proximity.transport.link import NOTHING
@@ -41,15 +43,17 @@ file = "{part}"
 [fingers]
 count = 5
 [input]
-poses = "{poses}"
+{input}
 """
+RECORDING = f'recording = "{ROOT / "meshes" / "hand.csv"}"\nrepeat = true'
 ABOVE = np.linspace([0.05, 0.03, 0.07], [0.07, 0.03, 0.07], 5)
 COLOURS = {"python": "#D55E00", "compiled": "#0072B2"}  # Okabe and Ito
 LINES = {"alone": "-", "busy process": "--", "busy thread": ":"}
 Delays = tuple[float, float]
 SPIN = "while True: pass"
-POSE_NS_AT, PUBLISH_NS_AT = 96 + 8, 48
+POSE_NS_AT, START_NS_AT, PUBLISH_NS_AT = 96 + 8, 40, 48
 """In a frame: of the first contact, and of the header."""
+FRAME_MAGIC = FRAME.magic.to_bytes(4, "little")
 
 
 def child(path: str, *, has_thread: bool) -> None:
@@ -69,14 +73,25 @@ def child(path: str, *, has_thread: bool) -> None:
     print(json.dumps({**report.as_dict(), "cpu": share}), flush=True)
 
 
-def seen_after(publisher, inlet, message, seconds: float, rng) -> list[Delays]:
+def seen_after(publisher, mover, inlet, message, seconds: float, rng) -> list[Delays]:
     """Publish poses for so long; after how many µs a frame of each was published, and seen."""
     data, taken, ends = np.zeros(1 << 16, np.uint8), [], time.monotonic() + seconds
+    move = Message(MOVES, 1)
+    move.records["name"], move.records["rotation"], move.records["angular_velocity"] = (
+        b"bracket",
+        np.eye(3),
+        0.0,
+    )
     of_frame, published = (data[at : at + 8].view("<i8") for at in (POSE_NS_AT, PUBLISH_NS_AT))
     while time.monotonic() < ends:
         pose_ns = time.monotonic_ns()
         message.records["pose_ns"] = message.header["send_ns"] = pose_ns
         message.records["position"] = ABOVE + 0.01 * np.sin(1e-9 * pose_ns) * np.eye(3)[2]
+        if mover is not None:
+            move.header["send_ns"] = move.records["pose_ns"] = pose_ns
+            move.records["translation"] = 0.001 * np.sin(3e-9 * pose_ns) * np.eye(3)[0]
+            move.records["velocity"] = 0.003 * np.cos(3e-9 * pose_ns) * np.eye(3)[0]
+            mover.publish(move)
         publisher.publish(message)
         while time.monotonic_ns() < pose_ns + 50_000_000:
             if inlet.receive(data) != NOTHING and int(of_frame[0]) == pose_ns:
@@ -86,12 +101,25 @@ def seen_after(publisher, inlet, message, seconds: float, rng) -> list[Delays]:
     return taken
 
 
+def seen_frames(inlet, seconds: float) -> list[Delays]:
+    """After how many µs from the beginning of its tick each frame was published, and seen."""
+    data, taken, ends = np.zeros(1 << 16, np.uint8), [], time.monotonic() + seconds
+    started, published = (data[at : at + 8].view("<i8") for at in (START_NS_AT, PUBLISH_NS_AT))
+    while time.monotonic() < ends:
+        if inlet.receive(data) != NOTHING and data[:4].tobytes() == FRAME_MAGIC:
+            start_ns = int(started[0])
+            taken.append((1e-3 * (int(published[0]) - start_ns), 1e-3 * (time.monotonic_ns() - start_ns)))
+    return taken
+
+
 def measured(options: argparse.Namespace, folder: str) -> tuple[dict, list[Delays]]:
     """Report of one run, and delays from pose to frame."""
     name = f"shm://bench-{os.getpid()}-{time.time_ns()}"
     path = Path(folder, "scene.toml")
-    addresses = {"frames": name, "poses": f"{name}-poses", "part": ROOT / "meshes" / "bracket.stl"}
-    text = SCENE.format(rate=options.rate, real_time=str(options.realtime).lower(), **addresses)
+    source = RECORDING if options.recording else f'poses = "{name}-poses"'
+    source += f'\nmoves = "{name}-moves"' * options.moving
+    values = {"frames": name, "input": source, "part": ROOT / "meshes" / "bracket.stl"}
+    text = SCENE.format(rate=options.rate, real_time=str(options.realtime).lower(), **values)
     path.write_text(text, encoding="utf-8")
     command = [sys.executable, __file__, "--child", str(path)] + ["--thread"] * options.thread
     service = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -99,9 +127,13 @@ def measured(options: argparse.Namespace, folder: str) -> tuple[dict, list[Delay
     assert service.stdout.readline() == "begun\n"
     message = Message(POSES, len(ABOVE))
     message.records["finger"] = np.arange(len(ABOVE))
-    with open_publisher(f"{name}-poses") as publisher:
-        inlet = open_inlet(name)
-        delays = seen_after(publisher, inlet, message, options.seconds, np.random.default_rng(0))
+    with open_publisher(f"{name}-poses") as publisher, open_publisher(f"{name}-moves") as mover:
+        inlet, rng = open_inlet(name), np.random.default_rng(0)
+        if options.recording:
+            delays = seen_frames(inlet, options.seconds)
+        else:
+            moves = mover if options.moving else None
+            delays = seen_after(publisher, moves, inlet, message, options.seconds, rng)
         print("stop", file=service.stdin, flush=True)
         report = json.loads(service.stdout.readline())
     service.wait()
@@ -113,7 +145,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     for name, default in (("seconds", 20.0), ("rate", 1000.0)):
         parser.add_argument(f"--{name}", type=float, default=default)
-    for switch in ("realtime", "busy", "thread"):
+    for switch in ("realtime", "busy", "thread", "recording", "moving"):
         parser.add_argument(f"--{switch}", action="store_true")
     for name in ("csv", "plot"):
         parser.add_argument(f"--{name}", type=Path)
@@ -136,9 +168,10 @@ def main() -> None:
     for name in ("compute", "lateness"):
         shares = ((share, 1e-3 * report[name][f"{share}_ns"]) for share in ("p50", "p99", "p999", "max"))
         print(f"{name:9}", ", ".join(f"{share} {late:.1f}" for share, late in shares))
+    since = "beginning of the tick" if options.recording else "pose"
     for name, times in zip(("published", "seen"), np.transpose(delays), strict=True):
         p50, p99 = np.percentile(times, (50, 99))
-        print(f"{name:9} p50 {p50:.0f}, p99 {p99:.0f} after the pose")
+        print(f"{name:9} p50 {p50:.0f}, p99 {p99:.0f} after the {since}")
     print(f"{report['missed']} of {report['missed'] + report['ticks']} ticks were missed")
 
 

@@ -138,6 +138,7 @@ class FingerBench:
     peak_force: float = 0.0  # N
     peak_torque: float = 0.0  # N m, of the motor, either way
     samples: Counter[str] = field(default_factory=Counter)  # by state
+    reasons: Counter[str] = field(default_factory=Counter)  # of faults
 
     def step(
         self, reading: Reading, sample_ns: int, elapsed: float, contact: Any, frame: FrameMark | None
@@ -164,6 +165,7 @@ class FingerBench:
         self.samples[after.value] += 1
         if self.controller.fault:
             self.faults += 1
+            self.reasons[self.controller.fault] += 1
             if isinstance(self.plant, MotorDrum):
                 raise self.plant.failed(self.controller.fault)
             self.controller.reset()  # there is nobody to press a button

@@ -3,8 +3,8 @@
 A pose that comes wakes it, and its frame leaves when it is computed; ticks for poses are half a period apart,
 or half a millisecond where that is less, and at least every period a frame leaves. On Linux it takes poses
 from ``shm://`` and ``udp://`` of this machine by itself, and sends frames by them; other ends are threads of
-Python beside it. In a tick it waits for Python only where parts are moved or changed by messages, where a
-sensor measures, and where poses are polled.
+Python beside it, and a recording is played by the loop. In a tick it waits for Python only where parts are
+moved or changed by messages, and where a sensor measures.
 """
 
 import ctypes
@@ -107,15 +107,18 @@ class Service:
         self.wake = self._bridge.wake  # has a tick made at once, where contacts are asked of Python
         self._memory.input["box"] = self._bridge.reader
         end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
-        self._is_direct = end is not None and answers_in_c(contact_source)
+        recording = getattr(pose_input, "loop_recording", lambda: None)()
+        self._is_direct = (end or recording) is not None and answers_in_c(contact_source)
         if not answers_in_c(contact_source):
             stale_after_ns = int(self._loop.stale_after_ns)
             self._newest = NewestSamples(contact_source.new_samples(), stale_after_ns, pose_input.address)
             self._loop.asked = _CONTACTS
-        elif self._is_direct and end is not None:
+        elif recording is not None:
+            fill(self._loop.recording, recording)
+        elif end is not None:
             fill(self._memory.input, {"box": 0, **end})
             self._memory.is_direct = True
-        elif self._clock is not None or not self._bridge.waits:
+        elif self._clock is None and not self._bridge.waits:
             self._loop.asked = _POSES
         if not self._newest and contact_source.takes_changes:  # type: ignore[attr-defined]
             self._loop.asked |= _PARTS | _BOUNDS
@@ -292,7 +295,7 @@ class Service:
         self._is_running, self._thread = True, threading.get_ident()
         with undisturbed(), self._real_time or nullcontext():
             self._advance(0)
-            while not (loop.stop or asks_to_stop() or loop.ticks == wanted or self._input.is_over):
+            while not (loop.stop or asks_to_stop() or loop.ticks == wanted or self._is_played()):
                 clock.sleep_until(int(loop.due_ns))
                 loop.simulated_ns = clock.now_ns()
                 self._advance(1)
@@ -301,8 +304,14 @@ class Service:
                 self._advance(0)
         self._is_running = False
 
+    def _is_played(self) -> bool:
+        """Whether no pose will come any more, as far as Python polls or the loop plays."""
+        return self._input.is_over or bool(self._loop.recording["is_over"])
+
     def _advance(self, ticks: int) -> None:
         """Make so many ticks more, and do what else Python does of it."""
+        if ticks and not self._is_direct and not self._newest:
+            self._bridge.poll(int(self._loop.simulated_ns))
         self._loop.ticks_wanted = int(self._loop.ticks) + ticks
         self._call()
         self._look()

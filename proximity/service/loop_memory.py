@@ -153,6 +153,7 @@ class LoopMemory:
         velocities, bends = np.full((count, 3), np.nan), np.full(count, np.nan)
         paths = np.full((count, PATH_CORNERS, 3), np.nan)
         self.optional = velocities, paths, np.linspace(0.0, 1.0, PATH_CORNERS), bends
+        rows = max(count, MAX_RECORDS)
         self._name = np.frombuffer(MODE.encode() + b"\0", np.uint8)
         self._arrays = {
             "instructions": self._name,
@@ -164,10 +165,10 @@ class LoopMemory:
             "velocities": velocities,
             "paths": paths,
             "bends": bends,
-            "given_ns": np.zeros(MAX_RECORDS, np.int64),
-            "given": np.zeros((MAX_RECORDS, 3)),
-            "fingers": np.zeros(MAX_RECORDS, np.int64),
-            "defects": np.zeros(MAX_RECORDS, np.uint8),
+            "given_ns": np.zeros(rows, np.int64),
+            "given": np.zeros((rows, 3)),
+            "fingers": np.zeros(rows, np.int64),
+            "defects": np.zeros(rows, np.uint8),
             "datagram": np.zeros(LARGEST_DATAGRAM, np.uint8),
         }
         self._received = np.zeros(PATH_POSES.size(MAX_RECORDS) + 8, np.uint8)

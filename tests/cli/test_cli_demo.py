@@ -1,5 +1,6 @@
 """``proximity demo``: what its drums show, and that all of it starts, ends and tells."""
 
+import io
 import math
 import os
 import re
@@ -9,20 +10,22 @@ import sys
 import threading
 import time
 
+import numpy as np
 import psutil
 import pytest
 import queued_transport
+from rich.console import Console
 from sealed_frames import frame
 
 import proximity
-from proximity.cli.device import demo
+from proximity.cli.device import demo, demo_view
 from proximity.cli.device.drum_loop import DrumsBeside
 from proximity.cli.service import watch_view
 from proximity.decaff.simulated_drums import DrumBench
 from proximity.errors import PublishError, ServiceError
-from proximity.message import Mode
+from proximity.message import ContactFlag, Mode, State
 from proximity.service import hosting
-from proximity.transport import open_publisher, open_subscriber
+from proximity.transport import Counts, Reading, open_publisher, open_subscriber
 
 
 def test_drums_that_cannot_receive_say_so(monkeypatch):
@@ -114,27 +117,26 @@ def run(run, monkeypatch):
     sys.setswitchinterval(interval)
 
 
-def test_demo_shows_lines_and_ends_with_what_was_done(run):
+def test_pipe_gets_the_summary_only(run):
     result = run("--limit", 0.5)
 
-    lines = result.out.splitlines()
     assert (result.code, result.err) == (0, "")
-    assert re.search(r" OK: \d+ Hz, .*; 0: 10.00 mm, position; 1: 20.00 mm, retract$", lines[0])
-    assert lines[-4:-2] == [
-        "service     4711 frames (4700 ok, 11 late), 2 ticks missed",
-        "computing   p50 81 µs, p99 140 µs; woken late p50 60 µs, p99 90 µs",
+    assert result.out.splitlines() == [
+        "✓ 99.9 % of 4713 frames in time (limit 99%)",
+        "✓ 0 touches as predicted 10 ms before, within 0.00 mm (limit 1 mm)",
+        "✓ 0 touches held with 0.0 N at most (limit 20 N)",
+        "Next:",
+        "  proximity query part.stl 30 10 5  how far a point is from your part",
+        "  proximity view part.stl           your part and a hand in the browser",
+        "  proximity serve --help            this service, for a controller of yours",
     ]
-    assert re.fullmatch(r"watch       \d+ frames seen, 0 lost, 0 refused", lines[-2])
-    assert re.fullmatch(
-        r"drums       [1-9]\d* frames seen, 0 touches held with 0\.00 N at most, 0 faults", lines[-1]
-    )
     assert result.service.is_stopped
 
 
 def test_terminal_shows_the_drums_beside_until_ctrl_c(run, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "100")
-    shown = watch_view.picture
+    shown = demo_view.picture
     count = []
 
     def picture(*arguments, **options):
@@ -143,14 +145,88 @@ def test_terminal_shows_the_drums_beside_until_ctrl_c(run, monkeypatch):
             os.kill(os.getpid(), signal.SIGINT)
         return shown(*arguments, **options)
 
-    monkeypatch.setattr("proximity.cli.service.watch_view.picture", picture)
+    monkeypatch.setattr("proximity.cli.device.demo_view.picture", picture)
     result = run()
 
     plain = re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", result.out)
     assert result.code == 0
-    assert re.search(r"10\.00 ◆█.* position +approach, 10\.0 mm", plain)
-    assert "drums       " in plain
+    assert result.err.splitlines() == [demo.FIRST_LINE]
+    assert re.search(r"IN TIME +\d+ of \d+ frames of the last second were in time", plain)
+    assert re.search(r"0 +█+\S? +10\.0 .* approach, 10\.0 mm", plain)
+    assert "touches held with" in plain
     assert result.service.is_stopped
+
+
+def contacts_of(*distances):
+    """A reading of fingers at some distances; nan: lost."""
+    message = frame(len(distances), now_ns=10**9)
+    message.header["state"], message.records["time_to_contact"] = State.OK, math.inf
+    message.records["signed_distance"] = distances
+    message.records["flags"] = np.where(np.isnan(distances), 0, int(ContactFlag.TRACKED))
+    return Reading(State.OK, True, 10**9, 0, message.header, message.records)
+
+
+class Beside:
+    """Drums of which nothing is known yet."""
+
+    bench = DrumBench(250.0)
+
+    def reported(self):
+        return []
+
+
+def shown(reading, silent_s=0.0, came=998, due=1000):
+    seen = watch_view.Seen("", Counts(), 0.0, silent_s, (), ("thumb", "index", "ring"))
+    last = demo_view.LastSecond()
+    last._samples.extend([(0.0, 0, 0), (1.0, came, due)])
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(demo_view.picture(reading, seen, last, Beside(), 80))
+    return console.export_text()
+
+
+def test_picture_tells_which_finger_touches_which_comes_and_which_the_recording_lost():
+    reading = contacts_of(-0.001, 0.005, math.nan)
+    reading.contacts["time_to_contact"][1] = 0.042
+    lines = shown(reading).splitlines()
+
+    assert lines[0].strip() == "IN TIME   998 of 1000 frames of the last second were in time"
+    assert lines[1].strip() == "touching: thumb; next: index in 42 ms; ring lost in the recording"
+    assert re.match(r"thumb +touches +-1\.0 +now", lines[3]) and re.match(
+        r"index +█+\S* +5\.0 +42 ms", lines[4]
+    )
+    assert re.match(r"ring +lost in the", lines[5]) and max(map(len, lines)) <= 80
+
+
+def test_headline_judges_the_last_second_and_says_nothing_of_a_hand_it_does_not_know():
+    reading = contacts_of(0.01)
+    assert " MOSTLY IN TIME " in shown(reading, came=950) and " LATE " in shown(reading, came=700)
+    assert shown(reading, silent_s=0.5).splitlines() == [" no frame for 0.5 s "]
+    old = Reading(State.STALE, False, 10**9, 0, reading.header, contacts_of(math.nan).contacts)
+    assert "lost" not in shown(old)
+
+
+def test_touch_is_compared_with_its_prediction():
+    watch = demo_view.TouchWatch()
+    for ms, distance, left_s in [(0, 0.01, 0.1), (50, 0.005, 0.05), (85, 0.0015, 0.014), (98, -0.0001, 0.0)]:
+        reading = contacts_of(distance)
+        reading.contacts["pose_ns"], reading.contacts["time_to_contact"] = 10**9 + ms * 10**6, left_s
+        reading.contacts["approach_speed"] = 0.1
+        watch.add(reading)
+
+    # Predicted for 99 ms, at 0.1 m/s; at 98 ms it is 0.1 mm inside.
+    assert watch.touches == 1 and watch.farthest == pytest.approx(2e-4, abs=1e-9)
+
+
+def test_faults_have_a_reason():
+    drums = Beside()
+    drums.bench = DrumBench(250.0)
+    drums.bench.fingers = [
+        drums.bench._finger(drums.bench._paths[0], drums.bench._plant(drums.bench._paths[0]))
+    ]
+    drums.bench.fingers[0].reasons["no sample for 200 ms"] += 2
+    lines = [text.plain for text in demo_view.closing_lines(REPORT, demo_view.TouchWatch(), drums)]
+
+    assert lines[2] == "✗ 0 touches held with 0.0 N at most (limit 20 N): 2 x no sample for 200 ms"
 
 
 def test_service_that_fails_ends_the_demo(run):
@@ -182,7 +258,7 @@ def test_demo_without_frames_is_exit_code_1(run):
     result = run("--limit", 0.3)
 
     assert result.code == 1
-    assert "drums       0 frames seen" in result.out
+    assert "0 touches held" in result.out
 
 
 def test_samples_are_beside_the_package_or_in_it(tmp_path, monkeypatch):
@@ -210,16 +286,14 @@ def test_wheel_brings_the_samples_along():
 
 
 def test_demo_runs_in_one_command_and_leaves_nothing_behind():
-    environment = {
-        key: value for key, value in os.environ.items() if key not in ("FORCE_COLOR", "GITHUB_ACTIONS")
-    }
+    environment = os.environ | {"FORCE_COLOR": "1"}  # it shows the hand, and begins with that
     command = [sys.executable, "-m", "proximity", "demo", "--limit", "300"]
     program = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
     )
     children = []
     try:
-        first = program.stdout.readline()
+        first = program.stdout.read(1)
         children = psutil.Process(program.pid).children(recursive=True)
         program.send_signal(signal.SIGINT)
         rest, said = program.communicate(timeout=60)
@@ -231,7 +305,7 @@ def test_demo_runs_in_one_command_and_leaves_nothing_behind():
             child.kill()
 
     assert program.returncode == 0, said
-    assert re.match(r"[\d:]{8} [A-Z]+: \d+ Hz, ", first)
-    assert re.search(r"^service     \d+ frames \(.*\), \d+ ticks missed$", rest, re.MULTILINE)
-    assert re.search(r"^drums       [1-9]\d* frames seen, ", rest, re.MULTILINE)
+    plain = re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", first + rest)
+    assert re.search(r"^[✓✗] \d+\.\d % of \d+ frames in time", plain, re.MULTILINE)
+    assert re.search(r"^[✓✗] \d+ touch(es)? held with", plain, re.MULTILINE)
     assert gone and not alive

@@ -20,8 +20,8 @@ from proximity import PATH_POSES, POSES, Message
 from proximity.errors import ServiceError
 from proximity.message import FRAME, State, parts_of
 from proximity.native.mode import IS_AHEAD
-from proximity.recording import FrameLog, FrameReader
-from proximity.service import Describer, MessageInput, Service, TrackedContacts, loop
+from proximity.recording import FrameLog, FrameReader, Recording
+from proximity.service import Describer, MessageInput, RecordingInput, Service, TrackedContacts, loop
 from proximity.service.hosting import start_service
 from proximity.tracker.tracker import Tracker
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
@@ -421,3 +421,52 @@ def test_service_that_is_held_and_killed_says_nothing_wrong(scene, tmp_path, req
                 until(lambda: look().state is State.STALE)
                 service.stop()
         assert used >= 6 and len(sessions) == 3 and not subscriber.counts.flawed
+
+
+class Polled:
+    """A recording that Python polls."""
+
+    def __init__(self, recording):
+        self._recording = recording
+        self.address, self.notes = recording.address, recording.notes
+
+    is_over = property(lambda self: self._recording.is_over)
+    poll = property(lambda self: self._recording.poll)
+    close = property(lambda self: self._recording.close)
+
+
+@pytest.mark.parametrize(
+    ("repeat", "latency", "ticks"), [(False, 0.002, None), (True, 0.0, 700), (True, 0.03, 900)]
+)
+def test_recording_that_the_loop_plays_is_what_python_polls(scene, repeat, latency, ticks):
+    """To the bit: at its own instants, again and again, with a lost finger and pauses of the machine."""
+    rng = np.random.default_rng(int(1e3 * latency))
+    times_ns = np.cumsum(rng.integers(1, 9, 60)) * MS
+    lower, upper = scene.bounds
+    positions = np.linspace(lower - 0.01, upper, 60)[:, None] + rng.normal(0.0, 0.002, (60, COUNT, 3))
+    positions[20:30, 1] = np.nan
+    hand = Recording(times_ns, positions, tuple((0, k) for k in range(COUNT)), "hand")
+    taken = []
+    for kind in (lambda each: each, Polled):
+        frames, oversleeps = (
+            names()[0],
+            np.random.default_rng(1).choice([0, 0, 0, 0, 400 * MS], 1000, p=[0.3, 0.3, 0.2, 0.19, 0.01]),
+        )
+        reader, room, found = open_inlet(frames), np.zeros(4096, np.uint8), []
+        clock = ManualClock(BEGIN_NS, oversleeps.tolist())
+        sleep = clock.sleep_until
+
+        def sleep_until(due_ns, sleep=sleep, reader=reader, room=room, found=found):
+            while (size := reader.receive(room)) != NOTHING:
+                found.append(room[24:size].tobytes())
+            sleep(due_ns)
+
+        clock.sleep_until = sleep_until
+        pose_input = kind(RecordingInput(hand, latency=latency, repeat=repeat))
+        service = Service(contacts_of(scene), pose_input, [open_publisher(frames)], period=0.001, clock=clock)
+        report = service.run(tick_count=ticks)
+        sleep_until(0)
+        taken.append((found, {**report.as_dict(), "compute": 0, "lateness": 0, "publish_failures": 0}))
+        reader.close()
+
+    assert len(taken[0][0]) > 100 and taken[0] == taken[1]

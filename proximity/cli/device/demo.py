@@ -3,8 +3,9 @@
 import sys
 import time
 from contextlib import ExitStack
+from functools import partial
 from threading import Event
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,8 +17,6 @@ from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
 
 if TYPE_CHECKING:
-    from proximity.cli.device.drum_loop import DrumsBeside
-    from proximity.cli.service.watch_view import Seen
     from proximity.service.hosting import RunningService
 
 TURN_S = 0.02
@@ -25,6 +24,7 @@ DRUM_RATE_HZ = 250.0
 WATCHDOG_NS = 200_000_000  # a drum would be switched off after 10 ms; here nobody is hurt by a busy machine
 SWITCH_S = 1e-3  # that the drums wait at most while the picture is drawn in the same process
 SCENE = "demo.toml"
+FIRST_LINE = "A recorded hand comes to a bracket. Starting its service and the drums of a glove ..."
 
 
 def demo(
@@ -37,14 +37,17 @@ def demo(
 
     A service follows the hand 1000 times a second, in a process of its own. Controllers of simulated
     drums listen to it, as `proximity drum` runs them. This terminal shows both until Ctrl-C or
-    --limit, and then a summary. No files are left behind.
+    --limit, and then a summary; through a pipe only that. No files are left behind.
 
     Examples:
       proximity demo
       proximity demo --limit 5 | cat
     """
+    if progress.is_terminal():
+        typer.echo(FIRST_LINE, err=True)
+    from proximity.cli.device.demo_view import LastSecond, TouchWatch, closing_lines, picture
     from proximity.cli.device.drum_loop import DrumsBeside
-    from proximity.cli.service.watch_view import Follower, show
+    from proximity.cli.service.watch_view import Follower
     from proximity.cli.tables import Console, Screen
     from proximity.decaff.controller.settings import Limits
     from proximity.decaff.simulated_drums import DrumBench
@@ -60,18 +63,22 @@ def demo(
         with progress.spinner("starting the service"):
             listening = [opened.enter_context(open_subscriber(each)) for each in (to_drums, to_watch)]
             service = opened.enter_context(_start({to_drums, to_watch}, stop))
-        drums = opened.enter_context(DrumsBeside(bench, listening[0], DRUM_RATE_HZ))
+        touches, last, console = TouchWatch(), LastSecond(), Console()
+        drums = opened.enter_context(DrumsBeside(bench, listening[0], DRUM_RATE_HZ, touches.add))
         follower = Follower(listening[1])
-        screen, ends = opened.enter_context(Screen(Console())), time.monotonic() + limit
+        screen = opened.enter_context(Screen(console, is_silent=not console.is_terminal))
+        ends = time.monotonic() + limit
         while True:
             reading, seen = follower.look(TURN_S)
-            show(screen, reading, seen, drums.reported())
+            last.add(time.monotonic(), reading, seen)
+            shown = partial(picture, reading, seen, last, drums)
+            screen.show(str, lambda size, shown=shown: shown(size.width))  # type: ignore[misc]
             is_running = service.is_running and drums.is_running
             if stop.is_set() or not is_running or time.monotonic() >= ends:
                 break
-        report = service.stop()
-    for text in _summary(report, seen, drums):
-        typer.echo(text)
+        done = service.stop()
+    for text in closing_lines(done, touches, drums):
+        console.print(text, highlight=False, soft_wrap=not console.is_terminal)
     if not drums.received:
         raise typer.Exit(EXIT_NOTHING)
 
@@ -94,21 +101,3 @@ def _addresses() -> tuple[str, str]:
 
     own = own_addresses()
     return own.frames, own.frames if own.frames.startswith("iox2:") else own.poses
-
-
-def _summary(report: dict[str, Any], seen: "Seen", drums: "DrumsBeside") -> list[str]:
-    """One line each on what service, watch and drums have done."""
-    compute, late = report["compute"], report["lateness"]
-    states = ", ".join(f"{count} {state}" for state, count in report["states"].items() if count)
-    counts, fingers = seen.counts, drums.bench.fingers
-    touches, faults = sum(each.touches for each in fingers), sum(each.faults for each in fingers)
-    peak = max((each.peak_force for each in fingers), default=0.0)
-    p50, p99 = (f"{compute[key] / 1e3:.0f} µs" for key in ("p50_ns", "p99_ns"))
-    late_p50, late_p99 = (f"{late[key] / 1e3:.0f} µs" for key in ("p50_ns", "p99_ns"))
-    return [
-        f"service     {report['ticks']} frames ({states}), {report['missed']} ticks missed",
-        f"computing   p50 {p50}, p99 {p99}; woken late p50 {late_p50}, p99 {late_p99}",
-        f"watch       {counts.received} frames seen, {counts.lost} lost, {counts.unused} refused",
-        f"drums       {drums.received} frames seen, {touches} touches held with {peak:.2f} N at most, "
-        f"{faults} faults",
-    ]

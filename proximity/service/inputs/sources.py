@@ -19,7 +19,7 @@ class PoseInput(Protocol):
     """An input of samples; its methods neither wait nor raise.
 
     Where it has ``wait(timeout)``, a thread waits there and polls it; otherwise each tick does. Where it has
-    ``loop_end()`` that returns something, the loop takes poses from there by itself.
+    ``loop_end()`` or ``loop_recording()`` that return something, the loop takes poses from there by itself.
     """
 
     is_over: bool
@@ -61,12 +61,24 @@ class RecordingInput:
         self._positions = recording.positions
         if repeat:
             self._times_ns, self._positions = _with_nobody_at_the_end(self._times_ns, self._positions)
+        self._times_ns = np.ascontiguousarray(self._times_ns, np.int64)
+        self._positions = np.ascontiguousarray(self._positions, np.float64)
         self._poses = FingerPoses(len(recording.fingers))
         self._latency_ns = round(NS_PER_S * latency)
         self._repeat = repeat
         self._row = -1  # the last one given
         self._start_ns: int | None = None  # instant of the first row
         self._round_ns = int(self._times_ns[-1]) + MAX_GAP_NS
+
+    def loop_recording(self) -> dict[str, int]:
+        """What the loop of a service has to know to play it."""
+        return {
+            "times_ns": self._times_ns.ctypes.data,
+            "positions": self._positions.ctypes.data,
+            "rows": len(self._times_ns),
+            "latency_ns": self._latency_ns,
+            "round_ns": self._round_ns if self._repeat else 0,
+        }
 
     def poll(self, now_ns: int) -> Iterator[FingerPoses]:
         """Give the poses of the last instant that is past, unless they were given before."""

@@ -217,6 +217,7 @@ static int answer(Loop *loop, decaff_contact *contacts, int64_t start_ns)
     if (!ask(loop, LOOP_ASK_POSES, start_ns)) {
         return 0;
     }
+    play_recording(loop, start_ns);
     take_messages(loop);
     int64_t words[] = {loop->pose_ns, loop->count, loop->positions, loop->count, 3, start_ns - loop->stale_after_ns, 0};
     proximity_call(set_of(loop), DROP_STALE, words);

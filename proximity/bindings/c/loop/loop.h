@@ -68,6 +68,13 @@ typedef struct LoopInput {
     int64_t ended_count, looked_ns;
 } LoopInput;
 
+/* Poses that were recorded, and are played by their times. */
+typedef struct LoopRecording {
+    int64_t times_ns, positions, rows; /* from 0 on; of all fingers; 0: there is none */
+    int64_t latency_ns, round_ns; /* how old a pose is when it comes; from one beginning to the next, 0: there is one */
+    int64_t row, start_ns, has_begun, is_over; /* the last row that was played, and the instant of the first */
+} LoopRecording;
+
 typedef struct LoopTimes {
     int64_t count, max_ns;
     int64_t bins[LOOP_BINS];
@@ -100,6 +107,7 @@ typedef struct Loop {
     int64_t first_off_ns[4]; /* of the first ones of these kinds */
     LoopTimes compute, lateness;
     LoopInput input;
+    LoopRecording recording;
     LoopOutput outputs[LOOP_OUTPUTS];
     int64_t output_count;
     int64_t log; /* a decaff_mailbox without a file, for frames as the first output has sealed them; 0: none */

@@ -183,6 +183,20 @@ static void keep_optional(Loop *loop, int64_t rows, const uint8_t *records, int6
     }
 }
 
+/* Take the poses that are in `given` where they are newer; whether that was done. */
+static int take_given(Loop *loop, int64_t rows)
+{
+    int64_t now_ns = clock_now_ns(loop), count = loop->count;
+    int64_t words[] = {loop->pose_ns, count, loop->positions, count, 3, loop->refused_ns, count, loop->row_of, count,
+                       loop->fingers, rows, loop->given_ns, rows, loop->given, rows, 3, loop->defects, rows,
+                       now_ns - loop->stale_after_ns, now_ns + DECAFF_AHEAD_NS, 0};
+    if (!proximity_call(set_of(loop), UPDATE_NEWEST, words)) {
+        return 0;
+    }
+    count_defects(loop, rows, now_ns);
+    return 1;
+}
+
 /* Take the poses of a message that was checked: those of fingers that are served, where they are newer. */
 static void take_poses(Loop *loop, uint8_t *message)
 {
@@ -204,19 +218,54 @@ static void take_poses(Loop *loop, uint8_t *message)
         memmove(records + rows * stride, pose, (size_t)stride);
         rows++;
     }
-    int64_t now_ns = clock_now_ns(loop), count = loop->count;
-    int64_t words[] = {loop->pose_ns, count, loop->positions, count, 3, loop->refused_ns, count, loop->row_of, count,
-                       loop->fingers, rows, loop->given_ns, rows, loop->given, rows, 3, loop->defects, rows,
-                       now_ns - loop->stale_after_ns, now_ns + DECAFF_AHEAD_NS, 0};
-    if (!proximity_call(set_of(loop), UPDATE_NEWEST, words)) {
+    if (!take_given(loop, rows)) {
         return;
     }
-    count_defects(loop, rows, now_ns);
     keep_optional(loop, rows, records, stride, offsetof(decaff_pose, velocity), 3, POINTER(loop->velocities),
                   &loop->has_velocities);
     keep_optional(loop, rows, records, stride, is_path ? (int64_t)offsetof(decaff_path_pose, corners) : -1,
                   3 * DECAFF_PATH_CORNERS, POINTER(loop->paths), &loop->has_paths);
     keep_optional(loop, rows, records, stride, offsetof(decaff_pose, bend), 1, POINTER(loop->bends), &loop->has_bends);
+}
+
+/* Take the poses of a recording at the last of its times that is past, unless they were taken before. */
+static void play_recording(Loop *loop, int64_t now_ns)
+{
+    LoopRecording *recording = &loop->recording;
+    const int64_t *times_ns = POINTER(recording->times_ns);
+    if (recording->rows == 0) {
+        return;
+    }
+    if (!recording->has_begun) {
+        recording->has_begun = 1;
+        recording->row = -1;
+        recording->start_ns = now_ns - recording->latency_ns;
+    }
+    int64_t elapsed_ns = now_ns - recording->latency_ns - recording->start_ns;
+    if (recording->round_ns != 0 && elapsed_ns >= recording->round_ns) { /* all that are past at once */
+        recording->start_ns += elapsed_ns / recording->round_ns * recording->round_ns;
+        elapsed_ns %= recording->round_ns;
+        recording->row = -1;
+    }
+    int64_t row = recording->row, *fingers = POINTER(loop->fingers), *given_ns = POINTER(loop->given_ns);
+    while (row + 1 < recording->rows && times_ns[row + 1] <= elapsed_ns) {
+        row++;
+    }
+    if (row == recording->row) {
+        return;
+    }
+    recording->row = row;
+    for (int64_t k = 0; k < loop->count; k++) {
+        fingers[k] = k;
+        given_ns[k] = recording->start_ns + times_ns[row];
+    }
+    const double *positions = POINTER(recording->positions);
+    memcpy(POINTER(loop->given), positions + 3 * loop->count * row, (size_t)loop->count * 3 * sizeof(double));
+    take_given(loop, loop->count);
+    if (recording->round_ns == 0 && row == recording->rows - 1) {
+        recording->is_over = 1;
+        loop->ticks_wanted = loop->ticks + 1; /* this one */
+    }
 }
 
 static void take_messages(Loop *loop)

@@ -1,0 +1,220 @@
+"""What ``proximity demo`` shows: the hand and its drums as they move, and at the end what they did.
+
+The headline judges the last second, not one frame. A finger that is not tracked is lost in the recording: the
+demo has no other input.
+"""
+
+import math
+from collections import Counter, deque
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from proximity.cli.output import MM_PER_M, counted
+from proximity.cli.service.finger_view import EIGHTHS, TOUCH_STYLE, is_tracked
+from proximity.decaff.controller.settings import Limits
+from proximity.message import State
+from proximity.system.time_units import MS_PER_S, S_PER_NS
+from proximity.transport import Reading
+
+if TYPE_CHECKING:
+    from proximity.cli.device.drum_loop import DrumsBeside
+    from proximity.cli.service.watch_view import Seen
+
+LEAST_IN_TIME, FAIR_IN_TIME = 0.99, 0.9
+"""Shares of frames: with less than the first not all is well, with less than the second nothing is."""
+FARTHEST_TOUCH = 1e-3
+"""m between where a finger was predicted to touch and where it did: what a fingertip feels. Assumed."""
+FORESEEN_S = 0.010
+"""s before a touch by which it is predicted: what a drum needs for the last millimetres. Assumed."""
+WINDOW_S, SILENT_S = 1.0, 0.3
+SCALE_MM, LEAST_BAR = 60.0, 8  # of a bar; its cells
+COLUMNS = {"finger": 7, "bar": 0, "mm": 6, "touch in": 8, "finger mm": 9, "drum mm": 7, "drum": 18}
+NUMBERS = ("mm", "touch in", "finger mm", "drum mm")
+NEXT = (
+    ("proximity query part.stl 30 10 5", "how far a point is from your part"),
+    ("proximity view part.stl", "your part and a hand in the browser"),
+    ("proximity serve --help", "this service, for a controller of yours"),
+)
+
+
+class LastSecond:
+    """How many frames of the last second came, of those that were due."""
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[float, int, int]] = deque()
+
+    def add(self, now: float, reading: Reading, seen: "Seen") -> None:
+        """Count what has come until now, s, and what should have."""
+        came = seen.counts.received
+        missed = 0 if reading.header is None else int(reading.header["missed"])
+        self._samples.append((now, came, came + seen.counts.lost + missed))
+        while now - self._samples[0][0] > WINDOW_S and len(self._samples) > 2:
+            self._samples.popleft()
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Frames that came, and that were due."""
+        (_, came, due), (_, came_now, due_now) = self._samples[0], self._samples[-1]
+        return came_now - came, due_now - due
+
+
+class TouchWatch:
+    """How far from the prediction fingers touch; each reading of a controller is added by its thread."""
+
+    def __init__(self) -> None:
+        self.touches, self.farthest = 0, 0.0  # m
+        self._predicted: dict[int, deque[tuple[int, int, float]]] = {}
+        self._was_free: set[int] = set()
+
+    def add(self, reading: Reading) -> None:
+        """Take in what a reading predicts, and compare what it says of touches with what was predicted."""
+        if not reading.is_new or not reading.is_valid:
+            return
+        for contact in reading.contacts[is_tracked(reading.contacts)]:
+            finger, pose_ns, left_s = (
+                contact[name].item() for name in ("finger", "pose_ns", "time_to_contact")
+            )
+            if contact["signed_distance"] > 0.0:
+                self._was_free.add(finger)
+                if math.isfinite(left_s):
+                    kept = self._predicted.setdefault(finger, deque(maxlen=64))
+                    kept.append(
+                        (pose_ns, pose_ns + round(left_s / S_PER_NS), float(contact["approach_speed"]))
+                    )
+            elif finger in self._was_free:
+                self._was_free.discard(finger)
+                self._compare(self._predicted.pop(finger, deque()), contact)
+
+    def _compare(self, predicted: "deque[tuple[int, int, float]]", contact: Any) -> None:
+        """Compare a touch with what was predicted of it shortly before."""
+        touched_ns = int(contact["pose_ns"])
+        before = [each for each in predicted if S_PER_NS * (touched_ns - each[0]) >= FORESEEN_S]
+        if not before:
+            return
+        _, foreseen_ns, speed = before[-1]
+        self.touches += 1
+        gap = speed * S_PER_NS * (touched_ns - foreseen_ns) + float(contact["signed_distance"])
+        self.farthest = max(self.farthest, abs(gap))
+
+
+def picture(
+    reading: Reading, seen: "Seen", last: LastSecond, drums: "DrumsBeside", width: int
+) -> RenderableType:
+    """Return what a terminal shows."""
+    if not len(reading.contacts) or _is_outdated(reading, seen):
+        return headline(seen, last)
+    columns = COLUMNS | {"bar": max(width - sum(COLUMNS.values()) - len(COLUMNS), LEAST_BAR)}
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    for name, width in columns.items():
+        title = f"0 to {SCALE_MM:.0f} mm" if name == "bar" else name
+        table.add_column(title, justify="right" if name in NUMBERS else "left", no_wrap=True, width=width)
+    words = drums.reported()
+    for row, contact in enumerate(reading.contacts):
+        cells = _cells(contact, columns["bar"])
+        if row < len(words):
+            finger = drums.bench.fingers[row]
+            cells["finger mm"] = f"{MM_PER_M * finger.path.position(finger.bend):.1f}"
+            cells["drum mm"], cells["drum"] = f"{MM_PER_M * finger.plant.position:.1f}", words[row]
+        cells["finger"] = _name(row, seen.finger_names)
+        table.add_row(*(cells.get(name, "") for name in columns))
+    return Group(headline(seen, last), _what_comes(reading, seen.finger_names), table)
+
+
+def _is_outdated(reading: Reading, seen: "Seen") -> bool:
+    """Whether frames are missing or late, so that nothing is known of the hand."""
+    is_forgotten = reading.state is State.STALE and reading.header["state"] != State.STALE
+    return bool(seen.silent_s > SILENT_S or is_forgotten)
+
+
+def headline(seen: "Seen", last: LastSecond) -> Text:
+    """Return a sentence on the last second."""
+    came, due = last.counts
+    if seen.silent_s > SILENT_S or due <= 0:
+        return Text(f" no frame for {seen.silent_s:.1f} s ", "bold white on red")
+    share = came / due
+    word = "IN TIME" if share >= LEAST_IN_TIME else "MOSTLY IN TIME" if share >= FAIR_IN_TIME else "LATE"
+    style = {"IN TIME": "black on green", "LATE": "bold white on red"}.get(word, "black on yellow")
+    return Text.assemble((f" {word} ", style), f"  {came} of {due} frames of the last second were in time")
+
+
+def _what_comes(reading: Reading, names: Sequence[str]) -> Text:
+    """Which finger touches next and when, which touch, and which the recording does not have."""
+    contacts, tracked = reading.contacts, is_tracked(reading.contacts)
+    if not tracked.any():
+        return Text("the hand is away: the recording begins anew", "dim")
+    touches = tracked & (contacts["signed_distance"] <= 0.0)
+    touching, lost = (
+        [_name(row, names) for row in np.flatnonzero(rows).tolist()] for rows in (touches, ~tracked)
+    )
+    left_s = np.where(tracked & ~touches, contacts["time_to_contact"], np.inf)
+    row = int(np.argmin(left_s))
+    said = [f"touching: {', '.join(touching)}"] if touching else []
+    if math.isfinite(left_s[row]):
+        said.append(f"next: {_name(row, names)} in {MS_PER_S * left_s[row]:.0f} ms")
+    if lost:
+        said.append(f"{', '.join(lost)} lost in the recording")
+    return Text("; ".join(said) or "no finger is about to touch the part")
+
+
+def _name(row: int, names: Sequence[str]) -> str:
+    return names[row] if row < len(names) else f"{row}"
+
+
+def _cells(contact: Any, width: int) -> dict[str, Any]:
+    """Bar, distance and time of a finger."""
+    if not is_tracked(contact):
+        return {"bar": Text("lost in the recording"[:width], "dim")}
+    distance, left_s = MM_PER_M * float(contact["signed_distance"]), float(contact["time_to_contact"])
+    cells: dict[str, Any] = {"mm": f"{distance:.1f}"}
+    if distance <= 0.0:
+        return {**cells, "bar": Text(" touches".ljust(width), TOUCH_STYLE), "touch in": "now"}
+    whole, rest = divmod(min(distance / SCALE_MM, 1.0) * width, 1.0)
+    full = "█" * int(whole) + (EIGHTHS[int(8 * rest)] if int(whole) < width else "")
+    style = "yellow" if math.isfinite(left_s) else "green"
+    return {
+        **cells,
+        "bar": Text(full, style),
+        "touch in": f"{MS_PER_S * left_s:.0f} ms" if math.isfinite(left_s) else "-",
+    }
+
+
+def closing_lines(report: dict[str, Any], touches: TouchWatch, drums: "DrumsBeside") -> list[Text]:
+    """Return three sentences on what was done, each with its limit, and what to do next."""
+    due, fingers, most = report["ticks"] + report["missed"], drums.bench.fingers, Limits().peak_force
+    share, held = report["ticks"] / max(due, 1), sum(each.touches for each in fingers)
+    peak = max((each.peak_force for each in fingers), default=0.0)
+    faults: Counter[str] = sum((each.reasons for each in fingers), Counter())
+    reasons = [f"{count} x {reason}" for reason, count in faults.items()]
+    lines = [
+        _judged(
+            share >= LEAST_IN_TIME,
+            f"{math.floor(1e3 * share) / 10:.1f} % of {due} frames in time (limit {LEAST_IN_TIME:.0%})",
+            "another program takes the processor",
+        ),
+        _judged(
+            touches.farthest <= FARTHEST_TOUCH,
+            f"{counted(touches.touches, 'touch', 'touches')} as predicted {MS_PER_S * FORESEEN_S:.0f} ms "
+            f"before, within {MM_PER_M * touches.farthest:.2f} mm (limit {MM_PER_M * FARTHEST_TOUCH:.0f} mm)",
+            "frames came late" if share < LEAST_IN_TIME else "the hand moved otherwise",
+        ),
+        _judged(
+            peak <= most and not reasons,
+            f"{counted(held, 'touch', 'touches')} held with {peak:.1f} N at most (limit {most:.0f} N)",
+            "; ".join(reasons) or "a drum pressed too hard",
+        ),
+    ]
+    return [
+        *lines,
+        Text("Next:"),
+        *(Text.assemble(f"  {command:34}", (what, "dim")) for command, what in NEXT),
+    ]
+
+
+def _judged(is_well: bool, sentence: str, reason: str) -> Text:
+    mark, style = ("✓", "green") if is_well else ("✗", "red")
+    return Text.assemble((mark, style), f" {sentence}", "" if is_well else f": {reason}")
