@@ -9,6 +9,8 @@ import argparse
 import os
 import subprocess
 import sys
+import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -32,6 +34,9 @@ def main() -> None:
         "--every-set", action="store_true", default=every_set_is_wanted(), help="all instructions"
     )
     parser.add_argument("--state", action="store_true", help="say what has been built, and build nothing")
+    parser.add_argument(
+        "--isolated", action="store_true", help="install what compiling takes into a temporary folder first"
+    )
     options = parser.parse_args()
     targets = [TARGETS[name] for name in options.target] if options.target else [host_target()]
     for target in targets if options.state else []:
@@ -40,8 +45,22 @@ def main() -> None:
         print(f"target={target.name}\nwheel={target.wheel}\nfiles={files}")
         print(f"is_current={'yes' if is_current(target, options.out, every_set=options.every_set) else 'no'}")
     if not options.state:
+        if options.isolated and not all(map(find_spec, ("numba", "numpy", "ziglang"))):
+            _begin_with_requirements()
         _fix_order()
         _build(targets, options.out, every_set=options.every_set)
+
+
+def _begin_with_requirements() -> None:
+    """Begin anew with what compiling takes, from a folder that goes with this process."""
+    with tempfile.TemporaryDirectory() as folder:
+        wanted = ROOT / "tools" / "kernel_build" / "requirements.txt"
+        pip = sys.executable, "-m", "pip", "install", "--quiet", "--target", folder, "--requirement"
+        subprocess.run([*pip, str(wanted)], check=True)
+        again = subprocess.run(
+            [sys.executable, *sys.argv], env=os.environ | {"PYTHONPATH": folder}, check=False
+        )
+    raise SystemExit(again.returncode)
 
 
 def _fix_order() -> None:
@@ -55,6 +74,7 @@ def _fix_order() -> None:
 
 def _build(targets: list[Target], folder: Path, *, every_set: bool) -> None:
     os.environ["PROXIMITY_ISA"] = "jit"  # kernels are declared to numba in this process
+    os.environ["NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING"] = "1"  # of each type that does not fit
     from proximity.native import jit
 
     jit.is_kept = False

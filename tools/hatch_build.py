@@ -12,10 +12,10 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-REQUIREMENTS = ["numba==0.68.1", "numpy>=2.1", "ziglang>=0.15"]
+REQUIREMENTS = Path(__file__).with_name("kernel_build") / "requirements.txt"
 """What compiling takes: numba's internals are leaned on, so its version is fixed."""
 PLACE = "proximity/native/{}"
-SECONDS = 100
+SECONDS = 75
 
 
 class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
@@ -31,7 +31,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         is_editable = any(argument.endswith("_editable") for argument in sys.argv)
         if self.target_name != "wheel" or self._is_current(every_set=not is_editable):
             return []
-        return REQUIREMENTS
+        return REQUIREMENTS.read_text(encoding="ascii").split()
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, and tell the builder of a wheel what to take in."""
@@ -45,7 +45,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
             )
             started = time.perf_counter()
             try:
-                targets = "--target", state["target"], "--target", "wasm32"
+                targets = "--target", state["target"], *self._web_target(every_set)
                 self._tool(*targets, *self._sets(every_set))
             except subprocess.CalledProcessError:
                 if version != "editable":
@@ -70,8 +70,14 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         return dict(line.split("=", 1) for line in lines)
 
     def _is_current(self, *, every_set: bool) -> bool:
-        states = (self._state(target, every_set=every_set)["is_current"] for target in (None, "wasm32"))
+        targets = None, *self._web_target(every_set)[1:]
+        states = (self._state(target, every_set=every_set)["is_current"] for target in targets)
         return all(state == "yes" for state in states)
+
+    def _web_target(self, every_set: bool) -> list[str]:
+        """The modules for browsers: a checkout has them when they are first wanted, or with all sets."""
+        is_wanted = every_set or os.environ.get("PROXIMITY_INSTRUCTIONS") == "all"
+        return ["--target", "wasm32"] if is_wanted else []
 
     def _sets(self, every_set: bool) -> list[str]:
         return ["--every-set"] if every_set else []

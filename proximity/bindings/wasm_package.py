@@ -1,6 +1,8 @@
 """The engine for browsers as a folder of ES modules: WebAssembly, types, and the layout of contacts."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import proximity
@@ -10,19 +12,20 @@ from proximity.message.clients import client_files, write_sources
 HERE, NATIVE = Path(__file__).parent / "wasm", Path(__file__).parent.parent / "native"
 MODULES = ("proximity.plain.wasm", "proximity.relaxed.wasm")
 """Of which a checkout may have only the second, for browsers that have relaxed vector instructions."""
-BUILD = "python tools/build_kernels.py --target wasm32 --every-set"
+TOOL = Path(proximity.__file__).parent.parent / "tools" / "build_kernels.py"
+BUILD = "python tools/build_kernels.py --target wasm32 --every-set --isolated"
 CLIENT_FILES = ("decaff.mjs", "layout.mjs")
 """Of the service's client: what reads the records of contacts."""
 
 
 def package_files() -> dict[str, str | bytes]:
-    """Return the files of the package by name, `proximity.plain.wasm` only if it is compiled."""
+    """Return the files of the package by name, `proximity.plain.wasm` only if it is compiled.
+
+    A checkout compiles the other one if it is not there yet.
+    """
+    if not (NATIVE / MODULES[1]).is_file():
+        _compile()
     found = [name for name in MODULES if (NATIVE / name).is_file()]
-    if MODULES[1] not in found:
-        raise ProximityError(
-            f"the engine for browsers has not been compiled ({MODULES[1]}); wheels have it, and so has a "
-            f"checkout after `{BUILD}` (with the extra test, some minutes)"
-        )
     own = {
         path.name: path.read_text(encoding="utf-8").replace("@VERSION@", proximity.__version__)
         for path in sorted(HERE.iterdir())
@@ -34,6 +37,20 @@ def package_files() -> dict[str, str | bytes]:
         **{name: client[name] for name in CLIENT_FILES},
         **{name: (NATIVE / name).read_bytes() for name in found},
     }
+
+
+def _compile() -> None:
+    """Have the checkout compile the engine for browsers."""
+    if TOOL.is_file():
+        print("compiling the engine for browsers, once: about a minute", file=sys.stderr, flush=True)
+        command = [sys.executable, os.fspath(TOOL), "--target", "wasm32", "--isolated"]
+        done = subprocess.run(command, check=False, stdout=subprocess.DEVNULL)
+        if done.returncode == 0:
+            return
+    raise ProximityError(
+        f"the engine for browsers has not been compiled ({MODULES[1]}); wheels have it, and so has a "
+        f"checkout after `{BUILD}`"
+    )
 
 
 def write_package(folder: str | os.PathLike[str]) -> dict[str, bool]:

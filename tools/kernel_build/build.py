@@ -1,5 +1,6 @@
 """From sources to the extension module of each target."""
 
+import gc
 import importlib.util
 import os
 import sys
@@ -10,7 +11,7 @@ from typing import NamedTuple
 
 from llvmlite import binding
 
-from kernel_build import front_end
+from kernel_build import front_end, kept_code
 from kernel_build.link import entry_table, link, link_library
 from kernel_build.objects import emit_object
 from kernel_build.state import library_digest, sources_digest
@@ -35,6 +36,8 @@ GROUPS = (
 """Modules, by the beginnings of their names, whose entry points share much code: groups that take about
 as long.
 """
+RARELY = 200_000, 50, 100
+"""Thresholds of the garbage collector: by default it takes a tenth of the time, and finds little."""
 
 
 def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]:
@@ -59,7 +62,15 @@ def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]
             made += _linked(target, objects, digest, target_folder(target, folder))
         else:
             made += [_linked_module(target, objects, each, folder) for each in sets[target.name]]
+    _remove_old_modules(folder)
     return made
+
+
+def _remove_old_modules(folder: Path) -> None:
+    """Remove modules for browsers of other sources: they are compiled when they are wanted."""
+    for path in folder.glob("proximity.*.wasm"):
+        if library_digest().encode() not in path.read_bytes():
+            path.unlink()
 
 
 def usable_sets(target: Target) -> tuple[Instructions, ...]:
@@ -82,6 +93,17 @@ def _compile_groups(
     groups: tuple[int, ...], targets: list[Target], sets: dict[str, tuple[Instructions, ...]]
 ) -> tuple[list[str], dict[tuple[str, str], bytes]]:
     """Names of the entry points in groups, and their object file for each target and set of instructions."""
+    names, code = kept_code.read(groups) or _code_of_groups(groups)
+    return names, {
+        (target.name, instructions.name): emit_object(code, target, instructions)
+        for target in targets
+        for instructions in sets[target.name]
+    }
+
+
+def _code_of_groups(groups: tuple[int, ...]) -> tuple[list[str], str]:
+    """Names of the entry points in groups, and their LLVM code, which is kept."""
+    gc.set_threshold(*RARELY)
     front_end.disable_code_generation()
     for source in sorted(PACKAGE.rglob("*.py")):
         name = ".".join(source.relative_to(PACKAGE.parent).with_suffix("").parts)
@@ -93,11 +115,8 @@ def _compile_groups(
         if _group_of(each.compiled.py_func.__module__) in groups
     }
     code = front_end.linked_wrappers(entries)
-    return list(entries), {
-        (target.name, instructions.name): emit_object(code, target, instructions)
-        for target in targets
-        for instructions in sets[target.name]
-    }
+    kept_code.write(groups, list(entries), code)
+    return list(entries), code
 
 
 def _group_of(module: str) -> int:

@@ -14,7 +14,7 @@ from typing import Any
 
 from llvmlite import binding, ir
 from numba import types
-from numba.core import cgutils, codegen, compiler, cpu, dispatcher, registry
+from numba.core import cgutils, codegen, compiler, cpu, dispatcher, registry, targetconfig
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
 
@@ -23,6 +23,7 @@ from proximity.kernels.compiled_stack import array_in_memory
 from proximity.native.jit import numba_type
 from proximity.native.signature import Array, Bundle, Signature
 
+LINKED_AT_ONCE = 8
 NO_ADDRESS = 123456789
 """Stands for every address of the process that compiles."""
 _NAMED_AFTER_ADDRESS = re.compile(r"numba\.dynamic\.globals\.[0-9a-f]+|(?<=__numba_array_expr_)0x[0-9a-f]+")
@@ -61,6 +62,11 @@ def disable_code_generation() -> None:
         return flags
 
     dispatcher._FunctionCompiler._customize_flags = without_wrappers
+
+    def is_equal(self, other):
+        return self._values == other._values or self.values() == other.values()
+
+    targetconfig.TargetConfig.__eq__ = is_equal  # mostly the first is true, which takes a tenth of the second
 
 
 # --- words to values, inside compiled code ---------------------------------------------------------------
@@ -194,11 +200,21 @@ def _modules(library: Any, seen: set[int]) -> Iterator[Any]:
     yield library._final_module
 
 
+def _linked(parts: list[Any]) -> Any:
+    """One module of all, by way of small ones: linking takes as long as what has been linked is large."""
+    while len(parts) > 1:
+        for at in range(0, len(parts), LINKED_AT_ONCE):
+            for other in parts[at + 1 : at + LINKED_AT_ONCE]:
+                parts[at].link_in(other)
+        parts = parts[::LINKED_AT_ONCE]
+    return parts[0]
+
+
 def linked_wrappers(entries: dict[str, tuple[Any, Signature]]) -> str:
     """Return the LLVM code of all wrappers, not optimised, as text."""
     with global_compiler_lock:
         seen: set[int] = set()
-        whole = binding.parse_assembly("")
+        parts = []
         symbols = {}
         for name, (kernel, signature) in entries.items():
             result = _compiled(_wrapper(name, kernel, signature))
@@ -208,9 +224,8 @@ def linked_wrappers(entries: dict[str, tuple[Any, Signature]]) -> str:
                 for function in part.functions:
                     if not function.is_declaration and function.name != symbols[name]:
                         function.linkage = "weak_odr"
-                whole.data_layout = part.data_layout
-                whole.triple = part.triple
-                whole.link_in(part)
+                parts.append(part)
+    whole = _linked(parts)
     wrappers = {symbol: name for name, symbol in symbols.items()}
     for function in whole.functions:
         if function.name in wrappers:

@@ -1,0 +1,39 @@
+"""LLVM code of kernels, kept in ``build/kernels`` for the next target: making it takes most of a build."""
+
+import hashlib
+import zlib
+from contextlib import suppress
+from pathlib import Path
+
+from kernel_build.state import ROOT, sources_digest
+
+FOLDER = ROOT / "build" / "kernels"
+
+
+def read(groups: tuple[int, ...]) -> tuple[list[str], str] | None:
+    """Return names of entry points and the code that was kept of groups for these sources, if any was."""
+    with suppress(OSError, zlib.error, UnicodeDecodeError):
+        head, _, code = zlib.decompress(_path(groups).read_bytes()).decode("ascii").partition("\n")
+        return head.split(), code
+    return None
+
+
+def write(groups: tuple[int, ...], names: list[str], code: str) -> None:
+    """Keep the code of groups; that of other sources goes."""
+    path = _path(groups)
+    with suppress(OSError):  # a folder that cannot be written: nothing is kept
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        for old in FOLDER.glob("*.z"):
+            if old.name.split("-")[0] != path.name.split("-")[0]:
+                old.unlink(missing_ok=True)
+        unfinished = path.with_suffix(".unfinished")
+        unfinished.write_bytes(zlib.compress(f"{' '.join(names)}\n{code}".encode("ascii"), 1))
+        unfinished.replace(path)
+
+
+def _path(groups: tuple[int, ...]) -> Path:
+    """The file of groups, named after the sources and this version of numba."""
+    from numba import __version__
+
+    digest = hashlib.sha256(f"{sources_digest()} {__version__}".encode()).hexdigest()[:16]
+    return FOLDER / f"{digest}-{'-'.join(map(str, groups))}.z"
