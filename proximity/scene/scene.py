@@ -136,14 +136,15 @@ class Scene(Queries, PairQueries):
 
     def _box_of_vertices(self) -> tuple[Any, np.ndarray, np.ndarray]:
         """A reference to the present model, and the corners of the smallest box around its parts."""
-        model, parts = self._model_and_parts()
+        model = self.snapshot()
         frames = model.frames[:-1]
         lowers, uppers = frames["box_lower"].copy(), frames["box_upper"].copy()
         # The kernels' box of a turned part is around its turned box, which is larger.
         for row in np.flatnonzero(model.parts["is_turned"][:-1]):
-            mesh, frame = parts[row].solid.mesh, frames[row]
-            corners = mesh.vertices[np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)) > 0]
-            points = corners @ frame["rotation"].reshape(3, 3).T + frame["translation"]
+            part, frame, turn = model.parts[row], frames[row], frames["rotation"][row].reshape(3, 3)
+            local = model.reals[part["corners"] :][: 3 * part["corner_count"]].reshape(-1, 3)
+            x, y, z = (local / frame["scale"] + frame["centre"]).T[:, :, None]
+            points = x * turn[:, 0] + y * turn[:, 1] + z * turn[:, 2] + frame["translation"]  # as in C
             lowers[row], uppers[row] = points.min(axis=0), points.max(axis=0)
         return weakref.ref(model), lowers.min(axis=0), uppers.max(axis=0)
 

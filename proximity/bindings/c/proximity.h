@@ -108,7 +108,7 @@ PROXIMITY_API int proximity_is_hidden(const proximity_scene *scene, int32_t part
 PROXIMITY_API int proximity_pose(const proximity_scene *scene, int32_t part, double *matrix,
                                  proximity_error *error);
 
-/* Lower and upper corner of the box around all parts, hidden ones too: 3 numbers each. *Asks.* */
+/* Lower and upper corner of the smallest box around all parts, hidden ones too: 3 numbers each. *Asks.* */
 PROXIMITY_API void proximity_bounds(const proximity_scene *scene, double *lower, double *upper);
 
 /* Put `count` parts elsewhere: `matrices` has 16 numbers of each; a rotation in single precision is taken as

@@ -68,11 +68,44 @@ int proximity_pose(const proximity_scene *scene, int32_t part, double *matrix, p
     return PROXIMITY_OK;
 }
 
+static void widen_to(double *lower, double *upper, const double *least, const double *most)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        lower[axis] = least[axis] < lower[axis] ? least[axis] : lower[axis];
+        upper[axis] = most[axis] > upper[axis] ? most[axis] : upper[axis];
+    }
+}
+
+/* The kernels' box of a turned part is around its turned box, which is larger: there corners count, and they are
+   rounded as in Python. */
 void proximity_bounds(const proximity_scene *scene, double *lower, double *upper)
 {
-    const Frame *frame = &scene->archive.frames[scene->archive.part_count];
-    memcpy(lower, frame->box_lower, sizeof frame->box_lower);
-    memcpy(upper, frame->box_upper, sizeof frame->box_upper);
+#pragma STDC FP_CONTRACT OFF
+    const Archive *archive = &scene->archive;
+    for (int axis = 0; axis < 3; axis++) {
+        lower[axis] = INFINITY;
+        upper[axis] = -INFINITY;
+    }
+    for (int64_t row = 0; row < archive->part_count; row++) {
+        const Part *part = &archive->parts[row];
+        const Frame *frame = &archive->frames[row];
+        const double *local = archive->reals + part->corners, *turn = frame->rotation;
+        if (!part->is_turned) {
+            widen_to(lower, upper, frame->box_lower, frame->box_upper);
+            continue;
+        }
+        for (int64_t k = 0; k < part->corner_count; k++, local += 3) {
+            double own[3], point[3];
+            for (int axis = 0; axis < 3; axis++) {
+                own[axis] = local[axis] / frame->scale + frame->centre[axis];
+            }
+            for (int axis = 0; axis < 3; axis++) {
+                point[axis] = turn[3 * axis] * own[0] + turn[3 * axis + 1] * own[1] + turn[3 * axis + 2] * own[2] +
+                              frame->translation[axis];
+            }
+            widen_to(lower, upper, point, point);
+        }
+    }
 }
 
 /* --- batches ------------------------------------------------------------------------------------------- */
