@@ -66,7 +66,7 @@ int main(int count, char **words)
         seen.bend = bend;               /* your potentiometer */
         seen.drum_angle = action.angle; /* your encoder */
         decaff_controller_step(&finger, &seen, &action);
-        power(action.mode != DECAFF_DRIVE_MODE_OFF);
+        set_motor_mode(action.mode);
         restart_watchdog();
         if (shown != (int)action.state && seen.contact != NULL)
             printf("%-16s %6.2f mm away, bend %.3f, drum to %.3f rad\n", STATES[action.state],

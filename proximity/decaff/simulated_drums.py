@@ -182,7 +182,7 @@ class FingerBench:
         if isinstance(self.plant, MotorDrum):
             self.plant.switch_off()
         if self.action is not None:
-            self.action = replace(self.action, state=DrumState.FAULT, mode=DriveMode.OFF, **NO_POWER)
+            self.action = replace(self.action, state=DrumState.FAULT, mode=DriveMode.BRAKED, **NO_POWER)
 
     def _follow(self, contact: Any, now_ns: int) -> Any:
         """Take in where the finger is; the record that the controller gets."""

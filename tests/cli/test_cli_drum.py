@@ -353,7 +353,7 @@ def test_drums_that_fail_end_the_command_with_their_motors_off(service, monkeypa
     (bench,) = benches
     for finger in bench.fingers:
         action = finger.action
-        assert (action.state, action.mode) == (DrumState.FAULT, DriveMode.OFF)
+        assert (action.state, action.mode) == (DrumState.FAULT, DriveMode.BRAKED)
         assert (action.force_cap, action.torque_cap, action.motor_speed_cap) == (0.0, 0.0, 0.0)
         assert finger.controller.fault == "the controllers ended: of a drum"
 

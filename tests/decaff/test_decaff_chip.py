@@ -251,21 +251,24 @@ def test_encoder_without_a_number_for_a_sample_commands_no_force(program, mode, 
     assert found[5] == found[6] == 0.0
 
 
+@pytest.mark.parametrize("mode", [DriveMode.POSITION, DriveMode.FORCE])
 @pytest.mark.parametrize("name", DRUMS)
-def test_servo_demands_what_the_kernel_demands(name, tmp_path):
+def test_servo_demands_what_the_kernel_demands(name, mode, tmp_path):
+    """But where only the chip's is limited: integral, lead and speed towards the finger, entry."""
     drum, rng = DRUMS[name], np.random.default_rng(3)
     servo = servo_for(drum, RATE)
-    program = build(tmp_path, ControllerSettings(RATE, drum))
+    program = build(tmp_path, ControllerSettings(RATE, drum, Limits(continuous_force=1e6)))
     arrays = drum.as_array(), servo.as_array()
     drive, command = np.zeros(drum_kernels.DRIVE_SIZE), np.zeros(drum_kernels.COMMAND_SIZE)
     drum_kernels.rest_drum(arrays[0], drive, 0.05)
+    drive[drum_kernels.DRIVE_REFERENCE] = drive[drum_kernels.DRIVE_LAST_POSITION]
     events, expected = Events(position=drive[drum_kernels.DRIVE_LAST_POSITION]), []
     for sample in range(6000):
         if sample % 50 == 0:
-            mode = DriveMode(int(rng.choice([1, 1, 1, 2, 2, 0])))
             numbers = (
                 rng.uniform(0.0, 0.1) if mode is DriveMode.POSITION else rng.uniform(0.0, 5.0),
-                rng.choice([np.inf, 0.05, 1.0]), rng.choice([np.inf, 1.0, 20.0]),
+                np.inf,
+                rng.choice([np.inf, 1.0, 20.0]),
                 rng.choice([np.nan, 0.5]), rng.choice([0.0, np.inf]),
             )  # fmt: skip
         DrumCommand(mode, *numbers).write(command)
@@ -274,7 +277,7 @@ def test_servo_demands_what_the_kernel_demands(name, tmp_path):
         drum_kernels.serve(*arrays, drive, command, measured)
         read = drive[drum_kernels.DRIVE_LAST_POSITION]  # by the encoder
         applied = drive[drum_kernels.DRIVE_APPLIED]
-        expected.append(applied if mode else 0.0)  # off is off at once, on a chip
+        expected.append(applied)
         events.data += b"V" + np.array([mode], np.uint8).tobytes()
         events.data += np.array([*numbers, read, measured, 0.0]).tobytes()
         drive[drum_kernels.DRIVE_SPEED] += (applied + force) / drum.mass / RATE
@@ -282,6 +285,50 @@ def test_servo_demands_what_the_kernel_demands(name, tmp_path):
 
     found = np.frombuffer(events.answers([program], tmp_path), "<f8")
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def served(program, folder, mode, targets, positions, speed_cap):
+    """The forces of the servo for targets, m or N, at positions, m."""
+    events = Events(position=positions[0])
+    for target, position in zip(targets, positions, strict=True):
+        numbers = [target, speed_cap, np.inf, np.nan, np.inf, position, np.nan, 0.0]
+        events.data += b"V" + bytes([mode]) + np.array(numbers).tobytes()
+    return np.frombuffer(events.answers([program], folder), "<f8")
+
+
+def test_drum_that_is_held_at_its_stop_winds_no_force_up(program, tmp_path):
+    """Half a tenth of a millimetre short of its target for 4 s: it had all 53 N, and as long to lose them."""
+    positions = np.full(12_010, 0.15)
+    targets = np.where(np.arange(12_010) < 12_000, positions + 5e-5, positions)
+    forces = served(program, tmp_path, DriveMode.POSITION, targets, positions, np.inf)
+    settings = ControllerSettings(RATE).record()[0]
+
+    assert 10.0 < settings.servo_integral_limit < 15.0
+    assert forces[-1] == pytest.approx(settings.servo_integral_limit, abs=0.1)
+
+
+def test_drum_that_has_lost_the_finger_brakes_while_it_serves_a_force(program, tmp_path):
+    """With 5 N over the millimetre up to the release it met the finger with 5 mJ."""
+    positions = 0.15 - 0.3 / RATE * np.arange(60)
+    force = served(program, tmp_path, DriveMode.FORCE, np.full(60, 5.0), positions, 0.05)[-1]
+    slower = served(program, tmp_path, DriveMode.FORCE, np.full(60, 5.0), positions, 0.4)[-1]
+
+    assert force > 10.0 and slower < -4.0
+
+
+@pytest.mark.parametrize("angle", [-0.5, 1.9, 2.4])
+def test_path_goes_on_beyond_its_ends(angle):
+    """At the stop, 1.9 rad, the drum read the end of the path, 1.805 rad, and could not be controlled."""
+    least, most = PATH.drum_angles
+    end = least if angle < least else most
+    beyond = PATH.lever(end) * (angle - end)
+
+    assert abs(beyond) > 0.01
+    assert PATH.drum_position(angle) == pytest.approx(PATH.drum_position(end) + beyond)
+    assert PATH.drum_angle(PATH.drum_position(angle)) == pytest.approx(angle)
+    controller = FingerController(PATH, RATE)
+    action = controller.step(Observation(0, 0.2, angle, sample_ns=0))
+    assert action.position == PATH.retracted and math.isfinite(action.torque_cap)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3, 0.5, 5.0])
@@ -295,35 +342,56 @@ def test_bound_of_passivity_in_closed_form_is_colgates(damping):
     )
 
 
-SIGN, HOME, DONE, WRONG_SIGN, STUCK, NO_ANGLE = range(6)  # enum decaff_start_state
+BY_HAND, SIGN, HOME, DONE, WRONG_SIGN, STUCK, NO_ANGLE = range(7)  # enum decaff_start_state
+
+
+@pytest.fixture(scope="module")
+def starting(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("start")
+    write_controller([Glove()], folder)
+    sources = [*(folder / name for name in SOURCES), DRIVER.with_name("start_driver.c")]
+    run(c_compiler(), *STRICT, "-O1", f"-I{folder}", *sources, "-lm", "-o", folder / "start")
+    return folder / "start"
 
 
 @pytest.mark.parametrize(
-    ("turns", "counts", "angle", "stop", "index", "state"),
+    ("turns", "counts", "angle", "stop", "index", "link", "state"),
     [
-        (1, 1, 0.5, 1.9, math.nan, DONE),  # by touch of the stop
-        (1, 1, 0.5, 1.9, 1.5, DONE),  # by the index
-        (1, 1, 1.9, 1.9, math.nan, DONE),  # it stood at the stop
-        (-1, 1, 0.5, 1.9, math.nan, WRONG_SIGN),  # the motor's wires
-        (1, -1, 0.5, 1.9, math.nan, WRONG_SIGN),  # the encoder's
-        (-1, 1, 1.9, 1.9, math.nan, WRONG_SIGN),
-        (0, 1, 0.5, 1.9, math.nan, STUCK),
-        (1, 1, 0.5, 1e9, math.nan, STUCK),  # there is no stop
-        (1, 1, math.nan, 1.9, math.nan, NO_ANGLE),
+        (1, 1, 1.0, 1.9, math.nan, 1, DONE),  # by touch of the stop
+        (1, 1, 1.0, 1.9, 1.5, 0, DONE),  # by the index
+        (1, 1, 1.9, 1.9, math.nan, 1, DONE),  # it stood at the stop
+        (-1, 1, 1.0, 1.9, math.nan, 1, WRONG_SIGN),  # the motor's wires
+        (-1, 1, 1.0, 1.9, 1.5, 0, WRONG_SIGN),
+        (1, -1, 1.0, 1.9, math.nan, 1, WRONG_SIGN),  # the encoder's: seen by hand
+        (1, -1, 1.0, 1.9, 1.5, 0, WRONG_SIGN),
+        (-1, -1, 1.0, 1.9, math.nan, 1, WRONG_SIGN),  # both: by hand
+        (-1, -1, 1.0, 1.9, 1.5, 1, WRONG_SIGN),  # and where the drum pushes the link
+        (-1, -1, 1.0, 1.9, 1.5, 0, STUCK),  # nothing is there to push: farther than the path is long
+        (-1, 1, 1.9, 1.9, 1.5, 0, WRONG_SIGN),
+        (0, 1, 1.0, 1.9, math.nan, 1, STUCK),
+        (1, 1, 1.0, 1e9, math.nan, 1, STUCK),  # there is no stop
+        (1, 1, math.nan, 1.9, math.nan, 1, NO_ANGLE),
     ],
 )
-def test_drum_starts_where_its_stop_or_index_is_or_without_power(
-    turns, counts, angle, stop, index, state, tmp_path
+def test_drum_starts_where_its_stop_or_index_is_or_is_braked(
+    starting, turns, counts, angle, stop, index, link, state
 ):
-    write_controller([Glove()], tmp_path)
-    sources = [*(tmp_path / name for name in SOURCES), DRIVER.with_name("start_driver.c")]
-    run(c_compiler(), *STRICT, "-O1", f"-I{tmp_path}", *sources, "-lm", "-o", tmp_path / "start")
-    words = run(tmp_path / "start", turns, counts, angle, stop, index).split()
-    found, off, most, last = int(words[0]), *(float(word) for word in words[1:])
+    words = run(starting, turns, counts, angle, stop, index, link).split()
+    found, off, most, last, nearer = int(words[0]), *(float(word) for word in words[1:5])
 
     assert (found, last) == (state, 0.0)
+    assert (int(words[5]) == DriveMode.BRAKED) == (state != DONE)
     assert off == pytest.approx(0.0, abs=0.002) or state != DONE
     assert most <= 0.1 * DRUMS[USUAL_GEAR].motor_torque(math.inf) + 1e-4
+    if state == WRONG_SIGN and turns * counts < 0:
+        assert nearer * PATH.lever(1.0) < 3e-3
+
+
+def test_link_that_a_hand_does_not_push_along_starts_no_motor(starting):
+    """The hand turns the drum, and no link is there."""
+    words = run(starting, 1, 1, 1.0, 1.9, math.nan, 0).split()
+
+    assert (int(words[0]), float(words[2]), int(words[5])) == (BY_HAND, 0.0, DriveMode.FREE)
 
 
 def test_numbers_that_python_has_as_well_are_the_same():

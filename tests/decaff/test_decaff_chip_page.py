@@ -31,7 +31,7 @@ def test_command_of_the_page_compiles_and_links_a_program(tmp_path):
         "double angle_of_encoder(void) { return 0.0; }\n"
         "bool encoder_is_at_index(void) { return false; }\n"
         "bool motor_has_fault(void) { return false; }\n"
-        "void set_motor_power(bool is_on) { (void)is_on; }\n"
+        "void set_motor_mode(enum decaff_drive_mode mode) { (void)mode; }\n"
         "void restart_watchdog(void) {}\n"
         "void set_motor_torque(double torque) { (void)torque; }\n"
         "int main(void) { begin(); on_sample(); return 0; }\n"

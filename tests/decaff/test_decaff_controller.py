@@ -786,7 +786,7 @@ FAULTS = {
 def test_fault_turns_the_motor_off_until_reset(reason):
     for bench in (approaching(), touching()):
         action = bench.step(contact(bench.now), **FAULTS[reason])
-        assert (action.state, action.mode, action.force_cap) == (DrumState.FAULT, DriveMode.OFF, 0.0)
+        assert (action.state, action.mode, action.force_cap) == (DrumState.FAULT, DriveMode.BRAKED, 0.0)
         assert bench.controller.fault == reason
         assert bench.run(2).state is DrumState.FAULT
         bench.controller.reset()
@@ -878,7 +878,10 @@ def test_force_has_a_peak_and_what_lasts():
 
 
 def test_hot_motor_has_the_force_that_it_holds_for_ever():
-    """i2t: 18 N of a motor that holds 12 N heat it up within its time; with less it cools again."""
+    """i2t: 18 N on the finger, of a motor that holds 12 N there, heat it up in its time; with less it cools.
+
+    Behind a gear of 70 % these 12 N are 17.1 N of the motor, which is what is limited.
+    """
     motor = PATH.drum.motor
     torque = motor.continuous_torque * 12.0 / PATH.drum.continuous_force
     drum = replace(PATH.drum, motor=replace(motor, continuous_torque=torque, heating_time=2.0))
@@ -888,7 +891,7 @@ def test_hot_motor_has_the_force_that_it_holds_for_ever():
     hot = next(k for k, action in enumerate(actions) if action.is_hot)
 
     assert 1e-3 * hot == pytest.approx(-2.0 * math.log(1.0 - (12.0 / 18.0) ** 2), abs=0.05)
-    assert actions[hot - 1].force_cap > actions[hot].force_cap == pytest.approx(12.0)
+    assert actions[hot - 1].force_cap > actions[hot].force_cap == pytest.approx(12.0 / drum.gear.efficiency)
     assert actions[hot].heat == pytest.approx(1.0, abs=1e-2)
     bench.controller.reset()
     assert bench.run(1).is_hot  # a reset cools nothing

@@ -1,5 +1,7 @@
 """A part that moves while a finger rests on it: the drum goes with it, and never jumps."""
 
+import math
+
 import numpy as np
 import pytest
 from moving_parts import RATE, SITUATIONS, STIFFNESS, WALL, Situation, ramp, shown
@@ -10,6 +12,7 @@ from proximity.decaff.glove.glove import DRUMS
 from proximity.message import Surface
 
 LIMITS = Limits()
+NEAR_SPEED = math.sqrt(2.0 * LIMITS.near_energy / DRUMS[USUAL_GEAR].mass)  # of 1 mJ
 STANDING = 120.0 * 4e-3
 """N: hand and pad in series, 4 mm into a part at rest."""
 
@@ -31,7 +34,7 @@ def test_drum_goes_with_the_part_that_is_touched(name):
 
     assert np.abs(rows.drum - rows.part).max() < 0.12e-3 + part_speed * 4e-3  # 3 ms of latency, and a tick
     assert np.abs(rows.drum - rows.part)[-300:].max() < 0.03e-3 + part_speed * 4e-3
-    assert speed_of(rows).max() < 1.25 * LIMITS.near_speed(DRUMS[USUAL_GEAR].mass)  # with which it catches up
+    assert speed_of(rows).max() < 1.25 * NEAR_SPEED  # with which it catches up
     expected = STANDING + 120.0 * np.maximum(WALL - rows.part, 0.0)  # the hand stays, the part comes
     assert np.abs(rows.force - expected).max() < 0.1 + 2.0 * part_speed  # skin and mass of the finger
 
@@ -64,7 +67,7 @@ def test_hand_that_holds_against_the_part_meets_the_force_limit_and_no_jump_when
     assert held.force.max() <= limits.peak_force + 0.2  # the gear's friction
     assert held.force[-1] == pytest.approx(limits.continuous_force, abs=0.25)
     fastest = np.abs(given.finger[15:] - given.finger[:-15]).max() * RATE / 15.0
-    assert speed_of(given).max() < max(LIMITS.near_speed(DRUMS[USUAL_GEAR].mass), fastest) + 0.05
+    assert speed_of(given).max() < max(NEAR_SPEED, fastest) + 0.05
     assert given.force.max() <= limits.peak_force
     friction = DRUMS[USUAL_GEAR].friction  # N, of the gear: so much the force at rest may be off either way
     assert given.force[-1] == pytest.approx(limits.continuous_force, abs=friction)  # below the hand's 2.9 N
@@ -73,7 +76,5 @@ def test_hand_that_holds_against_the_part_meets_the_force_limit_and_no_jump_when
 def test_part_that_is_faster_than_drum_and_finger_may_meet_is_caught_up_with():
     rows = moving(shown(Situation("fast", ramp(-0.020, 0.300)), 1.5))
 
-    assert (
-        speed_of(rows).max() < LIMITS.near_speed(DRUMS[USUAL_GEAR].mass) + 0.06
-    )  # the finger is pushed ahead of it
+    assert speed_of(rows).max() < NEAR_SPEED + 0.06  # the finger is pushed ahead of it
     assert rows.drum[-300:] == pytest.approx(rows.part[-1], abs=0.1e-3)

@@ -357,7 +357,7 @@ def test_controller_sees_what_is_known_and_no_more():
 
         def command(self, distance_sample):
             self.sights.append(distance_sample)
-            return DrumCommand(DriveMode.OFF)
+            return DrumCommand(DriveMode.FREE)
 
     watcher = Watcher()
     sensing = Sensing(latency=0.004, reach=0.020)

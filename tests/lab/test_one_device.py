@@ -15,7 +15,7 @@ from sealed_frames import frame
 
 from proximity.decaff.controller.chip_sources import controller_sources, write_controller
 from proximity.decaff.controller.controller import DrumState, FingerController, FrameMark, Observation
-from proximity.decaff.controller.settings import Limits
+from proximity.decaff.controller.settings import NEAR_SHARE, Limits
 from proximity.decaff.drum.drum_model import GEARS, Gear, Motor, gear_named, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.calibrated_glove import read_any_glove
@@ -145,7 +145,7 @@ def test_bump_has_no_more_than_its_energy_over_the_whole_bend(bend):
 
     mass = Glove().tip_drum(path.bend(path.position(bend) + 1e-3)).mass
     assert action.state is DrumState.APPROACH
-    assert 0.5 * mass * action.speed_cap**2 == pytest.approx(Limits().near_energy, rel=1e-3)
+    assert 0.5 * mass * action.speed_cap**2 == pytest.approx(NEAR_SHARE * Limits().near_energy, rel=1e-3)
 
 
 def firmware_of(glove, folder):

@@ -38,7 +38,7 @@ class DrumState(Enum):
     FREEZE = "freeze"
     """The finger touches, and nothing is known: a moment as it was, then without force."""
     FAULT = "fault"
-    """The motor is off until the controller is reset."""
+    """The motor is braked for 100 ms, and free until the controller is reset."""
 
 
 IN_CONTACT = frozenset(
@@ -204,7 +204,7 @@ class FingerController:
     up for while a position is held; none where not given.
     """
 
-    fault: str  # why the motor is off; empty: it is not
+    fault: str  # why the motor has no power; empty: it has
     law: SurfaceLaw  # of deformable surfaces, as far as they are displayed
 
     def __init__(

@@ -127,23 +127,18 @@ static size_t row_of(decaff_real x, const decaff_real *xs, size_t count)
     return low;
 }
 
-/* The line through two neighbours; beyond the ends the last value, and of NaN NaN. */
+/* The line through two neighbours; beyond the ends it goes on with the last slope. No number stays what it is. */
+static decaff_real along(decaff_real x, const decaff_real *xs, const decaff_real *ys, size_t count)
+{
+    size_t low = row_of(x, xs, count);
+
+    return is_finite(x) ? (ys[low] + ((ys[low + 1u] - ys[low]) * ((x - xs[low]) / (xs[low + 1u] - xs[low])))) : x;
+}
+
+/* The same; beyond the ends the last value. */
 static decaff_real between(decaff_real x, const decaff_real *xs, const decaff_real *ys, size_t count)
 {
-    decaff_real y;
-
-    if (x <= xs[0]) {
-        y = ys[0];
-    } else if (x >= xs[count - 1u]) {
-        y = ys[count - 1u];
-    } else if (!is_finite(x)) {
-        y = x;
-    } else {
-        size_t low = row_of(x, xs, count);
-
-        y = ys[low] + ((ys[low + 1u] - ys[low]) * ((x - xs[low]) / (xs[low + 1u] - xs[low])));
-    }
-    return y;
+    return along(greater(lesser(x, xs[count - 1u]), xs[0]), xs, ys, count);
 }
 
 static decaff_real position_of_bend(const decaff_path *path, decaff_real bend)
@@ -158,12 +153,12 @@ static decaff_real bend_of_position(const decaff_path *path, decaff_real positio
 
 static decaff_real angle_of_position(const decaff_path *path, decaff_real position)
 {
-    return between(position, path->positions, path->angles, path->count);
+    return along(position, path->positions, path->angles, path->count);
 }
 
 decaff_real decaff_drum_position(const decaff_path *path, decaff_real angle)
 {
-    return between(angle, path->angles, path->positions, path->count);
+    return along(angle, path->angles, path->positions, path->count);
 }
 
 /* Metres of fingertip to a radian of the motor, by the slope of the path at a drum angle; also the N m of a newton. */
@@ -907,6 +902,7 @@ void decaff_controller_reset(decaff_controller *finger)
     finger->state = DECAFF_DRUM_STATE_RETRACTED;
     finger->trust = DECAFF_TRUST_LOST;
     finger->fault = DECAFF_FAULT_NONE;
+    finger->braked_ns = 0;
     forget_frames(&finger->frames);
     finger->is_stopped = false;
     finger->target = retracted(finger->path);
@@ -969,12 +965,12 @@ static void follow_finger(decaff_controller *finger, const decaff_observation *s
     }
 }
 
-/* What the motor's force has warmed it up to: i2t, of what it holds for ever. Of a force that nobody knows nothing
- * is counted. */
+/* What the motor's force has warmed it up to: i2t, of what it holds for ever. Where only the force on the finger is
+ * known, the motor's is greater by the gear's loss; where none is known, nothing is counted. */
 static void keep_heat(decaff_controller *finger, decaff_real motor_force, decaff_real force, decaff_real elapsed)
 {
     const decaff_settings *set = finger->path->settings;
-    decaff_real share = (is_finite(motor_force) ? motor_force : force) / set->heat_force;
+    decaff_real share = (is_finite(motor_force) ? motor_force : (force / set->drum_efficiency)) / set->heat_force;
 
     if (is_finite(share) && (elapsed > 0.0)) {
         finger->heat += ((share * share) - finger->heat) * share_of(elapsed / set->heat_time);
@@ -1049,7 +1045,7 @@ static decaff_real near_speed(const decaff_controller *finger)
 }
 
 /* How fast the drum may come towards the finger: near it, with little energy; farther, so that it can brake
- * until there. */
+ * until there, with power and without. */
 static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap)
 {
     const decaff_settings *set = finger->path->settings;
@@ -1060,7 +1056,17 @@ static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap)
                               + (2.0 * set->braking * free_gap))
                          - set->unbraked_speed;
 
-    return greater(slowest, braked) - coming;
+    /* A drum that loses its power is braked by its own motor. */
+    return greater(slowest, lesser(braked, slowest + greater(0.0, (set->shorted_rate * gap) - set->shorted_late)))
+           - coming;
+}
+
+/* The same of a drum that may be late. */
+static decaff_real approach_cap(const decaff_controller *finger, decaff_real gap)
+{
+    decaff_real speed = closing_cap(finger, gap);
+
+    return finger->is_late ? lesser(speed, finger->path->settings->late_speed) : speed;
 }
 
 static void write_action(const decaff_controller *finger, decaff_action *action, enum decaff_drive_mode mode,
@@ -1094,13 +1100,10 @@ static void act_at_position(const decaff_controller *finger, decaff_action *acti
     decaff_real speed = (decaff_real)INFINITY, cap = most, gap = drum - finger->finger;
 
     if (sent(finger) < drum) {
-        speed = closing_cap(finger, gap);
-        if (finger->is_late) {
-            speed = lesser(speed, set->late_speed);
-            /* Farther off nothing is pressed, and so weak a motor could not brake what goes away. */
-            if (gap <= set->near_gap) {
-                cap = lesser(cap, set->late_force);
-            }
+        speed = approach_cap(finger, gap);
+        /* Farther off nothing is pressed, and so weak a motor could not brake what goes away. */
+        if (finger->is_late && (gap <= set->near_gap)) {
+            cap = lesser(cap, set->late_force);
         }
     }
     write_action(finger, action, DECAFF_DRIVE_MODE_POSITION, speed, cap);
@@ -1163,8 +1166,9 @@ static decaff_real force_wanted(decaff_controller *finger, const decaff_observat
     if (!reading->is_known || ((finger->trust != DECAFF_TRUST_FRESH) && !has_served)) {
         /* where it is uncertain no force begins */
     } else if (reading->surface == (uint8_t)DECAFF_SURFACE_DEFORMABLE) {
-        /* A drum that came too near: what a surface serves that is not reached would not hold it. */
-        if (!(drum < (sent(finger) - set->late_gap))) {
+        /* A drum that came too near: what a surface serves that is not reached would not hold it. Back from there
+         * is nearer, so that position and force do not alternate. */
+        if (!(drum < (sent(finger) - (set->late_gap * (has_served ? 1.0 : 0.5))))) {
             finger->serves_force = true;
             force = surface_force(set, reading, finger->finger - finger->target, finger->speed,
                                   finger->frames.has_location ? finger->frames.location.incidence : 1.0);
@@ -1257,8 +1261,11 @@ static void act_in_contact(decaff_controller *finger, const decaff_observation *
         if (!is_fresh) {
             force = lesser(force, finger->force);
         }
-        finger->force = lesser(lesser(force, set->continuous_force), share * cap);
-        write_action(finger, action, DECAFF_DRIVE_MODE_FORCE, (decaff_real)INFINITY, share * cap);
+        finger->force = lesser(lesser(force, finger->is_late ? set->late_force : set->continuous_force), share * cap);
+        write_action(finger, action, DECAFF_DRIVE_MODE_FORCE, approach_cap(finger, drum - finger->finger), share * cap);
+        if (!is_finite(seen->force)) {
+            action->start_force = NAN; /* nothing would take back what the motor did before */
+        }
     }
 }
 
@@ -1325,8 +1332,11 @@ void decaff_controller_step(decaff_controller *finger, const decaff_observation 
     finger->sample_ns = seen->sample_ns;
     keep_heat(finger, seen->motor_force, seen->force, elapsed);
     if (finger->fault != DECAFF_FAULT_NONE) {
+        bool is_braked = finger->braked_ns < DECAFF_BRAKE_NS;
+
+        finger->braked_ns += is_braked ? within_ns((int64_t)(1e9 * elapsed), set->watchdog_ns) : 0;
         finger->state = DECAFF_DRUM_STATE_FAULT;
-        write_action(finger, action, DECAFF_DRIVE_MODE_OFF, 0.0, 0.0);
+        write_action(finger, action, is_braked ? DECAFF_DRIVE_MODE_BRAKED : DECAFF_DRIVE_MODE_FREE, 0.0, 0.0);
         return;
     }
     follow_finger(finger, seen, elapsed);
@@ -1373,19 +1383,20 @@ void decaff_servo_begin(decaff_servo *servo, const decaff_path *path, decaff_rea
 
 /* Start a mode where the last one left off. */
 static void enter_mode(decaff_servo *servo, const decaff_action *action, enum decaff_drive_mode mode,
-                       decaff_real position)
+                       decaff_real position, decaff_real speed)
 {
+    const decaff_settings *set = servo->settings;
     bool is_bumpless = !isnan(action->start_force);
 
     if (mode == DECAFF_DRIVE_MODE_POSITION) {
         servo->reference = position;
-        servo->reference_speed = 0.0;
+        servo->reference_speed = within(speed, set->servo_speed);
         servo->integrated = 0.0;
     } else if (mode == DECAFF_DRIVE_MODE_FORCE) {
         servo->force_reference = is_bumpless ? action->start_force : 0.0;
         servo->integrated = is_bumpless ? (-servo->smoothed - action->start_force) : 0.0;
     } else {
-        /* off */
+        /* without power */
     }
     servo->last_mode = mode;
 }
@@ -1406,13 +1417,16 @@ static void shape_reference(decaff_servo *servo, const decaff_action *action)
     servo->reference += servo->reference_speed * set->period;
 }
 
-/* Stiffness, damping and integral against the shaped reference; N. */
-static decaff_real demand_position(decaff_servo *servo, decaff_real position, decaff_real speed, decaff_real limit)
+/* Stiffness, damping and integral against the shaped reference; N. Towards the finger the reference leads by no more
+ * than damping holds at the speed that is allowed: a drum that was kept off does not come faster. */
+static decaff_real demand_position(decaff_servo *servo, const decaff_action *action, decaff_real position,
+                                   decaff_real speed, decaff_real limit)
 {
     const decaff_settings *set = servo->settings;
     decaff_real lead = limit / set->servo_stiffness, error, demand;
+    decaff_real nearer = lesser(lead, action->speed_cap * set->servo_damping / set->servo_stiffness);
 
-    servo->reference = greater(position - lead, lesser(position + lead, servo->reference));
+    servo->reference = greater(position - nearer, lesser(position + lead, servo->reference));
     error = servo->reference - position;
     if ((magnitude(error) <= set->servo_deadband) && (magnitude(servo->reference_speed) <= DECAFF_STANDING)) {
         error = 0.0;
@@ -1420,24 +1434,26 @@ static decaff_real demand_position(decaff_servo *servo, decaff_real position, de
     demand = (set->servo_stiffness * error) + (set->servo_damping * (servo->reference_speed - speed))
              + servo->integrated;
     if (magnitude(demand) <= limit) {
-        servo->integrated += set->servo_integral * error * set->period;
+        servo->integrated = within(servo->integrated + (set->servo_integral * error * set->period),
+                                   set->servo_integral_limit);
     }
     return demand;
 }
 
-/* The force reference, slewed to the force, with an integral of what is missing, and damping; N. */
+/* The force reference, slewed to the force, with an integral of what is missing, damping, and a brake; N. */
 static decaff_real demand_force(decaff_servo *servo, const decaff_action *action, decaff_real speed,
                                 decaff_real force, decaff_real limit)
 {
     const decaff_settings *set = servo->settings;
     decaff_real slew = (action->force_slew > 0.0) ? action->force_slew : set->servo_force_slew, demand;
+    decaff_real too_fast = greater(-speed - action->speed_cap, 0.0); /* towards a finger that it has lost */
 
     servo->force_reference += within(action->force - servo->force_reference, slew * set->period);
     demand = -servo->force_reference - servo->integrated - (set->servo_force_damping * speed);
     if ((magnitude(demand) <= limit) && is_finite(force)) { /* of a force that is not measured nothing is missing */
         servo->integrated += set->servo_force_gain * (servo->force_reference - force) * set->period;
     }
-    return demand;
+    return demand + (set->servo_damping * too_fast);
 }
 
 decaff_real decaff_servo_step(decaff_servo *servo, const decaff_action *action, decaff_real position,
@@ -1446,36 +1462,38 @@ decaff_real decaff_servo_step(decaff_servo *servo, const decaff_action *action, 
     const decaff_settings *set = servo->settings;
     decaff_real limit = lesser(set->drum_force_limit, action->force_cap), speed = 0.0;
     decaff_real demand = 0.0, applied = servo->demanded;
-    enum decaff_drive_mode mode = is_finite(position) ? action->mode : DECAFF_DRIVE_MODE_OFF;
+    enum decaff_drive_mode mode = is_finite(position) ? action->mode : DECAFF_DRIVE_MODE_BRAKED;
+    bool is_driven = (mode == DECAFF_DRIVE_MODE_POSITION) || (mode == DECAFF_DRIVE_MODE_FORCE);
 
     if (is_finite(position)) {
         speed = (position - servo->last_position) / set->period;
         servo->last_position = position;
     }
     if (mode != servo->last_mode) {
-        enter_mode(servo, action, mode, position);
+        enter_mode(servo, action, mode, position, speed);
     }
     if (mode == DECAFF_DRIVE_MODE_POSITION) {
-        demand = demand_position(servo, position, speed, limit);
+        demand = demand_position(servo, action, position, speed, limit);
         shape_reference(servo, action);
     } else if (mode == DECAFF_DRIVE_MODE_FORCE) {
         demand = demand_force(servo, action, speed, force, limit);
     } else {
-        /* off */
+        /* without power */
     }
     servo->smoothed += set->servo_smoothing_share * (applied - servo->smoothed);
     servo->demanded = within(demand, limit);
-    return (mode == DECAFF_DRIVE_MODE_OFF) ? 0.0 : applied; /* off at once */
+    return is_driven ? applied : 0.0; /* without power at once */
 }
 
 /* --- the start --- */
 
-void decaff_start_begin(decaff_start *start, const decaff_path *path, decaff_real home)
+void decaff_start_begin(decaff_start *start, const decaff_path *path, decaff_real home, bool has_index)
 {
     (void)memset(start, 0, sizeof *start);
     start->path = path;
     start->home = home;
     start->angle = path->angles[path->count - 1u];
+    start->state = has_index ? DECAFF_START_SIGN : DECAFF_START_BY_HAND;
 }
 
 static void enter_start(decaff_start *start, enum decaff_start_state state)
@@ -1493,51 +1511,86 @@ static void set_home(decaff_start *start, decaff_real encoder)
     enter_start(start, DECAFF_START_DONE);
 }
 
-decaff_real decaff_start_step(decaff_start *start, decaff_real encoder, bool is_at_index)
+/* Without power a hand pushes link and drum together: encoder and potentiometer must turn alike. */
+static void compare_by_hand(decaff_start *start, decaff_real encoder, decaff_real link)
 {
-    const decaff_settings *set = start->path->settings;
-    decaff_real most = DECAFF_START_SHARE * set->motor_torque, torque = 0.0;
+    decaff_real turned = encoder - start->first, pushed = link - start->first_link;
 
-    if (start->state >= DECAFF_START_DONE) {
-        return 0.0;
-    }
-    if (!is_finite(encoder)) {
-        enter_start(start, DECAFF_START_NO_ANGLE);
-        return 0.0;
-    }
-    if (!start->has_angle) {
-        start->has_angle = true;
+    if (magnitude(turned) < DECAFF_START_PLAY) {
+        start->first_link = link; /* still apart */
+    } else if (magnitude(turned) > DECAFF_START_PUSH) {
+        if ((magnitude(pushed) > (0.5 * magnitude(turned))) && (magnitude(pushed) < (2.0 * magnitude(turned)))) {
+            enter_start(start, ((pushed * turned) > 0.0) ? DECAFF_START_SIGN : DECAFF_START_WRONG_SIGN);
+        }
         start->first = encoder;
-        start->last = encoder;
-    }
-    start->speed += (((encoder - start->last) / set->period) - start->speed) * share_of(set->speed_decay * set->period);
-    start->last = encoder;
-    start->time += set->period;
-    start->still = (magnitude(start->speed) < (0.1 * DECAFF_START_SPEED)) ? (start->still + set->period) : 0.0;
-    if (is_at_index) {
-        set_home(start, encoder);
-    } else if (start->time > DECAFF_START_LONGEST) {
-        enter_start(start, DECAFF_START_STUCK);
-    } else if (start->state == DECAFF_START_HOME) {
-        torque = within(most * (1.0 - (start->speed / DECAFF_START_SPEED)), most);
-        if ((start->still > DECAFF_START_STILL) && (start->time > DECAFF_START_RAMP)) {
-            set_home(start, encoder);
-            torque = 0.0;
-        }
+        start->first_link = link;
     } else {
-        /* Away from the finger first; where it does not turn, as at the stop, the other way. */
-        decaff_real share = start->time / DECAFF_START_RAMP;
-        decaff_real turned = (share < 1.0) ? (encoder - start->first) : (start->first - encoder);
+        /* on its way */
+    }
+}
 
-        if (turned > DECAFF_START_TURN) {
-            enter_start(start, DECAFF_START_HOME);
-        } else if (turned < -DECAFF_START_TURN) {
-            enter_start(start, DECAFF_START_WRONG_SIGN);
-        } else if (share > 2.0) {
-            enter_start(start, DECAFF_START_STUCK);
-        } else {
-            torque = most * ((share < 1.0) ? share : (1.0 - share));
+/* Away from the finger first; where it does not turn, as at the stop, the other way. */
+static decaff_real try_sign(decaff_start *start, decaff_real encoder, decaff_real most)
+{
+    decaff_real share = start->time / DECAFF_START_RAMP, torque = 0.0;
+    decaff_real turned = (share < 1.0) ? (encoder - start->first) : (start->first - encoder);
+
+    if (turned > DECAFF_START_TURN) {
+        enter_start(start, DECAFF_START_HOME);
+    } else if (turned < -DECAFF_START_TURN) {
+        enter_start(start, DECAFF_START_WRONG_SIGN);
+    } else if (share > 2.0) {
+        enter_start(start, DECAFF_START_STUCK);
+    } else { /* no faster than on its way to the stop, whichever way it turns */
+        torque = most * ((share < 1.0) ? share : (1.0 - share))
+                 * greater(1.0 - (magnitude(start->speed) / DECAFF_START_SPEED), 0.0);
+    }
+    return torque;
+}
+
+decaff_real decaff_start_step(decaff_start *start, decaff_real encoder, decaff_real bend, bool is_at_index)
+{
+    const decaff_path *path = start->path;
+    const decaff_settings *set = path->settings;
+    decaff_real most = DECAFF_START_SHARE * set->motor_torque, torque = 0.0;
+    decaff_real link = between(bend, path->bends, path->angles, path->count);
+
+    if (start->state < DECAFF_START_DONE) {
+        if (!start->has_angle) {
+            start->has_angle = true;
+            start->first = encoder;
+            start->last = encoder;
+            start->first_link = link;
         }
+        start->speed += (((encoder - start->last) / set->period) - start->speed)
+                        * share_of(set->speed_decay * set->period);
+        start->last = encoder;
+        start->time += set->period;
+        start->still = (magnitude(start->speed) < (0.1 * DECAFF_START_SPEED)) ? (start->still + set->period) : 0.0;
+        if (!is_finite(encoder) || !is_finite(link)) {
+            enter_start(start, DECAFF_START_NO_ANGLE);
+        } else if (start->state == DECAFF_START_BY_HAND) {
+            compare_by_hand(start, encoder, link);
+        } else if ((start->first_link - link) > DECAFF_START_PUSHED) {
+            enter_start(start, DECAFF_START_WRONG_SIGN); /* the drum pushes the link: it comes to the finger */
+        } else if (!((encoder - start->first) <= ((start->home - path->angles[0]) + DECAFF_START_PUSHED))) {
+            enter_start(start, DECAFF_START_STUCK); /* a home farther off than the finger's path is long */
+        } else if (is_at_index) {
+            set_home(start, encoder);
+        } else if (start->time > DECAFF_START_LONGEST) {
+            enter_start(start, DECAFF_START_STUCK);
+        } else if (start->state == DECAFF_START_SIGN) {
+            torque = try_sign(start, encoder, most);
+        } else if ((start->still > DECAFF_START_STILL) && (start->time > DECAFF_START_RAMP)) {
+            set_home(start, encoder);
+        } else {
+            torque = within(most * (1.0 - (start->speed / DECAFF_START_SPEED)), most);
+        }
+    }
+    if (start->state == DECAFF_START_BY_HAND) {
+        start->mode = DECAFF_DRIVE_MODE_FREE;
+    } else {
+        start->mode = (start->state > DECAFF_START_DONE) ? DECAFF_DRIVE_MODE_BRAKED : DECAFF_DRIVE_MODE_FORCE;
     }
     return torque;
 }

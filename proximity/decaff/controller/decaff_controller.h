@@ -23,13 +23,14 @@
  *   static decaff_servo servo;
  *
  *   decaff_subscriber_begin(&frames, false, key);          // the service is another machine's; NULL: no key
- *   decaff_start_begin(&start, &decaff_paths[0], 1.9);     // rad, of the stop behind the retracted drum
+ *   decaff_start_begin(&start, &decaff_paths[0], 1.9, false); // rad, of the stop behind the retracted drum; no index
  *   decaff_controller_begin(&finger, &decaff_paths[0]);
  *
  *   decaff_subscriber_take(&frames, datagram, size, clock_ns());     // whenever a datagram has come
  *
  *   if (start.state < DECAFF_START_DONE) {                 // at each sample of the servo, before all else
- *       torque = decaff_start_step(&start, angle_of_encoder(), false);
+ *       torque = decaff_start_step(&start, angle_of_encoder(), bend_of_potentiometer(), false);
+ *       mode = start.mode;
  *       decaff_servo_begin(&servo, &decaff_paths[0], decaff_drum_position(&decaff_paths[0], start.angle));
  *   } else {
  *       decaff_observation seen;
@@ -42,10 +43,16 @@
  *       decaff_controller_step(&finger, &seen, &action);
  *       force = decaff_servo_step(&servo, &action, decaff_drum_position(finger.path, seen.drum_angle), seen.force);
  *       torque = decaff_motor_torque(finger.path, seen.drum_angle, force);
+ *       mode = action.mode;
  *   }
- *   set_motor_power(action.mode != DECAFF_DRIVE_MODE_OFF); // off: without power, whatever the torque
+ *   set_motor_mode(mode);                                  // free, braked, or else driven by the torque
  *   set_motor_torque(torque);
- *   restart_watchdog();                                    // of the hardware: it cuts the power after 10 ms
+ *   restart_watchdog();                                    // of the hardware: it brakes all motors after 1 ms
+ *
+ * Without power a motor is braked for 100 ms and then free, also by watchdog and emergency stop: both low sides of its
+ * bridge are on, or a relay shorts its windings. A motor that is cut off coasts, and a gear of 51:1 carries 0.2 J.
+ * What a frame has as `mode` is not followed but for DECAFF_MODE_HOLD, which says that the finger is not tracked: with
+ * DECAFF_MODE_RETRACT the drum still goes where the record has the contact.
  */
 #ifndef DECAFF_CONTROLLER_H
 #define DECAFF_CONTROLLER_H
@@ -74,6 +81,7 @@ extern "C" {
 #define DECAFF_MIN_TRAVEL 3e-3                /* m to the contact: nearer, the incidence is uncertain; assumed */
 #define DECAFF_LEAST_INCIDENCE 0.3            /* of a part that is followed: flatter, it slides; assumed */
 #define DECAFF_FOLLOW_NS INT64_C(50000000)    /* so long a drum still goes where a part that stopped is */
+#define DECAFF_BRAKE_NS INT64_C(100000000)    /* without power a motor is braked so long, then free */
 #define DECAFF_SLOPE_BEND 1e-3                /* of the path, by which its slope is taken */
 #define DECAFF_MOST_FORCE 1000.0              /* N: no sensor of a finger measures more; assumed */
 #define DECAFF_COOL_HEAT 0.81                 /* of a motor, from which on it has its force again */
@@ -84,7 +92,10 @@ extern "C" {
 #define DECAFF_STRAY_ANGLE 3.141592653589793  /* rad beyond the path: a drum is not parked farther off; assumed */
 #define DECAFF_START_SHARE 0.1                /* of the motor's torque, at most, before it is homed; assumed */
 #define DECAFF_START_RAMP 0.5                 /* s, in which that torque comes */
-#define DECAFF_START_TURN 0.02                /* rad of the drum, by which the sign shows; assumed */
+#define DECAFF_START_TURN 0.012               /* rad of the drum, by which the sign shows; assumed */
+#define DECAFF_START_PLAY 0.005               /* rad of the drum, that a hand turns it before the link counts; assumed */
+#define DECAFF_START_PUSH 0.1                 /* rad of the drum, by which a hand pushes it with the link; assumed */
+#define DECAFF_START_PUSHED 0.02              /* rad of the drum, by which a motor may push the link; assumed */
 #define DECAFF_START_SPEED 0.4                /* rad/s of the drum, on its way to the stop; assumed */
 #define DECAFF_START_STILL 0.1                /* s without a turn: it is at the stop */
 #define DECAFF_START_LONGEST 20.0             /* s, after which nothing is found any more */
@@ -108,7 +119,7 @@ enum decaff_drum_state {
     DECAFF_DRUM_STATE_CONTACT_FORCE = 3,    /* the finger touches; a force is served */
     DECAFF_DRUM_STATE_HOLD = 4,             /* the finger touches, and what is known is old: nothing advances */
     DECAFF_DRUM_STATE_FREEZE = 5,           /* nothing is known: a moment as it was, then without force */
-    DECAFF_DRUM_STATE_FAULT = 6             /* the motor is off until the controller is reset */
+    DECAFF_DRUM_STATE_FAULT = 6             /* braked for DECAFF_BRAKE_NS, then free, until the controller is reset */
 };
 
 /* Trust in a finger's newest frames. */
@@ -119,11 +130,12 @@ enum decaff_trust {
     DECAFF_TRUST_LOST = 3   /* the finger is not tracked, or there never was a frame */
 };
 
-/* Quantity that the drum's motor controls. */
+/* What the motor's driver does. Without power a motor first brakes itself: one that is free coasts on. */
 enum decaff_drive_mode {
-    DECAFF_DRIVE_MODE_OFF = 0,
+    DECAFF_DRIVE_MODE_FREE = 0, /* no power: both low sides of the bridge are open, a hand may turn the drum */
     DECAFF_DRIVE_MODE_POSITION = 1,
-    DECAFF_DRIVE_MODE_FORCE = 2
+    DECAFF_DRIVE_MODE_FORCE = 2,
+    DECAFF_DRIVE_MODE_BRAKED = 3 /* no power: both low sides are on, which shorts the windings */
 };
 
 /* --- what the drum is set to; `proximity controller` writes it into decaff_glove.c --- */
@@ -152,12 +164,15 @@ typedef struct decaff_settings {
     decaff_real continuous_force;    /* N at the fingertip */
     decaff_real peak_force;          /* N at the fingertip */
     decaff_real force_time;          /* s, over which a force is continuous */
-    decaff_real heat_force;          /* N at the fingertip that the motor holds for ever */
+    decaff_real heat_force;          /* N of the motor that it holds for ever; a gear that drives passes on its
+                                        efficiency's share: that much presses on the finger */
     decaff_real heat_time;           /* s, in which the motor warms up */
     decaff_real follow_speed;        /* m/s: slower, a part that is touched is at rest */
     decaff_real speed_decay;         /* 1/s, of the low-pass of the finger's speed */
     decaff_real braking;             /* m/s2, that the drum is counted on to brake with near the finger */
     decaff_real unbraked_speed;      /* m/s: what it brakes too late, in a sample and the servo's lag */
+    decaff_real shorted_rate;        /* 1/s: what the drum loses of its speed a metre, with its windings shorted */
+    decaff_real shorted_late;        /* m/s, that it gains before, where its chip hangs */
     decaff_real cable_stiffness;     /* N/m at the fingertip; inf: no stretch is made up for */
     decaff_real cable_decay;         /* 1/s, of two low-passes of the force that stretches it */
     uint32_t steady_samples;         /* that a steady force is looked back on; DECAFF_MOST_STEADY at most */
@@ -173,6 +188,7 @@ typedef struct decaff_settings {
     decaff_real servo_stiffness;     /* N/m */
     decaff_real servo_damping;       /* N s/m */
     decaff_real servo_integral;      /* N/(m s) */
+    decaff_real servo_integral_limit; /* N: a drum that is held, as at its stop, does not wind it up further */
     decaff_real servo_acceleration;  /* m/s2, of the reference */
     decaff_real servo_speed;         /* m/s, of the reference */
     decaff_real servo_force_gain;    /* 1/s */
@@ -182,6 +198,7 @@ typedef struct decaff_settings {
     decaff_real servo_smoothing_share; /* of the low-pass of what the motor does */
     decaff_real drum_force_limit;    /* N at the fingertip */
     decaff_real drum_ratio;          /* turns of the motor to one of the drum */
+    decaff_real drum_efficiency;     /* of the gear that drives */
     decaff_real drum_latency;        /* s, from a torque that is commanded to one that acts */
     decaff_real motor_torque;        /* N m at its shaft, at most */
     decaff_real motor_speed;         /* rad/s at its shaft, at most */
@@ -190,7 +207,7 @@ typedef struct decaff_settings {
 /* The bound of passivity of surfaces is that of one sample of delay, when what the servo computes acts, and of the
  * drum's latency. */
 
-/* Why the motor is off. */
+/* Why the motor has no power. */
 enum decaff_fault {
     DECAFF_FAULT_NONE = 0,
     DECAFF_FAULT_WATCHDOG, /* the servo was too long from its last sample, or its clock ran back */
@@ -227,7 +244,7 @@ typedef struct decaff_path {
 extern const decaff_path decaff_paths[];
 extern const size_t decaff_path_count;
 
-/* Where the drum meets the finger at an angle, m. */
+/* Where the drum meets the finger at an angle, m; beyond the path, as at the stop, with its last slope. */
 decaff_real decaff_drum_position(const decaff_path *path, decaff_real angle);
 
 /* --- the subscriber: the newest frame, and how far it can be trusted --- */
@@ -364,6 +381,7 @@ typedef struct decaff_controller {
     decaff_real share;       /* of the force that is left */
     decaff_real mean_force;  /* N */
     decaff_real heat;        /* of the motor, low-passed square of its force over the one it holds for ever */
+    int64_t braked_ns;       /* since the fault */
     bool is_hot;
     bool is_following;       /* a part that moves while it is touched */
     int64_t moved_ns;        /* when it was seen to move last */
@@ -444,21 +462,24 @@ decaff_real decaff_motor_speed(const decaff_path *path, decaff_real angle, decaf
 /* --- the start: which way the motor turns, and where the drum is --- */
 
 enum decaff_start_state {
-    DECAFF_START_SIGN = 0, /* a small torque, that grows, away from the finger: the angle must grow */
-    DECAFF_START_HOME,     /* slowly away from the finger, until the index or the mechanical stop */
-    DECAFF_START_DONE,     /* the offset is known; the torque is 0 */
-    DECAFF_START_WRONG_SIGN, /* a positive torque turned the drum to smaller angles: motor or encoder is reversed */
-    DECAFF_START_STUCK,    /* it does not turn, or neither index nor stop came */
-    DECAFF_START_NO_ANGLE  /* the encoder gives no number */
+    DECAFF_START_BY_HAND = 0, /* free: push link and drum together by hand, until encoder and potentiometer agree */
+    DECAFF_START_SIGN, /* a small torque, that grows, away from the finger: the angle must grow */
+    DECAFF_START_HOME, /* slowly away from the finger, until the index or the mechanical stop */
+    DECAFF_START_DONE, /* the offset is known; the torque is 0 */
+    DECAFF_START_WRONG_SIGN, /* the drum turned, or came, the wrong way: motor, encoder or potentiometer is reversed */
+    DECAFF_START_STUCK,   /* it does not turn, or neither index nor stop came within the path's length */
+    DECAFF_START_NO_ANGLE /* encoder or potentiometer gives no number */
 };
 
 typedef struct decaff_start {
     const decaff_path *path;
     enum decaff_start_state state;
+    enum decaff_drive_mode mode; /* of the motor's driver: free, driven by the torque, or braked */
     decaff_real angle;  /* rad, of the drum as far as it is known: when done, that of the controller */
     decaff_real offset; /* rad, to be added to the encoder */
     decaff_real home;   /* rad, of index or stop */
     decaff_real first;  /* rad of the encoder, where it began */
+    decaff_real first_link; /* rad of the drum, where it would have met the finger then */
     decaff_real last;   /* rad of the encoder, a sample ago */
     decaff_real speed;  /* rad/s, low-passed */
     decaff_real time;   /* s, in this state */
@@ -466,15 +487,16 @@ typedef struct decaff_start {
     bool has_angle;
 } decaff_start;
 
-/* `home`: the drum's angle where the index is seen, or at the stop, beyond the one where it is retracted. */
-void decaff_start_begin(decaff_start *start, const decaff_path *path, decaff_real home);
+/* `home`: the drum's angle where the index is seen, or at the stop, beyond the one where it is retracted.
+ * `has_index`: there is one, so that no hand needs to show which way is which. */
+void decaff_start_begin(decaff_start *start, const decaff_path *path, decaff_real home, bool has_index);
 
 /*
  * The motor's torque at a sample, N m at its shaft, positive to greater angles; 0 where it is done or has failed.
- * `encoder`: rad of the drum, from wherever it counts; `is_at_index`: false where there is none. Keep the finger
- * out of the drum's path meanwhile.
+ * `encoder`: rad of the drum, from wherever it counts; `bend`: by the potentiometer; `is_at_index`: false where
+ * there is none. Keep the finger out of the drum's path, and the link still once the motor turns.
  */
-decaff_real decaff_start_step(decaff_start *start, decaff_real encoder, bool is_at_index);
+decaff_real decaff_start_step(decaff_start *start, decaff_real encoder, decaff_real bend, bool is_at_index);
 
 #ifdef __cplusplus
 }

@@ -17,6 +17,7 @@ from proximity.system.time_units import NS_PER_MS
 TOUCH_GAP = 30e-6  # m, of finger or link and drum: nearer is touching; assumed
 RELEASE_GAP = 1e-3  # m, farther is released; assumed
 LEAST_WINDOW = 2  # samples
+NEAR_SHARE = 0.5  # of the energy near the finger, planned with: servo and gear's play bring more; assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +80,8 @@ class Limits:
             positive(name, getattr(self, name), _unit(name), may_be_infinite=may_be_infinite)
 
     def near_speed(self, mass: float) -> float:
-        """Return how fast drum and finger may come together, m/s."""
-        return math.sqrt(2.0 * self.near_energy / mass)
+        """Return how fast drum and finger are planned to come together, m/s, at most."""
+        return math.sqrt(2.0 * NEAR_SHARE * self.near_energy / mass)
 
 
 def _unit(name: str) -> str:
@@ -123,6 +124,8 @@ def low_pass(cutoff: float, period: float) -> float:
 
 
 BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger; assumed
+SHORTED_SHARE = 0.8  # of what a motor brakes with its windings shorted, counted on; assumed
+HANG_TIME = 1e-3  # s, until the watchdog of the hardware brakes a drum whose chip hangs
 SERVO_LAG = 2e-3  # s, by which the drum's speed follows a new cap late: six samples of its servo; assumed
 SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
 OF_SERVO = (
@@ -172,12 +175,16 @@ class ControllerSettings:
     def _of_motion(self, servo: Servo) -> dict[str, float]:
         braking = BRAKING_SHARE * servo.acceleration
         lag = 1.0 / self.rate + SERVO_LAG + self.drum.motor.latency
+        motor, hang = self.drum.motor, HANG_TIME + 1.0 / self.rate
+        rate = SHORTED_SHARE * motor.torque / (motor.speed * (motor.inertia + self.drum.gear.inertia))
         return {
             "near_motor_speed": self.limits.near_speed(self.drum.mass) * self.drum.turn,
             "braking": braking,
             "unbraked_speed": braking * lag,
+            "shorted_rate": rate / (1.0 + rate * hang),
+            "shorted_late": servo.acceleration * hang / (1.0 + rate * hang),
             "speed_decay": 2.0 * math.pi * SPEED_CUTOFF,
-            "heat_force": self.drum.continuous_force,
+            "heat_force": self.drum.continuous_motor_force,
             "heat_time": self.drum.motor.heating_time,
             "cable_stiffness": self.cable.stiffness,
             "cable_decay": 2.0 * math.pi * self.cable.smoothing,
@@ -187,9 +194,11 @@ class ControllerSettings:
         drum = self.drum
         return {f"servo_{name}": getattr(servo, name) for name in OF_SERVO} | {
             "servo_integral": servo.stiffness / servo.integral_time,
+            "servo_integral_limit": drum.friction + self.limits.continuous_force / drum.gear.efficiency,
             "servo_smoothing_share": low_pass(servo.smoothing, servo.period),
             "drum_force_limit": drum.force_limit,
             "drum_ratio": drum.gear.ratio,
+            "drum_efficiency": drum.gear.efficiency,
             "drum_latency": drum.motor.latency,
             "motor_torque": drum.motor_torque(math.inf),
             "motor_speed": drum.motor_speed(math.inf),

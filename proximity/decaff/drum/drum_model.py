@@ -147,10 +147,15 @@ class Drum:
         return min(self.motor.torque * self.turn, self.gear.torque / self.lever)
 
     @property
+    def continuous_motor_force(self) -> float:
+        """Force of the motor that it may have for ever, N, before the gear's loss."""
+        lasting = self.motor.continuous_torque * self.turn
+        return min(lasting, self.gear.continuous_torque / self.lever / self.gear.efficiency)
+
+    @property
     def continuous_force(self) -> float:
-        """Force with which it may press for ever, N."""
-        lasting = self.motor.continuous_torque * self.gear.efficiency * self.turn
-        return min(lasting, self.gear.continuous_torque / self.lever)
+        """Force with which it may press on a finger for ever, N."""
+        return self.continuous_motor_force * self.gear.efficiency
 
     @property
     def speed_limit(self) -> float:
@@ -197,7 +202,7 @@ class Drum:
 
     def overload_time(self, force: float) -> float:
         """Return how long a cold motor may press with a force, s, until its winding is too hot."""
-        share = self.motor.continuous_torque * self.gear.efficiency * self.turn / force
+        share = self.motor.continuous_torque * self.turn * self.gear.efficiency / force
         return -self.motor.heating_time * math.log1p(-(share**2)) if share < 1.0 else math.inf
 
     def motor_torque(self, force: float) -> float:

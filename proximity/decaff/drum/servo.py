@@ -28,11 +28,14 @@ from proximity.errors import ArgumentError
 
 
 class DriveMode(IntEnum):
-    """Quantity that the drum's motor controls."""
+    """State of the motor's driver."""
 
-    OFF = drum_kernels.MODE_OFF
+    FREE = drum_kernels.MODE_OFF
+    """No power, windings open."""
     POSITION = drum_kernels.MODE_POSITION
     FORCE = drum_kernels.MODE_FORCE
+    BRAKED = 3
+    """No power, windings shorted: a drum that moves brakes itself."""
 
 
 @dataclass(frozen=True, slots=True)

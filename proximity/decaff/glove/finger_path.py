@@ -72,12 +72,12 @@ class FingerPath:
         return _between(position, self._positions, self._bends)
 
     def drum_position(self, angle: float) -> float:
-        """Return where the drum meets the finger, m."""
-        return _between(angle, self._angles, self._positions)
+        """Return where the drum meets the finger, m; beyond the table it goes on with the last slope."""
+        return _along(angle, self._angles, self._positions)
 
     def drum_angle(self, position: float) -> float:
-        """Return the angle at which the drum meets the finger at a position, rad."""
-        return _between(position, self._positions, self._angles)
+        """Return the angle at which the drum meets the finger at a position, rad; likewise."""
+        return _along(position, self._positions, self._angles)
 
     def lever(self, angle: float) -> float:
         """Return how far the fingertip goes a radian of the drum, m; also the torque of a newton there."""
@@ -88,7 +88,10 @@ class FingerPath:
 
 def _between(x: float, xs: list[float], ys: list[float]) -> float:
     """The line through two neighbours; beyond the ends the last value, and of nan nan."""
-    if not xs[0] < x < xs[-1]:
-        return ys[0] if x <= xs[0] else (ys[-1] if x >= xs[-1] else float("nan"))
-    i = bisect_right(xs, x) - 1
+    return _along(min(max(x, xs[0]), xs[-1]) if x == x else x, xs, ys)
+
+
+def _along(x: float, xs: list[float], ys: list[float]) -> float:
+    """The same; beyond the ends it goes on with the last slope."""
+    i = min(max(bisect_right(xs, x) - 1, 0), len(xs) - 2)
     return ys[i] + (ys[i + 1] - ys[i]) * ((x - xs[i]) / (xs[i + 1] - xs[i]))

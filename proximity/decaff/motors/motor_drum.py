@@ -162,7 +162,7 @@ class MotorDrum:
         if not (self.is_homed and self._is_on):
             raise self.failed("a motion was commanded before the motor was homed")
         self.look()
-        if action.mode is DriveMode.OFF:
+        if action.mode not in (DriveMode.POSITION, DriveMode.FORCE):
             raise self.failed("the controller reports a fault")
         cap = min(abs(self._scale.torque(min(action.force_cap, 1e3), self.angle)), self.settings.torque)
         if action.mode is DriveMode.FORCE:

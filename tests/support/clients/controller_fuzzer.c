@@ -79,6 +79,11 @@ static void fail(const char *what)
             fail(#condition); \
     } while (0)
 
+static bool is_driven(enum decaff_drive_mode mode)
+{
+    return mode == DECAFF_DRIVE_MODE_POSITION || mode == DECAFF_DRIVE_MODE_FORCE;
+}
+
 /* How far the fingertip is at a bend, m: the rows of the table are as far apart. */
 static double position_of(double bend)
 {
@@ -229,7 +234,7 @@ static unsigned long live(unsigned long *used)
     decaff_subscriber_begin(&frames, below(2) != 0, NULL);
     decaff_controller_begin(&finger, path);
     decaff_servo_begin(&servo, path, drum);
-    decaff_start_begin(&start, path, below(20) ? 1.9 : wild_real());
+    decaff_start_begin(&start, path, below(20) ? 1.9 : wild_real(), below(2) != 0);
     for (sample = 0; sample < SAMPLES_A_LIFE; sample++) {
         now_ns += below(5000) ? PERIOD_NS : (int64_t)below(30000000);
         bend = sample % 3000 < 1000 ? 0.35 + 0.00016 * (double)(sample % 3000) : 0.51; /* closes, and presses */
@@ -253,17 +258,18 @@ static unsigned long live(unsigned long *used)
         SAFE(action.speed_cap >= 0.0 && action.force_cap >= 0.0 && isfinite(action.heat));
         SAFE(isfinite(action.torque_cap) && isfinite(action.motor_speed_cap));
         SAFE(action.position >= position || finger.trust == DECAFF_TRUST_FRESH || finger.fault != 0);
-        SAFE(!(isnan(seen.drum_angle) || isnan(seen.bend)) || action.mode == DECAFF_DRIVE_MODE_OFF);
-        SAFE(action.mode != DECAFF_DRIVE_MODE_OFF || (action.torque == 0.0 && action.torque_cap == 0.0));
+        SAFE(!(isnan(seen.drum_angle) || isnan(seen.bend)) || !is_driven(action.mode));
+        SAFE(is_driven(action.mode) || (action.torque == 0.0 && action.torque_cap == 0.0));
+        SAFE(action.mode != DECAFF_DRIVE_MODE_FREE || (finger.fault != 0 && finger.braked_ns >= DECAFF_BRAKE_NS));
         position = action.position;
 
         read = below(2000) ? decaff_drum_position(path, seen.drum_angle) : wild_real();
         force = decaff_servo_step(&servo, &action, read, seen.force);
         SAFE(isfinite(read) || force == 0.0);
         SAFE(isfinite(force) && fabs(force) <= set->drum_force_limit && fabs(force) <= cap);
-        SAFE(action.mode != DECAFF_DRIVE_MODE_OFF || force == 0.0);
+        SAFE(is_driven(action.mode) || force == 0.0);
         SAFE(isfinite(decaff_motor_torque(path, seen.drum_angle, force)));
-        SAFE(fabs(decaff_start_step(&start, seen.drum_angle, below(9000) == 0))
+        SAFE(fabs(decaff_start_step(&start, seen.drum_angle, seen.bend, below(9000) == 0))
              <= 0.1 * set->motor_torque);
         cap = action.force_cap;
         drum += fmax(-0.0005, fmin(action.position - drum, 0.0005));
@@ -287,7 +293,7 @@ int main(int count, char **words)
     state = 0x9e3779b97f4a7c15u + (count > 2 ? strtoull(words[2], NULL, 10) : 0u);
     do {
         samples += live(&used);
-    } while (difftime(time(NULL), began) < seconds);
+    } while (difftime(time(NULL), began) < seconds || samples < 25ul * SAMPLES_A_LIFE);
     printf("%lu samples, %lu frames used, no unsafe state; by state of the drum:", samples, used);
     for (i = 0; i < sizeof states / sizeof states[0]; i++)
         printf(" %lu", states[i]);
