@@ -1045,12 +1045,13 @@ static decaff_real near_speed(const decaff_controller *finger)
 }
 
 /* How fast the drum may come towards the finger: near it, with little energy; farther, so that it can brake
- * until there, with power and without. */
-static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap)
+ * until there, with power and without. A force follows a finger that goes. */
+static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap, bool follows)
 {
     const decaff_settings *set = finger->path->settings;
     decaff_real coming = greater(0.0, finger->speed); /* while the drum brakes, the finger goes on */
-    decaff_real slowest = coming + greater(0.0, near_speed(finger) - finger->speed);
+    decaff_real going = follows ? lesser(0.0, finger->speed) : 0.0;
+    decaff_real slowest = greater(coming, near_speed(finger) - going);
     decaff_real free_gap = greater(0.0, gap - set->near_gap);
     decaff_real braked = sqrt((slowest * slowest) + (set->unbraked_speed * set->unbraked_speed)
                               + (2.0 * set->braking * free_gap))
@@ -1062,9 +1063,9 @@ static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap)
 }
 
 /* The same of a drum that may be late. */
-static decaff_real approach_cap(const decaff_controller *finger, decaff_real gap)
+static decaff_real approach_cap(const decaff_controller *finger, decaff_real gap, bool follows)
 {
-    decaff_real speed = closing_cap(finger, gap);
+    decaff_real speed = closing_cap(finger, gap, follows);
 
     return finger->is_late ? lesser(speed, finger->path->settings->late_speed) : speed;
 }
@@ -1100,7 +1101,7 @@ static void act_at_position(const decaff_controller *finger, decaff_action *acti
     decaff_real speed = (decaff_real)INFINITY, cap = most, gap = drum - finger->finger;
 
     if (sent(finger) < drum) {
-        speed = approach_cap(finger, gap);
+        speed = approach_cap(finger, gap, false);
         /* Farther off nothing is pressed, and so weak a motor could not brake what goes away. */
         if (finger->is_late && (gap <= set->near_gap)) {
             cap = lesser(cap, set->late_force);
@@ -1262,7 +1263,8 @@ static void act_in_contact(decaff_controller *finger, const decaff_observation *
             force = lesser(force, finger->force);
         }
         finger->force = lesser(lesser(force, finger->is_late ? set->late_force : set->continuous_force), share * cap);
-        write_action(finger, action, DECAFF_DRIVE_MODE_FORCE, approach_cap(finger, drum - finger->finger), share * cap);
+        write_action(finger, action, DECAFF_DRIVE_MODE_FORCE, approach_cap(finger, drum - finger->finger, true),
+                     share * cap);
         if (!is_finite(seen->force)) {
             action->start_force = NAN; /* nothing would take back what the motor did before */
         }
@@ -1446,7 +1448,8 @@ static decaff_real demand_force(decaff_servo *servo, const decaff_action *action
 {
     const decaff_settings *set = servo->settings;
     decaff_real slew = (action->force_slew > 0.0) ? action->force_slew : set->servo_force_slew, demand;
-    decaff_real too_fast = greater(-speed - action->speed_cap, 0.0); /* towards a finger that it has lost */
+    /* Towards a finger that it has lost: a brake that is proportional begins before the cap. */
+    decaff_real too_fast = greater(-speed - (DECAFF_BRAKE_FROM * action->speed_cap), 0.0);
 
     servo->force_reference += within(action->force - servo->force_reference, slew * set->period);
     demand = -servo->force_reference - servo->integrated - (set->servo_force_damping * speed);

@@ -82,6 +82,7 @@ extern "C" {
 #define DECAFF_LEAST_INCIDENCE 0.3            /* of a part that is followed: flatter, it slides; assumed */
 #define DECAFF_FOLLOW_NS INT64_C(50000000)    /* so long a drum still goes where a part that stopped is */
 #define DECAFF_BRAKE_NS INT64_C(100000000)    /* without power a motor is braked so long, then free */
+#define DECAFF_BRAKE_FROM 0.2                 /* of the speed cap, in force mode; assumed */
 #define DECAFF_SLOPE_BEND 1e-3                /* of the path, by which its slope is taken */
 #define DECAFF_MOST_FORCE 1000.0              /* N: no sensor of a finger measures more; assumed */
 #define DECAFF_COOL_HEAT 0.81                 /* of a motor, from which on it has its force again */

@@ -17,7 +17,7 @@ from proximity.system.time_units import NS_PER_MS
 TOUCH_GAP = 30e-6  # m, of finger or link and drum: nearer is touching; assumed
 RELEASE_GAP = 1e-3  # m, farther is released; assumed
 LEAST_WINDOW = 2  # samples
-NEAR_SHARE = 0.5  # of the energy near the finger, planned with: servo and gear's play bring more; assumed
+NEAR_SHARE = 0.35  # of the energy near the finger, planned with: servo and gear's play bring more; assumed
 
 
 @dataclass(frozen=True, slots=True)
