@@ -40,20 +40,10 @@ def test_marked_test_may_start_a_process():
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("selection", [["tests/transport"], ["--everything"], ["-m", "not slow"]])
-def test_path_option_and_mark_select_later_tests_in_every_worker(selection):
-    words = [
-        "-m",
-        "pytest",
-        "-n",
-        "1",
-        "-p",
-        "no:cacheprovider",
-        *selection,
-        "-k",
-        "test_option_given_twice_is_refused",
-    ]
-    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True, check=False)
+def test_path_selects_later_tests_in_every_worker():
+    selected = ["tests/transport", "-k", "test_option_given_twice_is_refused"]
+    command = [sys.executable, "-m", "pytest", "-n", "1", "-p", "no:cacheprovider", *selected]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
     assert done.returncode == 0, done.stdout + done.stderr  # 5: no test ran
 
