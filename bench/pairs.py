@@ -5,13 +5,15 @@ path; at every pose all are asked in turn, and answers are compared before their
 from Python, on one core, µs, median and 99th percentile. MeshLib computes in float32.
 
 ``python bench/pairs.py assembly``: 200 parts, a million faces. All pairs within 5 mm beside the broad phase
-of python-fcl; and a part that is followed among the others.
+of python-fcl; and a part that is followed among the others. ``--files ONE OTHER``: the first parts of two
+files, each made 0.1 m large, 2 mm apart.
 """
 
 import argparse
 from collections.abc import Callable, Iterator
 from importlib import import_module, util
 from itertools import product
+from pathlib import Path
 from time import thread_time_ns
 
 from benchmarks.support import threads
@@ -21,7 +23,7 @@ if __name__ == "__main__":  # before NumPy and the rivals are imported
 
 import numpy as np
 
-from proximity import PartTracker, Pose, Scene, Solid
+from proximity import PartTracker, Pose, Scene, Solid, load
 
 Mesh = tuple[np.ndarray, np.ndarray]
 POSES, MOVED_POSES = 60, 1000
@@ -100,6 +102,23 @@ def peg() -> tuple[Mesh, Mesh, Pose]:
     hole = lathe([(0.010, -0.02), (0.02, -0.02), (0.02, 0.02), (0.010, 0.02)], 32, 128)
     pin = lathe([(0.0005, -0.015), (0.0099, -0.015), (0.0099, 0.025), (0.0005, 0.025)], 16, 128)
     return hole, pin, Pose(None, [3e-5, 0.0, 0.0])
+
+
+def files_pair(one: Path, other: Path, gap: float) -> Callable[[], tuple[Mesh, Mesh, Pose]]:
+    """The first parts of two files, each 0.1 m large, that far apart."""
+
+    def sized(path: Path) -> Mesh:
+        mesh = load(path).parts[0].solid.mesh
+        size = np.ptp(mesh.vertices, axis=0)
+        middle = mesh.vertices.min(axis=0) + 0.5 * size
+        return 0.1 / size.max() * (mesh.vertices - middle), mesh.faces.astype(np.int32)
+
+    def make() -> tuple[Mesh, Mesh, Pose]:
+        meshes = sized(one), sized(other)
+        scene = Scene([Solid(*mesh, name=name) for name, mesh in zip("ab", meshes, strict=True)])
+        return *meshes, beside(scene, gap)
+
+    return make
 
 
 PAIRS = {
@@ -352,7 +371,13 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument(
         "pairs", nargs="*", choices=[[], *PAIRS, "assembly"], help="names of pairs; default: all"
     )
-    for name in parser.parse_args(words).pairs or [*PAIRS, "assembly"]:
+    parser.add_argument(
+        "--files", nargs=2, type=Path, action="append", default=[], help="the parts of two files, too"
+    )
+    options = parser.parse_args(words)
+    files = {f"{one.stem} and {other.stem}": files_pair(one, other, 0.002) for one, other in options.files}
+    PAIRS.update(files)
+    for name in [*options.pairs, *files] or [*PAIRS, "assembly"]:
         if name == "assembly":
             measure_assembly()
             continue

@@ -90,9 +90,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Run all tests of given paths and marks; workers of pytest-xdist have the option of their run."""
+    """Run all tests of given paths and marks; workers of pytest-xdist have the arguments of their run."""
     if config.args_source is pytest.Config.ArgsSource.ARGS or config.option.markexpr:
-        config.option.everything = config.option.everything or not hasattr(config, "workerinput")
+        config.option.everything = True
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

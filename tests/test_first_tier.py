@@ -39,6 +39,15 @@ def test_marked_test_may_start_a_process():
     assert subprocess.run([sys.executable, "-c", ""], check=False).returncode == 0
 
 
+@pytest.mark.processes
+def test_path_selects_later_tests_in_every_worker():
+    selected = ["tests/transport", "-k", "test_option_given_twice_is_refused"]
+    command = [sys.executable, "-m", "pytest", "-n", "1", "-p", "no:cacheprovider", *selected]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+    assert done.returncode == 0, done.stdout + done.stderr  # 5: no test ran
+
+
 def test_first_tier_needs_few_packages():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 

@@ -29,6 +29,19 @@ HEAD, TAIL = ASSEMBLY[: ASSEMBLY.index("DATA;\n") + 6], "ENDSEC;\nEND-ISO-10303-
 IN_USES = re.findall(r"(#\d+)=(?:CONTEXT_DEPENDENT_SHAPE|SHAPE_DEFINITION)_REPRESENTATION", ASSEMBLY)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def one_process():
+    """Have all files converted in one process, which would import OpenCASCADE for each."""
+    with formats.converter():
+        yield
+
+
+@pytest.fixture
+def own_process(monkeypatch):
+    """Convert in a process that starts and ends with the test."""
+    monkeypatch.setattr(conversion._shared, "library", None)
+
+
 def read(tmp_path, text, name="part.step", **options):
     return read_file(tmp_path, name, text, **options)
 
@@ -472,6 +485,7 @@ def test_ball_of_a_usual_size_is_meshed_as_asked_for(tmp_path):
     assert contents.notes[-1].startswith("curved faces are approximated within 0.01 mm by flat triangles")
 
 
+@pytest.mark.usefixtures("own_process")
 def test_conversion_over_its_limits_is_refused_with_them(tmp_path, monkeypatch):
     monkeypatch.setattr(conversion, "MOST_SECONDS", 0)
     assert re.match(
@@ -518,6 +532,7 @@ def wait_for(condition, seconds=60.0):
     return result
 
 
+@pytest.mark.usefixtures("own_process")
 def test_no_temporary_folder_stays_after_a_refusal(tmp_path, monkeypatch):
     folder = tmp_path / "temporary"
     folder.mkdir()
