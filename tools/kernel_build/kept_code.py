@@ -31,6 +31,12 @@ def write(groups: tuple[int, ...], names: list[str], code: str) -> None:
         unfinished.replace(path)
 
 
+def remove() -> None:
+    """Keep nothing."""
+    for path in FOLDER.glob("*.z"):
+        path.unlink(missing_ok=True)
+
+
 def _path(groups: tuple[int, ...]) -> Path:
     """The file of groups, named after the sources and this version of numba."""
     from numba import __version__
