@@ -139,18 +139,19 @@ CALLS = {
 
 @pytest.mark.parametrize("name", CALLS)
 def test_calls_leave_no_python_objects_behind(name):
-    call = CALLS[name]
+    call, kept = CALLS[name], []
     for _ in range(20):
         call()
-    gc.collect()
     tracemalloc.start()
-    before, _ = tracemalloc.get_traced_memory()
-    for _ in range(1000):
-        call()
-    gc.collect()
-    after, _ = tracemalloc.get_traced_memory()
+    for _ in range(3):  # other threads of the test run may keep something meanwhile
+        gc.collect()
+        before, _ = tracemalloc.get_traced_memory()
+        for _ in range(1000):
+            call()
+        gc.collect()
+        kept.append(tracemalloc.get_traced_memory()[0] - before)
     tracemalloc.stop()
-    assert after - before < 10_000
+    assert min(kept) < 10_000, kept
 
 
 def test_compiled_code_of_its_own_cannot_be_called_from_python():

@@ -14,7 +14,8 @@ from proximity.scene.sign import SignMethod
 pytestmark = pytest.mark.skipif(
     not SHARED_DATA.is_dir(), reason="the real parts (shared/data beside the project) are not here"
 )
-FILES = ["featuretype.STL", "cycloidal.ply", "box_sides.STEP", "octagonal_pocket.stl", "busted.STL"]
+STEP = pytest.param("box_sides.STEP", marks=pytest.mark.processes)  # which a process converts
+FILES = ["featuretype.STL", "cycloidal.ply", STEP, "octagonal_pocket.stl", "busted.STL"]
 OFFSETS = (1e-9, 1e-6, 1e-3, 1e-2)  # of the diagonal
 PAIRS = 700_000  # of query and face that the oracle is asked about, for one file
 
