@@ -322,8 +322,8 @@ def _load() -> Claim:
 
 
 _CLAIMS: tuple[Callable[[], Claim], ...] = (
-    _stiffest, _most_damping, _love_and_book, _steady_excess, _energy, _late_force, _penetration, _longer,
-    _operator, _soft, _slow, _exact_match, _gearing, _exact_match_by_cable, _delay, _transparency, _load,
+    _exact_match, _exact_match_by_cable, _gearing, _delay, _transparency, _load, _stiffest, _most_damping,
+    _love_and_book, _steady_excess, _energy, _late_force, _penetration, _longer, _operator, _soft, _slow,
 )  # fmt: skip
 
 

@@ -203,6 +203,17 @@ def test_folder_of_another_run_or_another_job_is_refused(tmp_path):
         run_study(study_of(tmp_path, "number = 1"), out)
 
 
+def test_ray_that_does_not_start_is_a_sentence(tmp_path, monkeypatch):
+    def fail(**_):
+        raise Exception("The current node timed out during startup.\nMore lines follow.")
+
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)
+    monkeypatch.setattr(ray, "init", fail)
+    sentence = r"^Ray cannot be started here \(The current node timed out during startup\.\)$"
+    with pytest.raises(ServiceError, match=sentence):
+        run_study(study_of(tmp_path, "number = 1"), tmp_path / "out")
+
+
 def test_folder_that_cannot_be_made_or_read_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ServiceError, match=r"file/out: cannot be written \(Not a directory\)"):

@@ -341,7 +341,7 @@ def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
         started |= {"include_dashboard": False, "_temp_dir": os.path.join(folder, "ray")}
     try:
         ray.init(**started, log_to_driver=False, logging_level=logging.ERROR, configure_logging=False)
-    except (ConnectionError, ValueError, RuntimeError) as failed:
+    except Exception as failed:  # of any kind: Ray starts programs of its own
         where = f"{NO_CLUSTER} {address}" if address else "Ray cannot be started here"
         raise ServiceError(f"{where} ({str(failed).strip().partition(chr(10))[0]})") from failed
     try:
