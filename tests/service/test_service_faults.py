@@ -127,6 +127,7 @@ def test_service_killed_and_started_anew_is_read_again_and_every_frame_is_accoun
     with open_subscriber(address) as mine, Watching(mine) as watching:
         with pytest.raises(ServiceError, match="exit code -9"), start_service(path, log=log) as first:
             until(lambda: watching.first, PATIENCE)
+            until(lambda: log.exists() and any(len(run["header"]) for run in FrameReader(log)), PATIENCE)
             os.kill(first.beginning["pid"], signal.SIGKILL)
             until(lambda: watching.states[-1][0] is State.STALE, PATIENCE)
         killed = watching.states[-1][1]
