@@ -541,6 +541,7 @@ def serving(tmp_path_factory):
 @pytest.fixture(scope="module")
 def beside(chromium, serving):
     with Page(chromium, serving.url).ready() as one:
+        one.until("page.feeds && page.tools.mayMove")  # once the page of the test before has gone
         yield one
 
 
