@@ -15,7 +15,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 REQUIREMENTS = Path(__file__).with_name("kernel_build") / "requirements.txt"
 """What compiling takes: numba's internals are leaned on, so its version is fixed."""
 PLACE = "proximity/native/{}"
-SECONDS = 75
+SECONDS = 100
 
 
 class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
