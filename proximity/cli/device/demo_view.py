@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from proximity.cli.output import MM_PER_M, counted
-from proximity.cli.service.finger_view import EIGHTHS, TOUCH_STYLE, is_tracked
+from proximity.cli.service.finger_view import TOUCH_STYLE, filled, is_tracked
 from proximity.decaff.controller.settings import Limits
 from proximity.message import State
 from proximity.system.time_units import MS_PER_S, S_PER_NS
@@ -173,12 +173,10 @@ def _cells(contact: Any, width: int) -> dict[str, Any]:
     cells: dict[str, Any] = {"mm": f"{distance:.1f}"}
     if distance <= 0.0:
         return {**cells, "bar": Text(" touches".ljust(width), TOUCH_STYLE), "touch in": "now"}
-    whole, rest = divmod(min(distance / SCALE_MM, 1.0) * width, 1.0)
-    full = "█" * int(whole) + (EIGHTHS[int(8 * rest)] if int(whole) < width else "")
     style = "yellow" if math.isfinite(left_s) else "green"
     return {
         **cells,
-        "bar": Text(full, style),
+        "bar": Text(filled(min(distance / SCALE_MM, 1.0) * width), style),
         "touch in": f"{MS_PER_S * left_s:.0f} ms" if math.isfinite(left_s) else "-",
     }
 

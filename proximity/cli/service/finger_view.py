@@ -196,8 +196,7 @@ def bar(lower_mm: float, upper_mm: float, predicted_mm: float, width: int, style
     """
     if upper_mm <= 0.0:
         return touch(-lower_mm, width)
-    full, eighths = divmod(math.floor(8.0 * _cells(lower_mm, width)), 8)
-    cells = ["█"] * full + ([EIGHTHS[eighths]] if eighths else [])
+    cells = list(filled(_cells(lower_mm, width)))
     cells += [BETWEEN] * (math.ceil(_cells(upper_mm, width)) - len(cells))
     cells += [" "] * (width - len(cells))
     if lower_mm > SCALE_MM:
@@ -207,6 +206,12 @@ def bar(lower_mm: float, upper_mm: float, predicted_mm: float, width: int, style
         cell = int(_cells(predicted_mm, width))
         drawn = drawn[:cell] + Text(PREDICTED, "bold") + drawn[cell + 1 :]
     return drawn
+
+
+def filled(cells: float) -> str:
+    """Return the full part of a bar, as many cells long, to an eighth of one."""
+    full, eighths = divmod(math.floor(8.0 * cells), 8)
+    return "█" * full + (EIGHTHS[eighths] if eighths else "")
 
 
 def touch(depth_mm: float, width: int) -> Text:
