@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def _begin_with_requirements() -> None:
-    """Begin anew with what compiling takes, from a folder that goes with this process."""
+    """Restart with the build requirements, installed in a temporary folder."""
     with tempfile.TemporaryDirectory() as folder:
         wanted = ROOT / "tools" / "kernel_build" / "requirements.txt"
         pip = sys.executable, "-m", "pip", "install", "--quiet", "--target", folder, "--requirement"
