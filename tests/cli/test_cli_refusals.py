@@ -68,7 +68,7 @@ serve cell.toml --ticks 0 | 0 ticks: expected 1 or more
 serve cell.toml --port 8787 | 8787: expected --web, of whose page it is the port
 serve cell.toml --rate 0 | service.rate_hz is 0, expected a number from 1 to 100000 (Hz)
 serve cell.toml --rate nan | service.rate_hz is nan, expected a number from 1 to 100000 (Hz)
-serve cell.toml --publish decaff | decaff: expected an address such as iox2://
+serve cell.toml --publish decaff | decaff: expected an address such as shm://
 serve cell.toml --log none/run.frames | none/run.frames: cannot be opened (No such file or directory)
 record iox9://a --out a.frames | iox9://a: no transport is called 'iox9'
 record mailbox:a --out none/a.frames | none/a.frames: cannot be opened (No such file or directory)
@@ -81,7 +81,7 @@ export run.frames --csv none/a | none/a: cannot be written (No such file or dire
 export run.frames --csv ./run.frames | run.frames is the log itself
 export run.frames --csv a --parquet b | expected one of --csv and --parquet
 export run.frames --parquet - | Parquet is not written to standard output
-watch decaff | decaff: expected an address such as iox2://NAME
+watch decaff | decaff: expected an address such as shm://NAME
 view box.stl --radius 0 | 0 mm: expected more than 0, up to 1000
 view box.stl --port 70000 | 70000: expected 0 to 65535
 view box.stl --save a.rrd | expected one log of frames (.frames) among FILES

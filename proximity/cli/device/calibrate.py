@@ -97,7 +97,7 @@ def calibrate(
     Examples:
       proximity calibrate glove.json --simulate --page
       proximity calibrate right-index.json --name "right index" --phalanges 45 26 20
-      proximity calibrate glove.json --counts iox2://decaff/poses --finger 1
+      proximity calibrate glove.json --counts shm://decaff/poses --finger 1
       proximity calibrate glove.json --motor "odrive-can://can0?node=0&kt=0.05" --arm --page
       proximity calibrate glove.json --again touches
     """

@@ -86,7 +86,7 @@ def plan(
         output.report(sentence)
 
 
-@_command("run comparison.toml p07 --address iox2://decaff --data people")
+@_command("run comparison.toml p07 --address shm://decaff --data people")
 def run(
     design: DESIGN,
     participant: PARTICIPANT,
