@@ -93,9 +93,6 @@ calibrate glove.json --simulate --counts udp://127.0.0.1:1 | a simulated glove h
 calibrate glove.json --skip 'pose 1' | 'pose 1': expected 'free drum' or 'held drum'
 calibrate glove.json --simulate --motor canopen://can0 | a simulated glove has its own drum
 calibrate glove.json --arm | requires --motor
-calibrate glove.json --port 8080 | requires --page
-calibrate glove.json --no-browser | requires --page
-calibrate glove.json --page --port 70000 | expected 0 to 65535
 calibrate glove.json --phalanges 45 -26 20 | one of phalanges is -0.026
 bench box.stl --gate soon | 'soon' is not a period, expected a time or a rate such as 1ms, 200us or 1kHz
 bench box.stl --ticks 10 | 10 ticks are too few for p99.9, expected 1000 or more
@@ -127,10 +124,9 @@ simulate --scene none.stl | none.stl
 study report nowhere | nowhere: no results of a study, expected the folder of
 study run nowhere.toml | nowhere.toml: cannot be read (No such file or directory)
 experiment run design.toml p01 --address mailbox:a --arm | a motor moves only with both --motor and --arm
-experiment plan design.toml --slot -1 | -1: the design has 2 participants, expected 0 to 1
-experiment plan design.toml --slot 2 | 2: the design has 2 participants, expected 0 to 1
-experiment report none | no experiment is here, expected a folder that `run` wrote
-experiment forget none p01 | no experiment is here
+experiment plan design.toml --slot -1 | -1: the design has 4 participants, expected 0 to 3
+experiment plan design.toml --slot 4 | 4: the design has 4 participants, expected 0 to 3
+experiment report design.toml none | no visits are here, expected a folder that run or simulate wrote
 experiment plan missing.toml | missing.toml: cannot be read (No such file or directory)
 """
 
