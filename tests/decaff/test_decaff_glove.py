@@ -9,7 +9,7 @@ from printed import printed
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from proximity.decaff.glove.drum_geometry import ArmDrum, EccentricDrum
+from proximity.decaff.glove.drum_geometry import ArmDrum
 from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.glove.transmission import Cable, Linkage, Potentiometer
@@ -167,52 +167,16 @@ def test_potentiometer_reads_whole_counts_and_stops_at_its_ends():
 
 
 REPLICA = np.radians(np.linspace(0.0, 72.0, 37))
-DRUMS = {"arm": ArmDrum(), "eccentric": EccentricDrum()}
 
 
-@pytest.mark.parametrize(
-    ("phi", "psi", "rate"),
-    [(0, "-32.57897", "2.141089"), (30, "33.19135", "2.257744"), (60, "105.83465", "2.741790")],
-)
-def test_eccentric_drum_is_that_of_the_paper(phi, psi, rate):
-    drum = EccentricDrum()
-
-    assert float(drum.drum_angle(phi * DEGREE)) / DEGREE == printed(psi)
-    assert float(drum.drum_rate(phi * DEGREE)) == printed(rate)
-
-
-@pytest.mark.parametrize("name", DRUMS)
-def test_roller_touches_the_link(name):
+def test_roller_touches_the_link():
     """Its centre is off the link's middle by its radius and half the link, on the side it turns to."""
-    drum = DRUMS[name]
-    psi = drum.drum_angle(REPLICA)
-    motor, crank = {"arm": (0.0, 0.040), "eccentric": (0.025 + 0.022j, 0.026)}[name]
-    centre = motor + crank * np.exp(1j * psi)
+    drum = ArmDrum()
+    centre = 0.040 * np.exp(1j * drum.drum_angle(REPLICA))
     seen = centre * np.exp(-1j * REPLICA)
 
     np.testing.assert_allclose(seen.imag, 0.008, rtol=0, atol=1e-16)
     np.testing.assert_allclose(seen.real, drum.lever(REPLICA), rtol=1e-13)
-
-
-@pytest.mark.parametrize("name", DRUMS)
-def test_what_the_motor_does_arrives_at_the_replica(name):
-    """Virtual work: a newton of contact force times both levers, and how far both turn."""
-    drum, step = DRUMS[name], 1e-5
-    slope = (drum.drum_angle(REPLICA + step) - drum.drum_angle(REPLICA - step)) / (2 * step)
-
-    np.testing.assert_allclose(drum.drum_rate(REPLICA), slope, rtol=3e-7)
-    work = drum.motor_lever(REPLICA) * drum.drum_rate(REPLICA)
-    np.testing.assert_allclose(work, drum.lever(REPLICA), rtol=1e-13)
-
-
-def test_eccentric_drum_of_the_paper_does_not_reach_the_fist():
-    """It locks itself at 74 degrees of the replica, bend 0.743; beyond it cannot stand in the way."""
-    glove = Glove(drum=EccentricDrum())
-    locked = brentq(lambda phi: float(glove.drum._sine(np.asarray(phi))) - 1.0, 1.0, 1.4, xtol=1e-14)
-
-    assert locked / DEGREE == pytest.approx(74.05, abs=0.02)
-    assert float(glove.drum.motor_lever(locked - 1e-6)) < 1e-4
-    assert np.isnan(glove.drum_angle(0.9))
 
 
 def disc(radius, x, y):
@@ -347,7 +311,6 @@ def test_motor_of_the_arm_carries_what_the_replica_does():
         (lambda: Finger(pad_radius=-1), "pad_radius is -1, expected a number of metres of 0 or more"),
         (lambda: FINGER.path_world(Pose(), 1), "a path of 1 corners, expected 2 or more"),
         (lambda: Linkage(base=(0,)), "base is (0,), expected two numbers of metres"),
-        (lambda: EccentricDrum(motor=(0.025,)), "motor is (0.025,), expected two numbers of metres"),
         (lambda: Cable(backlash=-1e-4), "backlash is -0.0001, expected a number of metres of 0 or more"),
         (lambda: Potentiometer(bits=33), "bits is 33, expected 1 to 32"),
         (lambda: Potentiometer(bits=1.5), "bits is 1.5, expected a whole number of 1 or more"),
@@ -355,8 +318,6 @@ def test_motor_of_the_arm_carries_what_the_replica_does():
         (lambda: Potentiometer(zero_share=1.0), "zero_share is 1.0, expected less than 1"),
         (lambda: ArmDrum(arm=0.008),
          "the arm is 8 mm, expected more than the roller's radius and half of the link's width, 8 mm"),
-        (lambda: Glove(drum=EccentricDrum(crank=0.010)),
-         "the drum cannot touch the replica of the flat hand, expected one that can"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_built_is_refused(make, message):

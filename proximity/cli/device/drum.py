@@ -67,11 +67,11 @@ def drum(
     only, never on hardware.
 
     Examples:
-      proximity drum iox2://decaff
-      proximity drum iox2://decaff --glove glove.json --log drum.csv
+      proximity drum shm://decaff
+      proximity drum shm://decaff --glove glove.json --log drum.csv
       proximity drum udp://127.0.0.1:9100 --limit 10 --json
-      proximity drum iox2://decaff --motor "odrive-can://can0?node=0&kt=0.05"
-      proximity drum iox2://decaff --motor "simplefoc:///dev/ttyACM0?kt=0.05" --arm
+      proximity drum shm://decaff --motor "odrive-can://can0?node=0&kt=0.05"
+      proximity drum shm://decaff --motor "simplefoc:///dev/ttyACM0?kt=0.05" --arm
     """
     refuse(
         (max_age is not None and not glove, "--max-age", "requires --glove"),

@@ -72,7 +72,7 @@ def free_chirp(drum: Drum) -> Chirp:
 def held_chirp(glove: Glove, drum: Drum) -> Chirp:
     """Return the chirp for a drum that presses on a held finger's replica, about where they ring."""
     most = MOST_SHARE * drum.force_limit * drum.lever
-    wanted = HELD_FORCE * float(glove.replica_torque(HELD_BEND, 1.0)) / _drum_rate(glove)
+    wanted = HELD_FORCE * float(glove.replica_torque(HELD_BEND, 1.0))
     mean = min(wanted, most / (1.0 + HELD_SHARE))
     ringing = math.sqrt(drum_stiffness(glove, glove.cable.stiffness) / inertia(drum)) / (2.0 * math.pi)
     return Chirp(-mean, HELD_SHARE * mean, 0.25 * ringing, 2.0 * ringing)
@@ -85,7 +85,7 @@ def inertia(drum: Drum) -> float:
 
 def drum_stiffness(glove: Glove, cable: float) -> float:
     """Return the stiffness that a cable of so many N/m is to the drum, N m/rad, the finger held."""
-    return cable * (glove.cable.replica_pulley / _drum_rate(glove)) ** 2
+    return cable * glove.cable.replica_pulley**2
 
 
 def answer(plant: np.ndarray, record: DrumRecord, latency: float, step: float = LONGEST_STEP) -> np.ndarray:
@@ -214,7 +214,3 @@ def _check_motor(record: DrumRecord) -> None:
 
 def _period(record: DrumRecord) -> float:
     return float(record.times[-1] - record.times[0]) / (len(record.times) - 1)
-
-
-def _drum_rate(glove: Glove) -> float:
-    return float(glove.drum.drum_rate(glove.replica_angle(HELD_BEND)))

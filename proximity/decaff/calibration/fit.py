@@ -52,7 +52,7 @@ def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> flo
             f"expected {LEAST_TOUCHES} or more of each"
         )
     offsets = reported - glove.drum.drum_angle(replica)
-    scale = glove.tip_per_radian(glove.bend(replica)) / glove.drum.drum_rate(replica)
+    scale = glove.tip_per_radian(glove.bend(replica))
     mean = float(offsets.mean())
     off = float(np.abs((offsets - mean) * scale).max())
     if not off <= TOUCH_TOLERANCE:

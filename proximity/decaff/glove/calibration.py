@@ -19,7 +19,7 @@ import numpy as np
 from proximity.checks import as_float64, finite, not_negative, positive
 from proximity.decaff.drum.drum_model import MOST_LATENCY as MOST_DRUM_LATENCY
 from proximity.decaff.drum.drum_model import Gear, Motor, gear_named
-from proximity.decaff.glove.drum_geometry import ArmDrum, EccentricDrum
+from proximity.decaff.glove.drum_geometry import ArmDrum
 from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.glove.transmission import Cable, Linkage, Potentiometer
@@ -31,11 +31,11 @@ PARTS: dict[str, Any] = {
     "finger": Finger, "linkage": Linkage, "cable": Cable, "potentiometer": Potentiometer,
     "drum": ArmDrum, "motor": Motor, "gear": Gear,
 }  # fmt: skip
-ALWAYS = ("name", "crank")  # fields that are written although they are the usual ones: they tell parts apart
+ALWAYS = "name"  # field that is written although it is the usual one: it tells parts apart
 
 
 def glove_of(table: Any) -> Glove:
-    """Return the glove of a table; a gear may be one of `GEARS` by name, a drum with a crank is eccentric."""
+    """Return the glove of a table; a gear may be one of `GEARS` by name."""
     if not isinstance(table, Mapping):
         raise ArgumentError(f"the design is {table!r}, expected {', '.join(PARTS)}, each with its numbers")
     _check_names("the design", table, PARTS)
@@ -53,7 +53,7 @@ def table_of(glove: Glove) -> dict[str, Any]:
             found[name] = {
                 field.name: getattr(part, field.name)
                 for field in fields(part)
-                if field.name in ALWAYS or getattr(part, field.name) != getattr(default, field.name)
+                if field.name == ALWAYS or getattr(part, field.name) != getattr(default, field.name)
             }
     return found
 
@@ -63,7 +63,7 @@ def _part(name: str, numbers: Any) -> Any:
         return gear_named(numbers)
     if not isinstance(numbers, Mapping):
         raise ArgumentError(f"{name} of the design is {numbers!r}, expected its fields")
-    kind: Any = EccentricDrum if name == "drum" and "crank" in numbers else PARTS[name]
+    kind: Any = PARTS[name]
     types = {one.name: one.type for one in fields(kind)}
     _check_names(f"{name} of the design", numbers, types)
     for key, value in numbers.items():

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from proximity.decaff.drum.drum_model import GEARS, USUAL_GEAR, Drum, Gear, Motor, gear_named
-from proximity.decaff.glove.drum_geometry import ArmDrum, DrumGeometry
+from proximity.decaff.glove.drum_geometry import ArmDrum
 from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.transmission import Cable, Linkage, Potentiometer
-from proximity.errors import ArgumentError
 
 CONTACT_BEND = 0.5
 """Where a finger touches unless something else is said: half way to the fist."""
@@ -33,14 +32,12 @@ class Glove:
     linkage: Linkage = field(default_factory=Linkage)
     cable: Cable = field(default_factory=Cable)
     potentiometer: Potentiometer = field(default_factory=Potentiometer)
-    drum: DrumGeometry = field(default_factory=ArmDrum)
+    drum: ArmDrum = field(default_factory=ArmDrum)
     motor: Motor = field(default_factory=Motor)
     gear: Gear = GEARS[USUAL_GEAR]
 
     def __post_init__(self) -> None:
         self.linkage.check(self.finger)
-        if not np.isfinite(self.drum.drum_angle(self.replica_angle(0.0))):
-            raise ArgumentError("the drum cannot touch the replica of the flat hand, expected one that can")
 
     # --- where things are ---
 
@@ -71,7 +68,7 @@ class Glove:
         return self.bend(self.potentiometer.angle(counts))
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:
-        """Return where the drum must stand to meet the finger there, (...), rad; nan where it cannot."""
+        """Return where the drum must stand to meet the finger there, (...), rad."""
         return self.drum.drum_angle(self.replica_angle(bend))
 
     # --- how finely, how stiffly, with what force ---
@@ -93,8 +90,7 @@ class Glove:
 
     def lever(self, bend: ArrayLike) -> np.ndarray:
         """Return how far the fingertip goes a radian of the drum, (...), m; also a newton's torque there."""
-        replica = self.replica_angle(bend)
-        return self.tip_per_radian(bend) * self.drum.motor_lever(replica) / self.drum.lever(replica)
+        return self.tip_per_radian(bend)
 
     def tip_drum(self, bend: float = CONTACT_BEND) -> Drum:
         """Return the drum as the fingertip meets it at a bend."""
