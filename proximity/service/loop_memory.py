@@ -168,7 +168,7 @@ class SourceMemory:
         count, fields = len(model.names), self._fields
         self._model_words = words_of(self._model)
         _, short = libraries()
-        over, close = short.proximity_scene_over, short.proximity_close
+        over, close = short.proximity_loop_scene, short.proximity_close
         over.restype, over.argtypes, close.argtypes = ctypes.c_void_p, (ctypes.c_void_p,), (ctypes.c_void_p,)
         fields["scene"] = over(self._model_words.ctypes.data)
         weakref.finalize(self, close, int(fields["scene"]))

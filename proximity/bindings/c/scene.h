@@ -25,7 +25,7 @@ struct proximity_scene {
 };
 
 /* A scene over the arrays of a model, which are its own from now on; NULL: there is no memory. */
-PROXIMITY_API proximity_scene *proximity_scene_over(const int64_t *model);
+proximity_scene *proximity_scene_over(const int64_t *model);
 
 /* Put parts elsewhere, and find what follows from it; where that cannot be done the scene is broken. */
 void proximity_put_parts(proximity_scene *scene, const int64_t *rows, int64_t count, const double *matrices,

@@ -7,15 +7,19 @@
 
 PROXIMITY_API int64_t proximity_loop_size(void);
 PROXIMITY_API int proximity_loop_run(Loop *loop);
+PROXIMITY_API proximity_scene *proximity_loop_scene(const int64_t *model);
 
 enum { LOOK_NS = 50000000, APART_NS = 500000, STOPPING_FRAMES = 3 };
-
-int64_t proximity_loop_size(void);
-PROXIMITY_API int proximity_loop_run(Loop *loop);
 
 int64_t proximity_loop_size(void)
 {
     return sizeof(Loop);
+}
+
+/* A scene for the loop alone; proximity_close() frees it. */
+proximity_scene *proximity_loop_scene(const int64_t *model)
+{
+    return proximity_scene_over(model);
 }
 
 static void record(LoopTimes *times, int64_t duration_ns)
