@@ -32,7 +32,11 @@ from proximity.tracker.replay import turn_about_axes
 from proximity.transport import Reading
 
 EXAMPLES = ROOT / "examples"
-FILES = sorted(path for path in EXAMPLES.rglob("*") if path.suffix in (".py", ".toml", ".c", ".h", ".ipynb"))
+PROGRAMS = (".py", ".toml", ".c", ".h", ".ipynb")
+FILES = sorted(
+    path for path in EXAMPLES.rglob("*") if path.suffix in PROGRAMS and path.parent.name != "motors"
+)
+"""Whole programs; drivers of motors are tested against simulated ones."""
 ENVIRONMENT = {
     **os.environ,
     "MPLBACKEND": "Agg",
