@@ -66,7 +66,7 @@ batches · results
     "proximity.service": """
 hosting
 loop
-loop_watch
+loop_parts · loop_watch
 loop_ends · loop_memory
 held_contacts
 inputs
@@ -97,8 +97,9 @@ glove
 drum
 """,
     "proximity.lab": """
+study
 certificate
-claims · experiment · part_press · sweep
+claims · experiment · part_press
 figures
 engine · stability
 simulation
