@@ -10,7 +10,11 @@ N``. With ``--program`` a program ticks that has the engine for browsers: ``"nod
 With ``--parts --ticks 1e6`` the trials are those of `tests/trials/part_trials.py`: a part that moves among
 others, with bounds, flags and certified times beside what `Scene.clearance` answers at one tick in ten; and
 every second one is of `tests/trials/flush_trials.py`: solids of cubes that slide along each other, with
-shared volume, distance and way out counted from the cubes."""
+shared volume, distance and way out counted from the cubes.
+
+With ``--recording HAND.csv --part FILE`` a recorded hand, put where it touches the part, is ticked at 1 kHz,
+and a sample of its bounds, predictions and certified times is checked instead.
+"""
 
 import argparse
 import math
@@ -21,8 +25,11 @@ import sys
 import time
 from functools import partial
 
+import proximity
 from benchmarks.digest.module_tracker import ForwardedScene, ModuleTracker
 from benchmarks.support.project import project_module
+from proximity.recording import read_recording
+from proximity.tracker.replay import fitted_pose, replay, summarise
 
 run_trial = project_module("tests/trials", "bound_trials").run_trial
 run_part_trial = project_module("tests/trials", "part_trials").run_trial
@@ -36,12 +43,15 @@ LIGHT_SHARE = 3
 MARGIN = 1.5
 """Planned finger-ticks for each wanted one: lost fingers do not count."""
 SHOWN = 5
+RADIUS = 0.007  # m, of recorded fingertips
 SILENCE = 15.0  # s between two lines of progress
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run trials; the exit code is 1 if a guarantee was broken."""
     options = _parse(arguments)
+    if options.recording is not None:
+        return _check_recording(options)
     if options.trial is not None:
         return _show_again(options)
     unit = "ticks" if options.parts else "finger-ticks"
@@ -83,7 +93,25 @@ def _parse(arguments):
     parser.add_argument("--parts", action="store_true", help="ticks of trackers of parts")
     parser.add_argument("--program", help="command of a program that ticks, see above")
     parser.add_argument("--trial", type=int, help="only this one, and all that it breaks")
-    return parser.parse_args(arguments)
+    parser.add_argument("--recording", help="hand to tick (CSV), instead of trials")
+    parser.add_argument("--part", help="part that it touches; with --recording")
+    options = parser.parse_args(arguments)
+    if (options.recording is None) != (options.part is None):
+        parser.error("--recording and --part belong together, expected both or neither")
+    return options
+
+
+def _check_recording(options):
+    scene, recorded = proximity.load(options.part), read_recording(options.recording)
+    placed = recorded.placed(fitted_pose(scene, recorded, RADIUS)).resampled(1e-3)
+    run = replay(lambda: proximity.Tracker(scene, fingers=len(placed.fingers), radius=RADIUS), placed)
+    found = summarise(scene, run, RADIUS)
+    bounds, predictions, times = found.bounds, found.predictions, found.certified_times
+    print(f"{found.tick_count} ticks of {len(placed.fingers)} fingers, p50 {1e-3 * found.compute.p50:.1f} µs")
+    print(f"bounds: {bounds.broken_count} of {bounds.checked_count} broken {bounds.first_broken}")
+    print(f"predictions: {predictions.kept_count} of {predictions.checked_count} within their bounds")
+    print(f"certified times: {times.broken_count} of {times.checked_count} broken {times.first_broken}")
+    return 1 if bounds.broken_count or times.broken_count else 0
 
 
 def _size(number):

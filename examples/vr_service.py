@@ -6,7 +6,7 @@ Start it; `vr_service.toml`, the scene file, must be in the same folder:
 
 The service runs in a process of its own and publishes a frame every millisecond, however slow the VR
 program is. This program sends ten fingertips and the lid 90 times a second for two seconds and reads the
-newest frame. Other programs on this machine can read the same frames, as `proximity watch iox2://box` does.
+newest frame. Other programs on this machine can read the same frames, as `proximity watch shm://box` does.
 Put your headset into `hands_at` and your scene graph into `lid_at`.
 
 It prints four lines a second, once the service has named its parts: the state of the frame, the age of its
@@ -23,7 +23,7 @@ import numpy as np
 import proximity
 
 SCENE_FILE = Path(__file__).with_name("vr_service.toml")
-ADDRESS = "iox2://box"
+ADDRESS = "shm://box"
 RATE = 90  # pictures a second
 
 

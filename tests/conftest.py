@@ -84,14 +84,21 @@ def is_marked_later(item: pytest.Item) -> bool:
     return any(item.get_closest_marker(mark) for mark in LATER_MARKS)
 
 
+def is_first(item: pytest.Item) -> bool:
+    """Whether a test is in the first tier."""
+    return is_in_first_tier(item.path) and not is_marked_later(item)
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option for all tests."""
     parser.addoption("--everything", action="store_true", help="Run all tests, not only the first tier.")
+    parser.addoption("--rest", action="store_true", help="Run all tests but those of the first tier.")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Run all tests of given paths and marks; workers of pytest-xdist have the arguments of their run."""
-    if config.args_source is pytest.Config.ArgsSource.ARGS or config.option.markexpr:
+    is_chosen = config.args_source is pytest.Config.ArgsSource.ARGS or config.option.markexpr
+    if is_chosen or config.option.rest:
         config.option.everything = True
 
 
@@ -113,7 +120,7 @@ sys.addaudithook(_refuse_processes)
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Let no test of the first tier start a process or open a port."""
-    if is_in_first_tier(item.path) and not is_marked_later(item):
+    if is_first(item):
         _guarded.append(item.nodeid)
     try:
         return (yield)
@@ -135,9 +142,10 @@ def kernels_of_programs(request: pytest.FixtureRequest) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Skip what this run has not; with pytest-xdist a file stays with one worker, and all of processes do."""
-    if not config.option.everything:
-        config.hook.pytest_deselected(items=[item for item in items if is_marked_later(item)])
-        items[:] = [item for item in items if not is_marked_later(item)]
+    if config.option.rest or not config.option.everything:
+        left = [item for item in items if is_first(item) == config.option.rest]
+        config.hook.pytest_deselected(items=left)
+        items[:] = [item for item in items if is_first(item) != config.option.rest]
     if IS_AHEAD:
         for item in items:
             if item.get_closest_marker("internals"):

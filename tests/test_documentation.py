@@ -152,7 +152,7 @@ def test_program_of_the_first_hour_of_a_vr_author_reads_distances(tmp_path):
     (tmp_path / "meshes").symlink_to(MESHES)
     for kind, name in (("toml", "cell.toml"), ("py", "vr.py")):
         (block,) = re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL)
-        (tmp_path / name).write_text(block.replace("iox2://cell", f"iox2://first-hour-{os.getpid()}"))
+        (tmp_path / name).write_text(block.replace("shm://cell", f"shm://first-hour-{os.getpid()}"))
 
     done = subprocess.run(
         [sys.executable, "vr.py"],

@@ -79,7 +79,7 @@ changes_input · message_input · moves_input
 gloves · inbox · openxr_input · part_prediction · sources
 """,
     "proximity.web": """
-guided · running_page
+running_page
 page_process
 bridge
 saved_page · sources
@@ -105,13 +105,13 @@ simulation
 paper
 """,
     "proximity.lab.experiment": """
+figure · observers · power
 analysis
-session
-drum_display · observers
-dataset
-display · design_file · trial_log
+visit
+drum_display
+display · design_file
 plan
-design
+design · psychometric
 """,
     "proximity.lab.certificate": """
 document · report

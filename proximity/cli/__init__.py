@@ -1,4 +1,4 @@
-"""The command line ``proximity``: ``query``, ``check``, ``compile``, ``replay``, ``serve``, …
+"""The command line ``proximity``: ``query``, ``check``, ``compile``, ``serve``, …
 
 Here people's units meet the library's metres; apart from that conversion the command line computes nothing. A
 command's module is imported when the command is called or listed, and imports NumPy, Rich and the library
@@ -36,7 +36,6 @@ PANELS = {
         "record": ("service.record", "the frames of a service in a log"),
         "export": ("service.record", "a log as CSV or Parquet"),
         "client": ("service.sources", "sources and libraries for your own program; keys"),
-        "replay": ("lab.replay", "a recorded hand at the parts, with every bound checked"),
     },
     "glove": {
         "drum": ("device.drum", "the drums that a finger meets, simulated or with motors"),

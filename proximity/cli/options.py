@@ -148,9 +148,7 @@ ALLOW = Annotated[
 
 ADDRESS = Annotated[
     str,
-    argument(
-        "ADDRESS", "shm://NAME or iox2://NAME (this machine), udp://HOST:PORT (to listen on) or zenoh://KEY."
-    ),
+    argument("ADDRESS", "shm://NAME (this machine), udp://HOST:PORT (to listen on) or zenoh://KEY."),
 ]
 
 JSON = Annotated[bool, flag("--json", "Write one JSON document.")]

@@ -1,10 +1,9 @@
-"""Hand recordings in, contact logs out; frames of a service in and out.
+"""Hand recordings in; frames of a service in and out.
 
-A recording is a table of fingertips over time, as sensors write it; a contact log is what a tracker answered;
-a frame log is what a service published, byte for byte. Neither a scene nor a tracker is known here.
+A recording is a table of fingertips over time, as sensors write it; a frame log is what a service published,
+byte for byte. Neither a scene nor a tracker is known here.
 """
 
-from proximity.recording.contact_log import SUFFIXES, check_log_name, write_contacts
 from proximity.recording.frame_log import FrameLog
 from proximity.recording.frame_reader import Damage, FrameReader
 from proximity.recording.frame_tables import load_pyarrow, write_frames_csv, write_frames_parquet
@@ -15,15 +14,12 @@ __all__ = [
     "FINGERS",
     "GAP_LIMIT_S",
     "NANOSECONDS",
-    "SUFFIXES",
     "Damage",
     "FrameLog",
     "FrameReader",
     "Recording",
-    "check_log_name",
     "load_pyarrow",
     "read_recording",
-    "write_contacts",
     "write_frames_csv",
     "write_frames_parquet",
 ]

@@ -1,4 +1,4 @@
-"""Messages from one process to another, by addresses: ``iox2://decaff``, ``udp://127.0.0.1:9100``, ….
+"""Messages from one process to another, by addresses: ``shm://decaff``, ``udp://127.0.0.1:9100``, ….
 
 A transport moves bytes (`link`); what they are worth is decided on this side of it: `Publisher` numbers and
 checksums them, `Subscriber` and `MessageReader` verify and age them. Nothing received is ever evaluated.
@@ -40,7 +40,7 @@ def open_publisher(address: str) -> Publisher:
     Parameters
     ----------
     address : str
-        ``mailbox:NAME`` inside this process, ``shm://NAME`` or ``iox2://NAME`` on this machine,
+        ``mailbox:NAME`` inside this process, ``shm://NAME`` on this machine (Linux),
         ``udp://HOST:PORT`` to whatever listens there (``?bind=ADDRESS``: address to send from, default
         loopback; ``?key=FILE``: append tags of that key), ``ws://127.0.0.1:PORT`` to web pages that connect
         there (``?origin=https://HOST``: also pages of that site), ``zenoh://KEY`` across machines.
@@ -85,7 +85,7 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     """
     parsed = parse(address)
     if parsed.scheme == "ws":
-        raise parsed.refuse("is for web pages, which connect there; read iox2://, shm:// or udp:// instead")
+        raise parsed.refuse("is for web pages, which connect there; read shm:// or udp:// instead")
     inlet = open_inlet(address)
     try:
         return Subscriber(inlet, address, **settings)

@@ -46,7 +46,7 @@ class Address:
 def parse(text: str) -> Address:
     """Take an address apart."""
     if not isinstance(text, str):
-        raise PublishError(f"an address is text such as iox2://decaff, not {text!r}")
+        raise PublishError(f"an address is text such as shm://decaff, not {text!r}")
     try:
         parts = urlsplit(text)
         pairs = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
@@ -55,8 +55,7 @@ def parse(text: str) -> Address:
     location = unquote(parts.netloc + parts.path)
     if not parts.scheme or not location or parts.fragment:
         raise PublishError(
-            f"{text}: expected an address such as iox2://NAME, udp://HOST:PORT, shm://NAME, zenoh://KEY or "
-            "mailbox:NAME"
+            f"{text}: expected an address such as shm://NAME, udp://HOST:PORT, zenoh://KEY or mailbox:NAME"
         )
     options = dict(pairs)
     if len(options) < len(pairs):

@@ -73,10 +73,6 @@ class Transport:
 
 TRANSPORTS = {
     "mailbox": Transport("proximity.transport.in_process", ""),
-    "iox2": Transport(
-        "proximity.transport.iceoryx",
-        "pip install iceoryx2 (made for Linux and Windows on x86_64, and for macOS on arm64)",
-    ),
     "shm": Transport("proximity.transport.shared_memory", ""),
     "udp": Transport("proximity.transport.udp", ""),
     "ws": Transport("proximity.transport.websocket", installation("web")),

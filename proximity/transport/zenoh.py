@@ -29,7 +29,7 @@ from proximity.transport.link import NOTHING, wait_until
 BUFFER = 64
 """Messages that wait for a subscriber; then the oldest is lost."""
 SETTINGS = {
-    # Between processes of one machine that is the work of iceoryx2, and here it leaves files behind.
+    # Between processes of one machine that is the work of shm://, and here it leaves files behind.
     "transport/shared_memory/enabled": False,
     # 64 kB each, as many as can be: what does not find room is dropped.
     "transport/link/tx/queue/size/real_time": 16,

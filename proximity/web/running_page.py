@@ -6,7 +6,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,8 +30,8 @@ class Addresses(NamedTuple):
 
 def own_addresses() -> Addresses:
     """Return addresses that nobody else has: shared memory, or datagrams where there is none."""
-    if find_spec("iceoryx2") is not None:
-        name = f"iox2://proximity-page-{os.getpid()}-{os.urandom(4).hex()}"
+    if sys.platform == "linux":
+        name = f"shm://proximity-page-{os.getpid()}-{os.urandom(4).hex()}"
         return Addresses(name, f"{name}/poses", f"{name}/moves", f"{name}/changes")
     with ExitStack() as opened:
         sockets = [opened.enter_context(socket.socket(type=socket.SOCK_DGRAM)) for _ in Addresses._fields]

@@ -20,7 +20,7 @@ from proximity.web.page_inbox import PageInbox
 
 LARGEST_LOG = 2_000_000_000
 """Bytes of frames, which are kept in memory while a log is looked at."""
-SHARED = ("iox2://", "zenoh://")
+SHARED = ("shm://", "zenoh://")
 """Addresses at which any number of programs can listen."""
 _POSE_AT = FRAME_HEADER.fields["pose_ns"][1]  # type: ignore[index]
 

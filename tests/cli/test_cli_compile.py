@@ -35,7 +35,7 @@ file = "{0}/bracket.stl"
 file = "{0}/gear.stl"
 position = [0.2, 0, 0]
 [input]
-poses = "iox2://cell/poses"
+poses = "shm://cell/poses"
 """
 
 

@@ -1,6 +1,7 @@
-"""``proximity experiment``: commands from the design to the report."""
+"""``proximity experiment``: commands from the design to the figure."""
 
 import builtins
+import csv
 import re
 import sys
 import threading
@@ -14,7 +15,6 @@ from sealed_frames import frame
 from proximity import cli
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.lab.experiment.trial_log import read_log
 from proximity.message import Mode
 from proximity.transport import open_publisher
 
@@ -40,38 +40,38 @@ def test_new_design_is_written_once_and_can_be_planned(experiment, tmp_path):
     assert code == 2 and "cannot be written (File exists): choose another name" in err.replace("\n", " ")
     path.write_text(path.read_text().replace("stiffness = 100.0", "stiffness = 200.0"))
     code, out, err = experiment("plan", path, "--slot", 1)
-    assert code == 0 and err.startswith("proximity: 248 trials, 42 minutes as planned, design ")
+    assert code == 0 and err.startswith("proximity: 256 trials, 43 minutes as planned, design ")
     assert "proximity: coupled10ms in stiffness is unstable at 320 N/m with 1 N s/m, 10 ms late" in err
     lines = out.splitlines()
-    assert lines[:3] == ["step\trun\tstage\ttask\tcondition\tlevel\todd", "consent", "question hours"]
-    assert len(lines) == 260 and "catch\tstiffness\tdecaff\t1\t" in out
+    assert lines[:3] == ["step\trun\tstage\ttask\tcondition\tlevel\todd", "welcome", "instructions"]
+    assert len(lines) == 264 and "catch\tstiffness\tdecaff1ms\t0\t0" in out
 
 
 def test_commands_in_the_shipped_design_exist(experiment, tmp_path):
     path = tmp_path / "comparison.toml"
     experiment("new", "--out", path)
-    named = re.findall(r"proximity experiment (\w+) \S+((?: p\d+)?(?: --\w+ \S+)*)", path.read_text())
+    named = re.findall(r"# proximity experiment (\w+) \S+((?: p\d+)?(?: --\w+ \S+)*)", path.read_text())
 
-    assert [name for name, _ in named] == ["new", "plan", "simulate", "run"]
+    assert [name for name, _ in named] == ["plan", "simulate", "report", "run"]
     for name, rest in named:
         help_of = experiment(name, "--help")[1]
         assert all(option in help_of for option in re.findall(r"--\w+", rest)), name
 
 
-def test_whole_experiment_from_design_to_report_and_forgetting(experiment, tmp_path):
-    design, data = (
-        write_design(tmp_path, SMALL.replace("participants = 2", "participants = 4")),
-        tmp_path / "data",
-    )
+def test_whole_experiment_from_design_to_figure(experiment, tmp_path):
+    design, data = write_design(tmp_path), tmp_path / "data"
 
     code, out, _ = experiment("simulate", design, "--data", data)
-    assert (code, out) == (0, f"{data}: 4 participants\n")
-    code, out, _ = experiment("report", data)
-    assert code == 0 and out.startswith("stiffness: F(1, 3) = ")
-    assert (data / "derivatives" / "report" / "report.html").is_file()
-    code, out, _ = experiment("forget", data, "p02")
-    assert (code, out) == (0, f"{data}: all data of p02 are deleted, and reports with them\n")
-    assert not (data / "sub-p02").exists() and not (data / "derivatives").exists()
+    assert code == 0 and out.endswith(f"{data}: 4 participants\n")
+    assert out.startswith("participants") and "late against real" in out  # power, before the first
+    assert "late against real" not in experiment("simulate", design, "--data", data)[1]
+    figure, scores = tmp_path / "f.png", tmp_path / "scores.csv"
+    code, out, err = experiment("report", design, data, "--out", figure, "--csv", scores)
+    assert code == 0 and out.endswith(f"{figure}: written\n") and "late against real" in out
+    assert err == "proximity: All 4 participants are simulated observers.\n"
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    lines = scores.read_text().splitlines()
+    assert lines[0] == "task,condition,participant,score,lower,upper" and len(lines) == 13
 
 
 def test_name_of_a_person_is_refused_in_one_sentence(experiment, tmp_path):
@@ -81,32 +81,12 @@ def test_name_of_a_person_is_refused_in_one_sentence(experiment, tmp_path):
     assert (code, out) == (2, "") and "expected a pseudonym" in err and err.count("\n") == 1
 
 
-def test_edited_log_is_one_sentence(experiment, tmp_path):
-    design, data = write_design(tmp_path), tmp_path / "data"
-    experiment("simulate", design, "--data", data, "--participant", "p01")
-    log = data / "sub-p01" / "sub-p01_log.jsonl"
-    log.write_text(log.read_text().replace('"level": 0.1', '"level": 0.2', 1))
-    code, _, err = experiment("report", data)
+def test_power_is_a_table(experiment, tmp_path):
+    code, out, _ = experiment("power", write_design(tmp_path), "--participants", 8, "--participants", 12)
 
-    assert code == 2 and "was edited after it was written" in err and err.count("\n") == 1
-
-
-def test_power_is_a_table_and_check_says_both(experiment, tmp_path, monkeypatch):
-    from proximity.lab.experiment.analysis import simulation
-
-    monkeypatch.setattr(
-        simulation, "power", lambda *given, watch: [simulation.Power("t", "b against a", 8, 0.5)]
-    )
-    design = write_design(tmp_path)
-    code, out, _ = experiment("power", design, "--participants", 8, "--effect", 1.5)
-    assert code == 0 and "8 participants" in out and "50%" in out
-    monkeypatch.setattr(simulation, "false_positives", lambda *given: {"t": 0.05})
-    monkeypatch.setattr(simulation, "recovery", lambda design: simulation.Recovery(48, 47, -0.02))
-    code, out, _ = experiment("check", design)
-    assert out.splitlines() == [
-        "t: a difference was found in 5% of 100 experiments without one",
-        "47 of 48 thresholds lie in their 95 % credible intervals; on average they are found 2.0% too low",
-    ]
+    assert code == 0
+    assert [line.split()[:2] for line in out.splitlines()[1:]] == [["8", "stiffness"], ["12", "stiffness"]]
+    assert out.splitlines()[0].split("  ")[-1].strip() == "80 % find"
 
 
 ADDRESS = "mailbox:experiment"
@@ -114,7 +94,8 @@ PATH = FingerPath(Glove())
 WALL = PATH.position(0.5)
 PERIOD_S = 1.2  # of a finger that presses again and again
 PERSON = (
-    SMALL.replace("trials = 8\nlevels = [0.1, 0.2, 0.4, 0.8]", "trials = 1\nlevels = [0.8]")
+    SMALL.replace("trials = 8\nlevels = [0.1, 0.2, 0.4, 0.8]", "trials = 2\nlevels = [0.4, 0.8]")
+    .replace("catch = 1\npractice = 1\n", "")
     .replace("trials = 4", "trials = 1")
     .replace("force = 4.0", "force = 4.0\nseconds = 2.0")
 )
@@ -161,33 +142,34 @@ def typing(monkeypatch, answers):
 
 
 @pytest.mark.slow
-def test_session_at_the_terminal_stops_goes_on_and_ends(experiment, tmp_path, monkeypatch, pressing):
+def test_session_at_the_terminal_stops_continues_and_ends(experiment, tmp_path, monkeypatch, pressing):
     design, data = write_design(tmp_path, PERSON), tmp_path / "data"
-    command = ("run", design, "p01", "--address", ADDRESS, "--data", data, "--terminal")
-    typing(monkeypatch, {"agree": "yes", "How many": ["many", "3"], "1 or 2": KeyboardInterrupt})
-    code, _, err = experiment(*command)
-    assert code == 130 and "expected a number from 0 to 10" in err
-    assert err.endswith("proximity: stopped; the same command goes on there\n")
-
-    typing(monkeypatch, {"1 or 2": ["three", "1", *"1" * 20], "Which hand": "left"})
+    command = ("run", design, "p01", "--address", ADDRESS, "--data", data)
+    typing(monkeypatch, {"agree": ["perhaps", "yes"], "1 or 2": KeyboardInterrupt})
     code, out, err = experiment(*command)
-    entries = read_log(data / "sub-p01" / "sub-p01_log.jsonl")
-    trials = [one for one in entries if one["event"] == "trial"]
-    assert (code, out.splitlines()[-1]) == (0, f"{data}: p01 is done") and "expected 1 or 2" in err
-    assert [one["number"] for one in trials] == list(range(6))
-    assert sum(one["event"] == "begin" for one in entries) == 2
-    assert {one["answer"] for one in trials} == {1} and not any(one["stopped"] for one in trials)
-    pressed = [force for one in trials for force in one["peak_force"]]
+    assert code == 130 and "expected yes or no" in err and "80 % find" in out
+    assert err.endswith("proximity: stopped; the same command continues from there\n")
+
+    asked = typing(monkeypatch, {"1 or 2": ["three", "1", *"1" * 20]})
+    code, out, err = experiment(*command)
+    with (data / "p01.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert code == 0 and "expected 1 or 2" in err
+    assert out.splitlines()[-1] == f"{data / 'p01.csv'}: p01 is done"
+    assert [int(row["number"]) for row in rows] == list(range(5))
+    assert not [row["stopped"] for row in rows if row["stopped"]] and {row["answer"] for row in rows} == {"1"}
+    pressed = [float(row[f"peak_force_{i}_N"]) for row in rows for i in (1, 2)]
     assert max(pressed) > 0.3 and min(pressed) == 0.0  # the real wall is not of the drum
-    assert code == 0 and entries[0]["apparatus"] == "simulated drum"
+    assert rows[0]["apparatus"] == "simulated drum"
+    assert any("put the real surface in place" in prompt for prompt in asked)
 
 
-def test_who_refuses_is_not_kept(experiment, tmp_path, monkeypatch, pressing):
+def test_refused_consent_keeps_no_data(experiment, tmp_path, monkeypatch, pressing):
     data = tmp_path / "data"
     typing(monkeypatch, {"agree": "no"})
     code, _, err = experiment(
-        "run", write_design(tmp_path, PERSON), "p01", "--address", ADDRESS, "--data", data, "--terminal"
+        "run", write_design(tmp_path, PERSON), "p01", "--address", ADDRESS, "--data", data
     )
 
-    assert code == 130 and err.endswith("p01 does not agree: nothing was kept\n")
-    assert not (data / "sub-p01").exists()
+    assert code == 130 and err.endswith("p01 does not agree: no data were kept\n")
+    assert not data.exists()

@@ -71,7 +71,6 @@ def test_help_and_version_import_nothing_heavy(arguments):
         ["query", "bracket.stl", "30", "10", "5"],
         ["check", "bracket.stl"],
         ["compile", "bracket.stl", "--out", "{out}/bracket.prox"],
-        ["replay", "bracket.stl", "hand.csv", "--limit", "0.2"],
         ["simulate", "--speed", "0.5"],
         ["demo", "--limit", "0.2"],
     ],

@@ -222,10 +222,12 @@ def test_json_is_a_line_for_every_frame_that_came(run):
     for number in range(20):
         outlet.send(np.frombuffer(sealed([number], 2), np.uint8))
 
+    began_ns = time.monotonic_ns()
     result = run(ADDRESS, "--limit", 0.2, "--json")
 
     assert (result.code, result.err) == (0, "")
     frames = list(map(json.loads, result.out.splitlines()))
+    assert all(began_ns <= told["received_ns"] <= time.monotonic_ns() for told in frames)
     assert [told["sequence"] for told in frames] == list(range(20))
     assert (frames[0]["state"], frames[0]["session"], len(frames[0]["fingers"])) == ("ok", SESSION, 2)
     finger = frames[0]["fingers"][1]

@@ -4,12 +4,13 @@ import io
 import itertools
 import math
 import time
+from runpy import run_path
 
 import glove_files
 import numpy as np
 import pytest
 from sealed_frames import frame
-from simulated_motors import Cia402Motor, ODriveMotor, SimpleFocMotor
+from simulated_motors import DRIVERS, Cia402Motor, ODriveMotor, SimpleFocMotor
 
 from proximity.decaff.controller.controller import DrumAction, DrumState
 from proximity.decaff.drum.servo import DriveMode
@@ -18,7 +19,6 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.motors.motor_driver import MotorCommand, MotorScale, MotorSettings, open_motor
 from proximity.decaff.motors.motor_drum import MotorDrum, home_all, opened_motors
-from proximity.decaff.motors.simplefoc import SimpleFoc
 from proximity.decaff.simulated_drums import DrumBench
 from proximity.errors import MotorError
 from proximity.message import CONTACT, Mode, State
@@ -192,7 +192,7 @@ def test_motor_over_udp_multicast():
 def test_simplefoc_is_not_off_between_position_and_torque():
     """Each change of mode disabled the motor for a moment; nor has a target ever the limit of another."""
     port = io.BytesIO()
-    motor = SimpleFoc(port, "M", 0.05)
+    motor = run_path(str(DRIVERS / "simplefoc.py"))["SimpleFoc"](port, "M", 0.05)
     motor.switch_on(MotorCommand(DriveMode.POSITION, 1.0, 0.0, 0.10))
     port.truncate(port.seek(0))
     for command in (
@@ -262,8 +262,10 @@ def test_controller_moves_a_motor_and_draws_back_when_frames_are_stale(motor, dr
         ("odrive-can://x?bus=virtual&ratio=none", "ratio=none, expected a number from 0.01 to 1000"),
         ("odrive-can://x?bus=virtual&direction=0", "expected 1 or -1"),
         ("odrive-can://x?bus=nothing", "the bus cannot be opened"),
-        ("simplefoc:///dev/none", "the port cannot be opened"),
-        ("canopen://nobody?bus=virtual", "node 1 cannot be set up"),
+        (f"simplefoc:///dev/none?driver={DRIVERS}/simplefoc.py", "the port cannot be opened"),
+        (f"canopen://nobody?driver={DRIVERS}/cia402.py&bus=virtual", "node 1 cannot be set up"),
+        ("stepper://x?driver=none.py", "driver=none.py cannot be read"),
+        (f"stepper://x?driver={__file__}", "has no open_driver"),
     ],
 )
 def test_address_that_cannot_be_used_is_refused(url, sentence):

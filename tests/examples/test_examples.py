@@ -32,7 +32,11 @@ from proximity.tracker.replay import turn_about_axes
 from proximity.transport import Reading
 
 EXAMPLES = ROOT / "examples"
-FILES = sorted(path for path in EXAMPLES.rglob("*") if path.suffix in (".py", ".toml", ".c", ".h", ".ipynb"))
+PROGRAMS = (".py", ".toml", ".c", ".h", ".ipynb")
+FILES = sorted(
+    path for path in EXAMPLES.rglob("*") if path.suffix in PROGRAMS and path.parent.name != "motors"
+)
+"""Whole programs; drivers of motors are tested against simulated ones."""
 ENVIRONMENT = {
     **os.environ,
     "MPLBACKEND": "Agg",
@@ -198,7 +202,7 @@ def test_service_of_a_vr_program_answers_hands_and_lid(tmp_path):
         tmp_path,
         "vr_service.py",
         "vr_service.toml",
-        replacing=[("iox2://box", f"iox2://box-{uuid.uuid4().hex}")],
+        replacing=[("shm://box", f"shm://box-{uuid.uuid4().hex}")],
     )
 
     # At the end, and where pictures come too slowly, the lid is no longer reported.
@@ -268,7 +272,7 @@ def _at_touch(output):
 def test_hands_by_openxr_say_what_is_missing():
     command = [sys.executable, "-m", "proximity", "serve", str(EXAMPLES / "openxr_hands.toml")]
     done = subprocess.run(
-        [*command, "--publish", f"iox2://openxr-{uuid.uuid4().hex}"],
+        [*command, "--publish", f"shm://openxr-{uuid.uuid4().hex}"],
         env=ENVIRONMENT, capture_output=True, text=True, timeout=PATIENCE,
     )  # fmt: skip
 
@@ -386,7 +390,7 @@ def test_curl_limits_reach_the_runtime_and_are_taken_back(runtime, monkeypatch, 
     frames = SimpleNamespace(read=lambda: readings.pop(0))
     monkeypatch.setattr(proximity, "open_subscriber", lambda address: contextlib.nullcontext(frames))
 
-    runpy.run_path(str(EXAMPLES / "curl_limits.py"))["main"]("iox2://decaff")
+    runpy.run_path(str(EXAMPLES / "curl_limits.py"))["main"]("shm://decaff")
 
     extensions, begin, *calls, end_of_use = came
     assert (begin, end_of_use) == ("begin", "destroyed")

@@ -1,28 +1,19 @@
 """Recordings: what is read, what is refused and by which line, what resampling may invent; logs."""
 
-import csv
-import sys
-from collections import Counter
-
 import make_recording
 import numpy as np
 import pytest
 from project import RECORDED_HANDS
 
-from proximity.errors import ArgumentError, FileError, MissingLibraryError, RecordingError
-from proximity.message import CONTACT, FRAME, ContactFlag, Message
+from proximity.errors import ArgumentError, RecordingError
+from proximity.message import FRAME, ContactFlag, Message
 from proximity.pose import Pose
 from proximity.recording import (
     FrameLog,
-    FrameReader,
     Recording,
-    check_log_name,
-    contact_log,
     read_recording,
     recording_reader,
-    write_contacts,
 )
-from proximity.recording.rerun_log import ShownPart, write_rerun
 
 HEADER = "time_s,hand,finger,x_m,y_m,z_m\n"
 PLAIN = HEADER + "0.0,0,0,1,2,3\n0.0,0,1,4,5,6\n0.01,0,0,1.5,2,3\n0.02,0,0,2,2,3\n0.02,0,1,4,5,7\n"
@@ -322,77 +313,6 @@ def test_generated_recording_is_small_and_has_what_sensors_do():
     assert (steps > 0.05).any(axis=1).sum() == 2  # there and back
 
 
-@pytest.fixture
-def contacts():
-    found = np.zeros((3, 2), dtype=CONTACT)
-    found["finger"] = [0, 1]
-    found["lower"] = np.arange(6).reshape(3, 2) / 3.0
-    found["normal"] = [0.0, 0.0, 1.0]
-    found["upper"][0, 0] = np.inf
-    found["part"] = -1
-    return found
-
-
-TIMES_NS = np.array([0, 1_000_000, 2_000_000])
-FINGERS = ((0, 1), (2, 4))
-
-
-def test_arrays_are_kept_as_they_are(tmp_path, contacts):
-    write_contacts(tmp_path / "log.npz", contacts, TIMES_NS, FINGERS)
-    write_contacts(tmp_path / "log.npy", contacts, TIMES_NS, FINGERS)
-
-    with np.load(tmp_path / "log.npz") as log:
-        assert log["contacts"].dtype == CONTACT
-        assert log["contacts"].tobytes() == contacts.tobytes()
-        assert log["times_ns"].tolist() == TIMES_NS.tolist()
-        assert log["fingers"].tolist() == [[0, 1], [2, 4]]
-    assert np.load(tmp_path / "log.npy").tobytes() == contacts.tobytes()
-
-
-@pytest.mark.parametrize("fingers", [FINGERS, None])
-def test_csv_has_a_line_a_finger_and_every_digit(tmp_path, contacts, fingers, monkeypatch):
-    monkeypatch.setattr(contact_log, "CSV_CHUNK", 2)
-    write_contacts(tmp_path / "log.CSV", contacts, TIMES_NS, fingers)
-
-    with (tmp_path / "log.CSV").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    assert [float(row["lower"]) for row in rows] == contacts["lower"].reshape(-1).tolist()
-    assert [float(row["time_s"]) for row in rows] == [0.0, 0.0, 0.001, 0.001, 0.002, 0.002]
-    assert [row["finger"] for row in rows] == (["1", "4"] if fingers else ["0", "1"]) * 3
-    assert [row.get("hand") for row in rows] == (["0", "2"] if fingers else [None, None]) * 3
-    assert rows[0]["normal_z"] == "1.0"
-    assert rows[0]["upper"] == "inf"
-    assert rows[0]["part"] == "-1"
-
-
-def test_log_is_there_wholly_or_not_at_all(tmp_path, contacts, monkeypatch):
-    path = tmp_path / "log.npy"
-    path.write_text("old")
-
-    def fail(*arguments):
-        arguments[0].write(b"half of it")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setitem(contact_log.SUFFIXES, ".npy", fail)
-    with pytest.raises(FileError, match=r"log\.npy: cannot be written \(No space left on device\)"):
-        write_contacts(path, contacts, TIMES_NS)
-
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("log.txt", r"log\.txt: expected a name that ends in \.npz, \.npy, \.csv"),
-        ("nowhere/log.csv", r"log\.csv: cannot be written \(there is no folder .*nowhere\)"),
-    ],
-)
-def test_name_that_no_log_can_have_is_refused(tmp_path, name, message):
-    with pytest.raises(RecordingError, match=message):
-        check_log_name(tmp_path / name)
-
-
 FRAMES = 40
 
 
@@ -409,26 +329,3 @@ def log(tmp_path):
             message.records["signed_distance"] = number / 1e3
             frames.append(message.seal(1, number))
     return tmp_path / "run.frames"
-
-
-def test_its_reader_finds_what_was_written(log, tmp_path):
-    chunks = pytest.importorskip("rerun.chunk", reason="rerun-sdk of 0.41 or later reads its own recordings")
-    part = ShownPart("lid", np.eye(3), np.array([[0, 1, 2]]))
-
-    assert write_rerun(tmp_path / "run.rrd", FrameReader(log), [part]) == FRAMES
-
-    rows = Counter()
-    for chunk in chunks.RrdReader(tmp_path / "run.rrd").stream().to_chunks():
-        rows[chunk.entity_path] += chunk.num_rows
-    assert rows["/parts/lid"] == 1
-    assert rows["/fingers/0/tip"] == rows["/fingers/0/signed_distance_mm"] == FRAMES
-    assert rows["/fingers/0/nearest"] == FRAMES // 2
-    assert not any(entity.startswith("/fingers/1") for entity in rows)  # it was not tracked
-
-
-def test_without_it_a_sentence_says_what_to_install(log, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-
-    with pytest.raises(MissingLibraryError, match=r'needs rerun-sdk.*pip install "cad-proximity\[rerun\]"'):
-        write_rerun(tmp_path / "run.rrd", FrameReader(log))
-    assert not (tmp_path / "run.rrd").exists()

@@ -204,10 +204,6 @@ def by_shared_memory():
     return names()[:2]
 
 
-def by_iceoryx():
-    return [f"iox2://{new_name()}" for _ in range(2)]
-
-
 def by_threads():
     return [f"mailbox:{new_name()}" for _ in range(2)]
 
@@ -227,7 +223,7 @@ def holds(scene, reading):
     return (contacts["lower"] <= true + 1e-12).all() and (true <= contacts["upper"] + 1e-12).all()
 
 
-@pytest.mark.parametrize("ends", [by_shared_memory, by_udp, by_iceoryx, by_threads, by_ipv6])
+@pytest.mark.parametrize("ends", [by_shared_memory, by_udp, by_threads, by_ipv6])
 def test_pose_that_comes_wakes_it(scene, ends):
     """Of a period of some seconds: the frame is there before a tick would have been due."""
     with Served(scene, *ends(), period=2.0, valid_for=8.0, stale_after=10.0) as served:

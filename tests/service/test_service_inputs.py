@@ -114,11 +114,11 @@ def test_latency_of_a_recording_that_cannot_be_is_refused(latency):
 
 
 AHEAD = (
-    "iox2://poses: poses from the future are not used (by 25.0 ms; send the instant at which hand or part "
+    "shm://poses: poses from the future are not used (by 25.0 ms; send the instant at which hand or part "
     "was there, not the predicted display time)"
 )
 OTHER_CLOCK = (
-    "iox2://poses: poses {} (by {} s; they are of another clock: on the service's machine send "
+    "shm://poses: poses {} (by {} s; they are of another clock: on the service's machine send "
     "time.monotonic_ns(), CLOCK_MONOTONIC)"
 )
 
@@ -128,14 +128,14 @@ OTHER_CLOCK = (
     [
         (25, AHEAD),
         (3_600_000, OTHER_CLOCK.format("from the future are not used", 3600)),
-        (-500, "iox2://poses: poses older than 100 ms are not used (500.0 ms old; send them as soon as they"),
-        (-3_600_000, "iox2://poses: poses older than 100 ms are not used (3600 s old; they are of another"),
-        (-50, "iox2://poses: poses older than the one before are not used (by 50.0 ms; they are of two"),
+        (-500, "shm://poses: poses older than 100 ms are not used (500.0 ms old; send them as soon as they"),
+        (-3_600_000, "shm://poses: poses older than 100 ms are not used (3600 s old; they are of another"),
+        (-50, "shm://poses: poses older than the one before are not used (by 50.0 ms; they are of two"),
     ],
 )
 def test_first_pose_that_cannot_be_used_is_told_with_its_address_and_a_remedy(ahead_ms, sentence, caplog):
     """The service once said nothing of them until its end, and never that they were too old."""
-    newest = NewestSamples(FingerPoses(1), 100 * MS, "iox2://poses")
+    newest = NewestSamples(FingerPoses(1), 100 * MS, "shm://poses")
     newest.start(NOW)
     newest.update(hands_at([[0, 0, 0]], NOW), NOW)
     for tick in range(3):
@@ -244,7 +244,7 @@ def test_sample_that_was_left_out_is_not_given_again(pose_ns):
 
 def test_hand_whose_fingers_are_all_at_one_place_is_lost_and_counted(caplog):
     """The left hand is sent as (0, 0, 0) while it is lost; the right one goes on."""
-    newest = NewestSamples(FingerPoses(10), 100 * MS, "iox2://poses")
+    newest = NewestSamples(FingerPoses(10), 100 * MS, "shm://poses")
     newest.start(NOW)
     tips = np.arange(30.0).reshape(10, 3)
     lost = tips.copy()
@@ -254,7 +254,7 @@ def test_hand_whose_fingers_are_all_at_one_place_is_lost_and_counted(caplog):
         is_there = np.isfinite(newest.samples.positions).all(axis=1)
         assert is_there.tolist() == [positions is tips] * 5 + [True] * 5
 
-    assert newest.notes == ["iox2://poses: 10 poses of hands whose fingers are all at one place are not used"]
+    assert newest.notes == ["shm://poses: 10 poses of hands whose fingers are all at one place are not used"]
     (said,) = caplog.messages
     assert said.endswith("are all at one place are not used (the hand is lost there: send nan)")
 

@@ -110,7 +110,7 @@ def test_scene_file_says_where_the_hands_are(tmp_path):
         ("openxr = false", "input.openxr is false, expected true, or another source of poses"),
         ("openxr = 1", "input.openxr is 1, expected true or false"),
         ("openxr = true\nscale = 2.0", "requires input.recording"),
-        ('openxr = true\nposes = "iox2://poses"', "is given together with input.openxr"),
+        ('openxr = true\nposes = "shm://poses"', "is given together with input.openxr"),
     ],
 )
 def test_scene_file_that_makes_no_sense_is_refused(tmp_path, text, sentence):

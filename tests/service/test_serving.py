@@ -780,15 +780,15 @@ def test_service_stops_when_its_parent_is_killed(scene_path, folder):
     wait_until(has_stopped, "the service has stopped")
 
 
-@pytest.mark.parametrize("transport", ["udp", "iox2"])
+@pytest.mark.parametrize("transport", ["udp", "shm"])
 def test_parts_are_added_hidden_and_removed_while_they_are_served(scene_path, folder, request, transport):
     """Both ends see the same parts: names come with the epoch of the frames that count them."""
-    if transport == "iox2":
-        pytest.importorskip("iceoryx2")
+    if transport == "shm" and sys.platform != "linux":
+        pytest.skip("shared memory is for Linux")
     frames, to_changes = (
         (f"udp://127.0.0.1:{free_port()}", f"udp://127.0.0.1:{free_port()}")
         if transport == "udp"
-        else (f"iox2://{folder.name}", f"iox2://{folder.name}/changes")
+        else (f"shm://{folder.name}", f"shm://{folder.name}/changes")
     )
     (folder / "more").mkdir()
     shutil.copy(MESHES / "sphere.stl", folder / "more")

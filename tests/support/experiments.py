@@ -3,15 +3,16 @@
 from importlib.resources import files
 
 from proximity.lab.experiment.observers import Observer
-from proximity.lab.experiment.session import run_visit
+from proximity.lab.experiment.visit import place, read_visit, read_visits, run_visit
 
 SHIPPED = files("proximity.lab.experiment") / "decaff_against_coupled.toml"
 
 SMALL = """
 title = "Small"
 seed = 7
-participants = 2
+participants = 4
 consent = "You press."
+welcome = "Press."
 goodbye = "Thanks."
 
 [limits]
@@ -43,17 +44,6 @@ practice = 1
 name = "which"
 kind = "real"
 trials = 4
-
-[[questions]]
-key = "hours"
-text = "How many?"
-range = [0, 10]
-
-[[questions]]
-key = "hand"
-text = "Which hand?"
-choices = ["right", "left"]
-when = "after"
 """
 
 
@@ -64,7 +54,9 @@ def write_design(folder, text=SMALL):
     return path
 
 
-def simulate(dataset, name, make=Observer, monitor=None):
-    """Do what is left of a simulated participant's session."""
-    observer = make(dataset.design, dataset.register(name, Observer.name))
-    run_visit(dataset, name, observer, observer, monitor)
+def simulate(design, folder, name, make=Observer):
+    """Do the rest of a simulated participant's session; return its rows."""
+    slot = place(design, read_visits(design, folder), name, Observer.name, folder)[0]
+    observer = make(design, slot)
+    run_visit(design, folder, name, observer, observer)
+    return read_visit(design, folder / f"{name}.csv")

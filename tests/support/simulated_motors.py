@@ -13,7 +13,9 @@ import tty
 
 import can
 import canopen
+from project import ROOT
 
+DRIVERS = ROOT / "examples" / "motors"
 OFF, POSITION, TORQUE = "off", "position", "torque"
 
 
@@ -145,7 +147,7 @@ class Cia402Motor(Shaft):
         self._network.subscribe(0x300 + node, self._take_torque)
         self._network.subscribe(0x080, self._sync)
         self._network.subscribe(0x77F, lambda *beat: setattr(self, "_heard", time.monotonic()))
-        self.url = f"canopen://{channel}?bus=virtual&node={node}"
+        self.url = f"canopen://{channel}?driver={DRIVERS}/cia402.py&bus=virtual&node={node}"
 
     def serve(self):
         watched = self.objects.get((0x1016, 1), 0) & 0xFFFF
@@ -204,7 +206,7 @@ class SimpleFocMotor(Shaft):
         os.set_blocking(self._end, False)
         self._port, self._constant, self._text = port, constant, b""
         self._control, self._is_readable, self.dropped = POSITION, False, 0
-        self.url = f"simplefoc://{os.ttyname(port)}?motor=M&kt={constant}"
+        self.url = f"simplefoc://{os.ttyname(port)}?driver={DRIVERS}/simplefoc.py&motor=M&kt={constant}"
 
     def serve(self):
         try:

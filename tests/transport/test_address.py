@@ -10,7 +10,7 @@ from proximity.transport.address import parse
 @pytest.mark.parametrize(
     ("text", "scheme", "location", "options"),
     [
-        ("iox2://decaff/poses", "iox2", "decaff/poses", {}),
+        ("shm://decaff/poses", "shm", "decaff/poses", {}),
         ("UDP://127.0.0.1:9100", "udp", "127.0.0.1:9100", {}),
         ("udp://[::1]:9100?from=[::1]:9101", "udp", "[::1]:9100", {"from": "[::1]:9101"}),
         ("udp://[fe80::1%25eth0]:9100", "udp", "[fe80::1%eth0]:9100", {}),
@@ -26,9 +26,9 @@ def test_address_is_taken_apart(text, scheme, location, options):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("text", ["", "decaff", "mailbox:", "iox2://a#b"])
+@pytest.mark.parametrize("text", ["", "decaff", "mailbox:", "shm://a#b"])
 def test_text_that_is_no_address_is_told_what_one_looks_like(text):
-    with pytest.raises(PublishError, match=r": expected an address such as iox2://NAME, udp://HOST:PORT, "):
+    with pytest.raises(PublishError, match=r": expected an address such as shm://NAME, udp://HOST:PORT, "):
         parse(text)
 
 
@@ -40,7 +40,7 @@ def test_text_that_cannot_be_taken_apart_is_told_the_form(text):
 
 @pytest.mark.parametrize("value", [None])
 def test_address_is_text(value):
-    with pytest.raises(PublishError, match=r"^an address is text such as iox2://decaff, not "):
+    with pytest.raises(PublishError, match=r"^an address is text such as shm://decaff, not "):
         parse(value)
 
 
@@ -53,7 +53,7 @@ def test_option_given_twice_is_refused():
 def test_unknown_scheme_is_told_those_that_are_known(opener):
     with pytest.raises(
         PublishError,
-        match=r"^tcp://a:1: no transport is called 'tcp' \(expected mailbox, iox2, shm, udp, ws, zenoh\)$",
+        match=r"^tcp://a:1: no transport is called 'tcp' \(expected mailbox, shm, udp, ws, zenoh\)$",
     ):
         opener("tcp://a:1")
 
@@ -92,5 +92,5 @@ def test_files_of_an_address_are_named_as_seen_from_a_folder(tmp_path):
     assert moved.location == "[::1]:9100"
     assert moved.options == {"from": "[::1]:1", "key": f"{folder}/keys/my key"}
     assert parse(moved.text).with_files_in("/elsewhere") == moved.text
-    for without in ("iox2://decaff", "zenoh://a?connect=tcp/h:1,tcp/h:2", "mailbox:a box", "udp://h:1?key="):
+    for without in ("shm://decaff", "zenoh://a?connect=tcp/h:1,tcp/h:2", "mailbox:a box", "udp://h:1?key="):
         assert parse(without).with_files_in(folder) == without

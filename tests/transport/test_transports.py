@@ -1,4 +1,4 @@
-"""What every transport promises: one set of tests over mailbox, UDP, both shared memories and Zenoh."""
+"""What every transport promises: one set of tests over mailbox, UDP, shared memory and Zenoh."""
 
 import gc
 import os
@@ -23,8 +23,8 @@ from proximity.message import State
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
 from proximity.transport.link import NOTHING
 
-SCHEMES = ("mailbox", "udp", "shm", "iox2", "zenoh")
-LIBRARIES = {"iox2": "iceoryx2", "zenoh": "zenoh"}
+SCHEMES = ("mailbox", "udp", "shm", "zenoh")
+LIBRARIES = {"zenoh": "zenoh"}
 WHOLE_SKIN = 96 + 4096 * 328
 """Bytes of the largest frame."""
 
@@ -48,7 +48,7 @@ def ends(scheme, request):
     if scheme == "zenoh":
         key, place = f"zenoh://{new_name()}", f"tcp/127.0.0.1:{free_port(kind=socket.SOCK_STREAM)}"
         return f"{key}?listen={place}", f"{key}?connect={place}"
-    return (f"{scheme}:{'//' * (scheme in ('iox2', 'shm'))}{new_name()}",) * 2
+    return (f"{scheme}:{'//' * (scheme == 'shm')}{new_name()}",) * 2
 
 
 class Link:
@@ -110,7 +110,7 @@ def test_messages_arrive_whole_and_in_order_by_whichever_thread(link):
     assert link.inlet.refused == 0 and not link.inlet.is_keyed
 
 
-@pytest.mark.parametrize("scheme", ["mailbox", "shm", "iox2", "zenoh"])
+@pytest.mark.parametrize("scheme", ["mailbox", "shm", "zenoh"])
 def test_whole_skin_arrives(link):
     until(lambda: link.arrives(7, 0.5, WHOLE_SKIN))  # on a loaded machine Zenoh may drop it
     assert link.taken()[0] == (7, WHOLE_SKIN)
@@ -125,9 +125,7 @@ def test_of_a_message_longer_than_the_room_the_beginning_is_taken(link):
     assert link.inlet.receive(link.room) == NOTHING
 
 
-@pytest.mark.parametrize(
-    ("scheme", "most"), [("mailbox", 1), ("udp", 200), ("shm", 200), ("iox2", 64), ("zenoh", 66)]
-)
+@pytest.mark.parametrize(("scheme", "most"), [("mailbox", 1), ("udp", 200), ("shm", 200), ("zenoh", 66)])
 def test_who_reads_too_seldom_gets_the_latest(link, most):
     for number in range(200):
         link.send(number)
@@ -145,7 +143,6 @@ def test_who_reads_too_seldom_gets_the_latest(link, most):
         ("mailbox", [2], [3]),
         ("udp", [], [3]),
         ("shm", [2], [3]),
-        ("iox2", [], [2, 3]),
         ("zenoh", [], [3]),
     ],
 )
@@ -182,7 +179,7 @@ def test_wait_ends_with_a_message_or_with_the_time(link):
     assert link.taken() == [(7, 100)]
 
 
-@pytest.mark.parametrize("scheme", ["mailbox", "udp", "shm", "iox2"])
+@pytest.mark.parametrize("scheme", ["mailbox", "udp", "shm"])
 def test_what_was_sent_last_is_received_after_the_publisher_has_closed(link):
     assert link.arrives(1) and link.taken()
     link.send(3)
@@ -191,7 +188,7 @@ def test_what_was_sent_last_is_received_after_the_publisher_has_closed(link):
     assert link.taken() == [(3, 100)]
 
 
-@pytest.mark.parametrize("scheme", ["mailbox", "udp", "shm", "iox2"])
+@pytest.mark.parametrize("scheme", ["mailbox", "udp", "shm"])
 def test_nothing_grows(link):
     def to_and_fro(count):
         for _ in range(count):
@@ -215,7 +212,6 @@ CLOSED = {
     "mailbox": (None, None),
     "udp": (r": cannot send \(", r": cannot receive \("),
     "shm": ("was closed, nothing can be sent", None),
-    "iox2": ("was closed, nothing can be sent", None),
     "zenoh": ("was closed, nothing can be sent", None),
 }
 
@@ -250,7 +246,6 @@ def test_name_is_free_after_close(scheme, ends):
     [
         ("mailbox:a?from=b", "it has none"),
         ("shm://a?from=b", "it has none"),
-        ("iox2://a?from=b", "it has none"),
         ("udp://127.0.0.1:9100?x=b", "expected (bind|from), key"),
         ("zenoh://a?from=b", "expected connect, listen, config"),
     ],
@@ -262,23 +257,17 @@ def test_option_that_a_transport_has_not_is_refused(address, known):
             opener(address)
 
 
-@pytest.mark.parametrize(
-    ("scheme", "sentence"),
-    [
-        ("iox2", r"iox2://decaff: needs iceoryx2: pip install iceoryx2 \(made for"),
-        ("zenoh", r'zenoh://decaff: needs zenoh: pip install "cad-proximity\[zenoh\]"'),
-    ],
-)
-def test_without_its_library_the_error_says_what_to_install(scheme, sentence, monkeypatch):
-    for module in ("iceoryx", "iceoryx_names", "zenoh"):
-        monkeypatch.delitem(sys.modules, f"proximity.transport.{module}", raising=False)
-    monkeypatch.setitem(sys.modules, LIBRARIES[scheme], None)
+def test_without_its_library_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.delitem(sys.modules, "proximity.transport.zenoh", raising=False)
+    monkeypatch.setitem(sys.modules, "zenoh", None)
 
-    with pytest.raises(PublishError, match=sentence):
-        open_publisher(f"{scheme}://decaff")
+    with pytest.raises(
+        PublishError, match=r'zenoh://decaff: needs zenoh: pip install "cad-proximity\[zenoh\]"'
+    ):
+        open_publisher("zenoh://decaff")
 
 
-@pytest.mark.parametrize("scheme", ["mailbox", "udp", "shm", "iox2"])
+@pytest.mark.parametrize("scheme", ["mailbox", "udp", "shm"])
 def test_frames_travel_by_public_names(ends):
     with proximity.open_subscriber(ends[1]) as subscriber, proximity.open_publisher(ends[0]) as publisher:
         publisher.publish(frame(time.monotonic_ns(), 2, valid_for=10**10))
@@ -325,7 +314,7 @@ def test_subscriber_ages_when_the_publisher_is_killed_and_takes_to_the_next(ends
         assert subscriber.counts.sessions == 2 and not subscriber.counts.flawed
 
 
-READERS = [("udp", 1, 2), ("shm", 9, 2), ("iox2", 9, 5), ("zenoh", 1, 2)]
+READERS = [("udp", 1, 2), ("shm", 9, 2), ("zenoh", 1, 2)]
 """How many a process opens, and how many processes are killed, one after the other."""
 
 
@@ -343,7 +332,7 @@ def test_killed_subscribers_keep_neither_the_publisher_nor_their_places(ends, co
             until(lambda: publisher.publish(touch(untracked_frame())) or subscriber.wait(0.1).is_new)
 
 
-@pytest.mark.parametrize(("scheme", "count"), [("udp", 1), ("shm", 16), ("iox2", 16), ("zenoh", 2)])
+@pytest.mark.parametrize(("scheme", "count"), [("udp", 1), ("shm", 16), ("zenoh", 2)])
 def test_program_that_forgets_to_close_ends_without_a_word(ends, count):
     with open_publisher(ends[0]) as publisher, FarEnd("hold", ends[1], count) as program:
         for _ in range(50):

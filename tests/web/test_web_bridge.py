@@ -349,7 +349,7 @@ def test_a_page_may_hide_and_show_and_change_nothing_else(bridge, action):
 
 
 def test_a_page_that_watches_sees_what_other_programs_move_and_hide(tmp_path):
-    address = f"iox2://web-{tmp_path.name}"
+    address = f"shm://web-{tmp_path.name}"
     scene = Scene([Solid(*shapes.cube(0.1), name="cube")])
     moved, hidden = Message(MOVES, 1), Message(CHANGES, 1)
     moved.records["name"] = hidden.records["name"] = b"cube"

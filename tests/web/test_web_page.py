@@ -516,7 +516,7 @@ def serving(tmp_path_factory):
             each.bind(("127.0.0.1", 0))
         poses, moves, changes = (f"udp://127.0.0.1:{each.getsockname()[1]}" for each in free)
     (folder / "cell.toml").write_text(
-        f'[service]\nrate_hz = 200\nvalid_for = 0.1\npublish = "iox2://page-{os.getpid()}"\n'
+        f'[service]\nrate_hz = 200\nvalid_for = 0.1\npublish = "shm://page-{os.getpid()}"\n'
         "[fingers]\ncount = 10\n"
         f'[[parts]]\nfile = "{(MESHES / "bracket.stl").as_posix()}"\n[web]\nfeed = true\n'
         f'[input]\nposes = "{poses}"\nmoves = "{moves}"\nchanges = "{changes}"\n'

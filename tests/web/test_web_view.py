@@ -318,7 +318,7 @@ def test_a_page_beside_a_service_watches_unless_the_scene_file_lets_it_feed(tmp_
     text = (
         '[service]\nrate_hz = 200\nreal_time = false\npublish = "mailbox:away"\n[fingers]\ncount = 2\n'
         f'[[parts]]\nfile = "{BRACKET.as_posix()}"\n'
-        f'[input]\nposes = "iox2://web-{tmp_path.name}/poses"\n'
+        f'[input]\nposes = "shm://web-{tmp_path.name}/poses"\n'
     )
     for feed in (False, True):
         with socket.create_server(("127.0.0.1", 0)) as free:

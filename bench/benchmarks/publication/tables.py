@@ -45,13 +45,12 @@ NO_TICKS = ("deform: scene.deform",)
 SERVED = {
     ("a tick", "compute"): "a tick of the service, from waking to having published",
     ("a tick", "lateness"): "woken later than asked",
-    ("iox2", "publish, one after another"): "`publish` of a frame, shared memory, one after another",
-    ("iox2", "publish, reader waits"): "`publish` of a frame, shared memory, at 1 kHz",
-    ("iox2", "seen by a reader that spins"): "from `publish` to a reader that spins",
-    ("iox2", "seen by a reader that waits"): "from `publish` to a reader that waits",
+    ("shm", "publish, one after another"): "`publish` of a frame, shared memory, one after another",
+    ("shm", "publish, reader waits"): "`publish` of a frame, shared memory, at 1 kHz",
+    ("shm", "seen by a reader that spins"): "from `publish` to a reader that spins",
+    ("shm", "seen by a reader that waits"): "from `publish` to a reader that waits",
     ("udp", "seen by a reader that waits"): "the same by UDP",
     ("zenoh", "seen by a reader that waits"): "the same by zenoh",
-    ("no service", "iceoryx2 alone: loan, fill, send"): "for comparison: iceoryx2's own loan, fill and send",
     ("no service", "a loop that counts: compute"): "for comparison: a bare loop that counts to 2000",
     ("no service", "a loop that counts: lateness"): "for comparison: that loop, woken later than asked",
 }

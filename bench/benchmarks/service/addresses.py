@@ -6,9 +6,9 @@ import uuid
 
 
 def new_addresses(scheme: str) -> tuple[str, str]:
-    """Return where to read and where to publish, for the scheme "mailbox", "iox2", "udp" or "zenoh"."""
+    """Return where to read and where to publish, for the scheme "mailbox", "shm", "udp" or "zenoh"."""
     name = f"bench-{os.getpid()}-{uuid.uuid4().hex[:8]}"
-    if scheme in ("mailbox", "iox2"):
+    if scheme in ("mailbox", "shm"):
         address = f"{scheme}:{name}" if scheme == "mailbox" else f"{scheme}://{name}"
         return address, address
     endpoint = f"127.0.0.1:{_free_port(socket.SOCK_DGRAM if scheme == 'udp' else socket.SOCK_STREAM)}"

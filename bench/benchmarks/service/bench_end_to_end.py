@@ -26,7 +26,7 @@ ANSWERED_WITHIN = 30.0  # s
 SENT_AGAIN = 0.1  # s
 ANSWERS = (proximity.State.OK, proximity.State.DEGRADED, proximity.State.LATE)
 TICKS = 1000  # of the hand's motion, there and back
-CASES = [("iox2", 1000), ("iox2", 5000), ("udp", 1000), ("zenoh", 1000)]
+CASES = [("shm", 1000), ("shm", 5000), ("udp", 1000), ("zenoh", 1000)]
 pytestmark = pytest.mark.benchmark(timer=time.perf_counter)
 SCENE = """
 [service]

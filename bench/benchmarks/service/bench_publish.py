@@ -19,7 +19,7 @@ from benchmarks.service.publishing import FINGERS, stamp
 from proximity.errors import PublishError
 from proximity.transport import open_outlet
 
-SCHEMES = ("mailbox", "iox2", "udp", "zenoh")
+SCHEMES = ("mailbox", "shm", "udp", "zenoh")
 ARRIVES_WITHIN = 10.0  # s: until routers and readers have found each other
 HEIGHTS = np.array([0.05, 0.04, 0.03, 0.02, 0.01])  # m, of the frame
 pytestmark = pytest.mark.benchmark(timer=time.perf_counter)

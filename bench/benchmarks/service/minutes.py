@@ -38,7 +38,7 @@ def measure_minute(options) -> tuple[list[ServiceRow], list[Verdict]]:
     """Serve at 1 kHz with the log on; compare what was published, received, and written."""
     seconds = 2.0 if options.small else options.seconds
     with tempfile.TemporaryDirectory(prefix=TEMPORARY_PREFIX) as folder:
-        (address, _), log = new_addresses("iox2"), Path(folder) / "run.frames"
+        (address, _), log = new_addresses("shm"), Path(folder) / "run.frames"
         scene = _scene_file(folder, address, log)
         wrongly_valid = 0
         with (
@@ -82,7 +82,7 @@ def measure_memory(options) -> tuple[list[ServiceRow], list[Verdict]]:
     """Watch the memory of a service's process."""
     seconds = 2.0 if options.small else 60.0 * options.minutes
     with tempfile.TemporaryDirectory(prefix=TEMPORARY_PREFIX) as folder:
-        (address, _), log = new_addresses("iox2"), Path(folder) / "run.frames"
+        (address, _), log = new_addresses("shm"), Path(folder) / "run.frames"
         scene = _scene_file(folder, address, log)
         sizes = []
         with proximity.start_service(scene) as service, proximity.open_subscriber(address) as frames:

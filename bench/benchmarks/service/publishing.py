@@ -21,8 +21,8 @@ FINGERS = 5
 PERIOD_S = 0.001
 VALID_NS = 20_000_000
 MOST_PUBLISH_US, MOST_SEEN_US, MOST_SEEN_P99_US = 5.0, 50.0, 500.0
-SCHEMES = ("iox2", "udp", "zenoh")
-JUDGED = "iox2"
+SCHEMES = ("shm", "udp", "zenoh")
+JUDGED = "shm"
 READER = Path(__file__).with_name("reader.py")
 
 

@@ -102,7 +102,7 @@ def _single_hands(name: str, recording: Recording) -> Iterator[Hand]:
 
 
 def ticks_of(hand: Hand, scene: Scene) -> np.ndarray:
-    """The positions of a hand's fingers, placed in the scene as `proximity replay` does, (T, 5, 3)."""
+    """The positions of a hand's fingers, placed where it touches the scene, (T, 5, 3)."""
     pose = fitted_pose(scene, hand.recording, RADIUS)
     return hand.recording.placed(pose).resampled(1.0 / RATE).positions.copy()
 

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from proximity.cli.options import GEAR, GLOVE, argument, flag, option, refuse, with_option_groups, within
+from proximity.cli.options import GEAR, GLOVE, argument, flag, option, refuse, with_option_groups
 from proximity.cli.output import report, write_document
 from proximity.cli.program import EXIT_INTERRUPTED, EXIT_NOTHING
 from proximity.system.stop_signals import stopped_by_signals
 
 if TYPE_CHECKING:
-    from proximity.cli.device.guide import Face
     from proximity.cli.device.typed_instruments import TypedInstruments
     from proximity.decaff.calibration.instruments import MotorPort
     from proximity.decaff.calibration.results import Session
@@ -48,25 +47,11 @@ class Measured:
     ] = False
 
 
-@dataclass(frozen=True)
-class Asking:
-    """How the person is asked."""
-
-    yes: Annotated[bool, flag("--yes", "With --simulate: do not wait for Enter.")] = False
-    page: Annotated[bool, flag("--page", "Show the steps on a page in the browser.")] = False
-    browser: Annotated[
-        bool, flag("--browser/--no-browser", "With --page: whether to open the browser.", show_default=False)
-    ] = True
-    port: Annotated[
-        int, option("N", "Port of the page; 0 chooses a free one.", callback=within(0, 65535))
-    ] = 0
-
-
 @with_option_groups
 def calibrate(
     path: Annotated[Path, argument("FILE", "Calibration to write, for example glove.json.")],
     measured: Measured,
-    asking: Asking,
+    yes: Annotated[bool, flag("--yes", "With --simulate: do not wait for Enter.")] = False,
     name: Annotated[str, option("TEXT", "Name of hand and finger, written into FILE.")] = "",
     skip: Annotated[
         list[str] | None, option("TASK", "Leave out 'free drum' or 'held drum'. Can be given twice.")
@@ -84,8 +69,6 @@ def calibrate(
     number is printed with its uncertainty. Readings that differ too much are asked for again. Ctrl-C
     stops and keeps all readings; the same command continues from there.
 
-    The steps are shown in the terminal; with --page in the browser, with a picture of each pose.
-
     With --motor alone the motor of the drum is only read, and nothing is calibrated. With --arm as well
     it searches its mechanical stop and swings the drum. The URL is the same as for proximity drum. The
     drivers were tested with simulated motors only, never on hardware.
@@ -95,14 +78,14 @@ def calibrate(
     written beside FILE as .readings.json, a plot of them as .png (needs matplotlib).
 
     Examples:
-      proximity calibrate glove.json --simulate --page
+      proximity calibrate glove.json --simulate
       proximity calibrate right-index.json --name "right index" --phalanges 45 26 20
-      proximity calibrate glove.json --counts iox2://decaff/poses --finger 1
-      proximity calibrate glove.json --motor "odrive-can://can0?node=0&kt=0.05" --arm --page
+      proximity calibrate glove.json --counts shm://decaff/poses --finger 1
+      proximity calibrate glove.json --motor "odrive-can://can0?node=0&kt=0.05" --arm
       proximity calibrate glove.json --again touches
     """
-    _check(measured, asking, skip)
-    from proximity.cli.device.calibration_terminal import print_results
+    _check(measured, yes, skip)
+    from proximity.cli.device.calibration_terminal import Terminal, print_results
     from proximity.cli.device.guide import UnfinishedError, guide, result_rows
     from proximity.decaff.calibration.results import as_document, contradiction
 
@@ -119,16 +102,14 @@ def calibrate(
         truth = None if simulated is None else simulated.truth
         _begin(session, again)
         try:
-            with _face(asking, port) as face:
-                asked.numbers = face.numbers
-                if port is not None:
-                    report("the motor moves now to find its stop: keep the finger away from the drum")
-                    port.home()
-                waits = not asking.yes and (measured.simulate or measured.counts is not None)
-                guide(session, face, simulated, waits=waits)
-                sentence, drawing = _written(session, path, name)
-                shown = ". ".join(filter(None, [sentence, contradiction(session)]))
-                face.results(result_rows(session.estimates(), truth), shown, drawing)
+            terminal = Terminal()
+            asked.numbers = terminal.numbers
+            if port is not None:
+                report("the motor moves now to find its stop: keep the finger away from the drum")
+                port.home()
+            waits = not yes and (measured.simulate or measured.counts is not None)
+            guide(session, terminal, simulated, waits=waits)
+            sentence = _written(session, path, name)
         except KeyboardInterrupt:
             ending = EXIT_INTERRUPTED
         except UnfinishedError as unfinished:
@@ -192,19 +173,8 @@ def _opened(
     return Session(Bench(instruments, design), readings, skip or ()), asked, simulated
 
 
-def _face(asking: Asking, port: "MotorPort | None") -> "AbstractContextManager[Face]":
-    """Return what asks the person."""
-    from proximity.cli.device.calibration_page import opened_page
-    from proximity.cli.device.calibration_terminal import Terminal
-
-    if not asking.page:
-        return nullcontext(Terminal())
-    on_stop = None if port is None else port.stop
-    return opened_page(port=asking.port, opens_browser=asking.browser, on_stop=on_stop)
-
-
-def _written(session: "Session", path: Path, name: str) -> tuple[str, Path | None]:
-    """Write the calibration, and draw it; return a sentence, and where the drawing is."""
+def _written(session: "Session", path: Path, name: str) -> str:
+    """Write the calibration, and draw it; return a sentence."""
     from proximity.cli.device.guide import UnfinishedError
     from proximity.decaff.calibration.results import as_document
     from proximity.decaff.glove.calibration import write_calibration
@@ -219,8 +189,8 @@ def _written(session: "Session", path: Path, name: str) -> tuple[str, Path | Non
     try:
         calibration_plots.write(session, drawing)
     except (FileError, MissingLibraryError) as unmade:
-        return f"{path}: written; not drawn: {unmade}", None
-    return f"{path}: written; drawn in {drawing}", drawing
+        return f"{path}: written; not drawn: {unmade}"
+    return f"{path}: written; drawn in {drawing}"
 
 
 def _begin(session: "Session", again: str | None) -> None:
@@ -243,16 +213,14 @@ def _begin(session: "Session", again: str | None) -> None:
     typer.echo(f"{readings.path}: {len(readings.all)} readings since {began}{old}", err=True)
 
 
-def _check(measured: Measured, asking: Asking, skip: list[str] | None) -> None:
-    is_simulated, motor, page = measured.simulate, measured.motor, asking.page
+def _check(measured: Measured, yes: bool, skip: list[str] | None) -> None:
+    is_simulated, motor = measured.simulate, measured.motor
     refuse(
         (is_simulated and measured.counts is not None, "--counts", "a simulated glove has its own counts"),
         (is_simulated and motor is not None, "--motor", "a simulated glove has its own drum"),
         (measured.arm and motor is None, "--arm", "requires --motor"),
         (not is_simulated and measured.seed, "--seed", "requires --simulate"),
-        (not is_simulated and asking.yes, "--yes", "requires --simulate"),
-        (not page and asking.port, "--port", "requires --page"),
-        (not page and not asking.browser, "--no-browser", "requires --page"),
+        (not is_simulated and yes, "--yes", "requires --simulate"),
         *(
             (
                 task not in ("free drum", "held drum"),

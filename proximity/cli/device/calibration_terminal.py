@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import typer
 from rich.text import Text
@@ -14,7 +13,7 @@ HINT = "Type r to repeat the last reading, s to skip the task. Ctrl-C stops and 
 
 
 class Terminal:
-    """A `Face` that prints, and takes lines of input."""
+    """Prints, and takes lines of input."""
 
     def __init__(self) -> None:
         self._bend: float | None = None  # that was shown last
@@ -52,9 +51,6 @@ class Terminal:
     def refuse(self, sentence: str) -> None:
         """Print it among the errors."""
         typer.echo(f"  {sentence}", err=True)
-
-    def results(self, rows: Sequence[tuple[str, ...]], sentence: str, drawing: Path | None) -> None:
-        """Nothing: results are printed by `print_results`, whatever asked for the readings."""
 
 
 def print_results(rows: Sequence[tuple[str, ...]]) -> None:

@@ -100,4 +100,4 @@ def _addresses() -> tuple[str, str]:
     from proximity.web.running_page import own_addresses
 
     own = own_addresses()
-    return own.frames, own.frames if own.frames.startswith("iox2:") else own.poses
+    return own.frames, own.frames if own.frames.startswith("shm:") else own.poses

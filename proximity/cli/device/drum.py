@@ -60,18 +60,18 @@ def drum(
     surface, and marked. A terminal shows a live table, any other output one line a second; --json
     prints a summary at the end only. The exit code is 1 if no frame came.
 
-    --motor URL drives a real drum instead: odrive-can://CHANNEL, canopen://CHANNEL or simplefoc://PORT.
+    --motor URL drives a real drum instead: odrive-can://CHANNEL, or any with driver=FILE.
     Without --arm the motor is only read and never moves, whatever ADDRESS publishes. With --arm it
     searches its mechanical stop, which moves it, and then follows. Any uncertainty switches all motors
     off; the reason is printed and the exit code is 2. These drivers were tested with simulated motors
     only, never on hardware.
 
     Examples:
-      proximity drum iox2://decaff
-      proximity drum iox2://decaff --glove glove.json --log drum.csv
+      proximity drum shm://decaff
+      proximity drum shm://decaff --glove glove.json --log drum.csv
       proximity drum udp://127.0.0.1:9100 --limit 10 --json
-      proximity drum iox2://decaff --motor "odrive-can://can0?node=0&kt=0.05"
-      proximity drum iox2://decaff --motor "simplefoc:///dev/ttyACM0?kt=0.05" --arm
+      proximity drum shm://decaff --motor "odrive-can://can0?node=0&kt=0.05"
+      proximity drum shm://decaff --motor "odrive-can://can0?node=0&kt=0.05" --arm
     """
     refuse(
         (max_age is not None and not glove, "--max-age", "requires --glove"),

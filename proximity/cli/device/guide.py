@@ -1,9 +1,8 @@
-"""Guide through a calibration: the steps, in their order; how they are shown is a `Face`'s matter."""
+"""Guide through a calibration: the steps, in their order, shown by a `Face`."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
 from proximity.decaff.calibration.readings import Asked
@@ -51,7 +50,6 @@ class Prompt:
     total: int
     goes_on: bool  # by itself: the person has done what is to be done
     waits: bool  # for the person before a reading; else the person is asked for numbers, or need do nothing
-    live: Callable[[], dict[str, str]]  # names of what is read right now, and numbers with units
 
     def joint_angles(self) -> str:
         """Return the angles of the three joints at the bend, in words."""
@@ -81,9 +79,6 @@ class Face(Protocol):
     def refuse(self, sentence: str) -> None:
         """Say why something was not kept, or not done."""
 
-    def results(self, rows: Sequence[tuple[str, ...]], sentence: str, drawing: Path | None) -> None:
-        """Show rows of results, the heading first, what was written, and the drawing if that was made."""
-
 
 def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, waits: bool) -> None:
     """Ask for one reading after the other, until all are there.
@@ -103,8 +98,6 @@ def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, wai
                 simulated.prepare(asked, part)
             if not prompt.goes_on:
                 face.ready(part)
-            if simulated is not None:
-                simulated.prepare(asked, part)  # anew: what was shown live drew from the same random numbers
 
         last = ""
         try:
@@ -155,7 +148,6 @@ def _prompt(session: Session, asked: Asked, *, goes_on: bool, waits: bool) -> Pr
         sum(each.repeats for each in session.tasks),
         goes_on,
         waits,
-        session.bench.instruments.live,
     )
 
 

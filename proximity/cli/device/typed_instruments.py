@@ -1,6 +1,5 @@
 """Instruments that a person reads and whose numbers are asked for, or whose counts come in messages."""
 
-import math
 import time
 from collections.abc import Callable, Sequence
 
@@ -12,7 +11,6 @@ from proximity.message import GLOVE_POSES
 from proximity.service.inputs.inbox import Inbox
 
 LISTENING_S, SILENCE_S, LOOK_S = 0.2, 5.0, 0.005
-FRESH_S = 1.0  # for so long counts are shown as those right now
 
 
 class TypedInstruments:
@@ -28,7 +26,6 @@ class TypedInstruments:
     def __init__(self, address: str | None, finger: int) -> None:
         self._finger = finger
         self._reception = None if address is None else Inbox(address, [GLOVE_POSES], is_timed=False)
-        self._newest, self._arrived_s = math.nan, 0.0
 
     def counts(self) -> np.ndarray:
         """Return counts that are asked for, or those that come for a moment from now on."""
@@ -48,11 +45,6 @@ class TypedInstruments:
             time.sleep(LOOK_S)
         return np.array(found)
 
-    def newest_counts(self) -> float:
-        """Return the newest counts that came; nan where none come."""
-        self._arrived()
-        return self._newest if time.monotonic() < self._arrived_s + FRESH_S else math.nan
-
     def latency(self) -> tuple[float, float]:
         """Return the latency that a person measured."""
         latency, sampled = self.numbers(
@@ -63,10 +55,6 @@ class TypedInstruments:
     def angle(self) -> float:
         """Return the drum's angle that a person reads."""
         return self.numbers(["angle of the drum's encoder, in radians"])[0]
-
-    def newest_angle(self) -> float:
-        """Return nan: a person is not asked meanwhile."""
-        return math.nan
 
     def swing(self, torques: np.ndarray) -> DrumRecord:
         """Refuse: only a motor swings a drum."""
@@ -79,6 +67,4 @@ class TypedInstruments:
             for _, records, _ in self._reception.messages():
                 counts = records["counts"][records["finger"] == self._finger]
                 found += counts[np.isfinite(counts)].tolist()
-        if found:
-            self._newest, self._arrived_s = found[-1], time.monotonic()
         return found

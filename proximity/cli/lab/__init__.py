@@ -1,1 +1,1 @@
-"""Commands that measure, replay and simulate."""
+"""Commands that measure and simulate."""

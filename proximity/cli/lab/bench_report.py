@@ -42,8 +42,10 @@ def write(reported: dict[str, Any]) -> None:
             ("deadlines", f"{deadlines} at {1e3 * loop['period_s']:g} ms: {wording.missed(loop)}"),
             (
                 "at the finger",
-                f"{wording.three(1e3 * felt['delay_s'])} ms of computing and waking (their p99.9 added): a "
-                f"fingertip of {FINGER.stiffness:g} N/m at {speed['speed']:g} m/s enters a wall by "
+                f"{wording.three(1e3 * felt['delay_s'])} ms of computing and waking (their p99.9 added). A "
+                f"drum: exact at a part at rest, and {penetration} mm off at one that moves by "
+                f"{speed['speed']:g} m/s, unless frames have its velocity. A wall coupled by spring and "
+                f"damper: a fingertip of {FINGER.stiffness:g} N/m at {speed['speed']:g} m/s enters it by "
                 f"{penetration} mm, its force is {force} mN and its work {work} mJ too large",
             ),
             ("scene verdict", reported["verdict"]["sentence"]),

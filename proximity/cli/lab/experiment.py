@@ -1,31 +1,34 @@
-"""``proximity experiment``: experiments with people, from the design to the report."""
+"""``proximity experiment``: walls compared in an experiment with people, from the design to the figure."""
 
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from proximity.cli import output, progress
 from proximity.cli.device.drum import ARM, MAX_AGE, MOTOR, RATE, SWITCH_S
-from proximity.cli.options import GLOVES, argument, flag, option
+from proximity.cli.options import GLOVES, argument, option
 from proximity.cli.program import EXIT_INTERRUPTED, Command, Group
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from proximity.lab.experiment.analysis import Findings
+    from proximity.lab.experiment.design import Design
 
 HELP = (
     "Compare walls in an experiment with people: DECAFF, coupled walls, real surfaces.\n\n"
-    "Participants are pseudonyms. The data are a BIDS folder. The same command continues a session that was "
-    "stopped, even by a crash; only the current trial is lost."
+    "Participants are pseudonyms. Each visit is one CSV file, a row a trial. The same command continues a "
+    "visit that was stopped, even by a crash; only the current trial is lost."
 )
 SHIPPED = "decaff_against_coupled.toml"
 
 experiment = typer.Typer(name="experiment", cls=Group, help=HELP, no_args_is_help=True, add_completion=False)
 
 DESIGN = Annotated[Path, argument("DESIGN", "Design of the experiment (.toml).")]
-DATA = Annotated[Path, argument("DATA", "Folder of the data.")]
-PARTICIPANT = Annotated[str, argument("PARTICIPANT", "Pseudonym, such as p07.")]
-OUT = Annotated[Path, option("DIR", "Folder of the data; created if missing.", "--data")]
+OUT = Annotated[Path, option("DIR", "Folder of the visits; created if missing.", "--data")]
 
 
 def _command(example: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -36,7 +39,7 @@ def _command(example: str) -> Callable[[Callable[..., None]], Callable[..., None
 
 @_command("new --out comparison.toml")
 def new(path: Annotated[Path, option("FILE", "File to write.", "--out")]) -> None:
-    """Write the sample design: DECAFF against coupled walls of 1, 3 and 10 ms."""
+    """Write the sample design: DECAFF against coupled walls, each at 1 and 10 ms."""
     from importlib.resources import files
 
     text = (files("proximity.lab.experiment") / SHIPPED).read_text(encoding="utf-8")
@@ -57,7 +60,7 @@ def plan(
     """Print the trials of a participant in their order, as tab-separated lines; notes go to stderr.
 
     The column step is the number of the trial, run the pass of its task through the conditions, odd the
-    interval (1 or 2) that differs from the other, and level that of the stimulus.
+    interval (1 or 2) that differs from the other, 0 for two equal surfaces, and level that of the stimulus.
     """
     from proximity.lab.experiment import plan as planning
     from proximity.lab.experiment.design_file import read_design
@@ -72,53 +75,51 @@ def plan(
     steps = planning.plan(read, slot)
     typer.echo("step\trun\tstage\ttask\tcondition\tlevel\todd")
     for step in steps:
-        if isinstance(step, planning.PlannedTrial):
-            level = "chosen" if step.level is None else f"{step.level:g}"
-            cells = (step.number, step.run, step.stage, step.task, step.condition, level, step.odd + 1)
-            typer.echo("\t".join(map(str, cells)))
+        if isinstance(step, planning.Text):
+            typer.echo(step.name)
         else:
-            typer.echo(getattr(step, "name", None) or f"question {getattr(step, 'key', '')}")
+            names = (step.stage, step.task.name, step.condition.name)
+            typer.echo("\t".join(map(str, (step.number, step.run, *names, f"{step.level:g}", step.odd))))
     trials = len(planning.trials_of(steps))
     output.report(
-        f"{trials} trials, {planning.minutes(read, steps):.0f} minutes as planned, design {read.sha256[:16]}"
+        f"{trials} trials, {planning.minutes(read, steps):.0f} minutes as planned, design {read.digest}"
     )
     for sentence in unstable_walls(read):
         output.report(sentence)
 
 
-@_command("run comparison.toml p07 --address iox2://decaff --data people")
+@_command("run comparison.toml p07 --address shm://decaff --data people")
 def run(
     design: DESIGN,
-    participant: PARTICIPANT,
+    participant: Annotated[str, argument("PARTICIPANT", "Pseudonym, such as p07.")],
     address: Annotated[str, option("ADDRESS", "Where the service publishes its frames.")],
     data: OUT = Path("experiment"),
     finger: Annotated[int, option("N", "Finger that presses.", min=0)] = 0,
-    terminal: Annotated[bool, flag("--terminal", "Ask in the terminal instead of on a page.")] = False,
-    browser: Annotated[
-        bool, flag("--browser/--no-browser", "Open the participant's page in a browser.")
-    ] = True,
     rate: RATE = 1000.0,
     glove: GLOVES = None,
     max_age: MAX_AGE = None,
     motor: MOTOR = None,
     arm: ARM = False,
 ) -> None:
-    """Run a session with a participant, on a drum of a service that is simulated or has a motor."""
-    from proximity.cli.lab.participant_session import Drums, run_session
-    from proximity.lab.experiment.dataset import Dataset, check_pseudonym
+    """Run a session with a participant, on a drum of a service that is simulated or has a motor.
+
+    Before the first participant the power of the design is printed. Ctrl-C retracts the drum and stops.
+    """
+    from proximity.cli.lab.participant import Drums, run_session
     from proximity.lab.experiment.design_file import read_design
+    from proximity.lab.experiment.visit import check_pseudonym
 
     if bool(motor) != arm:
         raise typer.BadParameter("a motor moves only with both --motor and --arm", param_hint="--motor")
     check_pseudonym(participant)
-    dataset = Dataset(data, read_design(design))
+    read = read_design(design)
+    _print_power_before_the_first(read, data)
     sys.setswitchinterval(SWITCH_S)
     drums = Drums(address, rate, finger, glove or [], max_age, motor or [])
-    ending = run_session(dataset, participant, drums, at_terminal=terminal, opens_browser=browser)
-    if ending:
+    if ending := run_session(read, data, participant, drums):
         output.report(ending)
         raise typer.Exit(EXIT_INTERRUPTED)
-    typer.echo(f"{data}: {participant} is done")
+    typer.echo(f"{data / participant}.csv: {participant} is done")
 
 
 @_command("simulate comparison.toml --data simulated")
@@ -129,107 +130,126 @@ def simulate(
         str | None, option("NAME", "Only this participant, such as p01; all if not given.")
     ] = None,
 ) -> None:
-    """Run the whole experiment with simulated observers, which fill the same log as people."""
-    from proximity.lab.experiment.dataset import Dataset
+    """Run the whole experiment with simulated observers, whose files are those of people."""
     from proximity.lab.experiment.design_file import read_design
     from proximity.lab.experiment.observers import Observer
-    from proximity.lab.experiment.session import run_visit
+    from proximity.lab.experiment.visit import check_pseudonym, place, read_visits, run_visit
 
     read = read_design(design)
-    dataset, started = Dataset(data, read), time.monotonic()
     names = [participant] if participant else [f"p{n:02d}" for n in range(1, read.participants + 1)]
+    check_pseudonym(names[0])
+    _print_power_before_the_first(read, data)
     for name in names:
-        observer = Observer(read, dataset.register(name, Observer.name))
         with progress.spinner(f"{name} presses and answers"):
-            run_visit(dataset, name, observer, observer)
-        output.report(f"{name} is done ({time.monotonic() - started:.0f} s)")
+            slot = place(read, read_visits(read, data), name, Observer.name, data)[0]
+            observer = Observer(read, slot)
+            run_visit(read, data, name, observer, observer)
     typer.echo(f"{data}: {len(names)} participants")
 
 
-@_command("report simulated")
+@_command("report comparison.toml simulated --out comparison.pdf")
 def report(
-    data: DATA,
-    out: Annotated[
-        Path | None, option("DIR", "Folder to write to; derivatives/report in DATA if not given.")
+    design: DESIGN,
+    data: Annotated[Path, argument("DATA", "Folder of the visits.")],
+    out: Annotated[Path, option("FILE", "Figure to write (.png, .svg, .pdf).")] = Path("experiment.pdf"),
+    table: Annotated[
+        Path | None, option("FILE", "CSV to write: a score a participant, task and condition.", "--csv")
     ] = None,
 ) -> None:
-    """Analyse the data: a page, plots, tables as CSV, and a methods paragraph."""
-    from proximity.lab.experiment.analysis.findings import find
-    from proximity.lab.experiment.analysis.report import write_report
-    from proximity.lab.experiment.dataset import DERIVED, Dataset
+    """Analyse the visits: a figure with psychometric functions, means and the planned comparisons."""
+    from proximity.lab.experiment.analysis import analyse
+    from proximity.lab.experiment.design_file import read_design
+    from proximity.lab.experiment.figure import write_figure
+    from proximity.lab.experiment.visit import read_visits
+    from proximity.lab.figures.style import check_format
 
-    dataset = Dataset(data)
-    entries = dataset.trials()
+    check_format(out.suffix.removeprefix("."))
+    read = read_design(design)
+    if not (rows := read_visits(read, data)):
+        raise typer.BadParameter(f"{data}: no visits are here, expected a folder that run or simulate wrote")
     with progress.spinner("fitting psychometric functions"):
-        findings = find(dataset.design, entries)
-        files = write_report(findings, out or data / DERIVED / "report")
-    for one in findings.comparisons.values():
-        if one is not None:
-            typer.echo(f"{one.task}: F({one.df[0]}, {one.df[1]}) = {one.f:.2f}, p = {one.p:.2g}")
-    for missing in findings.missing:
-        output.report(f"not analysed: {missing}")
-    if findings.simulated:
-        output.report(findings.simulated_note)
-    typer.echo(f"{files[0]}: written, with {len(files) - 1} files beside it")
+        findings = analyse(read, rows)
+        write_figure(findings, out)
+    for sentence in (*findings.excluded, findings.simulated_note):
+        if sentence:
+            output.report(sentence)
+    _print_findings(findings)
+    if table is not None:
+        _write_scores(findings, table)
+    typer.echo(f"{out}: written")
 
 
-@_command("power comparison.toml --participants 8 --participants 12 --effect 1.5")
+@_command("power comparison.toml --participants 8 --participants 32")
 def power(
     design: DESIGN,
     participants: Annotated[
-        list[int] | None, option("N", "Number of participants. Can be given several times.", min=3)
+        list[int] | None,
+        option("N", "Number of participants, instead of the design's. Can be given several times.", min=3),
     ] = None,
-    effect: Annotated[
-        float | None,
-        option(
-            "RATIO",
-            "Thresholds of the other conditions divided by the first; as designed if not given.",
-            min=0.01,
-        ),
-    ] = None,
-    repetitions: Annotated[int, option("N", "Number of simulated experiments.", min=10)] = 1000,
 ) -> None:
-    """Simulate how often the analysis finds an effect, for several numbers of participants."""
+    """Simulate how often the analysis finds the differences that the design expects."""
+    from proximity.lab.experiment.design_file import read_design
+
+    read = read_design(design)
+    _print_power(read, participants or [read.participants])
+
+
+def _print_power_before_the_first(design: "Design", data: Path) -> None:
+    if not any(data.glob("*.csv")):
+        _print_power(design, [design.participants])
+
+
+def _print_power(design: "Design", sizes: "Sequence[int]") -> None:
     from proximity.cli.tables import results_console, table
-    from proximity.lab.experiment.analysis import simulation
-    from proximity.lab.experiment.design_file import read_design
+    from proximity.lab.experiment.power import power as power_of
 
-    read = read_design(design)
-    read = read if effect is None else simulation.with_effect(read, effect)
-    sizes = tuple(participants or simulation.PARTICIPANTS)
-    with progress.spinner("simulating participants") as show:
-        found = simulation.power(read, sizes, repetitions, watch=show)
+    rows = [
+        [
+            f"{one.participants}", one.task, " against ".join(one.pair),
+            " and ".join(f"{value:.2g}" for value in one.expected), f"{one.share:.0%}", f"{one.smallest:.2g}",
+        ]
+        for size in sizes
+        for one in power_of(design, size)
+    ]  # fmt: skip
+    titles = ("participants", "task", "comparison"), ("expected", "power", "80 % find")
+    results_console().print(table(*titles, rows))
+
+
+def _print_findings(findings: "Findings") -> None:
+    from proximity.cli.tables import results_console, table
+    from proximity.lab.experiment.analysis import MEANING, shown
+
+    console = results_console()
+    rows, pairs = [], []
+    for task in findings.design.tasks:
+        for condition in findings.design.compared(task):
+            mean = findings.mean(task.name, condition.name)
+            values = [f"{shown(task.kind, value):.3g}" for value in (mean.value, mean.lower, mean.upper)]
+            rows.append([task.name, condition.name, MEANING[task.kind], *values, f"{mean.participants}"])
+    for one in findings.comparisons:
+        ends = (one.difference.value, one.difference.lower, one.difference.upper)
+        pairs.append(
+            [one.task, " against ".join(one.pair), *(f"{value:.3f}" for value in ends), f"{one.p:.2g}"]
+        )
+    titles = ("mean", "lower", "upper")
+    console.print(table(("task", "condition", "score"), (*titles, "participants"), rows))
+    if pairs:
+        typer.echo("\nDifferences of log10 thresholds and of log-odds, 95 % intervals, p by Holm:")
+        console.print(table(("task", "comparison"), ("difference", "lower", "upper", "p"), pairs))
+
+
+def _write_scores(findings: "Findings", path: Path) -> None:
+    from proximity.lab.experiment.analysis import shown
+    from proximity.lab.figures.style import Table, write_table
+
+    kinds = {task.name: task.kind for task in findings.design.tasks}
     rows = []
-    for task, comparison in dict.fromkeys((one.task, one.comparison) for one in found):
-        own = [one.share for one in found if (one.task, one.comparison) == (task, comparison)]
-        rows.append([task, comparison, *(f"{share:.0%}" for share in own)])
-    results_console().print(table(("task", "comparison"), [f"{size} participants" for size in sizes], rows))
-
-
-@_command("check comparison.toml --repetitions 100")
-def check(
-    design: DESIGN, repetitions: Annotated[int, option("N", "Number of simulated experiments.", min=1)] = 100
-) -> None:
-    """Check the analysis with simulated observers: false positives, and errors of thresholds."""
-    from proximity.lab.experiment.analysis import simulation
-    from proximity.lab.experiment.design_file import read_design
-
-    read = read_design(design)
-    with progress.spinner("simulating experiments") as show:
-        shares = simulation.false_positives(read, repetitions, show)
-        found = simulation.recovery(read)
-    for task, share in shares.items():
-        typer.echo(f"{task}: a difference was found in {share:.0%} of {repetitions} experiments without one")
-    typer.echo(
-        f"{found.covered} of {found.count} thresholds lie in their 95 % credible intervals; on average they "
-        f"are found {abs(found.bias):.1%} too {'high' if found.bias > 0.0 else 'low'}"
-    )
-
-
-@_command("forget people p07")
-def forget(data: DATA, participant: PARTICIPANT) -> None:
-    """Delete all data of a participant, and the reports made with them."""
-    from proximity.lab.experiment.dataset import Dataset
-
-    Dataset(data).remove(participant)
-    typer.echo(f"{data}: all data of {participant} are deleted, and reports with them")
+    for key, value in findings.scores.items():
+        fitted = findings.functions.get(key)
+        ends = (
+            (fitted.threshold, fitted.lower, fitted.upper)
+            if fitted
+            else (shown(kinds[key[0]], value), "", "")
+        )
+        rows.append((*key, *ends))
+    write_table(path, Table.of_rows(("task", "condition", "participant", "score", "lower", "upper"), rows))

@@ -119,8 +119,7 @@ def view(
         Path | None,
         option(
             "FILE",
-            "Write a file instead of showing a page: .html, a page that computes by itself; .rrd, a log and "
-            "its parts for the viewer Rerun.",
+            "Write a page that computes by itself (.html) instead of showing one.",
             "--save",
         ),
     ] = None,
@@ -145,17 +144,13 @@ def view(
       proximity view gearbox.step --clashes
       proximity view meshes/bracket.stl --replay meshes/hand.csv
       proximity view run.frames meshes/bracket.stl
-      proximity view run.frames part.step --save run.rrd
       proximity view part.step --save part.html   # to mail, or to open from a disk
       proximity view cell.toml --no-browser --port 8787
     """
     is_scene_file = any(file.suffix.lower() == SCENE_FILE for file in files)
     refuse((is_scene_file and reading.scale != 1.0, "--scale", "files of a scene file are not scaled"))
     refuse((hand and replay, "--hand and --replay", "give one of them, not both"))
-    refuse((out and out.suffix not in (".html", ".rrd"), "--save", f"{out} does not end in .html or .rrd"))
-    if out is not None and out.suffix == ".rrd":
-        _write_rerun(files, out, reading, radius)
-        return
+    refuse((out and out.suffix != ".html", "--save", f"{out} does not end in .html"))
     from proximity.web.page_process import PageSettings
 
     settings = PageSettings(
@@ -215,27 +210,3 @@ def _show(settings: "PageSettings", program: Program, limit: float | None, *, op
         ended = run_page(settings, stop=stop, say=report, begun=begun)
     if program.json:
         typer.echo(json.dumps({"event": "report", **ended}))
-
-
-def _write_rerun(files: list[Path], out: Path, reading: Reading, radius: float | None) -> None:
-    """Write a log of frames, and the parts that it is of, for Rerun."""
-    logs = [name for name in files if name.suffix == ".frames"]
-    if len(logs) != 1:
-        raise typer.BadParameter("expected one log of frames (.frames) among FILES", param_hint="--save")
-    from proximity.recording import FrameReader
-    from proximity.recording.rerun_log import ShownPart, write_rerun
-    from proximity.scene.loader import load
-
-    parts = [
-        ShownPart(part.name, part.pose.point(part.solid.mesh.vertices), part.solid.mesh.faces)
-        for name in files
-        if name not in logs
-        for part in load(name, units=reading.units, **reading.options()).parts
-    ]
-    reader = FrameReader(logs[0])
-    with progress.spinner(f"writing {out}, frames") as show:
-        given = {} if radius is None else {"radius": radius / 1e3}
-        count = write_rerun(out, progress.counted(reader, show), parts, **given)
-    typer.echo(f"{out}: {count} frames")
-    for note in reader.notes:
-        report(f"{logs[0]}: {note}")

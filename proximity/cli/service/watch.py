@@ -1,5 +1,6 @@
 """``proximity watch``: show live what a service publishes."""
 
+import time
 from threading import Event
 from typing import Annotated
 
@@ -23,13 +24,14 @@ def watch(
     For each finger: the nearest part, the distance or its bounds, the time until touch, the approach
     speed, the advised mode of the drum, and flags. Above the table: the state, the frame rate, the age
     of the oldest pose, and how many frames were lost and refused. If the output is not a terminal, one
-    line a second is written. --json writes every frame as one line of JSON instead, in SI units. The
-    exit code is 1 if no frame came.
+    line a second is written. --json writes every frame as one line of JSON instead, in SI units, with
+    `received_ns`, the instant of this machine's clock at which it came: on the machine of the service,
+    less `pose_ns` it is the age of the pose. The exit code is 1 if no frame came.
 
     Examples:
-      proximity watch iox2://decaff
+      proximity watch shm://decaff
       proximity watch udp://127.0.0.1:9100 --limit 10 > lines.txt
-      proximity watch iox2://decaff --json | head -1
+      proximity watch shm://decaff --json | head -1
     """
     with stopped_by_signals() as stop:
         stop_after(limit, stop)
@@ -61,7 +63,9 @@ def _write_lines(address: str, stop: Event) -> int:
     with Subscriber(inlet, address) as subscriber:
         while not stop.is_set():
             inlet.wait(TURN_S)
+            received_ns = time.monotonic_ns()
             for data in subscriber.frames():
                 (frame,) = data.view(frame_type(len(data)))
-                write_document(frame_document(frame, subscriber.part_names), indent=None)
+                document = {"received_ns": received_ns} | frame_document(frame, subscriber.part_names)
+                write_document(document, indent=None)
         return subscriber.counts.received

@@ -6,7 +6,6 @@ the samples with an answer of their own, each at its own time, and between two o
 commanded.
 """
 
-import math
 import threading
 import time
 from collections.abc import Iterator
@@ -39,9 +38,6 @@ class DrumPort(Protocol):
     def angle(self) -> float:
         """Return the angle that the encoder reads, rad."""
 
-    def newest_angle(self) -> float:
-        """Return the angle right now, rad, to be shown; nan where nobody may be asked meanwhile."""
-
     def swing(self, torques: np.ndarray) -> DrumRecord:
         """Command torques, N m at the drum, one a sample, then none; return what was read meanwhile."""
 
@@ -51,9 +47,6 @@ class HandPort(Protocol):
 
     def counts(self) -> np.ndarray:
         """Return readings of a moment, (K,) float64; one where only one is known."""
-
-    def newest_counts(self) -> float:
-        """Return the counts right now, to be shown; nan where nobody may be asked meanwhile."""
 
     def latency(self) -> tuple[float, float]:
         """Return the latency that a step test finds, s, and how finely it was sampled, s."""
@@ -67,14 +60,6 @@ class Instruments:
     hand: HandPort
     drum: DrumPort
     is_simulated: bool = False  # for practice
-
-    def live(self) -> dict[str, str]:
-        """Return what is read right now, by names, with units."""
-        read = {
-            "potentiometer": (self.hand.newest_counts(), "{:.0f} counts"),
-            "drum": (self.drum.newest_angle(), "{:.3f} rad"),
-        }
-        return {name: shown.format(value) for name, (value, shown) in read.items() if math.isfinite(value)}
 
 
 RATE = 500.0  # Hz of torques: what a bus and this program keep up with
@@ -90,7 +75,7 @@ class MotorPort:
 
     def __init__(self, motor: MotorDrum, drum: Drum) -> None:
         self._motor = motor
-        self._stopped, self._over = threading.Event(), threading.Event()
+        self._over = threading.Event()
         self._lock = threading.Lock()
         self._failure: MotorError | None = None
         self._thread = threading.Thread(target=self._watch, name="reads the motor", daemon=True)
@@ -123,16 +108,6 @@ class MotorPort:
             self._motor.refresh()
             return self._motor.angle
 
-    def newest_angle(self) -> float:
-        """Return the newest answer of the encoder, rad of the drum."""
-        self._check()
-        return self._motor.angle
-
-    def stop(self) -> None:
-        """Take the power off for good: the emergency stop, which another thread may call."""
-        self._stopped.set()
-        self._motor.switch_off()
-
     def swing(self, torques: np.ndarray) -> DrumRecord:
         """Switch the motor on, command torques, N m at the drum, and switch it off again."""
         self._check()
@@ -154,8 +129,6 @@ class MotorPort:
     def _check(self) -> None:
         if self._failure is not None:
             raise self._failure
-        if self._stopped.is_set():
-            raise self._motor.failed("the emergency stop was pressed")
 
     def _watch(self) -> None:
         """Read the motor while nobody else does."""

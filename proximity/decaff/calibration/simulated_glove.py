@@ -105,14 +105,6 @@ class SimulatedGlove:
         noise = self._random.normal(0.0, NOISE, SAMPLES) / self._glove.potentiometer.gain
         return self._glove.potentiometer.read(replica + noise).astype(np.float64)
 
-    def newest_counts(self) -> float:
-        """Return what the potentiometer reads right now."""
-        return float(self.counts()[-1])
-
-    def newest_angle(self) -> float:
-        """Return nan: the drum is only read where a task says so."""
-        return math.nan
-
     def latency(self) -> tuple[float, float]:
         """Return the latency of a step that comes somewhere between two samples."""
         times = np.arange(60) / STEP_RATE

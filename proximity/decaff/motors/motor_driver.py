@@ -1,15 +1,17 @@
 """A motor to this program: its address, the interface of its driver, and what its turns mean for a drum.
 
-An address is ``SCHEME://PLACE?option=value&...``. Options of all motors: ``ratio`` (turns of the motor to one
-of the drum), ``direction`` (1, or -1 where a motor that counts up presses the drum on the finger), ``stop``
-(rad from the retracted drum to its mechanical stop), ``torque`` (N m at the shaft, at most), ``speed`` (m/s
-at the fingertip, at most), ``kt`` (N m/A), ``watchdog`` (ms of silence).
+An address is ``SCHEME://PLACE?option=value&...``. Options of all motors: ``ratio`` (turns of the motor to
+one of the drum), ``direction`` (1, or -1 where a motor that counts up presses the drum on the finger),
+``stop`` (rad from the retracted drum to its mechanical stop), ``torque`` (N m at the shaft, at most),
+``speed`` (m/s at the fingertip, at most), ``kt`` (N m/A), ``watchdog`` (ms of silence), ``driver`` (a
+Python file with ``open_driver``).
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import import_module
+from runpy import run_path
 from typing import Protocol
 from urllib.parse import parse_qsl, urlsplit
 
@@ -19,11 +21,8 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.errors import MotorError
 from proximity.system.extras import installation
 
-DRIVERS = {
-    "odrive-can": "proximity.decaff.motors.odrive_can",
-    "canopen": "proximity.decaff.motors.cia402",
-    "simplefoc": "proximity.decaff.motors.simplefoc",
-}
+DRIVERS = {"odrive-can": "proximity.decaff.motors.odrive_can"}
+"""Modules with ``open_driver``; ``driver=FILE`` in an address names a file that has it."""
 
 
 # --- the driver: at the motor's shaft; it never waits for an answer, and leaves out unsound ones ---
@@ -92,14 +91,13 @@ class MotorAddress:
         parts = urlsplit(text)
         place = (parts.netloc + parts.path) if parts.netloc else parts.path
         address = cls(text, parts.scheme, place, dict(parse_qsl(parts.query, keep_blank_values=True)))
-        if address.scheme not in DRIVERS:
+        if address.scheme not in DRIVERS and "driver" not in address.options:
+            known = ", ".join(DRIVERS)
             raise address.refuse(
-                f"there is no kind of motor {address.scheme!r} (expected {', '.join(DRIVERS)})"
+                f"there is no kind of motor {address.scheme!r} (expected {known}, or driver=FILE)"
             )
         if not place:
-            raise address.refuse(
-                "it names no bus or port, as in odrive-can://can0 or simplefoc:///dev/ttyACM0"
-            )
+            raise address.refuse("it names no bus or port, as in odrive-can://can0")
         return address
 
     def number(self, name: str, default: float, least: float, most: float) -> float:
@@ -173,12 +171,24 @@ def open_motor(text: str, drum: Drum | None = None) -> tuple[MotorDriver, MotorS
     """Open the driver of a drum's motor by its address; the motor stays off."""
     address = MotorAddress.parse(text)
     settings = MotorSettings.of(address, drum)
-    module = import_module(DRIVERS[address.scheme])
-    opener: Callable[[MotorAddress, MotorSettings], MotorDriver] = module.open_driver
+    file = address.word("driver", "")
     try:
+        opener = _opener_in(address, file) if file else import_module(DRIVERS[address.scheme]).open_driver
         return opener(address, settings), settings
     except ModuleNotFoundError as missing:
-        raise address.refuse(f"needs {missing.name}: {installation('motor')}") from missing
+        what = f"pip install {missing.name}" if file else installation("motor")
+        raise address.refuse(f"needs {missing.name}: {what}") from missing
+
+
+def _opener_in(address: MotorAddress, file: str) -> Callable[[MotorAddress, MotorSettings], MotorDriver]:
+    """The function ``open_driver`` of a Python file."""
+    try:
+        opener: Callable[[MotorAddress, MotorSettings], MotorDriver] = run_path(file)["open_driver"]
+    except OSError as failure:
+        raise address.refuse(f"driver={file} cannot be read ({failure.strerror})") from failure
+    except KeyError as missing:
+        raise address.refuse(f"driver={file} has no open_driver(address, settings)") from missing
+    return opener
 
 
 # --- turns of the motor, angles of its drum, metres and newtons at the fingertip ---

@@ -1,7 +1,7 @@
-"""Design of an experiment: walls, tasks with their methods, questionnaires, limits and exclusions.
+"""Design of an experiment: walls, tasks of two intervals with their levels, limits and exclusions.
 
-A field is a key of the design's file, and says how it is read; `design_file` reads the whole of it.
-``decaff_against_coupled.toml`` beside this explains every key.
+A field is a key of the design's file and says how it is read; `design_file` reads the whole file.
+``decaff_against_coupled.toml`` explains every key.
 """
 
 # ruff: noqa: RUF009 -- the calls make fields
@@ -21,11 +21,7 @@ from proximity.lab.simulation.simulated_press import (
 )
 from proximity.service.config.table_fields import REQUIRED, Range, Table
 
-SIMULATED = "simulated observer"
-"""Apparatus of a participant who is no person."""
-
 NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9]*")
-"""A label as file names of BIDS have it."""
 COUNT = Range("", 1, 1000)
 NONE_OR_MORE = Range("", 0, 1000)
 LATENCY = Range("s", 0.0, LONGEST_LATENCY)
@@ -36,29 +32,17 @@ SHARE = Range("", 0.0, 1.0)
 FORCE = Range("N", 0.0, 20.0, is_above=True)  # no drum gives more, whatever a design says
 DURATION = Range("s", 0.1, 600.0)
 DEVIATION = Range("", 0.0, 2.0)
+AGAINST = " against "
+"""Between the two conditions of a comparison."""
 
 
 class Kind(StrEnum):
-    """Kinds of tasks."""
+    """Kinds of tasks, each of two intervals."""
 
     STIFFER = "stiffer"
-    """Two intervals: which was stiffer?"""
+    """Which surface was stiffer?"""
     REAL = "real"
-    """Two intervals, one on a real wall: which was that?"""
-    RATING = "rating"
-    """One interval: a number for its stiffness."""
-    CONTACT = "contact"
-    """One interval: time and depth of the first contact, as measured; nothing is asked."""
-    FREE = "free"
-    """One interval of free exploration; nothing is asked."""
-
-
-class Procedure(StrEnum):
-    """Methods that choose the level of a trial."""
-
-    CONSTANT = "constant"
-    STAIRCASE = "staircase"
-    QUEST = "quest+"
+    """One surface is a real wall: which?"""
 
 
 class Varied(StrEnum):
@@ -67,15 +51,9 @@ class Varied(StrEnum):
     STIFFNESS = "stiffness"
     """As a share beyond the task's stiffness."""
     DAMPING = "damping"
-    """As a share beyond the damping of the condition."""
+    """As a share beyond the damping."""
     LATENCY = "latency"
     """In seconds beyond the latency of the condition."""
-    SPEED = "speed"
-    """Of the approach, in m/s, of both intervals."""
-
-
-CHOICES = (Kind.STIFFER, Kind.REAL)
-"""Tasks of two intervals, with an answer that is right or wrong."""
 
 
 def _key(read: Callable[[Table, str, Any], Any], default: Any) -> Any:
@@ -107,7 +85,7 @@ def _word(words: type[StrEnum], default: Any = REQUIRED) -> Any:
 def _read_name(table: Table, key: str, default: Any) -> str:
     name = table.text(key, default, meaning="a name")
     if isinstance(name, str) and not NAME.fullmatch(name):
-        table.complain(key, f"is {name!r}, expected letters and digits: it becomes part of file names")
+        table.complain(key, f"is {name!r}, expected letters and digits")
     return str(name)
 
 
@@ -118,13 +96,12 @@ def _read_levels(table: Table, key: str, default: Any) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """A wall that is compared with others, and how simulated observers are expected to do on it."""
+    """A wall that is compared with others, and the expected answers of simulated observers."""
 
     name: str = _key(_read_name, REQUIRED)
     wall: Wall = _word(Wall)
     latency: float = _number(LATENCY, 0.001)  # s, of forces or of distances
-    # N/m, gain of a coupled wall that displays a rigid surface; of others what simulated observers rate it as
-    stiffness: float = _number(STIFFNESS, 1500.0)
+    stiffness: float = _number(STIFFNESS, 1500.0)  # N/m, gain of a coupled wall for a rigid surface
     damping: float = _number(DAMPING, 2.0)  # gain of a coupled wall; of a surface whose task gives none
     threshold: float = _number(LEVEL, 0.2)  # expected: level half-way between chance and always right
     correct: float = _number(SHARE, 0.5)  # expected: probability to tell the wall from the real one
@@ -132,51 +109,24 @@ class Condition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A task, done on every condition."""
+    """A task of two intervals, done on every condition, by constant stimuli."""
 
     name: str = _key(_read_name, REQUIRED)
     kind: Kind = _word(Kind)
     varied: Varied = _word(Varied, Varied.STIFFNESS)
-    method: Procedure = _word(Procedure, Procedure.CONSTANT)
     levels: tuple[float, ...] = _key(_read_levels, (0.0,))
     stiffness: float | None = _number(STIFFNESS, None)  # of the surface that is displayed; None: rigid
     damping: float | None = _number(DAMPING, None)  # of that surface; None: that of the condition
     trials: int = _whole(COUNT)  # a condition, without practice and catch trials
-    speed: float = _number(Range("m/s", *SPEEDS_ALLOWED), 0.2)  # of the approach that is asked for
+    speed: float = _number(Range("m/s", *SPEEDS_ALLOWED), 0.2)  # of the approach
     practice: int = _whole(NONE_OR_MORE, 0)
-    catch: int = _whole(NONE_OR_MORE, 0)  # trials that nobody fails who attends
-    catch_level: float = _number(LEVEL, 0.0)  # 0: the largest of the levels, once it is read
+    catch: int = _whole(NONE_OR_MORE, 0)  # pairs of two equal surfaces, a condition
     blocks: int = _whole(COUNT, 1)
-    question: str = _text("what is asked", "")
-    instructions: str = _text("what is to be done", "")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Question:
-    """A question of a questionnaire: a number or one of several choices, never free text."""
-
-    key: str = _key(_read_name, REQUIRED)
-    text: str = _text("what is asked")
-    range: tuple[float, float] = _key(
-        lambda table, key, default: table.numbers(key, default, 2, Range("", -1e9, 1e9)), (0.0, 100.0)
+    comparisons: tuple[str, ...] = _key(
+        lambda table, key, default: table.texts(key, default, meaning='"A against B"'), ()
     )
-    choices: tuple[str, ...] = _key(
-        lambda table, key, default: table.texts(key, default, meaning="an answer to choose"), ()
-    )
-    when: str = _key(lambda table, key, default: table.one_of(key, default, ("before", "after")), "before")
-
-    def fits(self, answer: object) -> bool:
-        """Whether an answer is one that the question takes."""
-        if self.choices:
-            return answer in self.choices
-        if isinstance(answer, bool) or not isinstance(answer, int | float):
-            return False
-        return self.range[0] <= answer <= self.range[1]
-
-    @property
-    def expected(self) -> str:
-        """The answers that it takes, in words."""
-        return " or ".join(self.choices) or "a number from {:g} to {:g}".format(*self.range)
+    question: str = _text("the question", "")
+    instructions: str = _text("the instructions", "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,7 +142,6 @@ class Schedule:
     """Times that a session is planned with, and its breaks."""
 
     trial_seconds: float = _number(DURATION, 8.0)
-    question_seconds: float = _number(DURATION, 10.0)
     break_minutes: float = _number(Range("min", 0.0, 60.0), 1.0)
     break_every: int = _whole(COUNT, 4)  # blocks
 
@@ -201,7 +150,8 @@ class Schedule:
 class Exclusions:
     """Rules by which data are left out, written before there are any."""
 
-    catch_correct: float = _number(SHARE, 0.0)  # of catch trials that must be right, else all is out
+    same_answer: float = _number(SHARE, 1.0)  # largest share of one answer to equal pairs, else all is out
+    largest_correct: float = _number(SHARE, 0.0)  # smallest share right at the largest level, else all is out
     longest_response: float = _number(Range("s", 0.0, 1e9, is_above=True), 1e9)  # else the trial is out
     stopped_trials: float = _number(SHARE, 1.0)  # that limits may end, else all is out
 
@@ -216,7 +166,6 @@ class Observers:
     felt_noise: float = _number(DEVIATION, 0.0)
     width: float = _number(Range("", 0.01, 5.0), 0.6)  # log10 units, 5 to 95 % of the psychometric function
     lapse: float = _number(Range("", 0.0, 0.2), 0.02)
-    rating_noise: float = _number(DEVIATION, 0.1)  # standard deviation of the log10 of a rating
     speed_noise: float = _number(SHARE, 0.2)  # of the approach, as a share
 
 
@@ -224,27 +173,28 @@ class Observers:
 class Design:
     """An experiment, as its file has it."""
 
-    title: str = _text("what the experiment is called")
+    title: str = _text("a title")
     seed: int = _whole(Range("", 0, 2**31 - 1))
     participants: int = _whole(Range("", 1, 10_000))
-    consent: str = _text("what a participant agrees to")
-    welcome: str = _text("what is shown", "")
-    pause: str = _text("what is shown", "")
-    goodbye: str = _text("what is shown", "")
+    consent: str = _text("the consent text")
+    welcome: str = _text("a text", "")
+    pause: str = _text("a text", "")
+    goodbye: str = _text("a text", "")
     limits: Limits
     schedule: Schedule
     exclusions: Exclusions
     observers: Observers
     conditions: tuple[Condition, ...]
     tasks: tuple[Task, ...]
-    questions: tuple[Question, ...]
-    sha256: str  # of the file
-    file_text: str
+    digest: str  # first digits of the SHA-256 of the file
 
-    def condition(self, name: str) -> Condition:
-        """Return a condition by its name."""
-        return next(one for one in self.conditions if one.name == name)
+    def pairs(self, task: Task) -> list[tuple[str, str]]:
+        """Return the planned comparisons of a task; all with the first condition if the file names none."""
+        if task.comparisons:
+            return [(one.partition(AGAINST)[0], one.partition(AGAINST)[2]) for one in task.comparisons]
+        first, *others = self.compared(task)
+        return [(one.name, first.name) for one in others]
 
-    def task(self, name: str) -> Task:
-        """Return a task by its name."""
-        return next(one for one in self.tasks if one.name == name)
+    def compared(self, task: Task) -> list[Condition]:
+        """Return the conditions of a task: the real wall is not compared with itself."""
+        return [one for one in self.conditions if task.kind is not Kind.REAL or one.wall is not Wall.REAL]

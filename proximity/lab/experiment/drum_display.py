@@ -113,7 +113,7 @@ class DrumDisplay(DrumBench):
             for condition in design.conditions:
                 if task.stiffness is None or condition.wall is not Wall.DECAFF:
                     continue
-                asked = interval_of(task, condition, max(*task.levels, task.catch_level))
+                asked = interval_of(task, condition, max(task.levels))
                 stiffness = asked.stiffness or 0.0
                 k, b = law.displayed(stiffness, asked.damping)
                 if k < (1.0 - SOFTER) * stiffness or b < asked.damping:

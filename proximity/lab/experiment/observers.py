@@ -1,32 +1,26 @@
 """Simulated participants: a hand that presses, and answers by what it feels.
 
-For tests of the analysis, and for planning, they answer by a psychometric function with lapses instead.
+Without `felt_noise` in the design they answer by a psychometric function with lapses instead.
 
-What an observer does in a trial depends on the design's seed, its slot and the number of the trial alone: a
-session that goes on after a crash is the same as one that went through.
+The answer to a trial depends on the design's seed, the slot and the number of the trial alone: a visit that
+continues after a crash is the same as one without a crash.
 """
 
 import math
+from collections.abc import Sequence
 from functools import cache, lru_cache
-from typing import Any
 
 import numpy as np
-from scipy.special import ndtr
 
 from proximity.decaff.controller.controller import FingerController
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
-from proximity.lab.experiment.design import SIMULATED, Design, Kind, Question
-from proximity.lab.experiment.display import (
-    FRAME,
-    Interval,
-    Presentation,
-    Trial,
-    interval_of,
-    stopped_by_force,
-)
-from proximity.lab.experiment.plan import SIGMAS_OF_WIDTH, Stage, Text, is_compared
+from proximity.lab.experiment.design import Design, Kind
+from proximity.lab.experiment.display import FRAME, Interval, Presentation, interval_of, stopped_by_force
+from proximity.lab.experiment.plan import Text, Trial
+from proximity.lab.experiment.psychometric import Shape, probability
+from proximity.lab.experiment.visit import SIMULATED
 from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, real_wall, soft_wall
 from proximity.lab.simulation.devices import CoupledWall, Decaff, Hand
 from proximity.lab.simulation.frame_readers import ControllerInLoop
@@ -61,17 +55,16 @@ class Observer:
         """log10 of the true threshold on each condition."""
         self._speed = np.random.default_rng([*self._seeds, 1])
 
-    def read(self, text: Text) -> bool:
-        """Agree to everything."""
+    def consents(self, text: str) -> bool:
+        """Agree."""
         return True
 
-    def choose(self, question: Question) -> Any:
-        """Choose the first answer, or the middle of the range."""
-        return question.choices[0] if question.choices else sum(question.range) / 2.0
+    def read(self, text: Text) -> None:
+        """Continue."""
 
     def wait_ready(self, trial: Trial, interval: int) -> None:
         """Choose a speed for the hand."""
-        self._speed = np.random.default_rng([*self._seeds, 3 + 2 * trial.planned.number, interval])
+        self._speed = np.random.default_rng([*self._seeds, 3 + 2 * trial.number, interval])
 
     def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
         """Press on a surface."""
@@ -79,34 +72,27 @@ class Observer:
         frames = _pressed(interval._replace(speed=interval.speed * noise))
         return cut_at_limits(frames, limit_force, limit_seconds)
 
-    def answer(self, trial: Trial, felt: list[Presentation]) -> Any:
-        """Answer by what was felt; by the design's thresholds where nothing was, or it has no noise of it."""
-        rng = np.random.default_rng([*self._seeds, 2 + 2 * trial.planned.number])
-        if trial.task.kind is Kind.RATING:
-            noise = self._design.observers.rating_noise * rng.standard_normal()
-            return round(10.0 ** (math.log10(trial.intervals[0].spring) + noise), 1)
-        if len(trial.intervals) < 2:
-            return None
+    def answer(self, trial: Trial, felt: Sequence[Presentation]) -> int:
+        """Answer by the frames, or by the design's thresholds if there are none or no noise of them."""
+        rng = np.random.default_rng([*self._seeds, 2 + 2 * trial.number])
         noise = self._design.observers.felt_noise
         if noise > 0.0 and felt:
             impressions = [_impression(trial.task.kind, one) + noise * rng.standard_normal() for one in felt]
             return int(np.argmax(impressions)) + 1
-        right = trial.planned.odd + 1
-        return right if rng.random() < self._probability(trial) else 3 - right
+        if not trial.odd:
+            return int(rng.integers(2)) + 1
+        return trial.odd if rng.random() < self._probability(trial) else 3 - trial.odd
 
     def explain(self, why: str) -> None:
-        """Go on."""
+        """Continue."""
 
     def _probability(self, trial: Trial) -> float:
-        """Probability of the right answer to a trial of two intervals."""
-        planned, expected = trial.planned, self._design.observers
+        """Probability of the right answer to a trial."""
         if trial.task.kind is Kind.REAL:
-            return self._design.condition(planned.condition).correct
-        if planned.stage is Stage.CATCH:
-            return 1.0 - expected.lapse
-        sigma = expected.width / SIGMAS_OF_WIDTH
-        share = float(ndtr((math.log10(trial.level) - self.thresholds[planned.condition]) / sigma))
-        return 0.5 + (0.5 - expected.lapse) * share
+            return trial.condition.correct
+        shape = Shape(self._design.observers.width, self._design.observers.lapse)
+        above = math.log10(trial.level) - self.thresholds[trial.condition.name]
+        return float(probability(np.array(above), shape))
 
 
 def cut_at_limits(frames: np.ndarray, limit_force: float, limit_seconds: float) -> Presentation:
@@ -122,11 +108,8 @@ def unstable_walls(design: Design) -> list[str]:
     """Return a sentence for each task on a coupled wall that shakes under a simulated hand."""
     found = []
     for task in design.tasks:
-        for condition in design.conditions:
-            if condition.wall is not Wall.COUPLED or not is_compared(design, task, condition.name):
-                continue
-            levels = {0.0, *task.levels, *([task.catch_level] if task.catch or task.practice else [])}
-            walls = (_coupled(interval_of(task, condition, level)) for level in sorted(levels))
+        for condition in (one for one in design.compared(task) if one.wall is Wall.COUPLED):
+            walls = (_coupled(interval_of(task, condition, level)) for level in (0.0, *task.levels))
             first = next((wall for wall in walls if not rests_on(Hand(), wall)), None)
             if first is not None:
                 found.append(

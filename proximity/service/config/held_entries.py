@@ -34,7 +34,7 @@ def read_held(document: Document, address: AddressReader) -> tuple[HeldEntry, ..
 def _entry(document: Document, path: Path, content: Any, address: AddressReader) -> HeldEntry:
     table, default = Table(document, path, content, HELD_KEYS), HeldEntry((), ())
     parts = table.texts("part", REQUIRED, meaning="the name of a part")
-    publish = table.texts("publish", REQUIRED, meaning="an address such as iox2://NAME")
+    publish = table.texts("publish", REQUIRED, meaning="an address such as shm://NAME")
     addresses = () if publish is REQUIRED else publish
     return HeldEntry(
         part=() if parts is REQUIRED else parts,

@@ -113,7 +113,7 @@ class _Reader:
     def service(self) -> ServiceSettings:
         """The loop."""
         table, default = self._table("service", SERVICE_KEYS), ServiceSettings()
-        named = table.texts("publish", default.publish, meaning="an address such as iox2://decaff")
+        named = table.texts("publish", default.publish, meaning="an address such as shm://decaff")
         publish = tuple(self.checked_address(table, "publish", address) for address in named)
         if len(set(publish)) < len(publish):
             table.complain("publish", "has an address twice, expected different addresses")
@@ -306,7 +306,7 @@ class _Reader:
         return folders
 
     def _address(self, table: Table, key: str) -> str | None:
-        address = table.text(key, None, meaning="an address such as iox2://NAME")
+        address = table.text(key, None, meaning="an address such as shm://NAME")
         return None if address is None else self.checked_address(table, key, address)
 
     def checked_address(self, table: Table, key: str, text: str) -> str:

@@ -3,12 +3,15 @@
 Paths are complete: those in the file are relative to it. Whether files can be loaded is not known yet.
 """
 
+import sys
 from dataclasses import dataclass, field
 from typing import Any
 
 from proximity.errors import ServiceError
 from proximity.service.config.toml_document import Document, Path
 
+USUAL_PUBLISH = ("shm://decaff",) if sys.platform == "linux" else ("udp://127.0.0.1:9100",)
+"""Where frames go unless the file says otherwise."""
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
 
@@ -20,7 +23,7 @@ class ServiceSettings:
     rate_hz: float = 1000.0
     latency: float = 0.001  # s, from a tick until the controller acts
     valid_for: float = 0.020  # s, from a pose on
-    publish: tuple[str, ...] = ("iox2://decaff",)
+    publish: tuple[str, ...] = USUAL_PUBLISH
     log: str | None = None  # file of all frames
     real_time: bool = False  # whether the system is asked for priority, locked memory and a core
     core: int | None = None  # with real_time; None: the service chooses

@@ -1,10 +1,11 @@
 """Driver of a SimpleFOC motor by lines of text, as its Commander reads them from a serial port.
 
-``simplefoc:///dev/ttyACM0?motor=M&baud=115200&kt=0.05``; the firmware adds the motor by
-``commander.motor(&motor, cmd)`` under the letter *motor*, and controls its current. Angles are radians of the
-shaft, currents amperes. Commander drops lines of 20 characters and more, so each limit has a line of its own.
-The motor stays in angle mode: a torque is the limit of its current. Commander has no watchdog: the firmware
-must switch the motor off when no line comes, and nothing here can check that it does.
+``simplefoc:///dev/ttyACM0?driver=examples/motors/simplefoc.py&motor=M&baud=115200&kt=0.05``; needs the
+package pyserial. The firmware adds the motor by ``commander.motor(&motor, cmd)`` under the letter *motor*,
+and controls its current. Angles are radians of the shaft, currents amperes. Commander drops lines of 20
+characters and more, so each limit has a line of its own. The motor stays in angle mode: a torque is the
+limit of its current. Commander has no watchdog: the firmware must switch the motor off when no line comes,
+and nothing here can check that it does.
 
 Source: SimpleFOC documentation, "Full motor configuration using the Commander", and the library's
 Commander.cpp: machine-readable answers (``@3``) repeat the letters of the question before the value.

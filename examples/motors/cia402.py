@@ -1,9 +1,9 @@
 """Driver of a CANopen drive by its profile CiA 402, over `canopen` and any bus of python-can.
 
-``canopen://CHANNEL?bus=socketcan&node=1&bitrate=1000000``. As it opens it reads the drive's scales, has it
-watch our heartbeat, and maps two messages each way; then each reading sends the targets and a SYNC, which
-the drive answers. Positions are increments of the encoder, torques and currents thousandths of the rated
-ones.
+``canopen://CHANNEL?driver=examples/motors/cia402.py&bus=socketcan&node=1&bitrate=1000000``; needs the package
+canopen. As it opens it reads the drive's scales, has it watch our heartbeat, and maps two messages each way;
+then each reading sends the targets and a SYNC, which the drive answers. Positions are increments of the
+encoder, torques and currents thousandths of the rated ones.
 
 Source: CiA 402 (IEC 61800-7-201): state machine, objects 0x6040 to 0x60FF, modes cyclic synchronous position
 (8) and torque (10); CiA 301: mapping (0x1400 to 0x1A01), SYNC, consumer heartbeat (0x1016). The states are

@@ -1,0 +1,115 @@
+"""Coverage of a calibration's intervals on a drum that has more than the model which is fitted to it.
+
+    python bench/calibration.py [--gloves 20] [--drum gear51]
+
+`SimulatedGlove` answers a chirp by the very model that is fitted: inertia, Coulomb and viscous friction, a
+spring. Here the drum also rubs by a share of the force that its gear carries, sticks and cogs. The table has,
+for each number, how often the 95 % interval holds the true value with either drum, and the median error.
+"""
+
+import argparse
+import math
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from proximity.decaff.calibration.drum_chirp import HELD_BEND, drum_stiffness, inertia
+from proximity.decaff.calibration.instruments import DrumRecord
+from proximity.decaff.calibration.readings import Readings
+from proximity.decaff.calibration.results import Session
+from proximity.decaff.calibration.simulated_glove import (
+    HELD_DAMPING,
+    LINK_INERTIA,
+    RATE,
+    TORQUE_NOISE,
+    SimulatedGlove,
+)
+from proximity.decaff.calibration.tasks import HELD, Bench
+from proximity.decaff.glove.glove import Glove, with_gear
+
+STICTION, STRIBECK_SPEED = 1.4, 0.3  # times the friction of a drum that slides; rad/s over which it goes
+COGGING, TEETH = 0.15, 14  # of the friction; periods of the rotor's turn
+STEPS = 12  # of the plant, to a sample
+SHOWN = ("drum_mass", "drum_friction", "drum_latency", "cable_stiffness")
+
+
+class RicherGlove(SimulatedGlove):
+    """A simulated glove whose gear rubs by its load, sticks, and whose motor cogs."""
+
+    def swing(self, torques: np.ndarray) -> DrumRecord:
+        """Swing the drum as `SimulatedGlove.swing` does, by the richer plant."""
+        drum, times = self._drum, np.arange(len(torques)) / RATE
+        noise = self._random.normal(size=len(torques))
+        disturbed = torques + TORQUE_NOISE * np.ptp(torques) / 2.0 * noise
+        late = np.interp(times - self._drum_latency, times, disturbed, left=0.0)
+        mass, stiffness, damping = inertia(drum), 0.0, 0.0
+        if self._asked == HELD.key:
+            mass += LINK_INERTIA
+            stiffness = drum_stiffness(self._glove, self._glove.cable.stiffness)
+            damping = 2.0 * HELD_DAMPING * math.sqrt(stiffness * mass)
+        angles = _swung(drum, mass, stiffness, damping, late.tolist())
+        start = self._random.uniform(-0.1, 0.1)
+        return DrumRecord(
+            times, torques, np.array([self._read(start + angle) for angle in angles]), disturbed
+        )
+
+
+def _swung(drum, mass: float, stiffness: float, damping: float, torques: list[float]) -> list[float]:
+    """Angles of the drum from rest at 0, rad, one a sample."""
+    step, friction = 1.0 / (RATE * STEPS), drum.friction * drum.lever
+    viscous, teeth, cogging = 0.01 * friction, TEETH * drum.gear.ratio, COGGING * friction
+    angle = speed = 0.0
+    angles = []
+    for torque in torques:
+        angles.append(angle)
+        for _ in range(STEPS):
+            reaction = min(0.0, stiffness * angle + damping * speed) if stiffness and angle < 0.0 else 0.0
+            slides = 1.0 + (STICTION - 1.0) * math.exp(-((speed / STRIBECK_SPEED) ** 2))
+            held = (friction * slides + drum.loss * abs(reaction)) / mass * step
+            pull = torque - viscous * speed - reaction + cogging * math.sin(teeth * angle)
+            free = speed + pull / mass * step
+            speed = math.copysign(max(abs(free) - held, 0.0), free)
+            angle += speed * step
+    return angles
+
+
+def _errors(kind: type[SimulatedGlove], design: Glove, gloves: int) -> dict[str, np.ndarray]:
+    """Errors of each number, (gloves, 2): as shares of the interval's half and of the true value."""
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in SHOWN}
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in range(gloves):
+            glove = kind(seed, design)
+            session = Session(
+                Bench(glove.instruments, design), Readings(Path(folder) / f"{seed}.json", "richer"), ()
+            )
+            while (asked := session.next()) is not None:
+                session.take(asked, lambda part, asked=asked, glove=glove: glove.prepare(asked, part))
+            for one in session.estimates():
+                if one.key in found:
+                    truth = glove.truth[one.key]
+                    found[one.key].append(((one.value - truth) / one.half_width, one.value / truth - 1.0))
+    return {name: np.array(rows) for name, rows in found.items()}
+
+
+def main() -> None:
+    """Print the coverage with the model's own drum and with the richer one."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--gloves", type=int, default=20)
+    parser.add_argument("--drum", default="gear51")
+    options = parser.parse_args()
+    design = with_gear(Glove(), options.drum)
+    print(f"{options.gloves} gloves, {options.drum}, bend {HELD_BEND:g}")
+    print(f"{'':18}{'the model':>22}{'the richer drum':>24}")
+    tables = [_errors(kind, design, options.gloves) for kind in (SimulatedGlove, RicherGlove)]
+    for name in SHOWN:
+        cells = []
+        for table in tables:
+            rows = table[name]
+            inside = np.count_nonzero(np.abs(rows[:, 0]) <= 1.0)
+            cells.append(f"{inside:3d} of {len(rows)}, {100 * np.median(rows[:, 1]):+6.1f} %")
+        print(f"{name:18}{cells[0]:>22}{cells[1]:>24}")
+
+
+if __name__ == "__main__":
+    main()

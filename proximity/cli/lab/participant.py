@@ -1,0 +1,101 @@
+"""Session of an experiment with a person: the drums in a thread, and questions in the terminal."""
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event
+
+import typer
+
+from proximity.cli.device.drum_loop import DrumsBeside
+from proximity.cli.device.motors import armable_motors
+from proximity.cli.output import report
+from proximity.cli.tables import Console
+from proximity.decaff.glove.calibrated_glove import read_any_glove
+from proximity.decaff.motors.motor_drum import home_all
+from proximity.lab.experiment.design import Design
+from proximity.lab.experiment.display import Presentation, intervals_of
+from proximity.lab.experiment.drum_display import DrumDisplay
+from proximity.lab.experiment.plan import Text, Trial
+from proximity.lab.experiment.visit import RefusedError, run_visit
+from proximity.lab.simulation.simulated_press import Wall
+from proximity.transport import open_subscriber
+
+
+@dataclass(frozen=True, slots=True)
+class Drums:
+    """The drums that a session needs."""
+
+    address: str  # of the service
+    rate: float  # Hz
+    finger: int
+    gloves: list[Path]
+    max_age: float | None  # days
+    motors: list[str]  # addresses; they are armed
+
+
+def run_session(design: Design, folder: Path, participant: str, drums: Drums) -> str:
+    """Do the rest of a session; return why it ended early, or nothing."""
+    gloves = [read_any_glove(path, drums.max_age) for path in drums.gloves]
+    try:
+        with ExitStack() as stack:
+            motors = stack.enter_context(armable_motors(drums.motors, gloves))
+            subscriber = stack.enter_context(open_subscriber(drums.address))
+            display = DrumDisplay(drums.rate, drums.finger, gloves, motors)
+            display.check(design)
+            display.warm_up()
+            home_all(motors, Event().wait, report)
+            stack.callback(display.stop, "the session is over")
+            stack.enter_context(DrumsBeside(display, subscriber, drums.rate))
+            run_visit(design, folder, participant, display, Terminal())
+    except RefusedError:
+        return f"{participant} does not agree: no data were kept"
+    except (EOFError, KeyboardInterrupt):
+        return "stopped; the same command continues from there"
+    return ""
+
+
+class Terminal:
+    """Asks a person at the terminal; Ctrl-C and the end of input stop the visit and retract the drum."""
+
+    def consents(self, text: str) -> bool:
+        """Show the consent text; return whether the participant agrees."""
+        _print(text)
+        return _chosen("  Do you agree? yes or no: ", ("yes", "no")) == "yes"
+
+    def read(self, text: Text) -> None:
+        """Show a text until Enter."""
+        _print(text.text)
+        if text.seconds:
+            typer.echo(f"  Break of {text.seconds / 60.0:g} minutes.")
+            time.sleep(text.seconds)
+        input("  Enter to continue ")
+
+    def wait_ready(self, trial: Trial, interval: int) -> None:
+        """Wait for Enter; the sentence for a real surface is for the experimenter."""
+        if interval == 0:
+            typer.echo(f"\n[{trial.number + 1}]")
+        is_real = intervals_of(trial)[interval].wall is Wall.REAL
+        placed = "put the real surface in place, " if is_real else ""
+        input(f"  {placed}Enter, then press on surface {interval + 1} ")
+
+    def answer(self, trial: Trial, felt: Sequence[Presentation]) -> int:
+        """Ask for the answer to a trial."""
+        return int(_chosen(f"  {trial.task.question or '1 or 2?'} ", ("1", "2")))
+
+    def explain(self, why: str) -> None:
+        """Show why a trial ended early."""
+        typer.echo(f"  This trial ended early: {why}.")
+
+
+def _print(text: str) -> None:
+    typer.echo("")
+    Console().print(text.strip(), markup=False, highlight=False)
+
+
+def _chosen(prompt: str, choices: tuple[str, ...]) -> str:
+    while (text := input(prompt).strip()) not in choices:
+        typer.echo(f"  expected {' or '.join(choices)}", err=True)
+    return text
