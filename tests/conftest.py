@@ -49,7 +49,7 @@ TESTS_OF_PROCESSES = {"bench", "cli", "examples", "service", "transport", "web"}
 """Folders whose tests start processes, look at clocks, or use what a machine has once."""
 MORE_TESTS_OF_PROCESSES = {
     "test_concurrency.py", "test_frame_log.py", "test_glove_to_drum.py", "test_readme.py",
-    "test_receiver_c.py", "test_stopping.py", "test_study_run.py",
+    "test_receiver_c.py", "test_stopping.py", "test_study.py",
 }  # fmt: skip
 """Files elsewhere that do so too."""
 

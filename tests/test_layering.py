@@ -97,8 +97,9 @@ glove
 drum
 """,
     "proximity.lab": """
+study
 certificate
-claims · experiment · part_press · sweep
+claims · experiment · part_press
 figures
 engine · stability
 simulation

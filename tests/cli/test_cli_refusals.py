@@ -121,7 +121,7 @@ simulate --scene box.stl --wall real | on a part of a scene there is only decaff
 simulate --scene box.stl --damping 2 | a part that has it has a --stiffness as well
 simulate --scene box.stl --part lid | lid
 simulate --scene none.stl | none.stl
-study report nowhere | nowhere: no results of a study, expected the folder of
+study report nowhere.toml | nowhere.toml: cannot be read (No such file or directory)
 study run nowhere.toml | nowhere.toml: cannot be read (No such file or directory)
 experiment run design.toml p01 --address mailbox:a --arm | a motor moves only with both --motor and --arm
 experiment plan design.toml --slot -1 | -1: the design has 4 participants, expected 0 to 3

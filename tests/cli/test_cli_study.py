@@ -1,16 +1,15 @@
-"""``proximity study``: from a file to rows and a page, and what it says of mistakes."""
+"""``proximity study``: from a file to rows and a figure, and what it says of mistakes."""
 
 import pytest
 
-from proximity.lab.sweep import study_run
-from proximity.lab.sweep.study_run import Progress
+from proximity.lab.study import study_run
+from proximity.lab.study.study_run import Progress
 
 COMMAND = ("study",)
 PRESSES = """
 [study]
 name = "a few presses"
 job = "press"
-measures = ["force_error", "peak"]
 
 [factors]
 wall = ["coupled", "decaff"]
@@ -27,29 +26,20 @@ def presses(tmp_path):
 
 
 @pytest.mark.slow
-def test_study_runs_reports_and_repeats(run, presses):
+def test_study_runs_and_is_drawn(run, presses):
     results = presses.with_suffix(".results")
+    empty = run("report", presses)
     first = run("run", presses, "--cores", 1)
     second = run("run", presses, "--cores", 1)
-    reported = run("report", results)
-    page = (results / "study.html").read_text()
-    key = page.partition("<tr><td><code>")[2].partition("<")[0]
-    repeated = run("run", presses, "--only", key)
-    now, recorded = next(
-        line.split()[1:] for line in repeated.out.splitlines() if line.startswith("force_error")
-    )
+    reported = run("report", presses)
 
-    assert (first.code, second.code, reported.code, repeated.code) == (0, 0, 0, 0)
+    assert empty.code == 2 and "no results of this study" in empty.words
+    assert (first.code, second.code, reported.code) == (0, 0, 0)
     assert first.out.startswith(f"{results}: 4 conditions in ")
-    assert f"proximity study report {results}" in first.words
     assert second.out == f"{results}: 4 conditions (4 of them earlier)\n"
-    assert "4 of 4 conditions" in page and "a few presses" in page
-    assert now == recorded
-    beside = {path.name for path in results.glob("study-*")}
-    assert beside == {
-        f"study-{plot}.{form}" for plot in ("main", "effects") for form in ("png", "pdf", "csv")
-    }
-    assert "speed [m/s]" in (results / "study-main.csv").read_text().splitlines()[0]
+    assert reported.out == f"{results / 'study.png'}: 4 of 4 conditions\n"
+    assert (results / "study.png").read_bytes().startswith(b"\x89PNG")
+    assert len((results / "rows.csv").read_text().splitlines()) == 5
 
 
 def test_interrupted_study_says_what_is_kept(run, presses, monkeypatch):
@@ -61,7 +51,10 @@ def test_interrupted_study_says_what_is_kept(run, presses, monkeypatch):
     found = run("run", presses)
 
     assert (found.code, found.out) == (130, "")
-    assert found.err == "proximity: stopped: 338 of 1800 conditions are kept; the same command goes on\n"
+    assert (
+        found.err
+        == "proximity: stopped: 338 of 1800 conditions are kept; the same command continues from there\n"
+    )
 
 
 def test_help_names_the_extra_that_is_needed(run):
@@ -73,4 +66,4 @@ def test_mistake_in_a_study_has_its_line(run, presses):
     found = run("run", presses)
 
     assert found.code == 2
-    assert f"{presses}:9: [factors] has no key 'sped': did you mean speed?" in found.words
+    assert f"{presses}:8: [factors] has no key 'sped': did you mean speed?" in found.words

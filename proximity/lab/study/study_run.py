@@ -1,0 +1,202 @@
+"""Run of a study on Ray: a task a condition, a bounded number of them at once, rows as they come.
+
+A condition that fails, or takes its worker with it, becomes a row that says why; the next run tries it again.
+"""
+
+import atexit
+import contextlib
+import datetime
+import logging
+import os
+import secrets
+import shutil
+import socket
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import proximity
+from proximity.errors import ProximityError, ServiceError
+from proximity.lab.study.row_files import RowFiles, locked, read_rows, write_csv
+from proximity.lab.study.study_file import Condition, Job, Study
+from proximity.system import machine
+from proximity.system.extras import needed
+from proximity.system.table_text import table_text
+
+LONGEST_FAILURE = 500  # characters
+TASKS_A_CORE = 8
+"""In flight: short jobs would wait for the next one else."""
+RETRIES = 2
+"""Of a task whose worker or node was lost."""
+WAIT_SECONDS = 0.5
+NO_CLUSTER = "no Ray cluster at"
+CONNECT_SECONDS = 5.0
+OBJECT_STORE_BYTES = 128 << 20
+"""Of Ray on this machine: rows are small, and scenes are files."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a study is."""
+
+    total: int
+    earlier: int  # of them done by earlier runs
+    done: int  # of them done by this one
+    failed: int
+    seconds: float  # since the first task was sent
+
+    @property
+    def rate(self) -> float:
+        """Conditions a second, of this run."""
+        return self.done / self.seconds if self.seconds else 0.0
+
+    @property
+    def seconds_left(self) -> float:
+        """Time until the end at that rate, s; inf before the first is done."""
+        return (self.total - self.earlier - self.done) / self.rate if self.done else float("inf")
+
+
+def run_condition(job: Job, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the cells of a condition's row besides its factors: measures, failure, duration, versions."""
+    started = time.perf_counter()
+    results: dict[str, Any] = {"failure": None}
+    try:
+        results |= {name: table_text(value) for name, value in job(**values).items()}
+    except Exception as error:  # of any kind: the other conditions continue
+        kind = "" if isinstance(error, ProximityError) else f"{type(error).__name__}: "
+        results["failure"] = table_text(f"{kind}{error}"[:LONGEST_FAILURE])
+    results["seconds"] = time.perf_counter() - started
+    made_by = {"proximity": proximity.__version__, "commit": machine.commit(), **machine.versions()}
+    return results | made_by | {"processor": machine.processor_name()}
+
+
+def run_study(
+    study: Study,
+    out: Path,
+    *,
+    address: str | None = None,
+    cores: int | None = None,
+    watch: Callable[[Progress], None] = lambda _: None,
+) -> Progress:
+    """Do the job for every condition without a row, or whose row is a failure; return the last progress.
+
+    *address*: of a Ray cluster; without it, and unless Ray runs in this process, this machine is used.
+    *watch*: given the progress now and then, and at the end, also if that is Ctrl-C.
+    """
+    with locked(out):
+        kept = {row["key"] for row in read_rows(out, study.conditions) if row["failure"] is None}
+        pending = [one for one in study.conditions if one.key not in kept]
+        progress = Progress(len(study.conditions), len(kept), 0, 0, 0.0)
+        if pending:
+            with _ray(address, cores) as ray:
+                progress = _run(ray, study, RowFiles(out), pending, progress, watch)
+        write_csv(out, read_rows(out, study.conditions))
+    return progress
+
+
+def _run(
+    ray: Any,
+    study: Study,
+    files: RowFiles,
+    pending: list[Condition],
+    progress: Progress,
+    watch: Callable[[Progress], None],
+) -> Progress:
+    """Send all conditions; the rows that are in are written, whatever ends the run."""
+    task = ray.remote(run_condition).options(num_cpus=1, max_retries=RETRIES, retry_exceptions=False)
+    limit = TASKS_A_CORE * max(1, int(ray.cluster_resources().get("CPU", 1)))
+    waiting, flying = iter(pending), dict[Any, Condition]()
+    started = time.monotonic()
+    try:
+        while True:
+            while len(flying) < limit and (condition := next(waiting, None)) is not None:
+                flying[task.remote(study.job, condition.values)] = condition
+            if not flying:
+                return progress
+            ready, _ = ray.wait(list(flying), num_returns=1, timeout=WAIT_SECONDS)
+            for landed in ready:
+                row = _row(ray, flying.pop(landed), landed)
+                files.add(row)
+                progress = Progress(
+                    progress.total,
+                    progress.earlier,
+                    progress.done + 1,
+                    progress.failed + (row["failure"] is not None),
+                    time.monotonic() - started,
+                )
+            watch(progress)
+    finally:
+        files.flush()
+        watch(progress)
+
+
+def _row(ray: Any, condition: Condition, landed: Any) -> dict[str, Any]:
+    try:
+        results = ray.get(landed)
+    except ray.exceptions.RayError as lost:
+        reason = str(lost).strip().partition("\n")[0]
+        results = {"failure": table_text(f"its worker was lost: {reason}")}
+    values = {name: str(one) if isinstance(one, Path) else one for name, one in condition.values.items()}
+    finished = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    return {"key": condition.key, **values, **results, "finished": finished}
+
+
+def _check_reachable(address: str) -> None:
+    """Refuse an address where nobody listens: Ray itself would try for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not (host and port.isdecimal()):
+        raise ServiceError(f"{NO_CLUSTER} {address!r}, expected HOST:PORT as ray start --head prints it")
+    try:
+        socket.create_connection((host, int(port)), CONNECT_SECONDS).close()
+    except (OSError, OverflowError) as failed:
+        raise ServiceError(f"{NO_CLUSTER} {address} ({failed})") from failed
+
+
+@cache
+def _own_ray_folder() -> str:
+    """Folder of the Ray that this process starts; what starts it then listens on loopback, with a token.
+
+    Call it before `ray` is imported, which reads the environment once.
+    """
+    folder = tempfile.mkdtemp(prefix="proximity-ray-")  # mode 0700; Ray opens its own folder to everybody
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    token = Path(folder, "token")
+    token.touch(0o600)
+    token.write_text(secrets.token_hex(32))
+    for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN"):  # without a mode, Ray asks for a token where it starts
+        os.environ.pop(name, None)
+    os.environ["RAY_AUTH_TOKEN_PATH"] = str(token)
+    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # on Linux, too: only 127.0.0.1 is bound
+    return folder
+
+
+@contextlib.contextmanager
+def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
+    """Ray, begun where it is not running in this process, and then ended again."""
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # nothing is sent to its makers
+    folder = "" if address else _own_ray_folder()
+    with needed("a study needs", "study"):
+        import ray
+    logging.getLogger("ray").setLevel(logging.ERROR)
+    if ray.is_initialized():
+        yield ray
+        return
+    started: dict[str, Any] = {"address": address}
+    if address:
+        _check_reachable(address)
+    else:
+        started = {"address": "local", "num_cpus": cores, "object_store_memory": OBJECT_STORE_BYTES}
+        started |= {"include_dashboard": False, "_temp_dir": os.path.join(folder, "ray")}
+    try:
+        ray.init(**started, log_to_driver=False, logging_level=logging.ERROR, configure_logging=False)
+    except Exception as failed:  # of any kind: Ray starts programs of its own
+        where = f"{NO_CLUSTER} {address}" if address else "Ray cannot be started here"
+        raise ServiceError(f"{where} ({str(failed).strip().partition(chr(10))[0]})") from failed
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
