@@ -66,7 +66,7 @@ batches · results
     "proximity.service": """
 hosting
 loop
-loop_watch
+loop_parts · loop_watch
 loop_ends · loop_memory
 held_contacts
 inputs

@@ -18,7 +18,7 @@ from typing import Any
 
 from proximity.errors import ServiceError
 from proximity.service.clock import Clock, SkippingClock
-from proximity.service.contact_source import ContactSource, TrackedContacts
+from proximity.service.contact_source import ContactSource
 from proximity.service.description import Describer
 from proximity.service.frame_log import FrameLogThread, Log
 from proximity.service.inputs.sources import PoseInput
@@ -32,6 +32,7 @@ from proximity.service.loop_memory import (
     nanoseconds,
     run_function,
 )
+from proximity.service.loop_parts import LoopSources
 from proximity.service.loop_watch import LoopWatch
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
@@ -44,12 +45,8 @@ LOOK = 0.02
 """s between two looks of Python at the loop: for descriptions, and what is to be warned of."""
 OPENS_ENDS = sys.platform == "linux"
 """Whether the loop knows mailboxes and sockets of this system; otherwise all ends are threads."""
-REPLACE_TIMEOUT, POLL_INTERVAL = 1.0, 1e-3
-"""s, beyond a period, that a replacement is waited for; and between two looks whether it is in use."""
 _PYTHON = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
-_POSES, _PARTS, _BOUNDS, _CONTACTS = (
-    defined(f"LOOP_ASK_{name}") for name in ("POSES", "PARTS", "BOUNDS", "CONTACTS")
-)
+_POSES, _CONTACTS = (defined(f"LOOP_ASK_{name}") for name in ("POSES", "CONTACTS"))
 
 
 class Service:
@@ -88,8 +85,7 @@ class Service:
         self._loop.is_simulated, self._loop.is_ahead = clock is not None, isinstance(clock, SkippingClock)
         self._loop.counts_processor = counts_processor
         self._loop.is_coarse = time.get_clock_info("monotonic").implementation.startswith("GetTickCount")
-        self._used: dict[int, SourceMemory] = {}  # by address: the source in use, and one that follows
-        self._current: SourceMemory | None = None
+        self._sources = LoopSources(self._memory)
         self._log = None if log is None else FrameLogThread(log, len(self._memory.message.data))
         self._loop.log = 0 if self._log is None else self._log.writer
         self._set_input(contact_source, pose_input)
@@ -120,14 +116,7 @@ class Service:
             self._memory.is_direct = True
         elif self._clock is None and not self._bridge.waits:
             self._loop.asked = _POSES
-        if not self._newest and contact_source.takes_changes:  # type: ignore[attr-defined]
-            self._loop.asked |= _PARTS | _BOUNDS
-        self._steps = {
-            _POSES: self._poll,
-            _PARTS: self._edit,
-            _BOUNDS: self._widen,
-            _CONTACTS: self._make_contacts,
-        }
+        self._steps = {_POSES: self._poll, _CONTACTS: self._make_contacts}
         self._python = _PYTHON(self._do)
         self._loop.python = ctypes.cast(self._python, ctypes.c_void_p).value
 
@@ -152,7 +141,7 @@ class Service:
     @property
     def contact_source(self) -> ContactSource:
         """The source of contacts at present."""
-        return self._source if self._current is None else self._used[int(self._loop.source)].contacts
+        return self._sources.current.contacts if self._sources.has_begun else self._source
 
     @property
     def report(self) -> Report:
@@ -196,7 +185,7 @@ class Service:
 
     def step(self, now_ns: int) -> None:
         """Make one tick at an instant of the clock that drives it, in place of `run`."""
-        if self._current is None:
+        if not self._sources.has_begun:
             self._begin()
             self._advance(0)
         self._loop.due_ns = self._loop.simulated_ns = now_ns
@@ -214,35 +203,25 @@ class Service:
         -----
         Thread: any, but one at a time.
         """
-        before, after, loop = self.contact_source, contact_source, self._loop
+        before, after = self.contact_source, contact_source
         if after.count != before.count or after.source != before.source:
             raise ServiceError(
                 f"contacts of {after.count} fingers from {after.source.name.lower()} cannot replace "
                 f"those of {before.count} from {before.source.name.lower()} in a running service"
             )
         after.rehearse()
-        if self._current is None:
+        if not self._sources.has_begun:
             self._source = after
             return
-        following = SourceMemory(after, self._memory)
-        self._used[following.address] = following
-        loop.next = following.address
-        gives_up = time.monotonic() + REPLACE_TIMEOUT + 1e-9 * float(loop.period_ns)
-        while loop.next and self._is_running_elsewhere() and time.monotonic() < gives_up:
-            time.sleep(POLL_INTERVAL)
-        # Here, not in the loop: to free a large scene takes milliseconds. What it has not left has to stay.
-        kept = following.address, int(loop.source), self._current.address
-        for address in [address for address in self._used if address not in kept]:
-            del self._used[address]
+        self._sources.replace(after)
+        self._sources.wait_until_used(self._is_running_elsewhere)
 
     def _is_running_elsewhere(self) -> bool:
         return self._is_running and self._thread != threading.get_ident()
 
     def _begin(self) -> None:
         """Hand the scene over."""
-        self._current = SourceMemory(self._source, self._memory)
-        self._used[self._current.address] = self._current
-        self._loop.source = self._current.address
+        self._sources.begin(self._source)
         now_ns = time.monotonic_ns() if self._clock is None else self._clock.now_ns()
         self._loop.simulated_ns = now_ns
         if self._newest is not None:
@@ -254,19 +233,20 @@ class Service:
             self._bridge.start(self._real_time)
         for bridge in self._bridges.values():
             bridge.start(self._real_time)
+        self._sources.start(self._real_time)
         worker = threading.Thread(target=self._work, name="loop", daemon=True)
         self._is_running = True
         worker.start()
         try:
             while worker.is_alive():
-                if asks_to_stop() or self._bridge.failure or self._is_input_over():
+                if asks_to_stop() or self._bridge.failure or self._sources.failure or self._is_input_over():
                     self._loop.stop = 1
                 self._look()
                 worker.join(LOOK)
         finally:
             self._loop.stop = 1
             worker.join()
-            self._failure = self._failure or self._bridge.failure
+            self._failure = self._failure or self._bridge.failure or self._sources.failure
 
     def _is_input_over(self) -> bool:
         """Whether a thread has put in the last pose; where poses are polled, the tick looks at that."""
@@ -312,6 +292,8 @@ class Service:
         """Make so many ticks more, and do what else Python does of it."""
         if ticks and not self._is_direct and not self._newest:
             self._bridge.poll(int(self._loop.simulated_ns))
+        if ticks:
+            self._sources.poll(int(self._loop.simulated_ns))
         self._loop.ticks_wanted = int(self._loop.ticks) + ticks
         self._call()
         self._look()
@@ -329,14 +311,6 @@ class Service:
             return 1
         return 0
 
-    def _source_now(self) -> SourceMemory:
-        """The source that the loop uses in this tick."""
-        current, address = self._current, int(self._fields["source"])
-        assert current is not None, "the loop runs"
-        if current.address != address:
-            current = self._current = self._used[address]
-        return current
-
     def _poll(self, now_ns: int) -> None:
         self._bridge.poll(now_ns)
         self._end_with_input()
@@ -345,23 +319,8 @@ class Service:
         if self._input.is_over:
             self._loop.ticks_wanted = int(self._loop.ticks) + 1
 
-    def _edit(self, now_ns: int) -> None:
-        """Change and move the parts that are to change and move."""
-        memory = self._source_now()
-        source = memory.contacts
-        assert isinstance(source, TrackedContacts), "only a scene has parts"
-        source.edit(self._memory.poses, now_ns)
-        memory.look(source.tracker)
-
-    def _widen(self, _: int) -> None:
-        memory = self._source_now()
-        source = memory.contacts
-        assert isinstance(source, TrackedContacts), "only a scene has parts"
-        source.widen(self._memory.message.records)
-        self._finish(memory)
-
     def _make_contacts(self, now_ns: int) -> None:
-        memory, newest, clock = self._source_now(), self._newest, self._clock
+        memory, newest, clock = self._sources.current, self._newest, self._clock
         assert newest is not None, "samples are kept for a source that answers in Python"
         self._bridge.drain()
         for samples in self._input.poll(now_ns):
@@ -375,9 +334,9 @@ class Service:
     def _finish(self, memory: SourceMemory) -> None:
         """Say what the frame says of a source, and have described it, where that is due."""
         self._fields["is_late"] = memory.contacts.is_late
-        self._describe(memory.say_epoch() + int(self._fields["epoch_offset"]), memory.contacts)
+        self._describe(memory.say_epoch() + int(self._fields["epoch_offset"]), memory)
 
-    def _describe(self, epoch: int, source: ContactSource) -> None:
+    def _describe(self, epoch: int, source: SourceMemory) -> None:
         """Have published what is due of the description, behind the next frame."""
         fields = self._fields
         if self._describer is not None and not fields["pending"]:
@@ -390,10 +349,10 @@ class Service:
     def _look(self) -> None:
         """Have described what is due of the description, and warn of what is new."""
         loop = self._loop
-        if loop.ticks and not loop.next and not loop.asked & (_BOUNDS | _CONTACTS):
-            self._describe(int(loop.epoch), self.contact_source)
+        if loop.ticks and not loop.next and not loop.asked & _CONTACTS:
+            self._describe(int(loop.epoch), self._sources.current)
         if self._newest is None:
-            self._used[int(loop.source)].note_answers()
+            self._sources.note()
         self._watch.warn()
 
     def _close(self) -> None:
@@ -407,3 +366,4 @@ class Service:
             for number, bridge in self._bridges.items():
                 stack.callback(bridge.close, published[number])
             stack.callback(self._bridge.close)
+            stack.callback(self._sources.close)

@@ -26,7 +26,7 @@ LOOK = 0.02
 """s between two looks of these threads whether all is over."""
 
 
-class _Worker:
+class Worker:
     """A thread that does a piece of work again and again, until it is closed."""
 
     failure: BaseException | None = None  # that ended it
@@ -59,7 +59,7 @@ class _Worker:
             self._thread.join()
 
 
-class PoseBridge(_Worker):
+class PoseBridge(Worker):
     """Puts the poses that an input gives into a mailbox that the loop reads.
 
     *count*: of fingers.
@@ -120,7 +120,7 @@ class PoseBridge(_Worker):
         return message
 
 
-class FrameBridge(_Worker):
+class FrameBridge(Worker):
     """Sends what the loop puts into a mailbox, sealed already, by an outlet of a publisher.
 
     *size*: of a frame.

@@ -3,7 +3,9 @@
 ``bindings/c/loop/loop.h`` is the one description of the structures; here it is read.
 """
 
+import ctypes
 import re
+import weakref
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -14,6 +16,7 @@ import numpy as np
 from proximity.checks import as_number
 from proximity.errors import ProximityError, ServiceError
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
+from proximity.mesh.part_memory import aligned_empty
 from proximity.message import FRAME, MAX_RECORDS, PATH_CORNERS, PATH_POSES, Message
 from proximity.native.mode import IS_AHEAD, MODE
 from proximity.scene.model.assembly import Model
@@ -22,7 +25,7 @@ from proximity.service.finger_kernels import LOST
 from proximity.service.samples import NEVER_NS, FingerPoses
 from proximity.system.library_in_c import libraries
 from proximity.system.time_units import NS_PER_S
-from proximity.tracker.tracker import Tracker, arrays_of, note_answers
+from proximity.tracker.tracker import arrays_after, arrays_of, note_answers
 from proximity.transport import forget
 from proximity.transport.udp import LARGEST_DATAGRAM
 
@@ -94,20 +97,29 @@ def fill(record: Any, values: dict[str, Any]) -> None:
         record[name] = value
 
 
-class SourceMemory:
-    """A source of contacts as the loop takes it; kept as long as that may use it."""
+def _copied(array: np.ndarray) -> np.ndarray:
+    """A copy that begins at a cache line."""
+    copy = aligned_empty(array.size, array.dtype.type)
+    copy[:] = array
+    return copy
 
-    def __init__(self, contacts: ContactSource, memory: "LoopMemory") -> None:
-        self.contacts, self._memory = contacts, memory
+
+class SourceMemory:
+    """A source of contacts as the loop takes it; kept as long as that may use it.
+
+    *before*: the same source, when its scene had other parts.
+    """
+
+    def __init__(
+        self, contacts: ContactSource, memory: "LoopMemory", before: "SourceMemory | None" = None
+    ) -> None:
+        self.contacts = contacts
         self.record = np.zeros(1, structures()["LoopSource"])
         self._fields: Any = self.record[0]
-        self._model: Model | None = None
-        self._epoch = -1  # of the scene when the tracker's arrays were looked at
+        self.labels = lambda: contacts.labels()
+        self.has_scene = False  # whether the loop has arrays of its own, in which it moves parts
         if isinstance(contacts, TrackedContacts) and answers_in_c(contacts):
-            contacts.tracker.write_to(memory.message.records)
-            self._bends = np.zeros((contacts.count, ESTIMATES), ESTIMATE)
-            self._fields["bend_motions"] = self._bends.ctypes.data
-            self.look(contacts.tracker)
+            self._set_tracker(contacts, memory, before)
         self.say_epoch()
 
     @property
@@ -121,18 +133,68 @@ class SourceMemory:
             with suppress(ValueError, IndexError):  # the loop writes contacts meanwhile: the next time
                 note_answers(self.contacts.tracker, int(self._fields["answers"]))
 
-    def look(self, tracker: Tracker) -> None:
-        """Have the next tick see parts where they are now."""
-        model = tracker.scene.snapshot()
-        if model is self._model:
-            return
-        if model.epoch != self._epoch:  # with other parts the tracker has other arrays
-            model, self._arrays = arrays_of(tracker, *self._memory.optional)
-            self._words, self._epoch = words_of(self._arrays), model.epoch
-            self._fields["tracker"] = self._words.ctypes.data
-        self._model = model
-        self._model_words = words_of((model.reals, model.words, model.frames, model.parts))
-        self._fields["model"], self._fields["is_moved"] = self._model_words.ctypes.data, True
+    def _set_tracker(
+        self, contacts: TrackedContacts, memory: "LoopMemory", before: "SourceMemory | None"
+    ) -> None:
+        """Have ticks use a tracker, and its scene."""
+        tracker, fields = contacts.tracker, self._fields
+        if before is None:
+            tracker.write_to(memory.message.records)
+            self._bends = np.zeros((contacts.count, ESTIMATES), ESTIMATE)
+            model, self._arrays = arrays_of(tracker, *memory.optional)
+        else:
+            self._bends, model = before._bends, tracker.scene.snapshot()
+            self._arrays, self._rows_after = arrays_after(tracker, model)
+            fields["is_edited"], fields["rows_after"] = True, self._rows_after.ctypes.data
+        self._words = words_of(self._arrays)
+        fields["tracker"], fields["bend_motions"] = self._words.ctypes.data, self._bends.ctypes.data
+        fields["is_moved"] = True
+        names, is_hidden = model.names, model.parts["is_hidden"][: len(model.names)] != 0
+        self.labels = lambda: (names, is_hidden)
+        self._model = model.reals, model.words, model.frames, model.parts
+        if contacts.takes_changes:
+            self._set_scene(contacts, model)
+        self._model_words = words_of(self._model)
+        fields["model"] = self._model_words.ctypes.data
+
+    def _set_scene(self, contacts: TrackedContacts, model: Model) -> None:
+        """Let parts be moved by the loop alone: nobody else writes to its arrays."""
+        self.has_scene, self._scene = True, contacts.tracker.scene
+        self._is_edited_elsewhere = contacts.moves is contacts.changes is None
+        self._epoch, self._snapshot = model.epoch, weakref.ref(model)
+        is_deformed = self._is_edited_elsewhere or contacts.changes is not None
+        reals = _copied(model.reals) if is_deformed else model.reals
+        self._model = reals, _copied(model.words), model.frames.copy(), model.parts.copy()
+        count, fields = len(model.names), self._fields
+        self._model_words = words_of(self._model)
+        _, short = libraries()
+        over, close = short.proximity_loop_scene, short.proximity_close
+        over.restype, over.argtypes, close.argtypes = ctypes.c_void_p, (ctypes.c_void_p,), (ctypes.c_void_p,)
+        fields["scene"] = over(self._model_words.ctypes.data)
+        weakref.finalize(self, close, int(fields["scene"]))
+        self._tables = np.zeros((3, count), structures()["LoopMotion"])
+        self.motions = np.zeros(count, self._tables.dtype)  # as reported, to be published
+        self._moved: dict[str, np.ndarray] = {name: np.zeros(count, np.int64) for name in ("applied", "rows")}
+        widths = {"matrices": 16, "velocities": 3, "turnings": 3}
+        self._moved |= {name: np.zeros((count, width)) for name, width in widths.items()}
+        for name, array in self._moved.items():
+            fields[name] = array.ctypes.data
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether the scene has other parts by now."""
+        model = self._scene.snapshot()
+        is_moved = self._is_edited_elsewhere and model is not self._snapshot()
+        return is_moved or model.epoch != self._epoch
+
+    def publish_motions(self) -> None:
+        """Have the loop see `motions` from its next tick on."""
+        fields = self._fields
+        # In this order: where the loop has gone over to the next one meanwhile, that is not written to.
+        following, in_use = int(fields["next_motions"]), int(fields["motions"])
+        table = next(each for each in self._tables if each.ctypes.data not in (following, in_use))
+        table[:] = self.motions
+        fields["next_motions"] = table.ctypes.data
 
     def say_epoch(self) -> int:
         """Have the next frame say of which epoch the source's answers are; that epoch."""

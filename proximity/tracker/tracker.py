@@ -400,6 +400,18 @@ def arrays_of(tracker: Tracker, *given: np.ndarray) -> tuple[Model, track.Tracke
     return model, track.TrackerArrays(**tracker._arrays, records=records)
 
 
+def arrays_after(tracker: Tracker, model: Model) -> tuple[track.TrackerArrays, np.ndarray]:
+    """The arrays of such a loop once its scene has other parts, and their rows by those that were before."""
+    count, rows = len(model.parts) - 1, {name: row for row, name in enumerate(model.names)}
+    rows_after = np.array([rows.get(name, GONE) for name in tracker._names], np.int64)
+    tracker._arrays["before"] = np.empty((count, POSE_COLUMNS))
+    tracker._arrays["movers"] = movers_workspace(count)
+    tracker._packs.clear()
+    tracker._names, tracker._epoch, tracker._last_epoch = model.names, model.epoch, model.epoch
+    records = tracker.contacts.view(np.ndarray).view(CONTACT_RECORD)
+    return track.TrackerArrays(**tracker._arrays, records=records), rows_after
+
+
 def note_answers(tracker: Tracker, answers: int) -> None:
     """Note what the ticks of such a loop have answered about poses."""
     tracker._pose_notes.add(answers, tracker.contacts.copy(), tracker._scene.snapshot())

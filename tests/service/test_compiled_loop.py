@@ -7,21 +7,35 @@ import sys
 import threading
 import time
 from pathlib import Path
+from queue import SimpleQueue
 
 import numpy as np
 import pytest
+import shapes
 from fake_service import MS, ManualClock
 from far_end import PATIENCE, new_name, until
 from ports import free_port
 from project import MESHES
 
 import proximity
-from proximity import PATH_POSES, POSES, Message
+from proximity import MOVES, PATH_POSES, POSES, Message
 from proximity.errors import ServiceError
-from proximity.message import FRAME, State, parts_of
+from proximity.message import CHANGES, DEFORMATIONS, FRAME, PartAction, State, parts_of
 from proximity.native.mode import IS_AHEAD
+from proximity.pose import Pose
 from proximity.recording import FrameLog, FrameReader, Recording
-from proximity.service import Describer, MessageInput, RecordingInput, Service, TrackedContacts, loop
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+from proximity.service import (
+    ChangesInput,
+    Describer,
+    MessageInput,
+    MovesInput,
+    RecordingInput,
+    Service,
+    TrackedContacts,
+    loop,
+)
 from proximity.service.hosting import start_service
 from proximity.tracker.tracker import Tracker
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
@@ -99,9 +113,52 @@ class Poses:
         return message
 
 
-def frames_of(scene, seed, *, in_python, ticks=300):
+class Parts:
+    """Messages of parts that move, turn, rest, fall silent, and are hidden, shown and deformed."""
+
+    def __init__(self, scene, seed):
+        self.rng = np.random.default_rng(100 + seed)
+        self.names = [part.name for part in scene.parts]
+        self.vertices = scene.parts[-1].solid.mesh.vertices
+        self.turns = seed % 2 == 1
+        self.silent_until = 0
+
+    def messages(self, tick, now_ns):
+        """Kinds and messages that come before that tick."""
+        if self.rng.random() < 0.02:
+            self.silent_until = tick + int(self.rng.integers(80, 160))
+        if tick >= self.silent_until and self.rng.random() < 0.4:
+            yield "moves", self.moves(tick, now_ns)
+        if self.rng.random() < 0.03:
+            message = Message(CHANGES, 1)
+            message.records["name"] = self.rng.choice(self.names[1:]).encode()
+            message.records["action"] = self.rng.choice([PartAction.HIDE, PartAction.SHOW])
+            yield "changes", message
+        if self.rng.random() < 0.01:
+            message = Message(DEFORMATIONS, 1)
+            message.records["name"], message.records["vertex_count"] = self.names[-1].encode(), 8
+            message.records["vertices"][0, :8] = self.vertices * self.rng.uniform(0.9, 1.1)
+            yield "changes", message
+
+    def moves(self, tick, now_ns):
+        rows = np.sort(self.rng.permutation(len(self.names))[: self.rng.integers(1, len(self.names) + 1)])
+        message = Message(MOVES, len(rows))
+        records = message.records
+        records["name"] = [self.names[row].encode() for row in rows]
+        records["pose_ns"] = now_ns - self.rng.integers(0, 3 * MS, len(rows))
+        message.header["send_ns"] = now_ns
+        angle = 0.3 * np.sin(0.01 * tick) if self.turns else 0.0
+        records["rotation"] = Pose.from_quaternion([0, 0, np.sin(angle), np.cos(angle)]).rotation
+        records["translation"] = 0.02 * np.sin(0.02 * tick + rows)[:, None] * [1.0, 0.5, -0.3]
+        moving = self.rng.random(len(rows)) < 0.7
+        records["velocity"] = moving[:, None] * self.rng.normal(0.0, 0.1, 3)
+        records["angular_velocity"] = (moving & self.turns)[:, None] * self.rng.normal(0.0, 1.0, 3)
+        return message
+
+
+def frames_of(scene, seed, *, in_python, ticks=300, parts=None):
     """Frames and report of a service that is driven by a clock; messages are the same each time."""
-    poses, frames = names()[:2]
+    poses, frames, *of_parts = names()
     feed, clock, taken = Poses(scene, seed), ManualClock(BEGIN_NS), []
     sender, reader, due = open_publisher(poses), open_inlet(frames), itertools.count()
     room = np.zeros(4096, np.uint8)
@@ -115,11 +172,18 @@ def frames_of(scene, seed, *, in_python, ticks=300):
     def sleep_until(due_ns):
         take()
         clock.now = max(clock.now, due_ns)
-        for message in feed.messages(next(due), due_ns):
+        tick = next(due)
+        for message in feed.messages(tick, due_ns):
             sender.publish(message)
+        for end, message in () if parts is None else parts.messages(tick, due_ns):
+            ends[end].publish(message)
 
     clock.sleep_until = sleep_until
-    source = contacts_of(scene)
+    source, ends = contacts_of(scene), {}
+    if parts is not None:
+        moves = MovesInput(of_parts[0], clock=clock.now_ns)
+        source = TrackedContacts(source.tracker, moves, ChangesInput(of_parts[1], SimpleQueue()))
+        ends = {name: open_publisher(end) for name, end in zip(("moves", "changes"), of_parts, strict=True)}
     source.is_ticked_by_loop = not in_python
     pose_input = MessageInput(poses, COUNT, clock=clock.now_ns)
     service = Service(
@@ -127,9 +191,28 @@ def frames_of(scene, seed, *, in_python, ticks=300):
     )
     report = service.run(tick_count=ticks)
     take()
-    sender.close()
-    reader.close()
+    for end in (sender, reader, *ends.values()):
+        end.close()
     return taken, report
+
+
+def assert_same(ones, others):
+    assert len(ones) == len(others) == 303
+    for tick, (one, other) in enumerate(zip(ones, others, strict=True)):
+        assert one.tobytes() == other.tobytes(), (tick, *(parts_of(each, FRAME) for each in (one, other)))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_frames_beside_parts_that_move_and_change_are_those_that_python_makes_to_the_bit(seed):
+    frames = []
+    for in_python in (True, False):
+        boxes = [shapes.box((0.02 * k, 0, 0), (0.02 * k + 0.01, 0.02, 0.03)) for k in range(2 + seed)]
+        scene = Scene([Solid(*box, name=f"box {k}") for k, box in enumerate(boxes)])
+        taken, report = frames_of(scene, seed, in_python=in_python, parts=Parts(scene, seed))
+        frames.append(taken)
+        assert report.states[State.LATE] or report.states[State.DEGRADED]
+
+    assert_same(*frames)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -137,9 +220,7 @@ def test_frames_are_those_that_python_makes_to_the_bit(scene, seed):
     """What the loop does by itself is what NumPy and the tracker do with the same messages."""
     (ones, theirs), (others, ours) = (frames_of(scene, seed, in_python=way) for way in (True, False))
 
-    assert len(ones) == len(others) == 303
-    for tick, (one, other) in enumerate(zip(ones, others, strict=True)):
-        assert one.tobytes() == other.tobytes(), (tick, *(parts_of(each, FRAME) for each in (one, other)))
+    assert_same(ones, others)
     reports = [
         {**each.as_dict(), "compute": 0, "lateness": 0, "publish_failures": 0} for each in (theirs, ours)
     ]

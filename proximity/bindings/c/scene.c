@@ -186,6 +186,28 @@ int proximity_open_bytes(const void *bytes, size_t size, proximity_scene **scene
     return open_scene((uint8_t *)(uintptr_t)bytes, size, 0, scene, error);
 }
 
+proximity_scene *proximity_scene_over(const int64_t *model)
+{
+    proximity_scene *scene = calloc(1, sizeof *scene);
+    if (scene == NULL) {
+        return NULL;
+    }
+    Archive *archive = &scene->archive;
+    memcpy(scene->model, model, sizeof scene->model);
+    archive->frames = (Frame *)(intptr_t)model[4];
+    archive->parts = (Part *)(intptr_t)model[6];
+    archive->frame_count = model[5];
+    archive->part_rows = model[7];
+    archive->part_count = model[7] - 1;
+    archive->names = calloc((size_t)model[7], 1); /* it is asked for none */
+    scene->set = proximity_best_set(NULL);
+    if (archive->names == NULL || scene->set == NULL || !begin_changes(scene)) {
+        proximity_close(scene);
+        return NULL;
+    }
+    return scene;
+}
+
 void proximity_close(proximity_scene *scene)
 {
     if (scene != NULL) {
@@ -299,10 +321,49 @@ static int no_such_part(const proximity_scene *scene, int32_t part, proximity_er
                             (int)scene->archive.part_count - 1);
 }
 
+/* The first row of a move that cannot be used, or -1; velocities may be NULL. */
+static int64_t first_unfit(const proximity_scene *scene, int64_t n, const double *matrices, const double *velocities,
+                           const double *angular_velocities)
+{
+    int64_t words[] = {WORD(matrices), n, 4, 4, WORD(velocities), velocities != NULL ? n : 0, 3,
+                       WORD(angular_velocities), angular_velocities != NULL ? n : 0, 3, word_of(SINGLE_TOLERANCE),
+                       word_of(FARTHEST_MOVE), word_of(FASTEST_MOVE), 0};
+    return proximity_call(scene->set, FIRST_UNFIT, words) ? words[13] : 0;
+}
+
+/* Write poses that can be used; whether that was done. */
+static int write_poses(proximity_scene *scene, const int64_t *rows, int64_t n, const double *matrices,
+                       const double *velocities, const double *angular_velocities)
+{
+    int64_t words[] = {scene->model[4], scene->model[5], scene->model[6], scene->model[7], WORD(scene->versions),
+                       scene->archive.part_rows, scene->changes, WORD(rows), n, WORD(matrices), n, 4, 4,
+                       WORD(velocities), velocities != NULL ? n : 0, 3, WORD(angular_velocities),
+                       angular_velocities != NULL ? n : 0, 3, word_of(EXACT_ENOUGH), 0};
+    if (!proximity_call(scene->set, MOVE_PARTS, words)) {
+        return 0;
+    }
+    scene->tree = words[20] && scene->tree == RIGHT ? THINNER : scene->tree;
+    return 1;
+}
+
+void proximity_put_parts(proximity_scene *scene, const int64_t *rows, int64_t count, const double *matrices,
+                         const double *velocities, const double *angular_velocities)
+{
+    scene->changes++;
+    scene->is_broken |= first_unfit(scene, count, matrices, velocities, angular_velocities) >= 0 ||
+                        !write_poses(scene, rows, count, matrices, velocities, angular_velocities);
+}
+
+void proximity_settle(proximity_scene *scene)
+{
+    if (!scene->is_broken) {
+        settle(scene, NULL);
+    }
+}
+
 int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count, const double *matrices,
                    const double *velocities, const double *angular_velocities, proximity_error *error)
 {
-    int64_t n = (int64_t)count, linear = velocities != NULL ? n : 0, angular = angular_velocities != NULL ? n : 0;
     if (scene->is_broken) {
         return fail_half_way(scene, error);
     }
@@ -311,25 +372,19 @@ int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count, c
             return no_such_part(scene, parts[k], error);
         }
     }
-    int64_t asked[] = {WORD(matrices), n, 4, 4, WORD(velocities), linear, 3, WORD(angular_velocities), angular, 3,
-                       word_of(SINGLE_TOLERANCE), word_of(FARTHEST_MOVE), word_of(FASTEST_MOVE), 0};
-    if (!proximity_call(scene->set, FIRST_UNFIT, asked) || asked[13] >= 0) {
+    int64_t unfit = first_unfit(scene, (int64_t)count, matrices, velocities, angular_velocities);
+    if (unfit >= 0) {
         return proximity_refuse(error, PROXIMITY_BAD_POSE,
                                 "row %lld is no rigid transform, or leads too far away, or its velocity is too large",
-                                (long long)asked[13]);
+                                (long long)unfit);
     }
     scene->changes++;
     for (size_t k = 0; k < count; k++) {
-        int64_t row = parts[k], one = 1;
-        int64_t words[] = {scene->model[4], scene->model[5], scene->model[6], scene->model[7], WORD(scene->versions),
-                           scene->archive.part_rows, scene->changes, WORD(&row), one, WORD(matrices + 16 * k), one, 4, 4,
-                           linear ? WORD(velocities + 3 * k) : 0, linear ? one : 0, 3,
-                           angular ? WORD(angular_velocities + 3 * k) : 0, angular ? one : 0, 3, word_of(EXACT_ENOUGH),
-                           0};
-        if (!proximity_call(scene->set, MOVE_PARTS, words)) {
+        int64_t row = parts[k];
+        if (!write_poses(scene, &row, 1, matrices + 16 * k, velocities != NULL ? velocities + 3 * k : NULL,
+                         angular_velocities != NULL ? angular_velocities + 3 * k : NULL)) {
             return fail_half_way(scene, error);
         }
-        scene->tree = words[20] && scene->tree == RIGHT ? THINNER : scene->tree;
     }
     return settle(scene, error);
 }

@@ -24,4 +24,12 @@ struct proximity_scene {
     int tree;
 };
 
+/* A scene over the arrays of a model, which are its own from now on; NULL: there is no memory. */
+proximity_scene *proximity_scene_over(const int64_t *model);
+
+/* Put parts elsewhere, and find what follows from it; where that cannot be done the scene is broken. */
+void proximity_put_parts(proximity_scene *scene, const int64_t *rows, int64_t count, const double *matrices,
+                         const double *velocities, const double *angular_velocities);
+void proximity_settle(proximity_scene *scene);
+
 #endif

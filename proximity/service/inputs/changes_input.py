@@ -5,6 +5,7 @@ the thread beside the loop, and messages wait until that is done: they take effe
 """
 
 import logging
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ from proximity.service.inputs.inbox import Inbox
 
 LOGGER = logging.getLogger("proximity.service")
 DEFAULT_UNITS = "mm"
+PENDING_INTERVAL = 0.005
+"""s between two looks whether what takes long is done."""
 _ACTIONS = frozenset(PartAction)
 
 
@@ -91,6 +94,13 @@ class ChangesInput:
                 self._refuse(kind, str(unfit))
             if self._pending is not None:
                 return  # what has come after it waits where it is
+
+    def wait(self, timeout: float) -> None:
+        """Wait until a message may be there, or that many seconds."""
+        if self._pending is None:
+            self._inbox.wait(timeout)
+        else:  # those that are there wait as well
+            time.sleep(min(timeout, PENDING_INTERVAL))
 
     def close(self) -> None:
         """Give the address back."""

@@ -1,7 +1,7 @@
 """Poses of moving parts, received as messages while the scene is served."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from proximity.message.instant_advice import on_backwards, on_future, on_too_old
 from proximity.pose import nearest_rotations
 from proximity.scene.scene import Scene
 from proximity.service.inputs.inbox import Inbox
-from proximity.service.inputs.part_prediction import Carried, ReportedMotion, VisibleParts
+from proximity.service.inputs.part_prediction import HOLD_NS, Carried, ReportedMotion, VisibleParts
 from proximity.service.samples import FingerPoses
 from proximity.system.time_units import NS_PER_MS, NS_PER_S
 
@@ -93,20 +93,46 @@ class MovesInput:
 
         Another scene than before, an edited one perhaps, gets all that was reported until now.
         """
-        is_reported = scene is not self._scene
-        if is_reported:
-            self._scene, self._carried, self._visible = scene, None, None
-            self._unfit.clear()
-            list(self._moved_each(scene, self._latest))
-        for _, records, offset_ns in self._inbox.messages():
-            self._apply_message(scene, records, offset_ns + self._skipped(), now_ns)
-            is_reported = True
-            for listener in self._listeners:
-                listener()
-        if is_reported or scene.epoch != self._epoch:
+        if self.take(scene, now_ns) or scene.epoch != self._epoch:
             self._find_moving(scene)
         if self._carried is not None:
             self._carry(self._carried, scene, now_ns, _instant_of(poses, now_ns))
+
+    def take(self, scene: Scene, now_ns: int) -> dict[str, ReportedMotion]:
+        """Put parts where messages report them; the motions that are new.
+
+        Another scene than before gets all that was reported until now.
+        """
+        moved: dict[str, ReportedMotion] = {}
+        if scene is not self._scene:
+            self._scene, self._carried, self._visible = scene, None, None
+            self._unfit.clear()
+            moved |= self._moved_each(scene, self._latest)
+        for _, records, offset_ns in self._inbox.messages():
+            moved |= self._apply_message(scene, records, offset_ns + self._skipped(), now_ns)
+            for listener in self._listeners:
+                listener()
+        return moved
+
+    def wait(self, timeout: float) -> None:
+        """Wait until a message may be there, or that many seconds."""
+        self._inbox.wait(timeout)
+
+    def note_silence(self, names: Collection[str], now_ns: int) -> None:
+        """Count parts, of those named, of which nothing more is reported."""
+        silent = [
+            name
+            for name, reported in self._latest.items()
+            if reported.is_moving
+            and reported.pose_ns + HOLD_NS <= now_ns
+            and name not in self._silent
+            and name in names
+        ]
+        if silent:
+            self._silent.update(silent)
+            self._inbox.leave_out(
+                SILENT_PARTS, len(silent), says=f"{silent[0]!r} stands still: no move for 100 ms"
+            )
 
     def widen(self, contacts: np.ndarray) -> None:
         """Make bounds wider by what is not known of parts that move.
@@ -121,11 +147,13 @@ class MovesInput:
         """Give the address back."""
         self._inbox.close()
 
-    def _apply_message(self, scene: Scene, records: np.ndarray, offset_ns: int, now_ns: int) -> None:
-        """Move parts as a message reports, and keep its moves."""
+    def _apply_message(
+        self, scene: Scene, records: np.ndarray, offset_ns: int, now_ns: int
+    ) -> dict[str, ReportedMotion]:
+        """Move parts as a message reports, and keep its moves; those that were used."""
         if names_repeat(records):
             self._inbox.leave_out(REPEATED, 1, f"{len(records)} moves, expected one for each part")
-            return
+            return {}
         names = [self._name(raw) for raw in records["name"].tolist()]
         pose_ns = records["pose_ns"] + offset_ns
         rows = self._usable_rows(names, pose_ns, now_ns)
@@ -158,6 +186,7 @@ class MovesInput:
         self._latest.update(moves)
         self._silent -= moves.keys()
         self._unfit -= moves.keys()
+        return moves
 
     def _with_followers(self, moves: dict[str, ReportedMotion]) -> Any:
         """Add the parts that follow others to *moves*; names, matrices and both velocities of all."""

@@ -41,7 +41,7 @@ def pose_at(reported: ReportedMotion, instant_ns: int) -> np.ndarray:
     if reported.is_moving and off_ns:
         matrix[:3, 3] += 1e-9 * off_ns * reported.velocity
         rates = np.linalg.norm(reported.turning[None], axis=1)
-        across, back = _turns(matrix[None, :3, :3], reported.turning[None], rates)
+        across, back = turns(matrix[None, :3, :3], reported.turning[None], rates)
         angle = 1e-9 * off_ns * rates[0]
         matrix[:3, :3] += np.sin(angle) * across[0] + (1.0 - np.cos(angle)) * back[0]
     return matrix
@@ -69,10 +69,10 @@ class VisibleParts:
         """Names of the parts."""
         return self._rows.keys()
 
-    def reach(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Whether parts are hidden, (M,) bool, and how far from their origins they reach, m, (M,)."""
+    def rows_of(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows of parts, whether they are hidden, and how far from their origins they reach, m, (M,) each."""
         rows = np.array([self._rows[name] for name in names], np.int64)
-        return self._is_hidden[rows], self._radii[rows]
+        return rows, self._is_hidden[rows], self._radii[rows]
 
 
 class Carried:
@@ -94,13 +94,13 @@ class Carried:
         self._ends_ns = self._pose_ns + HOLD_NS
         self._instants = self._pose_ns  # that the parts stand at
         self._is_known = False
-        is_hidden, radii = presence.reach(self.names)
+        _, is_hidden, radii = presence.rows_of(self.names)
         self._is_found = ~is_hidden
         self._turn_rates: np.ndarray | None = None  # rad/s; None: no part turns
         self._top_speeds = np.linalg.norm(self._velocities, axis=1)  # m/s, of any point of each part
         if self._turning.any():
             self._turn_rates = np.linalg.norm(self._turning, axis=1)
-            self._across, self._back = _turns(self._matrices[:, :3, :3], self._turning, self._turn_rates)
+            self._across, self._back = turns(self._matrices[:, :3, :3], self._turning, self._turn_rates)
             self._top_speeds += self._turn_rates * radii
         self._find_next()
 
@@ -175,7 +175,7 @@ def _widen_the_rest(contacts: np.ndarray, is_off: np.ndarray, fastest: float) ->
     contacts["time_to_contact_lower"][is_off] = np.minimum(contacts["time_to_contact_lower"][is_off], free)
 
 
-def _turns(rotations: np.ndarray, turning: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def turns(rotations: np.ndarray, turning: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Increments of rotations (M, 3, 3) that turn by an angle, twice (M, 3, 3).
 
     The sine of the angle times the first, and one less its cosine times the second (Rodrigues).

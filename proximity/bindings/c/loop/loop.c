@@ -3,19 +3,23 @@
 #ifndef __wasm__
 #include "loop.h"
 
-#include "loop_poses.h"
+#include "loop_parts.h"
 
 PROXIMITY_API int64_t proximity_loop_size(void);
 PROXIMITY_API int proximity_loop_run(Loop *loop);
+PROXIMITY_API proximity_scene *proximity_loop_scene(const int64_t *model);
 
 enum { LOOK_NS = 50000000, APART_NS = 500000, STOPPING_FRAMES = 3 };
-
-int64_t proximity_loop_size(void);
-PROXIMITY_API int proximity_loop_run(Loop *loop);
 
 int64_t proximity_loop_size(void)
 {
     return sizeof(Loop);
+}
+
+/* A scene for the loop alone; proximity_close() frees it. */
+proximity_scene *proximity_loop_scene(const int64_t *model)
+{
+    return proximity_scene_over(model);
 }
 
 static void record(LoopTimes *times, int64_t duration_ns)
@@ -124,9 +128,11 @@ static void tick_tracker(Loop *loop, decaff_contact *contacts, int64_t now_ns)
     Settings *settings = POINTER(table[AT_SETTINGS]);
     settings->has_velocities = loop->has_velocities != 0;
     settings->has_paths = loop->has_paths != 0;
-    int64_t words[] = {source->model, source->tracker, loop->positions, loop->count, 3, loop->pose_ns, loop->count,
+    int64_t model = source->scene != 0 ? (int64_t)(intptr_t)scene_of(source)->model : source->model;
+    int64_t words[] = {model, source->tracker, loop->positions, loop->count, 3, loop->pose_ns, loop->count,
                        now_ns, source->is_moved, 0};
-    if (!proximity_call(set_of(loop), TICK, words) || words[9] == 0) {
+    int is_broken = source->scene != 0 && scene_of(source)->is_broken;
+    if (is_broken || !proximity_call(set_of(loop), TICK, words) || words[9] == 0) {
         forget_all(loop, contacts);
         return;
     }
@@ -140,7 +146,9 @@ static void exchange_source(Loop *loop)
     LoopSource *next = POINTER(__atomic_load_n(&loop->next, __ATOMIC_ACQUIRE)), *before = POINTER(loop->source);
     int64_t taken = (int64_t)(intptr_t)next;
     if (next != NULL) {
-        loop->epoch_offset = before->epoch + loop->epoch_offset + 1 - next->epoch;
+        if (!next->is_edited) {
+            loop->epoch_offset = before->epoch + loop->epoch_offset + 1 - next->epoch;
+        }
         loop->source = taken; /* and whoever looks whether `next` is taken finds this; another one stays there */
         __atomic_compare_exchange_n(&loop->next, &taken, 0, 0, __ATOMIC_RELEASE, __ATOMIC_RELAXED);
     }
@@ -221,11 +229,10 @@ static int answer(Loop *loop, decaff_contact *contacts, int64_t start_ns)
     take_messages(loop);
     int64_t words[] = {loop->pose_ns, loop->count, loop->positions, loop->count, 3, start_ns - loop->stale_after_ns, 0};
     proximity_call(set_of(loop), DROP_STALE, words);
-    if (!ask(loop, LOOP_ASK_PARTS, start_ns)) {
-        return 0;
-    }
+    int64_t instant_ns = carry_parts(loop, start_ns);
     tick_tracker(loop, contacts, start_ns);
-    return ask(loop, LOOP_ASK_BOUNDS, start_ns);
+    widen_bounds(loop, contacts, start_ns, instant_ns);
+    return 1;
 }
 
 /* Make one frame. */

@@ -14,9 +14,17 @@
 
 /* What Python is asked for in a tick, where it has said that it has a part in it. */
 #define LOOP_ASK_POSES 1    /* to put poses into the mailbox */
-#define LOOP_ASK_PARTS 2    /* to change and move parts */
-#define LOOP_ASK_BOUNDS 4   /* to widen bounds */
-#define LOOP_ASK_CONTACTS 8 /* to fill the contacts, in place of all of these */
+#define LOOP_ASK_CONTACTS 2 /* to fill the contacts, in place of all that the loop does */
+
+/* What was reported of a part. */
+typedef struct LoopMotion {
+    int64_t number;  /* of the report; 0: there was none */
+    int64_t pose_ns, ends_ns; /* it is believed to go on until then */
+    int64_t is_moving, is_hidden;
+    double matrix[16], velocity[3], turning[3]; /* world_from_part, m; m/s, of the origin, and rad/s about it */
+    double across[9], back[9];      /* what turning adds: by the sine of the angle, and by one less its cosine */
+    double turn_rate, top_speed;    /* rad/s; m/s, of any point of it */
+} LoopMotion;
 
 /* A scene and its tracker. The loop goes over to another one between two ticks; the one before is Python's again. */
 typedef struct LoopSource {
@@ -26,6 +34,12 @@ typedef struct LoopSource {
     int64_t epoch;        /* of the scene */
     int64_t is_moved;     /* whether the tracker has not seen where parts stand */
     int64_t answers;      /* bits of the answers of all ticks */
+    int64_t scene;        /* a proximity_scene, in which the loop moves parts; 0: they stand */
+    int64_t motions, next_motions; /* a LoopMotion a part: in use, and newer ones; 0: there are none */
+    int64_t applied;      /* numbers of the reports that parts were put at */
+    int64_t rows, matrices, velocities, turnings; /* of parts that are put elsewhere: scratch */
+    int64_t has_looked, all_stand; /* whether `motions` were applied; and whether nothing more is reported of any */
+    int64_t is_edited, rows_after; /* whether it is the source before with other parts; the rows that those have now */
 } LoopSource;
 
 typedef struct LoopOutput {

@@ -1,0 +1,169 @@
+"""Moves and changes of parts: taken by threads beside the loop, and handed to it by one pointer.
+
+Where parts are reported to be, and how they move, is a table with a row a part; the loop goes over to a newer
+one at the beginning of a tick, and carries parts to the instant of the newest pose by itself. Other parts are
+another source: copies of the scene's arrays, which are the loop's alone from then on.
+"""
+
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from proximity.service.contact_source import ContactSource, TrackedContacts
+from proximity.service.inputs.part_prediction import HOLD_NS, ReportedMotion, VisibleParts, turns
+from proximity.service.loop_ends import Worker
+from proximity.service.loop_memory import LoopMemory, SourceMemory
+from proximity.service.realtime import RealTime
+
+REPLACE_TIMEOUT, POLL_INTERVAL = 1.0, 1e-3
+"""s, beyond a period, that a replacement is waited for; and between two looks whether it is in use."""
+LOOK = 0.02
+"""s between two looks of a thread at parts of which nothing is reported."""
+APART = 4e-4
+"""s between two polls at least."""
+
+
+class LoopSources:
+    """The sources of contacts that a loop uses, one after the other, and what becomes of their parts."""
+
+    def __init__(self, memory: LoopMemory) -> None:
+        self._memory, self._loop = memory, memory.loop
+        self._lock = threading.RLock()  # of what is handed over
+        self._used: dict[int, SourceMemory] = {}  # by address
+        self._latest: SourceMemory | None = None  # handed over last
+        self._visible: VisibleParts | None = None  # parts of the latest
+        self._report_count = 0
+        self._threads: list[_PartThread] = []
+        self.failure: BaseException | None = None  # that ended a thread
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the loop has a source."""
+        return bool(self._loop.source)
+
+    @property
+    def current(self) -> SourceMemory:
+        """The source that the loop uses."""
+        return self._used[int(self._loop.source)]
+
+    def begin(self, contacts: ContactSource) -> None:
+        """Hand over the first source."""
+        self._hand_over(SourceMemory(contacts, self._memory))
+        self._loop.source, self._loop.next = self._loop.next, 0
+
+    def replace(self, contacts: ContactSource) -> None:
+        """Have the next tick use another source."""
+        with self._lock:
+            self._hand_over(SourceMemory(contacts, self._memory))
+
+    def wait_until_used(self, is_running: Any) -> None:
+        """Return when the loop uses what was handed over last; where it does not run, at once."""
+        gives_up = time.monotonic() + REPLACE_TIMEOUT + 1e-9 * float(self._loop.period_ns)
+        while self._loop.next and is_running() and time.monotonic() < gives_up:
+            time.sleep(POLL_INTERVAL)
+        with self._lock:
+            self._forget_unused()
+
+    def start(self, real_time: RealTime | None) -> None:
+        """Begin to take moves and changes in threads."""
+        contacts = self.current.contacts
+        if isinstance(contacts, TrackedContacts) and self.current.has_scene:
+            inputs = [each for each in (contacts.moves, contacts.changes) if each is not None]
+            self._threads = [_PartThread(self, each) for each in inputs or (None,)]
+            for thread in self._threads:
+                thread.start(real_time)
+
+    def poll(self, now_ns: int) -> None:
+        """Take moves and changes that have come, and hand over what becomes of them."""
+        with self._lock:
+            latest = self._latest
+            assert latest is not None, "the loop has begun"
+            contacts = latest.contacts
+            if not latest.has_scene or not isinstance(contacts, TrackedContacts):
+                return
+            scene = contacts.tracker.scene
+            if contacts.changes is not None:
+                contacts.changes.apply(scene)
+            moved = {} if contacts.moves is None else contacts.moves.take(scene, now_ns)
+            if latest.is_outdated:
+                if not self._loop.next:  # otherwise what the loop has not seen yet would be renumbered
+                    self._hand_over(SourceMemory(contacts, self._memory, latest))
+            elif moved:
+                self._report(moved)
+            if contacts.moves is not None and self._visible is not None:
+                contacts.moves.note_silence(self._visible.names, now_ns)
+
+    def note(self) -> None:
+        """Have trackers and inputs note what the loop has found."""
+        self.current.note_answers()
+
+    def close(self) -> None:
+        """End the threads."""
+        for thread in self._threads:
+            thread.close()
+            self.failure = self.failure or thread.failure
+
+    def _hand_over(self, following: SourceMemory) -> None:
+        """Have the next tick use a source, whose parts stand where they were reported."""
+        contacts, self._latest, self._visible = following.contacts, following, None
+        self._used[following.address] = following
+        if following.has_scene and isinstance(contacts, TrackedContacts):
+            scene = contacts.tracker.scene
+            self._visible = VisibleParts(scene)
+            if contacts.moves is not None:
+                contacts.moves.take(scene, time.monotonic_ns())
+                self._report(contacts.moves.reported())
+        self._loop.next = following.address
+        self._forget_unused()
+
+    def _forget_unused(self) -> None:
+        # Here, not in the loop: to free a large scene takes milliseconds.
+        assert self._latest is not None, "the loop has begun"
+        kept = int(self._loop.next), int(self._loop.source), self._latest.address
+        for address in [address for address in self._used if address not in kept]:
+            del self._used[address]
+
+    def _report(self, moves: Mapping[str, ReportedMotion]) -> None:
+        """Have the loop see what was reported of parts."""
+        latest, visible = self._latest, self._visible
+        assert latest is not None and visible is not None, "there are parts"
+        present = {name: motion for name, motion in moves.items() if name in visible.names}
+        if not present:
+            return
+        self._report_count += 1
+        rows, is_hidden, radii = visible.rows_of(list(present))
+        table: Any = latest.motions
+        for name in ("matrix", "velocity", "turning", "pose_ns", "is_moving"):
+            values = np.array([getattr(motion, name) for motion in present.values()])
+            table[name][rows] = values.reshape(len(rows), *table.dtype[name].shape)
+        velocity, turning = table["velocity"][rows], table["turning"][rows]
+        rates = np.linalg.norm(turning, axis=1)
+        rotations = table["matrix"][rows].reshape(-1, 4, 4)[:, :3, :3]
+        for name, turn in zip(("across", "back"), turns(rotations, turning, rates), strict=True):
+            table[name][rows] = turn.reshape(-1, 9)
+        table["turn_rate"][rows], table["is_hidden"][rows] = rates, is_hidden
+        table["top_speed"][rows] = np.linalg.norm(velocity, axis=1) + rates * radii
+        table["ends_ns"][rows] = table["pose_ns"][rows] + HOLD_NS
+        table["number"][rows] = self._report_count
+        latest.publish_motions()
+
+
+class _PartThread(Worker):
+    """Polls when moves or changes come at an input; None: where parts are edited by another thread."""
+
+    def __init__(self, sources: LoopSources, part_input: Any) -> None:
+        super().__init__()
+        self._sources, self._input = sources, part_input
+
+    def close(self) -> None:
+        """End the thread."""
+        self._join()
+
+    def _work(self) -> None:
+        if self._input is not None:
+            self._input.wait(LOOK)
+        self._sources.poll(time.monotonic_ns())
+        time.sleep(APART)
