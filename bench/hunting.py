@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_model import Drum, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import DRUMS
@@ -31,8 +30,8 @@ LEAST_FREQUENCY = 50.0  # Hz: below, there is one step, not a swing to and fro
 SPEED_CUTOFF = 300.0  # Hz, of the speed that is smoothed
 COMPENSATED = 8  # samples after a count, for which friction is made up for
 
-Force = Callable[[np.ndarray], float]
-"""Force that is added to what a servo demands, N, of what its drive remembers, at each sample."""
+Force = Callable[[float], float]
+"""Force that is added to what a servo demands, N, by where it read the drum last, m, at each sample."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +95,11 @@ def _short(force: float) -> str:
 def _press(glove: Decaff, speed: float, cure: Cure) -> Response:
     hand = Hand()
     loop = DecaffLoop(hand, hand.press(speed, hold=HOLD), glove)
-    if cure.added is None:
-        loop.run(Target.TIME_STAMPED)
-        return loop.response
     policy = TargetPolicy(Target.TIME_STAMPED, glove.holding)
-    force = cure.added(glove.drum, glove.servo)
+    force = cure.added(glove.drum, glove.servo) if cure.added else None
     while not loop.is_over:
-        loop.drive[drum_kernels.DRIVE_DEMANDED] += force(loop.drive)
+        if force is not None:
+            loop.drum.servo["demanded"] += force(loop.drum.reported)
         loop.tick(policy.command(loop.distance_sample()))
     return loop.response
 
@@ -135,7 +132,7 @@ def _dither(counts: float) -> Callable[[Drum, Servo], Force]:
         size = 8.0 * drum.mass * counts * drum.resolution * servo.rate**2
         sign = [1.0]
 
-        def force(drive: np.ndarray) -> float:
+        def force(now: float) -> float:
             sign[0] = -sign[0]
             return size * sign[0]
 
@@ -148,9 +145,8 @@ def _friction(drum: Drum, servo: Servo) -> Force:
     """The drum's friction, in the direction of its last count, for a few samples."""
     read, direction, left = math.nan, 0.0, 0
 
-    def force(drive: np.ndarray) -> float:
+    def force(now: float) -> float:
         nonlocal read, direction, left
-        now = float(drive[drum_kernels.DRIVE_LAST_POSITION])
         left = max(0, left - 1)
         if now != read and not math.isnan(read):
             direction, left = math.copysign(1.0, now - read), COMPENSATED
@@ -165,9 +161,8 @@ def _smooth_speed(drum: Drum, servo: Servo) -> Force:
     share = -math.expm1(-2.0 * math.pi * SPEED_CUTOFF / servo.rate)
     read, smooth = math.nan, 0.0
 
-    def force(drive: np.ndarray) -> float:
+    def force(now: float) -> float:
         nonlocal read, smooth
-        now = float(drive[drum_kernels.DRIVE_LAST_POSITION])
         speed = 0.0 if math.isnan(read) else (now - read) * servo.rate
         read = now
         smooth += share * (speed - smooth)

@@ -76,7 +76,7 @@ clock · config · description · finger_kernels · frame_log · realtime · rep
 """,
     "proximity.service.inputs": """
 changes_input · message_input · moves_input
-gloves · inbox · openxr_input · part_prediction · sources
+gloves · inbox · part_prediction · sources
 """,
     "proximity.web": """
 running_page

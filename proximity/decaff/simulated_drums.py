@@ -22,11 +22,10 @@ from proximity.decaff.controller.controller import (
     Observation,
     commanded,
 )
+from proximity.decaff.controller.served_drum import ServedDrum
 from proximity.decaff.controller.settings import CableRule, Limits
-from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum_kernels import serve_against
-from proximity.decaff.drum.drum_model import PAD_STIFFNESS, Drum
-from proximity.decaff.drum.servo import SERVO_RATE, DriveMode, servo_for, steps_a_sample
+from proximity.decaff.drum.drum_model import PAD_STIFFNESS, STOP_GAP, Drum
+from proximity.decaff.drum.servo import SERVO_RATE, DriveMode, servo_for
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove, as_many
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import CONTACT_BEND, Glove
@@ -49,22 +48,18 @@ class DrumPlant:
 
     def __init__(self, path: FingerPath, drum: Drum | None = None, cable: float = math.inf) -> None:
         drum = drum or path.drum
-        servo = servo_for(drum, SERVO_RATE)
-        self._path, self._period = path, servo.period
-        self.drum = drum
-        self._drum, self._servo = drum.as_array(), servo.as_array()
-        self._steps = steps_a_sample(SERVO_RATE)
+        stop = path.drum_position(path.drum_angles[1] + STOP_GAP)
+        self._path, self.drum = path, drum
+        self._served = ServedDrum(drum, servo_for(drum, SERVO_RATE), path.retracted, stop)
+        self._positions = np.zeros(self._served.steps)
         self._stiffness = 1.0 / (1.0 / PAD_STIFFNESS + 1.0 / cable)
-        self._drive = drum.drive(self._period / self._steps)
-        self._command = np.zeros(drum_kernels.COMMAND_SIZE)
         self._left = 0.0
         self.force, self.link = 0.0, -math.inf
-        drum_kernels.rest_drum(self._drum, self._drive, path.retracted)
 
     @property
     def position(self) -> float:
         """Position of the drum on the finger's path, m."""
-        return float(self._drive[drum_kernels.DRIVE_POSITION])
+        return self._served.position
 
     @property
     def angle(self) -> float:
@@ -74,19 +69,19 @@ class DrumPlant:
     @property
     def torque(self) -> float:
         """Torque of the motor at its shaft, N m; pressing on the finger is positive."""
-        return self.drum.motor_torque(-float(self._drive[drum_kernels.DRIVE_APPLIED]))
+        return self.drum.motor_torque(-self._served.applied)
 
     def advance(self, action: DrumAction, finger: float, seconds: float) -> None:
         """Serve an action in whole samples, at most for a tenth of a second; what is left over comes next."""
-        target = action.force if action.mode == drum_kernels.MODE_FORCE else action.position
-        commanded(action, target).write(self._command)
+        served = self._served
+        command = commanded(action, action.force if action.mode == DriveMode.FORCE else action.position)
         time = self._left + min(max(seconds, 0.0), LONGEST_STEP)
-        samples = int(time / self._period)
-        self._left = time - samples * self._period
-        self.force = serve_against(
-            self._drum, self._servo, self._drive, self._command, finger, self._stiffness,
-            samples, self._steps, self._period / self._steps,
-        )  # fmt: skip
+        samples = int(time / served.period)
+        self._left = time - samples * served.period
+        self.force = max(0.0, self._stiffness * (finger - served.arm))
+        for _ in range(samples):
+            served.serve(command, self.force)
+            self.force = served.push(finger, self._stiffness, self._positions)
         self.follow(finger)
 
     def follow(self, finger: float) -> float:

@@ -14,7 +14,6 @@ from proximity.service.inputs.changes_input import Addition, ChangesInput, Reque
 from proximity.service.inputs.gloves import GloveChoices
 from proximity.service.inputs.message_input import MessageInput
 from proximity.service.inputs.moves_input import MovesInput
-from proximity.service.inputs.openxr_input import OpenXrInput
 from proximity.service.inputs.part_prediction import ReportedMotion
 from proximity.service.inputs.sources import PoseInput, RecordingInput
 from proximity.service.loop import Service
@@ -38,7 +37,6 @@ __all__ = [
     "MessageInput",
     "MovesInput",
     "NoPoses",
-    "OpenXrInput",
     "PoseInput",
     "RealTime",
     "RecordingInput",

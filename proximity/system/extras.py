@@ -7,7 +7,7 @@ from proximity.errors import MissingLibraryError
 
 DISTRIBUTION = "cad-proximity"
 """Name on the package index, where ``proximity`` is another project."""
-PACKAGES = {"rerun": "rerun-sdk", "pyvista": "PyVista", "xr": "pyopenxr"}
+PACKAGES = {"pyvista": "PyVista"}
 """Names of packages, by that of the module, where they differ."""
 
 

@@ -24,9 +24,8 @@ from proximity.decaff.controller.controller import (
     largest_passive_stiffness,
 )
 from proximity.decaff.controller.settings import CableRule, ControllerSettings, Limits
-from proximity.decaff.drum import drum_kernels
 from proximity.decaff.drum.drum_model import USUAL_GEAR
-from proximity.decaff.drum.servo import DriveMode, DrumCommand, servo_for
+from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.message import ContactFlag, Defect, Mode, Source, Surface
@@ -251,42 +250,6 @@ def test_encoder_without_a_number_for_a_sample_commands_no_force(program, mode, 
     assert found[5] == found[6] == 0.0
 
 
-@pytest.mark.parametrize("mode", [DriveMode.POSITION, DriveMode.FORCE])
-@pytest.mark.parametrize("name", DRUMS)
-def test_servo_demands_what_the_kernel_demands(name, mode, tmp_path):
-    """But where only the chip's is limited: integral, lead and speed towards the finger, entry."""
-    drum, rng = DRUMS[name], np.random.default_rng(3)
-    servo = servo_for(drum, RATE)
-    program = build(tmp_path, ControllerSettings(RATE, drum, Limits(continuous_force=1e6)))
-    arrays = drum.as_array(), servo.as_array()
-    drive, command = np.zeros(drum_kernels.DRIVE_SIZE), np.zeros(drum_kernels.COMMAND_SIZE)
-    drum_kernels.rest_drum(arrays[0], drive, 0.05)
-    drive[drum_kernels.DRIVE_REFERENCE] = drive[drum_kernels.DRIVE_LAST_POSITION]
-    events, expected = Events(position=drive[drum_kernels.DRIVE_LAST_POSITION]), []
-    for sample in range(6000):
-        if sample % 50 == 0:
-            numbers = (
-                rng.uniform(0.0, 0.1) if mode is DriveMode.POSITION else rng.uniform(0.0, 5.0),
-                np.inf,
-                rng.choice([np.inf, 1.0, 20.0]),
-                rng.choice([np.nan, 0.5]), rng.choice([0.0, np.inf]),
-            )  # fmt: skip
-        DrumCommand(mode, *numbers).write(command)
-        force = max(0.0, 200.0 * (0.06 - drive[drum_kernels.DRIVE_POSITION]))
-        measured = force if sample % 100 < 70 else np.nan
-        drum_kernels.serve(*arrays, drive, command, measured)
-        read = drive[drum_kernels.DRIVE_LAST_POSITION]  # by the encoder
-        applied = drive[drum_kernels.DRIVE_APPLIED]
-        expected.append(applied)
-        events.data += b"V" + np.array([mode], np.uint8).tobytes()
-        events.data += np.array([*numbers, read, measured, 0.0]).tobytes()
-        drive[drum_kernels.DRIVE_SPEED] += (applied + force) / drum.mass / RATE
-        drive[drum_kernels.DRIVE_POSITION] += drive[drum_kernels.DRIVE_SPEED] / RATE
-
-    found = np.frombuffer(events.answers([program], tmp_path), "<f8")
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
-
-
 def served(program, folder, mode, targets, positions, speed_cap):
     """The forces of the servo for targets, m or N, at positions, m."""
     events = Events(position=positions[0])
@@ -399,7 +362,6 @@ def test_numbers_that_python_has_as_well_are_the_same():
     numbers = {
         "UNIT_ERROR": UNIT_ERROR, "MOST_RUNS": message_reader.MOST_RUNS, "LEAST_BEND": LEAST_BEND,
         "RESTART_SILENCE_NS": message_reader.RESTART_SILENCE_NS, "MOST_BEND": MOST_BEND,
-        "STANDING": drum_kernels.STANDING,
     }  # fmt: skip
     for name, number in numbers.items():
         (written,) = re.findall(rf"#define DECAFF_{name} (\S*)", text)

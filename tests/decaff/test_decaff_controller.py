@@ -19,6 +19,7 @@ from proximity.decaff.controller.controller import (
     Trust,
     required_damping,
 )
+from proximity.decaff.controller.served_drum import move
 from proximity.decaff.controller.settings import (
     SERVO_LAG,
     CableRule,
@@ -26,7 +27,7 @@ from proximity.decaff.controller.settings import (
     Limits,
     SteadyRule,
 )
-from proximity.decaff.drum.servo import DriveMode, move, servo_for
+from proximity.decaff.drum.servo import DriveMode, servo_for
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError

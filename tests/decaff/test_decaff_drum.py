@@ -9,9 +9,11 @@ import pytest
 from paper_drums import GEAR49
 from paper_drums import PAPER_DRUMS as DRUMS
 
-from proximity.decaff.drum import drum_kernels, servo
-from proximity.decaff.drum.drum_model import Gear, Motor
-from proximity.decaff.drum.servo import servo_for, settling_time
+from proximity.decaff.controller.served_drum import ServedDrum, settling_time
+from proximity.decaff.drum import drum_kernels
+from proximity.decaff.drum.drum_model import GEAR_STIFFNESS, STOP_STIFFNESS, Gear, Motor
+from proximity.decaff.drum.servo import SERVO_RATE, DriveMode, DrumCommand, servo_for
+from proximity.decaff.glove.glove import DRUMS as DRUMS_OF_GLOVE
 from proximity.errors import ArgumentError
 from proximity.lab.simulation import sweeps
 from proximity.lab.simulation.devices import Decaff, Hand, Sensing
@@ -19,36 +21,28 @@ from proximity.lab.simulation.devices import Decaff, Hand, Sensing
 FRICTIONLESS = replace(paper_drums.MOTOR, friction=0.0)
 
 
-def driven(drum, commanded, samples, *, rate=3000.0, contact=0.0, start=0.0, measured=None):
-    """Positions and forces of a drum, one a sample, under a command and a steady force on it.
+def driven(drum, command, samples, *, contact=0.0, start=0.0, measured=None):
+    """Rows of position, force that is applied, and what the servo remembers, one a sample.
 
-    The servo is given what is *measured* of that force: all of it, where that is None.
+    A steady force is on the drum; the servo is given what is *measured* of it: all of it, where that is None.
     """
-    numbers, gains, drive = (
-        drum.as_array(),
-        servo_for(drum, rate).as_array(),
-        np.zeros(drum_kernels.DRIVE_SIZE),
-    )
-    command = np.zeros(drum_kernels.COMMAND_SIZE)
-    command[drum_kernels.COMMAND_SPEED_CAP] = command[drum_kernels.COMMAND_FORCE_CAP] = math.inf
-    for index, value in commanded.items():
-        command[index] = value
-    drum_kernels.rest_drum(numbers, drive, start)
-    steps = servo.steps_a_sample(rate)
-    rows = []
+    served, rows = ServedDrum(drum, servo_for(drum, SERVO_RATE), start), []
+    positions = np.zeros(1)
     for _ in range(samples):
-        drum_kernels.serve(numbers, gains, drive, command, contact if measured is None else measured)
-        for _ in range(steps):
-            drive[drum_kernels.DRIVE_POSITION], drive[drum_kernels.DRIVE_SPEED] = drum_kernels.pushed(
-                numbers,
-                drive[drum_kernels.DRIVE_APPLIED],
-                contact,
-                drive[drum_kernels.DRIVE_POSITION],
-                drive[drum_kernels.DRIVE_SPEED],
-                1.0 / (rate * steps),
+        served.serve(command, contact if measured is None else measured)
+        for _ in range(served.steps):
+            served.push(served.arm + contact, 1.0, positions)
+        memory = served.servo[0]
+        rows.append(
+            (
+                served.position,
+                served.applied,
+                memory["reference"],
+                memory["reference_speed"],
+                memory["integrated"],
             )
-        rows.append(drive.copy())
-    return np.array(rows)
+        )
+    return np.rec.fromrecords(rows, names="position,applied,reference,speed,integrated")
 
 
 def test_drums_are_one_motor_behind_three_gears():
@@ -60,34 +54,82 @@ def test_drums_are_one_motor_behind_three_gears():
     assert [drum.acceleration for drum in DRUMS.values()] == pytest.approx([800.0, 208.0, 33.0], rel=0.011)
 
 
-@pytest.mark.internals
+def coasted(mode, speed=0.5, drum=GEAR49):
+    """Where a drum without power has come from that speed, and how fast it still is after 1 s."""
+    served = ServedDrum(drum, servo_for(drum, SERVO_RATE), 0.0)
+    served.serve(DrumCommand(mode), math.nan)
+    served.drive[[drum_kernels.DRIVE_SPEED, drum_kernels.DRIVE_ROTOR_SPEED]] = speed
+    served.push(0.0, 0.0, np.zeros(round(1.0 / served.step)))
+    return served.position, served.drive[drum_kernels.DRIVE_ROTOR_SPEED]
+
+
 def test_drum_coasts_until_friction_has_taken_its_energy():
-    numbers, speed, where, step = GEAR49.as_array(), 0.5, 0.0, 1e-5
-    while speed > 0.0:
-        where, speed = drum_kernels.pushed(numbers, 0.0, 0.0, where, speed, step)
+    """From 0.5 m/s v²m/2F; a step's length is what the sum of the steps is uncertain by."""
+    where, speed = coasted(DriveMode.FREE)
 
-    # From 0.5 m/s v²m/2F; a step's length is what the sum of the steps is uncertain by.
     assert speed == 0.0
-    assert where == pytest.approx(0.5 * GEAR49.mass * 0.5**2 / GEAR49.friction, abs=0.5 * step)
+    assert where == pytest.approx(0.5 * GEAR49.mass * 0.5**2 / GEAR49.friction, abs=1e-5)
 
 
-@pytest.mark.internals
+@pytest.mark.parametrize("drum", [GEAR49, replace(GEAR49, motor=replace(paper_drums.MOTOR, friction=0.0))])
+def test_shorted_motor_brakes_the_drum_by_its_own_voltage(drum):
+    """m dv/dt = -stall v / v_most: it comes v m v_most / stall far, without friction."""
+    where, speed = coasted(DriveMode.BRAKED, drum=drum)
+    stall = drum.motor.torque * drum.turn
+    reach = 0.5 * drum.mass * drum.speed_limit / stall
+
+    assert speed == pytest.approx(0.0, abs=1e-12)
+    if drum.friction:
+        assert 0.8 * reach < where < reach
+    else:
+        assert where == pytest.approx(reach, abs=0.5e-5)  # a step of 0.5 m/s
+
+
 def test_motor_has_no_force_left_at_its_speed_limit():
-    fast = GEAR49.speed_limit
-    frictionless = replace(GEAR49, motor=FRICTIONLESS).as_array()
+    fast, frictionless = GEAR49.speed_limit, replace(GEAR49, motor=FRICTIONLESS)
 
-    assert drum_kernels.pushed(frictionless, 50.0, 0.0, 0.0, fast, 1e-5)[1] == fast
-    assert drum_kernels.pushed(frictionless, -50.0, 0.0, 0.0, fast, 1e-5)[1] < fast
-    assert drum_kernels.pushed(frictionless, 50.0, 0.0, 0.0, 0.99 * fast, 1e-5)[1] > 0.99 * fast
+    def after(force, speed):
+        served = ServedDrum(frictionless, servo_for(frictionless, SERVO_RATE), 0.0)
+        served.drive[drum_kernels.DRIVE_APPLIED], served.drive[drum_kernels.DRIVE_ROTOR_SPEED] = force, speed
+        served.push(0.0, 0.0, np.zeros(1))
+        return served.drive[drum_kernels.DRIVE_ROTOR_SPEED]
+
+    assert after(50.0, fast) == fast
+    assert after(-50.0, fast) < fast
+    assert after(50.0, 0.99 * fast) > 0.99 * fast
 
 
-@pytest.mark.internals
+def test_finger_pushes_the_arm_through_the_play_and_then_the_rotor():
+    """A spring keeps the arm where the finger would push it; without one it goes the play before it holds."""
+    drum = replace(DRUMS_OF_GLOVE["gear51"], has_teeth=True)
+    for spring, free in ((1.0, 0.0), (0.0, drum.play)):
+        served = ServedDrum(drum, servo_for(drum, SERVO_RATE), 0.0)
+        served.plant["spring"] *= spring
+        served.drive[drum_kernels.DRIVE_POSITION] = 0.0 if spring else -drum.play
+        begin = served.arm
+        for _ in range(600):
+            served.serve(DrumCommand(), math.nan)
+            served.push(served.arm + 1.0, 1.0, np.zeros(served.steps))
+        held = 1.0 / GEAR_STIFFNESS * drum.lever**2
+        assert served.arm - begin == pytest.approx(free + held, abs=3e-5)
+        assert abs(served.position) < 2e-5
+
+
+def test_drum_stands_at_its_mechanical_stop():
+    drum = DRUMS_OF_GLOVE["gear51"]
+    served = ServedDrum(drum, servo_for(drum, SERVO_RATE), 0.0, stop=0.01)
+    for _ in range(1500):
+        served.serve(DrumCommand(target=0.03, force_cap=10.0), math.nan)
+        served.push(0.0, 0.0, np.zeros(served.steps))
+
+    # 10 N into rubber; the gear rubs by a share of that, and holds what the bump pressed in.
+    pressed_in = 10.0 * drum.lever**2 / STOP_STIFFNESS / (1.0 - drum.loss)
+    assert served.arm == pytest.approx(0.01 + pressed_in, rel=0.01)
+
+
 def test_pulse_width_makes_the_force_a_whole_number_of_steps():
     drum = replace(GEAR49, motor=replace(paper_drums.MOTOR, duty_bits=8))
-    rows = driven(
-        drum, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 5e-3}, 100
-    )
-    widths = rows[:, drum_kernels.DRIVE_APPLIED] / drum.force_step
+    widths = driven(drum, DrumCommand(target=5e-3), 100).applied / drum.force_step
 
     # 28 N behind a gear of four, over 2⁸.
     assert drum.force_step == pytest.approx(112.0 / 256.0)
@@ -96,39 +138,33 @@ def test_pulse_width_makes_the_force_a_whole_number_of_steps():
     assert GEAR49.force_step == 0.0
 
 
-@pytest.mark.internals
 def test_motor_never_pushes_with_more_than_its_limit_or_what_it_is_told():
-    asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
-    full = driven(GEAR49, asked, 60)
-    capped = driven(GEAR49, asked | {drum_kernels.COMMAND_FORCE_CAP: 3.0}, 60)
+    full = driven(GEAR49, DrumCommand(target=0.03), 60).applied
+    capped = driven(GEAR49, DrumCommand(target=0.03, force_cap=3.0), 60).applied
 
-    assert np.abs(full[:, drum_kernels.DRIVE_APPLIED]).max() > 50.0
-    assert np.abs(full[:, drum_kernels.DRIVE_APPLIED]).max() <= GEAR49.force_limit
-    assert np.abs(capped[:, drum_kernels.DRIVE_APPLIED]).max() == 3.0
+    assert 50.0 < np.abs(full).max() <= GEAR49.force_limit
+    assert np.abs(capped).max() == 3.0
 
 
-@pytest.mark.internals
 def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
-    rows = driven(GEAR49, {drum_kernels.COMMAND_MODE: drum_kernels.MODE_OFF}, 30, contact=1.0, start=0.01)
+    rows = driven(GEAR49, DrumCommand(DriveMode.FREE), 30, contact=1.0, start=0.01)
 
-    time = 30 / 3000.0
+    time = 30 / SERVO_RATE
     fallen = 0.5 * (1.0 - GEAR49.friction) / GEAR49.mass * time**2
-    assert not rows[:, drum_kernels.DRIVE_APPLIED].any()
+    assert not rows.applied.any()
     # Semi-implicit steps are half a step ahead.
-    assert rows[-1, drum_kernels.DRIVE_POSITION] - 0.01 == pytest.approx(fallen, rel=2e-3)
+    assert rows.position[-1] - 0.01 == pytest.approx(fallen, rel=2e-3)
 
 
-@pytest.mark.internals
 def test_force_that_is_not_measured_is_served_without_an_integral():
     """Of nan the integral became nan, and with it the motor's force, for good."""
-    asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_FORCE, drum_kernels.COMMAND_TARGET: 0.5}
-    asked |= {drum_kernels.COMMAND_START_FORCE: math.nan, drum_kernels.COMMAND_SLEW: math.inf}
+    asked = DrumCommand(DriveMode.FORCE, 0.5, force_slew=math.inf)
     blind = driven(GEAR49, asked, 30, contact=0.5, measured=math.nan)
     seeing = driven(GEAR49, asked, 30, contact=0.5, measured=0.4)
 
-    assert not blind[:, drum_kernels.DRIVE_INTEGRATED].any()
-    assert blind[-1, drum_kernels.DRIVE_APPLIED] == pytest.approx(-0.5)
-    assert seeing[-1, drum_kernels.DRIVE_INTEGRATED] > 0.0
+    assert not blind.integrated.any()
+    assert blind.applied[-1] == pytest.approx(-0.5)
+    assert seeing.integrated[-1] > 0.0
 
 
 @pytest.mark.parametrize(
@@ -143,33 +179,26 @@ def test_stiffness_of_servos(name, rate, stiffness):
     assert found.stiffness * found.period**2 / DRUMS[name].mass == pytest.approx(0.2 * 0.14446935, rel=1e-7)
 
 
-@pytest.mark.internals
 def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
-    gains = servo_for(GEAR49, 3000.0)
-    rows = driven(
-        GEAR49,
-        {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03},
-        120,
-    )
-    speeds = rows[:, drum_kernels.DRIVE_REFERENCE_SPEED]
-    references = rows[:, drum_kernels.DRIVE_REFERENCE]
+    gains = servo_for(GEAR49, SERVO_RATE)
+    rows = driven(GEAR49, DrumCommand(target=0.03), 120)
 
-    assert speeds.max() == pytest.approx(1.75)  # m/s, as required
-    assert np.abs(np.diff(speeds)).max() <= gains.acceleration * gains.period * (1.0 + 1e-12)
-    assert references[-1] == pytest.approx(0.03, abs=1e-12)
+    assert rows.speed.max() == pytest.approx(1.75)  # m/s, as required
+    assert np.abs(np.diff(rows.speed)).max() <= gains.acceleration * gains.period * (1.0 + 1e-12)
+    assert rows.reference[-1] == pytest.approx(0.03, abs=1e-12)
     # Speeds that are no whole number of changes leave an eighth of one's way, 3 µm, to go back.
-    assert references.max() <= 0.03 + 0.125 * gains.acceleration * gains.period**2
+    assert rows.reference.max() <= 0.03 + 0.125 * gains.acceleration * gains.period**2
     # Speeding up, going and braking take R/v + v/a; that speeds change by samples, one of these more or less.
     fastest = 0.03 / 1.75 + 1.75 / gains.acceleration
-    assert (np.argmax(references >= 0.03 - 1e-9) + 1) / 3000.0 == pytest.approx(fastest, abs=1 / 3000.0)
+    assert (np.argmax(rows.reference >= 0.03 - 1e-9) + 1) / SERVO_RATE == pytest.approx(
+        fastest, abs=1 / SERVO_RATE
+    )
 
 
-@pytest.mark.internals
 def test_speed_cap_is_kept():
-    asked = {drum_kernels.COMMAND_MODE: drum_kernels.MODE_POSITION, drum_kernels.COMMAND_TARGET: 0.03}
-    rows = driven(GEAR49, asked | {drum_kernels.COMMAND_SPEED_CAP: 0.05}, 300)
+    rows = driven(GEAR49, DrumCommand(target=0.03, speed_cap=0.05), 300)
 
-    assert rows[:, drum_kernels.DRIVE_REFERENCE_SPEED].max() == pytest.approx(0.05)
+    assert rows.speed.max() == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize(

@@ -135,20 +135,20 @@ def test_drums_controller_makes_up_for_the_stretch_as_the_policy_does(stretch, s
 @pytest.mark.internals
 def test_current_takes_its_time_and_the_motors_speed_its_voltage():
     """Full force stands after five time constants; at half the speed limit half of it is left."""
-    wound = replace(GEAR49, motor=replace(MOTOR, electrical_time=0.12e-3, current_bandwidth=50e3)).as_array()
+    wound = replace(GEAR49, motor=replace(MOTOR, electrical_time=0.12e-3, current_bandwidth=50e3))
     stall, fast = 112.0, GEAR49.speed_limit
 
-    def after(seconds, speed):
+    def after(seconds, speed, drum=wound, asked=2.0 * stall, mode=drum_kernels.MODE_FORCE):
         force = 0.0
         for _ in range(round(seconds / 1e-6)):
-            force = drum_kernels.current_force(wound, 2.0 * stall, force, speed, 1e-6)
+            force = drum_kernels.motor_force(drum.as_array()[0], mode, asked, force, speed, 1e-6)
         return force
 
     assert after(0.12e-3, 0.0) == pytest.approx(stall * (1.0 - math.exp(-1.0)), rel=0.01)
     assert after(1.2e-3, 0.5 * fast) == pytest.approx(0.5 * stall, rel=0.01)
-    assert (
-        drum_kernels.current_force(GEAR49.as_array(), 5.0, 0.0, fast, 1e-6) == 5.0
-    )  # at once, without a winding
+    assert after(1e-6, 0.9 * fast, GEAR49, 5.0) == 5.0  # at once, without a winding
+    assert after(1.2e-3, 0.5 * fast, mode=drum_kernels.MODE_BRAKED) == pytest.approx(-0.5 * stall, rel=0.01)
+    assert after(1e-3, fast, mode=drum_kernels.MODE_FREE) == 0.0
 
 
 @pytest.mark.parametrize(

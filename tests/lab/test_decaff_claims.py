@@ -8,6 +8,7 @@ from pages import PAGES
 from sampled_walls import stepped_radius
 from scipy.stats import qmc
 
+from proximity.decaff.controller import served_drum
 from proximity.decaff.drum import sampled_mass
 from proximity.decaff.drum.sampled_mass import SampledMass
 from proximity.decaff.drum.servo import SIMULATION_STEP, steps_a_sample
@@ -63,7 +64,8 @@ def test_digits_of_simulated_claims_are_those_that_a_finer_step_gives(found, mon
     def twice_the_steps(rate, step=SIMULATION_STEP):
         return steps_a_sample(rate, 0.5 * step)
 
-    monkeypatch.setattr(closed_loop, "steps_a_sample", twice_the_steps)
+    for module in (closed_loop, served_drum):
+        monkeypatch.setattr(module, "steps_a_sample", twice_the_steps)
     fine_drum = partial(closed_loop.ideal_drum, step=0.5 * SIMULATION_STEP)
     monkeypatch.setattr(claims, "ideal_drum", fine_drum)
     after = [one.here for one in claims.claims() if any(words in one.paper for words in simulated)]

@@ -289,6 +289,21 @@ def test_deformable_part_gives_way_as_its_law_says(stiffness, damping, tilt):
     assert press.error.share < 0.08
 
 
+@pytest.mark.parametrize("yields", [300.0, 1000.0, 3000.0])
+@pytest.mark.parametrize(("stiffness", "share"), [(300.0, 0.21), (800.0, 0.10)])
+def test_deformable_part_is_displayed_to_any_finger_that_yields(yields, stiffness, share):
+    """*yields*: N/m of the hand behind the finger."""
+    hand = Hand(stiffness=yields)
+    finger = place_finger(box_scene(stiffness=stiffness, damping=2.0), (0.0, 0.0, 0.01))
+    setup = EngineSetup(start_distance=START_DISTANCE, drum=EngineSetup().drum)
+    press = press_on_part(finger, hand.press(0.1, hold=0.6), setup, hand)
+    row = press.response.zero + round(0.6 / press.response.step)
+
+    assert set(press.states) == {"retracted", "approach", "force"}
+    assert press.response.force[row] == pytest.approx(press.real.force[row], rel=0.005)
+    assert press.error.share < share
+
+
 def recording(depths, rate=100.0):
     """A fingertip above the box, coming and going as told: positive is pressed in."""
     positions = np.full((len(depths), 1, 3), np.nan)

@@ -15,11 +15,10 @@ from proximity.decaff.calibration.simulated_glove import SimulatedGlove
 from proximity.decaff.calibration.tasks import Bench
 from proximity.decaff.controller.chip_sources import controller_sources
 from proximity.decaff.controller.controller import SurfaceLaw, required_damping
+from proximity.decaff.controller.served_drum import ServedDrum, move, settling_time
 from proximity.decaff.controller.settings import ControllerSettings
-from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum.drum_kernels import serve_against
 from proximity.decaff.drum.drum_model import MOST_LATENCY, Motor
-from proximity.decaff.drum.servo import SERVO_RATE, move, servo_for, settling_time, steps_a_sample
+from proximity.decaff.drum.servo import SERVO_RATE, DriveMode, DrumCommand, servo_for
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove, read_any_glove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
@@ -73,16 +72,11 @@ def test_service_loses_the_backlash_where_a_finger_turns():
 def swung(drum, torques, rate=SERVO_RATE):
     """Angles of the simulated drum, by its encoder, as torques are commanded in force mode."""
     servo = replace(servo_for(drum, rate), force_gain=0.0, force_damping=0.0, force_slew=math.inf)
-    steps = steps_a_sample(rate)
-    arrays = drum.as_array(), servo.as_array(), drum.drive(servo.period / steps)
-    drum_kernels.rest_drum(arrays[0], arrays[2], 0.0)
-    command, angles = np.zeros(drum_kernels.COMMAND_SIZE), np.zeros(len(torques))
-    command[drum_kernels.COMMAND_MODE] = drum_kernels.MODE_FORCE
-    command[drum_kernels.COMMAND_FORCE_CAP], command[drum_kernels.COMMAND_START_FORCE] = math.inf, math.nan
+    served, angles = ServedDrum(drum, servo, 0.0), np.zeros(len(torques))
     for i, torque in enumerate(torques):
-        command[drum_kernels.COMMAND_TARGET] = -torque / drum.lever
-        serve_against(*arrays, command, NOWHERE, 1.0, 1, steps, servo.period / steps)
-        angles[i] = arrays[2][drum_kernels.DRIVE_LAST_POSITION] / drum.lever
+        served.serve(DrumCommand(DriveMode.FORCE, -torque / drum.lever), math.nan)
+        served.push(NOWHERE, 1.0, np.zeros(served.steps))
+        angles[i] = served.reported / drum.lever
     return angles
 
 

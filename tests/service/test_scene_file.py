@@ -210,7 +210,7 @@ rate = \n | 1: invalid TOML at column
 [service]\nrate_hz = 1\nrate_hz = 2\n | 3: invalid TOML at column 12: Cannot overwrite a value
  | 1: the file is empty, expected a scene file in TOML
 # nothing\n | 1: [[parts]] is missing, expected at least one (and 1 more mistake, on line 1)
-{PART} | 1: [input] is missing, expected it to have recording, openxr, poses or sensor
+{PART} | 1: [input] is missing, expected it to have recording, poses or sensor
 {POSES} | 1: [[parts]] is missing, expected at least one
 {PART}{POSES}[servise]\n | 5: the file has no key 'servise': did you mean service?
 service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
@@ -241,7 +241,7 @@ service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
 {PART}kind = 'deformable'\n{POSES} | 1: parts[0].stiffness is missing, expected a number above 0 to 1e+12 (N/
 {PART}stiffness = 100\n{POSES} | 3: parts[0].stiffness is of a deformable part, expected kind = "deformable"
 {PART}name = 'a'\n{PART}name = 'a'\n{POSES} | 6: parts[1].name is 'a', as of the part on line 3, expected nam
-{PART}[input]\n | 3: [input] has no source, expected recording, openxr, poses or sensor
+{PART}[input]\n | 3: [input] has no source, expected recording, poses or sensor
 {PART}{POSES}recording = 'hand.csv'\n | 4: input.poses is given together with input.recording, expected only
 {PART}{SENSOR} | 1: [[parts]] cannot be used: distances are measured by input.sensor, there is no geometry
 {SENSOR}moves = 'mailbox:moves'\n | 3: input.moves cannot be used: distances are measured

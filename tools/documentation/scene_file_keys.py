@@ -21,7 +21,7 @@ PURPOSES = {
     "service": "How often the service answers, and where it publishes.",
     "fingers": "The fingertips that are followed.",
     "parts": "A file of one part or several. Repeat the table for every file.",
-    "input": "Where poses come from: exactly one of `recording`, `openxr`, `poses` and `sensor`.",
+    "input": "Where poses come from: exactly one of `recording`, `poses` and `sensor`.",
     "glove": "The calibration of the glove that is worn. Requires `input.poses`.",
     "web": "The page beside the service, with `proximity serve --web`.",
 }

@@ -38,14 +38,17 @@ def _structures() -> dict[str, np.dtype]:
 
 
 _KINDS = _structures()
-SETTINGS, PATH, CONTROLLER, OBSERVATION, ACTION, STEADY = (
-    _KINDS[f"decaff_{name}"] for name in ("settings", "path", "controller", "observation", "action", "steady")
+SETTINGS, PATH, CONTROLLER, OBSERVATION, ACTION, STEADY, SERVO = (
+    _KINDS[f"decaff_{name}"]
+    for name in ("settings", "path", "controller", "observation", "action", "steady", "servo")
 )
 MOST_STEADY = int(dict(_LENGTH.findall(HEADER.read_text(encoding="ascii")))["DECAFF_MOST_STEADY"])
 _SIGNATURES = {
     "begin": "uint8[:], uint8[:]",
     "reset": "uint8[:]",
     "step": "uint8[:, :], uint8[:, :], uint8[:, :]",
+    "servo_begin": "uint8[:], uint8[:], float",
+    "servo_step": "uint8[:], uint8[:], float, float -> float",
     "is_steady": "uint8[:], uint8[:], float, float -> bool",
     "displayed": "uint8[:], float, float -> float, float",
 }
@@ -55,11 +58,12 @@ _SIGNATURES = {
 def in_c(name: str) -> Any:
     """Return a function of the controller, of bytes of these structures."""
     try:
-        sizes = np.zeros(8, np.int64)
-        function_in_c("controller_sizes", "int64[8]")(sizes)
+        sizes = np.zeros(9, np.int64)
+        function_in_c("controller_sizes", "int64[9]")(sizes)
         if sizes.tolist() != [
             *(kind.itemsize for kind in (SETTINGS, PATH, CONTROLLER, OBSERVATION, ACTION, STEADY, CONTACT)),
             VERSION,
+            SERVO.itemsize,
         ]:
             raise ImportError("its structures are others than those of the compiled controller")
         return function_in_c(f"controller_{name}", _SIGNATURES[name])

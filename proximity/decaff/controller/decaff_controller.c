@@ -1448,8 +1448,10 @@ static decaff_real demand_force(decaff_servo *servo, const decaff_action *action
 {
     const decaff_settings *set = servo->settings;
     decaff_real slew = (action->force_slew > 0.0) ? action->force_slew : set->servo_force_slew, demand;
-    /* Towards a finger that it has lost: a brake that is proportional begins before the cap. */
-    decaff_real too_fast = greater(-speed - (DECAFF_BRAKE_FROM * action->speed_cap), 0.0);
+    /* Towards a finger that it has lost, or may have: a brake that is proportional begins before the cap. Where the
+     * finger is felt it begins at a count of the encoder in a sample, or single counts would push the drum off. */
+    decaff_real count = (force > set->touch_force) ? (2.0 * set->servo_deadband / set->period) : 0.0;
+    decaff_real too_fast = greater(-speed - greater(DECAFF_BRAKE_FROM * action->speed_cap, count), 0.0);
 
     servo->force_reference += within(action->force - servo->force_reference, slew * set->period);
     demand = -servo->force_reference - servo->integrated - (set->servo_force_damping * speed);

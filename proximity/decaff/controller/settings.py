@@ -163,7 +163,8 @@ class ControllerSettings:
         """Return them as the C code has them: a record, and its bytes."""
         _, record, content = memory(SETTINGS)
         servo = self.servo or servo_for(self.drum, self.rate)
-        for name, number in (self._of_rules() | self._of_motion(servo) | self._of_servo(servo)).items():
+        numbers = servo_numbers(self.drum, servo, self.limits.continuous_force)
+        for name, number in (numbers | self._of_rules() | self._of_motion(servo)).items():
             record[name] = number
         return record, content
 
@@ -190,16 +191,18 @@ class ControllerSettings:
             "cable_decay": 2.0 * math.pi * self.cable.smoothing,
         }
 
-    def _of_servo(self, servo: Servo) -> dict[str, float]:
-        drum = self.drum
-        return {f"servo_{name}": getattr(servo, name) for name in OF_SERVO} | {
-            "servo_integral": servo.stiffness / servo.integral_time,
-            "servo_integral_limit": drum.friction + self.limits.continuous_force / drum.gear.efficiency,
-            "servo_smoothing_share": low_pass(servo.smoothing, servo.period),
-            "drum_force_limit": drum.force_limit,
-            "drum_ratio": drum.gear.ratio,
-            "drum_efficiency": drum.gear.efficiency,
-            "drum_latency": drum.motor.latency,
-            "motor_torque": drum.motor_torque(math.inf),
-            "motor_speed": drum.motor_speed(math.inf),
-        }
+
+def servo_numbers(drum: Drum, servo: Servo, continuous_force: float) -> dict[str, float]:
+    """Return what the C servo needs of its settings, for a drum and a force, N, that it may hold for ever."""
+    return {f"servo_{name}": getattr(servo, name) for name in OF_SERVO} | {
+        "period": servo.period,
+        "servo_integral": servo.stiffness / servo.integral_time,
+        "servo_integral_limit": drum.friction + continuous_force / drum.gear.efficiency,
+        "servo_smoothing_share": low_pass(servo.smoothing, servo.period),
+        "drum_force_limit": drum.force_limit,
+        "drum_ratio": drum.gear.ratio,
+        "drum_efficiency": drum.gear.efficiency,
+        "drum_latency": drum.motor.latency,
+        "motor_torque": drum.motor_torque(math.inf),
+        "motor_speed": drum.motor_speed(math.inf),
+    }

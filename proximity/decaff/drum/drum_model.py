@@ -18,7 +18,15 @@ REFERENCE_SHARE = 0.5  # of the force limit, that the reference's acceleration m
 PLANNED_SPEED_SHARE = 0.7  # of the motor's speed, that the servo plans with; assumed
 MOST_LATENCY = 0.020  # s, of a motor: later, its servo is softer than a fingertip; assumed
 PHASE_SEED = 29  # of walls that lie at random within an encoder count
+STICTION = 1.5  # of the friction of a rotor that turns, where it stands; assumed
 PAD_STIFFNESS = 200.0  # N/m, of a fingertip; the paper's
+ARM_INERTIA = 1.6e-5  # kg m², of the arm: a roller of 10 g
+ARM_FRICTION = 0.002  # N m; assumed
+ARM_SPRING = 0.012  # N m, that turns the arm away from the finger, against the gear's play; assumed
+GEAR_STIFFNESS = 300.0  # N m/rad, of a gear whose play is used up; assumed
+GEAR_DAMPING = 0.02  # N m s/rad; assumed
+STOP_GAP = 0.1  # rad, from the retracted drum to its mechanical stop
+STOP_STIFFNESS, STOP_DAMPING = 300.0, 1.4  # N m/rad and N m s/rad, of rubber; assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +126,7 @@ class Drum:
     gear: Gear = GEARS[USUAL_GEAR]
     usable_acceleration: float | None = None  # m/s², of the reference; None: half of what the force allows
     encoder_phase: float = 0.0  # of a count, by which one lies beyond the position 0
+    has_teeth: bool = False  # simulated with the gear's play and elasticity, the arm's mass, and stiction
 
     def __post_init__(self) -> None:
         positive("lever", self.lever, "metres to a radian")
@@ -215,25 +224,29 @@ class Drum:
         most = self.speed_limit
         return min(max(speed, -most), most) * self.turn
 
-    def as_array(self) -> np.ndarray:
-        """Return its numbers as the kernels read them."""
-        array = np.zeros(kernels.DRUM_SIZE)
-        array[kernels.DRUM_MASS] = self.mass
-        array[kernels.DRUM_FRICTION] = self.friction
-        array[kernels.DRUM_FORCE_LIMIT] = self.force_limit
-        array[kernels.DRUM_SPEED_LIMIT] = self.speed_limit
-        array[kernels.DRUM_RESOLUTION] = self.resolution
-        array[kernels.DRUM_FORCE_STEP] = self.force_step
-        array[kernels.DRUM_OFFSET] = self.encoder_phase * self.resolution
-        array[kernels.DRUM_STALL_FORCE] = self.motor.torque * self.turn
-        array[kernels.DRUM_ELECTRICAL_TIME] = self.motor.electrical_time
-        array[kernels.DRUM_CURRENT_RATE] = 2.0 * math.pi * self.motor.current_bandwidth
-        array[kernels.DRUM_LOSS] = self.loss
-        return array
+    def reading(self, position: float) -> float:
+        """Return a position of the rotor as its encoder has it, m: that of the nearest count."""
+        step, offset = self.resolution, self.encoder_phase * self.resolution
+        return math.floor((position - offset) / step + 0.5) * step + offset
 
-    def drive(self, step: float) -> np.ndarray:
-        """Return the memory of a drive for the kernels, with room for what its latency keeps under way."""
-        return np.zeros(kernels.DRIVE_SIZE + round(self.motor.latency / step))
+    def as_array(self, stop: float = math.inf) -> np.ndarray:
+        """Return its numbers as the kernels read them, with a mechanical stop at a position, m."""
+        motor, lever, squared = self.motor, self.lever, self.lever**2
+        stiction, play = (STICTION, self.play) if self.has_teeth else (1.0, 0.0)
+        numbers = (
+            self.mass, self.friction, stiction, motor.torque * self.turn, self.speed_limit,
+            motor.electrical_time, 2.0 * math.pi * motor.current_bandwidth, self.loss,
+            play, ARM_INERTIA / squared, ARM_FRICTION / lever, ARM_SPRING / lever, GEAR_STIFFNESS / squared,
+            GEAR_DAMPING / squared, stop, STOP_STIFFNESS / squared, STOP_DAMPING / squared,
+        )  # fmt: skip
+        return np.array([numbers], kernels.DRUM)
+
+    def drive(self, step: float, position: float) -> np.ndarray:
+        """Return the memory of a drive at rest, with room for what its latency keeps under way."""
+        drive = np.zeros(kernels.DRIVE_SIZE + round(self.motor.latency / step))
+        drive[[kernels.DRIVE_POSITION, kernels.DRIVE_ROTOR]] = position
+        drive[kernels.DRIVE_MODE] = kernels.MODE_POSITION
+        return drive
 
 
 def with_random_phases(drum: Drum, count: int) -> list[Drum]:

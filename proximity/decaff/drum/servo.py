@@ -1,4 +1,4 @@
-"""Servo of a drum: a position loop with a shaped reference, or a force, sample by sample.
+"""Settings of a drum's servo, which is the C of the chip, and what a controller commands.
 
 The servo holds the drum where it should be, as a sampled wall would; what bounds such a wall bounds its
 stiffness (science/drum.md). It acts one sample late, and later still by the motor's latency. Its reference is
@@ -9,12 +9,10 @@ import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-import numpy as np
 from scipy.optimize import minimize_scalar
 
 from proximity.checks import not_negative, positive
 from proximity.decaff.drum import drum_kernels
-from proximity.decaff.drum import drum_kernels as kernels
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.sampled_mass import (
     Gains,
@@ -30,11 +28,11 @@ from proximity.errors import ArgumentError
 class DriveMode(IntEnum):
     """State of the motor's driver."""
 
-    FREE = drum_kernels.MODE_OFF
+    FREE = drum_kernels.MODE_FREE
     """No power, windings open."""
     POSITION = drum_kernels.MODE_POSITION
     FORCE = drum_kernels.MODE_FORCE
-    BRAKED = 3
+    BRAKED = drum_kernels.MODE_BRAKED
     """No power, windings shorted: a drum that moves brakes itself."""
 
 
@@ -51,15 +49,6 @@ class DrumCommand:
     )  # N, the force reference at a change to force; nan: from nothing, not bumpless
 
     force_slew: float = 0.0  # N/s, of the force reference; 0: the servo's own, inf: at once
-
-    def write(self, array: np.ndarray) -> None:
-        """Write it as the kernels read it."""
-        array[drum_kernels.COMMAND_MODE] = self.mode
-        array[drum_kernels.COMMAND_TARGET] = self.target
-        array[drum_kernels.COMMAND_SPEED_CAP] = self.speed_cap
-        array[drum_kernels.COMMAND_FORCE_CAP] = self.force_cap
-        array[drum_kernels.COMMAND_START_FORCE] = self.start_force
-        array[drum_kernels.COMMAND_SLEW] = self.force_slew
 
 
 SERVO_RATE = 3000.0  # Hz, where nothing else is said; assumed
@@ -105,22 +94,6 @@ class Servo:
         """Period of a sample, s."""
         return 1.0 / self.rate
 
-    def as_array(self) -> np.ndarray:
-        """Return its numbers as the kernels read them."""
-        array = np.zeros(kernels.SERVO_SIZE)
-        array[kernels.SERVO_PERIOD] = self.period
-        array[kernels.SERVO_STIFFNESS] = self.stiffness
-        array[kernels.SERVO_DAMPING] = self.damping
-        array[kernels.SERVO_INTEGRAL] = self.stiffness / self.integral_time
-        array[kernels.SERVO_ACCELERATION] = self.acceleration
-        array[kernels.SERVO_SPEED] = self.speed
-        array[kernels.SERVO_FORCE_GAIN] = self.force_gain
-        array[kernels.SERVO_FORCE_DAMPING] = self.force_damping
-        array[kernels.SERVO_FORCE_SLEW] = self.force_slew
-        array[kernels.SERVO_SMOOTHING] = self.smoothing
-        array[kernels.SERVO_DEADBAND] = self.deadband
-        return array
-
 
 def best_damped(device: SampledMass, share: float = WELL_DAMPED_SHARE) -> Gains:
     """Return a stiffness, and the damping with which disturbances die out fastest."""
@@ -162,28 +135,3 @@ def servo_for(drum: Drum, rate: float) -> Servo:
 def steps_a_sample(rate: float, step: float = SIMULATION_STEP) -> int:
     """Return into how many steps of the plant a sample is cut, so that none is longer than *step*."""
     return math.ceil(1.0 / (positive("rate", rate, "hertz") * positive("step", step, "seconds")) - 1e-9)
-
-
-def move(drum: Drum, servo: Servo, distance: float, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return how a drum goes from rest to a position, nothing in its path: times, s, and positions, m."""
-    steps = steps_a_sample(servo.rate)
-    step = servo.period / steps
-    positions = np.zeros(math.ceil(positive("duration", duration, "seconds") / step))
-    kernels.move_drum(
-        drum.as_array(), servo.as_array(), drum.drive(step), float(distance), steps, step, positions
-    )
-    return step * np.arange(1, len(positions) + 1), positions
-
-
-def settling_time(
-    drum: Drum, servo: Servo, distance: float, *, within: float = 1e-4, longest: float = 0.5
-) -> float:
-    """Return the settling time of a drum, s: when it stays near its target; inf if it never does."""
-    if not math.isfinite(distance) or abs(distance) <= within:
-        raise ArgumentError(
-            f"distance is {distance!r}, expected metres, farther than {within:g} from the start"
-        )
-    times, positions = move(drum, servo, distance, longest)
-    is_away = np.abs(positions - distance) > within
-    last = int(np.flatnonzero(is_away)[-1])
-    return float(times[last + 1]) if last + 1 < len(times) else math.inf

@@ -4,8 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from proximity.decaff.controller.served_drum import move, settling_time
 from proximity.decaff.drum.drum_model import Drum, with_random_phases
-from proximity.decaff.drum.servo import SERVO_RATE, move, servo_for, settling_time
+from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.glove import Glove, tip_drums
 from proximity.lab.figures import style
 from proximity.lab.figures.style import Table, caption, gears_words, hand_words

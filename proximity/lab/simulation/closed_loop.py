@@ -2,8 +2,7 @@
 
 The same hand presses on each, so that the forces compare. Times count from the contact: the instant at which
 the hand's intent reaches the surface, at 0. A drum learns of the wall by distances, late and now and then;
-who makes a target of them is one of `target_policies`, compiled with the loop, or any controller, asked at
-every sample.
+who makes a target of them is one of `target_policies`, or any controller, asked at every sample of the servo.
 """
 
 import math
@@ -12,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from proximity.checks import not_negative, positive
+from proximity.decaff.controller.served_drum import ServedDrum
 from proximity.decaff.drum import drum_kernels
+from proximity.decaff.drum.drum_model import STOP_GAP
 from proximity.decaff.drum.servo import SIMULATION_STEP, DrumCommand, steps_a_sample
 from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Intent
-from proximity.lab.simulation import press_kernels, target_kernels
+from proximity.lab.simulation import press_kernels
 from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Decaff, Hand, Link, TipCable
 from proximity.lab.simulation.press_kernels import PressArrays
 from proximity.lab.simulation.target_policies import (
@@ -24,7 +25,7 @@ from proximity.lab.simulation.target_policies import (
     DistanceSample,
     Message,
     Target,
-    target_arrays,
+    TargetPolicy,
 )
 from proximity.native import packed
 
@@ -104,8 +105,8 @@ def coupled_wall(
 def ideal_drum(hand: Hand, press: Intent, *, step: float = SIMULATION_STEP) -> Response:
     """Return a press on a drum that stands at the wall and does not move: what a link alone costs."""
     response, arrays = _empty(hand, press, step, LEAD)
-    drum, drive = np.zeros(drum_kernels.DRUM_SIZE), np.zeros(drum_kernels.DRIVE_SIZE)
-    drum[drum_kernels.DRUM_MASS] = drum[drum_kernels.DRUM_SPEED_LIMIT] = math.inf
+    drum, drive = np.zeros(1, drum_kernels.DRUM), np.zeros(drum_kernels.DRIVE_SIZE)
+    drum["mass"] = drum["speed_limit"] = drum["stop"] = math.inf
     whole = packed(arrays._replace(drum=drum, drive=drive))
     press_kernels.begin_press(whole)
     press_kernels.press_drum(whole, 0, len(response.force))
@@ -117,38 +118,31 @@ def decaff(
 ) -> Response:
     """Return a press on a drum that is sent to where the wall is said to be."""
     loop = DecaffLoop(hand, press, glove)
-    if isinstance(target, Target):
-        loop.run(target)
-        return loop.response
-    if not callable(getattr(target, "command", None)):
+    controller = TargetPolicy(target, glove.holding) if isinstance(target, Target) else target
+    if not callable(getattr(controller, "command", None)):
         raise ArgumentError(f"target is {target!r}, expected a Target or a controller with a method command")
     while not loop.is_over:
-        loop.tick(target.command(loop.distance_sample()))
+        loop.tick(controller.command(loop.distance_sample()))
     return loop.response
 
 
 class DecaffLoop:
-    """A glove with a drum, a sample of its servo at a time, for controllers outside compiled code."""
+    """A glove with a drum, a sample of its servo at a time."""
 
     response: Response  # filled as far as the loop has come
-    drive: np.ndarray  # of drum and servo, as of `drum_kernels`; a study may change what is demanded
+    drum: ServedDrum
 
     def __init__(self, hand: Hand, press: Intent, glove: Decaff) -> None:
-        steps = steps_a_sample(glove.servo.rate)
-        lead, step = press.lead(glove.sensing.reach + LEAD), glove.servo.period / steps
+        retracted = glove.holding.retracted
+        self.drum = ServedDrum(glove.drum, glove.servo, retracted, retracted + STOP_GAP * glove.drum.lever)
+        steps, lead = self.drum.steps, press.lead(glove.sensing.reach + LEAD)
         self.response, arrays = _empty(
-            hand, press, step, lead, multiple=steps, link=glove.link, cable=glove.cable
+            hand, press, self.drum.step, lead, multiple=steps, link=glove.link, cable=glove.cable
         )
         self._steps, self._first, self._back = steps, 0, 0.0
-        self._resolution = glove.sensing.resolution
-        self.drive, self._command = glove.drum.drive(step), np.zeros(drum_kernels.COMMAND_SIZE)
-        self._drum, self._servo = glove.drum.as_array(), glove.servo.as_array()
-        self._press = packed(
-            arrays._replace(drum=self._drum, servo=self._servo, drive=self.drive, command=self._command)
-        )
-        targets = target_arrays(glove.holding, glove.sensing, len(self.response.force) * step)
-        self._message, self._targets = targets.message, packed(targets)
-        drum_kernels.rest_drum(self._drum, self.drive, glove.holding.retracted)
+        self._sensing = glove.sensing
+        self._noise = glove.sensing.noises(len(self.response.force) * self.response.step)
+        self._press = packed(arrays._replace(drum=self.drum.plant, drive=self.drum.drive))
         press_kernels.begin_press(self._press)
 
     @property
@@ -165,19 +159,32 @@ class DecaffLoop:
         """Return what a controller knows at this sample."""
         self._must_go_on()
         response, row = self.response, self._first
-        target_kernels.read_message(self._press, self._targets, row)
-        at, link, speed, distance = self._message[0].item()
         return DistanceSample(
             self.now,
             self._read(float(response.link[row])),
             float(response.link_speed[row]),
             float(response.finger_speed[row]),
-            float(self.drive[drum_kernels.DRIVE_POSITION]),
+            self.drum.position,
             self._back,
-            float(self.drive[drum_kernels.DRIVE_DEMANDED]),
-            float(self.drive[drum_kernels.DRIVE_APPLIED]),
-            Message(at, link, speed, distance) if at > -math.inf else None,
+            self.drum.applied,
+            self._message(row),
         )
+
+    def _message(self, row: int) -> Message | None:
+        """The newest message that is delivered at a row; None if there is none, or nothing within reach."""
+        response, sensing = self.response, self._sensing
+        # A millionth of a period decides nothing but ties.
+        asked = math.floor((row * response.step - sensing.latency) * sensing.rate - sensing.phase + 1e-6)
+        if asked < 0:
+            return None
+        then = min(row, round((asked + sensing.phase) / (sensing.rate * response.step)))
+        at, link = (then - response.zero) * response.step, self._read(float(response.link[then]))
+        distance = sensing.wall_speed * at - link
+        noise = float(self._noise[asked % len(self._noise)])
+        distance += sensing.scale_error * distance + sensing.bias + noise
+        if not distance <= sensing.reach:
+            return None
+        return Message(at, link, float(response.link_speed[then]), distance)
 
     def row(self, time: float) -> int:
         """Return the row of the record that is nearest to an instant, of those that are filled."""
@@ -192,22 +199,15 @@ class DecaffLoop:
     def tick(self, command: DrumCommand) -> None:
         """Serve a command for one sample, and move everything by it."""
         self._must_go_on()
-        command.write(self._command)
-        drum_kernels.serve(self._drum, self._servo, self.drive, self._command, self._back)
+        self.drum.serve(command, self._back)
         last = min(self._first + self._steps, len(self.response.force))
         press_kernels.press_drum(self._press, self._first, last)
         self._first, self._back = last, float(self.response.contact[last - 1])
 
-    def run(self, target: Target) -> None:
-        """Go through the whole press with one of the four readings, in compiled code."""
-        if self._first > 0:
-            raise ArgumentError(f"the press is at {self.now:g} s, expected one that has not begun")
-        target_kernels.press_informed_drum(int(target), self._press, self._targets, self._steps)
-        self._first = len(self.response.force)
-
     def _read(self, link: float) -> float:
         """Position of the link as the potentiometer has it, m."""
-        return math.floor(link / self._resolution + 0.5) * self._resolution if self._resolution else link
+        step = self._sensing.resolution
+        return math.floor(link / step + 0.5) * step if step else link
 
     def _must_go_on(self) -> None:
         if self.is_over:
@@ -240,5 +240,6 @@ def _empty(
         *(cable.numbers(link.mass) if cable is not None else (0.0,) * 5), step, zero,
     )  # fmt: skip
     wall = np.zeros(1, press_kernels.WALL)
-    arrays = PressArrays(body, press.as_array(), wall, *(nothing,) * 5, *curves)
+    drum = np.zeros(0, drum_kernels.DRUM)
+    arrays = PressArrays(body, press.as_array(), wall, nothing, drum, nothing, *curves)
     return Response(hand, press, step, zero, *curves[:, :count]), arrays

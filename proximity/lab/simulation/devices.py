@@ -7,7 +7,6 @@ Contact is at 0, at time 0; positions are positive into the wall.
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import CONTACT_BEND, DRUMS, Glove
 from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Press
-from proximity.lab.simulation import target_kernels
 
 STEADY_FORCE = 0.8  # N: a pad of 200 N/m pressed in by 4 mm
 HOLD_TIME = 0.2  # s; assumed
@@ -158,10 +156,6 @@ class Sensing:
             raise ArgumentError(f"phase is {self.phase!r}, expected one below 1 of a period")
         whole("seed", self.seed, 0)
 
-    def as_array(self) -> np.ndarray:
-        """Return its numbers as the kernels read them."""
-        return _row_of(target_kernels.SENSING, self)
-
     def noises(self, duration: float) -> np.ndarray:
         """Return the error of each distance that is measured in so many seconds, m; the same on every run."""
         if self.noise == 0.0:
@@ -192,10 +186,6 @@ class Holding:
         not_negative("compliance", self.compliance, "metres a newton")
         positive("smoothing", self.smoothing, "hertz")
 
-    def as_array(self) -> np.ndarray:
-        """Return its numbers as the kernels read them."""
-        return _row_of(target_kernels.HOLDING, self)
-
 
 @dataclass(frozen=True, slots=True)
 class Decaff:
@@ -216,8 +206,3 @@ class Decaff:
     def of(cls, glove: Glove) -> "Decaff":
         """Return a glove's drum, with the wall at random within a count of its encoder, without its cable."""
         return cls(with_random_phases(glove.tip_drum(), 1)[0])
-
-
-def _row_of(kind: np.dtype[Any], source: object) -> np.ndarray:
-    """One row of a record type, whose fields are attributes of the source."""
-    return np.array([tuple(getattr(source, name) for name in kind.names or ())], kind)

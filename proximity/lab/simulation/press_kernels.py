@@ -64,10 +64,8 @@ class PressArrays(NamedTuple):
     intent: np.ndarray  # (K,) float64
     wall: np.ndarray  # (1,) WALL
     held: np.ndarray  # (M,) float64, N: the force of each sample of a device
-    drum: np.ndarray  # float64, see `drum_kernels`, as the next three
-    servo: np.ndarray
-    drive: np.ndarray
-    command: np.ndarray
+    drum: np.ndarray  # (1,) `drum_kernels.DRUM`
+    drive: np.ndarray  # float64, see `drum_kernels`
     force: np.ndarray  # (N + 1,) float64, N, of the pad on the finger
     finger: np.ndarray  # m
     finger_speed: np.ndarray  # m/s
@@ -79,8 +77,8 @@ class PressArrays(NamedTuple):
 
 
 bundle(
-    PressArrays, body="PressBody[:]", intent="float64[:]", wall="PressWall[:]",
-    **dict.fromkeys(PressArrays._fields[3:], "float64[:]"),
+    PressArrays, body="PressBody[:]", intent="float64[:]", wall="PressWall[:]", held="float64[:]",
+    drum="ContactDrum[:]", **dict.fromkeys(PressArrays._fields[5:], "float64[:]"),
 )  # fmt: skip
 
 
@@ -248,7 +246,7 @@ def meet_drum(press: PressArrays, i: int) -> None:
     link, link_speed = press.link[i], press.link_speed[i]
     back = contact_force(press.body[0], link, link_speed, where, press.drive[drums.DRIVE_SPEED])
     pull_link(press, i, back)
-    push_drum(press.drum, press.drive, back, press.body[0].step)
+    push_drum(press.drum[0], press.drive, back, press.body[0].step)
 
 
 advance_surface, advance_device, advance_drum = map(pressed_on, (meet_surface, meet_device, meet_drum))

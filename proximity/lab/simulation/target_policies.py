@@ -10,25 +10,20 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
 
-import numpy as np
-
 from proximity.decaff.drum.servo import DriveMode, DrumCommand
-from proximity.lab.simulation import target_kernels
-from proximity.lab.simulation.devices import Holding, Sensing
-from proximity.lab.simulation.target_kernels import TargetArrays
-from proximity.native import packed
+from proximity.lab.simulation.devices import Holding
 
 
 class Target(IntEnum):
     """Position that a distance is combined with."""
 
-    NAIVE = target_kernels.POLICY_NAIVE
+    NAIVE = 0
     """Where the link is now, in contact too: the paper's "proportionate position", taken at its word."""
-    LATCHED = target_kernels.POLICY_LATCHED
+    LATCHED = 1
     """Where the link is now; held from touch to release."""
-    FEED_FORWARD = target_kernels.POLICY_FEED_FORWARD
+    FEED_FORWARD = 2
     """Where the link is now, the distance less the way gone since at the old speed; held."""
-    TIME_STAMPED = target_kernels.POLICY_TIME_STAMPED
+    TIME_STAMPED = 3
     """Where the link was when the distance was measured; held."""
 
 
@@ -52,7 +47,6 @@ class DistanceSample:
     finger_speed: float  # m/s, behind the pad: where the link is stopped, the finger still goes on
     drum: float  # m, where it is
     force: float  # N, between link and drum
-    motor_force: float  # N, positive away from the finger
     applied: float  # N, of the motor during the last sample, positive away from the finger
     message: Message | None  # the newest delivered; None: none, or nothing within reach
 
@@ -66,30 +60,42 @@ class Controller(Protocol):
 
 
 class TargetPolicy:
-    """One of the four readings of a distance, as a controller: the compiled loop, sample by sample."""
+    """One of the four readings of a distance, as a controller."""
 
     def __init__(self, target: Target, holding: Holding | None = None) -> None:
-        self._kind = int(Target(target))
-        self._arrays = target_arrays(holding or Holding())
-        self._packed = packed(self._arrays)
+        self._target, self._holding = Target(target), holding or Holding()
+        self._is_held, self._held = False, self._holding.retracted  # the target while the drum is touched, m
+        self._now = self._once = self._twice = 0.0  # s, of the last sample; N, smoothed once and twice
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Return where the drum shall go."""
-        reported, sample = distance_sample.message, distance_sample
-        self._arrays.message[0] = (
-            (-math.inf, 0.0, 0.0, 0.0)
-            if reported is None
-            else (reported.at, reported.link, reported.speed, reported.distance)
-        )
-        pressing = sample.force if self._arrays.holding[0].has_force_sensor else -sample.applied
-        position = target_kernels.choose_target(
-            self._kind, sample.now, sample.link, sample.drum, pressing, self._packed
-        )
-        return DrumCommand(DriveMode.POSITION, position)
+        """Return where the drum shall go: retracted, or to the contact; while it is touched, where it was."""
+        return DrumCommand(DriveMode.POSITION, self._position(distance_sample))
 
+    def _position(self, sample: DistanceSample) -> float:
+        holding, gap = self._holding, sample.drum - sample.link
+        was_held = self._is_held
+        self._is_held = self._target != Target.NAIVE and gap < (
+            holding.release_gap if was_held else holding.touch_gap
+        )
+        if was_held and self._is_held:
+            return self._held - self._stretch(sample)
+        self._now, self._once, self._twice = sample.now, 0.0, 0.0
+        self._held = holding.retracted
+        if sample.message is not None:
+            self._held = min(self._held, self._contact(sample, sample.message))
+        return self._held
 
-def target_arrays(holding: Holding, sensing: Sensing | None = None, duration: float = 0.0) -> TargetArrays:
-    """Return what makes targets of distances, which a policy may be given from outside."""
-    sensing = sensing or Sensing()
-    memory, message = np.zeros(1, target_kernels.MEMORY), np.zeros(1, target_kernels.MESSAGE)
-    return TargetArrays(sensing.as_array(), sensing.noises(duration), holding.as_array(), memory, message)
+    def _contact(self, sample: DistanceSample, message: Message) -> float:
+        """Where the contact is, m."""
+        if self._target == Target.TIME_STAMPED:
+            return message.link + message.distance
+        gone = message.speed * (sample.now - message.at) if self._target == Target.FEED_FORWARD else 0.0
+        return sample.link + message.distance - gone
+
+    def _stretch(self, sample: DistanceSample) -> float:
+        """Stretch of the cable, m, by the smoothed force on the drum; 0 if none is made up for."""
+        holding, elapsed, self._now = self._holding, sample.now - self._now, sample.now
+        share = -math.expm1(-2.0 * math.pi * holding.smoothing * max(elapsed, 0.0))
+        self._once += share * ((sample.force if holding.has_force_sensor else -sample.applied) - self._once)
+        self._twice += share * (self._once - self._twice)
+        return holding.compliance * max(self._twice, 0.0)

@@ -21,7 +21,6 @@ from proximity.tracker.replay import fitted_pose, turn_about_axes
 from proximity.tracker.tracker import Tracker
 
 DEFAULT_FINGERS = 5
-TWO_HANDS = 10
 NOT_OF_TRACKER = ("count", "names")
 """Settings of fingers that no tracker is given."""
 _Kept = dict[tuple[str, str], tuple[Any, tuple[Part, ...], tuple[str, ...], float]]
@@ -98,11 +97,10 @@ def stamp_of(path: str) -> tuple[int, ...] | None:
 
 
 def finger_count(settings: SceneFile, recording: Recording | None) -> int:
-    """Return how many fingers there are: as the file says, as a recording has, ten with OpenXR, or five."""
+    """Return how many fingers there are: as the file says, as a recording has, or five."""
     count = settings.fingers.count
     if recording is None:
-        default = DEFAULT_FINGERS if settings.input.openxr is None else TWO_HANDS
-        return default if count is None else count
+        return DEFAULT_FINGERS if count is None else count
     if count not in (None, len(recording.fingers)):
         raise settings.error(
             ("fingers", "count"),

@@ -16,7 +16,6 @@ from proximity.service.config.settings import (
     FingerSettings,
     GloveSettings,
     InputSettings,
-    OpenXrEntry,
     PartEntry,
     RecordingEntry,
     SceneFile,
@@ -36,9 +35,9 @@ TRACKER_KEYS = (
 )  # fmt: skip
 FINGER_KEYS = ("count", "names", *TRACKER_KEYS)
 PART_KEYS = ("file", "units", "name", "position", "turn_degrees", "kind", "stiffness", "damping")
-SOURCES = ("recording", "openxr", "poses", "sensor")
+SOURCES = ("recording", "poses", "sensor")
 RECORDING_KEYS = ("repeat", "fast", "fit", "position", "turn_degrees", "scale")
-PLACE_KEYS = ("position", "turn_degrees")  # of a recording and of OpenXR
+PLACE_KEYS = ("position", "turn_degrees")
 INPUT_KEYS = (*SOURCES, "moves", "changes", "parts_from", *RECORDING_KEYS)
 GLOVE_KEYS = ("calibration", "max_age_days")
 WEB_KEYS = ("feed",)
@@ -197,13 +196,10 @@ class _Reader:
                 more, f"is given together with input.{declared[0]}, expected only one of {_either(SOURCES)}"
             )
         for key in RECORDING_KEYS:
-            if key in PLACE_KEYS and "openxr" in declared:
-                continue
             if table.has(key) and "recording" not in declared:
                 table.complain(key, "requires input.recording")
         return InputSettings(
             recording=self._recording(table) if table.has("recording") else None,
-            openxr=self._openxr(table) if table.has("openxr") else None,
             poses=self._address(table, "poses"),
             sensor=self._address(table, "sensor"),
             moves=self._address(table, "moves"),
@@ -267,15 +263,6 @@ class _Reader:
             position=table.numbers("position", ORIGIN, 3, COORDINATE_RANGE),
             turn_degrees=table.numbers("turn_degrees", ORIGIN, 3, ANGLES),
             scale=table.number("scale", 1.0, SCALES),
-        )
-
-    def _openxr(self, table: Table) -> OpenXrEntry:
-        default = OpenXrEntry()
-        if not table.truth("openxr", True):
-            table.complain("openxr", "is false, expected true, or another source of poses")
-        return OpenXrEntry(
-            position=table.numbers("position", default.position, 3, COORDINATE_RANGE),
-            turn_degrees=table.numbers("turn_degrees", default.turn_degrees, 3, ANGLES),
         )
 
     def _table(self, name: str, known: tuple[str, ...]) -> Table:

@@ -77,19 +77,10 @@ class RecordingEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class OpenXrEntry:
-    """Hands that OpenXR tracks, and where its origin is in the scene."""
-
-    position: Vector = ORIGIN  # m
-    turn_degrees: Vector = (90.0, 0.0, 0.0)  # y up becomes z up
-
-
-@dataclass(frozen=True, slots=True)
 class InputSettings:
-    """Source of poses: exactly one of the first four."""
+    """Source of poses: exactly one of the first three."""
 
     recording: RecordingEntry | None = None
-    openxr: OpenXrEntry | None = None
     poses: str | None = None  # address
     sensor: str | None = None  # address: distances are measured, there is no geometry
     moves: str | None = None  # address: parts move

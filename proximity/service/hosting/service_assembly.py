@@ -8,7 +8,6 @@ from threading import Lock
 import numpy as np
 
 from proximity.errors import ArgumentError, DecaffError, RecordingError
-from proximity.pose import Pose
 from proximity.recording import FrameLog, Recording
 from proximity.scene.scene import Scene
 from proximity.service import (
@@ -20,7 +19,6 @@ from proximity.service import (
     MessageInput,
     MovesInput,
     NoPoses,
-    OpenXrInput,
     PoseInput,
     RealTime,
     RecordingInput,
@@ -42,7 +40,6 @@ from proximity.service.config import (
     read_input,
 )
 from proximity.service.realtime import PRIORITY
-from proximity.tracker.replay import turn_about_axes
 from proximity.transport import Publisher, open_publisher
 
 COUNTS_TABLE = 4097
@@ -154,13 +151,9 @@ def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None
     source = settings.input
     if source.poses is not None:
         return MessageInput(source.poses, count, gloves=read_gloves(settings, count))
-    if source.openxr is not None:
-        pose = Pose(turn_about_axes(source.openxr.turn_degrees), source.openxr.position)
-        return OpenXrInput(pose, count)
     if source.sensor is not None:
         return MessageInput(source.sensor, count, is_measured=True)
     assert recording is not None and scene is not None and source.recording is not None
-    # A pose for each tick, as `proximity replay` has them.
     placed = place_recording(settings, recording, scene)
     try:
         resampled = placed.resampled(settings.service.period)

@@ -17,13 +17,13 @@ static double real_of(int64_t word)
     return real;
 }
 
-/* sizes: int64[8] */
+/* sizes: int64[9] */
 int controller_sizes(void **unused, void **no_error, int64_t words)
 {
     int64_t *sizes = POINTER(ARGUMENTS(words)[0]);
     const size_t known[] = {sizeof(decaff_settings), sizeof(decaff_path), sizeof(decaff_controller),
                             sizeof(decaff_observation), sizeof(decaff_action), sizeof(decaff_steady),
-                            sizeof(decaff_contact), DECAFF_VERSION};
+                            sizeof(decaff_contact), DECAFF_VERSION, sizeof(decaff_servo)};
     (void)unused, (void)no_error;
     for (size_t k = 0; k < sizeof known / sizeof known[0]; k++) {
         sizes[k] = (int64_t)known[k];
@@ -59,6 +59,25 @@ int controller_step(void **unused, void **no_error, int64_t words)
     for (int64_t k = 0; k < word[1] && k < word[4] && k < word[7]; k++) {
         decaff_controller_step(&fingers[k], &seen[k], &actions[k]);
     }
+    return 0;
+}
+
+/* servo, path: uint8[:]; position: float */
+int controller_servo_begin(void **unused, void **no_error, int64_t words)
+{
+    const int64_t *word = ARGUMENTS(words);
+    (void)unused, (void)no_error;
+    decaff_servo_begin(POINTER(word[0]), POINTER(word[2]), real_of(word[4]));
+    return 0;
+}
+
+/* servo, action: uint8[:]; position, force: float; returns the motor's force from now on */
+int controller_servo_step(void **unused, void **no_error, int64_t words)
+{
+    int64_t *word = POINTER(words);
+    (void)unused, (void)no_error;
+    double applied = decaff_servo_step(POINTER(word[0]), POINTER(word[2]), real_of(word[4]), real_of(word[5]));
+    memcpy(&word[6], &applied, sizeof applied);
     return 0;
 }
 
