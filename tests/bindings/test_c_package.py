@@ -131,6 +131,7 @@ def test_header_for_cpp_closes_scenes_and_throws(folder):
     assert lines == [
         *expected,
         "there is no part named 'nothing'",
+        "the scene is NULL, expected one that is open",
         "3 none.prox: it cannot be opened (No such file or directory)",
     ]
 

@@ -198,13 +198,15 @@ const scene = engine.open(bytes);
 const damaged = Uint8Array.from(bytes);
 damaged[20000] ^= 1;
 const sentences = [];
+let kept;
 for (const action of [() => scene.signedDistance([1, 2]), () => scene.closest([0, 0, 0], { maxDistance: -1 }),
   () => scene.cast([0, 0, 0], [0, 0, 0]), () => scene.hide("no such part"), () => engine.open(damaged),
   () => engine.open(new Uint8Array(100)), () => scene.tracker(1, { speed: 1 }),
   () => scene.tracker(1).tick([0, 0, 0], [0n], 0n, { corners: [0, 0, 0] }),
   () => scene.tracker(1).tick([0, 0, 0], [0n], 0n, { velocities: [0, 0] }),
   () => scene.tracker(2).tick([0, 0, 0, 0, 0, 0], [0n], 0n), () => scene.tracker(1).tick([0, 0, 0], 0, 0n),
-  () => { scene.close(); scene.distance([0, 0, 0]); }]) {
+  () => { kept = scene.tracker(1); scene.close(); scene.distance([0, 0, 0]); },
+  () => { engine.open(bytes); kept.tick([0, 0, 0], 0n, 0n); }, () => { kept.close(); kept.tick([0, 0, 0], 0n, 0n); }]) {
   try {
     action();
     sentences.push("nothing");
@@ -219,7 +221,7 @@ console.log(JSON.stringify(sentences));
         "three a row", "expected a length of 0 m or more", "direction 0 is zero", "no such part", "", "",
         "expected radius, latency", "expected three times two or more for each of 1", "expected 3",
         "there are 1 instants, expected 6 and 2", "expected BigInt, such as",
-        "the scene is closed",
+        "the scene is closed", "the scene is closed", "the tracker is closed",
     )  # fmt: skip
     assert len(told) == len(expected)
     for sentence, words in zip(told, expected, strict=True):

@@ -6,6 +6,7 @@
 
    - Functions return PROXIMITY_OK or the number of an error; where `error` is not NULL, it gets a sentence.
      An output is written only if a function succeeds, unless said otherwise.
+   - NULL where a scene or a tracker is expected is PROXIMITY_BAD_ARGUMENT, or a scene without parts.
    - Arrays are the caller's. Nothing is printed, and nothing is kept outside of scenes.
    - A thread that asks needs 256 KiB of stack.
    - Threads: any number may ask one scene at the same time. Opening, changing or closing a scene must not
@@ -70,11 +71,11 @@ typedef struct proximity_scene proximity_scene;
 PROXIMITY_API int proximity_open(const char *path, proximity_scene **scene, proximity_error *error);
 
 /* The same for the bytes of such a file in memory. They stay the caller's, must lie at a multiple of 8, and
-   must stay as they are until the scene is closed; what the scene changes is copied. */
+   must stay as they are until the scene is closed and its trackers are destroyed; what it changes is copied. */
 PROXIMITY_API int proximity_open_bytes(const void *bytes, size_t size, proximity_scene **scene,
                                        proximity_error *error);
 
-/* Close a scene, and free what it holds. NULL is closed already. */
+/* Close a scene: it is freed with its last tracker, or now. NULL is closed already. */
 PROXIMITY_API void proximity_close(proximity_scene *scene);
 
 /* Choose the instructions that a scene is asked with, by name ("v3", "v4", "neon"): the best that the

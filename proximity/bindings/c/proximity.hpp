@@ -72,7 +72,7 @@ inline void same(std::size_t one, std::size_t other)
 class Scene {
 public:
     explicit Scene(const std::string &path) { detail::call(proximity_open, path.c_str(), address()); }
-    /// The bytes stay the caller's, at a multiple of 8, until the scene is gone.
+    /// The bytes stay the caller's, at a multiple of 8, until the scene and its trackers are gone.
     explicit Scene(std::span<const std::byte> bytes)
     {
         detail::call(proximity_open_bytes, static_cast<const void *>(bytes.data()), bytes.size(), address());
@@ -110,7 +110,11 @@ public:
     }
     std::int32_t face_count(std::int32_t part) const { return proximity_face_count(scene_, part); }
     bool is_hidden(std::int32_t part) const { return proximity_is_hidden(scene_, part) != 0; }
-    std::string instructions() const { return proximity_instructions(scene_); }
+    std::string instructions() const
+    {
+        const char *found = proximity_instructions(scene_);
+        return found != nullptr ? found : "";
+    }
     void use_instructions(const std::string &name)
     {
         detail::call(proximity_use_instructions, scene_, name.c_str());
@@ -208,7 +212,7 @@ private:
     proximity_scene *scene_ = nullptr;
 };
 
-/// A tracker of fingertips; it must be gone before its scene.
+/// A tracker of fingertips. It keeps what it needs of its scene, which may be gone before it.
 class Tracker {
 public:
     explicit Tracker(const Scene &scene, std::size_t fingers = 5,

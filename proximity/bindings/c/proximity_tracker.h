@@ -36,8 +36,8 @@ typedef struct proximity_paths {
 /* The settings that Python's Tracker has. May be called at any time. */
 PROXIMITY_API proximity_tracker_settings proximity_default_settings(void);
 
-/* Make a tracker of so many fingers; NULL: default settings. It must be destroyed before its scene is closed.
-   *Asks* the scene. */
+/* Make a tracker of so many fingers; NULL: default settings. It keeps the scene, which is freed when it is closed
+   and its last tracker is destroyed. *Asks* the scene. */
 PROXIMITY_API int proximity_create_tracker(const proximity_scene *scene, size_t fingers,
                                            const proximity_tracker_settings *settings,
                                            proximity_tracker **tracker, proximity_error *error);

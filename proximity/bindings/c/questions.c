@@ -13,17 +13,17 @@
 
 static int is_part(const proximity_scene *scene, int32_t part)
 {
-    return part >= 0 && part < scene->archive.part_count;
+    return scene != NULL && part >= 0 && part < scene->archive.part_count;
 }
 
 const char *proximity_instructions(const proximity_scene *scene)
 {
-    return scene->set->name;
+    return scene != NULL ? scene->set->name : NULL;
 }
 
 int32_t proximity_part_count(const proximity_scene *scene)
 {
-    return (int32_t)scene->archive.part_count;
+    return scene != NULL ? (int32_t)scene->archive.part_count : 0;
 }
 
 const char *proximity_part_name(const proximity_scene *scene, int32_t part)
@@ -33,7 +33,7 @@ const char *proximity_part_name(const proximity_scene *scene, int32_t part)
 
 int32_t proximity_find_part(const proximity_scene *scene, const char *name)
 {
-    for (int32_t part = 0; name != NULL && part < scene->archive.part_count; part++) {
+    for (int32_t part = 0; scene != NULL && name != NULL && part < scene->archive.part_count; part++) {
         if (strcmp(scene->names[part], name) == 0) {
             return part;
         }
@@ -53,6 +53,9 @@ int proximity_is_hidden(const proximity_scene *scene, int32_t part)
 
 int proximity_pose(const proximity_scene *scene, int32_t part, double *matrix, proximity_error *error)
 {
+    if (scene == NULL) {
+        return proximity_refuse_scene(scene, error);
+    }
     if (!is_part(scene, part)) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there is no part %d, expected 0 to %d", (int)part,
                                 (int)scene->archive.part_count - 1);
@@ -81,11 +84,14 @@ static void widen_to(double *lower, double *upper, const double *least, const do
 void proximity_bounds(const proximity_scene *scene, double *lower, double *upper)
 {
 #pragma STDC FP_CONTRACT OFF
-    const Archive *archive = &scene->archive;
     for (int axis = 0; axis < 3; axis++) {
         lower[axis] = INFINITY;
         upper[axis] = -INFINITY;
     }
+    if (scene == NULL) {
+        return;
+    }
+    const Archive *archive = &scene->archive;
     for (int64_t row = 0; row < archive->part_count; row++) {
         const Part *part = &archive->parts[row];
         const Frame *frame = &archive->frames[row];
@@ -161,8 +167,9 @@ static int ask_block(const proximity_scene *scene, const Question *question, con
 static int ask(const proximity_scene *scene, const Question *question, const double *first, const double *second,
                size_t count, double limit, void *answers, proximity_error *error)
 {
-    if (scene->is_broken) {
-        return proximity_refuse(error, PROXIMITY_BROKEN, "a change of the scene failed half way; close it");
+    int unusable = proximity_refuse_scene(scene, error);
+    if (unusable) {
+        return unusable;
     }
     if (count > 0 && (first == NULL || answers == NULL || (question->row_arrays == 2 && second == NULL))) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there are no rows, or no place for answers");
@@ -228,7 +235,7 @@ int proximity_contains(const proximity_scene *scene, const double *points, size_
 static int ask_rays(const proximity_scene *scene, const double *origins, const double *directions, size_t count,
                     double limit, int64_t width, void *answers, proximity_error *error)
 {
-    int is_large = scene->archive.real_count * 8 >= SORT_RAYS_IN;
+    int is_large = scene != NULL && scene->archive.real_count * 8 >= SORT_RAYS_IN;
     Question question = {CAST_BATCH, RAY_ORDER, 2, width, 8, is_large ? SORT_RAYS_FROM : INT64_MAX};
     return ask(scene, &question, origins, directions, count, limit, answers, error);
 }
@@ -276,8 +283,9 @@ int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t sec
                         double tolerance, size_t budget, proximity_clearance_answer *answer, proximity_error *error)
 {
     double told[CLEARANCE_SIZE];
-    if (scene->is_broken) {
-        return proximity_refuse(error, PROXIMITY_BROKEN, "a change of the scene failed half way; close it");
+    int unusable = proximity_refuse_scene(scene, error);
+    if (unusable) {
+        return unusable;
     }
     if (answer == NULL) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "answer is NULL, expected an address");

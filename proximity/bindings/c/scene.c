@@ -120,6 +120,7 @@ static int open_scene(uint8_t *bytes, size_t size, int is_own, proximity_scene *
         return no_memory(error);
     }
     int code = PROXIMITY_OK;
+    scene->references = 1;
     scene->set = proximity_best_set(NULL);
     if (scene->set == NULL) {
         code = proximity_refuse(error, PROXIMITY_NO_PROCESSOR,
@@ -193,6 +194,7 @@ proximity_scene *proximity_scene_over(const int64_t *model)
         return NULL;
     }
     Archive *archive = &scene->archive;
+    scene->references = 1;
     memcpy(scene->model, model, sizeof scene->model);
     archive->frames = (Frame *)(intptr_t)model[4];
     archive->parts = (Part *)(intptr_t)model[6];
@@ -208,9 +210,15 @@ proximity_scene *proximity_scene_over(const int64_t *model)
     return scene;
 }
 
-void proximity_close(proximity_scene *scene)
+void proximity_keep(const proximity_scene *scene)
 {
-    if (scene != NULL) {
+    __atomic_add_fetch(&((proximity_scene *)(uintptr_t)scene)->references, 1, __ATOMIC_RELAXED);
+}
+
+void proximity_release(const proximity_scene *kept)
+{
+    proximity_scene *scene = (proximity_scene *)(uintptr_t)kept;
+    if (scene != NULL && __atomic_sub_fetch(&scene->references, 1, __ATOMIC_ACQ_REL) == 0) {
         if (scene->mapped != NULL) {
             proximity_unmap(scene->mapped, scene->mapped_size);
         }
@@ -223,8 +231,16 @@ void proximity_close(proximity_scene *scene)
     }
 }
 
+void proximity_close(proximity_scene *scene)
+{
+    proximity_release(scene);
+}
+
 int proximity_use_instructions(proximity_scene *scene, const char *name, proximity_error *error)
 {
+    if (scene == NULL) {
+        return proximity_refuse_scene(scene, error);
+    }
     const InstructionSet *set = name != NULL ? proximity_best_set(name) : NULL;
     if (set == NULL) {
         return proximity_refuse(error, PROXIMITY_NO_PROCESSOR,
@@ -236,6 +252,16 @@ int proximity_use_instructions(proximity_scene *scene, const char *name, proximi
 }
 
 /* --- changes ------------------------------------------------------------------------------------------- */
+
+int proximity_refuse_scene(const proximity_scene *scene, proximity_error *error)
+{
+    if (scene == NULL) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "the scene is NULL, expected one that is open");
+    }
+    return scene->is_broken
+               ? proximity_refuse(error, PROXIMITY_BROKEN, "a change of the scene failed half way; close it")
+               : PROXIMITY_OK;
+}
 
 static int fail_half_way(proximity_scene *scene, proximity_error *error)
 {
@@ -364,8 +390,9 @@ void proximity_settle(proximity_scene *scene)
 int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count, const double *matrices,
                    const double *velocities, const double *angular_velocities, proximity_error *error)
 {
-    if (scene->is_broken) {
-        return fail_half_way(scene, error);
+    int unusable = proximity_refuse_scene(scene, error);
+    if (unusable) {
+        return unusable;
     }
     for (size_t k = 0; k < count; k++) {
         if (parts[k] < 0 || parts[k] >= scene->archive.part_count) {
@@ -392,6 +419,9 @@ int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count, c
 int proximity_set_surface(proximity_scene *scene, int32_t part, double stiffness, double damping,
                           proximity_error *error)
 {
+    if (scene == NULL) {
+        return proximity_refuse_scene(scene, error);
+    }
     if (part < 0 || part >= scene->archive.part_count) {
         return no_such_part(scene, part, error);
     }
@@ -410,8 +440,9 @@ int proximity_set_surface(proximity_scene *scene, int32_t part, double stiffness
 
 int proximity_hide(proximity_scene *scene, int32_t part, int is_hidden, proximity_error *error)
 {
-    if (scene->is_broken) {
-        return fail_half_way(scene, error);
+    int unusable = proximity_refuse_scene(scene, error);
+    if (unusable) {
+        return unusable;
     }
     if (part < 0 || part >= scene->archive.part_count) {
         return no_such_part(scene, part, error);

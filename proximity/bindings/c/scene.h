@@ -16,6 +16,7 @@ struct proximity_scene {
     size_t mapped_size;
     void *copies; /* what is changed of the caller's bytes */
     int is_broken;
+    int references; /* that of who opened it, and one of each tracker */
     /* What follows from where parts are, see kernels.scene.dynamic_tree. */
     int64_t dynamic[6]; /* address and length of rows, order and keys */
     int64_t *versions, *rows, *order, *keys;
@@ -26,6 +27,13 @@ struct proximity_scene {
 
 /* A scene over the arrays of a model, which are its own from now on; NULL: there is no memory. */
 proximity_scene *proximity_scene_over(const int64_t *model);
+
+/* Count another reference, or one less: with the last one the scene is freed. */
+void proximity_keep(const proximity_scene *scene);
+void proximity_release(const proximity_scene *scene);
+
+/* The sentence about a scene that cannot be asked, as an error; PROXIMITY_OK where it can. */
+int proximity_refuse_scene(const proximity_scene *scene, proximity_error *error);
 
 /* Put parts elsewhere, and find what follows from it; where that cannot be done the scene is broken. */
 void proximity_put_parts(proximity_scene *scene, const int64_t *rows, int64_t count, const double *matrices,

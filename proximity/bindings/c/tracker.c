@@ -115,6 +115,7 @@ int proximity_create_tracker(const proximity_scene *scene, size_t fingers, const
         return no_memory(error);
     }
     int64_t count = (int64_t)fingers;
+    proximity_keep(scene);
     tracker->scene = scene;
     tracker->count = fingers;
     tracker->changes = tracker->epoch = -1;
@@ -142,6 +143,7 @@ int proximity_create_tracker(const proximity_scene *scene, size_t fingers, const
 void proximity_destroy_tracker(proximity_tracker *tracker)
 {
     if (tracker != NULL) {
+        proximity_release(tracker->scene);
         free(tracker->tracks);
         free(tracker->motions);
         free(tracker->balls);
@@ -157,6 +159,9 @@ void proximity_destroy_tracker(proximity_tracker *tracker)
 
 void proximity_reset_tracker(proximity_tracker *tracker)
 {
+    if (tracker == NULL) {
+        return;
+    }
     memset(tracker->motions, 0, tracker->count * ESTIMATES * sizeof *tracker->motions);
     for (size_t k = 0; k < tracker->count; k++) {
         tracker->tracks[k].reported_part = PROXIMITY_NO_PART;
@@ -169,8 +174,8 @@ void proximity_reset_tracker(proximity_tracker *tracker)
 
 int proximity_set_radius(proximity_tracker *tracker, size_t finger, double radius, proximity_error *error)
 {
-    if (finger >= tracker->count || !(radius >= 0.0 && radius <= LARGEST_RADIUS)) {
-        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there is no such finger, or radius is not 0 to 0.1 m");
+    if (tracker == NULL || finger >= tracker->count || !(radius >= 0.0 && radius <= LARGEST_RADIUS)) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there is no such tracker or finger, or radius is not 0 to 0.1 m");
     }
     tracker->tracks[finger].radius = radius;
     return PROXIMITY_OK;
@@ -252,6 +257,10 @@ int proximity_tick(proximity_tracker *tracker, const double *positions, const in
                    const double *velocities, const proximity_paths *paths, decaff_contact *contacts,
                    proximity_error *error)
 {
+    if (tracker == NULL || positions == NULL || pose_ns == NULL || contacts == NULL) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
+                                "there is no tracker, no positions or instants, or no place for contacts");
+    }
     const proximity_scene *scene = tracker->scene;
     const char *unfit = scene->is_broken ? "a change of the scene failed half way; close it"
                                          : unfit_tick(tracker, pose_ns, now_ns, paths);

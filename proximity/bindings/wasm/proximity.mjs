@@ -373,20 +373,23 @@ export class Scene {
   }
 
   /** A tracker of so many fingertips. *settings*: radius, latency, workingRange, tolerance, horizon, maxSpeed,
-   * maxAcceleration, budget, as in Python's Tracker. Close it before the scene. */
+   * maxAcceleration, budget, as in Python's Tracker. It cannot be ticked after the scene was
+   * closed. */
   tracker(fingers, settings = {}) {
-    return new Tracker(this.#engine, this.#open, fingers, settings);
+    return new Tracker(this.#engine, () => this.#open, fingers, settings);
   }
 }
 
 /** Answers for every fingertip at every tick: bounds of distances, predictions, time and place of contact. */
 export class Tracker {
   #engine;
+  #scene; // its address, or an error where it is closed
   #address;
   #contacts;
 
   constructor(engine, scene, fingers, settings) {
     this.#engine = engine;
+    this.#scene = scene;
     this.fingers = fingers;
     const place = engine.block(0, SETTINGS_SIZE), to = engine.block(2, 8);
     engine.call("default_settings", place);
@@ -396,7 +399,7 @@ export class Tracker {
       else if (name === "budget") engine.view.setBigInt64(place + 56, BigInt(value), true);
       else throw new ProximityError(1, `there is no setting "${name}" (expected ${SETTINGS.join(", ")}, budget)`);
     }
-    engine.checked("create_tracker", scene, fingers, place, to);
+    engine.checked("create_tracker", scene(), fingers, place, to);
     this.#address = engine.view.getUint32(to, true);
     this.#contacts = engine.allocate(RECORDS.contact.size * fingers);
   }
@@ -408,6 +411,7 @@ export class Tracker {
    * pathBends, the bend at each corner, evenly from 0 to 1 without them; bends, that of each finger at its pose. */
   tick(positions, poseNs, nowNs, given = {}) {
     if (this.#address === 0) throw new ProximityError(1, "the tracker is closed");
+    this.#scene();
     const engine = this.#engine, { fingers } = this;
     const poseInstants = typeof poseNs === "object" ? Array.from(poseNs) : new Array(fingers).fill(poseNs);
     if (positions.length !== 3 * fingers || poseInstants.length !== fingers) {

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+/* Asks a scene, and closes it before its tracker has ticked for the last time. */
 static void use(proximity_scene *scene)
 {
     double points[150], distances[50], pose[16];
@@ -28,11 +29,42 @@ static void use(proximity_scene *scene)
         proximity_move(scene, &part, 1, pose, NULL, NULL, NULL);
         proximity_hide(scene, proximity_part_count(scene) - 1, step & 1, NULL);
     }
+    proximity_close(scene);
+    if (tracker != NULL && proximity_tick(tracker, points, instants, now_ns + 1000, NULL, NULL, contacts, NULL) == 1)
+        exit(3);
     proximity_destroy_tracker(tracker);
+}
+/* What may be NULL, and is told. */
+static int all_nulls_are_told(void)
+{
+    double numbers[16] = {0};
+    const int32_t part = 0;
+    int64_t instant = 0;
+    decaff_contact contact;
+    proximity_closest_point found;
+    proximity_tracker *tracker;
+    proximity_error error;
+    proximity_bounds(NULL, numbers, numbers + 3);
+    proximity_reset_tracker(NULL);
+    return proximity_closest(NULL, numbers, 1, INFINITY, &found, &error) == PROXIMITY_BAD_ARGUMENT &&
+           strcmp(error.sentence, "the scene is NULL, expected one that is open") == 0 &&
+           proximity_cast_distance(NULL, numbers, numbers, 1, INFINITY, numbers, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_pose(NULL, 0, numbers, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_move(NULL, &part, 1, numbers, NULL, NULL, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_hide(NULL, 0, 1, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_set_surface(NULL, 0, 0.0, 0.0, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_use_instructions(NULL, "v3", NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_create_tracker(NULL, 1, NULL, &tracker, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_set_radius(NULL, 0, 0.0, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_tick(NULL, numbers, &instant, 0, NULL, NULL, &contact, &error) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_part_count(NULL) == 0 && proximity_find_part(NULL, "a") == PROXIMITY_NO_PART &&
+           proximity_part_name(NULL, 0) == NULL && proximity_face_count(NULL, 0) == 0 &&
+           proximity_is_hidden(NULL, 0) == 0 && proximity_instructions(NULL) == NULL;
 }
 int main(int count, char **paths)
 {
     int opened = 0, refused = 0;
+    if (!all_nulls_are_told()) return 4;
     for (int k = 1; k < count; k++) {
         FILE *file = fopen(paths[k], "rb");
         fseek(file, 0, SEEK_END);
@@ -51,12 +83,10 @@ int main(int count, char **paths)
                 opened++;
                 use(scene);
             } else refused++;
-            proximity_close(scene);
             free(copy);
         }
         proximity_scene *scene = NULL;
         if (proximity_open(paths[k], &scene, NULL) == PROXIMITY_OK) { opened++; use(scene); }
-        proximity_close(scene);
         free(bytes);
     }
     printf("%d %d\n", opened, refused);

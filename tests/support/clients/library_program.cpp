@@ -44,6 +44,16 @@ try {
     } catch (const proximity::Error &error) {
         std::printf("%s\n", error.what());
     }
+    try {
+        opened.signed_distance(points, distances);
+    } catch (const proximity::Error &error) {
+        std::printf("%s\n", error.what());
+    }
+    std::array<double, 2> before{contacts[0].signed_distance, contacts[1].signed_distance};
+    { proximity::Scene gone = std::move(scene); }
+    contacts = tracker.tick(points, instants, 1000000500);
+    if (before[0] != contacts[0].signed_distance || before[1] != contacts[1].signed_distance)
+        std::printf("a tracker has forgotten its scene\n");
     proximity::Scene none("none.prox");
 } catch (const proximity::Error &error) {
     std::printf("%d %s\n", static_cast<int>(error.code), error.what());
