@@ -100,6 +100,7 @@ drum
 study
 certificate
 claims · experiment · part_press
+press_curves
 figures
 engine · stability
 simulation

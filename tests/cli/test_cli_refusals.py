@@ -105,7 +105,6 @@ figures 5d 5z | no figure '5z', expected some of 5a, 5b, 5c, 5d, 5e, 5f, 5g, 5h
 simulate --wall soft | 'soft': expected one of real, coupled, decaff
 simulate --wall coupled --drum gear51 | a coupled wall has none
 simulate --stiffness 5 | a decaff wall has none
-simulate --out press.gif | press.gif does not end in .png, .svg, .pdf, .csv
 simulate --wall coupled --stiffness 5 | expected both or neither
 simulate --latency -3 | -3 ms: expected 0 to 1000
 simulate --wall real --cable 1212 | a real wall has none
