@@ -75,7 +75,7 @@ class TrackedContacts:
 
     source = Source.GEOMETRY
     takes_changes: bool
-    """Whether parts are looked at before each tick: messages move or change them, or another thread does."""
+    """Whether parts are looked at again and again: messages move or change them, or another thread does."""
     is_ticked_by_loop = True
 
     def __init__(self, tracker: Tracker, moves: Any = None, changes: Any = None) -> None:
