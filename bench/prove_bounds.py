@@ -25,11 +25,15 @@ import sys
 import time
 from functools import partial
 
+import numpy as np
+
 import proximity
 from benchmarks.digest.module_tracker import ForwardedScene, ModuleTracker
+from benchmarks.replay.bounds_check import judge_bounds, judge_certified_times, judge_predictions
+from benchmarks.replay.replay_loop import replay
 from benchmarks.support.project import project_module
 from proximity.recording import read_recording
-from proximity.tracker.replay import fitted_pose, replay, summarise
+from proximity.tracker.replay import fitted_pose
 
 run_trial = project_module("tests/trials", "bound_trials").run_trial
 run_part_trial = project_module("tests/trials", "part_trials").run_trial
@@ -105,9 +109,11 @@ def _check_recording(options):
     scene, recorded = proximity.load(options.part), read_recording(options.recording)
     placed = recorded.placed(fitted_pose(scene, recorded, RADIUS)).resampled(1e-3)
     run = replay(lambda: proximity.Tracker(scene, fingers=len(placed.fingers), radius=RADIUS), placed)
-    found = summarise(scene, run, RADIUS)
-    bounds, predictions, times = found.bounds, found.predictions, found.certified_times
-    print(f"{found.tick_count} ticks of {len(placed.fingers)} fingers, p50 {1e-3 * found.compute.p50:.1f} µs")
+    bounds, predictions, times = (
+        judge(scene, run, RADIUS) for judge in (judge_bounds, judge_predictions, judge_certified_times)
+    )
+    p50, p99 = np.percentile(1e-3 * run.compute_ns, [50, 99])
+    print(f"{len(run.compute_ns)} ticks of {len(placed.fingers)} fingers, p50 {p50:.1f}, p99 {p99:.1f} µs")
     print(f"bounds: {bounds.broken_count} of {bounds.checked_count} broken {bounds.first_broken}")
     print(f"predictions: {predictions.kept_count} of {predictions.checked_count} within their bounds")
     print(f"certified times: {times.broken_count} of {times.checked_count} broken {times.first_broken}")

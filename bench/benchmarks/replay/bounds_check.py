@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.replay.replay_loop import Replay
 from proximity.message import ContactFlag
 from proximity.recording import NANOSECONDS
 from proximity.scene.scene import Scene
-from proximity.tracker.replay.replay_loop import Replay
 
 CHECKED_COUNT = 20_000  # finger-ticks, evenly chosen
 CHECK_ROUNDING = 1e-12  # of a distance: how far two methods of computing it may be apart

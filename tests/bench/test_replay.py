@@ -1,24 +1,17 @@
-"""Replays: every instant one tick, numbers that are counted rightly, and broken promises that are noticed."""
+"""Recordings through a tracker: every instant is one tick, and broken promises are noticed."""
 
 import make
 import numpy as np
 import pytest
 from fake_tracker import FakeTracker
 
-from proximity.errors import PoseError, RecordingError, SceneError
+from benchmarks.replay import bounds_check, replay_loop
+from benchmarks.replay.replay_loop import replay
 from proximity.message import ContactFlag
 from proximity.pose import Pose
 from proximity.recording import Recording
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
-from proximity.tracker.replay import (
-    bounds_check,
-    fitted_pose,
-    replay,
-    replay_loop,
-    summarise,
-    turn_about_axes,
-)
 from proximity.tracker.tracker import Tracker
 
 RADIUS = 0.005
@@ -64,70 +57,6 @@ def test_every_instant_is_one_tick_of_a_fresh_tracker(scene):
     np.testing.assert_allclose(run.contacts["signed_distance"][:, 0], DOWN_AND_UP - RADIUS, atol=1e-15)
     assert (run.wall_ns > 0).all()
     assert (run.compute_ns >= 0).all()
-
-
-def test_who_waits_sees_all_ticks_pass(scene, monkeypatch):
-    monkeypatch.setattr(replay_loop, "CHUNK", 20)
-    seen = []
-
-    def watch(chunks):
-        for chunk in chunks:
-            yield chunk
-            seen.append(len(chunk))
-
-    run_over(scene, recording_above_the_box(DOWN_AND_UP), watch=watch)
-
-    assert seen == [20, 20, 3]
-
-
-@pytest.mark.parametrize("latency", [np.nan, 2.0])
-def test_latency_that_is_none_is_refused(scene, latency):
-    with pytest.raises(RecordingError, match=r"a latency of .* s cannot be replayed, expected 0 to 1 s"):
-        run_over(scene, recording_above_the_box(DOWN_AND_UP), latency=latency)
-
-
-def test_log_that_does_not_fit_into_memory_is_refused(scene, monkeypatch):
-    monkeypatch.setattr(replay_loop, "LARGEST_LOG_BYTES", 1000)
-
-    with pytest.raises(
-        RecordingError, match=r"hand\.csv: 43 ticks of 2 fingers would make 0\.0 GiB of contacts"
-    ):
-        run_over(scene, recording_above_the_box(DOWN_AND_UP))
-
-
-def test_answers_add_up(scene):
-    heights = DOWN_AND_UP.copy()
-    heights[30:35] = np.nan
-
-    summary = summarise(scene, run_over(scene, recording_above_the_box(heights))[0], RADIUS)
-
-    assert (summary.tick_count, summary.finger_tick_count) == (43, 86)
-    assert summary.tracked_count == 81
-    assert (summary.exact_count, summary.bounded_count, summary.skipped_count) == (38, 0, 43)
-
-
-def test_hand_that_stays_far_off_has_no_nearest_approach(scene):
-    """Its first tick is searched for, out of the range or not; the later ones, nearer, are not."""
-    recording = recording_above_the_box(np.linspace(1.0, 0.3, 20))
-
-    run = replay(lambda: Tracker(scene, fingers=2, radius=RADIUS, working_range=0.05), recording, latency=0.0)
-
-    exact = (run.contacts["flags"] & np.uint32(ContactFlag.EXACT)) != 0
-    assert exact[0].all() and not exact[-1].any()
-    assert summarise(scene, run, RADIUS).nearest is None
-
-
-def test_nearest_approach_and_touches_are_told(scene):
-    heights = [0.02, 0.01, 0.005, 0.003, 0.004, 0.006, 0.01, np.nan, 0.0045, 0.02]
-
-    summary = summarise(scene, run_over(scene, recording_above_the_box(heights))[0], RADIUS)
-
-    assert (summary.nearest.finger, summary.nearest.time_s, summary.nearest.part) == ("index", 0.003, "box")
-    assert summary.nearest.signed_distance == pytest.approx(-0.002, abs=1e-15)
-    (touch,) = summary.touches
-    assert (touch.finger, touch.count) == ("index", 2)
-    assert touch.first_s in (0.002, 0.003)  # 5 mm above: on the surface but for rounding
-    assert touch.deepest == pytest.approx(0.002, abs=1e-15)
 
 
 def test_bounds_that_hold_are_found_to_hold(scene):
@@ -246,85 +175,3 @@ def test_touch_that_a_small_change_of_velocity_led_to_breaks_nothing(scene):
     judged = bounds_check.judge_certified_times(scene, run, RADIUS)
 
     assert judged.broken_count == 0 and judged.checked_count > 0
-
-
-def scattered(count, size, *, seed=5):
-    """A hand that waves about, *size* metres wide."""
-    points = np.random.default_rng(seed).uniform(-0.5, 0.5, (count, 1, 3)) * size + [3.0, -2.0, 1.0]
-    return Recording(np.arange(count) * 10_000_000, points, ((0, 0),))
-
-
-def touching_share(scene, recording, pose, scale=1.0):
-    return (scene.signed_distance(recording.placed(pose, scale).positions) <= RADIUS).mean()
-
-
-def test_hand_of_fitting_size_goes_to_the_middle(scene):
-    recording = scattered(500, 0.1)
-
-    pose = fitted_pose(scene, recording, RADIUS)
-
-    lower, upper = recording.placed(pose).middle()
-    np.testing.assert_allclose(0.5 * (lower + upper), [0.020, 0.015, 0.010], atol=1e-12)
-    assert 0.02 < touching_share(scene, recording, pose) <= 0.1
-
-
-def test_hand_inside_a_large_part_is_raised_until_a_tenth_touches():
-    large = Scene([Solid(*make.box(upper=(1.0, 1.0, 1.0)), name="large")])
-    recording = scattered(500, 0.1)
-
-    pose = fitted_pose(large, recording, RADIUS, scale=0.5)
-
-    assert 0.09 <= touching_share(large, recording, pose, 0.5) <= 0.1
-    assert recording.placed(pose, 0.5).positions[..., 2].max() > 1.0
-
-
-def test_hand_around_a_small_part_is_brought_to_it():
-    small = Scene([Solid(*make.box(upper=(0.001, 0.001, 0.001)), name="small")])
-    angles = np.linspace(0.0, 6.0, 50)
-    ring = 0.05 * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-    recording = Recording(np.arange(50) * 10_000_000, ring[:, None], ((0, 0),))
-
-    pose = fitted_pose(small, recording, RADIUS)
-
-    distances = small.signed_distance(recording.placed(pose).positions)
-    assert distances.min() == pytest.approx(0.5 * RADIUS, rel=1e-9)
-
-
-def test_hand_that_rests_on_a_part_is_pressed_in(scene):
-    """Of a finger that holds still all samples touch, or none: raised until a tenth does, none would."""
-    resting = Recording(np.arange(50) * 10_000_000, np.zeros((50, 1, 3)), ((0, 0),))
-
-    pose = fitted_pose(scene, resting, RADIUS)
-
-    distances = scene.signed_distance(resting.placed(pose).positions)
-    np.testing.assert_allclose(distances, 0.5 * RADIUS, rtol=1e-9)
-
-
-def test_hand_is_not_fitted_to_parts_that_are_hidden(scene):
-    hidden = Scene([Part("box", scene.parts[0].solid, Pose(), np.arange(12), is_hidden=True)])
-
-    with pytest.raises(SceneError, match="all parts are hidden, expected one that a recording can be fitted"):
-        fitted_pose(hidden, scattered(50, 0.1), RADIUS)
-
-
-def test_fitted_hand_keeps_its_attitude(scene):
-    turn = turn_about_axes((90.0, 0.0, 0.0))
-
-    pose = fitted_pose(scene, scattered(200, 0.3), RADIUS, rotation=turn)
-
-    np.testing.assert_array_equal(pose.rotation, turn)
-
-
-def test_turns_are_about_x_then_y_then_z():
-    turned = Pose(turn_about_axes((90.0, 90.0, 0.0))).point([0.0, 1.0, 0.0])
-
-    np.testing.assert_array_equal(turned, [1.0, 0.0, 0.0])  # y to z by the first, z to x by the second
-    np.testing.assert_array_equal(turn_about_axes((0.0, 0.0, 0.0)), np.eye(3))
-    np.testing.assert_allclose(
-        turn_about_axes((0.0, 0.0, 30.0)) @ [1.0, 0.0, 0.0], [np.sqrt(0.75), 0.5, 0.0], atol=1e-15
-    )
-
-
-def test_turn_that_is_none_is_refused():
-    with pytest.raises(PoseError, match="a rotation of nan degrees about y, expected finite numbers"):
-        turn_about_axes((0.0, np.nan, 0.0))

@@ -1,0 +1,1 @@
+"""A recording through a tracker, with a check of its bounds."""
