@@ -27,7 +27,6 @@ from proximity.service.loop_memory import (
     LoopMemory,
     SourceMemory,
     answers_in_c,
-    defined,
     fill,
     nanoseconds,
     run_function,
@@ -45,8 +44,7 @@ LOOK = 0.02
 """s between two looks of Python at the loop: for descriptions, and what is to be warned of."""
 OPENS_ENDS = sys.platform == "linux"
 """Whether the loop knows mailboxes and sockets of this system; otherwise all ends are threads."""
-_PYTHON = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
-_POSES, _CONTACTS = (defined(f"LOOP_ASK_{name}") for name in ("POSES", "CONTACTS"))
+_PYTHON = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
 
 
 class Service:
@@ -97,9 +95,9 @@ class Service:
         self._outcome = 0
 
     def _set_input(self, contact_source: ContactSource, pose_input: PoseInput) -> None:
-        """Have poses come in: to the loop itself, by a thread, or polled at each tick."""
+        """Have poses come in: to the loop itself, or by a thread."""
         self._newest: NewestSamples | None = None
-        self._bridge = PoseBridge(pose_input, contact_source.count)
+        self._bridge = PoseBridge(pose_input, contact_source.count, int(self._loop.period_ns))
         self.wake = self._bridge.wake  # has a tick made at once, where contacts are asked of Python
         self._memory.input["box"] = self._bridge.reader
         end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
@@ -108,17 +106,15 @@ class Service:
         if not answers_in_c(contact_source):
             stale_after_ns = int(self._loop.stale_after_ns)
             self._newest = NewestSamples(contact_source.new_samples(), stale_after_ns, pose_input.address)
-            self._loop.asked = _CONTACTS
+            self._python = _PYTHON(self._do)
+            self._loop.python = ctypes.cast(self._python, ctypes.c_void_p).value
         elif recording is not None:
             fill(self._loop.recording, recording)
         elif end is not None:
             fill(self._memory.input, {"box": 0, **end})
             self._memory.is_direct = True
-        elif self._clock is None and not self._bridge.waits:
-            self._loop.asked = _POSES
-        self._steps = {_POSES: self._poll, _CONTACTS: self._make_contacts}
-        self._python = _PYTHON(self._do)
-        self._loop.python = ctypes.cast(self._python, ctypes.c_void_p).value
+        else:
+            self._loop.is_polled = not self._bridge.waits
 
     def _set_outputs(self) -> None:
         """Have frames go out: from the loop itself, or by a thread for each publisher."""
@@ -229,7 +225,7 @@ class Service:
 
     def _run_beside(self, asks_to_stop: Callable[[], bool]) -> None:
         """Run the loop in a thread of its own, and look at it."""
-        if self._bridge.waits and not self._is_direct and not self._newest:
+        if not self._is_direct and not self._newest:
             self._bridge.start(self._real_time)
         for bridge in self._bridges.values():
             bridge.start(self._real_time)
@@ -249,8 +245,8 @@ class Service:
             self._failure = self._failure or self._bridge.failure or self._sources.failure
 
     def _is_input_over(self) -> bool:
-        """Whether a thread has put in the last pose; where poses are polled, the tick looks at that."""
-        return self._input.is_over and not self._loop.asked & (_POSES | _CONTACTS)
+        """Whether a thread has put in the last pose; where Python makes contacts, the tick looks at that."""
+        return self._input.is_over and not self._newest
 
     def _work(self) -> None:
         """Run the loop, in a thread of its own."""
@@ -300,24 +296,16 @@ class Service:
         for bridge in self._bridges.values():
             bridge.send_all()
 
-    def _do(self, what: int, now_ns: int) -> int:
-        """Python's part of a tick; not 0: it failed, and the loop ends."""
+    def _do(self, now_ns: int) -> int:
+        """Make the contacts of a tick in Python; not 0: that failed, and the loop ends."""
         try:
-            self._steps[what](now_ns)
+            self._make_contacts(now_ns)
             if self._clock is not None:
                 self._fields["simulated_ns"] = self._clock.now_ns()
         except BaseException as failure:
             self._failure = failure
             return 1
         return 0
-
-    def _poll(self, now_ns: int) -> None:
-        self._bridge.poll(now_ns)
-        self._end_with_input()
-
-    def _end_with_input(self) -> None:
-        if self._input.is_over:
-            self._loop.ticks_wanted = int(self._loop.ticks) + 1
 
     def _make_contacts(self, now_ns: int) -> None:
         memory, newest, clock = self._sources.current, self._newest, self._clock
@@ -328,13 +316,10 @@ class Service:
             newest.update(samples, time.monotonic_ns() if clock is None else clock.now_ns())
         newest.drop_stale(now_ns)
         memory.contacts.fill(self._memory.message.records, newest.samples, now_ns)
-        self._finish(memory)
-        self._end_with_input()
-
-    def _finish(self, memory: SourceMemory) -> None:
-        """Say what the frame says of a source, and have described it, where that is due."""
         self._fields["is_late"] = memory.contacts.is_late
         self._describe(memory.say_epoch() + int(self._fields["epoch_offset"]), memory)
+        if self._input.is_over:
+            self._loop.ticks_wanted = int(self._loop.ticks) + 1
 
     def _describe(self, epoch: int, source: SourceMemory) -> None:
         """Have published what is due of the description, behind the next frame."""
@@ -349,7 +334,7 @@ class Service:
     def _look(self) -> None:
         """Have described what is due of the description, and warn of what is new."""
         loop = self._loop
-        if loop.ticks and not loop.next and not loop.asked & _CONTACTS:
+        if loop.ticks and not loop.next and not self._newest:
             self._describe(int(loop.epoch), self._sources.current)
         if self._newest is None:
             self._sources.note()

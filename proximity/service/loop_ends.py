@@ -62,12 +62,13 @@ class Worker:
 class PoseBridge(Worker):
     """Puts the poses that an input gives into a mailbox that the loop reads.
 
-    *count*: of fingers.
+    *count*: of fingers. *period_ns*: of ticks; where it cannot wait for poses, it asks twice in each.
     """
 
-    def __init__(self, pose_input: PoseInput, count: int) -> None:
+    def __init__(self, pose_input: PoseInput, count: int, period_ns: int) -> None:
         super().__init__()
         self._input = pose_input
+        self._nap = APART if self.waits else max(0.5e-9 * period_ns, APART)
         self._mailbox = PrivateMailbox(PATH_POSES.size(count))
         self._publisher = Publisher(self._mailbox, "")
         self._nothing = np.zeros(8, np.uint8)
@@ -76,7 +77,7 @@ class PoseBridge(Worker):
 
     @property
     def waits(self) -> bool:
-        """Whether its thread can wait for poses; otherwise each tick polls."""
+        """Whether its thread can wait for poses; otherwise it asks for them again and again."""
         return hasattr(self._input, "wait")
 
     def poll(self, now_ns: int) -> None:
@@ -99,9 +100,10 @@ class PoseBridge(Worker):
         self._join()
 
     def _work(self) -> None:
-        self._input.wait(LOOK)  # type: ignore[attr-defined]
+        if self.waits:
+            self._input.wait(LOOK)  # type: ignore[attr-defined]
         self.poll(time.monotonic_ns())
-        time.sleep(APART)
+        time.sleep(self._nap)
 
     def _message_of(self, poses: FingerPoses) -> Message:
         key = has_paths, count = poses.paths is not None, len(poses.pose_ns)

@@ -54,11 +54,6 @@ def structures() -> dict[str, np.dtype]:
     return kinds
 
 
-def defined(name: str) -> int:
-    """A number that the header defines."""
-    return int(dict(_DEFINED.findall(HEADER.read_text(encoding="ascii")))[name])
-
-
 def run_function() -> Any:
     """The function that runs the loop; other threads of Python run meanwhile."""
     try:

@@ -18,8 +18,9 @@ LOGGER = logging.getLogger("proximity.service")
 class PoseInput(Protocol):
     """An input of samples; its methods neither wait nor raise.
 
-    Where it has ``wait(timeout)``, a thread waits there and polls it; otherwise each tick does. Where it has
-    ``loop_end()`` or ``loop_recording()`` that return something, the loop takes poses from there by itself.
+    A thread polls it: where it has ``wait(timeout)`` when poses come, which wake the loop; otherwise twice in
+    each period. Where it has ``loop_end()`` or ``loop_recording()`` that return something, the loop takes
+    poses from there by itself.
     """
 
     is_over: bool

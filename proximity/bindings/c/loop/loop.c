@@ -41,13 +41,6 @@ static int is_over(const Loop *loop)
     return __atomic_load_n(&loop->stop, __ATOMIC_ACQUIRE) != 0;
 }
 
-/* Have Python do its part of a tick, if it has one; whether all is well. */
-static int ask(Loop *loop, int64_t what, int64_t now_ns)
-{
-    int64_t (*python)(int64_t, int64_t) = (int64_t (*)(int64_t, int64_t))(intptr_t)loop->python;
-    return (loop->asked & what) == 0 || python(what, now_ns) == 0;
-}
-
 static int64_t stopwatch_ns(const Loop *loop)
 {
     return loop->counts_processor ? system_thread_ns() : loop->is_ahead ? system_now_ns() : clock_now_ns(loop);
@@ -74,8 +67,8 @@ static int wait_for_tick(Loop *loop)
             return 0;
         }
         until_ns = until_ns < now_ns + LOOK_NS ? until_ns : now_ns + LOOK_NS;
-        if (now_ns < free_ns) {
-            system_sleep(free_ns < until_ns ? free_ns : until_ns);
+        if (now_ns < free_ns || loop->is_polled) {
+            system_sleep(free_ns < until_ns && !loop->is_polled ? free_ns : until_ns);
         } else if (wait_for_message(&loop->input, until_ns)) {
             return 1;
         }
@@ -219,11 +212,8 @@ static void publish_pending(Loop *loop)
 /* Fill the contacts; whether that was done. */
 static int answer(Loop *loop, decaff_contact *contacts, int64_t start_ns)
 {
-    if ((loop->asked & LOOP_ASK_CONTACTS) != 0) {
-        return ask(loop, LOOP_ASK_CONTACTS, start_ns);
-    }
-    if (!ask(loop, LOOP_ASK_POSES, start_ns)) {
-        return 0;
+    if (loop->python != 0) {
+        return ((int64_t (*)(int64_t))(intptr_t)loop->python)(start_ns) == 0;
     }
     play_recording(loop, start_ns);
     take_messages(loop);
@@ -304,7 +294,7 @@ static void publish_stopping(Loop *loop)
 int proximity_loop_run(Loop *loop)
 {
     loop->set = (int64_t)(intptr_t)proximity_best_set(POINTER(loop->instructions));
-    if (loop->set == 0 && (loop->asked & LOOP_ASK_CONTACTS) == 0) {
+    if (loop->set == 0 && loop->python == 0) {
         return 1;
     }
     if (!open_timer(&loop->input)) {

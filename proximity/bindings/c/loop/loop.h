@@ -12,9 +12,6 @@
 #define LOOP_DEFECTS 9
 #define LOOP_STATES 6
 
-/* What Python is asked for in a tick, where it has said that it has a part in it. */
-#define LOOP_ASK_POSES 1    /* to put poses into the mailbox */
-#define LOOP_ASK_CONTACTS 2 /* to fill the contacts, in place of all that the loop does */
 
 /* What was reported of a part. */
 typedef struct LoopMotion {
@@ -103,7 +100,8 @@ typedef struct Loop {
     int64_t is_coarse;    /* whether the system's monotonic clock is the coarse one of Windows */
     int64_t is_ahead;     /* whether that clock runs ahead of the one that readers of frames have */
     int64_t counts_processor; /* whether ticks are timed by the processor's time for the thread */
-    int64_t python, asked; /* int64_t (*)(int64_t what, int64_t now_ns), 0 where all is well; and for what */
+    int64_t python;       /* fills the contacts: int64_t (*)(int64_t now_ns), 0 where all is well; 0: the loop does */
+    int64_t is_polled;    /* whether poses that come do not wake it: they are given when a thread asks for them */
     int64_t is_late;      /* whether what contacts are made of is too old already */
     int64_t frame;        /* the message */
     int64_t pose_ns, positions, refused_ns, row_of; /* of the newest poses, a row a finger */
