@@ -3,9 +3,10 @@
 A pose of five fingers above a part is published at instants that have nothing to do with ticks, and who
 published it looks without pause for the frame that has been made of it. Times are in µs; *published* and
 *seen* count from the pose. ``--recording``: poses are played from one, and both count from the beginning of a
-tick. ``--moving``: the part moves with each pose. ``--busy``: a process beside that computes all the time;
-``--thread``: a thread of Python in the service's process that does; ``--rate HZ``: of ticks. ``--csv FILE``
-appends how late they were, ``--plot FILE`` draws such a file.
+tick. ``--moving``: the part moves with each pose. ``--sensor``: measured distances come in place of poses.
+``--busy``: a process beside that computes all the time; ``--thread``: a thread of Python in the service's
+process that does; ``--rate HZ``: of ticks. ``--csv FILE`` appends how late they were, ``--plot FILE`` draws
+such a file.
 """
 
 import argparse
@@ -26,7 +27,7 @@ from matplotlib.figure import Figure
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from proximity import MOVES, POSES, Message
+from proximity import MEASURED, MOVES, POSES, Message
 from proximity.lab.figures.style import LOOK
 from proximity.message import FRAME
 from proximity.service.hosting import serve
@@ -38,9 +39,7 @@ SCENE = """\
 rate_hz = {rate}
 publish = ["{frames}"]
 real_time = {real_time}
-[[parts]]
-file = "{part}"
-[fingers]
+{parts}[fingers]
 count = 5
 [input]
 {input}
@@ -50,6 +49,7 @@ ABOVE = np.linspace([0.05, 0.03, 0.07], [0.07, 0.03, 0.07], 5)
 COLOURS = {"python": "#D55E00", "compiled": "#0072B2"}  # Okabe and Ito
 LINES = {"alone": "-", "busy process": "--", "busy thread": ":"}
 Delays = tuple[float, float]
+INSTANTS = {POSES: "pose_ns", MEASURED: "measured_ns"}
 SPIN = "while True: pass"
 POSE_NS_AT, START_NS_AT, PUBLISH_NS_AT = 96 + 8, 40, 48
 """In a frame: of the first contact, and of the header."""
@@ -85,8 +85,11 @@ def seen_after(publisher, mover, inlet, message, seconds: float, rng) -> list[De
     of_frame, published = (data[at : at + 8].view("<i8") for at in (POSE_NS_AT, PUBLISH_NS_AT))
     while time.monotonic() < ends:
         pose_ns = time.monotonic_ns()
-        message.records["pose_ns"] = message.header["send_ns"] = pose_ns
-        message.records["position"] = ABOVE + 0.01 * np.sin(1e-9 * pose_ns) * np.eye(3)[2]
+        message.header["send_ns"] = message.records[INSTANTS[message.kind]] = pose_ns
+        if message.kind is POSES:
+            message.records["position"] = ABOVE + 0.01 * np.sin(1e-9 * pose_ns) * np.eye(3)[2]
+        else:
+            message.records["signed_distance"] = 0.05 + 0.01 * np.sin(1e-9 * pose_ns)
         if mover is not None:
             move.header["send_ns"] = move.records["pose_ns"] = pose_ns
             move.records["translation"] = 0.001 * np.sin(3e-9 * pose_ns) * np.eye(3)[0]
@@ -116,16 +119,18 @@ def measured(options: argparse.Namespace, folder: str) -> tuple[dict, list[Delay
     """Report of one run, and delays from pose to frame."""
     name = f"shm://bench-{os.getpid()}-{time.time_ns()}"
     path = Path(folder, "scene.toml")
-    source = RECORDING if options.recording else f'poses = "{name}-poses"'
+    kind, key = (MEASURED, "sensor") if options.sensor else (POSES, "poses")
+    source = RECORDING if options.recording else f'{key} = "{name}-poses"'
     source += f'\nmoves = "{name}-moves"' * options.moving
-    values = {"frames": name, "input": source, "part": ROOT / "meshes" / "bracket.stl"}
+    parts = "" if options.sensor else f'[[parts]]\nfile = "{ROOT / "meshes" / "bracket.stl"}"\n'
+    values = {"frames": name, "input": source, "parts": parts}
     text = SCENE.format(rate=options.rate, real_time=str(options.realtime).lower(), **values)
     path.write_text(text, encoding="utf-8")
     command = [sys.executable, __file__, "--child", str(path)] + ["--thread"] * options.thread
     service = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert service.stdout is not None and service.stdin is not None
     assert service.stdout.readline() == "begun\n"
-    message = Message(POSES, len(ABOVE))
+    message = Message(kind, len(ABOVE))
     message.records["finger"] = np.arange(len(ABOVE))
     with open_publisher(f"{name}-poses") as publisher, open_publisher(f"{name}-moves") as mover:
         inlet, rng = open_inlet(name), np.random.default_rng(0)
@@ -145,7 +150,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     for name, default in (("seconds", 20.0), ("rate", 1000.0)):
         parser.add_argument(f"--{name}", type=float, default=default)
-    for switch in ("realtime", "busy", "thread", "recording", "moving"):
+    for switch in ("realtime", "busy", "thread", "recording", "moving", "sensor"):
         parser.add_argument(f"--{switch}", action="store_true")
     for name in ("csv", "plot"):
         parser.add_argument(f"--{name}", type=Path)

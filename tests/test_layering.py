@@ -100,6 +100,7 @@ drum
 study
 certificate
 claims · experiment · part_press
+press_curves
 figures
 engine · stability
 simulation
@@ -115,14 +116,13 @@ plan
 design · psychometric
 """,
     "proximity.lab.certificate": """
-document · report
+report
 certification
-held_parts
 measurement
-service_inputs · worst_positions
+worst_positions
 starting_positions
 work
-deadlines · subject · wording
+subject · times
 """,
     "proximity.cli": """
 lab

@@ -10,13 +10,11 @@ from proximity.decaff.controller.settings import ControllerSettings, Limits
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.lab.engine.engine_loop import Distances, EnginePress, EngineSetup, press_on_part
 from proximity.lab.engine.finger_placement import place_finger
-from proximity.lab.engine.recorded_press import RecordedPress, recorded_hand
-from proximity.lab.figures import press_plots
 from proximity.lab.figures.style import Table
+from proximity.lab.press_curves import curves
 from proximity.lab.simulation.devices import Hand
 from proximity.lab.simulation.metrics import drum_offset
 from proximity.lab.simulation.simulated_press import Felt, cable_words, felt
-from proximity.recording import Recording
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 
@@ -27,7 +25,7 @@ class PartSimulation:
 
     engine: EnginePress
     ideal: EnginePress
-    speed: float | None  # m/s, of the approach; None: as it was recorded
+    speed: float  # m/s, of the approach
 
     @property
     def felt(self) -> tuple[Felt, Felt, Felt]:
@@ -41,14 +39,9 @@ def simulate_on_part(
     *,
     at: Sequence[float] | None = None,
     speed: float = 0.1,
-    recording: Recording | None = None,
 ) -> PartSimulation:
     """Return a press on a part."""
     hand = Hand()
-    if recording is not None:
-        finger, recorded = recorded_hand(scene, recording)
-        runs = [press_on_part(finger, recorded, each, hand) for each in (setup, setup.ideal)]
-        return PartSimulation(runs[0], runs[1], None)
     finger, press = place_finger(scene, at), hand.press(speed)
     runs = [press_on_part(finger, press, each, hand) for each in (setup, setup.ideal)]
     return PartSimulation(runs[0], runs[1], speed)
@@ -66,15 +59,9 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
     who = (
         "controller" if setup.reading is None else f"{setup.reading.name.lower().replace('_', '-')} distances"
     )
-    intent = press.response.press
-    comes = (
-        f"{intent.finger} of the recording"
-        if isinstance(intent, RecordedPress)
-        else f"{simulation.speed:g} m/s"
-    )
     lines = [
         ("part", f"{part.name}, {surface}, touched at ({touched}) mm, incidence {finger.incidence:.3f}"),
-        ("approach", comes),
+        ("approach", f"{simulation.speed:g} m/s"),
         ("reported by", f"{reported} at {setup.rate:g} Hz, {1e3 * setup.expected_latency:g} ms late"),
         ("drum", f"{who}, servo at {SERVO_RATE:g} Hz"),
         *([("displayed", shown)] if shown else []),
@@ -140,4 +127,4 @@ def document(simulation: PartSimulation) -> dict[str, Any]:
 def numbers(simulation: PartSimulation) -> Table:
     """Return the press about every 0.1 ms, with the ideal distance and on the real wall beside it."""
     engine, ideal = simulation.engine, simulation.ideal.response
-    return press_plots.curves(engine.response, engine.real, has_drum=True, ideal=ideal)
+    return curves(engine.response, engine.real, has_drum=True, ideal=ideal)

@@ -33,7 +33,7 @@ class ContactSource(Protocol):
     source: Source
     """Where its distances come from."""
     is_ticked_by_loop: bool
-    """Whether it has a tracker that the loop may tick by itself; otherwise `fill` is asked in each tick."""
+    """Whether the loop makes contacts by itself, of tracker or sensor; otherwise each tick asks `fill`."""
 
     @property
     def epoch(self) -> int:
@@ -75,7 +75,7 @@ class TrackedContacts:
 
     source = Source.GEOMETRY
     takes_changes: bool
-    """Whether parts are looked at before each tick: messages move or change them, or another thread does."""
+    """Whether parts are looked at again and again: messages move or change them, or another thread does."""
     is_ticked_by_loop = True
 
     def __init__(self, tracker: Tracker, moves: Any = None, changes: Any = None) -> None:

@@ -7,8 +7,20 @@ import math
 
 import numpy as np
 
-from proximity.kernels.tracking.motion import (
+from proximity.kernels.contact_record import (
+    BOUNDED,
+    EXACT,
+    IN_RANGE,
     JUMPED,
+    MODE_FORCE,
+    MODE_POSITION,
+    MODE_RETRACT,
+    PREDICTED,
+    SIGNED,
+    SURFACE_DEFORMABLE,
+    TRACKED,
+)
+from proximity.kernels.tracking.motion import (
     REPEATED,
     STARTED,
     USABLE,
@@ -16,14 +28,7 @@ from proximity.kernels.tracking.motion import (
     observe_with_velocity,
     predict,
 )
-from proximity.native import entry, inlined
-
-# --- columns of what `follow_distances` fills ---
-FOLLOWED_STATUS = 0  # bits, as `motion.observe` answers
-FOLLOWED_RATE = 1  # m/s, of the distance; zero while it is not known
-FOLLOWED_STEP = 2  # m, by which the distance will have changed
-FOLLOWED_SPREAD = 3  # m, by which that may be off
-FOLLOWED_SIZE = 4
+from proximity.native import entry, inlined, record
 
 # --- columns of the error sums of a distance that is followed: sums of weight times squared error, m² ---
 DISTANCE_ERROR = 0  # of the present track
@@ -32,6 +37,29 @@ ERROR_SUMS_SIZE = 2
 LARGEST_DISTANCE_ERROR = 1e3
 """m: what is off by more is as good as not known, and must fade like others."""
 
+OBSERVED = TRACKED | PREDICTED | JUMPED
+"""Flags that follow from successive distances."""
+
+MEASUREMENT_RECORD = record(
+    "Measurement",
+    finger="u4",
+    surface="u1",
+    force_is_valid="u1",
+    reserved="(2,)u1",
+    measured_ns="i8",
+    signed_distance="f8",
+    error="f8",
+    position="(3,)f8",
+    velocity="(3,)f8",
+    normal="(3,)f8",
+    approach_speed="f8",
+    bend="f8",
+    bend_rate="f8",
+    force="f8",
+    stiffness="f8",
+    damping="f8",
+)
+"""A finger's measurement; `message.MEASUREMENT` says what is in it, a test compares both."""
 REFUSED = 255
 """Defect of a sample that was refused before: it is not counted again."""
 LOST = 254
@@ -132,32 +160,118 @@ def _distance_error(motions, error_sums, i, error, status, weight_before):
     return math.sqrt(error_sums[i, DISTANCE_ERROR] * weight / spread) if spread > 0.0 else 0.0
 
 
-@entry(
-    "Estimate[:, 2], float64[:, :], int64[:], float64[:, :], float64[:], float64[:], int, float, float, "
-    "float64[:, :]",
-)
-def follow_distances(
-    motions, error_sums, measured_ns, distances, errors, rates, acts_ns, max_speed, max_acceleration, followed
-):  # fmt: skip
-    """Follow distances that were measured as `motion` follows a finger, along one axis; see `FOLLOWED_SIZE`.
+@inlined
+def _follow(motions, error_sums, i, measured_ns, distance, measured, acts_ns, max_speed, max_acceleration):
+    """Follow a distance as `motion` follows a finger, along one axis: status, rate, step and its spread.
 
-    *rates* (N,), m/s, are of the distances; nan: to be estimated. *distances* (N, 1) of nan answer 0.
-    *errors* (N,), m: how far off each distance may be; what is none is very far. *error_sums*
-    (N, `ERROR_SUMS_SIZE`): what is kept of them, zeros at first. A rate that is reported is taken at its
-    word.
+    A rate that is reported is taken at its word. By the *step*, m, the distance will have changed.
     """
+    present = motions[i, 0]
+    weight_before, rate = present.weights[0], -measured.approach_speed
+    status = observe_with_velocity(
+        motions, i, measured_ns, distance, 0.0, 0.0, (rate, 0.0, 0.0), max_speed,
+        max_acceleration,
+    )  # fmt: skip
+    if status:
+        distance_error = _distance_error(motions, error_sums, i, measured.error, status, weight_before)
+        if not (status & REPEATED or math.isfinite(rate)):
+            present.velocity_error += distance_error
+    step, _, _, spread = predict(present, 1e-9 * (acts_ns - measured_ns), max_speed, max_acceleration)
+    return status, present.velocity[0], step, spread
+
+
+@inlined
+def _write_distances(contact, measured, status, rate, step, spread):
+    """Write distances, now and predicted, their bounds and what is known of them."""
+    distance, error = measured.signed_distance, measured.error
+    flags = status & OBSERVED | SIGNED | IN_RANGE
+    if not 0.0 <= error < np.inf:
+        error = np.inf
+        flags |= BOUNDED
+    if error == 0.0:
+        flags |= EXACT
+    contact.signed_distance, contact.predicted_distance = distance, distance + step
+    contact.lower, contact.upper = distance - error, distance + error
+    contact.predicted_lower = contact.lower + (step - spread)
+    contact.predicted_upper = contact.upper + (step + spread)
+    contact.approach_speed = -rate if status & PREDICTED else np.nan
+    contact["flags"] = flags
+
+
+@inlined
+def _write_times(contact, is_predicted, horizon, max_speed):
+    """Write the time to contact at the present speed, and the time that is free for certain."""
+    clearance = max(contact.lower, 0.0)
+    closing = contact.approach_speed if is_predicted else max_speed
+    free, expected = horizon if clearance > 0.0 else 0.0, np.inf
+    if closing > 0.0:
+        free = min(clearance / closing, horizon)
+        if is_predicted and contact.signed_distance / closing <= horizon:
+            expected = contact.signed_distance / closing
+    if contact.signed_distance <= 0.0:
+        free = expected = 0.0
+    contact.time_to_contact, contact.time_to_contact_lower = expected, free
+
+
+@inlined
+def _write_surface(contact, measured):
+    """Write how the object answers a touch, and what the controller is advised to do."""
+    has_force = measured.force_is_valid != 0 and math.isfinite(measured.force)
+    is_deformable = measured.surface == SURFACE_DEFORMABLE
+    contact.surface, contact.force_is_valid = measured.surface, 1 if has_force else 0
+    contact.force = measured.force if has_force else 0.0
+    contact.stiffness = measured.stiffness if is_deformable and math.isfinite(measured.stiffness) else 0.0
+    contact.damping = measured.damping if is_deformable and math.isfinite(measured.damping) else 0.0
+    contact.mode = MODE_RETRACT
+    if contact.time_to_contact < np.inf:
+        contact.mode = MODE_FORCE if is_deformable else MODE_POSITION
+
+
+@inlined
+def _write_bend(contact, measured):
+    """Write the bend, and that at contact where it follows from bend, bend rate and time to contact."""
+    bend, rate, left = measured.bend, measured.bend_rate, contact.time_to_contact
+    contact.bend, contact.bend_rate, reached = bend, rate, np.nan
+    if left < np.inf and rate > 0.0 and bend + rate * left <= 1.0:
+        reached = bend + rate * left
+    if contact.signed_distance <= 0.0:
+        reached = bend
+    contact.contact_bend, contact.contact_bend_error = reached, np.nan
+    if not math.isnan(reached):
+        contact.contact_bend_error = (
+            0.0 if contact.signed_distance <= 0.0 and contact.upper <= 0.0 else np.inf
+        )
+
+
+@entry(
+    "Estimate[:, 2], float64[:, :], int64[:], float64[:, :], Measurement[:], Contact[:], Contact[:], int, "
+    "int, float, float, float",
+)
+def sense_contacts(
+    motions, error_sums, measured_ns, distances, measured, contacts, unknown, now_ns, latency_ns, horizon,
+    max_speed, max_acceleration,
+):  # fmt: skip
+    """Make contacts of the newest measurements.
+
+    *distances* (N, 1) of nan are not known, whatever is *measured*; of such fingers contacts are *unknown*.
+    *error_sums* (N, `ERROR_SUMS_SIZE`): what is kept of errors, zeros at first.
+    """
+    acts_ns = now_ns + latency_ns
     for i in range(len(measured_ns)):
-        present = motions[i, 0]
-        weight_before = present.weights[0]
-        status = observe_with_velocity(
-            motions, i, measured_ns[i], distances[i, 0], 0.0, 0.0, (rates[i], 0.0, 0.0), max_speed,
+        contact, reported = contacts[i], measured[i]
+        contacts[i] = unknown[i]
+        status, rate, step, spread = _follow(
+            motions, error_sums, i, measured_ns[i], distances[i, 0], reported, acts_ns, max_speed,
             max_acceleration,
         )  # fmt: skip
-        elapsed = 1e-9 * (acts_ns - measured_ns[i])
         if status:
-            distance_error = _distance_error(motions, error_sums, i, errors[i], status, weight_before)
-            if not (status & REPEATED or math.isfinite(rates[i])):
-                present.velocity_error += distance_error
-        step, _, _, spread = predict(present, elapsed, max_speed, max_acceleration)
-        followed[i, FOLLOWED_STATUS], followed[i, FOLLOWED_RATE] = status, present.velocity[0]
-        followed[i, FOLLOWED_STEP], followed[i, FOLLOWED_SPREAD] = step, spread
+            _write_distances(contact, reported, status, rate, step, spread)
+            _write_times(contact, status & PREDICTED != 0, horizon, max_speed)
+            for axis in range(3):
+                contact.position[axis] = reported.position[axis]
+                contact.velocity[axis] = reported.velocity[axis]
+                contact.normal[axis] = reported.normal[axis]
+            _write_surface(contact, reported)
+            _write_bend(contact, reported)
+        contact.pose_ns, contact.age_ns = measured_ns[i], now_ns - measured_ns[i]
+        contact.predicted_ns = max(acts_ns, measured_ns[i])

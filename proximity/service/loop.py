@@ -3,8 +3,8 @@
 A pose that comes wakes it, and its frame leaves when it is computed; ticks for poses are half a period apart,
 or half a millisecond where that is less, and at least every period a frame leaves. On Linux it takes poses
 from ``shm://`` and ``udp://`` of this machine by itself, and sends frames by them; other ends are threads of
-Python beside it, and a recording is played by the loop. In a tick it waits for Python only where parts are
-moved or changed by messages, and where a sensor measures.
+Python beside it, and a recording is played by the loop. In a tick it waits for Python only where a part is
+held, or where kernels are not compiled ahead.
 """
 
 import ctypes
@@ -17,6 +17,7 @@ from contextlib import ExitStack, nullcontext
 from typing import Any
 
 from proximity.errors import ServiceError
+from proximity.message import Source
 from proximity.service.clock import Clock, SkippingClock
 from proximity.service.contact_source import ContactSource
 from proximity.service.description import Describer
@@ -72,7 +73,8 @@ class Service:
         counts_processor: bool = False,
     ) -> None:
         self._run_loop = run_function()
-        self._memory = LoopMemory(contact_source.count)
+        is_measured = contact_source.source is Source.TELEOPERATION
+        self._memory = LoopMemory(contact_source.count, is_measured=is_measured)
         self._loop: Any = self._memory.loop
         self._fields: Any = self._memory.record[0]  # the same, by names in brackets: ten times as fast
         self._source, self._input, self._publishers = contact_source, pose_input, list(publishers)

@@ -4,16 +4,17 @@ import logging
 import threading
 import time
 from contextlib import AbstractContextManager, nullcontext
+from typing import Any
 
 import numpy as np
 
 from proximity.errors import PublishError, ServiceError
-from proximity.message import DESCRIPTION, FRAME, PATH_CORNERS, PATH_POSES, POSES, Message
+from proximity.message import DESCRIPTION, FRAME, MEASURED, PATH_CORNERS, PATH_POSES, POSES, Kind, Message
 from proximity.message.description import MOST_LABELS
 from proximity.message.envelope import unpack_prefix
 from proximity.service.inputs.sources import PoseInput
 from proximity.service.realtime import RealTime, sharp_timers
-from proximity.service.samples import FingerPoses
+from proximity.service.samples import Measurements
 from proximity.transport import Publisher
 from proximity.transport.link import NOTHING
 from proximity.transport.publisher import outlet_of
@@ -69,10 +70,10 @@ class PoseBridge(Worker):
         super().__init__()
         self._input = pose_input
         self._nap = APART if self.waits else max(0.5e-9 * period_ns, APART)
-        self._mailbox = PrivateMailbox(PATH_POSES.size(count))
+        self._mailbox = PrivateMailbox(max(PATH_POSES.size(count), MEASURED.size(count)))
         self._publisher = Publisher(self._mailbox, "")
         self._nothing = np.zeros(8, np.uint8)
-        self._messages: dict[tuple[bool, int], Message] = {}  # by whether with paths, and number of poses
+        self._messages: dict[tuple[Kind, int], Message] = {}  # by number of samples
         self.reader = self._mailbox.reader
 
     @property
@@ -83,8 +84,8 @@ class PoseBridge(Worker):
     def poll(self, now_ns: int) -> None:
         """Put in what is new."""
         for samples in self._input.poll(now_ns):
-            assert isinstance(samples, FingerPoses), "a scene is asked for poses"
-            self._publisher.publish(self._message_of(samples))
+            make = self._measured if isinstance(samples, Measurements) else self._message_of
+            self._publisher.publish(make(samples))
 
     def wake(self) -> None:
         """Have the loop tick, though there is no pose: one that asks Python for its contacts."""
@@ -105,11 +106,22 @@ class PoseBridge(Worker):
         self.poll(time.monotonic_ns())
         time.sleep(self._nap)
 
-    def _message_of(self, poses: FingerPoses) -> Message:
-        key = has_paths, count = poses.paths is not None, len(poses.pose_ns)
-        message = self._messages.get(key)
-        if message is None:
-            message = self._messages[key] = Message(PATH_POSES if has_paths else POSES, count)
+    def _message(self, kind: Kind, count: int) -> Message:
+        if (kind, count) not in self._messages:
+            self._messages[kind, count] = Message(kind, count)
+        return self._messages[kind, count]
+
+    def _measured(self, measured: Any) -> Message:
+        count = len(measured.pose_ns)
+        message = self._message(MEASURED, count)
+        message.records[:] = measured.records
+        message.records["finger"] = np.arange(count) if measured.fingers is None else measured.fingers
+        message.records["measured_ns"] = measured.pose_ns
+        return message
+
+    def _message_of(self, poses: Any) -> Message:
+        count = len(poses.pose_ns)
+        message = self._message(POSES if poses.paths is None else PATH_POSES, count)
         records = message.records
         records["finger"] = np.arange(count) if poses.fingers is None else poses.fingers
         records["pose_ns"], records["position"] = poses.pose_ns, poses.positions

@@ -17,12 +17,13 @@ from proximity.checks import as_number
 from proximity.errors import ProximityError, ServiceError
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
 from proximity.mesh.part_memory import aligned_empty
-from proximity.message import FRAME, MAX_RECORDS, PATH_CORNERS, PATH_POSES, Message
+from proximity.message import FRAME, MAX_RECORDS, MEASURED, MEASUREMENT, PATH_CORNERS, PATH_POSES, Message
 from proximity.native.mode import IS_AHEAD, MODE
 from proximity.scene.model.assembly import Model
 from proximity.service.contact_source import METRES_A_BEND, ContactSource, TrackedContacts
 from proximity.service.finger_kernels import LOST
-from proximity.service.samples import NEVER_NS, FingerPoses
+from proximity.service.samples import NEVER_NS, FingerPoses, Measurements
+from proximity.service.sensed_contacts import SensedContacts
 from proximity.system.library_in_c import libraries
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import arrays_after, arrays_of, note_answers
@@ -70,7 +71,7 @@ def run_function() -> Any:
 
 
 def answers_in_c(contacts: ContactSource) -> bool:
-    """Whether the loop ticks a source by itself: it has a tracker, and the kernels are compiled."""
+    """Whether the loop makes contacts by itself: of a tracker or a sensor, where the kernels are compiled."""
     return IS_AHEAD and contacts.is_ticked_by_loop
 
 
@@ -115,6 +116,8 @@ class SourceMemory:
         self.has_scene = False  # whether the loop has arrays of its own, in which it moves parts
         if isinstance(contacts, TrackedContacts) and answers_in_c(contacts):
             self._set_tracker(contacts, memory, before)
+        elif isinstance(contacts, SensedContacts) and answers_in_c(contacts):
+            self._set_sensor(contacts)
         self.say_epoch()
 
     @property
@@ -151,6 +154,15 @@ class SourceMemory:
             self._set_scene(contacts, model)
         self._model_words = words_of(self._model)
         fields["model"] = self._model_words.ctypes.data
+
+    def _set_sensor(self, sensor: SensedContacts) -> None:
+        """Have ticks make contacts of what a sensor measures."""
+        self._sensor = np.zeros(1, structures()["LoopSensor"])
+        for name in ("motions", "error_sums", "unknown"):
+            self._sensor[name] = getattr(sensor, name).ctypes.data
+        for name in ("latency_ns", "horizon", "max_speed", "max_acceleration"):
+            self._sensor[name] = getattr(sensor, name)
+        self._fields["sensor"] = self._sensor.ctypes.data
 
     def _set_scene(self, contacts: TrackedContacts, model: Model) -> None:
         """Let parts be moved by the loop alone: nobody else writes to its arrays."""
@@ -202,11 +214,11 @@ class LoopMemory:
 
     is_direct = False  # whether the loop receives poses by itself
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, *, is_measured: bool = False) -> None:
         self.message = Message(FRAME, count)
         forget(self.message.records)
         self.message.records["finger"] = np.arange(count)
-        self.poses = FingerPoses(count)
+        self._samples = Measurements(count) if is_measured else FingerPoses(count)
         velocities, bends = np.full((count, 3), np.nan), np.full(count, np.nan)
         paths = np.full((count, PATH_CORNERS, 3), np.nan)
         self.optional = velocities, paths, np.linspace(0.0, 1.0, PATH_CORNERS), bends
@@ -215,8 +227,9 @@ class LoopMemory:
         self._arrays = {
             "instructions": self._name,
             "frame": self.message.data,
-            "pose_ns": self.poses.pose_ns,
-            "positions": self.poses.positions,
+            "pose_ns": self._samples.pose_ns,
+            "positions": self._samples.values,
+            "measured": np.zeros(count, MEASUREMENT),
             "refused_ns": np.full(count, NEVER_NS),
             "row_of": np.arange(count),
             "velocities": velocities,
@@ -228,16 +241,17 @@ class LoopMemory:
             "defects": np.zeros(rows, np.uint8),
             "datagram": np.zeros(LARGEST_DATAGRAM, np.uint8),
         }
-        self._received = np.zeros(PATH_POSES.size(MAX_RECORDS) + 8, np.uint8)
+        self._received = np.zeros(max(PATH_POSES.size(MAX_RECORDS), MEASURED.size(MAX_RECORDS)) + 8, np.uint8)
         self.record = np.zeros(1, structures()["Loop"])
         self.loop: Any = self.record.view(np.recarray)[0]
         self.loop.count, self.loop.ticks_wanted = count, -1
+        self.loop.width = self._samples.values.shape[1]
         self.loop.lost_hand, self.loop.metres_a_bend = LOST, METRES_A_BEND
         for name, array in self._arrays.items():
             self.loop[name] = array.ctypes.data
         self.input, self.outputs = self.loop.input, self.loop.outputs
         self.input["message"], self.input["longest"] = self._received.ctypes.data, len(self._received)
-        self.input["socket"] = -1
+        self.input["socket"], self.input["is_measured"] = -1, is_measured
 
     @property
     def address(self) -> int:

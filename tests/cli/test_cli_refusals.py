@@ -98,14 +98,13 @@ bench box.stl --gate soon | 'soon' is not a period, expected a time or a rate su
 bench box.stl --ticks 10 | 10 ticks are too few for p99.9, expected 1000 or more
 bench box.stl --limit 0 | the loop cannot run for 0 s
 bench box.stl --fingers 0 | 0 fingers cannot be tracked, expected 1 or more
-bench box.stl --out cell.pdf | cell.pdf does not end in .html or .json
+bench box.stl --out cell.gif | cell.gif does not end in .json or .png, .svg, .pdf
 bench box.stl --recording no.csv | no.csv
 bench box.stl --seed -2 | -2 is not a seed
 figures 5d 5z | no figure '5z', expected some of 5a, 5b, 5c, 5d, 5e, 5f, 5g, 5h
 simulate --wall soft | 'soft': expected one of real, coupled, decaff
 simulate --wall coupled --drum gear51 | a coupled wall has none
 simulate --stiffness 5 | a decaff wall has none
-simulate --out press.gif | press.gif does not end in .png, .svg, .pdf, .csv
 simulate --wall coupled --stiffness 5 | expected both or neither
 simulate --latency -3 | -3 ms: expected 0 to 1000
 simulate --wall real --cable 1212 | a real wall has none

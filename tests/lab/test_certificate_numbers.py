@@ -1,4 +1,4 @@
-"""Numbers of a certificate: periods, percentiles, the rule of three, gates, what a delay means, the hash."""
+"""Numbers of a certificate: periods, percentiles, the price of a delay, the hash."""
 
 import make
 import numpy as np
@@ -7,48 +7,38 @@ import shapes
 
 import proximity
 from proximity import Pose, Scene, ServiceError, Solid
-from proximity.lab.certificate import deadlines
-from proximity.lab.certificate.document import delay_of, felt
+from proximity.lab.certificate import times
+from proximity.lab.certificate.report import felt
 from proximity.lab.certificate.subject import fingerprint
 from proximity.scene.part import Part
 from proximity.service import Histogram
 
 
 def test_percentile_that_so_few_ticks_do_not_tell_is_not_told():
-    assert deadlines.percentiles(np.arange(999))["p999"] is None
-    assert deadlines.percentiles(np.arange(1000))["p999"] is not None
-    assert deadlines.percentiles(np.arange(99))["p99"] is None
-    assert deadlines.percentiles(np.arange(1)) == {"p50": None, "p99": None, "p999": None, "max": 0.0}
+    assert times.percentiles(np.arange(999))["p999"] is None
+    assert times.percentiles(np.arange(1000))["p999"] is not None
+    assert times.percentiles(np.arange(99))["p99"] is None
+    assert times.percentiles(np.arange(1)) == {"p50": None, "p99": None, "p999": None, "max": 0.0}
 
 
 def test_histogram_tells_what_its_times_do():
     rng, histogram = np.random.default_rng(4), Histogram()
-    times = rng.integers(1000, 3_000_000, 5000)
-    for each in times.tolist():
+    taken = rng.integers(1000, 3_000_000, 5000)
+    for each in taken.tolist():
         histogram.record(each)
 
-    counted, timed = deadlines.percentiles(histogram), deadlines.percentiles(times)
+    counted, timed = times.percentiles(histogram), times.percentiles(taken)
 
-    for name in deadlines.SHARES:
+    for name in times.SHARES:
         assert timed[name] <= counted[name] * (1 + 1e-3) and counted[name] <= timed[name] * (1 + 1 / 16)
-    over = deadlines.over_count(histogram, 0.001)
-    assert over == pytest.approx(deadlines.over_count(times, 0.001), rel=0.05)
+    over = times.over_count(histogram, 0.001)
+    assert over == pytest.approx(times.over_count(taken, 0.001), rel=0.05)
 
 
 def test_tick_of_exactly_the_period_is_in_time():
     times_ns = np.array([999_999, 1_000_000, 1_000_001, 5_000_000])
 
-    (row,) = deadlines.against(times_ns, {0.001: ""})
-    assert (row["missed"], row["missed_per_million"]) == (2, 500_000)
-
-
-@pytest.mark.parametrize("total", [1000, 10**6])
-def test_rule_of_three_holds_for_none_seen(total):
-    """1 - 0.05^(1/n), which is 3 / n; and no certainty that there are none."""
-    upper = deadlines.upper_share(0, total)
-
-    assert upper == pytest.approx(1.0 - 0.05 ** (1.0 / total), rel=1e-9)
-    assert upper == pytest.approx(3.0 / total, rel=0.003)
+    assert times.over_count(times_ns, 0.001) == 2
 
 
 @pytest.mark.parametrize(
@@ -58,7 +48,7 @@ def test_rule_of_three_holds_for_none_seen(total):
     ],
 )  # fmt: skip
 def test_period_is_read_as_people_write_it(text, seconds):
-    assert deadlines.parse_period(text) == pytest.approx(seconds, rel=1e-12)
+    assert times.parse_period(text) == pytest.approx(seconds, rel=1e-12)
 
 
 @pytest.mark.parametrize("text", ["", "1", "fast", "-1ms", "nanms", "11s"])
@@ -66,7 +56,7 @@ def test_what_is_no_period_is_refused(text):
     with pytest.raises(
         ServiceError, match="is not a period, expected a time or a rate such as 1ms, 200us or 1kHz"
     ):
-        deadlines.parse_period(text)
+        times.parse_period(text)
 
 
 def test_forty_milliseconds_mean_what_the_paper_says():
@@ -76,11 +66,6 @@ def test_forty_milliseconds_mean_what_the_paper_says():
     assert found["penetration"] == pytest.approx(0.004, rel=1e-12)
     assert found["force_error"] == pytest.approx(0.8, rel=1e-12)
     assert found["energy_error"] == pytest.approx(6.0e-3, rel=1e-9)
-
-
-def test_touch_just_after_a_tick_waits_for_the_next_and_its_answer():
-    assert delay_of(0.001, 0.0002) == pytest.approx(0.0012)
-    assert delay_of(0.001, 0.0011) == pytest.approx(0.0031)  # every other tick is left out
 
 
 @pytest.fixture

@@ -1,26 +1,20 @@
-"""What is told of a certificate: verdict, document, page and report. Times are made up, mostly."""
+"""Reports of a certificate: verdict, document and picture. Times are made up, mostly."""
 
 import json
 import re
-import sys
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 from certificates import TICKS, ball_subject, certificate, found, loop, timing
+from project import MESHES
 
-from proximity import MissingLibraryError, ServiceError
-from proximity.lab.certificate import measurement, report, wording
+from proximity import ServiceError
+from proximity.lab.certificate import measurement, report
 from proximity.lab.certificate.certification import check_request, load
-from proximity.lab.certificate.deadlines import PERIODS, periods_of
-from proximity.lab.certificate.document import document
-from proximity.lab.certificate.report import page
-from proximity.lab.figures import style
+from proximity.lab.certificate.report import document
+from proximity.lab.certificate.subject import read_subject
 from proximity.recording import Recording
 from proximity.tracker.replay import motions
-
-VOID = {"meta", "br", "path", "use", "rect", "line", "circle"}
-SURFACE = np.random.default_rng(1).uniform(-0.05, 0.05, (40, 3))
 
 
 def test_scene_fits_as_long_as_its_slowest_motion_does():
@@ -100,10 +94,10 @@ def told():
 
 
 def test_document_has_what_its_schema_says(told):
-    assert (told["kind"], told["schema"]) == ("proximity latency certificate", 1)
+    assert (told["kind"], told["schema"]) == ("proximity latency certificate", 2)
     assert list(told) == [
-        "kind", "schema", "scene", "machine", "versions", "settings", "search", "cases", "loop", "feeling",
-        "verdict", "machine_verdict",
+        "kind", "schema", "scene", "machine", "versions", "settings", "search", "cases", "loop",
+        "at_the_finger", "verdict", "machine_verdict",
     ]  # fmt: skip
     assert set(told["scene"]) == {"sha256", "files", "parts", "faces", "bounds"}
     assert re.fullmatch("[0-9a-f]{64}", told["scene"]["sha256"])
@@ -113,141 +107,71 @@ def test_document_has_what_its_schema_says(told):
     assert told["versions"]["proximity"] == "1.2.3"
     assert {"seed", "ticks", "fingers", "budget", "period_s", "gate_s"} <= set(told["settings"])
     assert set(told["search"][0]["places"][0]) == {
-        "position", "work", "lower", "upper", "width", "origin", "start_work",
+        "position", "work", "lower", "upper", "origin", "start_work",
     }  # fmt: skip
-    assert {"name", "counts", "ticks", "compute", "wall", "best", "periods", "tail"} <= set(told["cases"][0])
-    assert {"missed", "missed_per_million", "missed_per_million_upper_95"} <= set(told["loop"])
+    assert {"name", "counts", "ticks", "compute", "wall", "best"} <= set(told["cases"][0])
     assert set(told["verdict"]) == {"period_s", "fits", "case", "measure", "time_ns", "sentence"}
     assert set(told["machine_verdict"]) == {"period_s", "kept", "missed", "due", "sentence"}
 
 
-def test_shares_and_misses_are_of_the_period(told):
-    row = told["cases"][1]["periods"][-1]
+def test_ticks_over_the_period_are_counted():
+    case = document(certificate(), 0.0002)["cases"][1]["compute"]
 
-    assert row["period_s"] == 0.0002
-    assert row["share"]["max"] == pytest.approx(2.0)
-    assert row["missed"] == pytest.approx(TICKS / 2, abs=3)
-    assert row["missed_per_million"] == pytest.approx(500_000, rel=0.01)
-    assert row["missed_per_million_upper_95"] > row["missed_per_million"]
-    late = told["loop"]["lateness"]
-    assert late["p50"] == pytest.approx(20_000, rel=1 / 16)
-    assert [each["missed"] for each in late["periods"]] == [0] * 6
+    assert case["max"] == pytest.approx(400e3) and case["over_period"] == pytest.approx(TICKS / 2, abs=3)
+    assert case["tail"][0][1] == TICKS
 
 
-def test_gate_of_its_own_is_among_the_periods(told):
-    assert [row["period_s"] for row in told["cases"][0]["periods"]] == [
-        0.04, 0.005, 0.003, 0.001, 0.0005, 0.0002,
-    ]  # fmt: skip
-    assert periods_of(0.001) == PERIODS
+def test_delay_is_computing_and_waking(told):
+    found = told["at_the_finger"]
+
+    assert found["delay_s"] == pytest.approx(400e-6 + 20e-6, rel=0.02)
+    assert [each["speed"] for each in found["speeds"]] == [0.1, 0.5, 1.0]
+    for each in found["speeds"]:
+        assert each["penetration"] == pytest.approx(each["speed"] * found["delay_s"])
+        assert each["force_error"] == pytest.approx(200.0 * each["penetration"])
 
 
-def test_delay_is_a_period_computing_and_waking(told):
-    paper, *_, alone = told["feeling"]
+def test_picture_shows_all_motions_and_worst_positions(told, tmp_path):
+    report.write_report(tmp_path / "cell.svg", told, ball_subject().scene)
+    drawn = (tmp_path / "cell.svg").read_text()
 
-    assert alone["delay_s"] == pytest.approx(400e-6 + 20e-6, rel=0.02)
-    assert paper["delay_s"] == pytest.approx(0.04 + alone["delay_s"])
-    assert [felt["speed"] for felt in paper["speeds"]] == [0.1, 0.5, 1.0]
-    for felt in paper["speeds"]:
-        assert felt["penetration"] == pytest.approx(felt["speed"] * paper["delay_s"])
-        assert felt["force_error"] == pytest.approx(200.0 * felt["penetration"])
-
-
-class Checked(HTMLParser):
-    """Notes what a page asks for from outside, and whether its elements are closed in order."""
-
-    def __init__(self):
-        super().__init__()
-        self.open, self.links, self.ids, self.text = [], [], [], []
-
-    def handle_starttag(self, tag, attributes):
-        if tag not in VOID:
-            self.open.append(tag)
-        for name, value in attributes:
-            if name == "id":
-                self.ids.append(value)
-            if name in ("src", "href", "xlink:href", "data") and not (value or "").startswith("#"):
-                self.links.append(value)
-
-    def handle_startendtag(self, tag, attributes):
-        self.handle_starttag(tag, attributes)
-        if tag not in VOID:
-            self.open.pop()
-
-    def handle_endtag(self, tag):
-        if tag not in VOID:
-            assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
+    for words in (
+        "worst, passing",
+        "service: woken late",
+        "cold, within the budget",
+        "moves, exact",
+        "x [mm]",
+    ):
+        assert words in drawn
 
 
-@pytest.fixture(scope="module")
-def text(told):
-    return page(told, SURFACE)
+def test_numbers_are_written_as_json_without_nan(told, tmp_path):
+    odd = told | {"search": [{"typical_work": float("nan")}]}
+    report.write_report(tmp_path / "cell.json", odd, ball_subject().scene)
 
-
-def test_page_parses_and_asks_for_nothing_from_outside(text):
-    checked = Checked()
-    checked.feed(text)
-    checked.close()
-
-    assert checked.open == [] and checked.links == []
-    assert not re.search(r"https?:|//|@import|<script|url\((?!#)", text)
-    assert len(checked.ids) == len(set(checked.ids)) > 100
-    # What is referred to is there.
-    assert set(re.findall(r'(?:href="#|url\(#)([^")]+)', text)) <= set(checked.ids)
-
-
-def test_page_says_the_same_as_the_document(text, told):
-    assert text.count("<svg ") == 2
-    assert told["scene"]["sha256"] in text
-    assert "took at most 400 µs (worst, passing: 80 % of it)" in text
-    assert "<b>Fits.</b>" in text and "<b>Deadlines kept.</b>" in text
-    assert told["machine_verdict"]["sentence"][1:] in text
-    late = page(document(certificate(report=loop(missed=9000))), SURFACE)
-    assert "<b>Fits.</b>" in late and "<b>Deadlines not kept.</b>" in late
-    assert "ball &amp; &lt;co&gt;.stl" in text and "<co>" not in text
-    assert "core: stays on &lt;1&gt;" in text
-    assert "Does not fit" in page(document(certificate(), 0.0002), SURFACE)
-
-
-def test_page_and_numbers_are_written_beside_each_other(told, tmp_path):
-    written = report.write_report(tmp_path / "cell.html", told, ball_subject().scene)
-
-    assert [path.name for path in written] == ["cell.html", "cell.json"]
-    assert json.loads((tmp_path / "cell.json").read_text())["schema"] == 1
-    assert (tmp_path / "cell.html").read_text().endswith("</html>\n")
-    assert len(list(tmp_path.iterdir())) == 2
-
-
-def test_numbers_are_written_even_without_matplotlib_or_jinja(told, tmp_path, monkeypatch):
-    def missing():
-        raise MissingLibraryError(
-            'figures need matplotlib, which is not installed: pip install "cad-proximity[sim]", '
-            'or in a checkout pip install -e ".[sim]"'
-        )
-
-    monkeypatch.setattr(style, "load_figure", missing)
-    with pytest.raises(MissingLibraryError, match=r'pip install "cad-proximity\[sim\]", or in a'):
-        report.write_report(tmp_path / "cell.html", told, ball_subject().scene)
-
-    assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]
-    monkeypatch.setitem(sys.modules, "jinja2", None)
-    with pytest.raises(MissingLibraryError, match=r"^pages need jinja2, which is not installed: pip install"):
-        report.write_report(tmp_path / "cell.html", told, ball_subject().scene)
-    assert report.write_report(tmp_path / "alone.json", told, ball_subject().scene)[0].name == "alone.json"
+    assert json.loads((tmp_path / "cell.json").read_text())["search"] == [{"typical_work": None}]
 
 
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("cell.pdf", r"cell\.pdf does not end in \.html or \.json"),
-        ("no/cell.html", "there is no folder .*no"),
+        ("cell.html", r"cell\.html does not end in \.json or \.png, \.svg, \.pdf"),
+        ("no/cell.png", "there is no folder .*no"),
     ],
 )
 def test_report_that_cannot_be_written_is_refused_before_measuring(name, sentence, tmp_path):
     with pytest.raises(ServiceError, match=sentence):
-        report.check_report_name(tmp_path / name)
+        report.check_report(tmp_path / name)
+
+
+def test_inputs_that_are_not_measured_are_named(tmp_path):
+    path = tmp_path / "cell.toml"
+    text = '[[parts]]\nfile = "{}"\n[input]\n'.format(MESHES / "box.stl")
+    path.write_text(text + 'poses = "mailbox:p"\nmoves = "mailbox:m"\n')
+
+    assert read_subject(path).not_measured == ("paths of fingers", "parts that move")
+    assert read_subject(MESHES / "held.toml").not_measured[-1] == "held parts"
+    assert read_subject(MESHES / "box.stl").not_measured == ()
 
 
 def test_motions_are_timed_with_as_many_ticks_as_asked_for():
@@ -295,13 +219,3 @@ def test_loop_runs_as_long_as_said_and_counts_computing_apart():
     assert report.ticks + report.missed >= 50 and report.ticks <= 50
     assert report.compute.count == report.lateness.count == report.ticks
     assert report.publish_failures == {measurement.ADDRESS: 0}
-
-
-def test_bound_on_misses_is_never_rounded_down():
-    told = {"missed": 0, "missed_per_million": 0.0, "missed_per_million_upper_95": 149.78}
-
-    assert wording.missed(told) == "0 a million (95 % bound: 150)"
-    assert wording.missed({**told, "missed_per_million_upper_95": 150.1}, "") == "0 (95 % bound: 160)"
-    seen = {"missed": 3, "missed_per_million": 1234.0, "missed_per_million_upper_95": 23_010.0}
-    assert wording.missed(seen, "") == "1 200 (95 % bound: 24 000)"
-    assert wording.missed({**seen, "missed_per_million": 1e6}) == "all"

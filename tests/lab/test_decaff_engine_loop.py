@@ -14,13 +14,11 @@ from proximity.errors import ArgumentError
 from proximity.lab import part_press
 from proximity.lab.engine.engine_loop import Distances, EngineSetup, press_on_part
 from proximity.lab.engine.finger_placement import place_finger, placed
-from proximity.lab.engine.recorded_press import recorded_hand, recorded_press
 from proximity.lab.engine.simulated_service import DelayedLink
 from proximity.lab.simulation.devices import Hand
 from proximity.lab.simulation.metrics import drum_offset, rest
 from proximity.lab.simulation.target_policies import Target
 from proximity.pose import Pose
-from proximity.recording import Recording
 from proximity.scene.loader import load
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -302,55 +300,6 @@ def test_deformable_part_is_displayed_to_any_finger_that_yields(yields, stiffnes
     assert set(press.states) == {"retracted", "approach", "force"}
     assert press.response.force[row] == pytest.approx(press.real.force[row], rel=0.005)
     assert press.error.share < share
-
-
-def recording(depths, rate=100.0):
-    """A fingertip above the box, coming and going as told: positive is pressed in."""
-    positions = np.full((len(depths), 1, 3), np.nan)
-    positions[:, 0, :2] = 0.0
-    positions[:, 0, 2] = 0.007 - np.asarray(depths)
-    return Recording(
-        np.round(1e9 / rate * np.arange(len(depths))).astype(np.int64), positions, ((0, 1),), "r.csv"
-    )
-
-
-def motion():
-    """60 mm away, 4 mm in, and away again, in 1.5 s."""
-    return 0.004 - 0.064 * np.sin(np.pi * np.linspace(-0.5, 0.5, 150)) ** 2
-
-
-def test_recorded_hand_is_felt_as_on_the_real_wall():
-    finger, press = recorded_hand(box_scene(), recording(motion()))
-    felt = press_on_part(finger, press, EngineSetup(latency=0.003))
-
-    assert press.at(0.0).position == pytest.approx(0.0, abs=1e-6)
-    assert press.at(press.begin).position == pytest.approx(-0.060, abs=1e-9)
-    assert felt.real.force.max() > 0.2
-    assert felt.error.share < 0.05
-    assert felt.error.largest < 0.1
-    assert felt.advances == 0
-
-
-def test_gaps_of_a_recording_are_lost_poses_and_jumps_are_left_out():
-    depths = motion()
-    lost = recording(np.where(np.arange(150) // 10 == 3, np.nan, depths))
-    jumped = recording(np.where(np.arange(150) == 20, 0.003, depths))
-    scene = box_scene()
-
-    gap = recorded_press(scene, lost, 0.007, 0.1)
-    assert (~gap.is_seen).sum() * gap.step == pytest.approx(0.11, abs=0.002)
-    assert not gap.sees(gap.begin + 0.35) and gap.sees(gap.begin + 0.5)
-    kept = recorded_press(scene, jumped, 0.007, 0.1)
-    assert kept.begin == pytest.approx(recorded_press(scene, recording(depths), 0.007, 0.1).begin, abs=1e-3)
-
-
-def test_recording_that_touches_nothing_is_refused():
-    with pytest.raises(
-        ArgumentError, match=r"r\.csv: no finger approaches the parts from outside and touches them"
-    ):
-        recorded_press(box_scene(), recording(motion() - 0.02), 0.007, 0.1)
-    with pytest.raises(ArgumentError, match=r"r\.csv: 100 s are recorded, expected at most 60 s"):
-        recorded_press(box_scene(), recording(np.zeros(1001), 10.0), 0.007, 0.1)
 
 
 def test_press_whose_frames_are_all_old_says_why_there_is_no_force():

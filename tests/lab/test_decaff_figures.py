@@ -13,23 +13,18 @@ from sampled_walls import stiffness_limit
 
 from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness
 from proximity.errors import ArgumentError, MissingLibraryError
-from proximity.lab.engine.engine_loop import EngineSetup, press_on_part
-from proximity.lab.engine.finger_placement import place_finger
+from proximity.lab import press_curves
 from proximity.lab.figures import (
-    arrival_plots,
-    cable_plots,
     catalogue,
-    engine_plots,
     error_plots,
     figure_5_plots,
-    press_plots,
+    motion_plots,
     stability_plots,
     style,
 )
 from proximity.lab.figures.style import Table
 from proximity.lab.paper import figure_5
 from proximity.lab.simulation import simulated_press
-from proximity.lab.simulation.devices import Hand
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.simulated_press import Setup, Wall, simulate
 
@@ -105,35 +100,11 @@ def test_edge_of_the_stability_figure_is_where_the_model_ends(delay):
     assert top["stiffness_N_per_m"].tolist() == [maximum_stiffness(device).stiffness]
 
 
-def test_force_errors_of_the_engine_beside_the_figure_are_the_models(monkeypatch):
-    monkeypatch.setattr(engine_plots, "SPEEDS", (1.0,))
-    monkeypatch.setattr(engine_plots, "LATENCIES", (0.003,))
-    table = engine_plots.numbers()
-    finger = place_finger(engine_plots.bracket(), engine_plots.START_POSITION)
-    felt = press_on_part(
-        finger, Hand().press(1.0), EngineSetup(latency=0.003, start_distance=engine_plots.START_DISTANCE)
-    )
-
-    assert table["reading"].tolist() == ["controller", "latched"]
-    assert table["engine_error"][0] == felt.error.share < table["engine_error"][1]
-    assert table["ideal_error"][0] == pytest.approx(felt.error.share, abs=0.01)
-    assert 0.0 < table["told_contact_m"][0] < table["told_error_m"][0]
-    style.render(engine_plots.draw, table, engine_plots.SIZE, "svg")
-
-
-def test_missing_sample_is_told(monkeypatch, tmp_path):
-    monkeypatch.setattr(engine_plots, "__file__", str(tmp_path / "studies" / "figures" / "engine_plots.py"))
-    with pytest.raises(
-        ArgumentError, match=r"the sample bracket\.stl is neither in .* nor in meshes beside it"
-    ):
-        engine_plots.bracket()
-
-
 def test_drums_of_the_figure_are_in_place_after_their_settling_time():
-    table = arrival_plots.motion_numbers()
+    table = motion_plots.numbers()
     for name in ("gear14", "gear51", "gear111"):
         late = table["time_s"] > table[f"{name}_settled_s"][0] + 1e-4
-        assert table[f"{name}_left_m"][0] == arrival_plots.TRAVEL
+        assert table[f"{name}_left_m"][0] == motion_plots.TRAVEL
         assert np.abs(table[f"{name}_left_m"][late]).max() <= 1e-4
 
 
@@ -169,17 +140,12 @@ def test_every_kind_of_figure_is_drawn(name, tmp_path):
     ("draw", "numbers"),
     [
         (stability_plots.draw, stability_plots.numbers),
-        (cable_plots.draw, cable_plots.numbers),
-        (engine_plots.draw, engine_plots.numbers),
-        (arrival_plots.draw_motion, arrival_plots.motion_numbers),
+        (motion_plots.draw, motion_plots.numbers),
         (error_plots.draw_against_speed, lambda: error_plots.numbers(error_plots.SPEED_PANELS, [1.0])),
         (error_plots.draw_against_latency, lambda: error_plots.numbers([0.010], error_plots.LATENCY_PANELS)),
-        (arrival_plots.draw, arrival_plots.numbers),
     ],
 )
-def test_sweeps_are_drawn_with_their_parameters_and_whose_they_are(draw, numbers, monkeypatch):
-    for plots, name in ((arrival_plots, "SPEEDS"), (engine_plots, "SPEEDS"), (cable_plots, "STIFFNESSES")):
-        monkeypatch.setattr(plots, name, getattr(plots, name)[-1:])
+def test_sweeps_are_drawn_with_their_parameters_and_whose_they_are(draw, numbers):
     drawn = style.render(draw, numbers(), (7.0, 3.0), "svg")
 
     assert drawn.startswith(STARTS["svg"])
@@ -211,7 +177,7 @@ def test_same_figure_is_the_same_file_and_leaves_no_trace_in_matplotlib(tmp_path
 
 
 def test_unknown_figure_and_format_are_refused_with_the_list(tmp_path):
-    with pytest.raises(ArgumentError, match=r"no figure '6', expected some of 5a, 5b, 5c, .* arrival"):
+    with pytest.raises(ArgumentError, match=r"no figure '6', expected some of 5a, 5b, 5c, .* drum-motion"):
         catalogue.write_figure("6", tmp_path)
     with pytest.raises(ArgumentError, match="no figures of format 'gif', expected one of png, svg, pdf"):
         catalogue.write_figure("5a", tmp_path / "folder", "gif")
@@ -265,27 +231,12 @@ def test_simulated_press_is_told_as_the_metrics_say(setup, tmp_path):
     assert press.felt.steady - simulated_press.felt(press.real).steady == found.steady_error
     assert press.felt.penetration == found.penetration
     assert press.felt.work - simulated_press.felt(press.real).work == found.work_error
-    for form in ("csv", *style.FORMATS[:1]):
-        press_plots.write(tmp_path / f"press.{form}", press)
+    style.write_table(tmp_path / "press.csv", press_curves.numbers(press))
     columns = read_columns(tmp_path / "press.csv")
     touch = int(np.argmin(np.abs(columns["time_s"])))
     assert columns["time_s"][touch] == 0.0
     assert columns["real_force_N"][touch] == press.real.force[press.response.zero]
     assert ("drum_m" in columns) == (setup.wall == Wall.DECAFF)
-    assert (tmp_path / "press.png").read_bytes().startswith(STARTS["png"])
-
-
-def test_drawn_press_shows_its_force_error_and_says_how_it_was_made(tmp_path):
-    press = simulate(Setup(Wall.DECAFF, speed=0.25))
-    table, figure = press_plots.numbers(press), matplotlib.figure.Figure()
-    press_plots.draw(figure, table, Wall.DECAFF)
-    error = figure.axes[2].lines[0].get_ydata()
-    press_plots.write(tmp_path / "press.svg", press)
-    text = (tmp_path / "press.svg").read_text()
-
-    np.testing.assert_array_equal(error, 1e3 * (table["force_N"] - table["real_force_N"]))
-    for words in ("51:1", "time-stamped", "0.25 m/s", "Pad 200 N/m, 6 N·s/m (Springer", "on one another"):
-        assert words in text
 
 
 def test_document_of_a_press_has_what_concerns_its_wall():

@@ -7,15 +7,10 @@ import numpy as np
 import pytest
 
 from proximity.lab.figures import (
-    arrival_plots,
-    cable_plots,
     catalogue,
-    engine_plots,
     error_plots,
-    press_plots,
     style,
 )
-from proximity.lab.simulation.simulated_press import Setup, Wall, simulate
 
 WIDTHS = (0.086, 0.120, 0.178)  # m: a column, one and a half, and a page
 OVERLAP = 0.5  # pixels of 300 an inch that rounding may cost
@@ -25,10 +20,6 @@ OVERLAP = 0.5  # pixels of 300 an inch that rounding may cost
 def tables():
     """Numbers of all figures, of few points where they come from simulated presses."""
     with pytest.MonkeyPatch.context() as few:
-        few.setattr(arrival_plots, "SPEEDS", (0.1, 1.0))
-        few.setattr(engine_plots, "SPEEDS", (0.1, 1.0))
-        few.setattr(engine_plots, "LATENCIES", (0.0, 0.010))
-        few.setattr(cable_plots, "STIFFNESSES", (200.0, 1e5))
         few.setattr(error_plots, "SPEEDS", (0.1, 1.0))
         few.setattr(error_plots, "LATENCIES", (1e-4, 0.040))
         few.setattr(error_plots, "STAIRS", 1)
@@ -66,17 +57,6 @@ def check_texts(texts):
 def test_texts_of_a_figure_stay_on_the_page_and_apart(name, width, has_caption, tables, monkeypatch):
     plate, sheet = catalogue.PLATES[name], style.Sheet(width, has_caption=has_caption)
     check_texts(drawn_texts(monkeypatch, plate.draw, tables[name], plate.size, sheet))
-
-
-@pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize("wall", Wall)
-def test_texts_of_a_press_stay_on_the_page_and_apart(wall, width, monkeypatch):
-    table = press_plots.numbers(simulate(Setup(wall, speed=0.25)))
-
-    def draw(figure, table):
-        press_plots.draw(figure, table, wall, "A note of one line.")
-
-    check_texts(drawn_texts(monkeypatch, draw, table, press_plots.SIZE, style.Sheet(width)))
 
 
 def test_panels_stand_below_one_another_in_a_column(tables, monkeypatch):

@@ -20,7 +20,7 @@ from project import MESHES
 import proximity
 from proximity import MOVES, PATH_POSES, POSES, Message
 from proximity.errors import ServiceError
-from proximity.message import CHANGES, DEFORMATIONS, FRAME, PartAction, State, parts_of
+from proximity.message import CHANGES, DEFORMATIONS, FRAME, MEASURED, PartAction, State, parts_of
 from proximity.native.mode import IS_AHEAD
 from proximity.pose import Pose
 from proximity.recording import FrameLog, FrameReader, Recording
@@ -32,6 +32,7 @@ from proximity.service import (
     MessageInput,
     MovesInput,
     RecordingInput,
+    SensedContacts,
     Service,
     TrackedContacts,
     loop,
@@ -156,10 +157,47 @@ class Parts:
         return message
 
 
+class Measured:
+    """Messages of a sensor of distances, with all that sensors do."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(200 + seed)
+        self.distances, self.speeds = self.rng.uniform(-0.01, 0.1, COUNT), self.rng.normal(0.0, 0.1, COUNT)
+
+    def messages(self, tick, now_ns):
+        """What comes before that tick: mostly one message, of some fingers."""
+        self.speeds += self.rng.normal(0.0, 0.01, COUNT)
+        self.distances += 0.001 * self.speeds
+        if self.rng.random() < 0.1:
+            return
+        rows = np.sort(self.rng.permutation(COUNT)[: self.rng.integers(1, COUNT + 1)])
+        message, rng, count = Message(MEASURED, len(rows)), self.rng, len(rows)
+        records = message.records
+        records["finger"], records["signed_distance"] = rows, self.distances[rows]
+        records["measured_ns"] = now_ns - rng.integers(0, 3 * MS, count)
+        message.header["send_ns"] = now_ns
+        for name in ("position", "velocity"):
+            records[name] = rng.normal(size=(count, 3))
+        records["normal"] = [0.0, 0.0, 1.0]
+        records["approach_speed"] = np.where(rng.random(count) < 0.5, np.nan, -self.speeds[rows])
+        records["error"] = rng.choice([0.0, 1e-4, np.nan, np.inf, -1.0], count)
+        for name in ("bend", "bend_rate"):
+            records[name] = rng.choice([np.nan, 0.1, 0.9], count)
+        for name in ("force", "stiffness", "damping"):
+            records[name] = rng.choice([np.nan, 1.5, 200.0], count)
+        records["surface"], records["force_is_valid"] = rng.integers(0, 4, count), rng.integers(0, 2, count)
+        odd = rng.random(count)
+        records["signed_distance"][odd < 0.05] = np.nan
+        records["measured_ns"][(odd > 0.05) & (odd < 0.07)] += 50 * MS
+        records["measured_ns"][(odd > 0.07) & (odd < 0.09)] -= 500 * MS
+        yield message
+
+
 def frames_of(scene, seed, *, in_python, ticks=300, parts=None):
     """Frames and report of a service that is driven by a clock; messages are the same each time."""
     poses, frames, *of_parts = names()
-    feed, clock, taken = Poses(scene, seed), ManualClock(BEGIN_NS), []
+    is_measured = scene is None
+    feed, clock, taken = Measured(seed) if is_measured else Poses(scene, seed), ManualClock(BEGIN_NS), []
     sender, reader, due = open_publisher(poses), open_inlet(frames), itertools.count()
     room = np.zeros(4096, np.uint8)
 
@@ -179,13 +217,13 @@ def frames_of(scene, seed, *, in_python, ticks=300, parts=None):
             ends[end].publish(message)
 
     clock.sleep_until = sleep_until
-    source, ends = contacts_of(scene), {}
+    source, ends = SensedContacts(COUNT) if is_measured else contacts_of(scene), {}
     if parts is not None:
         moves = MovesInput(of_parts[0], clock=clock.now_ns)
         source = TrackedContacts(source.tracker, moves, ChangesInput(of_parts[1], SimpleQueue()))
         ends = {name: open_publisher(end) for name, end in zip(("moves", "changes"), of_parts, strict=True)}
     source.is_ticked_by_loop = not in_python
-    pose_input = MessageInput(poses, COUNT, clock=clock.now_ns)
+    pose_input = MessageInput(poses, COUNT, clock=clock.now_ns, is_measured=is_measured)
     service = Service(
         source, pose_input, [open_publisher(frames)], period=0.001, valid_for=0.005, clock=clock
     )
@@ -213,6 +251,14 @@ def test_frames_beside_parts_that_move_and_change_are_those_that_python_makes_to
         assert report.states[State.LATE] or report.states[State.DEGRADED]
 
     assert_same(*frames)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_frames_of_a_sensor_are_those_that_python_makes_to_the_bit(seed):
+    (ones, _), (others, report) = (frames_of(None, seed, in_python=way) for way in (True, False))
+
+    assert_same(ones, others)
+    assert report.states[State.DEGRADED] + report.states[State.OK] > 100 and report.too_old and report.future
 
 
 @pytest.mark.parametrize("seed", range(6))

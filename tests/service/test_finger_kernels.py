@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from proximity.kernels.tracking.motion import BACKWARDS, FUTURE, TOO_OLD, USABLE
+from proximity.message import MEASUREMENT
 from proximity.service import finger_kernels
 
 OLDEST_NS, LATEST_NS = 920, 1000
@@ -89,3 +90,7 @@ def test_samples_from_before_an_instant_are_dropped(how):
 
     assert np.isnan(newest[:, 0]).tolist() == [True, False, False]
     assert newest_ns.tolist() == [9, 10, 11]
+
+
+def test_record_of_a_measurement_is_that_of_messages():
+    assert finger_kernels.MEASUREMENT_RECORD == MEASUREMENT

@@ -11,7 +11,7 @@ from PIL import Image
 from proximity.lab.figures.catalogue import write_figure
 
 PICTURES = Path(__file__).resolve().parents[2] / "docs" / "pictures"
-FIGURES = ("5", "stability", "error-latency", "error-engine", "cable", "drum-motion", "arrival")
+FIGURES = ("5", "stability", "error-latency", "drum-motion")
 WIDEST, COLOURS = 1400, 64  # pixels; of a palette
 
 

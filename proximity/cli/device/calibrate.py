@@ -75,7 +75,7 @@ def calibrate(
 
     You type the counts of the potentiometer, or --counts takes them from messages. --simulate measures
     a simulated glove, and prints its true numbers beside the measured ones. Readings and results are
-    written beside FILE as .readings.json, a plot of them as .png (needs matplotlib).
+    written beside FILE as .readings.json.
 
     Examples:
       proximity calibrate glove.json --simulate
@@ -174,23 +174,16 @@ def _opened(
 
 
 def _written(session: "Session", path: Path, name: str) -> str:
-    """Write the calibration, and draw it; return a sentence."""
+    """Write the calibration; return a sentence."""
     from proximity.cli.device.guide import UnfinishedError
     from proximity.decaff.calibration.results import as_document
     from proximity.decaff.glove.calibration import write_calibration
-    from proximity.errors import FileError, MissingLibraryError
-    from proximity.lab.figures import calibration_plots
 
     if missing := session.missing():
         raise UnfinishedError(f"{', '.join(missing)}: not measured, but a calibration needs it")
     write_calibration(path, session.calibration(name))
     session.readings.write(as_document(session.estimates()))
-    drawing = path.with_suffix(".png")
-    try:
-        calibration_plots.write(session, drawing)
-    except (FileError, MissingLibraryError) as unmade:
-        return f"{path}: written; not drawn: {unmade}"
-    return f"{path}: written; drawn in {drawing}"
+    return f"{path}: written"
 
 
 def _begin(session: "Session", again: str | None) -> None:

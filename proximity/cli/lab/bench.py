@@ -1,7 +1,7 @@
 """``proximity bench``: the latency certificate of a scene, and whether the scene fits a period."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -12,7 +12,6 @@ from proximity.cli.output import report
 
 EXIT_DOES_NOT_FIT = 1
 HAND = "hand.csv"
-REPORT = Path("latency.html")
 
 
 def bench(
@@ -25,11 +24,7 @@ def bench(
         str | None, option("PERIOD", "Period that the scene must fit: 1ms, 200us, 1kHz ...")
     ] = None,
     out: Annotated[
-        Path | None,
-        option(
-            "FILE",
-            (f"File of the report: .html (with .json), or .json alone. Default: {REPORT}, none with --json."),
-        ),
+        Path | None, option("FILE", "Picture of the report (.png, .svg, .pdf), or its numbers (.json).")
     ] = None,
     fingers: Annotated[
         int | None, option("N", "Number of fingers at the worst positions. Default: that of SCENE, else 5.")
@@ -49,37 +44,36 @@ def bench(
     units: UNITS = "mm",
 ) -> None:
     """Search SCENE for the positions where a tick takes longest, measure ticks there, and compare
-    them with haptic sample periods.
+    them with a haptic sample period.
 
     SCENE is a scene file of the service, whose settings are used, or a file of parts. Ticks are timed
     one by one: along a recorded hand, in random motion, and with all fingers at the worst positions;
-    then the service's own loop runs for some seconds. The report is one page (.html) and its numbers in
-    a file of the same name (.json). --json prints the numbers; files are then written only with --out.
+    then the service's own loop runs for some seconds. --json prints the numbers; --out writes them, or
+    draws a picture.
 
     There are two verdicts. The scene fits a period if 99.9 % of the ticks of every motion (best of
     three runs), and half of the loop's ticks, take no longer to compute. This machine kept its
     deadlines if the loop missed at most 0.1 % of them, for whatever reason: interruptions and late
-    waking count here. With --gate the exit code is 1 if the scene does not fit PERIOD. The page
-    requires jinja2 and matplotlib.
+    waking count here. With --gate the exit code is 1 if the scene does not fit PERIOD. A picture
+    requires matplotlib.
 
     Examples:
       proximity bench meshes/bracket.stl
-      proximity bench cell.toml --gate 1ms --out cell-latency.html
+      proximity bench cell.toml --gate 1ms --out cell-latency.png
       proximity bench gearbox.step --recording grab.csv --gate 5kHz --json > latency.json
     """
     from proximity.cli.lab import bench_report
-    from proximity.lab import certificate
+    from proximity.lab.certificate import certification, subject
+    from proximity.lab.certificate import report as reports
+    from proximity.lab.certificate.times import parse_period
 
-    period = None if gate is None else certificate.parse_period(gate)
-    page = REPORT if out is None and not as_json else out
-    if page is not None:
-        certificate.check_report_name(page)
+    period = None if gate is None else parse_period(gate)
     if out is not None:
-        certificate.check_libraries(out)
-    certificate.check_request(ticks, limit, seed)
+        reports.check_report(out)
+    certification.check_request(ticks, limit, seed)
     progress.prepare_kernels()
     with progress.spinner(f"reading {scene}"):
-        subject = certificate.read_subject(
+        read = subject.read_subject(
             scene,
             units=units,
             recording=recording,
@@ -88,37 +82,25 @@ def bench(
             real_time=real_time,
             sample=lambda: sample(HAND),
         )
-    if subject.recording is not None:
-        for note in subject.recording.notes:
-            report(f"{subject.recording.path}: {note}")
+    if read.recording is not None:
+        for note in read.recording.notes:
+            report(f"{read.recording.path}: {note}")
     with progress.bar("measuring") as show:
-        found = certificate.certify(
-            subject,
+        found = certification.certify(
+            read,
             tick_count=ticks,
             seconds=limit,
             seed=seed,
             progress=lambda doing, share: show(share, 1.0, f"{share:.0%} {doing}"),
         )
-    reported = certificate.document(found, period, version=proximity.__version__)
+    reported = reports.document(found, period, version=proximity.__version__)
     if as_json:
-        typer.echo(certificate.as_json(reported), nl=False)
+        typer.echo(reports.as_json(reported), nl=False)
     else:
         bench_report.write(reported)
-    if page is not None:
-        _write(page, reported, subject.scene)
+    if out is not None:
+        reports.write_report(out, reported, read.scene)
+        report(f"wrote {out}")
     if gate is not None and not reported["verdict"]["fits"]:
         report(reported["verdict"]["sentence"])
         raise typer.Exit(EXIT_DOES_NOT_FIT)
-
-
-def _write(page: Path, reported: dict[str, Any], scene: "proximity.Scene") -> None:
-    """Write the report, or the numbers alone where a library is missing."""
-    from proximity.lab import certificate
-
-    try:
-        with progress.spinner(f"writing {page}"):
-            written = certificate.write_report(page, reported, scene)
-    except proximity.MissingLibraryError as missing:
-        report(f"wrote {page.with_suffix('.json')} alone: {missing}")
-        return
-    report(f"wrote {' and '.join(map(str, written))}")

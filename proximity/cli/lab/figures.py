@@ -32,8 +32,7 @@ def figures(
         list[str] | None,
         argument(
             "NAME",
-            "5a to 5h, 5, stability, error-speed, error-latency, error-engine, cable, drum-"
-            "motion, arrival. Default: all.",
+            "5a to 5h, 5, stability, error-speed, error-latency, drum-motion. Default: all.",
             show_default=False,
         ),
     ] = None,
@@ -48,10 +47,8 @@ def figures(
 
     5a to 5h are those of the paper; 5 has all eight on one page. stability shows for which springs and
     dampers a sampled wall is stable. error-speed and error-latency compare coupled walls and drums with
-    the real wall, error-engine a drum that the distance service controls at a CAD part. cable shows
-    what the cable of a glove costs. drum-motion and arrival show when a drum is in position. With
-    --glove the drums are on your glove. Existing files are replaced. All figures take less than a
-    minute. Requires matplotlib.
+    the real wall. drum-motion shows when a drum is in position. With --glove the drums are on your
+    glove. Existing files are replaced. All figures take less than a minute. Requires matplotlib.
 
     Examples:
       proximity figures

@@ -6,22 +6,18 @@ from typing import Any
 import proximity
 from proximity.cli import progress
 from proximity.cli.lab.press_options import PartOptions, WallOptions
-from proximity.cli.output import MISSING, print_block, report, write_document
+from proximity.cli.output import MISSING, print_block, write_document
 from proximity.cli.tables import results_console, table
-from proximity.decaff.glove.finger import Finger
 from proximity.formats import metres_per_unit
-from proximity.lab import part_press
+from proximity.lab import part_press, press_curves
 from proximity.lab.engine.engine_loop import Distances, EngineSetup
-from proximity.lab.figures import press_plots, style
+from proximity.lab.figures.style import write_table
 from proximity.lab.simulation import simulated_press
 from proximity.lab.simulation.devices import COUPLED_DEVICE
 from proximity.lab.simulation.metrics import drum_offset
 from proximity.lab.simulation.sweeps import Stretch
-from proximity.recording import read_recording
 from proximity.service.config import PartFiles, read_scene_file
-from proximity.tracker.replay import fitted_pose
 
-NOTED = ("part", "approach", "reported by", "drum", "cable")  # below the figure
 SHAKING = 0.1  # of the real force at rest: ripple of a wall that does not come to rest
 SHOWN_LONG = 1e7  # less is shown with all its digits
 ROWS = (  # label, field, factor from SI units, digits
@@ -33,17 +29,15 @@ ROWS = (  # label, field, factor from SI units, digits
     ("impulse of the first 5 ms [mN s]", "impulse", 1e3, 3),
     ("work of the finger [mJ]", "work", 1e3, 3),
 )
-AT_REST = ("steady", "ripple")
-"""What a recorded hand has none of: it does not come to rest."""
 
 
-def simulate_press(surface: WallOptions, out: Path | None, sheet: style.Sheet, *, as_json: bool) -> None:
+def simulate_press(surface: WallOptions, out: Path | None, *, as_json: bool) -> None:
     """Simulate a press on a wall, and report it."""
     setup = surface.setup(is_on_part=False)
     with progress.spinner("simulating"):
         press = simulated_press.simulate(setup)
         if out is not None:
-            press_plots.write(out, press, sheet)
+            write_table(out, press_curves.numbers(press))
     if as_json:
         write_document(simulated_press.document(press))
         return
@@ -65,7 +59,7 @@ def simulate_press(surface: WallOptions, out: Path | None, sheet: style.Sheet, *
 
 
 def simulate_press_on_part(
-    surface: WallOptions, pressed: PartOptions, out: Path | None, sheet: style.Sheet, *, as_json: bool
+    surface: WallOptions, pressed: PartOptions, out: Path | None, *, as_json: bool
 ) -> None:
     """Simulate a press on a part, and report it; without a policy the drum's controller reads distances."""
     setup, file = surface.setup(is_on_part=True), pressed.scene
@@ -84,19 +78,16 @@ def simulate_press_on_part(
     progress.prepare_kernels()
     with progress.spinner(f"reading {file}"):
         scene = _scene(surface, pressed, file)
-        recorded = None if pressed.recording is None else _recorded(pressed.recording, scene, at)
     with progress.spinner("simulating"):
-        press = part_press.simulate_on_part(scene, reported, at=at, speed=setup.speed, recording=recorded)
+        press = part_press.simulate_on_part(scene, reported, at=at, speed=setup.speed)
         if out is not None:
-            noted = [f"{name} {words}" for name, words in part_press.describe(press) if name in NOTED]
-            note = f"{'; '.join(noted)}. {style.hand_words(press.engine.response.hand)}"
-            press_plots.write_curves(out, part_press.numbers(press), simulated_press.Wall.DECAFF, note, sheet)
+            write_table(out, part_press.numbers(press))
     if as_json:
         write_document(part_press.document(press))
         return
     both = (press.engine, press.ideal)
     rows = [
-        *_rows("surface", press.felt, () if press.speed is not None else AT_REST),
+        *_rows("surface", press.felt),
         ("force error [% rms]", *(f"{100.0 * one.error.share:.1f}" for one in both), "0.0"),
         ("force error [mN rms]", *(f"{1e3 * one.error.rms:.1f}" for one in both), "0.0"),
         (
@@ -122,21 +113,10 @@ def _scene(surface: WallOptions, pressed: PartOptions, file: Path) -> proximity.
     return scene
 
 
-def _recorded(path: Path, scene: proximity.Scene, at: list[float] | None) -> Any:
-    """The recording where its origin is reported, or where its hand touches."""
-
-    recording = read_recording(path)
-    for note in recording.notes:
-        report(f"{path}: {note}")
-    pose = fitted_pose(scene, recording, Finger().pad_radius) if at is None else proximity.Pose(None, at)
-    return recording.placed(pose)
-
-
-def _rows(surface: str, felt: Any, left_out: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+def _rows(surface: str, felt: Any) -> list[tuple[str, ...]]:
     return [
         (label.format(surface), *(_shown(factor * getattr(one, field), digits) for one in felt))
         for label, field, factor, digits in ROWS
-        if field not in left_out
     ]
 
 

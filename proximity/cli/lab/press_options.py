@@ -150,13 +150,9 @@ class PartOptions:
         tuple[float, float, float] | None,
         option(
             "X Y Z",
-            "Press on the surface point nearest to this position. Default: from above the middle."
-            " With --recording: position of its origin; fitted if not given.",
+            "Press on the surface point nearest to this position. Default: from above the middle.",
         ),
     ] = None
-    recording: Annotated[Path | None, option("CSV", "CSV file of fingertips over time, as for replay.")] = (
-        None
-    )
     sensor: Annotated[bool, flag("--sensor", "Teleoperation: a sensor at the far end measures the part.")] = (
         False
     )
@@ -164,7 +160,7 @@ class PartOptions:
 
     def check(self) -> None:
         """Refuse options that need a scene where there is none."""
-        given = {"--part": self.part, "--at": self.at, "--recording": self.recording}
+        given = {"--part": self.part, "--at": self.at}
         if self.scene is None:
             refuse(*((value is not None, name, OF_A_SCENE) for name, value in given.items()))
             refuse((self.sensor, "--sensor", OF_A_SCENE))

@@ -3,22 +3,17 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from proximity.cli.lab.press_options import PartOptions, WallOptions
-from proximity.cli.options import JSON_SI, Printing, option, with_option_groups
+from proximity.cli.options import JSON_SI, option, with_option_groups
 from proximity.cli.output import report
-
-SUFFIXES = (".png", ".svg", ".pdf", ".csv")
 
 
 @with_option_groups
 def simulate(
     surface: WallOptions,
     pressed: PartOptions,
-    printing: Printing,
     out: Annotated[
-        Path | None, option("FILE", "Write a drawing (.png, .svg, .pdf) or numbers (.csv).")
+        Path | None, option("FILE", "Write the press as CSV, about every 0.1 ms.", "--csv")
     ] = None,
     as_json: JSON_SI = False,
 ) -> None:
@@ -28,35 +23,32 @@ def simulate(
     damper, rendered by a motor on the finger; without --stiffness and --damping the best pair of a grid
     is used. A decaff wall is a drum that moves to the reported position of the wall; --policy chooses
     how a distance becomes a position; --cable puts a cable between finger and drum. --glove takes
-    motor, gear, lever, cable and measured latency from the file of your glove. --out draws the press,
-    or writes it as CSV, about every 0.1 ms.
+    motor, gear, lever, cable and measured latency from the file of your glove. --csv writes the
+    press, about every 0.1 ms.
 
     With --scene the wall is a CAD part, and the engine controls the drum: the tracker on the finger's
     path, frames with the latency of --latency, and the drum's controller. The result is compared
     with the ideal distance in the same loop, and with the true surface. --stiffness and --damping make
-    the part deformable. With --recording the hand repeats the motion of a recorded fingertip.
+    the part deformable.
 
     Examples:
       proximity simulate
-      proximity simulate --speed 0.5 --latency 10 --policy latched --out late.png
+      proximity simulate --speed 0.5 --latency 10 --policy latched --csv late.csv
       proximity simulate --cable 1212 --stretch torque
       proximity simulate --glove glove.json --stretch torque
       proximity simulate --wall coupled --latency 3 --stiffness 734 --damping 4.4 --json
-      proximity simulate --scene bracket.stl --at 48 30 20 --latency 10 --out bracket.png
-      proximity simulate --scene bracket.stl --recording hand.csv
+      proximity simulate --scene bracket.stl --at 48 30 20 --latency 10 --csv bracket.csv
     """
     pressed.check()
     if pressed.scene is None:
         surface.check()
     else:
         surface.check_on_part()
-    if out is not None and out.suffix.lower() not in SUFFIXES:
-        raise typer.BadParameter(f"{out} does not end in {', '.join(SUFFIXES)}", param_hint="--out")
     from proximity.cli.lab.press import simulate_press, simulate_press_on_part
 
     if pressed.scene is None:
-        simulate_press(surface, out, printing.sheet(), as_json=as_json)
+        simulate_press(surface, out, as_json=as_json)
     else:
-        simulate_press_on_part(surface, pressed, out, printing.sheet(), as_json=as_json)
+        simulate_press_on_part(surface, pressed, out, as_json=as_json)
     if out is not None:
         report(f"wrote {out}")

@@ -11,19 +11,19 @@ from dataclasses import dataclass
 from typing import Any
 
 from proximity.errors import ServiceError
-from proximity.lab.certificate.deadlines import (
+from proximity.lab.certificate.measurement import MotionTiming, measure, run_loop
+from proximity.lab.certificate.subject import Subject
+from proximity.lab.certificate.times import (
     FEWEST_TICKS,
     Times,
     count_of,
+    microseconds,
     over_count,
+    percent,
     percentiles,
     shown_period,
     tail,
 )
-from proximity.lab.certificate.held_parts import measure_held_parts
-from proximity.lab.certificate.measurement import MotionTiming, measure, run_loop
-from proximity.lab.certificate.subject import Subject
-from proximity.lab.certificate.wording import microseconds, percent
 from proximity.lab.certificate.work import SearchGoal
 from proximity.lab.certificate.worst_positions import Progress, SearchResult, search
 from proximity.service import Report
@@ -121,7 +121,6 @@ def certify(
         raise ServiceError("all parts of the scene are hidden: no tick would find any")
     found = search(subject, seed, progress=progress)
     timings = measure(subject, found, tick_count, seed, progress)
-    timings += measure_held_parts(subject, tick_count, seed, progress)
     progress(f"running the loop for {seconds:g} s", 0.0)
     loop = run_loop(subject, found, seconds, seed)
     return Certificate(subject, seed, tick_count, seconds, found, timings, loop)

@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import RecordingError
-from proximity.lab.certificate.service_inputs import Paths, SwayingParts, fed_service_input, with_own_scene
 from proximity.lab.certificate.subject import Subject
 from proximity.lab.certificate.work import UNLIMITED, SearchGoal, StartMode
 from proximity.lab.certificate.worst_positions import Progress, SearchResult
 from proximity.message import ContactFlag
 from proximity.recording import Recording
-from proximity.service import RealTime, RecordingInput, Report, Service
+from proximity.service import RealTime, RecordingInput, Report, Service, TrackedContacts
 from proximity.system.memory import collector_paused
 from proximity.tracker.replay import motions
 from proximity.tracker.tracker import Tracker
@@ -36,8 +35,7 @@ interrupts. The times that are reported are those of the first."""
 EXACT_STEPS = 30_000_000
 """Nodes and leaves that ticks without a budget may visit: some seconds, and fewer ticks of costly scenes."""
 FEWEST_EXACT = 20
-PASSING, ON_PATHS, MOVING = "worst, passing", "worst, on paths", "worst, parts moving"
-COLD_START, EXACT = "worst, cold start", "worst, exact"
+PASSING, COLD_START, EXACT = "worst, passing", "worst, cold start", "worst, exact"
 ADDRESS = "mailbox:proximity-certificate"
 """Where the loop publishes: inside this process, sealed as for others."""
 
@@ -72,18 +70,16 @@ def tick_all(
     period_ns: int = 1_000_000,
     velocities: np.ndarray | None = None,
     before: Callable[[int], object] | None = None,
-    paths_at: Callable[[np.ndarray], np.ndarray] | None = None,
-    bends: np.ndarray | None = None,
-    move: Callable[[int], object] | None = None,
 ) -> None:
     """Tick through positions, and velocities, (T, N, 3), as the service does, and time each call.
 
-    *before* and *move* are called with the number of each tick before it; *move* is timed with it. *paths_at*
-    gives the paths of fingers at positions, not timed; with *bends* (N,), and without *velocities*.
+    *before* is called with the number of each tick before it.
     """
     contacts, thread, wall = tracker.contacts, time.thread_time_ns, time.perf_counter_ns
     work, flags = contacts["work"], contacts["flags"]
-    instants, given = np.zeros(len(contacts), np.int64), _arrays_of_ticks(positions, velocities, paths_at)
+    instants, given = np.zeros(len(contacts), np.int64), dict[str, np.ndarray]()
+    if velocities is not None:
+        given["velocities"] = np.empty(positions.shape[1:])
     every = max(1, len(contacts) // LOGGED_FINGERS)
     for k in range(len(positions)):
         if before is not None:
@@ -92,13 +88,9 @@ def tick_all(
         instants.fill(pose_ns)
         if velocities is not None:
             given["velocities"][...] = velocities[k]
-        if paths_at is not None:
-            given["paths"][...] = paths_at(points)
         thread_start = thread()
         start = wall()
-        if move is not None:
-            move(first + k)
-        tracker.advance(points, instants, pose_ns + latency_ns, bends=bends, **given)
+        tracker.advance(points, instants, pose_ns + latency_ns, **given)
         end = wall()
         thread_end = thread()
         log.thread_ns.append(thread_end - thread_start)
@@ -106,20 +98,6 @@ def tick_all(
         if (first + k) % every == 0:
             log.work.append(work.copy())
             log.flags.append(flags.copy())
-
-
-def _arrays_of_ticks(
-    positions: np.ndarray,
-    velocities: np.ndarray | None,
-    paths_at: Callable[[np.ndarray], np.ndarray] | None,
-) -> dict[str, np.ndarray]:
-    """Arrays that a service has beside positions, the same ones at each tick."""
-    given = {}
-    if velocities is not None:
-        given["velocities"] = np.empty(positions.shape[1:])
-    if paths_at is not None and len(positions):
-        given["paths"] = np.array(paths_at(positions[0]))
-    return given
 
 
 @contextmanager
@@ -159,8 +137,7 @@ def measure(
         def show(ticks: int, name: str = name, done: int = done) -> None:
             progress(f"timing: {name}", (done + ticks) / total)
 
-        ticked = with_own_scene(subject) if name == MOVING else subject
-        timings.append(_timing(ticked, name, positions, show, seed))
+        timings.append(_timing(subject, name, positions, show))
         done += len(positions)
     return tuple(timings)
 
@@ -185,10 +162,6 @@ def motion_rows(subject: Subject, found: Results, tick_count: int, seed: int) ->
     )
     rows["worst, at rest"] = motions.resting(_positions(found, stays), fingers, tick_count)
     rows[PASSING] = worst_passing(subject, found, tick_count, seed)
-    if subject.corners is not None:
-        rows[ON_PATHS] = rows[PASSING]
-    if subject.moves:
-        rows[MOVING] = rows[PASSING]
     rows[COLD_START] = motions.resting(_positions(found, cold), fingers, tick_count)
     costliest = max(1, fingers * found[exact].positions[0].work)
     exact_count = int(np.clip(EXACT_STEPS // costliest, FEWEST_EXACT, tick_count))
@@ -208,11 +181,12 @@ def _positions(found: Results, goal: SearchGoal) -> np.ndarray:
 
 
 def _timing(
-    subject: Subject, name: str, positions: np.ndarray, progress: Callable[[int], None], seed: int
+    subject: Subject, name: str, positions: np.ndarray, progress: Callable[[int], None]
 ) -> MotionTiming:
     is_exact, fingers = name == EXACT, positions.shape[1]
     repeats, settings = (1, {"budget": UNLIMITED}) if is_exact else (REPEATS, {})
-    given, logs = _given(subject, name, fingers, seed), []
+    given: dict[str, Any] = {"period_ns": round(1e9 * subject.period)}
+    logs = []
     for repeat in range(repeats):
         tracker, begun = subject.tracker(fingers=fingers, **settings), repeat * len(positions)
         if name in (EXACT, COLD_START):
@@ -237,19 +211,6 @@ def _timing(
     )
 
 
-def _given(subject: Subject, name: str, fingers: int, seed: int) -> dict[str, Any]:
-    """What ticks of a motion are given besides poses: paths wherever they may come, if parts move as well."""
-    period_ns = round(1e9 * subject.period)
-    given: dict[str, Any] = {"period_ns": period_ns}
-    if subject.corners is not None and name in (ON_PATHS, MOVING):
-        paths = Paths(subject.corners, fingers, np.random.default_rng([seed, 101]))
-        given |= {"paths_at": paths.at, "bends": paths.bends}
-    if name == MOVING:
-        parts = SwayingParts(subject.scene, period_ns)
-        given |= {"before": parts.report_due, "move": parts.move}
-    return given
-
-
 def _run(
     tick_through: Callable[..., None], positions: np.ndarray, progress: Callable[[int], None]
 ) -> TickLog:
@@ -266,20 +227,15 @@ def _run(
 
 
 def run_loop(subject: Subject, found: Results, seconds: float, seed: int) -> Report:
-    """Return what the service's own loop did with fingers that pass through the worst positions.
-
-    Paths, and moves of parts, come with them where the subject may be given any.
-    """
+    """Return the report of the service's own loop, with fingers that pass through the worst positions."""
     ticks, period_ns = max(1, round(seconds / subject.period)), round(1e9 * subject.period)
     positions = worst_passing(subject, found, ticks + 1, seed)
     times_ns = np.arange(len(positions), dtype=np.int64) * period_ns
     fingers = tuple(divmod(k, motions.FINGERS_PER_HAND) for k in range(subject.fingers))
     hand = RecordingInput(Recording(times_ns, positions, fingers, "worst positions"), repeat=True)
-    rng = np.random.default_rng([seed, 101])
-    answers, pose_input = fed_service_input(with_own_scene(subject), hand, rng)
     service = Service(
-        answers,
-        pose_input,
+        TrackedContacts(subject.tracker(), None),
+        hand,
         [open_publisher(ADDRESS)],
         period=subject.period,
         counts_processor=True,

@@ -1,73 +1,159 @@
-"""A certificate as files: one HTML page that opens anywhere, and the same as JSON beside it for machines.
+"""A certificate as numbers for JSON, and as a picture.
 
-``page.html.j2`` is the whole page, filled in by Jinja with the document and its pictures.
+``schema`` is 2. It grows when a key goes away or changes its meaning. Times are nanoseconds, lengths metres,
+forces newtons, energies joules; null is a percentile that so few ticks do not support.
 """
 
 import json
 import math
-import os
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from proximity.errors import ServiceError
-from proximity.lab.certificate import wording
+from proximity.lab.certificate.certification import Certificate
+from proximity.lab.certificate.measurement import MotionTiming
 from proximity.lab.certificate.starting_positions import surface_samples
-from proximity.lab.figures import pages, style
-from proximity.lab.figures.pages import COLOURS, DASHES, INK, render_page
+from proximity.lab.certificate.subject import RADIUS, fingerprint
+from proximity.lab.certificate.times import Times, curve, over_count, percentiles, tail
+from proximity.lab.certificate.worst_positions import SearchResult
+from proximity.lab.figures import style
+from proximity.lab.paper.trajectories import Press
+from proximity.lab.paper.walls import FINGER, energy_excess, steady_excess
 from proximity.scene.scene import Scene
-from proximity.system.extras import needed
-from proximity.system.whole_file import whole_file
+from proximity.system import machine
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SUFFIXES = (".html", ".json")
-CLOUD = 1200  # points of the surface in the page
-FILTERS = (
-    wording.counted, wording.fed, wording.goal, wording.microseconds, wording.millimetres, wording.missed,
-    wording.percent, wording.three,
-)  # fmt: skip
+SCHEMA = 2
+KIND = "proximity latency certificate"
+SPEEDS = (0.1, 0.5, 1.0)
+"""m/s, of fingers that meet a wall."""
+NUMBERS = ".json"
+CLOUD = 1200  # points of the surface in the picture
+SIZE = (style.PAGE_WIDTH, 5.6)
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "black", "0.5")
+MARKS = "osv^D*"
 
 
-def check_report_name(path: str | os.PathLike[str]) -> None:
-    """Refuse what is no name of a report."""
-    target = Path(path)
-    if target.suffix.lower() not in SUFFIXES:
-        raise ServiceError(f"{target} does not end in {' or '.join(SUFFIXES)}")
-    if not target.parent.is_dir():
-        raise ServiceError(f"{target}: there is no folder {target.parent}")
+def document(certificate: Certificate, gate: float | None = None, *, version: str = "") -> dict[str, Any]:
+    """Return all numbers of a certificate; its verdict is on *gate*, s, or the scene's period."""
+    subject, loop = certificate.subject, certificate.loop
+    period = subject.period if gate is None else gate
+    lower, upper = subject.scene.bounds
+    return {
+        "kind": KIND,
+        "schema": SCHEMA,
+        "scene": {
+            "sha256": fingerprint(subject.scene),
+            "files": [Path(file).name for file in subject.files],
+            "parts": len(subject.scene.parts),
+            "faces": subject.face_count,
+            "bounds": [lower.tolist(), upper.tolist()],
+        },
+        "machine": machine.describe(),
+        "versions": {"proximity": version, **machine.versions()},
+        "settings": {
+            "seed": certificate.seed,
+            "ticks": certificate.tick_count,
+            "loop_s": certificate.seconds,
+            "fingers": subject.fingers,
+            "period_s": subject.period,
+            "latency_s": subject.latency,
+            "budget": subject.budget,
+            "working_range_m": subject.working_range,
+            "radius_m": subject.settings.get("radius", RADIUS),
+            "gate_s": gate,
+            "not_measured": list(subject.not_measured),
+        },
+        "search": [_goal(each) for each in certificate.found.values()],
+        "cases": [_case(each, period) for each in certificate.timings],
+        "loop": {
+            "period_s": 1e-9 * loop.period_ns,
+            "ticks": loop.ticks,
+            "missed": loop.missed,
+            "compute": _times(loop.compute, period),
+            "lateness": _times(loop.lateness, period),
+            "notes": list(loop.notes),
+        },
+        "at_the_finger": _at_the_finger(certificate),
+        "verdict": certificate.verdict(period),
+        "machine_verdict": certificate.machine_verdict(),
+    }
 
 
-def check_libraries(path: str | os.PathLike[str]) -> None:
-    """Refuse the name of a page where a library that draws pages is missing."""
-    if Path(path).suffix.lower() != ".json":
-        with needed("pages need", "sim"):
-            import_module("jinja2")
-        style.load_figure()
+def _goal(found: SearchResult) -> dict[str, Any]:
+    """The costliest places of a goal, with work (nodes and leaves) and the bounds of the distance."""
+    return {
+        "manner": str(found.goal.mode),
+        "within_budget": found.goal.has_budget,
+        "typical_work": found.typical_work,
+        "start_count": found.start_count,
+        "is_complete": found.is_complete,
+        "places": [
+            {
+                "position": worst.position.tolist(),
+                "work": worst.work,
+                "lower": worst.lower,
+                "upper": worst.upper,
+                "origin": worst.origin,
+                "start_work": worst.start_work,
+            }
+            for worst in found.positions
+        ],
+    }
 
 
-def write_report(path: str | os.PathLike[str], reported: dict[str, Any], scene: Scene) -> tuple[Path, ...]:
-    """Write JSON, and then the page if the name ends in .html; each file wholly or not at all."""
-    check_report_name(path)
-    target = Path(path)
-    numbers = target.with_suffix(".json")
-    with whole_file(numbers) as stream:
-        stream.write(as_json(reported).encode())
-    if target.suffix.lower() == ".json":
-        return (numbers,)
-    surface, _ = surface_samples(scene, CLOUD, np.random.default_rng(0))
-    text = page(reported, surface)
-    with whole_file(target) as stream:
-        stream.write(text.encode())
-    return target, numbers
+def _case(timing: MotionTiming, period: float) -> dict[str, Any]:
+    """Processor's time of ticks, time on the wall, and the shortest of three runs."""
+    return {
+        "name": timing.name,
+        "counts": timing.counts,
+        "fingers": timing.fingers,
+        "ticks": len(timing.thread_ns),
+        "most_work": timing.most_work,
+        "shares": timing.shares,
+        "compute": _times(timing.thread_ns, period),
+        "wall": percentiles(timing.wall_ns),
+        "best": percentiles(timing.best_ns),
+    }
+
+
+def _times(times: Times, period: float) -> dict[str, Any]:
+    """Percentiles, ticks over the period, and times with how many took longer."""
+    return {**percentiles(times), "over_period": over_count(times, period), "tail": curve(times)}
+
+
+def _at_the_finger(certificate: Certificate) -> dict[str, Any]:
+    """The p99.9 of the slowest computing and of waking, added, and their price at some speeds."""
+    loop = certificate.loop
+    times: list[Times] = [loop.compute, *(each.thread_ns for each in certificate.timings if each.counts)]
+    slowest = max(tail(percentiles(each))[1] for each in times)
+    delay = 1e-9 * (slowest + tail(percentiles(loop.lateness))[1])
+    return {"delay_s": delay, "speeds": [felt(delay, speed) for speed in SPEEDS]}
+
+
+def felt(delay: float, speed: float) -> dict[str, float]:
+    """Return penetration, m, force error, N, and energy error, J, of a delay for a finger of that speed.
+
+    A simulated wall is entered by speed times delay before it answers. For a prescribed motion, the force at
+    rest is then too high, equation (10), and the operator's work too large, equation (15). The finger is the
+    paper's, the press assumed.
+    """
+    penetration, press = speed * delay, Press(speed=speed)
+    return {
+        "speed": speed,
+        "penetration": penetration,
+        "force_error": steady_excess(press.depth, penetration, FINGER, FINGER),
+        "energy_error": energy_excess(press, penetration, FINGER),
+    }
 
 
 def as_json(reported: dict[str, Any]) -> str:
-    """Return a document as text; what is no number becomes null."""
+    """Return a document as text; a number that is not finite becomes null."""
     return json.dumps(_plain(reported), allow_nan=False, indent=1, ensure_ascii=False) + "\n"
 
 
@@ -81,71 +167,64 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def page(reported: dict[str, Any], surface: np.ndarray) -> str:
-    """Return the report for people; points of the *surface*, (K, 3) m, stand around the worst positions."""
-
-    def draw() -> dict[str, str]:
-        return {"tails": draw_tails(reported), "places": draw_positions(reported, surface)}
-
-    def extract(key: str, times: dict[str, Any]) -> Any:
-        return times[key]
-
-    # Jinja has a loop of its own.
-    values = {name: value for name, value in reported.items() if name != "loop"}
-    values |= {"service": reported["loop"], "words": wording.WORDS}
-    return render_page(Path(__file__).with_name("page.html.j2"), values, draw, (*FILTERS, extract))
+def check_report(path: Path) -> None:
+    """Refuse a file that cannot be written, before the measurement."""
+    form = path.suffix.lower().removeprefix(".")
+    if path.suffix.lower() != NUMBERS and form not in style.FORMATS:
+        raise ServiceError(
+            f"{path} does not end in {NUMBERS} or {', '.join(f'.{one}' for one in style.FORMATS)}"
+        )
+    if not path.parent.is_dir():
+        raise ServiceError(f"{path}: there is no folder {path.parent}")
+    if path.suffix.lower() != NUMBERS:
+        style.load_figure()
 
 
-def draw_tails(reported: dict[str, Any]) -> str:
-    """Return how many ticks took longer than a time, for each motion and the loop; both axes logarithmic."""
-
-    def draw(figure: "Figure", _: Any) -> None:
-        panel, loop = figure.add_subplot(), reported["loop"]
-        rows = [(case["name"], case["tail"], case["ticks"]) for case in reported["cases"]]
-        for name, kind in (("service: computing", "compute"), ("service: woken late", "lateness")):
-            rows.append((name, loop[kind]["tail"], loop["ticks"]))
-        for number, (name, tail, ticks) in enumerate(rows):
-            times, counts = np.array(tail, np.float64).T
-            panel.step(
-                np.maximum(times, 1.0) / 1e3, counts / ticks, label=name, where="post",
-                color=COLOURS[number % len(COLOURS)], linestyle=DASHES[number % len(DASHES)], linewidth=1.3,
-            )  # fmt: skip
-        _mark_periods(panel, reported["cases"][0]["periods"])
-        panel.set(xscale="log", yscale="log", xlabel="time of a tick [µs]", ylabel="share that took longer")
-        panel.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
-
-    return pages.svg(draw, "tails")
+def write_report(path: Path, reported: dict[str, Any], scene: Scene) -> None:
+    """Write a document as JSON, or its picture."""
+    if path.suffix.lower() == NUMBERS:
+        style.write_bytes(path, as_json(reported).encode())
+        return
+    surface, _ = surface_samples(scene, CLOUD, np.random.default_rng(0))
+    form = path.suffix.lower().removeprefix(".")
+    drawn = style.render(lambda figure, _: _draw(figure, reported, surface), None, SIZE, form)
+    style.write_bytes(path, drawn)
 
 
-def _mark_periods(panel: "Axes", periods: list[dict[str, Any]]) -> None:
-    for number, period in enumerate(each["period_s"] for each in periods):
-        rise = 3 + 8 * (number % 2)  # neighbours may be close
-        panel.axvline(1e6 * period, color=INK, linewidth=0.7, linestyle=":")
-        panel.annotate(
-            f"{1e3 * period:g} ms", (1e6 * period, 1.0), xytext=(0, rise), xycoords=("data", "axes fraction"),
-            textcoords="offset points", ha="center", fontsize=7,
-        )  # fmt: skip
-
-
-def draw_positions(reported: dict[str, Any], surface: np.ndarray) -> str:
-    """Return where the worst positions are, seen along two axes, with points of the surface, (K, 3) m."""
-
-    def draw(figure: "Figure", _: Any) -> None:
-        panels = figure.subplots(1, 2)
-        for panel, (across, up) in zip(panels, ((0, 1), (0, 2)), strict=True):
-            cloud = 1e3 * surface[:CLOUD]
+def _draw(figure: "Figure", reported: dict[str, Any], surface: np.ndarray) -> None:
+    """Draw the tails of all times, and the worst positions seen along two axes."""
+    above, below = figure.subfigures(2, 1, squeeze=False)[:, 0]
+    _draw_tails(above.subplots(), reported)
+    panels = below.subplots(1, 2)
+    for panel, (across, up) in zip(panels, ((0, 1), (0, 2)), strict=True):
+        panel.plot(1e3 * surface[:, across], 1e3 * surface[:, up], ".", color="0.6", markersize=1.5)
+        for number, goal in enumerate(reported["search"]):
+            places = 1e3 * np.array([place["position"] for place in goal["places"]])
             panel.plot(
-                cloud[:, across], cloud[:, up], ".", color=INK, alpha=0.5, markersize=1.8, markeredgewidth=0
-            )
-            for number, goal in enumerate(reported["search"]):
-                places = 1e3 * np.array([place["position"] for place in goal["places"]])
-                is_within = goal["within_budget"]
-                panel.plot(
-                    places[:, across], places[:, up], "osv^D*"[number % 6], color=COLOURS[number],
-                    markersize=5.5, fillstyle="full" if is_within else "none",
-                    label=f"{goal['manner']}, {'budget' if is_within else 'exact'}",
-                )  # fmt: skip
-            panel.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", aspect="equal")
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
+                places[:, across], places[:, up], MARKS[number % len(MARKS)], color=COLOURS[number],
+                fillstyle="full" if goal["within_budget"] else "none", label=goal_words(goal),
+            )  # fmt: skip
+        panel.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", aspect="equal")
+    below.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
 
-    return pages.svg(draw, "places")
+
+def _draw_tails(panel: "Axes", reported: dict[str, Any]) -> None:
+    """Draw the share of ticks that took longer than a time, of each motion and of the loop."""
+    loop = reported["loop"]
+    rows = [(case["name"], case["compute"], case["ticks"]) for case in reported["cases"]]
+    rows += [("service: computing", loop["compute"], loop["ticks"])]
+    rows += [("service: woken late", loop["lateness"], loop["ticks"])]
+    for number, (name, found, ticks) in enumerate(rows):
+        times, counts = np.array(found["tail"], np.float64).T
+        colour = COLOURS[number % len(COLOURS)]
+        panel.step(np.maximum(times, 1.0) / 1e3, counts / ticks, label=name, where="post", color=colour)
+    period = reported["verdict"]["period_s"]
+    panel.axvline(1e6 * period, **style.GUIDE)
+    panel.set(xscale="log", yscale="log", xlabel="time of a tick [µs]", ylabel="share that took longer")
+    panel.set_title(f"dotted: {1e3 * period:g} ms", loc="left")
+    panel.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
+
+
+def goal_words(goal: dict[str, Any]) -> str:
+    """Return the goal of a search."""
+    return f"{goal['manner']}, {'within the budget' if goal['within_budget'] else 'exact'}"

@@ -12,25 +12,20 @@ from typing import Any
 
 import numpy as np
 
-from proximity.decaff.glove.finger import Finger
 from proximity.errors import ServiceError
-from proximity.pose import Pose
 from proximity.recording import Recording, read_recording
 from proximity.scene.loader import load
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 from proximity.service.config import (
-    HeldEntry,
     PartFiles,
     SceneFile,
-    check_held,
     finger_count,
     make_tracker,
     place_recording,
     read_input,
     read_scene_file,
 )
-from proximity.service.hosting.service_assembly import read_gloves
 from proximity.tracker.replay import fitted_pose
 from proximity.tracker.tracker import Tracker
 from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
@@ -57,9 +52,7 @@ class Subject:
     files: tuple[str, ...] = ()  # that it came from
     real_time: bool = False  # whether the loop asks the system for priority
     core: int | None = None
-    corners: np.ndarray | None = None  # (M, K, 3) m, finger's frame, of paths that may come; None: none may
-    moves: bool = False  # whether it may be given that parts move
-    held: tuple[HeldEntry, ...] = ()
+    not_measured: tuple[str, ...] = ()  # inputs of the scene file that make a tick dearer
 
     @property
     def budget(self) -> int:
@@ -135,7 +128,6 @@ def _of_scene_file(settings: SceneFile, recording: Recording | None, period: flo
     scene = PartFiles().scene(settings)
     own = read_input(settings) if recording is None else None
     service, count = settings.service, finger_count(settings, own)
-    check_held(settings, scene)
     make_tracker(settings, scene, count)  # refuses, with the line, what no tracker takes
     reported = {name: getattr(settings.fingers, name) for name in OF_TRACKER}
     ticks = service.period if period is None else period
@@ -153,18 +145,17 @@ def _of_scene_file(settings: SceneFile, recording: Recording | None, period: flo
         ),
         service.real_time,
         service.core,
-        _corners(settings, count),
-        settings.input.moves is not None,
-        settings.held,
+        tuple(name for name, is_there in _more_inputs(settings).items() if is_there),
     )
 
 
-def _corners(settings: SceneFile, count: int) -> np.ndarray | None:
-    """Paths of fingers as the glove has them, (M, K, 3); where poses bring their own, the default."""
-    if settings.input.poses is None:
-        return None
-    gloves = read_gloves(settings, count)
-    return Finger().path_world(Pose())[None] if gloves is None else gloves.corners
+def _more_inputs(settings: SceneFile) -> dict[str, bool]:
+    """Inputs besides poses, and whether the scene file has them."""
+    return {
+        "paths of fingers": settings.input.poses is not None,
+        "parts that move": settings.input.moves is not None,
+        "held parts": bool(settings.held),
+    }
 
 
 def fingerprint(scene: Scene) -> str:

@@ -24,7 +24,6 @@ from proximity.decaff.drum.servo import SERVO_RATE, DrumCommand, servo_for
 from proximity.decaff.glove.glove import DRUMS
 from proximity.errors import ArgumentError
 from proximity.lab.engine.finger_placement import PlacedFinger
-from proximity.lab.engine.recorded_press import RecordedPress
 from proximity.lab.engine.simulated_service import (
     DelayedLink,
     ExactAnswers,
@@ -229,8 +228,7 @@ class Engine:
     def _tick(self, time: float) -> None:
         position, speed = self._loop.link_at(time)
         path, bend = self._finger.path, math.nan
-        is_seen = not isinstance(self._intent, RecordedPress) or self._intent.sees(time)
-        if is_seen and not any(first <= time <= last for first, last in self._setup.blind):
+        if not any(first <= time <= last for first, last in self._setup.blind):
             bend = path.bend(self._wall + position)
         self._now_ns = _instant_ns(time)
         self._service.tick(self._now_ns, bend=bend, **self._measured(time, bend, speed))

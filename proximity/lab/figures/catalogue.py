@@ -12,11 +12,9 @@ from pathlib import Path
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError
 from proximity.lab.figures import (
-    arrival_plots,
-    cable_plots,
-    engine_plots,
     error_plots,
     figure_5_plots,
+    motion_plots,
     stability_plots,
     style,
 )
@@ -47,7 +45,6 @@ def _of_drum(
 
 
 _SPEED, _LATENCY = "force error against speed", "force error against latency"
-_ENGINE = "force error with the engine in the loop, on the sample bracket"
 _PLATES = (
     Plate("FIG 5a to 5h on a page", "figure-5", figure_5_plots.all_numbers, figure_5_plots.draw_all,
           figure_5_plots.PAGE_SIZE),
@@ -57,13 +54,8 @@ _PLATES = (
              error_plots.SIZE),
     _of_drum(_LATENCY, "error-latency", error_plots.numbers_against_latency, error_plots.draw_against_latency,
              error_plots.SIZE),
-    _of_drum(_ENGINE, "error-engine", engine_plots.numbers, engine_plots.draw, engine_plots.SIZE),
-    _of_drum("what the cable costs, over its stiffness", "cable", cable_plots.numbers, cable_plots.draw,
-             cable_plots.SIZE),
-    _of_drum("how drums go to their place", "drum-motion", arrival_plots.motion_numbers,
-             arrival_plots.draw_motion, arrival_plots.MOTION_SIZE),
-    _of_drum("look-ahead that a drum needs to arrive in time", "arrival", arrival_plots.numbers,
-             arrival_plots.draw, arrival_plots.SIZE),
+    _of_drum("how drums go to their place", "drum-motion", motion_plots.numbers, motion_plots.draw,
+             motion_plots.SIZE),
 )  # fmt: skip
 PLATES = {
     plate.stem.removeprefix("figure-"): plate

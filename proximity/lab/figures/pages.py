@@ -49,7 +49,7 @@ def render_page(
     filters: Iterable[Callable[..., Any]],
 ) -> str:
     """Return a page."""
-    with needed("pages need", "sim"):
+    with needed("pages need", "picture"):
         import_module("jinja2")  # before anything is drawn
         markup = import_module("markupsafe").Markup
     sheet = markup(Path(__file__).with_name("page_style.css").read_text(encoding="utf-8"))
@@ -65,7 +65,7 @@ def filled_in(
     is_html: bool = True,
 ) -> str:
     """Return a template with values filled in; in HTML, with what they have of its signs escaped."""
-    with needed("pages need", "sim"):
+    with needed("pages need", "picture"):
         jinja = import_module("jinja2")
     environment = jinja.Environment(
         autoescape=is_html, trim_blocks=True, lstrip_blocks=True, undefined=jinja.StrictUndefined

@@ -47,7 +47,6 @@ LETTERS_AN_INCH = 23  # of that size, about
 TITLE_LETTERS_AN_INCH = 17  # of titles of panels, about
 LABEL_WIDTH = 0.4  # inch: labels beside a panel
 CAPTION_COLOUR = "0.35"
-COINCIDE = "Where fewer curves are seen, several lie on one another."
 
 Stroke = dict[str, Any]
 

@@ -1,7 +1,7 @@
 """Changes of parts, received as messages while the scene is served.
 
-Hiding, showing and deforming are done between two ticks. What takes long, adding and removing, is asked of
-the thread beside the loop, and messages wait until that is done: they take effect in their order.
+Hiding, showing and deforming are done where messages are taken. What takes long, adding and removing, is
+asked of another thread, and messages wait until that is done: they take effect in their order.
 """
 
 import logging

@@ -134,6 +134,18 @@ static void tick_tracker(Loop *loop, decaff_contact *contacts, int64_t now_ns)
     write_bends(loop, source, contacts);
 }
 
+/* Make contacts of what a sensor has measured. */
+static void sense_contacts(Loop *loop, decaff_contact *contacts, int64_t now_ns)
+{
+    const LoopSensor *sensor = POINTER(((LoopSource *)POINTER(loop->source))->sensor);
+    int64_t n = loop->count;
+    int64_t words[] = {sensor->motions, n, ESTIMATES, sensor->error_sums, n, 2, loop->pose_ns, n, loop->positions, n, 1,
+                       loop->measured, n, (int64_t)(intptr_t)contacts, n, sensor->unknown, n, now_ns,
+                       sensor->latency_ns, 0, 0, 0, 0};
+    memcpy(words + 19, &sensor->horizon, 3 * sizeof(double));
+    proximity_call(set_of(loop), SENSE_CONTACTS, words);
+}
+
 static void exchange_source(Loop *loop)
 {
     LoopSource *next = POINTER(__atomic_load_n(&loop->next, __ATOMIC_ACQUIRE)), *before = POINTER(loop->source);
@@ -217,8 +229,13 @@ static int answer(Loop *loop, decaff_contact *contacts, int64_t start_ns)
     }
     play_recording(loop, start_ns);
     take_messages(loop);
-    int64_t words[] = {loop->pose_ns, loop->count, loop->positions, loop->count, 3, start_ns - loop->stale_after_ns, 0};
+    int64_t words[] = {loop->pose_ns, loop->count, loop->positions, loop->count, loop->width,
+                       start_ns - loop->stale_after_ns, 0};
     proximity_call(set_of(loop), DROP_STALE, words);
+    if (((LoopSource *)POINTER(loop->source))->sensor != 0) {
+        sense_contacts(loop, contacts, start_ns);
+        return 1;
+    }
     int64_t instant_ns = carry_parts(loop, start_ns);
     tick_tracker(loop, contacts, start_ns);
     widen_bounds(loop, contacts, start_ns, instant_ns);
@@ -265,7 +282,7 @@ static void begin(Loop *loop)
     }
     for (int64_t k = 0; k < loop->count; k++) {
         pose_ns[k] = now_ns - loop->stale_after_ns;
-        positions[3 * k] = NAN;
+        positions[loop->width * k] = NAN;
     }
     loop->due_ns = now_ns + loop->period_ns;
     loop->posed_ns = now_ns - loop->period_ns;

@@ -23,8 +23,16 @@ typedef struct LoopMotion {
     double turn_rate, top_speed;    /* rad/s; m/s, of any point of it */
 } LoopMotion;
 
+/* A sensor that measures distances, in place of a scene. */
+typedef struct LoopSensor {
+    int64_t motions, error_sums, unknown; /* of each finger: estimates, and the contact of one that is not known */
+    int64_t latency_ns;
+    double horizon, max_speed, max_acceleration;
+} LoopSensor;
+
 /* A scene and its tracker. The loop goes over to another one between two ticks; the one before is Python's again. */
 typedef struct LoopSource {
+    int64_t sensor;       /* 0: there is a scene */
     int64_t model;        /* words of its arrays, as kernels take them */
     int64_t tracker;      /* likewise, as `TrackerArrays` */
     int64_t bend_motions; /* estimates of the bends, two a finger */
@@ -64,6 +72,7 @@ typedef struct LoopSeen {
 } LoopSeen;
 
 typedef struct LoopInput {
+    int64_t is_measured; /* whether messages are of a sensor, not of poses */
     int64_t socket; /* -1: none */
     int64_t timer;  /* by which waiting at the socket ends */
     int64_t box;    /* a decaff_mailbox to read, open or not; 0: none */
@@ -74,7 +83,7 @@ typedef struct LoopInput {
     int64_t received, lost, sessions, refused, unverified, unserved, failures, first_failure;
     int64_t flawed[LOOP_DEFECTS];
     uint64_t newest_session;
-    LoopSeen seen[2];
+    LoopSeen seen[3];
     LoopRun ended[LOOP_RUNS];
     int64_t ended_count, looked_ns;
 } LoopInput;
@@ -104,7 +113,8 @@ typedef struct Loop {
     int64_t is_polled;    /* whether poses that come do not wake it: they are given when a thread asks for them */
     int64_t is_late;      /* whether what contacts are made of is too old already */
     int64_t frame;        /* the message */
-    int64_t pose_ns, positions, refused_ns, row_of; /* of the newest poses, a row a finger */
+    int64_t pose_ns, positions, width, refused_ns, row_of; /* of the newest poses, a row a finger; or distances */
+    int64_t measured;     /* newest measurements */
     int64_t velocities, paths, bends, has_velocities, has_paths, has_bends;
     int64_t given_ns, given, fingers, defects; /* of the poses of a message */
     int64_t lost_hand;    /* defect of a pose, as the kernels have it, of a hand that is lost */

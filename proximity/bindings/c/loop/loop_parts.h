@@ -97,12 +97,15 @@ static void take_motions(LoopSource *source)
         return;
     }
     const LoopMotion *motions = POINTER(source->motions);
+    const Part *parts = scene_of(source)->archive.parts;
     source->has_looked = 1;
     source->all_stand = 0;
     for (int64_t part = 0; motions != NULL && part < scene_of(source)->archive.part_count; part++) {
         if (motions[part].number != applied[part]) {
-            add_row(source, count++, part, &motions[part]);
             applied[part] = motions[part].number;
+            if (!motions[part].is_moving || !parts[part].is_dynamic) { /* others are carried on at once */
+                add_row(source, count++, part, &motions[part]);
+            }
         }
     }
     put_rows(source, count);

@@ -20,19 +20,19 @@ static const InstructionSet *set_of(const Loop *loop)
 }
 
 /* The flaw of bytes that claim to be poses, as decaff_check() has it. */
-static int flaw_of(const uint8_t *message, int64_t size, int *kind)
+static int flaw_of(const uint8_t *message, int64_t size, int is_measured, int *kind)
 {
     const decaff_input_header *header = (const decaff_input_header *)(const void *)message;
     int64_t stride;
     if (size < (int64_t)sizeof(decaff_prefix)) {
         return DECAFF_FLAW_SHORT;
     }
-    *kind = header->magic == DECAFF_PATH_POSES_MAGIC;
-    stride = *kind ? (int64_t)sizeof(decaff_path_pose) : (int64_t)sizeof(decaff_pose);
+    *kind = is_measured ? 2 : header->magic == DECAFF_PATH_POSES_MAGIC;
+    stride = (int64_t)(*kind == 2 ? sizeof(decaff_measurement) : *kind ? sizeof(decaff_path_pose) : sizeof(decaff_pose));
     if (size < (int64_t)sizeof *header) {
         return DECAFF_FLAW_SHORT;
     }
-    if (header->magic != DECAFF_POSES_MAGIC && header->magic != DECAFF_PATH_POSES_MAGIC) {
+    if (header->magic != (*kind == 2 ? DECAFF_MEASURED_MAGIC : *kind ? DECAFF_PATH_POSES_MAGIC : DECAFF_POSES_MAGIC)) {
         return DECAFF_FLAW_MAGIC;
     }
     if (header->version != DECAFF_VERSION) {
@@ -123,7 +123,7 @@ static void accept_message(LoopInput *input, int kind, const decaff_input_header
 static int is_usable(LoopInput *input, const uint8_t *message, int64_t size, int64_t now_ns)
 {
     const decaff_input_header *header = (const decaff_input_header *)(const void *)message;
-    int kind = 0, flaw = size > input->longest ? DECAFF_FLAW_SIZE : flaw_of(message, size, &kind);
+    int kind = 0, flaw = size > input->longest ? DECAFF_FLAW_SIZE : flaw_of(message, size, input->is_measured != 0, &kind);
     if (flaw == DECAFF_FLAW_NONE && is_old(input, kind, header, now_ns)) {
         flaw = DECAFF_FLAW_CHECKSUM + 1;
     }
@@ -187,8 +187,8 @@ static void keep_optional(Loop *loop, int64_t rows, const uint8_t *records, int6
 static int take_given(Loop *loop, int64_t rows)
 {
     int64_t now_ns = clock_now_ns(loop), count = loop->count;
-    int64_t words[] = {loop->pose_ns, count, loop->positions, count, 3, loop->refused_ns, count, loop->row_of, count,
-                       loop->fingers, rows, loop->given_ns, rows, loop->given, rows, 3, loop->defects, rows,
+    int64_t words[] = {loop->pose_ns, count, loop->positions, count, loop->width, loop->refused_ns, count, loop->row_of,
+                       count, loop->fingers, rows, loop->given_ns, rows, loop->given, rows, loop->width, loop->defects, rows,
                        now_ns - loop->stale_after_ns, now_ns + DECAFF_AHEAD_NS, 0};
     if (!proximity_call(set_of(loop), UPDATE_NEWEST, words)) {
         return 0;
@@ -226,6 +226,29 @@ static void take_poses(Loop *loop, uint8_t *message)
     keep_optional(loop, rows, records, stride, is_path ? (int64_t)offsetof(decaff_path_pose, corners) : -1,
                   3 * DECAFF_PATH_CORNERS, POINTER(loop->paths), &loop->has_paths);
     keep_optional(loop, rows, records, stride, offsetof(decaff_pose, bend), 1, POINTER(loop->bends), &loop->has_bends);
+}
+
+/* Take the distances of a message that was checked, likewise, and all that the sensor knows beside them. */
+static void take_measured(Loop *loop, uint8_t *message)
+{
+    const decaff_input_header *header = (const decaff_input_header *)(const void *)message;
+    const decaff_measurement *records = (const decaff_measurement *)(const void *)(header + 1);
+    decaff_measurement *kept = POINTER(loop->measured);
+    const uint8_t *defects = POINTER(loop->defects);
+    int64_t *fingers = POINTER(loop->fingers), *given_ns = POINTER(loop->given_ns), rows = 0;
+    double *given = POINTER(loop->given);
+    for (; rows < header->count; rows++) { /* of fingers that are served: Python sees to that */
+        fingers[rows] = records[rows].finger;
+        given_ns[rows] = records[rows].measured_ns;
+        given[rows] = records[rows].signed_distance;
+    }
+    if (take_given(loop, rows)) {
+        for (int64_t row = 0; row < rows; row++) {
+            if (defects[row] == USABLE) {
+                kept[fingers[row]] = records[row];
+            }
+        }
+    }
 }
 
 /* Take the poses of a recording at the last of its times that is past, unless they were taken before. */
@@ -279,7 +302,7 @@ static void take_messages(Loop *loop)
             return;
         }
         if (is_usable(input, message, size, clock_now_ns(loop))) {
-            take_poses(loop, message);
+            (input->is_measured ? take_measured : take_poses)(loop, message);
         } else {
             flawed++;
         }

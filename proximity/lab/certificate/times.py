@@ -1,44 +1,27 @@
-"""Tick times against sample periods: percentiles, missed deadlines and their confidence; periods as text.
+"""Tick times: percentiles, the share of a period; periods as text.
 
-A percentile is reported where the ticks support it: beyond it must lie at least one of them.
+A percentile is reported if at least one tick lies beyond it.
 """
 
 import math
 import re
-from typing import Any
 
 import numpy as np
-from scipy.stats import beta
 
 from proximity.errors import ServiceError
 from proximity.service import Histogram
 from proximity.service.loop_memory import LONGEST_PERIOD, SHORTEST_PERIOD
 
-SURE = 0.95
+UNKNOWN = "–"
 SHARES = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
 FEWEST_TICKS = 1000  # that p99.9 asks for
 TAIL_POINTS = 120  # of a plot
-PERIODS = {
-    0.040: "the paper's delay, 25 Hz",
-    0.005: "the paper's wall, 200 Hz",
-    0.003: "Kazerooni's bound",
-    0.001: "1 kHz",
-    0.0002: "5 kHz",
-}
-"""Sample periods, s, and who asks for them."""
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 RATES = {"hz": 1.0, "khz": 1e3}
 WRITTEN = re.compile(r"\s*([0-9.eE+-]+)\s*([a-zA-Zµμ]+)\s*")
 
 Times = np.ndarray | Histogram
 """Durations in nanoseconds: each, or counted."""
-
-
-def periods_of(asked: float) -> dict[float, str]:
-    """Return the periods to compare with, the longest first: the known ones, and the one asked for."""
-    if any(abs(asked - period) <= 1e-9 * asked for period in PERIODS):
-        return PERIODS
-    return dict(sorted({**PERIODS, asked: "as asked"}.items(), reverse=True))
 
 
 def count_of(times: Times) -> int:
@@ -71,39 +54,6 @@ def over_count(times: Times, period: float) -> int:
         rows = times.rows()
         return sum(count for _, upper_ns, count in rows if min(upper_ns, times.max_ns) > 1e9 * period)
     return int((times > 1e9 * period).sum())
-
-
-def upper_share(count: int, total: int) -> float:
-    """Return a share that the true one does not exceed, with 95 % certainty, if ticks are independent.
-
-    Source: Clopper & Pearson 1934, one-sided. For a count of zero it is the rule of three, 3 / total.
-    """
-    return 1.0 if count >= total else float(beta.ppf(SURE, count + 1, total - count))
-
-
-def missed(count: int, total: int) -> dict[str, float]:
-    """Return missed deadlines, per million, and what the true rate does not exceed."""
-    return {
-        "missed": count,
-        "missed_per_million": 1e6 * count / total,
-        "missed_per_million_upper_95": 1e6 * upper_share(count, total),
-    }
-
-
-def against(times: Times, periods: dict[float, str]) -> list[dict[str, Any]]:
-    """Return for each period the shares of it that percentiles take, and the deadlines missed."""
-    found = percentiles(times)
-    return [
-        {
-            "period_s": period,
-            "source": source,
-            "share": {
-                name: None if value is None else value / (1e9 * period) for name, value in found.items()
-            },
-            **missed(over_count(times, period), count_of(times)),
-        }
-        for period, source in periods.items()
-    ]
 
 
 def curve(times: Times) -> list[list[int]]:
@@ -141,3 +91,19 @@ def parse_period(text: str) -> float:
 def shown_period(seconds: float) -> str:
     """Return a period as people write it."""
     return f"{1e3 * seconds:g} ms" if seconds < 1.0 else f"{seconds:g} s"
+
+
+def microseconds(nanoseconds: float | None) -> str:
+    """Return a time in µs with three digits; a dash if it is unknown."""
+    if nanoseconds is None:
+        return UNKNOWN
+    value = nanoseconds / 1e3
+    return f"{value:.0f}" if value >= 100.0 else f"{value:.1f}" if value >= 10.0 else f"{value:.2f}"
+
+
+def percent(share: float | None) -> str:
+    """Return a share in percent with two digits; a dash if it is unknown."""
+    if share is None:
+        return UNKNOWN
+    value = 100.0 * share
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.1f}" if value >= 1.0 else f"{value:.1g}"
