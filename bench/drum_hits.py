@@ -69,7 +69,7 @@ def _print_hazards(programs: dict[tuple[str, str], Path]) -> None:
         cells = []
         for gear in GEARS:
             came = [
-                1e3 * float(said(programs[name, gear], "start", *signs, 1.0, "nan", 0.7)[0][2])
+                1e3 * float(said(programs[name, gear], "start", *signs, 1.0, "nan", 0.7, 1.9)[0][2])
                 for name in ("before", "after")
             ]
             cells.append(f"{came[0]:.1f}, {came[1]:.1f}")

@@ -24,7 +24,6 @@ from proximity.decaff.controller.controller import (
     largest_passive_stiffness,
 )
 from proximity.decaff.controller.settings import CableRule, ControllerSettings, Limits
-from proximity.decaff.drum.drum_model import USUAL_GEAR
 from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
@@ -303,58 +302,6 @@ def test_bound_of_passivity_in_closed_form_is_colgates(damping):
     assert displayed[0] == pytest.approx(
         largest_passive_stiffness(2.0, displayed[1], 1.0 / RATE, 1), rel=1e-9
     )
-
-
-BY_HAND, SIGN, HOME, DONE, WRONG_SIGN, STUCK, NO_ANGLE = range(7)  # enum decaff_start_state
-
-
-@pytest.fixture(scope="module")
-def starting(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("start")
-    write_controller([Glove()], folder)
-    sources = [*(folder / name for name in SOURCES), DRIVER.with_name("start_driver.c")]
-    run(c_compiler(), *STRICT, "-O1", f"-I{folder}", *sources, "-lm", "-o", folder / "start")
-    return folder / "start"
-
-
-@pytest.mark.parametrize(
-    ("turns", "counts", "angle", "stop", "index", "link", "state"),
-    [
-        (1, 1, 1.0, 1.9, math.nan, 1, DONE),  # by touch of the stop
-        (1, 1, 1.0, 1.9, 1.5, 0, DONE),  # by the index
-        (1, 1, 1.9, 1.9, math.nan, 1, DONE),  # it stood at the stop
-        (-1, 1, 1.0, 1.9, math.nan, 1, WRONG_SIGN),  # the motor's wires
-        (-1, 1, 1.0, 1.9, 1.5, 0, WRONG_SIGN),
-        (1, -1, 1.0, 1.9, math.nan, 1, WRONG_SIGN),  # the encoder's: seen by hand
-        (1, -1, 1.0, 1.9, 1.5, 0, WRONG_SIGN),
-        (-1, -1, 1.0, 1.9, math.nan, 1, WRONG_SIGN),  # both: by hand
-        (-1, -1, 1.0, 1.9, 1.5, 1, WRONG_SIGN),  # and where the drum pushes the link
-        (-1, -1, 1.0, 1.9, 1.5, 0, STUCK),  # nothing is there to push: farther than the path is long
-        (-1, 1, 1.9, 1.9, 1.5, 0, WRONG_SIGN),
-        (0, 1, 1.0, 1.9, math.nan, 1, STUCK),
-        (1, 1, 1.0, 1e9, math.nan, 1, STUCK),  # there is no stop
-        (1, 1, math.nan, 1.9, math.nan, 1, NO_ANGLE),
-    ],
-)
-def test_drum_starts_where_its_stop_or_index_is_or_is_braked(
-    starting, turns, counts, angle, stop, index, link, state
-):
-    words = run(starting, turns, counts, angle, stop, index, link).split()
-    found, off, most, last, nearer = int(words[0]), *(float(word) for word in words[1:5])
-
-    assert (found, last) == (state, 0.0)
-    assert (int(words[5]) == DriveMode.BRAKED) == (state != DONE)
-    assert off == pytest.approx(0.0, abs=0.002) or state != DONE
-    assert most <= 0.1 * DRUMS[USUAL_GEAR].motor_torque(math.inf) + 1e-4
-    if state == WRONG_SIGN and turns * counts < 0:
-        assert nearer * PATH.lever(1.0) < 3e-3
-
-
-def test_link_that_a_hand_does_not_push_along_starts_no_motor(starting):
-    """The hand turns the drum, and no link is there."""
-    words = run(starting, 1, 1, 1.0, 1.9, math.nan, 0).split()
-
-    assert (int(words[0]), float(words[2]), int(words[5])) == (BY_HAND, 0.0, DriveMode.FREE)
 
 
 def test_numbers_that_python_has_as_well_are_the_same():

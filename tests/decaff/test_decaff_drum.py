@@ -16,6 +16,7 @@ from proximity.decaff.drum.servo import SERVO_RATE, DriveMode, DrumCommand, serv
 from proximity.decaff.glove.glove import DRUMS as DRUMS_OF_GLOVE
 from proximity.errors import ArgumentError
 from proximity.lab.simulation import sweeps
+from proximity.lab.simulation.closed_loop import decaff
 from proximity.lab.simulation.devices import Decaff, Hand, Sensing
 
 FRICTIONLESS = replace(paper_drums.MOTOR, friction=0.0)
@@ -254,6 +255,8 @@ def test_look_ahead_by_bisection_and_by_formula(name):
         (lambda: replace(servo_for(GEAR49, 3e3), speed=math.nan), "speed is nan, expected a positive number"),
         (lambda: settling_time(GEAR49, servo_for(GEAR49, 3e3), 5e-5),
          "distance is 5e-05, expected metres, far"),
+        (lambda: decaff(Hand(), Hand().press(0.1), Decaff(replace(DRUMS_OF_GLOVE["gear51"], gear=Gear()))),
+         "the drum weighs 0.073 g at the fingertip, expected more than 0.098 g: a touch throws it off"),
         (lambda: sweeps.needed_look_ahead(Hand(), Decaff(sensing=Sensing(latency=0.5)), 1.0),
          "the drum is late at 1 m/s, even when known from 0.16 m away"),
     ],

@@ -8,10 +8,12 @@ import math
 import pytest
 from drum_in_plant import POWERED, UNPOWERED, built, hazards, hits, said
 
-from proximity.decaff.drum.drum_model import GEARS
+from proximity.decaff.drum.drum_model import GEARS, Motor
+from proximity.decaff.drum.servo import DriveMode
 
 PRESSES = 67
-DONE, WRONG_SIGN, STUCK = 3, 4, 5  # enum decaff_start_state
+BY_HAND, _, _, DONE, WRONG_SIGN, STUCK, NO_ANGLE = range(7)  # enum decaff_start_state
+FLAT = -2.0  # rad: the link of an empty glove
 
 
 @pytest.fixture(scope="module", params=GEARS)
@@ -37,20 +39,32 @@ def test_known_hazards_are_none(plant):
 
 
 @pytest.mark.parametrize(
-    ("turns", "counts", "index", "link", "state"),
+    ("turns", "counts", "angle", "index", "link", "stop", "state"),
     [
-        (1, 1, math.nan, 0.7, DONE),
-        (1, 1, 1.5, 0.7, DONE),
-        (-1, 1, math.nan, 0.7, WRONG_SIGN),
-        (1, -1, math.nan, 0.7, WRONG_SIGN),
-        (-1, -1, math.nan, 0.7, WRONG_SIGN),
-        (-1, -1, 1.5, 0.7, WRONG_SIGN),
-        (-1, -1, 1.5, -2.0, STUCK),
+        (1, 1, 1.0, math.nan, 0.7, 1.9, DONE),  # by touch of the stop
+        (1, 1, 1.0, 1.5, 0.7, 1.9, DONE),  # by the index
+        (1, 1, 1.9, math.nan, 1.7, 1.9, DONE),  # it stood at the stop
+        (-1, 1, 1.0, math.nan, 0.7, 1.9, WRONG_SIGN),  # the motor's wires
+        (-1, 1, 1.0, 1.5, FLAT, 1.9, WRONG_SIGN),
+        (1, -1, 1.0, math.nan, 0.7, 1.9, WRONG_SIGN),  # the encoder's: seen by hand
+        (1, -1, 1.0, 1.5, FLAT, 1.9, WRONG_SIGN),
+        (-1, -1, 1.0, math.nan, 0.7, 1.9, WRONG_SIGN),  # both: by hand
+        (-1, -1, 1.0, 1.5, 0.7, 1.9, WRONG_SIGN),  # and where the drum pushes the link
+        (-1, -1, 1.0, 1.5, FLAT, 1.9, STUCK),  # nothing is there to push: farther than the path is long
+        (0, 1, 1.0, math.nan, 0.7, 1.9, STUCK),
+        (1, 1, 1.0, math.nan, 0.7, 1e9, STUCK),  # there is no stop
+        (1, 1, math.nan, math.nan, 0.7, 1.9, NO_ANGLE),
+        (1, 1, 1.0, math.nan, FLAT, 1.9, BY_HAND),  # a hand turns the drum, and no link is there
     ],
 )
-def test_start_knows_its_signs(plant, turns, counts, index, link, state):
+def test_drum_starts_where_its_stop_or_index_is_or_is_braked(
+    plant, turns, counts, angle, index, link, stop, state
+):
     """With both reversed it said that it was homed, 125 mm nearer to the finger."""
-    ((found, _, nearer, _),) = said(plant, "start", turns, counts, 1.0, index, link)
+    ((found, off, nearer, mode, most),) = said(plant, "start", turns, counts, angle, index, link, stop)
 
     assert int(found) == state
+    assert int(mode) == {DONE: DriveMode.FORCE, BY_HAND: DriveMode.FREE}.get(state, DriveMode.BRAKED)
+    assert abs(float(off)) < 0.012 or state != DONE  # rad: half of the play, and a count
     assert float(nearer) < 3e-3 or turns * counts > 0
+    assert float(most) <= (0.1 * Motor().torque + 1e-4 if state != BY_HAND else 0.0)

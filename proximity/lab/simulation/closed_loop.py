@@ -135,6 +135,12 @@ class DecaffLoop:
     def __init__(self, hand: Hand, press: Intent, glove: Decaff) -> None:
         retracted = glove.holding.retracted
         self.drum = ServedDrum(glove.drum, glove.servo, retracted, retracted + STOP_GAP * glove.drum.lever)
+        least = 0.5 * glove.link.contact_damping * self.drum.step
+        if not glove.drum.mass > least:
+            raise ArgumentError(
+                f"the drum weighs {1e3 * glove.drum.mass:.2g} g at the fingertip, expected more than "
+                f"{1e3 * least:.2g} g: a touch throws it off"
+            )
         steps, lead = self.drum.steps, press.lead(glove.sensing.reach + LEAD)
         self.response, arrays = _empty(
             hand, press, self.drum.step, lead, multiple=steps, link=glove.link, cable=glove.cable

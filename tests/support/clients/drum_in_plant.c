@@ -49,6 +49,8 @@ static bool is_touching; /* link and drum */
 static double worst[2]; /* J, of hits with and without power */
 static int hits;
 static bool lists_hits;
+static double stop = STOP; /* rad, of the mechanical stop */
+static double most_asked;  /* N m, while the drum starts */
 
 static const decaff_path *path;
 static const decaff_settings *set;
@@ -117,8 +119,8 @@ static void push(double lever, double angle, double position, double step)
     if (gear * twist < 0.0)
         gear = 0.0;
     contact = touches ? fmax(0.0, TOUCH * (finger - drum) + TOUCH_DAMPING * (finger_speed - lever * arm_speed)) : 0.0;
-    if (arm > STOP)
-        stopped = fmax(0.0, STOP_STIFFNESS * (arm - STOP) + STOP_DAMPING * arm_speed);
+    if (arm > stop)
+        stopped = fmax(0.0, STOP_STIFFNESS * (arm - stop) + STOP_DAMPING * arm_speed);
     if (touches && !is_touching && hand_stiffness > 0.0) {
         double energy = energy_of_hit(lever);
 
@@ -173,7 +175,7 @@ static void put_drum(double angle)
  * nearer by its motor, m. */
 static double start_drum(decaff_start *start, double angle, double index, double link)
 {
-    double nearest = angle, before;
+    double nearest, before;
     int i;
 
     put_drum(angle);
@@ -185,10 +187,11 @@ static double start_drum(decaff_start *start, double angle, double index, double
         finger = fmin(finger, looked_up(arm, path->angles, path->positions));
         STEP_START(start, encoder(), bend(), false);
     }
-    nearest = angle = arm;
-    for (i = 0; i < 90000 && (start->state < DECAFF_START_DONE || rotor_speed != 0.0); i++) {
-        before = arm;
+    nearest = angle = before = arm;
+    for (i = 0; i < 90000 && (start->state < DECAFF_START_DONE || fabs(rotor_speed) > 0.0); i++) {
         asked = turns * STEP_START(start, encoder(), bend(), (before - index) * (arm - index) < 0.0);
+        most_asked = fmax(most_asked, fabs(asked));
+        before = arm;
         mode = MODE_OF(*start);
         run_plant();
         finger = fmin(finger, looked_up(arm, path->angles, path->positions)); /* the link stays where it was pushed */
@@ -370,10 +373,11 @@ int main(int count, char **words)
     seed = 0x9e3779b97f4a7c15u + (count > 2 ? strtoull(words[2], NULL, 10) : 0u);
     for (i = 0; i < 20; i++)
         between(0.0, 1.0);
-    if (count > 6 && strcmp(words[1], "start") == 0) { /* turns, counts, angle, index, link */
+    if (count > 7 && strcmp(words[1], "start") == 0) { /* turns, counts, angle, index, link, stop */
         turns = atof(words[2]), counts = atof(words[3]);
+        stop = atof(words[7]);
         nearer = start_drum(&start, atof(words[4]), atof(words[5]), atof(words[6]));
-        printf("%d %.5f %.6f %d\n", (int)start.state, encoder() + start.offset - rotor, nearer, (int)mode);
+        printf("%d %.5f %.6f %d %.6f\n", (int)start.state, encoder() + start.offset - rotor, nearer, (int)MODE_OF(start), most_asked);
     } else if (count > 3 && strcmp(words[1], "episodes") == 0) { /* seed, number */
         lists_hits = true;
         for (i = 0; i < number; i++) {
