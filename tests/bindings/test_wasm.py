@@ -206,7 +206,8 @@ for (const action of [() => scene.signedDistance([1, 2]), () => scene.closest([0
   () => scene.tracker(1).tick([0, 0, 0], [0n], 0n, { velocities: [0, 0] }),
   () => scene.tracker(2).tick([0, 0, 0, 0, 0, 0], [0n], 0n), () => scene.tracker(1).tick([0, 0, 0], 0, 0n),
   () => { kept = scene.tracker(1); scene.close(); scene.distance([0, 0, 0]); },
-  () => { engine.open(bytes); kept.tick([0, 0, 0], 0n, 0n); }, () => { kept.close(); kept.tick([0, 0, 0], 0n, 0n); }]) {
+  () => { engine.open(bytes); kept.tick([0, 0, 0], 0n, 0n); },
+  () => { kept.close(); kept.tick([0, 0, 0], 0n, 0n); }]) {
   try {
     action();
     sentences.push("nothing");
