@@ -49,7 +49,7 @@ SERVED = {
     ("shm", "publish, reader waits"): "`publish` of a frame, shared memory, at 1 kHz",
     ("shm", "seen by a reader that spins"): "from `publish` to a reader that spins",
     ("shm", "seen by a reader that waits"): "from `publish` to a reader that waits",
-    ("udp", "seen by a reader that waits"): "the same by UDP",
+    ("udp", "seen by a reader that waits"): "from `publish` to a reader that waits, by UDP",
     ("zenoh", "seen by a reader that waits"): "the same by zenoh",
     ("no service", "a loop that counts: compute"): "for comparison: a bare loop that counts to 2000",
     ("no service", "a loop that counts: lateness"): "for comparison: that loop, woken later than asked",
