@@ -1,4 +1,4 @@
-"""How hard a drum hits a finger: ``python bench/drum_hits.py [--presses N] [--before COMMIT]``.
+"""How hard a drum hits a finger: ``python bench/drum_hits.py [--presses N] [--seed N] [--before COMMIT]``.
 
 The controller in C, around a plant, goes through seeded presses with faults in mid-flight; the known hazards
 are tried with it and with that of an earlier commit.
@@ -36,6 +36,7 @@ def main() -> None:
     """Print the table of hazards, and how many hits had which energy."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--presses", type=int, default=10_000, help="of all gears together")
+    options.add_argument("--seed", type=int, default=1, help="of the presses")
     options.add_argument("--before", default="73b12d75", help="commit of the earlier controller")
     given = options.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
@@ -54,7 +55,11 @@ def main() -> None:
         count = -(-given.presses // len(GEARS))
         with ThreadPoolExecutor() as pool:
             found = dict(
-                zip(programs, pool.map(lambda each: hits(each, 1, count), programs.values()), strict=True)
+                zip(
+                    programs,
+                    pool.map(lambda each: hits(each, given.seed, count), programs.values()),
+                    strict=True,
+                )
             )
     _print_hits(found, count)
 
