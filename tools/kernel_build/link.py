@@ -141,9 +141,12 @@ def _headers(target: Target) -> list[str]:
     """Where headers are; those of another system's Python and NumPy are replaced where they differ."""
     own = HEADERS / target.name.split("-")[0]
     config = own / "pyconfig.h"
-    folders = [*([own] if own.is_dir() else []), sysconfig.get_paths()["include"], numpy.get_include()]
+    python = sysconfig.get_paths()["include"]
+    folders = [*([own] if own.is_dir() else []), python, numpy.get_include()]
     first = ["-include", str(config)] if config.is_file() else []
-    return first + [f"-I{folder}" for folder in (NATIVE, CONTROLLER, *folders)]
+    # Debian's pyconfig.h includes that of the architecture, which lies beside the folder of Python's headers.
+    last = ["-idirafter", str(Path(python).parent)]
+    return first + [f"-I{folder}" for folder in (NATIVE, CONTROLLER, *folders)] + last
 
 
 def _system(target: Target, compiled: list[Path], folder: Path) -> list[str]:
