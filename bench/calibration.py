@@ -14,18 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from proximity.decaff.calibration.drum_chirp import HELD_BEND, drum_stiffness, inertia
-from proximity.decaff.calibration.instruments import DrumRecord
+from proximity.decaff.calibration.drum_chirp import HELD_BEND
 from proximity.decaff.calibration.readings import Readings
 from proximity.decaff.calibration.results import Session
 from proximity.decaff.calibration.simulated_glove import (
-    HELD_DAMPING,
-    LINK_INERTIA,
     RATE,
-    TORQUE_NOISE,
     SimulatedGlove,
 )
-from proximity.decaff.calibration.tasks import HELD, Bench
+from proximity.decaff.calibration.tasks import Bench
 from proximity.decaff.glove.glove import Glove, with_gear
 
 STICTION, STRIBECK_SPEED = 1.4, 0.3  # times the friction of a drum that slides; rad/s over which it goes
@@ -37,41 +33,24 @@ SHOWN = ("drum_mass", "drum_friction", "drum_latency", "cable_stiffness")
 class RicherGlove(SimulatedGlove):
     """A simulated glove whose gear rubs by its load, sticks, and whose motor cogs."""
 
-    def swing(self, torques: np.ndarray) -> DrumRecord:
-        """Swing the drum as `SimulatedGlove.swing` does, by the richer plant."""
-        drum, times = self._drum, np.arange(len(torques)) / RATE
-        noise = self._random.normal(size=len(torques))
-        disturbed = torques + TORQUE_NOISE * np.ptp(torques) / 2.0 * noise
-        late = np.interp(times - self._drum_latency, times, disturbed, left=0.0)
-        mass, stiffness, damping = inertia(drum), 0.0, 0.0
-        if self._asked == HELD.key:
-            mass += LINK_INERTIA
-            stiffness = drum_stiffness(self._glove, self._glove.cable.stiffness)
-            damping = 2.0 * HELD_DAMPING * math.sqrt(stiffness * mass)
-        angles = _swung(drum, mass, stiffness, damping, late.tolist())
-        start = self._random.uniform(-0.1, 0.1)
-        return DrumRecord(
-            times, torques, np.array([self._read(start + angle) for angle in angles]), disturbed
-        )
-
-
-def _swung(drum, mass: float, stiffness: float, damping: float, torques: list[float]) -> list[float]:
-    """Angles of the drum from rest at 0, rad, one a sample."""
-    step, friction = 1.0 / (RATE * STEPS), drum.friction * drum.lever
-    viscous, teeth, cogging = 0.01 * friction, TEETH * drum.gear.ratio, COGGING * friction
-    angle = speed = 0.0
-    angles = []
-    for torque in torques:
-        angles.append(angle)
-        for _ in range(STEPS):
-            reaction = min(0.0, stiffness * angle + damping * speed) if stiffness and angle < 0.0 else 0.0
-            slides = 1.0 + (STICTION - 1.0) * math.exp(-((speed / STRIBECK_SPEED) ** 2))
-            held = (friction * slides + drum.loss * abs(reaction)) / mass * step
-            pull = torque - viscous * speed - reaction + cogging * math.sin(teeth * angle)
-            free = speed + pull / mass * step
-            speed = math.copysign(max(abs(free) - held, 0.0), free)
-            angle += speed * step
-    return angles
+    def _swung(self, plant: np.ndarray, times: np.ndarray, torques: np.ndarray) -> np.ndarray:
+        """Angles of the richer drum, (N,), rad, from rest at 0."""
+        mass, friction, viscous, stiffness, damping = plant[0].tolist()
+        step, loss = 1.0 / (RATE * STEPS), self._drum.loss
+        teeth, cogging = TEETH * self._drum.gear.ratio, COGGING * friction
+        angle = speed = 0.0
+        angles = []
+        for torque in np.interp(times - self._drum_latency, times, torques, left=0.0).tolist():
+            angles.append(angle)
+            for _ in range(STEPS):
+                reaction = min(0.0, stiffness * angle + damping * speed) if stiffness and angle < 0.0 else 0.0
+                slides = 1.0 + (STICTION - 1.0) * math.exp(-((speed / STRIBECK_SPEED) ** 2))
+                held = (friction * slides + loss * abs(reaction)) / mass * step
+                pull = torque - viscous * speed - reaction + cogging * math.sin(teeth * angle)
+                free = speed + pull / mass * step
+                speed = math.copysign(max(abs(free) - held, 0.0), free)
+                angle += speed * step
+        return np.array(angles)
 
 
 def _errors(kind: type[SimulatedGlove], design: Glove, gloves: int) -> dict[str, np.ndarray]:

@@ -33,7 +33,7 @@ from benchmarks.replay.bounds_check import judge_bounds, judge_certified_times, 
 from benchmarks.replay.replay_loop import replay
 from benchmarks.support.project import project_module
 from proximity.recording import read_recording
-from proximity.tracker.replay import fitted_pose
+from proximity.tracker.placement import fitted_pose
 
 run_trial = project_module("tests/trials", "bound_trials").run_trial
 run_part_trial = project_module("tests/trials", "part_trials").run_trial

@@ -122,7 +122,7 @@ measurement
 worst_positions
 starting_positions
 work
-subject · times
+motions · subject · times
 """,
     "proximity.cli": """
 lab

@@ -34,7 +34,7 @@ from proximity.service.config import (
 )
 from proximity.service.config.toml_document import Document
 from proximity.system.extras import needed
-from proximity.tracker.replay import fitted_pose
+from proximity.tracker.placement import fitted_pose
 from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 from proximity.web.page_content import scene_page_files, shown_contents
 from proximity.web.page_inbox import PageInbox

@@ -17,7 +17,7 @@ from proximity.errors import ArgumentError
 from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
-from proximity.tracker.replay import turn_about_axes
+from proximity.tracker.placement import turn_about_axes
 from proximity.tracker.tracker import Tracker
 
 MM = 1e-3

@@ -9,12 +9,11 @@ from certificates import TICKS, ball_subject, certificate, found, loop, timing
 from project import MESHES
 
 from proximity import ServiceError
-from proximity.lab.certificate import measurement, report
+from proximity.lab.certificate import measurement, motions, report
 from proximity.lab.certificate.certification import check_request, load
 from proximity.lab.certificate.report import document
 from proximity.lab.certificate.subject import read_subject
 from proximity.recording import Recording
-from proximity.tracker.replay import motions
 
 
 def test_scene_fits_as_long_as_its_slowest_motion_does():

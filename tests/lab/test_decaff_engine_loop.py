@@ -22,7 +22,7 @@ from proximity.pose import Pose
 from proximity.scene.loader import load
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
-from proximity.tracker.replay import turn_about_axes
+from proximity.tracker.placement import turn_about_axes
 
 AFTER_SWITCH = 0.3  # s, in which a bump is looked for
 HAND = Hand()

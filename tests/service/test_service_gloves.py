@@ -21,7 +21,7 @@ from proximity.service import FingerPoses, MessageInput, TrackedContacts
 from proximity.service.config import read_scene_file
 from proximity.service.hosting.service_assembly import read_gloves
 from proximity.service.inputs import inbox
-from proximity.tracker.replay import turn_about_axes
+from proximity.tracker.placement import turn_about_axes
 from proximity.tracker.tracker import Tracker
 
 NOW = 9000 * MS

@@ -1,4 +1,4 @@
-"""A tracker by formulas, for the tests of replays: it asks the scene exactly and predicts nothing clever.
+"""A tracker by formulas, for the tests of recordings: it asks the scene exactly and predicts nothing clever.
 
 *spoil* is called with the contacts of each tick and its number, and may change them.
 """

@@ -9,7 +9,7 @@ from proximity.pose import Pose
 from proximity.recording import Recording
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
-from proximity.tracker.replay import fitted_pose, turn_about_axes
+from proximity.tracker.placement import fitted_pose, turn_about_axes
 
 RADIUS = 0.005
 FINGERS = ((0, 1), (0, 2))

@@ -27,7 +27,7 @@ from proximity.scene.loader import load
 from proximity.scene.scene import Scene
 from proximity.service.hosting import start_service
 from proximity.system.extras import needed
-from proximity.tracker.replay import fitted_pose
+from proximity.tracker.placement import fitted_pose
 from proximity.transport import open_publisher, open_subscriber
 from proximity.web.running_page import Addresses, RunningPage, own_addresses
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from benchmarks.support.project import MESHES, SHARED_HANDS
 from benchmarks.ticks.scenes import RADIUS
+from proximity.lab.certificate.motions import wandering_hands
 from proximity.recording import Recording, read_recording
 from proximity.scene.scene import Scene
-from proximity.tracker.replay import fitted_pose
-from proximity.tracker.replay.motions import wandering_hands
+from proximity.tracker.placement import fitted_pose
 
 __all__ = [
     "Hand",

@@ -131,10 +131,14 @@ class SimulatedGlove:
         plant = np.array([(mass, friction, 0.01 * friction, stiffness, damping)], SWING)
         times = np.arange(len(torques)) / RATE
         disturbed = torques + TORQUE_NOISE * np.ptp(torques) / 2.0 * self._random.normal(size=len(torques))
-        angles = answer(plant, DrumRecord(times, disturbed, times, disturbed), self._drum_latency, FINE_STEP)
+        angles = self._swung(plant, times, disturbed)
         start = self._random.uniform(-0.1, 0.1)
         read = np.array([self._read(start + angle) for angle in angles.tolist()])
         return DrumRecord(times, torques, read, disturbed)
+
+    def _swung(self, plant: np.ndarray, times: np.ndarray, torques: np.ndarray) -> np.ndarray:
+        """Angles of the drum under torques, (N,), rad, from rest at 0."""
+        return answer(plant, DrumRecord(times, torques, times, torques), self._drum_latency, FINE_STEP)
 
     def _turned(self) -> float:
         assert self._asked == TOUCH.key, "only touches read the drum"

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from proximity.errors import RecordingError
+from proximity.lab.certificate import motions
 from proximity.lab.certificate.subject import Subject
 from proximity.lab.certificate.work import UNLIMITED, SearchGoal, StartMode
 from proximity.lab.certificate.worst_positions import Progress, SearchResult
@@ -23,7 +24,6 @@ from proximity.message import ContactFlag
 from proximity.recording import Recording
 from proximity.service import RealTime, RecordingInput, Report, Service, TrackedContacts
 from proximity.system.memory import collector_paused
-from proximity.tracker.replay import motions
 from proximity.tracker.tracker import Tracker
 from proximity.transport import open_publisher
 

@@ -26,7 +26,7 @@ from proximity.service.config import (
     read_input,
     read_scene_file,
 )
-from proximity.tracker.replay import fitted_pose
+from proximity.tracker.placement import fitted_pose
 from proximity.tracker.tracker import Tracker
 from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 

@@ -17,7 +17,7 @@ from proximity.scene.loader import load, notes_on_sizes
 from proximity.scene.part import LoadReport, Part
 from proximity.scene.scene import Scene
 from proximity.service.config.settings import FingerSettings, PartEntry, SceneFile
-from proximity.tracker.replay import fitted_pose, turn_about_axes
+from proximity.tracker.placement import fitted_pose, turn_about_axes
 from proximity.tracker.tracker import Tracker
 
 DEFAULT_FINGERS = 5
