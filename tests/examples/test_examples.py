@@ -266,10 +266,54 @@ def _at_touch(output):
     return [float(number) for number in NUMBER.findall(line)[1:]]
 
 
-def test_hands_by_openxr_are_sent_where_the_part_hangs(monkeypatch, capsys):
-    """Joints in pyopenxr's own structures: a left index fingertip 1 mm above the part's foot, y up."""
-    xr = pytest.importorskip("xr", reason="calls of OpenXR need pyopenxr")
-    states, came = [xr.SessionState.READY, xr.SessionState.STOPPING, xr.SessionState.EXITING], []
+class OpenXrRuntime:
+    """Calls of a runtime in pyopenxr's own structures: what came, and the session's states to answer with."""
+
+    def __init__(self, xr, monkeypatch):
+        self.xr, self.came, self.states, self._patch = xr, [], [], monkeypatch
+        answers = {
+            "create_instance": lambda info: (
+                self.came.append([*info.enabled_extension_names]) or xr.Instance()
+            ),
+            "get_system": lambda instance: 1,
+            "create_session": lambda instance, info: xr.Session(),
+            "create_hand_tracker_ext": self._tracker,
+            "poll_event": self._event,
+            "begin_session": lambda session, info: self.came.append("begin"),
+            "end_session": lambda session: self.came.append("end"),
+            "destroy_instance": lambda instance: self.came.append("destroyed"),
+        }
+        self.answer(**answers)
+
+    def answer(self, **answers):
+        """Have functions of pyopenxr answer so."""
+        for name, answer in answers.items():
+            self._patch.setattr(self.xr, name, answer)
+
+    def _tracker(self, session, info):
+        tracker = ctypes.cast(ctypes.c_void_p(int(info.hand)), self.xr.HandTrackerEXT)
+        tracker.instance = None
+        return tracker
+
+    def _event(self, _instance):
+        xr = self.xr
+        changed = xr.EventDataSessionStateChanged(state=self.states.pop(0)) if self.states else None
+        if changed is None or changed.state == xr.SessionState.UNKNOWN:
+            raise xr.EventUnavailable()
+        buffer = xr.EventDataBuffer()
+        ctypes.memmove(ctypes.byref(buffer), ctypes.byref(changed), ctypes.sizeof(changed))
+        return buffer
+
+
+@pytest.fixture
+def runtime(monkeypatch):
+    return OpenXrRuntime(pytest.importorskip("xr", reason="calls of OpenXR need pyopenxr"), monkeypatch)
+
+
+def test_hands_by_openxr_are_sent_where_the_part_hangs(runtime, capsys):
+    """A left index fingertip 1 mm above the part's foot, y up."""
+    xr, came = runtime.xr, runtime.came
+    runtime.states += [xr.SessionState.READY, xr.SessionState.STOPPING, xr.SessionState.EXITING]
 
     def locate(tracker, info, locations):
         joints = locations.contents._joint_locations
@@ -279,29 +323,12 @@ def test_hands_by_openxr_are_sent_where_the_part_hangs(monkeypatch, capsys):
         place.x, place.y, place.z = 0.030, 1.005, -0.310  # (30, 10, 5) mm of the bracket, as README.md has it
         return 0
 
-    def poll_event(_instance):
-        changed, buffer = xr.EventDataSessionStateChanged(state=states.pop(0)), xr.EventDataBuffer()
-        ctypes.memmove(ctypes.byref(buffer), ctypes.byref(changed), ctypes.sizeof(changed))
-        return buffer
-
     function = xr.functions.PFN_xrLocateHandJointsEXT(locate)
-    answers = {
-        "create_instance": lambda info: came.append([*info.enabled_extension_names]) or xr.Instance(),
-        "get_system": lambda instance: 1,
-        "create_session": lambda instance, info: xr.Session(),
-        "create_reference_space": lambda session, info: xr.Space(),
-        "create_hand_tracker_ext": lambda session, info: ctypes.cast(
-            ctypes.c_void_p(int(info.hand)), xr.HandTrackerEXT
-        ),
-        "get_instance_proc_addr": lambda *_: ctypes.cast(function, xr.PFN_xrVoidFunction),
-        "convert_timespec_time_to_time_khr": lambda instance, at: xr.Time(at.tv_sec * 10**9 + at.tv_nsec),
-        "poll_event": poll_event,
-        "begin_session": lambda session, info: came.append("begin"),
-        "end_session": lambda session: came.append("end"),
-        "destroy_instance": lambda instance: came.append("destroyed"),
-    }
-    for name, answer in answers.items():
-        monkeypatch.setattr(xr, name, answer)
+    runtime.answer(
+        create_reference_space=lambda session, info: xr.Space(),
+        get_instance_proc_addr=lambda *_: ctypes.cast(function, xr.PFN_xrVoidFunction),
+        convert_timespec_time_to_time_khr=lambda instance, at: xr.Time(at.tv_sec * 10**9 + at.tv_nsec),
+    )
     address = f"mailbox:openxr-{uuid.uuid4().hex}"
     inlet, room = open_inlet(address), np.zeros(5000, np.uint8)
     runpy.run_path(str(EXAMPLES / "openxr_hands.py"))["main"](address)
@@ -316,52 +343,6 @@ def test_hands_by_openxr_are_sent_where_the_part_hangs(monkeypatch, capsys):
     assert contacts["signed_distance"][1] == pytest.approx(0.001 - 0.007)
 
 
-@pytest.fixture
-def runtime(monkeypatch):
-    """Calls of a runtime in pyopenxr's own structures: itself, what came, and events to answer with."""
-    xr = pytest.importorskip("xr", reason="calls of OpenXR need pyopenxr")
-    came, events = [], []
-
-    def apply(tracker, locations):
-        given = locations.contents
-        assert given.type == xr.StructureType.FORCE_FEEDBACK_CURL_APPLY_LOCATIONS_MNDX
-        assert [each.location.value for each in given.locations] == [0, 1, 2, 3, 4]  # thumb to little finger
-        hand = ctypes.cast(tracker, ctypes.c_void_p).value
-        came.append((hand, [round(each.value, 3) for each in given.locations]))
-        return 0
-
-    def tracker_of(session, info):
-        tracker = ctypes.cast(ctypes.c_void_p(int(info.hand)), xr.HandTrackerEXT)
-        tracker.instance = None
-        return tracker
-
-    def poll_event(_instance):
-        changed = xr.EventDataSessionStateChanged(state=events.pop(0)) if events else None
-        if changed is None or changed.state == xr.SessionState.UNKNOWN:
-            raise xr.EventUnavailable()
-        buffer = xr.EventDataBuffer()
-        ctypes.memmove(ctypes.byref(buffer), ctypes.byref(changed), ctypes.sizeof(changed))
-        return buffer
-
-    function = xr.PFN_xrApplyForceFeedbackCurlMNDX(apply)
-    answers = {
-        "create_instance": lambda info: came.append([*info.enabled_extension_names]) or xr.Instance(),
-        "get_system": lambda instance: 1,
-        "create_session": lambda instance, info: xr.Session(),
-        "create_hand_tracker_ext": tracker_of,
-        "poll_event": poll_event,
-        "begin_session": lambda session, info: came.append("begin"),
-        "end_session": lambda session: came.append("end"),
-        "destroy_instance": lambda instance: came.append("destroyed"),
-    }
-    for name, answer in answers.items():
-        monkeypatch.setattr(xr, name, answer)
-    monkeypatch.setattr(
-        xr.functions, "get_instance_proc_addr", lambda *_: ctypes.cast(function, xr.PFN_xrVoidFunction)
-    )
-    return xr, came, events
-
-
 def reading_of(state=proximity.State.OK, **fields):
     """A reading of two fingers' contacts; the first touches at bend 0.6, the second nowhere."""
     contacts = np.zeros(2, proximity.CONTACT)
@@ -374,9 +355,21 @@ def reading_of(state=proximity.State.OK, **fields):
 
 def test_curl_limits_reach_the_runtime_and_are_taken_back(runtime, monkeypatch, capsys):
     """0 curls freely and 1 is extended: a touch at bend 0.6 is 0.4; late, stale and the end are 0."""
-    xr, came, events = runtime
-    states = xr.SessionState
-    events += [states.READY, *5 * [states.UNKNOWN], states.STOPPING, states.EXITING]
+    xr, came, states = runtime.xr, runtime.came, runtime.xr.SessionState
+
+    def apply(tracker, locations):
+        given = locations.contents
+        assert given.type == xr.StructureType.FORCE_FEEDBACK_CURL_APPLY_LOCATIONS_MNDX
+        assert [each.location.value for each in given.locations] == [0, 1, 2, 3, 4]  # thumb to little finger
+        hand = ctypes.cast(tracker, ctypes.c_void_p).value
+        came.append((hand, [round(each.value, 3) for each in given.locations]))
+        return 0
+
+    function = xr.PFN_xrApplyForceFeedbackCurlMNDX(apply)
+    monkeypatch.setattr(
+        xr.functions, "get_instance_proc_addr", lambda *_: ctypes.cast(function, xr.PFN_xrVoidFunction)
+    )
+    runtime.states += [states.READY, *5 * [states.UNKNOWN], states.STOPPING, states.EXITING]
     readings = [
         reading_of(),
         reading_of(signed_distance=-1e-3, contact_bend=0.65),  # the finger gives way: its limit does not
