@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,11 @@ LATER_TESTS = {
     "test_step_cache.py",
 }  # fmt: skip
 """Files in these folders that start processes, take minutes, or need the extra ``test-all``."""
+LONG_TESTS = {
+    "test_decaff_calibration_tasks.py", "test_documentation.py", "test_kernel_build.py", "test_measurements.py",
+    "test_modes.py", "test_study.py",
+}  # fmt: skip
+"""Files of few tests that take minutes: the workers of a run begin with them, and so end together."""
 LATER_MARKS = ("browser", "processes", "slow")
 EVENTS_OF_PROCESSES = {"os.fork", "os.forkpty", "os.posix_spawn", "socket.bind", "subprocess.Popen"}
 _guarded: list[str] = []
@@ -135,13 +141,17 @@ def has_processes(path: Path) -> bool:
 
 @pytest.fixture(autouse=True)
 def kernels_of_programs(request: pytest.FixtureRequest) -> None:
-    """Have the tests of programs begin with compiled kernels: a program says that it compiles."""
-    if has_processes(request.path) and not proximity.kernels_are_cached():
+    """Have the tests of programs begin with compiled kernels: a program says that it compiles.
+
+    Tests of internals start none, and compile what they call: all kernels take six minutes.
+    """
+    is_of_internals = request.node.get_closest_marker("internals") is not None
+    if has_processes(request.path) and not is_of_internals and not proximity.kernels_are_cached():
         proximity.warm_up()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Skip what this run has not; with pytest-xdist a file stays with one worker, and all of processes do."""
+    """Skip what this run has not, and begin with the files that take longest."""
     if config.option.rest or not config.option.everything:
         left = [item for item in items if is_first(item) == config.option.rest]
         config.hook.pytest_deselected(items=left)
@@ -154,7 +164,5 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for item in items:
             if item.get_closest_marker("browser"):
                 item.add_marker(pytest.mark.skip(reason=NO_BROWSER))
-    if config.pluginmanager.hasplugin("xdist"):
-        for item in items:
-            group = "processes" if has_processes(item.path) else item.path.name
-            item.add_marker(pytest.mark.xdist_group(group))
+    counts = Counter(item.path for item in items)
+    items.sort(key=lambda item: (item.path.name not in LONG_TESTS, -counts[item.path], item.path))
