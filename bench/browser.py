@@ -24,7 +24,7 @@ import numpy as np
 
 import proximity
 from benchmarks.support.project import project_module
-from proximity.bindings.wasm_package import write_package
+from proximity.clients.wasm_package import write_package
 
 COMPARE = Path(__file__).parent / "benchmarks" / "browser" / "compare.mjs"
 POINTS, CALL = 5000, 5

@@ -1,6 +1,7 @@
-"""The layers of the package and of its larger parts, compared with the imports."""
+"""The layers of the package and its larger parts, compared with imports, paths in strings and C includes."""
 
 import ast
+import re
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -16,13 +17,14 @@ PICTURES = {
     "proximity": """
 cli
 lab · web
-bindings
+clients
 service
 tracker
 scene
 decaff
 formats · recording · transport
 mesh · message · pose
+core
 checks · kernels · system
 errors
 native
@@ -32,6 +34,12 @@ in_c · simd
 declaration
 jit · mode
 signature · sources
+""",
+    "proximity.core": """
+loop
+mailbox
+library
+cpython · library_in_c · receiver
 """,
     "proximity.kernels": """
 tracking
@@ -136,6 +144,7 @@ output
 }
 # Part of the whole package but in no layer: what its users import, and what starts the command line.
 OUTSIDE = {"__init__", "__main__"}
+NAMES_SOURCES = {"proximity.native.sources"}  # reads all compiled sources, as bytes
 NO_FILES = {f"proximity.scene.{name}" for name in ("solid", "scene", "scene_parts", "queries.queries")}
 KERNELS_MAY_IMPORT = {"math", "numpy", "typing"}  # typing: named tuples of arrays
 NUMBA_MAY_BE_IMPORTED_BY = {
@@ -175,6 +184,42 @@ def imports(path):
     return found
 
 
+C_FILES = {
+    module_of(path.with_name(path.name.removesuffix(".in").replace(".", "_"))): path
+    for path in sorted((ROOT / "proximity").rglob("*"))
+    if path.name.removesuffix(".in").endswith((".c", ".h", ".cpp", ".hpp"))
+}
+ALL_FILES = FILES | C_FILES
+HEADERS = {path.name.removesuffix(".in"): module for module, path in C_FILES.items()}
+
+
+def includes(path):
+    """Files of this package that a file in C includes, each with its line; those that are generated aside."""
+    text = path.read_text(encoding="utf-8")
+    for found in re.finditer(r'^#include ["<](\w+\.\w+)[">]', text, re.MULTILINE):
+        if found[1] in HEADERS:
+            yield HEADERS[found[1]], text.count("\n", 0, found.start()) + 1
+
+
+def paths_in_strings(path):
+    """Units of the package whose folders a file names, each with its line."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    joins = (each for each in ast.walk(tree) if isinstance(each, ast.BinOp) and isinstance(each.op, ast.Div))
+    joined = [each.right for each in joins if "__file__" in ast.dump(each.left)]
+    for constant in ast.walk(tree):
+        if isinstance(constant, ast.Constant) and isinstance(constant.value, str):
+            first, *others = constant.value.split("/")
+            if (others or constant in joined) and first in levels_of("proximity"):
+                yield f"proximity.{first}", constant.lineno
+
+
+def everything_named(module, path):
+    """What a file depends on: imports of Python, paths in strings, or includes in C."""
+    if module in C_FILES:
+        return [*includes(path)]
+    return imports(path) + ([] if module in NAMES_SOURCES else [*paths_in_strings(path)])
+
+
 def unit_of(module, package):
     """The unit directly in *package* that a module belongs to, or None."""
     rest = module.removeprefix(package + ".")
@@ -188,7 +233,7 @@ def levels_of(package):
 
 
 def units_in(package):
-    units = {unit_of(module, package) for module in FILES}
+    units = {unit_of(module, package) for module in ALL_FILES}
     return units - {None, *OUTSIDE}
 
 
@@ -201,11 +246,11 @@ def test_picture_names_every_unit_once(package):
 @pytest.mark.parametrize("package", PICTURES)
 def test_units_import_only_from_lines_below(package):
     level = levels_of(package)
-    for module, path in FILES.items():
+    for module, path in ALL_FILES.items():
         own = unit_of(module, package)
         if own is None or own in OUTSIDE:
             continue
-        for name, line in imports(path):
+        for name, line in everything_named(module, path):
             other = unit_of(name, package)
             # The command line is a user: it asks for public names, which are imported when first needed.
             is_public = package == "proximity" and other in {*proximity.__all__, "__version__"}

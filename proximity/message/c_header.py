@@ -10,10 +10,10 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from enum import Enum
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
+from proximity.core import CORE
 from proximity.message.changes import (
     ADDITION_FIELDS,
     ADDITIONS,
@@ -101,7 +101,7 @@ def header_text() -> str:
         "CRC_TABLE": _crc_table(),
         "ASSERTS": "\n".join(_assertions()),
     }
-    text = Path(__file__).with_name("decaff_message.h.in").read_text(encoding="utf-8")
+    text = (CORE / "receiver" / "decaff_message.h.in").read_text(encoding="utf-8")
     for name, value in kinds.items():
         text = text.replace(f"@{name}@", value)
     return text

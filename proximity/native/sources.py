@@ -7,20 +7,20 @@ from pathlib import Path
 PACKAGE = Path(__file__).resolve().parent.parent
 TOOLS = PACKAGE.parent / "tools" / "kernel_build"
 """Where a checkout has the tool that compiles kernels; an installed package has none."""
-_PATTERNS = ("native/*.py", "native/simd/*.py", "kernels/**/*.py", "*/**/*_kernels.py")
+_PATTERNS = ("native/*.py", "native/simd/*.py", "kernels/**/*.py", "*/**/*_kernels.py", "core/cpython/*.[ch]")
 
 
 def kernel_sources() -> list[Path]:
     """Return the files in which kernels are written, and what they are declared and compiled with."""
     files = {path for pattern in _PATTERNS for path in PACKAGE.glob(pattern)}
     if TOOLS.is_dir():
-        files |= {path for path in TOOLS.rglob("*") if path.suffix in {".py", ".c", ".h"}}
+        files |= {path for path in TOOLS.rglob("*") if path.suffix in {".py", ".h"}}
     return sorted(files)
 
 
 def sources_in_c() -> list[Path]:
     """Return the files of what the extension has in C beside kernels."""
-    patterns = ("decaff/controller/*.c", "decaff/controller/*.h", "message/decaff_message.h.in")
+    patterns = ("decaff/controller/*.c", "decaff/controller/*.h", "core/receiver/*.in")
     return sorted(path for pattern in patterns for path in PACKAGE.glob(pattern))
 
 

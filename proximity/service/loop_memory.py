@@ -1,6 +1,6 @@
 """The memory that Python shares with the loop of compiled code: its structures, and the arrays they name.
 
-``bindings/c/loop/loop.h`` is the one description of the structures; here it is read.
+``core/loop/loop.h`` is the one description of the structures; here it is read.
 """
 
 import ctypes
@@ -8,12 +8,13 @@ import re
 import weakref
 from contextlib import suppress
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from proximity.checks import as_number
+from proximity.core import CORE
+from proximity.core.library_in_c import libraries
 from proximity.errors import ProximityError, ServiceError
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
 from proximity.mesh.part_memory import aligned_empty
@@ -24,13 +25,12 @@ from proximity.service.contact_source import METRES_A_BEND, ContactSource, Track
 from proximity.service.finger_kernels import LOST
 from proximity.service.samples import NEVER_NS, FingerPoses, Measurements
 from proximity.service.sensed_contacts import SensedContacts
-from proximity.system.library_in_c import libraries
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import arrays_after, arrays_of, note_answers
 from proximity.transport import forget
 from proximity.transport.udp import LARGEST_DATAGRAM
 
-HEADER = Path(__file__).parent.parent / "bindings" / "c" / "loop" / "loop.h"
+HEADER = CORE / "loop" / "loop.h"
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
 """s, of periods."""
 _STRUCTURE = re.compile(r"typedef struct (\w+) \{\n(.*?)\n\} \1;", re.DOTALL)

@@ -19,8 +19,8 @@ from weakref import WeakSet
 
 import numpy as np
 
+from proximity.core.library_in_c import libraries
 from proximity.errors import ProximityError, PublishError
-from proximity.system.library_in_c import libraries
 from proximity.system.time_units import NS_PER_S
 from proximity.transport.address import Address
 from proximity.transport.link import NOTHING, wait_until

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.bindings.wasm_package import package_files
+from proximity.clients.wasm_package import package_files
 from proximity.kernels.layout import BLOCK_STRIDE
 from proximity.scene.saved.archive import HEADER, read_archive, write_archive
 from proximity.scene.saved.compiled_scene import LAYOUT

@@ -6,11 +6,10 @@ import pytest
 
 import proximity
 from proximity import ProximityError
-from proximity.bindings import c_package
+from proximity.clients import EXAMPLES, c_package, client_files
 from proximity.decaff.controller.chip_sources import controller_sources
 from proximity.decaff.controller.settings import CableRule, ControllerSettings
 from proximity.decaff.glove.glove import DRUMS, Glove
-from proximity.message.clients import EXAMPLES, client_files
 
 SETTINGS = ControllerSettings(2000.0, DRUMS["gear14"])
 

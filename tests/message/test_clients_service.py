@@ -14,8 +14,8 @@ from project import MESHES
 from wire import MS, frame, sealed
 
 import proximity
+from proximity.clients import EXAMPLES, client_files, write_client
 from proximity.message.c_header import ENUMS, KINDS, RECORDS
-from proximity.message.clients import EXAMPLES, client_files, write_client
 from proximity.message.csharp_layout import csharp_enum, csharp_layout, pascal
 from proximity.message.fields import dtype_of
 from proximity.message.javascript_layout import layout_module, record_name

@@ -16,14 +16,14 @@ from compiling_c import WARNINGS, c_compiler, run
 from ports import free_port
 from wire import MS, frame, sealed
 
-from proximity import transport
+from proximity.clients import EXAMPLE_RECEIVER
 from proximity.message import FRAME, Message
 from proximity.message.c_header import header_text
 from proximity.transport import open_publisher, widen
 from proximity.transport.message_key import write_key
 
 PATIENCE = 30.0  # s
-SOURCE = transport.__path__[0] + "/receiver.c"
+SOURCE = EXAMPLE_RECEIVER
 FINGER = r"finger (\d): at least (\S+) mm"
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the receiver is for POSIX")

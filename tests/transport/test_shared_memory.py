@@ -14,10 +14,9 @@ import pytest
 from compiling_c import WARNINGS, c_compiler, run
 from far_end import FarEnd, frame, new_name, touch, until, until_valid
 
-from proximity.bindings import c_package
+from proximity.core import CORE, library_in_c
 from proximity.errors import PublishError
 from proximity.message.c_header import header_text
-from proximity.system import library_in_c
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber
 from proximity.transport.link import NOTHING
 
@@ -321,7 +320,7 @@ def test_program_in_c_reads_and_writes(address, name, tmp_path):
     source, program = tmp_path / "reader.c", tmp_path / "reader"
     source.write_text(READER)
     (tmp_path / "decaff_message.h").write_text(header_text())
-    run(c_compiler(), "-std=c99", *WARNINGS, f"-I{c_package.HERE}", source, "-lm", "-o", program)
+    run(c_compiler(), "-std=c99", *WARNINGS, f"-I{CORE / 'mailbox'}", source, "-lm", "-o", program)
     said = []
     with open_publisher(address) as publisher, open_subscriber(f"{address}-back") as subscriber:
         reader = threading.Thread(target=lambda: said.append(run(program, name, f"{name}-back")))

@@ -10,7 +10,7 @@ from project import MESHES
 
 import proximity
 from proximity import ServiceError
-from proximity.bindings import wasm_package
+from proximity.clients import wasm_package
 from proximity.web.page_process import PageSettings, write_page
 from proximity.web.saved_page import _by_names
 

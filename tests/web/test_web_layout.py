@@ -6,8 +6,8 @@ import subprocess
 
 import pytest
 
+from proximity.clients import client_files
 from proximity.message import FRAME, ContactFlag, Message, State
-from proximity.message.clients import client_files
 from proximity.web.page_content import PAGE
 
 AGES = """

@@ -9,16 +9,18 @@ from pathlib import Path
 
 import numpy
 
+from core_tables import tables_header, tables_source
 from kernel_build.state import ROOT, digest_in_c
 from kernel_build.targets import Target
 from kernel_build.windows import python_library
-from proximity.bindings.core_tables import tables_header, tables_source
+from proximity.core import CORE
 from proximity.message.c_header import header_text
 from proximity.native.in_c import C_CODE
 
-NATIVE, HEADERS = (Path(__file__).resolve().parent / name for name in ("native", "headers"))
+HEADERS = Path(__file__).resolve().parent / "headers"
+PYTHON = CORE / "cpython"
 CONTROLLER = ROOT / "proximity" / "decaff" / "controller"
-LIBRARY = ROOT / "proximity" / "bindings" / "c"
+LIBRARY = [CORE / name for name in ("library", "loop", "mailbox")]
 _BIONIC = ["-D__errno_location=__errno", "-U__linux__", "-fno-builtin", "-mno-outline-atomics", "-fPIC"]
 """For Android: what its C library names otherwise than the one whose headers are here. There is no shared
 memory and no loop, as on a system that is not Linux."""
@@ -29,7 +31,7 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
     """Return the extension module."""
     extension = folder / target.extension
     (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
-    sources = [table, *sorted(NATIVE.glob("*.c")), *CONTROLLER.glob("*.c")]
+    sources = [table, *sorted(PYTHON.glob("*.c")), *CONTROLLER.glob("*.c")]
     compiled = [_compiled(target, source, folder, *_headers(target)) for source in sources]
     files = map(str, [*compiled, *objects])
     zig(target, folder, "-shared", "-s", "-o", str(extension), *files, *_system(target, compiled, folder))
@@ -67,14 +69,13 @@ def library_objects(
     (folder / "core_tables.h").write_text(tables_header(), encoding="ascii")
     table = folder / "core_tables.c"
     table.write_text(tables_source(sets.items(), digest), encoding="ascii")
-    options = ["-DPROXIMITY_BUILDS", "-D_GNU_SOURCE", f"-I{LIBRARY}", f"-I{NATIVE}"]
+    options = ["-DPROXIMITY_BUILDS", "-D_GNU_SOURCE", *(f"-I{each}" for each in (*LIBRARY, PYTHON))]
     options += _BIONIC if _is_android(target) else []
     sources = [
         table,
-        *sorted(LIBRARY.glob("*.c")),
-        *LIBRARY.glob("loop/*.c"),
-        NATIVE / "runtime.c",
-        NATIVE / "processor.c",
+        *(source for each in LIBRARY for source in sorted(each.glob("*.c"))),
+        PYTHON / "runtime.c",
+        PYTHON / "processor.c",
     ]
     return [_compiled(target, source, folder, *options) for source in sources]
 
@@ -119,7 +120,7 @@ def entry_table(wrappers: list[tuple[str, str, str]], digest: str) -> str:
 
 def _functions_in_c() -> list[str]:
     """Names of the entry points that are written in C."""
-    text = (NATIVE / "controller.c").read_text(encoding="ascii")
+    text = (CONTROLLER / "controller_entries.c").read_text(encoding="ascii")
     return re.findall(r"^int (\w+)\(void \*\*unused, void \*\*no_error, int64_t words\)", text, re.MULTILINE)
 
 
@@ -146,7 +147,7 @@ def _headers(target: Target) -> list[str]:
     first = ["-include", str(config)] if config.is_file() else []
     # Debian's pyconfig.h includes that of the architecture, which lies beside the folder of Python's headers.
     last = ["-idirafter", str(Path(python).parent)]
-    return first + [f"-I{folder}" for folder in (NATIVE, CONTROLLER, *folders)] + last
+    return first + [f"-I{folder}" for folder in (PYTHON, CONTROLLER, *folders)] + last
 
 
 def _system(target: Target, compiled: list[Path], folder: Path) -> list[str]:

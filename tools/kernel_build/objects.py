@@ -4,9 +4,9 @@ import re
 
 from llvmlite import binding
 
+from core_tables import ENTRIES
 from kernel_build.targets import WRAPPER_PREFIX, Instructions, Target, wrapper_symbol
 from kernel_build.wasm import without_fused
-from proximity.bindings.core_tables import ENTRIES
 
 LEVEL = 3
 """Of optimisation."""

@@ -41,8 +41,8 @@ def digest_in_c() -> str:
 def library_digest() -> str:
     """Return the digest of the library in C: of kernels, of its own files, and of what is generated."""
     patterns = (
-        "bindings/c/*.c", "bindings/c/*.h", "bindings/c/loop/*", "bindings/core_tables.py", "scene/**/*.py",
-        "__init__.py", "tracker/*.py", "message/*.py", "message/*.in",
+        "core/*/*.c", "core/*/*.h", "core/*/*.in", "scene/**/*.py",
+        "__init__.py", "tracker/*.py", "message/*.py", "../tools/core_tables.py",
     )  # fmt: skip
     package = ROOT / "proximity"
     files = sorted(path for pattern in patterns for path in package.glob(pattern))

@@ -7,8 +7,9 @@ bit; without, a product is rounded before the sum.
 import re
 from pathlib import Path
 
-from kernel_build.link import LIBRARY, library_objects, zig
+from kernel_build.link import library_objects, zig
 from kernel_build.targets import Target
+from proximity.core import CORE
 
 _DECLARED = re.compile(r"^declare .*@llvm\.fma\..*$", re.MULTILINE)
 _CALLED = re.compile(r"@llvm\.fma\.(v8f64|v8f32|f64|f32)")
@@ -79,7 +80,7 @@ def link_module(
     target: Target, objects: list[Path], wrappers: list[tuple[str, str, str]], digest: str, folder: Path
 ) -> Path:
     """Return the module of one set of instructions: the library in C, whose functions are exported."""
-    headers = (LIBRARY / name for name in ("proximity.h", "proximity_tracker.h"))
+    headers = (CORE / "library" / name for name in ("proximity.h", "proximity_tracker.h"))
     names = {name for path in headers for name in _EXPORTED.findall(path.read_text(encoding="utf-8"))}
     exports = [f"-Wl,--export={name}" for name in sorted(names - _NOT_THERE | {"malloc", "free"})]
     files = map(str, [*library_objects(target, wrappers, digest, folder), *objects])

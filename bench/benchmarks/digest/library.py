@@ -18,7 +18,7 @@ from proximity import (
     Relation,
     Scene,
 )
-from proximity.bindings.c_package import library_path
+from proximity.clients.c_package import library_path
 from proximity.message import CONTACT
 from proximity.scene.queries.results import ClosestPoints, RayHits, SegmentHits
 

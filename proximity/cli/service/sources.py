@@ -29,7 +29,7 @@ def c(out: FOLDER) -> None:
     Examples:
       proximity client c --out proximity
     """
-    from proximity.bindings.c_package import write_library
+    from proximity.clients.c_package import write_library
 
     _report(write_library(out))
 
@@ -40,7 +40,7 @@ def wasm(out: FOLDER) -> None:
     Examples:
       proximity client wasm --out site/proximity
     """
-    from proximity.bindings.wasm_package import BUILD, MODULES, write_package
+    from proximity.clients.wasm_package import BUILD, MODULES, write_package
 
     written = write_package(out)
     _report(written)
@@ -58,7 +58,7 @@ def csharp(out: FOLDER) -> None:
     Examples:
       proximity client csharp --out Packages/org.decaff.proximity
     """
-    from proximity.bindings.c_package import write_unity_package
+    from proximity.clients.c_package import write_unity_package
 
     _report(write_unity_package(out))
 
@@ -82,7 +82,7 @@ def cpp(out: FOLDER) -> None:
 
 
 def _write_client(language: str, out: Path) -> None:
-    from proximity.message.clients import write_client
+    from proximity.clients import write_client
 
     _report(write_client(language, out))
 
@@ -147,14 +147,11 @@ def header(
       proximity client header --out decaff_message.h
       proximity client header --receiver --out receiver.c    # the example of a receiver
     """
-    from proximity import transport
+    from proximity.clients import EXAMPLE_RECEIVER
     from proximity.message.c_header import header_text
     from proximity.system.whole_file import whole_file
 
-    if receiver:
-        text = Path(transport.__file__).with_name("receiver.c").read_text(encoding="ascii")
-    else:
-        text = header_text()
+    text = EXAMPLE_RECEIVER.read_text(encoding="ascii") if receiver else header_text()
     if out is None:
         typer.echo(text, nl=False)
         return

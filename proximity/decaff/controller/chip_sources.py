@@ -12,7 +12,7 @@ from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.message.c_header import header_text
-from proximity.message.clients import write_sources
+from proximity.system.written_files import write_files
 
 NUMBERS_A_LINE = 4
 
@@ -39,7 +39,7 @@ def write_controller(
     settings: ControllerSettings | None = None,
 ) -> list[str]:
     """Write the files of `controller_sources` into a folder, which is made, and return their paths."""
-    return list(write_sources(controller_sources(gloves, settings), folder))
+    return list(write_files(controller_sources(gloves, settings), folder))
 
 
 def _number_text(value: float) -> str:

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from compiling_c import WARNINGS, compiler, run
 
+from proximity.clients import write_client
 from proximity.message import CONTACT, Defect, State
-from proximity.message.clients import write_client
 
 DRIVERS = Path(__file__).parents[1] / "clients"
 DEFECTS = [None, *Defect]

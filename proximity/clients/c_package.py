@@ -4,26 +4,28 @@ import os
 from pathlib import Path
 
 import proximity
+from proximity.clients import write_client
+from proximity.core import CORE
+from proximity.core.library_in_c import library_path
 from proximity.errors import ProximityError
 from proximity.message.c_header import header_text
-from proximity.message.clients import write_client, write_sources
-from proximity.system.library_in_c import library_path
+from proximity.system.written_files import write_files
 
 HERE = Path(__file__).parent / "c"
 ANDROID = "android-aarch64/libproximity.so"
 """Beside the library of this system, where it was built, see `tools/kernel_build/targets.py`."""
 PLACES = {
-    "proximity.h": "include",
-    "proximity_tracker.h": "include",
-    "proximity.hpp": "include",
-    "decaff_mailbox.h": "include",
-    "package/proximity-config.cmake": "lib/cmake/proximity",
-    "package/proximity.pc": "lib/pkgconfig",
-    "examples/distances.c": "examples",
-    "examples/moving.c": "examples",
-    "examples/mailbox_receiver.c": "examples",
+    CORE / "library" / "proximity.h": "include",
+    CORE / "library" / "proximity_tracker.h": "include",
+    CORE / "mailbox" / "decaff_mailbox.h": "include",
+    HERE / "proximity.hpp": "include",
+    HERE / "package" / "proximity-config.cmake": "lib/cmake/proximity",
+    HERE / "package" / "proximity.pc": "lib/pkgconfig",
+    HERE / "examples" / "distances.c": "examples",
+    HERE / "examples" / "moving.c": "examples",
+    HERE / "examples" / "mailbox_receiver.c": "examples",
 }
-"""Files beside this one, and the folders that they are written to."""
+"""Files, and the folders that they are written to."""
 
 
 def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
@@ -39,11 +41,11 @@ def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
     import_library = library.with_suffix(".lib")
     if import_library.is_file():
         contents[f"lib/{import_library.name}"] = import_library.read_bytes()
-    for name, place in PLACES.items():
-        text = (HERE / name).read_text(encoding="utf-8")
+    for path, place in PLACES.items():
+        text = path.read_text(encoding="utf-8")
         text = text.replace("@LIBRARY@", library.name).replace("@VERSION@", proximity.__version__)
-        contents[f"{place}/{Path(name).name}"] = text
-    return write_sources(contents, folder, [name for name in contents if name.startswith("examples/")])
+        contents[f"{place}/{path.name}"] = text
+    return write_files(contents, folder, [name for name in contents if name.startswith("examples/")])
 
 
 def write_unity_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
@@ -55,6 +57,4 @@ def write_unity_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
         return written
     plugins = {library.name: library, "Android/arm64-v8a/libproximity.so": library.parent / ANDROID}
     contents = {name: path.read_bytes() for name, path in plugins.items() if path.is_file()}
-    return written | write_sources(
-        {f"Runtime/Plugins/{name}": data for name, data in contents.items()}, folder
-    )
+    return written | write_files({f"Runtime/Plugins/{name}": data for name, data in contents.items()}, folder)

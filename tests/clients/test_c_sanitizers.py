@@ -6,12 +6,11 @@ import subprocess
 import mutated_scenes
 import pytest
 from compiling_c import c_compiler
-from project import ROOT, SUPPORT
+from project import SUPPORT
 
-from proximity.bindings import c_package
+from proximity.core import CORE, library_in_c
 from proximity.message.c_header import header_text
 from proximity.native import IS_AHEAD
-from proximity.system import library_in_c
 
 OPTIONS = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-D_GNU_SOURCE"]
 NO_SETS = "const InstructionSet proximity_sets[] = {\n    {NULL, {NULL}}};"
@@ -23,17 +22,17 @@ pytestmark = pytest.mark.skipif(
 
 def prepare(folder):
     """Put the library's sources together, but for the wrappers of kernels: those are the library's own."""
-    from proximity.bindings.core_tables import tables_header, tables_source
+    from core_tables import tables_header, tables_source
 
-    native = ROOT / "tools" / "kernel_build" / "native"
     (folder / "core_tables.h").write_text(tables_header())
     (folder / "decaff_message.h").write_text(header_text())
     tables = tables_source([], "")
     assert NO_SETS in tables
     (folder / "core_tables.c").write_text(tables.replace(NO_SETS, ""))
-    names = ("runtime.c", "processor.c", "entry_points.h")
+    names = ("library/*.[ch]", "mailbox/*.[ch]", "cpython/runtime.c", "cpython/processor.c", "cpython/*.h")
+    own = [source for name in names for source in CORE.glob(name)]
     clients = [SUPPORT / "clients" / name for name in ("library_sets.c", "library_driver.c")]
-    for source in [*c_package.HERE.glob("*.[ch]"), *(native / name for name in names), *clients]:
+    for source in [*own, *clients]:
         text = source.read_text()
         (folder / source.name).write_text(
             text.replace("extern const InstructionSet", "extern InstructionSet")

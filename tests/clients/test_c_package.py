@@ -16,9 +16,9 @@ from wire import frame
 
 import proximity
 from proximity import ProximityError
-from proximity.bindings import c_package
+from proximity.clients import c_package
+from proximity.core import CORE, library_in_c
 from proximity.service.description import Describer
-from proximity.system import library_in_c
 
 has_library = pytest.mark.skipif(
     not any((library_in_c.NATIVE / name).is_file() for name in library_in_c.LIBRARIES),
@@ -235,8 +235,8 @@ def test_nothing_but_the_interface_can_be_seen():
     tool = compiler("nm")
     symbols = run(tool, "-D", "--defined-only", library_in_c.library_path()).splitlines()
     names = {line.split()[-1] for line in symbols}
-    declaring = ("proximity.h", "proximity_tracker.h", "mailbox.c", "loop/loop.c")
-    headers = "".join((c_package.HERE / name).read_text() for name in declaring)
+    declaring = ("library/*.h", "mailbox/mailbox.c", "loop/loop.c")
+    headers = "".join(path.read_text() for name in declaring for path in CORE.glob(name))
 
     declared = set(re.findall(r"PROXIMITY_API [^;(]*?(proximity_\w+)\(", headers))
     assert names - {"proximity_sets"} == declared and len(declared) > 20

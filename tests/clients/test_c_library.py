@@ -30,9 +30,9 @@ from proximity import (
     Scene,
     Solid,
 )
+from proximity.core import CORE, library_in_c
 from proximity.native import IS_AHEAD, mode
 from proximity.scene.queries import batches
-from proximity.system import library_in_c
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::proximity.UnitsWarning"),  # some points are far away on purpose
@@ -451,6 +451,6 @@ def test_pairs_that_cannot_be_measured_are_told():
 
 
 def test_blocks_are_sorted_as_in_python():
-    source = (ROOT / "proximity" / "bindings" / "c" / "questions.c").read_text(encoding="ascii")
+    source = (CORE / "library" / "questions.c").read_text(encoding="ascii")
 
     assert "BLOCK = 1 << 20" in source and batches.BLOCK == 1 << 20

@@ -17,8 +17,8 @@ from wire import frame
 
 import proximity
 from proximity import Pose, ProximityError
-from proximity.bindings import c_package
-from proximity.message.clients import client_files
+from proximity.clients import c_package, client_files
+from proximity.core import CORE
 from proximity.transport import open_publisher
 
 
@@ -130,7 +130,7 @@ def test_answers_are_those_of_python(package, tmp_path):
 
 def test_functions_are_those_of_the_header():
     """By the text alone: names, and how many arguments they take."""
-    header = "".join((c_package.HERE / f"proximity{name}.h").read_text() for name in ("", "_tracker"))
+    header = "".join(path.read_text() for path in sorted((CORE / "library").glob("proximity*.h")))
     declared = {
         name: 0 if words == "void" else words.count(",") + 1
         for name, words in re.findall(r"PROXIMITY_API [^;(]*?(proximity_\w+)\(([^)]*)\);", header)

@@ -6,10 +6,12 @@ import sys
 from pathlib import Path
 
 import proximity
+from proximity.clients import client_files
+from proximity.core.library_in_c import NATIVE
 from proximity.errors import ProximityError
-from proximity.message.clients import client_files, write_sources
+from proximity.system.written_files import write_files
 
-HERE, NATIVE = Path(__file__).parent / "wasm", Path(__file__).parent.parent / "native"
+HERE = Path(__file__).parent / "wasm"
 MODULES = ("proximity.plain.wasm", "proximity.relaxed.wasm")
 """Of which a checkout may have only the second, for browsers that have relaxed vector instructions."""
 TOOL = Path(proximity.__file__).parent.parent / "tools" / "build_kernels.py"
@@ -55,4 +57,4 @@ def _compile() -> None:
 
 def write_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
     """Write the package into a folder: by the files' paths, whether they were written; an example is kept."""
-    return write_sources(package_files(), folder, {"example.mjs"})
+    return write_files(package_files(), folder, {"example.mjs"})

@@ -14,8 +14,8 @@ from project import MESHES, SUPPORT
 import proximity
 from benchmarks.digest import queries, scenes
 from benchmarks.digest.library_program import through_program
-from proximity.bindings import wasm_package
 from proximity.cli.service import sources
+from proximity.clients import wasm_package
 
 NODE = shutil.which("node")
 pytestmark = [

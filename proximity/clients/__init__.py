@@ -5,15 +5,14 @@ The layouts are those of one version: whoever installs another one writes them o
 """
 
 import os
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import proximity
-from proximity.errors import ProximityError
 from proximity.message.c_header import header_text
 from proximity.message.csharp_layout import csharp_layout
 from proximity.message.javascript_layout import layout_module
-from proximity.system.whole_file import whole_file
+from proximity.system.written_files import write_files
 
 LAYOUTS: dict[str, tuple[str, Callable[[], str]]] = {
     "csharp": ("Runtime/DecaffMessages.cs", csharp_layout),
@@ -27,6 +26,8 @@ EXAMPLES = {
     "example.cpp",
 }
 """Files that are there to be changed: once written they are left alone."""
+EXAMPLE_RECEIVER = Path(__file__).parent / "c" / "examples" / "receiver.c"
+"""Of a controller that receives frames over UDP, in C."""
 
 
 def client_files(language: str) -> dict[str, str]:
@@ -47,31 +48,4 @@ def write_client(language: str, folder: str | os.PathLike[str]) -> dict[str, boo
 
     Returned: by the files' paths, whether they were written: an example that is there already is left alone.
     """
-    return write_sources(client_files(language), folder, EXAMPLES)
-
-
-def write_sources(
-    contents: Mapping[str, str | bytes], folder: str | os.PathLike[str], kept: Collection[str] = ()
-) -> dict[str, bool]:
-    """Write files into a folder, which is made where it is not there.
-
-    *kept*: files that are left alone where they are there already.
-    """
-    written = {}
-    for name, content in contents.items():
-        path = Path(folder) / name
-        is_kept = name in kept and path.exists()
-        written[str(path)] = not is_kept
-        if not is_kept:
-            _make_folder(path.parent)
-            with whole_file(path, takes_devices=False) as stream:
-                stream.write(content.encode() if isinstance(content, str) else content)
-    return written
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as failure:
-        reason = getattr(failure, "strerror", None) or failure
-        raise ProximityError(f"{folder}: is not a folder and cannot be created ({reason})") from failure
+    return write_files(client_files(language), folder, EXAMPLES)
