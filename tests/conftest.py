@@ -68,8 +68,8 @@ LATER_TESTS = {
 }  # fmt: skip
 """Files in these folders that start processes, take minutes, or need the extra ``test-all``."""
 LONG_TESTS = {
-    "test_decaff_calibration_tasks.py", "test_documentation.py", "test_kernel_build.py", "test_measurements.py",
-    "test_modes.py", "test_study.py",
+    "test_decaff_calibration_tasks.py", "test_documentation.py", "test_kernel_build.py",
+    "test_measurements.py", "test_modes.py", "test_study.py",
 }  # fmt: skip
 """Files of few tests that take minutes: the workers of a run begin with them, and so end together."""
 LATER_MARKS = ("browser", "processes", "slow")
