@@ -125,11 +125,11 @@ def tables_header() -> str:
     return "\n".join([*lines, f"enum {{ {names}, ENTRY_COUNT }};", "#endif", ""])
 
 
-def tables_source(sets: Iterable[tuple[str, dict[str, str]]], digest: str) -> str:
+def tables_source(sets: Iterable[tuple[str, dict[str, str]]], digest: str, digest_in_c: str = "") -> str:
     """Return the text of ``core_tables.c``.
 
     *sets*: of each set of instructions, from the least to the best, its name, and the symbols of wrappers by
-    the names of entry points. *digest*: of the sources.
+    the names of entry points. *digest*: of the sources; *digest_in_c*: of those in C alone.
     """
     sets = list(sets)
     lines = ['#include "core.h"']
@@ -144,6 +144,7 @@ def tables_source(sets: Iterable[tuple[str, dict[str, str]]], digest: str) -> st
     words = ", ".join(f"INT64_C({word})" for word in unknown_contact().view(np.int64).tolist())
     lines += [f"const int64_t proximity_unknown_contact[] = {{{words}}};"]
     lines += [f'__attribute__((used)) static const char digest_of_library[] = "{digest}";']
+    lines += [f'__attribute__((used)) static const char digest_in_c[] = "in C {digest_in_c}";']
     lines += [f'__attribute__((used)) static const char {name}[] = "for {name}";' for name, _ in sets]
     return "\n".join([*lines, ""])
 

@@ -24,6 +24,11 @@ def sources_in_c() -> list[Path]:
     return sorted(path for pattern in patterns for path in PACKAGE.glob(pattern))
 
 
+def library_sources() -> list[Path]:
+    """Return the files in C of the library, the loop's among them."""
+    return sorted(path for path in (PACKAGE / "core").rglob("*") if path.suffix in {".c", ".h", ".in"})
+
+
 @cache
 def sources_digest() -> str:
     """Return the digest of all sources of kernels."""
@@ -34,6 +39,12 @@ def sources_digest() -> str:
 def digest_in_c() -> str:
     """Return the digest of what is written in C beside them."""
     return _digest_of(sources_in_c())
+
+
+@cache
+def library_digest() -> str:
+    """Return the digest of the library's files in C: which structures it shares with Python."""
+    return _digest_of(library_sources())
 
 
 def _digest_of(sources: list[Path]) -> str:

@@ -3,8 +3,8 @@
 A pose that comes wakes it, and its frame leaves when it is computed; ticks for poses are half a period apart,
 or half a millisecond where that is less, and at least every period a frame leaves. On Linux it takes poses
 from ``shm://`` and ``udp://`` of this machine by itself, and sends frames by them; other ends are threads of
-Python beside it, and a recording is played by the loop. In a tick it waits for Python only where a part is
-held, or where kernels are not compiled ahead.
+Python beside it, and a recording is played by the loop. Contacts of parts that are held, and all where
+kernels are not compiled ahead, are made by a thread of Python too. No tick waits for Python.
 """
 
 import ctypes
@@ -32,7 +32,7 @@ from proximity.service.loop_memory import (
     nanoseconds,
     run_function,
 )
-from proximity.service.loop_parts import LoopSources
+from proximity.service.loop_parts import ContactBridge, LoopSources
 from proximity.service.loop_watch import LoopWatch
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
@@ -45,7 +45,6 @@ LOOK = 0.02
 """s between two looks of Python at the loop: for descriptions, and what is to be warned of."""
 OPENS_ENDS = sys.platform == "linux"
 """Whether the loop knows mailboxes and sockets of this system; otherwise all ends are threads."""
-_PYTHON = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
 
 
 class Service:
@@ -76,7 +75,6 @@ class Service:
         is_measured = contact_source.source is Source.TELEOPERATION
         self._memory = LoopMemory(contact_source.count, is_measured=is_measured)
         self._loop: Any = self._memory.loop
-        self._fields: Any = self._memory.record[0]  # the same, by names in brackets: ten times as fast
         self._source, self._input, self._publishers = contact_source, pose_input, list(publishers)
         self._clock, self._real_time, self._describer = clock, real_time, describer
         for name, seconds in (("period", period), ("valid_for", valid_for), ("stale_after", stale_after)):
@@ -99,17 +97,17 @@ class Service:
     def _set_input(self, contact_source: ContactSource, pose_input: PoseInput) -> None:
         """Have poses come in: to the loop itself, or by a thread."""
         self._newest: NewestSamples | None = None
-        self._bridge = PoseBridge(pose_input, contact_source.count, int(self._loop.period_ns))
-        self.wake = self._bridge.wake  # has a tick made at once, where contacts are asked of Python
-        self._memory.input["box"] = self._bridge.reader
+        period_ns, stale_after_ns = int(self._loop.period_ns), int(self._loop.stale_after_ns)
+        self._bridge: PoseBridge | ContactBridge = PoseBridge(pose_input, contact_source.count, period_ns)
         end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
         recording = getattr(pose_input, "loop_recording", lambda: None)()
         self._is_direct = (end or recording) is not None and answers_in_c(contact_source)
         if not answers_in_c(contact_source):
-            stale_after_ns = int(self._loop.stale_after_ns)
             self._newest = NewestSamples(contact_source.new_samples(), stale_after_ns, pose_input.address)
-            self._python = _PYTHON(self._do)
-            self._loop.python = ctypes.cast(self._python, ctypes.c_void_p).value
+            self._bridge = ContactBridge(
+                pose_input, self._newest, self._sources, contact_source.count, self._clock, period_ns
+            )
+            self._loop.is_given = True
         elif recording is not None:
             fill(self._loop.recording, recording)
         elif end is not None:
@@ -117,6 +115,9 @@ class Service:
             self._memory.is_direct = True
         else:
             self._loop.is_polled = not self._bridge.waits
+        if end is None or self._newest is not None:
+            self._memory.input["box"] = self._bridge.reader
+        self.wake = self._bridge.wake  # has contacts made at once, where Python makes them
 
     def _set_outputs(self) -> None:
         """Have frames go out: from the loop itself, or by a thread for each publisher."""
@@ -227,7 +228,7 @@ class Service:
 
     def _run_beside(self, asks_to_stop: Callable[[], bool]) -> None:
         """Run the loop in a thread of its own, and look at it."""
-        if not self._is_direct and not self._newest:
+        if not self._is_direct:
             self._bridge.start(self._real_time)
         for bridge in self._bridges.values():
             bridge.start(self._real_time)
@@ -237,7 +238,7 @@ class Service:
         worker.start()
         try:
             while worker.is_alive():
-                if asks_to_stop() or self._bridge.failure or self._sources.failure or self._is_input_over():
+                if asks_to_stop() or self._bridge.failure or self._sources.failure or self._input.is_over:
                     self._loop.stop = 1
                 self._look()
                 worker.join(LOOK)
@@ -245,10 +246,6 @@ class Service:
             self._loop.stop = 1
             worker.join()
             self._failure = self._failure or self._bridge.failure or self._sources.failure
-
-    def _is_input_over(self) -> bool:
-        """Whether a thread has put in the last pose; where Python makes contacts, the tick looks at that."""
-        return self._input.is_over and not self._newest
 
     def _work(self) -> None:
         """Run the loop, in a thread of its own."""
@@ -288,7 +285,7 @@ class Service:
 
     def _advance(self, ticks: int) -> None:
         """Make so many ticks more, and do what else Python does of it."""
-        if ticks and not self._is_direct and not self._newest:
+        if ticks and not self._is_direct:
             self._bridge.poll(int(self._loop.simulated_ns))
         if ticks:
             self._sources.poll(int(self._loop.simulated_ns))
@@ -298,46 +295,23 @@ class Service:
         for bridge in self._bridges.values():
             bridge.send_all()
 
-    def _do(self, now_ns: int) -> int:
-        """Make the contacts of a tick in Python; not 0: that failed, and the loop ends."""
-        try:
-            self._make_contacts(now_ns)
-            if self._clock is not None:
-                self._fields["simulated_ns"] = self._clock.now_ns()
-        except BaseException as failure:
-            self._failure = failure
-            return 1
-        return 0
-
-    def _make_contacts(self, now_ns: int) -> None:
-        memory, newest, clock = self._sources.current, self._newest, self._clock
-        assert newest is not None, "samples are kept for a source that answers in Python"
-        self._bridge.drain()
-        for samples in self._input.poll(now_ns):
-            # Not by the start: where the system kept us from running since, new poses are after it.
-            newest.update(samples, time.monotonic_ns() if clock is None else clock.now_ns())
-        newest.drop_stale(now_ns)
-        memory.contacts.fill(self._memory.message.records, newest.samples, now_ns)
-        self._fields["is_late"] = memory.contacts.is_late
-        self._describe(memory.say_epoch() + int(self._fields["epoch_offset"]), memory)
-        if self._input.is_over:
-            self._loop.ticks_wanted = int(self._loop.ticks) + 1
-
     def _describe(self, epoch: int, source: SourceMemory) -> None:
         """Have published what is due of the description, behind the next frame."""
-        fields = self._fields
-        if self._describer is not None and not fields["pending"]:
+        loop = self._loop
+        if self._describer is not None and not loop.pending:
             clock = self._clock
             now_ns = time.monotonic_ns() if clock is None else clock.now_ns() - clock.skipped_ns
             message = self._describer.message(epoch, now_ns, source.labels)
             if message is not None:
-                fields["pending_size"], fields["pending"] = len(message.data), message.data.ctypes.data
+                loop.pending_size, loop.pending = len(message.data), message.data.ctypes.data
 
     def _look(self) -> None:
         """Have described what is due of the description, and warn of what is new."""
-        loop = self._loop
-        if loop.ticks and not loop.next and not self._newest:
-            self._describe(int(loop.epoch), self._sources.current)
+        loop, source = self._loop, self._sources.current
+        epoch = int(loop.epoch)
+        is_same = self._newest is None or source.contacts.epoch + int(loop.epoch_offset) == epoch
+        if loop.ticks and not loop.next and is_same:
+            self._describe(epoch, source)
         if self._newest is None:
             self._sources.note()
         self._watch.warn()

@@ -72,7 +72,6 @@ class PoseBridge(Worker):
         self._nap = APART if self.waits else max(0.5e-9 * period_ns, APART)
         self._mailbox = PrivateMailbox(max(PATH_POSES.size(count), MEASURED.size(count)))
         self._publisher = Publisher(self._mailbox, "")
-        self._nothing = np.zeros(8, np.uint8)
         self._messages: dict[tuple[Kind, int], Message] = {}  # by number of samples
         self.reader = self._mailbox.reader
 
@@ -88,13 +87,7 @@ class PoseBridge(Worker):
             self._publisher.publish(make(samples))
 
     def wake(self) -> None:
-        """Have the loop tick, though there is no pose: one that asks Python for its contacts."""
-        self._mailbox.send(self._nothing)
-
-    def drain(self) -> None:
-        """Take what wakes the loop."""
-        while self._mailbox.receive(self._nothing) != NOTHING:
-            pass
+        """Do nothing: poses wake the loop."""
 
     def close(self) -> None:
         """End the thread."""

@@ -18,7 +18,16 @@ from proximity.core.library_in_c import libraries
 from proximity.errors import ProximityError, ServiceError
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
 from proximity.mesh.part_memory import aligned_empty
-from proximity.message import FRAME, MAX_RECORDS, MEASURED, MEASUREMENT, PATH_CORNERS, PATH_POSES, Message
+from proximity.message import (
+    CONTACT,
+    FRAME,
+    MAX_RECORDS,
+    MEASURED,
+    MEASUREMENT,
+    PATH_CORNERS,
+    PATH_POSES,
+    Message,
+)
 from proximity.native.mode import IS_AHEAD, MODE
 from proximity.scene.model.assembly import Model
 from proximity.service.contact_source import METRES_A_BEND, ContactSource, TrackedContacts
@@ -58,16 +67,14 @@ def structures() -> dict[str, np.dtype]:
 def run_function() -> Any:
     """The function that runs the loop; other threads of Python run meanwhile."""
     try:
-        lets_run, _ = libraries()
-        is_same = lets_run.proximity_loop_size() == structures()["Loop"].itemsize
-    except (ProximityError, OSError, AttributeError):
-        is_same = False
-    if not is_same:
-        raise ServiceError(
-            "a service needs the library in C that was compiled with this version: wheels have it, and so "
-            "has a checkout after `python -m pip install -e .`, which fetches the compiler (ziglang)"
-        )
-    return lets_run.proximity_loop_run
+        return libraries()[0].proximity_loop_run
+    except ProximityError as failure:
+        raise ServiceError(f"a service needs the library in C: {failure}") from failure
+
+
+def given_size(count: int) -> int:
+    """Bytes of a message of contacts that are made beside the loop."""
+    return int(structures()["LoopContacts"].itemsize) + count * CONTACT.itemsize
 
 
 def answers_in_c(contacts: ContactSource) -> bool:
@@ -241,7 +248,8 @@ class LoopMemory:
             "defects": np.zeros(rows, np.uint8),
             "datagram": np.zeros(LARGEST_DATAGRAM, np.uint8),
         }
-        self._received = np.zeros(max(PATH_POSES.size(MAX_RECORDS), MEASURED.size(MAX_RECORDS)) + 8, np.uint8)
+        longest = PATH_POSES.size(MAX_RECORDS), MEASURED.size(MAX_RECORDS), given_size(count)
+        self._received = np.zeros(max(longest) + 8, np.uint8)
         self.record = np.zeros(1, structures()["Loop"])
         self.loop: Any = self.record.view(np.recarray)[0]
         self.loop.count, self.loop.ticks_wanted = count, -1

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy
 
 from core_tables import tables_header, tables_source
-from kernel_build.state import ROOT, digest_in_c
+from kernel_build.state import ROOT, core_digest, digest_in_c
 from kernel_build.targets import Target
 from kernel_build.windows import python_library
 from proximity.core import CORE
@@ -68,7 +68,7 @@ def library_objects(
     (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
     (folder / "core_tables.h").write_text(tables_header(), encoding="ascii")
     table = folder / "core_tables.c"
-    table.write_text(tables_source(sets.items(), digest), encoding="ascii")
+    table.write_text(tables_source(sets.items(), digest, core_digest()), encoding="ascii")
     options = ["-DPROXIMITY_BUILDS", "-D_GNU_SOURCE", *(f"-I{each}" for each in (*LIBRARY, PYTHON))]
     options += _BIONIC if _is_android(target) else []
     sources = [

@@ -50,6 +50,11 @@ def library_digest() -> str:
     return hashlib.sha256(sources_digest().encode() + content).hexdigest()[:32]
 
 
+def core_digest() -> str:
+    """Return the digest of the library's files in C alone."""
+    return str(sources().library_digest())
+
+
 def is_current(target: Target, folder: Path, *, every_set: bool) -> bool:
     """Return whether a folder holds the extension module and the library of a target as the sources are."""
     files = made_files(target, folder, every_set=every_set)

@@ -1,20 +1,14 @@
 /* The loop of a service: newest poses in, filter, tick, frame, seal, out, without an interpreter and without
-   allocation; what only Python does, it is asked for. */
+   allocation. */
 #ifndef __wasm__
 #include "loop.h"
 
 #include "loop_parts.h"
 
-PROXIMITY_API int64_t proximity_loop_size(void);
 PROXIMITY_API int proximity_loop_run(Loop *loop);
 PROXIMITY_API proximity_scene *proximity_loop_scene(const int64_t *model);
 
 enum { LOOK_NS = 50000000, APART_NS = 500000, STOPPING_FRAMES = 3 };
-
-int64_t proximity_loop_size(void)
-{
-    return sizeof(Loop);
-}
 
 /* A scene for the loop alone; proximity_close() frees it. */
 proximity_scene *proximity_loop_scene(const int64_t *model)
@@ -146,11 +140,35 @@ static void sense_contacts(Loop *loop, decaff_contact *contacts, int64_t now_ns)
     proximity_call(set_of(loop), SENSE_CONTACTS, words);
 }
 
+/* Take the newest message of contacts that were made beside the loop. */
+static void receive_contacts(Loop *loop)
+{
+    for (int k = 0; k < MOST_AT_ONCE && receive_message(&loop->input) != DECAFF_MAILBOX_NOTHING; k++) {
+    }
+}
+
+static void copy_contacts(Loop *loop, decaff_contact *contacts)
+{
+    const LoopContacts *given = POINTER(loop->input.message);
+    if (given->source != loop->source) { /* none came yet */
+        forget_all(loop, contacts);
+        return;
+    }
+    memcpy(contacts, given + 1, (size_t)loop->count * sizeof *contacts);
+    ((LoopSource *)POINTER(loop->source))->epoch = given->epoch;
+    loop->is_late = given->is_late;
+    if (loop->is_simulated) {
+        loop->simulated_ns += given->spent_ns;
+    }
+}
+
+/* Go over to the source that is to be used next; where contacts come as messages, when one of that source is here. */
 static void exchange_source(Loop *loop)
 {
     LoopSource *next = POINTER(__atomic_load_n(&loop->next, __ATOMIC_ACQUIRE)), *before = POINTER(loop->source);
     int64_t taken = (int64_t)(intptr_t)next;
-    if (next != NULL) {
+    const LoopContacts *given = POINTER(loop->input.message);
+    if (next != NULL && (!loop->is_given || given->source == taken)) {
         if (!next->is_edited) {
             loop->epoch_offset = before->epoch + loop->epoch_offset + 1 - next->epoch;
         }
@@ -221,11 +239,11 @@ static void publish_pending(Loop *loop)
     }
 }
 
-/* Fill the contacts; whether that was done. */
-static int answer(Loop *loop, decaff_contact *contacts, int64_t start_ns)
+static void fill_contacts(Loop *loop, decaff_contact *contacts, int64_t start_ns)
 {
-    if (loop->python != 0) {
-        return ((int64_t (*)(int64_t))(intptr_t)loop->python)(start_ns) == 0;
+    if (loop->is_given) {
+        copy_contacts(loop, contacts);
+        return;
     }
     play_recording(loop, start_ns);
     take_messages(loop);
@@ -234,12 +252,11 @@ static int answer(Loop *loop, decaff_contact *contacts, int64_t start_ns)
     proximity_call(set_of(loop), DROP_STALE, words);
     if (((LoopSource *)POINTER(loop->source))->sensor != 0) {
         sense_contacts(loop, contacts, start_ns);
-        return 1;
+        return;
     }
     int64_t instant_ns = carry_parts(loop, start_ns);
     tick_tracker(loop, contacts, start_ns);
     widen_bounds(loop, contacts, start_ns, instant_ns);
-    return 1;
 }
 
 /* Make one frame. */
@@ -252,12 +269,11 @@ static void tick(Loop *loop, int is_for_pose)
         loop->posed_ns = loop->due_ns = start_ns;
     }
     int64_t late_ns = start_ns - loop->due_ns;
-    exchange_source(loop);
-    if (!answer(loop, contacts, start_ns)) {
-        forget_all(loop, contacts);
-        loop->stop = 1;
-        return;
+    if (loop->is_given) {
+        receive_contacts(loop);
     }
+    exchange_source(loop);
+    fill_contacts(loop, contacts, start_ns);
     loop->epoch = ((LoopSource *)POINTER(loop->source))->epoch + loop->epoch_offset;
     int64_t publish_ns = clock_now_ns(loop);
     skip_what_is_past(loop, publish_ns);
@@ -311,7 +327,7 @@ static void publish_stopping(Loop *loop)
 int proximity_loop_run(Loop *loop)
 {
     loop->set = (int64_t)(intptr_t)proximity_best_set(POINTER(loop->instructions));
-    if (loop->set == 0 && loop->python == 0) {
+    if (loop->set == 0 && !loop->is_given) {
         return 1;
     }
     if (!open_timer(&loop->input)) {

@@ -47,6 +47,13 @@ typedef struct LoopSource {
     int64_t is_edited, rows_after; /* whether it is the source before with other parts; the rows that those have now */
 } LoopSource;
 
+/* Contacts that were made beside the loop; the records are behind it. */
+typedef struct LoopContacts {
+    int64_t source, epoch; /* the LoopSource that they are of */
+    int64_t is_late;
+    int64_t spent_ns;      /* that a simulated clock went on while they were made */
+} LoopContacts;
+
 typedef struct LoopOutput {
     int64_t socket;  /* that is connected; -1: none */
     int64_t box;     /* a decaff_mailbox that is open for writing; 0: none */
@@ -109,7 +116,7 @@ typedef struct Loop {
     int64_t is_coarse;    /* whether the system's monotonic clock is the coarse one of Windows */
     int64_t is_ahead;     /* whether that clock runs ahead of the one that readers of frames have */
     int64_t counts_processor; /* whether ticks are timed by the processor's time for the thread */
-    int64_t python;       /* fills the contacts: int64_t (*)(int64_t now_ns), 0 where all is well; 0: the loop does */
+    int64_t is_given;     /* whether contacts are made beside the loop, and come as messages: LoopContacts */
     int64_t is_polled;    /* whether poses that come do not wake it: they are given when a thread asks for them */
     int64_t is_late;      /* whether what contacts are made of is too old already */
     int64_t frame;        /* the message */
