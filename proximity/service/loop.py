@@ -37,7 +37,7 @@ from proximity.service.loop_watch import LoopWatch
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
 from proximity.service.samples import NewestSamples
-from proximity.transport import Publisher
+from proximity.transport import Publisher, forget
 from proximity.transport.publisher import numbering, outlet_of
 
 LOGGER = logging.getLogger("proximity.service")
@@ -273,7 +273,12 @@ class Service:
             while not (loop.stop or asks_to_stop() or loop.ticks == wanted or self._is_played()):
                 clock.sleep_until(int(loop.due_ns))
                 loop.simulated_ns = clock.now_ns()
-                self._advance(1)
+                try:
+                    self._advance(1)
+                except BaseException as failure:
+                    self._failure = failure
+                    forget(self._memory.message.records)
+                    break
             if not loop.stop:
                 loop.stop = 1
                 self._advance(0)
@@ -289,6 +294,9 @@ class Service:
             self._bridge.poll(int(self._loop.simulated_ns))
         if ticks:
             self._sources.poll(int(self._loop.simulated_ns))
+        if ticks and self._newest is not None and not self._loop.next:
+            latest = self._sources.latest
+            self._describe(int(latest.contacts.epoch) + int(self._loop.epoch_offset), latest)
         self._loop.ticks_wanted = int(self._loop.ticks) + ticks
         self._call()
         self._look()
@@ -309,8 +317,10 @@ class Service:
         """Have described what is due of the description, and warn of what is new."""
         loop, source = self._loop, self._sources.current
         epoch = int(loop.epoch)
-        is_same = self._newest is None or source.contacts.epoch + int(loop.epoch_offset) == epoch
-        if loop.ticks and not loop.next and is_same:
+        is_due = self._newest is None
+        if not is_due and self._clock is None:  # its thread may have gone over to other parts by now
+            is_due = source.contacts.epoch + int(loop.epoch_offset) == epoch
+        if loop.ticks and not loop.next and is_due:
             self._describe(epoch, source)
         if self._newest is None:
             self._sources.note()

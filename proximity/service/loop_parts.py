@@ -184,8 +184,7 @@ class ContactBridge(Worker):
         self._data = np.zeros(given_size(count), np.uint8)
         self._header = self._data[: -count * CONTACT.itemsize].view(structures()["LoopContacts"])
         self._contacts = self._data[-count * CONTACT.itemsize :].view(CONTACT)
-        forget(self._contacts)
-        self._contacts["finger"] = np.arange(count)
+        self._forget()
         self._mailbox = PrivateMailbox(len(self._data))
         self.reader = self._mailbox.reader
 
@@ -196,8 +195,20 @@ class ContactBridge(Worker):
             # Not by the start: where the system kept us from running since, new poses are after it.
             newest.update(samples, time.monotonic_ns() if clock is None else clock.now_ns())
         newest.drop_stale(now_ns)
-        source.contacts.fill(self._contacts, newest.samples, now_ns)
-        header = self._header
+        try:
+            source.contacts.fill(self._contacts, newest.samples, now_ns)
+        except BaseException:
+            self._forget()  # the last frames tell nothing of this
+            self._send(source, now_ns)
+            raise
+        self._send(source, now_ns)
+
+    def _forget(self) -> None:
+        forget(self._contacts)
+        self._contacts["finger"] = np.arange(len(self._contacts))
+
+    def _send(self, source: SourceMemory, now_ns: int) -> None:
+        header, clock = self._header, self._clock
         header["source"], header["epoch"] = source.address, source.contacts.epoch
         header["is_late"] = source.contacts.is_late
         header["spent_ns"] = 0 if clock is None else clock.now_ns() - now_ns

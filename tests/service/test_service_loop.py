@@ -117,6 +117,19 @@ def test_tick_that_fails_midway_still_says_stopping_closes_and_leaves_none_of_it
     assert last["finger"].tolist() == [0, 1]
 
 
+def test_no_tick_waits_for_contacts_that_python_makes():
+    outlet, has_ticked = KeepingOutlet(), threading.Event()
+    send = outlet.send
+    outlet.send = lambda data: (send(data), has_ticked.set() if outlet.count == 10 else None)
+    waits = FakeAnswers(during=lambda tick: has_ticked.wait(60.0))
+    service = Service(waits, ScriptedInput(steady), [publisher(outlet)], period=0.001)
+
+    service.run(tick_count=2000, stop=has_ticked)
+
+    assert has_ticked.is_set() and waits.ticks >= 1
+    assert not outlet.records[0]["flags"].any()  # nothing was known yet
+
+
 def test_header_tells_times_period_epoch_and_count():
     clock = ManualClock()
 
