@@ -61,7 +61,6 @@ def test_picture_and_numbers_are_written(run, tmp_path):
 
 def test_certificate_names_the_inputs_that_it_does_not_measure(run):
     run.given = {"not_measured": ("parts that move", "held parts")}
-
     assert "not measured    parts that move, held parts, which make" in run(BRACKET).out
 
 
@@ -129,17 +128,6 @@ def test_recording_is_given_or_a_sample(run):
     assert given.fingers == 3 and sample.fingers == 5
     assert given.files == sample.files == (BRACKET, HAND)
     assert given.recording.positions.shape == (5194, 5, 3)
-
-
-def test_missing_scene_and_one_without_parts_are_refused(run, tmp_path):
-    sensor = tmp_path / "sensor.toml"
-    sensor.write_text('[input]\nsensor = "mailbox:sensor"\n', encoding="utf-8")
-
-    missing, empty = run(tmp_path / "no.stl"), run(sensor)
-
-    assert missing.code == empty.code == 2
-    assert "no.stl" in missing.err
-    assert "a scene without parts has no geometry" in empty.err
 
 
 def test_all_of_it_runs_on_a_box(run, monkeypatch):

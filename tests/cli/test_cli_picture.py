@@ -1,7 +1,6 @@
 """``proximity picture``."""
 
 import sys
-from types import SimpleNamespace
 
 import pytest
 import shapes
@@ -9,27 +8,16 @@ from PIL import Image
 from project import MESHES
 
 import proximity
-from proximity import cli
 
 pytest.importorskip("pyvista", reason="pictures need PyVista: pip install cad-proximity[picture]")
 
 BOX = MESHES / "box.stl"
+COMMAND = ("picture",)
 
 
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run the command line in a folder of its own; returns exit code, stdout and stderr."""
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def run_with(*arguments):
-        monkeypatch.setattr(sys, "argv", ["proximity", "picture", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        written = capsys.readouterr()
-        return SimpleNamespace(code=end.value.code, out=written.out, err=" ".join(written.err.split()))
-
-    return run_with
 
 
 def test_picture_is_written(run, tmp_path):
@@ -50,7 +38,7 @@ def test_distances_without_a_sign_are_noted(run, tmp_path):
     result = run("tray.prox", "--slice", "z=5", "--size", "640x360", "-o", "tray.png")
 
     assert result.code == 0
-    assert result.err == (
+    assert " ".join(result.err.split()) == (
         "proximity: note: parts without an inside: 1 of 1; "
         "distances from them have no sign, and `proximity check` says why"
     )
@@ -68,7 +56,7 @@ def test_what_cannot_be_drawn_is_refused(run, tmp_path, options, sentence):
     result = run(BOX, *options)
 
     assert (result.code, result.out) == (2, "")
-    assert sentence in result.err
+    assert sentence in result.words
     assert not list(tmp_path.glob("*.png"))
 
 
@@ -77,5 +65,5 @@ def test_missing_library_is_reported_before_the_file_is_read(run, monkeypatch):
 
     result = run("none.stl", "-o", "none.png")
 
-    assert result.code == 2
-    assert 'pip install "cad-proximity[picture]"' in result.err
+    assert (result.code, result.out) == (2, "")
+    assert 'pip install "cad-proximity[picture]"' in result.words

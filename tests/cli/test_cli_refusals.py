@@ -1,4 +1,5 @@
-"""What no command takes: each line of `REFUSED` ends with code 2, says these words, and changes no file."""
+"""What no command takes: each line of `REFUSED` ends with code 2, says these words (in one line
+or below the usage), and changes no file."""
 
 import shlex
 
@@ -16,6 +17,7 @@ file = "box.stl"
 [input]
 recording = "hand.csv"
 """
+SENSOR = '[input]\nsensor = "mailbox:sensor"\n'
 REFUSED = """
 query box.stl 1 2 | a point is three numbers, but 2 were given
 query box.stl 1 2 nan | 'nan' is not finite, expected a number
@@ -49,6 +51,7 @@ picture box.stl | Missing option
 simulate --speed -1 | -1 m/s: expected 0.01 to 10
 simulate --rate 1 | 1 Hz: expected 5 to 50000
 simulate --latency 2s | 2000 ms: expected 0 to 1000
+serve bad.toml | bad.toml:6: parts[0].file is 'bax.stl', but
 serve cell.toml --limit 0 | 0 seconds: expected
 serve cell.toml --limit nan | nan seconds: expected
 serve cell.toml --ticks 0 | 0 ticks: expected 1 or more
@@ -94,6 +97,8 @@ calibrate glove.json --skip 'pose 1' | 'pose 1': expected 'free drum' or 'held d
 calibrate glove.json --simulate --motor canopen://can0 | a simulated glove has its own drum
 calibrate glove.json --arm | requires --motor
 calibrate glove.json --phalanges 45 -26 20 | one of phalanges is -0.026
+bench none.stl | none.stl
+bench sensor.toml | a scene without parts has no geometry
 bench box.stl --gate soon | 'soon' is not a period, expected a time or a rate such as 1ms, 200us or 1kHz
 bench box.stl --ticks 10 | 10 ticks are too few for p99.9, expected 1000 or more
 bench box.stl --limit 0 | the loop cannot run for 0 s
@@ -123,6 +128,7 @@ simulate --scene none.stl | none.stl
 study report nowhere.toml | nowhere.toml: cannot be read (No such file or directory)
 study run nowhere.toml | nowhere.toml: cannot be read (No such file or directory)
 experiment run design.toml p01 --address mailbox:a --arm | a motor moves only with both --motor and --arm
+experiment simulate design.toml --data new --participant 'Anna Smith' | expected a pseudonym
 experiment plan design.toml --slot -1 | -1: the design has 4 participants, expected 0 to 3
 experiment plan design.toml --slot 4 | 4: the design has 4 participants, expected 0 to 3
 experiment report design.toml none | no visits are here, expected a folder that run or simulate wrote
@@ -135,7 +141,13 @@ def folder(tmp_path, monkeypatch):
     """The folder that commands run in, with a file of each kind."""
     for name in ("box.stl", "hand.csv"):
         (tmp_path / name).write_bytes((MESHES / name).read_bytes())
-    for name, text in {"cell.toml": SCENE, "file": "", "part.stl": "precious"}.items():
+    texts = {
+        "cell.toml": SCENE,
+        "bad.toml": SCENE.replace("box.stl", "bax.stl"),
+        "sensor.toml": SENSOR,
+        "file": "",
+    }
+    for name, text in {**texts, "part.stl": "precious"}.items():
         (tmp_path / name).write_text(text)
     (tmp_path / "run.frames").write_bytes(sealed([0]))
     write_design(tmp_path).rename(tmp_path / "design.toml")
@@ -152,5 +164,6 @@ def test_refusal_says_what_was_expected_and_changes_no_file(run, folder, line):
 
     assert (result.code, result.out) == (2, "")
     assert words in result.words
-    assert result.err.startswith(("proximity: ", "Usage: proximity ")) or "Usage: proximity " in result.err
+    is_one_line = result.err.startswith("proximity: ") and result.err.count("\n") == 1
+    assert is_one_line or "Usage: proximity " in result.err
     assert {path: path.read_bytes() for path in folder.iterdir()} == before

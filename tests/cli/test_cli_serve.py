@@ -232,16 +232,6 @@ def test_end_of_standard_input_ends_it():
     assert stop.is_set()
 
 
-def test_unusable_scene_file_is_one_line_with_its_line(run, scene_path):
-    scene_path.write_text(SCENE.replace("box.stl", "bax.stl"))
-
-    result = run(scene_path)
-
-    assert (result.code, result.out) == (2, "")
-    assert result.err.startswith(f"proximity: {scene_path}:6: parts[0].file is 'bax.stl', but ")
-    assert result.err.count("\n") == 1
-
-
 def test_address_in_use_is_one_line(run, scene_path, monkeypatch):
     def refuse(address):
         raise PublishError(f"{address.text}: another publisher is there already")
