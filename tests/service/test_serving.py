@@ -296,26 +296,26 @@ def looking(scene_path):
     made = SimpleNamespace(
         service=service, files=files, scene=files.scene(settings), moves=None, changes=None, count=2
     )
-    return SimpleNamespace(
-        path=scene_path,
-        editing=scene_changes.SceneReloader(made, settings, {}, said.append),
-        replaced=service.replaced,
-        said=said,
-    )
+    reloader = scene_changes.SceneReloader(made, settings, {}, said.append)
+
+    def look(times):
+        for _ in range(times):
+            reloader.look()
+
+    return SimpleNamespace(path=scene_path, look=look, replaced=service.replaced, said=said)
 
 
 def test_edit_is_taken_when_two_looks_have_seen_the_same(looking):
-    looking.editing.look()
+    looking.look(1)
     edit(looking.path, "count = 2", "count = 2\nbudget = 40")
-    looking.editing.look()
+    looking.look(1)
     assert looking.replaced == []
 
     edit(looking.path, "budget = 40", "budget = 400")  # another one in between
-    looking.editing.look()
+    looking.look(1)
     assert looking.replaced == []
 
-    looking.editing.look()
-    looking.editing.look()
+    looking.look(2)
     assert len(looking.replaced) == len(looking.said) == 1
     assert looking.replaced[0].count == 2
 
@@ -323,8 +323,7 @@ def test_edit_is_taken_when_two_looks_have_seen_the_same(looking):
 def test_edit_that_needs_a_restart_changes_nothing(looking):
     edit(looking.path, "rate_hz = 200", "rate_hz = 100")
     edit(looking.path, "box.stl", "sphere.stl")
-    for _ in range(3):
-        looking.editing.look()
+    looking.look(3)
 
     assert looking.replaced == []
     assert "2: service.rate_hz was changed" in looking.said[0]
@@ -338,8 +337,7 @@ def test_part_that_is_replaced_by_one_of_the_same_date_and_size_is_taken(looking
     new.write_bytes(data)
     os.utime(new, ns=(old.stat().st_atime_ns, old.stat().st_mtime_ns))
     new.replace(old)
-    for _ in range(3):
-        looking.editing.look()
+    looking.look(3)
 
     assert len(looking.replaced) == 1
     vertices = looking.replaced[0].tracker.scene.parts[0].solid.mesh.vertices
@@ -348,8 +346,7 @@ def test_part_that_is_replaced_by_one_of_the_same_date_and_size_is_taken(looking
 
 def test_refused_edit_is_said_once(looking):
     looking.path.write_text("nonsense")
-    for _ in range(4):
-        looking.editing.look()
+    looking.look(4)
 
     assert len(looking.said) == 1
     assert looking.said[0].startswith("the edit is refused, the previous scene stays in use: ")
@@ -359,11 +356,9 @@ def test_refused_edit_is_said_once(looking):
 def test_scene_file_that_is_gone_is_said_and_may_come_back(looking):
     text = looking.path.read_text()
     looking.path.unlink()
-    for _ in range(3):
-        looking.editing.look()
+    looking.look(3)
     looking.path.write_text(text)
-    for _ in range(3):
-        looking.editing.look()
+    looking.look(3)
 
     assert looking.said[0].endswith(f"{looking.path}: cannot be read (No such file or directory)")
     assert len(looking.replaced) == 1
@@ -372,13 +367,11 @@ def test_scene_file_that_is_gone_is_said_and_may_come_back(looking):
 def test_file_that_a_refused_edit_names_is_watched(looking, folder):
     (folder / "new.stl").write_text("not written yet")
     edit(looking.path, "box.stl", "new.stl")
-    for _ in range(3):
-        looking.editing.look()
+    looking.look(3)
     assert looking.replaced == []
 
     shutil.copy(MESHES / "sphere.stl", folder / "new.stl")
-    for _ in range(3):
-        looking.editing.look()
+    looking.look(3)
     assert len(looking.replaced) == 1
     assert looking.replaced[0].tracker.scene.parts[0].name == "new"
 
@@ -386,8 +379,7 @@ def test_file_that_a_refused_edit_names_is_watched(looking, folder):
 def test_mistake_of_ours_in_an_edit_is_said(looking, monkeypatch):
     monkeypatch.setattr(scene_changes, "make_tracker", None)
     edit(looking.path, "count = 2", "count = 2\nbudget = 40")
-    looking.editing.look()
-    looking.editing.look()
+    looking.look(2)
 
     assert looking.said == [
         "the edit is refused, the previous scene stays in use: TypeError: 'NoneType' object is not callable"
@@ -416,18 +408,14 @@ def test_signal_that_is_ignored_stays_ignored(scene_path, monkeypatch):
         signal.signal(signal.SIGHUP, before)
 
 
-@pytest.mark.parametrize("seconds", [float("nan"), "1"])
-def test_seconds_are_a_number(scene_path, seconds):
-    """With text a thread died with a traceback, and the service went on for ever."""
-    with pytest.raises(ArgumentError, match=r"^seconds is .*, expected a number of seconds of 0 or more$"):
-        serve(scene_path, seconds=seconds)
-
-
-@pytest.mark.parametrize("ticks", [-1, 1.5])
-def test_ticks_are_counted(scene_path, ticks):
-    """With a number that is never reached the service went on for ever."""
-    with pytest.raises(ArgumentError, match=r"^tick_count is .*, expected a whole number of 0 or more$"):
-        serve(scene_path, tick_count=ticks)
+@pytest.mark.parametrize(
+    ("name", "value"), [("seconds", float("nan")), ("seconds", "1"), ("tick_count", -1), ("tick_count", 1.5)]
+)
+def test_limits_that_cannot_be_reached_are_refused(scene_path, name, value):
+    """A thread died with a traceback, and the service went on for ever."""
+    expected = {"seconds": "a number of seconds", "tick_count": "a whole number"}[name]
+    with pytest.raises(ArgumentError, match=rf"^{name} is .*, expected {expected} of 0 or more$"):
+        serve(scene_path, **{name: value})
 
 
 def test_it_ends_after_some_seconds_also_while_an_edit_is_being_made(scene_path, monkeypatch):
@@ -479,10 +467,8 @@ def test_what_begun_raises_ends_it(scene_path):
 )  # fmt: skip
 def test_override_that_cannot_be_used_is_refused(scene_path, overrides, message):
     scene_path.write_text(SCENE.format(name="x"))
-
     with pytest.raises(ServiceError) as refused:
         serve(scene_path, **overrides)
-
     assert str(refused.value).startswith(message.format(path=scene_path))
 
 
@@ -653,13 +639,11 @@ def test_listener_that_fails_does_not_stop_the_service(child):
     """What nobody reads would fill the pipe, and then the service would wait."""
     code = BEGUN + "for _ in range(5000): print('proximity:', 60 * 'edited', file=sys.stderr)\n" + ENDED
     service = child(code, say=lambda sentence: 1 / 0)
-
     assert service.stop(timeout=PATIENCE_S) == {"ticks": 7}
 
 
 def test_child_is_waited_for_as_long_as_wished(child):
     service = child(BEGUN + ENDED, timeout=threading.TIMEOUT_MAX)
-
     with pytest.raises(ArgumentError, match=r"^timeout is nan, expected a number of seconds of 0 or more$"):
         service.stop(timeout=float("nan"))
     assert service.stop(timeout=float("inf")) == {"ticks": 7}
@@ -685,20 +669,15 @@ def test_child_that_ends_by_itself_has_a_report(child):
 def test_child_that_does_not_begin_is_told_by_its_own_words(child, code, message):
     with pytest.raises(ServiceError) as failed:
         child(code)
-
     assert str(failed.value).startswith(message)
 
 
-def test_child_that_publishes_nothing_is_killed(child):
+def test_child_that_does_not_begin_or_stop_in_time_is_killed(child):
     with pytest.raises(
         ServiceError, match=r"^cell\.toml: the service has published nothing within 0\.1 s: killed$"
     ):
         child("import time; time.sleep(600)", timeout=0.1)
-
-
-def test_child_that_does_not_stop_is_killed(child):
     service = child(BEGUN + "time.sleep(600)")
-
     with pytest.raises(ServiceError, match=r"^cell\.toml: the service did not stop within 0\.1 s: killed$"):
         service.stop(timeout=0.1)
     assert not service.is_running
@@ -720,7 +699,6 @@ def test_override_that_no_option_has_is_refused(scene_path):
 
 def test_override_of_none_is_what_the_file_says(scene_path, folder):
     report = serve(scene_path, rate_hz=100, log=None, publish=None, tick_count=1)
-
     assert list(report.publish_failures) == [f"mailbox:{folder.name}"]
 
 
