@@ -67,7 +67,6 @@ def test_units_may_be_spelt_otherwise(run, word, unit):
 @pytest.mark.parametrize(("option", "hint"), [("--format", False), ("--unit", True)])
 def test_unknown_option_has_a_hint_only_if_one_is_alike(run, option, hint):
     result = run("query", "ball.stl", 1, 2, 3, option)
-
     assert ("ossible option" in result.words or "Did you mean" in result.words) == hint
 
 
@@ -117,9 +116,7 @@ def test_json_is_one_valid_document_with_every_digit(run):
 
 def test_json_of_several_chunks_is_valid(run, monkeypatch):
     monkeypatch.setattr(query, "POINTS_PER_CHUNK", 2)
-
     result = run("query", "ball.stl", *range(15), "--json")
-
     assert [answer["query"][0] for answer in json.loads(result.out)["answers"]] == [0, 3, 6, 9, 12]
 
 
@@ -156,7 +153,6 @@ def test_scan_is_summed_up_and_passes_or_fails(run, tmp_path):
 def test_points_come_from_a_file(run, tmp_path):
     path = tmp_path / "points.csv"
     path.write_text("x,y,z\n0,0,12.5\n", encoding="utf-8")
-
     assert block(run("query", "ball.stl", "--points", path).out)["signed distance"] == "2.5 mm, outside"
 
 
@@ -177,7 +173,6 @@ def test_library_error_is_one_line_and_exit_code_2(run, monkeypatch):
         raise MeshFormatError("ball.stl: claims 900 faces,\n  but holds 899")
 
     load_with(monkeypatch, load)
-
     for command in (("query", "ball.stl", 1, 2, 3), ("check", "ball.stl")):
         result = run(*command)
         assert result.code == 2
@@ -238,7 +233,6 @@ def test_version_is_printed(run):
 )
 def test_help_has_examples(run, arguments, words):
     result = run(*arguments)
-
     assert result.code == 0
     assert words in result.words
 
@@ -253,7 +247,6 @@ def test_help_fits_one_screen_and_names_every_command(run):
 
 def test_types_of_flags_and_arguments_are_not_shown(run):
     words = run("query", "--help").words
-
     assert (
         not {"<bool>", "<path>", "--install-completion"} & set(words.split())
         and "--step-tolerance MM" in words
@@ -341,16 +334,13 @@ def test_spinner_counts_what_is_done(monkeypatch):
 def test_count_without_a_terminal_shows_nothing(capsys):
     with progress.spinner("reading ball.stl") as count:
         count(1, 2)
-
     assert capsys.readouterr() == ("", "")
 
 
 def test_short_reading_shows_nothing(monkeypatch):
     screen = terminal(monkeypatch)
-
     with progress.spinner("reading ball.stl"):
         pass
-
     assert screen.getvalue() == ""
 
 
@@ -367,9 +357,7 @@ def test_what_is_measured_shows_a_bar_on_a_terminal(monkeypatch):
 def test_check_on_a_narrow_terminal_cuts_no_number(run, monkeypatch):
     # Was: "1…" faces of a part that has thousands.
     screen = terminal(monkeypatch, width=30)
-
     run("check", "ball.stl")
-
     assert "\N{HORIZONTAL ELLIPSIS}" not in screen.getvalue()
 
 

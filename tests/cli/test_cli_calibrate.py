@@ -51,7 +51,6 @@ def test_simulated_glove_is_calibrated(run, tmp_path):
 )
 def test_number_has_no_more_digits_than_it_is_good_for(value, half_width, cells):
     one = Estimate("step", "encoder step", "µm", 1e6, value, half_width, 7.853982e-6, 5)
-
     assert result_rows([one], None)[1][1:3] == cells
 
 
@@ -198,7 +197,6 @@ def test_motor_that_is_jammed_ends_with_a_sentence_and_off(run, tmp_path):
         motor.is_stalled = True
         ended = run(tmp_path / "glove.json", "--motor", f"{motor.url}&watchdog=300", "--arm")
         assert motor.mode == "off"
-
     assert ended.code == 2 and "the motor was switched off" in ended.err
 
 

@@ -104,7 +104,6 @@ def test_two_parts_are_labelled_lines(run, cubes):
 
 def test_one_part_is_measured_against_the_others(run, cubes):
     lines = run(cubes, "beside").out.splitlines()
-
     assert len(lines) == 7 and all("beside" in line for line in lines[1:5])
     assert lines[5:] == ["4 pairs; 0 of them touch or overlap.", "No clash."]
 
@@ -134,7 +133,6 @@ def test_pairs_that_are_meant_to_be_near_do_not_fail_a_build(run, cubes, tmp_pat
 def test_equal_parts_at_one_place_are_no_contact(run, tmp_path):
     vertices, faces = shapes.cube(0.01, MIDDLE)
     Scene([Solid(vertices, faces, name="a"), Solid(vertices, faces, name="b")]).save(tmp_path / "same.prox")
-
     assert run(tmp_path / "same.prox", "--below", 1, "--ignore-touching").code == 1
 
 
@@ -150,7 +148,6 @@ def test_equal_parts_at_one_place_are_no_contact(run, tmp_path):
 )
 def test_exit_code_tells_whether_something_is_too_near(words, code, sentence, run, cubes):
     result = run(cubes, *words)
-
     assert result.code == code
     assert sentence in result.out
 
@@ -170,7 +167,6 @@ def test_twenty_pairs_are_shown_and_all_are_listed(run, tmp_path):
 
 def test_only_part_is_said_to_be_alone(run):
     result = run(MESHES / "bracket.stl")
-
     assert (result.code, result.out) == (0, "There is only one part, and no other to compare it with.\n")
 
 
@@ -211,7 +207,6 @@ def test_csv_has_all_digits_and_no_formulas(run, tmp_path):
 )
 def test_what_cannot_be_measured_is_told(words, sentence, run):
     result = run(ASSEMBLY, *words)
-
     assert result.code == 2
     assert sentence in result.words
 

@@ -89,9 +89,7 @@ def test_compiled_scene_answers_as_its_file(options, run):
 
 def test_check_says_what_the_scene_was_compiled_from(run):
     run("compile", MESHES / "bracket.stl", "--out", "cell.prox", "--units", "cm")
-
     shown = run("check", "cell.prox").out.splitlines()
-
     assert shown[:4] == [
         "file            cell.prox",
         f"compiled from   {MESHES / 'bracket.stl'}",
@@ -113,9 +111,7 @@ def test_check_as_json_is_that_of_the_file(run):
 
 def test_compiled_scene_is_compiled_again(run, tmp_path):
     run("compile", MESHES / "assembly.glb", "--out", "a.prox")
-
     assert run("compile", "a.prox", "--out", "b.prox").code == 0
-
     assert (tmp_path / "a.prox").read_bytes() == (tmp_path / "b.prox").read_bytes()
 
 
@@ -149,9 +145,7 @@ def test_damaged_scene_is_one_line(run, tmp_path):
 
 def test_units_of_a_file_that_declares_none_are_taken(run):
     run("compile", MESHES / "box.stl", "--out", "box.prox", "--units", "in")
-
     (answer,) = json.loads(run("query", "box.prox", 43, 0, 0, "--units", "in", "--json").out)["answers"]
-
     assert answer["signed_distance"] == pytest.approx(3.0, rel=1e-12)
 
 

@@ -212,7 +212,6 @@ def test_touch_is_compared_with_its_prediction():
         reading.contacts["pose_ns"], reading.contacts["time_to_contact"] = 10**9 + ms * 10**6, left_s
         reading.contacts["approach_speed"] = 0.1
         watch.add(reading)
-
     # Predicted for 99 ms, at 0.1 m/s; at 98 ms it is 0.1 mm inside.
     assert watch.touches == 1 and watch.farthest == pytest.approx(2e-4, abs=1e-9)
 

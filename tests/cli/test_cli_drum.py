@@ -105,7 +105,6 @@ def test_drum_makes_up_for_the_stretch_of_a_cable():
             step(bench, reading(sample * MS, bend))
         assert bench.fingers[0].action.state.value == "position"
         forces.append(bench.fingers[0].plant.force)
-
     assert forces[0] == pytest.approx(forces[1], rel=0.03)
 
 
@@ -195,7 +194,6 @@ def test_json_is_a_summary(run, service):
 
 def test_silence_is_exit_code_1(run):
     result = run("mailbox:nobody", "--limit", 0.2)
-
     assert result.code == 1
     assert all(text.endswith("STALE: no frame yet") for text in result.out.splitlines())
 

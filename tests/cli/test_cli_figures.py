@@ -109,7 +109,6 @@ def test_cable_is_in_the_press_by_its_stiffness_or_by_the_calibration_of_a_glove
 
 def test_csv_of_a_press_needs_no_matplotlib(run, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-
     assert run("simulate", "--speed", 1, "--csv", "press.csv").code == 0
     assert (tmp_path / "press.csv").read_text().startswith("time_s,intent_m,finger_m,link_m,force_N")
 
@@ -160,7 +159,6 @@ def test_far_end_is_simulated(run):
 @pytest.mark.parametrize(("stiffness", "is_limited"), [(800, False), (8000, True)])
 def test_part_that_is_too_stiff_to_be_displayed_is_said_to_be(run, stiffness, is_limited):
     result = run("simulate", *FAST, "--stiffness", stiffness)
-
     said = "4000 N/m, the stiffest that is passive at 3000 Hz"
     assert (said in " ".join(result.out.split())) == is_limited
 

@@ -65,27 +65,22 @@ def test_no_points_are_no_error(text):
 )  # fmt: skip
 def test_text_without_points_is_noted(text, notes):
     said = []
-
     list(parse_points(text.splitlines(), "points.csv", note=said.append))
-
     assert said == notes
 
 
 def test_points_come_in_chunks_and_the_last_is_shorter():
     chunks = list(parse_points([f"{k} 0 0\n" for k in range(7)], "points.csv", limit=3))
-
     assert [list(chunk.coordinates[::3]) for chunk in chunks] == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [6.0]]
 
 
 def test_no_points_are_one_empty_chunk():
     (chunk,) = parse_points([], "points.csv")
-
     assert len(chunk) == 0 and chunk.kept == {}
 
 
 def test_points_before_a_bad_line_come_before_the_error():
     chunks = parse_points(["1 2 3\n"] * 4 + ["4 5\n"], "points.csv", limit=3)
-
     assert [len(next(chunks)), len(next(chunks))] == [3, 1]
     with pytest.raises(ArgumentError, match=r"^points\.csv, line 5: 2 values, expected 3$"):
         next(chunks)
@@ -108,14 +103,12 @@ def test_text_without_an_end_of_line_is_refused_and_not_kept(monkeypatch):
             return "1" * size
 
     monkeypatch.setattr(sys, "stdin", Endless())
-
     with pytest.raises(ArgumentError, match=r"^standard input, line 1: has 1000000 characters or more"):
         list(read_points("-"))
 
 
 def test_points_that_are_not_finite_are_read():
     first, second, third = points_of("nan -inf Infinity\n")
-
     assert first != first
     assert (second, third) == (float("-inf"), float("inf"))
 
@@ -123,7 +116,6 @@ def test_points_that_are_not_finite_are_read():
 @given(st.lists(st.tuples(*[st.floats(allow_nan=False)] * 3)))
 def test_numbers_come_back_exactly(rows):
     text = "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in rows)
-
     assert points_of(text) == [value for row in rows for value in row]
 
 
@@ -190,13 +182,11 @@ def test_numbers_come_back_exactly(rows):
 def test_line_that_is_no_point_is_named(text, message):
     with pytest.raises(ArgumentError) as refusal:
         points_of(text)
-
     assert str(refusal.value) == message
 
 
 def test_standard_input_that_is_closed_is_named(monkeypatch):
     monkeypatch.setattr(sys, "stdin", None)  # as Python has it after <&-
-
     with pytest.raises(ArgumentError, match=r"^standard input is closed, expected lines of three numbers$"):
         list(read_points("-"))
 
@@ -204,7 +194,6 @@ def test_standard_input_that_is_closed_is_named(monkeypatch):
 def test_file_is_read(tmp_path):
     path = tmp_path / "points.txt"
     path.write_text("1 2 3\n4 5 6\n", encoding="utf-8")
-
     assert read(str(path)) == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 
 
@@ -217,7 +206,6 @@ def test_file_that_is_missing_is_refused(tmp_path):
 def test_file_in_another_encoding_is_refused(tmp_path, encoding):
     path = tmp_path / "points.csv"
     path.write_bytes("größe,1,2\n".encode(encoding))
-
     with pytest.raises(ArgumentError, match=r"points\.csv, line 1: not text in UTF-8, expected a text file "):
         read(str(path))
 
@@ -243,7 +231,6 @@ def test_distance_ends_where_its_coordinates_end():
 
 def test_distance_of_small_parts_keeps_its_digits():
     points = np.array([[1.23e-9, 0.0, 0.0]])
-
     assert in_units(np.array([1.2e-10]), 1.0, points, np.zeros((1, 3))).tolist() == [1.2e-10]
 
 
@@ -258,7 +245,6 @@ def test_length_beyond_the_range_of_the_unit_is_infinite():
 @given(st.floats(allow_nan=False, allow_infinity=False, max_value=1e308, min_value=-1e308))
 def test_rounded_number_is_near_and_short(value):
     (result,) = in_units(np.array([value]), 1.0).tolist()
-
     assert float(f"{result:.15g}") == result
     assert result == pytest.approx(value, rel=5.1e-15, abs=1e-323)
 
@@ -285,6 +271,5 @@ def test_vertices_of_a_ply_file_are_points(tmp_path, faces):
 def test_ply_without_points_is_refused(tmp_path, text, why):
     path = tmp_path / "scan.ply"
     path.write_text(text)
-
     with pytest.raises(ArgumentError, match=rf"scan\.ply: .*{why}"):
         list(read_points(str(path)))

@@ -110,7 +110,6 @@ def cube_of(size, tmp_path):
 def test_distances_to_a_cube_are_as_they_are_written(run, tmp_path, units):
     # Was: 3.000000000000001 at -13 mm.
     path = cube_of(20.0, tmp_path)
-
     for x, distance in ((-13, 3.0), (-11, 1.0), (13.1, 3.1), (-10.7, 0.7), (-10, 0.0), (9, -1.0)):
         result = run("query", path, x, 0, 0, "--json", "--units", units)
         (answer,) = json.loads(result.out)["answers"]

@@ -331,7 +331,6 @@ def test_port_in_use_is_told(driver):
         other.bind(("127.0.0.1", 0))
         port = other.getsockname()[1]
         told = ask(driver, "listen", "127.0.0.1", port, "-", "-", code=1)
-
     assert re.fullmatch(rf"cannot use 127\.0\.0\.1(, port |:){port} \(.+\)\n", told)
 
 

@@ -66,7 +66,6 @@ def test_sessions_and_finger_counts_may_follow_each_other(path, monkeypatch, chu
 
 def test_file_is_the_frames_byte_for_byte(path):
     log = append(path, sealed(range(7)))
-
     assert path.read_bytes() == sealed(range(7))
     assert (log.frame_count, log.lost_count, log.cut_size) == (7, 0, 0)
 
@@ -161,7 +160,6 @@ def test_frames_are_told_as_the_message_itself_tells_them():
 
 def test_log_of_nothing_has_no_frames(path):
     path.touch()
-
     assert read(path)[1] == []
 
 
@@ -176,7 +174,6 @@ def test_log_of_nothing_has_no_frames(path):
 def test_what_is_no_log_is_refused(path, content, message):
     if content is not None:
         path.write_bytes(content)
-
     with pytest.raises(RecordingError, match=message):
         list(FrameReader(path))
 
@@ -224,12 +221,10 @@ def test_more_damage_than_a_crash_leaves_is_not_cut(path, monkeypatch):
 @pytest.mark.parametrize("content", [b"time_s,hand,finger\n", bytes(500)])
 def test_another_file_is_neither_continued_nor_changed(path, content):
     path.write_bytes(content)
-
     with pytest.raises(
         RecordingError, match=r"run\.frames: not a frame log, expected a file that begins with"
     ):
         FrameLog(path)
-
     assert path.read_bytes() == content
 
 
@@ -249,7 +244,6 @@ def test_two_do_not_write_to_one_log(path):
         pytest.raises(RecordingError, match=r"run\.frames: another recorder is writing to it"),
     ):
         FrameLog(path)
-
     append(path, sealed([0]))
     assert sequences(path) == [0]
 

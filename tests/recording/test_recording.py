@@ -67,7 +67,6 @@ def test_hand_that_is_lost_at_the_origin_touches_nothing(read):
 
 def test_two_fingers_that_touch_are_not_lost(read):
     recording = read(HEADER + "0,0,0,1,2,3\n0,0,1,1,2,3\n")
-
     assert recording.is_present.all() and recording.notes == ()
 
 
@@ -131,14 +130,12 @@ def test_columns_stand_in_any_order_and_others_are_named(read):
 
 def test_millimetres_and_milliseconds_are_converted(read):
     recording = read("time_ms,hand,finger,x_mm,y_mm,z_mm\n500,0,0,1000,2000,3000\n")
-
     assert recording.times_ns.tolist() == [500_000_000]
     np.testing.assert_allclose(recording.positions, [[[1, 2, 3]]], rtol=1e-15)
 
 
 def test_position_of_nan_is_a_missing_finger(read):
     recording = read(HEADER + "0,0,0,nan,0,0\n0,0,1,1,1,1\n")
-
     assert np.isnan(recording.positions[0, 0]).all()
     assert recording.notes == ("1 of 2 positions are nan: the finger is missing there",)
 
@@ -168,7 +165,6 @@ def test_position_of_nan_is_a_missing_finger(read):
 def test_recording_that_cannot_be_used_is_refused_by_line(read, content, message):
     with pytest.raises(RecordingError) as refused:
         read(content)
-
     assert "hand.csv" in str(refused.value)
     assert message in str(refused.value)
 
@@ -178,14 +174,12 @@ def test_line_is_right_beyond_the_first_chunk(read):
     lines[recording_reader.LINES_PER_CHUNK + 10] = lines[recording_reader.LINES_PER_CHUNK + 10].replace(
         "1,2,3", "1,?,3"
     )
-
     with pytest.raises(RecordingError, match=rf"line {recording_reader.LINES_PER_CHUNK + 12}: y_m is '\?'"):
         read(HEADER + "\n".join(lines))
 
 
 def test_sensor_that_counts_hands_without_end_is_refused(read):
     lines = [f"{row},{row},0,1,2,3" for row in range(recording_reader.LARGEST_HAND_COUNT + 1)]
-
     with pytest.raises(RecordingError, match=r"there are 33 hands, expected at most 32"):
         read(HEADER + "\n".join(lines))
 
@@ -203,7 +197,6 @@ def test_fingers_are_named_with_their_hand_where_there_are_several(read):
 @pytest.mark.usefixtures("shared_data")
 def test_recordings_of_real_hands_are_read():
     counts = {path.stem: read_recording(path).sample_count for path in RECORDED_HANDS}
-
     assert counts["two-hands"] == 9830
     assert counts["grab"] == 1870
 
@@ -256,7 +249,6 @@ def test_ticks_without_end_are_refused():
 
 def test_beginning_is_taken():
     recording = recording_of([3.0, 3.5, 4.0], np.zeros((3, 3)))
-
     assert recording.first(0.5).times_ns.tolist() == [3_000_000_000, 3_500_000_000]
     with pytest.raises(RecordingError, match="0 s of a recording cannot be taken"):
         recording.first(0.0)
@@ -264,9 +256,7 @@ def test_beginning_is_taken():
 
 def test_placing_scales_then_turns_then_shifts():
     quarter = Pose([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [10, 0, 0])
-
     placed = recording_of([0.0], [[1, 2, 3]]).placed(quarter, 2.0)
-
     np.testing.assert_array_equal(placed.positions, [[[6, 2, 6]]])
 
 

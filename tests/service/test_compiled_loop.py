@@ -249,14 +249,12 @@ def test_frames_beside_parts_that_move_and_change_are_those_that_python_makes_to
         taken, report = frames_of(scene, seed, in_python=in_python, parts=Parts(scene, seed))
         frames.append(taken)
         assert report.states[State.LATE] or report.states[State.DEGRADED]
-
     assert_same(*frames)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_frames_of_a_sensor_are_those_that_python_makes_to_the_bit(seed):
     (ones, _), (others, report) = (frames_of(None, seed, in_python=way) for way in (True, False))
-
     assert_same(ones, others)
     assert report.states[State.DEGRADED] + report.states[State.OK] > 100 and report.too_old and report.future
 

@@ -78,7 +78,6 @@ def test_hand_is_lost_only_where_all_its_fingers_are_given_at_one_position(how, 
         np.zeros(8, np.int64), np.ones((8, 3)), np.zeros(8, np.int64), np.arange(8), np.array(fingers),
         np.full(count, 950), np.zeros((count, 3)), defects, OLDEST_NS, LATEST_NS,
     )  # fmt: skip
-
     assert (defects == finger_kernels.LOST).tolist() == is_lost
 
 

@@ -80,5 +80,4 @@ def test_finger_on_a_path_keeps_what_its_path_tells(answers):
 def test_finger_that_is_not_tracked_has_no_bend(answers):
     poses = FingerPoses(3)
     poses.bends = np.full(3, 0.5)
-
     assert np.isnan(filled(answers, poses, 0)["bend"]).all()

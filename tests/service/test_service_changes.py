@@ -282,7 +282,6 @@ def test_second_folder_is_looked_into(tmp_path):
 def test_nothing_is_added_unless_the_scene_file_allows_it():
     with pytest.raises(SceneError) as refused:
         allowed_file("box.stl", ())
-
     assert str(refused.value) == NOT_ALLOWED
 
 

@@ -297,7 +297,6 @@ def test_killed_readers_disturb_neither_the_service_nor_others(served, subscribe
 def test_second_service_at_the_address_is_refused_and_the_first_goes_on(served, subscriber):
     with pytest.raises(ServiceError, match=rf"^{served.address}: is in use: .* publishes there$"):
         start_service(served.path)
-
     session = int(seen(subscriber, is_ok).header["session"])
     assert subscriber.counts.sessions == 1 and session == int(subscriber.read().header["session"])
 

@@ -181,7 +181,6 @@ def test_without_a_glove_its_poses_are_of_a_kind_that_is_not_expected(inlet):
 def test_each_finger_may_have_a_calibration_of_its_own(gloves_of, folder):
     glove_files.write(folder / "long.json", phalanges=(0.050, 0.030, 0.022))
     gloves = gloves_of('calibration = ["glove.json", "long.json"]')
-
     assert gloves.corners[1, 0, 0] - gloves.corners[0, 0, 0] == pytest.approx(0.011)
 
 
@@ -200,14 +199,12 @@ REFUSED = [
 def test_calibration_that_does_not_fit_is_refused_with_its_line(gloves_of, folder, text, message):
     glove_files.write(folder / "old.json", days_ago=31.0)
     glove_files.write(folder / "far.json", counts=np.linspace(60_000, 70_000, 7))
-
     with pytest.raises(ServiceError, match=message):
         gloves_of(text)
 
 
 def test_age_of_a_calibration_may_be_said(gloves_of, folder):
     glove_files.write(folder / "old.json", days_ago=31.0)
-
     assert gloves_of('calibration = "old.json"\nmax_age_days = 60').corners.shape == (2, 65, 3)
     with pytest.raises(DecaffError, match=r"old\.json: the calibration is of .*, expected 7 at most"):
         read_glove(folder / "old.json", 7.0)
@@ -216,6 +213,5 @@ def test_age_of_a_calibration_may_be_said(gloves_of, folder):
 def test_glove_is_of_poses_that_come_in(folder):
     recorded = SCENE.replace('poses = "mailbox:gloves"', 'sensor = "mailbox:s"').partition("[input]")[2]
     (folder / "cell.toml").write_text("[input]" + recorded + 'calibration = "glove.json"')
-
     with pytest.raises(ServiceError, match=r":3: \[glove\] requires"):
         read_scene_file(folder / "cell.toml")

@@ -50,7 +50,6 @@ def test_recording_gives_the_newest_pose_that_is_past_with_its_own_instant():
 
 def test_poses_are_as_old_as_the_latency_when_they_come():
     source = RecordingInput(recording([0, 10, 20]), latency=0.004)
-
     assert played(source, [0, 9, 10, 20]) == near([(0, -4), None, (10, 6), (20, 16)])
 
 
@@ -69,7 +68,6 @@ def test_recording_that_is_repeated_lets_the_hand_go_away_and_begins_anew():
 
 def test_recording_that_is_repeated_keeps_its_beat_through_rounds_slept_through():
     source = RecordingInput(recording([0, 10, 20, 31]), repeat=True)
-
     assert played(source, [0, 141 * 7 + 12, 141 * 8]) == near([(0, 0), (10, 141 * 7 + 10), (0, 141 * 8)])
 
 

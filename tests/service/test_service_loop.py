@@ -217,7 +217,6 @@ def test_pose_that_comes_while_a_tick_is_kept_from_running_is_not_from_the_futur
 
 def test_state_goes_from_late_to_stale_as_the_only_pose_grows_old():
     _, outlet, answers, _ = serve(lambda poll, now_ns: steady(poll, now_ns) if poll == 0 else None, ticks=110)
-
     # The pose is of the first tick: valid for 20 ms, worth something for 100.
     assert outlet.states[:110] == [State.OK] * 21 + [State.LATE] * 80 + [State.STALE] * 9
     assert np.isfinite(answers.seen[100][0]).all() and np.isnan(answers.seen[101][0][:, 0]).all()
@@ -233,7 +232,6 @@ def test_state_goes_from_late_to_stale_as_the_only_pose_grows_old():
 )
 def test_state_is_degraded_where_a_finger_is_near_with_bounds_only(flags, state):
     _, outlet, _, _ = serve(ticks=1, answers=flagged(FakeAnswers(), flags))
-
     assert outlet.states[0] == state
 
 
@@ -252,7 +250,6 @@ def test_poses_from_the_future_or_going_back_are_left_out_and_counted():
 
 def test_input_that_is_over_ends_the_service_after_its_last_pose():
     report, outlet, answers, _ = serve(ticks=None, over_after=4)
-
     assert report.ticks == 4 and len(answers.seen) == 4
     assert outlet.states == [State.OK] * 4 + FAREWELL
 
@@ -285,7 +282,6 @@ def test_event_stops_the_loop():
 def test_service_runs_once():
     service = Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001, clock=ManualClock())
     service.run(tick_count=1)
-
     with pytest.raises(ServiceError, match=r"^this service has already run and is closed"):
         service.run()
 
@@ -413,7 +409,6 @@ def test_replacement_from_another_thread_returns_when_it_answers():
 
 def test_replacement_for_other_fingers_is_refused():
     service = Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001)
-
     with pytest.raises(
         ServiceError,
         match=r"^contacts of 3 fingers from geometry cannot replace those of 2 from geometry in a running "
@@ -427,7 +422,6 @@ def test_replacement_for_other_fingers_is_refused():
 )
 def test_times_that_cannot_be_are_refused(name, value):
     times = {"period": 0.001, name: value}
-
     with pytest.raises(ServiceError, match=f"^{name} is .*, expected 1e-05 to 10 s$"):
         Service(FakeAnswers(), ScriptedInput(steady), [], **times)
 

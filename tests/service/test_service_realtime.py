@@ -94,7 +94,6 @@ def test_what_is_not_permitted_is_a_sentence_and_nothing_to_give_back(monkeypatc
 def test_memory_of_the_future_is_left_alone_where_it_is_limited(monkeypatch):
     """Otherwise what is asked for later could not be given at all."""
     system = FakeSystem(monkeypatch, is_unlimited=False)
-
     with RealTime() as real_time:
         assert system.calls[0] == ("mlockall", 5)
     assert real_time.notes[0] == "memory: locked as far as it is in use now"
@@ -102,7 +101,6 @@ def test_memory_of_the_future_is_left_alone_where_it_is_limited(monkeypatch):
 
 def test_process_with_one_core_stays_there_anyway(monkeypatch):
     system = FakeSystem(monkeypatch, cores=[3])
-
     with RealTime(lock_memory=False) as real_time:
         assert system.calls == [("sched_setscheduler", 0, 1, realtime.PRIORITY)]
     assert real_time.notes[0] == "core: the process may use one core only"
@@ -128,10 +126,8 @@ def test_system_without_such_things_is_no_error(monkeypatch):
 @pytest.mark.skipif(not ON_LINUX, reason="asks Linux")
 def test_real_system_answers_each_in_a_sentence_and_is_left_as_it_was():
     scheduler, cores = os.sched_getscheduler(0), os.sched_getaffinity(0)
-
     with RealTime() as real_time:
         assert len(real_time.notes) == 3
-
     assert os.sched_getscheduler(0) == scheduler and os.sched_getaffinity(0) == cores
 
 

@@ -77,7 +77,6 @@ def test_all_that_a_sensor_tells_is_in_the_contact():
 
 def test_distance_from_after_the_controller_acts_is_predicted_for_its_own_instant():
     contact = answer(0.01, NOW, measured_ns=NOW + 20 * MS, error=0.0, approach_speed=0.5)
-
     assert contact["predicted_ns"] == contact["pose_ns"] == NOW + 20 * MS
     assert contact["predicted_lower"] == contact["predicted_distance"] == contact["signed_distance"]
 
@@ -126,7 +125,6 @@ def test_error_that_is_not_known_leaves_no_bounds_and_says_so(error):
 
 def test_force_that_is_no_number_is_not_valid():
     contact = answer(-0.001, force=np.nan, force_is_valid=1)
-
     assert contact["force"] == 0.0 and contact["force_is_valid"] == 0
 
 
@@ -198,7 +196,6 @@ def test_same_measurement_again_changes_no_speed():
 
 def test_jump_of_a_sensor_is_told():
     *_, contact = approach(SensedContacts(1), lambda t: 0.03 if t < 0.003 else 0.3, range(4))
-
     assert contact["flags"] & ContactFlag.JUMPED
     assert not contact["flags"] & ContactFlag.PREDICTED
 
@@ -233,7 +230,6 @@ def test_time_to_contact(distance, speed, time, free):
 
 def test_bend_at_contact_follows_from_bend_rate_and_time():
     contact = answer(0.01, approach_speed=0.1, bend=0.3, bend_rate=2.0)
-
     assert contact["contact_bend"] == pytest.approx(0.3 + 2.0 * 0.1)
     assert contact["contact_bend_error"] == np.inf  # not known how far it is off
 
@@ -249,14 +245,12 @@ def test_bend_at_contact_follows_from_bend_rate_and_time():
 )
 def test_bend_at_contact_is_unknown_where_nothing_tells_it(fields):
     contact = answer(0.01, **fields)
-
     assert np.isnan(contact["contact_bend"]) and np.isnan(contact["contact_bend_error"])
 
 
 @pytest.mark.parametrize(("distance", "error"), [(-0.002, 0.0), (-0.0001, np.inf)])
 def test_bend_at_contact_of_a_finger_that_touches_is_its_bend(distance, error):
     contact = answer(distance, bend=0.6, error=0.001)
-
     assert contact["contact_bend"] == 0.6 and contact["contact_bend_error"] == error
 
 

@@ -56,7 +56,6 @@ def filled(durations):
 @given(st.integers(0, LARGEST_NS))
 def test_bin_holds_its_duration_and_is_a_32nd_wide_at_most(duration):
     ((lower, upper, count),) = filled([duration]).rows()
-
     assert lower <= duration <= upper and count == 1
     assert upper - lower <= lower / 32
 

@@ -117,7 +117,6 @@ def test_clock_is_certain_once_it_was_seen_to_run(messages, is_certain):
     clock = ForeignClock()
     for sent, transit in messages:
         hear(clock, sent, transit)
-
     assert clock.is_certain is is_certain
 
 
@@ -133,7 +132,6 @@ def test_row_of_old_messages_that_comes_at_once_settles_nothing(count, gap_ns, p
         if part and 50 <= count <= 150:
             return  # nearly how a clock runs
         clock.arrived(number * MS, part * 100 * MS + row * gap_ns)
-
     assert not clock.is_certain
 
 
@@ -154,7 +152,6 @@ def test_other_clock_is_learnt_anew(jump, is_new_run):
     """A machine started anew: its monotonic clock jumps; forward it may do so at any time."""
     clock, start = settled()
     end = becomes_certain(clock, start, AHEAD + jump, is_new_run=is_new_run)
-
     assert shows(clock, end, AHEAD + jump)
 
 
@@ -164,7 +161,6 @@ def test_clock_that_was_put_back_makes_all_stale_until_it_is_known_again(behind,
     """Or another machine takes over at once."""
     clock, start = settled()
     end = becomes_certain(clock, start, AHEAD - behind, is_new_run=is_new_run)
-
     assert shows(clock, end, AHEAD - behind)
 
 

@@ -89,7 +89,6 @@ def test_stale_reading_tells_nothing_but_whose_contacts_these_were():
 @pytest.mark.parametrize("state", [State.OK, State.DEGRADED])
 def test_valid_states_are_told_as_they_came(state):
     reading = with_frame(state=state).read()
-
     assert reading.state is state and reading.is_valid
 
 

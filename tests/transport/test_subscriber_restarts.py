@@ -60,13 +60,11 @@ def hear(bench, transit=2 * MS, session=SESSION, **settings):
 def test_publisher_elsewhere_is_believed_when_its_clock_has_been_seen_to_run():
     bench = Reader(shares_clock=False)
     states = [hear(bench).state for _ in range(60)]
-
     assert states == [State.STALE] * 50 + [State.OK] * 10
 
 
 def test_age_is_that_of_their_clock():
     reading = hear(foreign_bench(), age=5 * MS)
-
     assert reading.age_ns == pytest.approx(6 * MS, abs=1000)  # one ms is thought to be on the way
     assert reading.now_ns == pytest.approx(int(reading.header["publish_ns"]) + MS, abs=1000)
 
@@ -139,5 +137,4 @@ def test_machine_started_anew_is_recovered_from_within_100_ms(jump):
 
 def test_process_started_anew_on_the_same_machine_is_believed_at_once():
     bench = foreign_bench()
-
     assert hear(bench, session=SESSION + SECOND).state is State.OK

@@ -52,7 +52,6 @@ def test_page_lets_nothing_else_run_and_nothing_out(saved):
 
 def test_imports_are_by_name():
     text = 'import { a } from "./b.js";\nimport * as T from "three";\nawait import("../c.mjs");\n"from here"'
-
     assert _by_names("page/inputs/x.js", text) == (
         'import { a } from "page/inputs/b.js";\nimport * as T from "page/vendor/three/three.module.js";\n'
         'await import("page/c.mjs");\n"from here"'

@@ -178,14 +178,12 @@ def closed(page):
 def test_a_foreign_origin_is_refused(bridge, origin):
     with pytest.raises(InvalidStatus) as caught:
         bridge.raw(origin=origin.format(port=bridge.port))
-
     assert caught.value.response.status_code == 403
 
 
 def test_a_live_connection_without_an_origin_is_refused(bridge):
     with pytest.raises(InvalidStatus) as caught:
         bridge.raw(origin="")
-
     assert caught.value.response.status_code == 403
 
 
@@ -194,7 +192,6 @@ def test_a_live_connection_without_an_origin_is_refused(bridge):
 )
 def test_a_foreign_host_is_refused(bridge, host):
     answer = bridge.get(host=host.format(port=bridge.port))
-
     assert answer.status == 421
     assert bridge.get(path="/live", host=host.format(port=bridge.port)).status == 421
 
@@ -239,7 +236,6 @@ def test_page_that_is_busy_for_too_long_is_asked_to_try_again(bridge, monkeypatc
 def test_localhost_is_the_same_page(bridge):
     page = bridge.raw(origin=f"http://localhost:{bridge.port}", host="localhost")
     page.send(json.dumps({"hello": TOKEN}))
-
     assert "welcome" in json.loads(page.recv(PATIENCE))
 
 
@@ -386,9 +382,7 @@ def test_a_second_page_watches_until_it_takes_over(bridge):
 
 def test_when_the_page_that_feeds_goes_another_may(bridge):
     first, second = bridge.page(), bridge.page(feeds=False)
-
     first.close()
-
     assert json.loads(second.recv(PATIENCE)) == {"feeds": True}
 
 
@@ -551,7 +545,6 @@ def test_why_a_page_was_disconnected_is_logged_once_and_counted(bridge, caplog):
         page = bridge.page()
         page.send('{"clearance": ["\\ud83d", "b"]}')
         assert closed(page) == (UNFIT, "a text has half of a surrogate pair")
-
     assert caplog.messages == ["a page is disconnected: a text has half of a surrogate pair"]
     assert bridge.bridge.server.refused["a text has half of a surrogate pair"] == 2
 

@@ -32,9 +32,7 @@ def read(data):
 
 def test_faces_of_every_part_are_where_the_scene_has_them():
     scene = proximity.load(MESHES / "assembly.step")
-
     found = read(scene_glb(scene))
-
     for part in scene.parts:
         vertices, geometry = found[f"{part.name} faces"]
         drawn = vertices[geometry.faces]
@@ -65,17 +63,13 @@ def test_a_sphere_is_smooth_and_has_no_edges():
 
 def test_borders_of_an_open_surface_are_edges():
     vertices, faces = shapes.cube(1.0)
-
     drawn = display_mesh(vertices, faces[2:])
-
     assert len(drawn.edges) == 12
 
 
 def test_a_face_without_area_does_not_harm():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]], float)
-
     drawn = display_mesh(vertices, np.array([[0, 1, 2], [0, 3, 1]]))
-
     assert np.isfinite(drawn.normals).all()
 
 
@@ -115,7 +109,5 @@ def test_a_coarser_scene_says_so():
 
 def test_two_parts_of_one_name_of_node_do_not_mix():
     scene = Scene([Solid(*shapes.cube(1.0), name="a"), Solid(*shapes.cube(1.0, (3, 0, 0)), name="b")])
-
     found = read(scene_glb(scene))
-
     assert {"a faces", "a edges", "b faces", "b edges"} <= set(found)

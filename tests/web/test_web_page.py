@@ -235,9 +235,7 @@ def test_the_probe_answers_for_a_point_under_the_mouse_and_points_are_clipped(pa
 
 def test_a_file_that_has_no_points_is_refused_with_its_line(page, tmp_path):
     (tmp_path / "wrong.csv").write_text("x,y,z\n1,2,3\n1,2,three\n")
-
     page.page.locator("#points-file").set_input_files(tmp_path / "wrong.csv")
-
     page.until(
         "document.getElementById('notice').textContent === "
         "'wrong.csv, line 3: expected three numbers, with decimal points.'"
@@ -470,7 +468,6 @@ def test_without_hands_the_page_says_so(page):
 
 def test_without_a_headset_a_sentence_says_so(page):
     page.page.get_by_role("radio", name="Headset").click()
-
     page.until("document.getElementById('input-hint').textContent.startsWith('No headset is connected')")
     assert page.ask("page.input") == "mouse"
 
@@ -620,5 +617,4 @@ def test_stale_is_shown_and_all_is_back_when_frames_come_again(beside, serving):
 
 def test_without_hands_a_service_is_not_called_stale(beside):
     beside.ask("page.choose('none')")
-
     beside.until("document.getElementById('state').textContent === 'NO HANDS'")

@@ -116,7 +116,6 @@ def test_what_cannot_be_shown_is_refused(tmp_path):
 
 def test_a_page_that_ends_at_once_says_why(monkeypatch):
     monkeypatch.setattr(running_page, "BEGIN_TIMEOUT", PATIENCE)
-
     with pytest.raises(ServiceError, match="needs a certificate and its key"):
         running_page.RunningPage([str(BRACKET), "--bind", "0.0.0.0"], "bracket", print)
 
@@ -151,7 +150,6 @@ def test_port_in_use_is_told_in_one_sentence():
 def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
     monkeypatch.delitem(sys.modules, "proximity.web.bridge", raising=False)
-
     with pytest.raises(
         MissingLibraryError,
         match=r'^the page needs websockets.*: pip install "cad-proximity\[web\]"',
@@ -199,7 +197,6 @@ def test_limit_of_clashes_requires_clashes(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["proximity", "view", str(BRACKET), "--contact", "1"])
     with pytest.raises(SystemExit):
         cli.main()
-
     assert "requires --clashes" in " ".join(capsys.readouterr().err.split())
 
 
@@ -238,7 +235,6 @@ def test_parts_and_fingers_of_a_scene_file_are_taken(tmp_path):
 )
 def test_parts_that_cannot_be_loaded_are_refused(name, text, words, tmp_path):
     (tmp_path / name).write_text(text)
-
     with pytest.raises(ServiceError, match=re.escape(words)):
         shown(files=(str(tmp_path / name),))
 
@@ -273,13 +269,11 @@ def test_frames_of_a_log_are_found_by_time_and_place(tmp_path):
 
 def test_a_later_session_goes_on_where_the_one_before_ended(tmp_path):
     frames = LoggedFrames(logged(tmp_path / "run.frames", count=10, sessions=2))
-
     assert (frames.count, frames.duration_ms) == (20, 18.0)
 
 
 def test_a_log_without_frames_is_refused(tmp_path):
     (tmp_path / "empty.frames").touch()
-
     with pytest.raises(RecordingError, match="has no frame yet"):
         LoggedFrames(tmp_path / "empty.frames")
 
@@ -363,7 +357,6 @@ def test_names_of_a_page_for_other_machines():
     from proximity.web.page_process import _names
 
     names = _names(SimpleNamespace(names=("lab.example",), bind="192.168.1.20"))
-
     assert names == ("127.0.0.1", "localhost", "[::1]", "lab.example", "192.168.1.20")
 
 
