@@ -135,7 +135,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 
 
 def has_processes(path: Path) -> bool:
-    """Whether the tests of a file are kept in one worker, with kernels compiled before."""
+    """Whether the tests of a file start programs, and so begin with kernels compiled before."""
     return path.parent.name in TESTS_OF_PROCESSES or path.name in MORE_TESTS_OF_PROCESSES
 
 

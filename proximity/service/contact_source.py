@@ -33,7 +33,7 @@ class ContactSource(Protocol):
     source: Source
     """Where its distances come from."""
     is_ticked_by_loop: bool
-    """Whether the loop makes contacts by itself, of tracker or sensor; otherwise each tick asks `fill`."""
+    """Whether the loop makes contacts by itself, of tracker or sensor; otherwise a thread calls `fill`."""
 
     @property
     def epoch(self) -> int:
