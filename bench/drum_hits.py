@@ -26,6 +26,7 @@ HAZARDS = {
     "parked": "H1 retracted drum, from where it should be, mm",
     "approach": "H1 hit of the next approach, mJ",
     "late": "H2 hit after a late sample, mJ",
+    "sprung": "H2 hit of an unpowered drum, pushed to its stop, mJ",
     "unyielding": "H5 hit of a finger that does not yield, mJ",
     "heat": "H6 share of the continuous torque that heat allows",
 }

@@ -5,13 +5,14 @@
 
 import math
 
+import numpy as np
 import pytest
 from drum_in_plant import POWERED, UNPOWERED, built, hazards, hits, said
 
 from proximity.decaff.drum.drum_model import GEARS, Motor
 from proximity.decaff.drum.servo import DriveMode
 
-PRESSES = 67
+SEEDS, PRESSES = (1, 6, 11), 23
 BY_HAND, _, _, DONE, WRONG_SIGN, STUCK, NO_ANGLE = range(7)  # enum decaff_start_state
 FLAT = -2.0  # rad: the link of an empty glove
 
@@ -23,19 +24,24 @@ def plant(request, tmp_path_factory):
 
 def test_no_finger_is_hit_hard(plant):
     """From any bend and speed, with faults in mid-flight and fingers of 300 to 3000 N/m."""
-    with_power, without = hits(plant, 1, PRESSES)
+    found = [hits(plant, seed, PRESSES) for seed in SEEDS]
+    with_power, without = map(np.concatenate, zip(*found, strict=True))
 
-    assert len(with_power) > PRESSES / 2 and len(without)
+    assert len(with_power) > len(SEEDS) * PRESSES / 2 and len(without)
     assert with_power.max() < POWERED and without.max() < UNPOWERED
 
 
 def test_known_hazards_are_none(plant):
-    """Parked 10.8 mm beyond its path; 0.5 J after a late sample; 27 mJ to a finger that does not yield."""
+    """Parked 10.8 mm beyond its path; 0.5 J after a late sample; 27 mJ to a finger that does not yield.
+
+    Free 100 ms after a fault a drum sprang back from its stop with up to 0.4 J.
+    """
     found = hazards(plant)
 
     assert abs(found["parked"]) < 1.5  # mm: the play of the gear
     assert found["heat"] == pytest.approx(1.0, abs=1e-3)
     assert max(found["approach"], found["unyielding"]) < POWERED and found["late"] < UNPOWERED
+    assert found["sprung"] < UNPOWERED
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ class DrumState(Enum):
     FREEZE = "freeze"
     """The finger touches, and nothing is known: a moment as it was, then without force."""
     FAULT = "fault"
-    """The motor is braked for 100 ms, and free until the controller is reset."""
+    """The motor is braked until the controller is reset."""
 
 
 IN_CONTACT = frozenset(
@@ -113,6 +113,7 @@ class DrumAction:
     force_slew: float = 0.0  # N/s at the fingertip, of the force; 0: that of a handover, inf: at once
     heat: float = 0.0  # of the motor, as a share; from 1 on its force is limited to what it holds for ever
     is_hot: bool = False  # the force is limited so, until the motor is cooler
+    is_anew: bool = False  # samples were left out: the servo of a chip starts its mode anew
 
 
 def commanded(action: DrumAction, target: float) -> DrumCommand:

@@ -902,7 +902,6 @@ void decaff_controller_reset(decaff_controller *finger)
     finger->state = DECAFF_DRUM_STATE_RETRACTED;
     finger->trust = DECAFF_TRUST_LOST;
     finger->fault = DECAFF_FAULT_NONE;
-    finger->braked_ns = 0;
     forget_frames(&finger->frames);
     finger->is_stopped = false;
     finger->target = retracted(finger->path);
@@ -1092,6 +1091,7 @@ static void write_action(const decaff_controller *finger, decaff_action *action,
     action->force_slew = (is_force && is_surface) ? (decaff_real)INFINITY : 0.0;
     action->heat = finger->heat;
     action->is_hot = finger->is_hot;
+    action->is_anew = finger->is_anew;
 }
 
 static void act_at_position(const decaff_controller *finger, decaff_action *action, decaff_real drum,
@@ -1330,15 +1330,13 @@ void decaff_controller_step(decaff_controller *finger, const decaff_observation 
         finger->fault = fault_of(finger, seen);
     }
     elapsed = finger->has_sample ? seconds(decaff_time_between(finger->sample_ns, seen->sample_ns)) : 0.0;
+    finger->is_anew = elapsed > (DECAFF_GAP_PERIODS * set->period);
     finger->has_sample = true;
     finger->sample_ns = seen->sample_ns;
     keep_heat(finger, seen->motor_force, seen->force, elapsed);
     if (finger->fault != DECAFF_FAULT_NONE) {
-        bool is_braked = finger->braked_ns < DECAFF_BRAKE_NS;
-
-        finger->braked_ns += is_braked ? within_ns((int64_t)(1e9 * elapsed), set->watchdog_ns) : 0;
         finger->state = DECAFF_DRUM_STATE_FAULT;
-        write_action(finger, action, is_braked ? DECAFF_DRIVE_MODE_BRAKED : DECAFF_DRIVE_MODE_FREE, 0.0, 0.0);
+        write_action(finger, action, DECAFF_DRIVE_MODE_BRAKED, 0.0, 0.0);
         return;
     }
     follow_finger(finger, seen, elapsed);
@@ -1442,6 +1440,12 @@ static decaff_real demand_position(decaff_servo *servo, const decaff_action *act
     return demand;
 }
 
+/* The speed of one count of the encoder in a sample, m/s. */
+static decaff_real one_count(const decaff_settings *set)
+{
+    return 2.0 * set->servo_deadband / set->period;
+}
+
 /* The force reference, slewed to the force, with an integral of what is missing, damping, and a brake; N. */
 static decaff_real demand_force(decaff_servo *servo, const decaff_action *action, decaff_real speed,
                                 decaff_real force, decaff_real limit)
@@ -1450,7 +1454,7 @@ static decaff_real demand_force(decaff_servo *servo, const decaff_action *action
     decaff_real slew = (action->force_slew > 0.0) ? action->force_slew : set->servo_force_slew, demand;
     /* Towards a finger that it has lost, or may have: a brake that is proportional begins before the cap. Where the
      * finger is felt it begins at a count of the encoder in a sample, or single counts would push the drum off. */
-    decaff_real count = (force > set->touch_force) ? (2.0 * set->servo_deadband / set->period) : 0.0;
+    decaff_real count = (force > set->touch_force) ? one_count(set) : 0.0;
     decaff_real too_fast = greater(-speed - greater(DECAFF_BRAKE_FROM * action->speed_cap, count), 0.0);
 
     servo->force_reference += within(action->force - servo->force_reference, slew * set->period);
@@ -1458,7 +1462,24 @@ static decaff_real demand_force(decaff_servo *servo, const decaff_action *action
     if ((magnitude(demand) <= limit) && is_finite(force)) { /* of a force that is not measured nothing is missing */
         servo->integrated += set->servo_force_gain * (servo->force_reference - force) * set->period;
     }
-    return demand + (set->servo_damping * too_fast);
+    return demand + (DECAFF_BRAKE_DAMPING * set->servo_damping * too_fast);
+}
+
+/* The share of its push towards the finger that a drum keeps, which comes nearly as fast as it may: a chip that hangs
+ * leaves it no push then, and a light drum that flies through its gear's play gains no speed there. */
+static decaff_real push_share(const decaff_settings *set, enum decaff_drive_mode mode, decaff_real cap,
+                              decaff_real coming, decaff_real force)
+{
+    bool is_force = mode == DECAFF_DRIVE_MODE_FORCE;
+    decaff_real count = (is_force && !(force > set->touch_force)) ? 0.0 : one_count(set);
+    decaff_real first = greater(is_force ? 0.0 : (DECAFF_FADE_FROM * cap), count);
+    decaff_real last = greater((is_force ? DECAFF_FADE_TO_FORCE : DECAFF_FADE_TO) * cap, 1.5 * count);
+    decaff_real share = 1.0;
+
+    if (is_finite(cap) && (coming > first)) {
+        share = (coming < last) ? ((last - coming) / (last - first)) : 0.0;
+    }
+    return share;
 }
 
 decaff_real decaff_servo_step(decaff_servo *servo, const decaff_action *action, decaff_real position,
@@ -1466,15 +1487,15 @@ decaff_real decaff_servo_step(decaff_servo *servo, const decaff_action *action, 
 {
     const decaff_settings *set = servo->settings;
     decaff_real limit = lesser(set->drum_force_limit, action->force_cap), speed = 0.0;
-    decaff_real demand = 0.0, applied = servo->demanded;
+    decaff_real demand = 0.0, applied = action->is_anew ? 0.0 : servo->demanded;
     enum decaff_drive_mode mode = is_finite(position) ? action->mode : DECAFF_DRIVE_MODE_BRAKED;
     bool is_driven = (mode == DECAFF_DRIVE_MODE_POSITION) || (mode == DECAFF_DRIVE_MODE_FORCE);
 
     if (is_finite(position)) {
-        speed = (position - servo->last_position) / set->period;
+        speed = action->is_anew ? 0.0 : ((position - servo->last_position) / set->period);
         servo->last_position = position;
     }
-    if (mode != servo->last_mode) {
+    if ((mode != servo->last_mode) || action->is_anew) {
         enter_mode(servo, action, mode, position, speed);
     }
     if (mode == DECAFF_DRIVE_MODE_POSITION) {
@@ -1484,6 +1505,9 @@ decaff_real decaff_servo_step(decaff_servo *servo, const decaff_action *action, 
         demand = demand_force(servo, action, speed, force, limit);
     } else {
         /* without power */
+    }
+    if (demand < 0.0) {
+        demand *= push_share(set, mode, action->speed_cap, -speed, force);
     }
     servo->smoothed += set->servo_smoothing_share * (applied - servo->smoothed);
     servo->demanded = within(demand, limit);

@@ -49,8 +49,9 @@
  *   set_motor_torque(torque);
  *   restart_watchdog();                                    // of the hardware: it brakes all motors after 1 ms
  *
- * Without power a motor is braked for 100 ms and then free, also by watchdog and emergency stop: both low sides of its
- * bridge are on, or a relay shorts its windings. A motor that is cut off coasts, and a gear of 51:1 carries 0.2 J.
+ * Without power a motor is braked for as long as it has none, also by watchdog and emergency stop: both low sides of
+ * its bridge are on, or a relay shorts its windings. A motor that is cut off coasts, and a gear of 51:1 carries 0.2 J;
+ * one that is freed later springs back from its stop. A finger can push a braked drum away, slowly.
  * What a frame has as `mode` is not followed but for DECAFF_MODE_HOLD, which says that the finger is not tracked: with
  * DECAFF_MODE_RETRACT the drum still goes where the record has the contact.
  */
@@ -81,8 +82,12 @@ extern "C" {
 #define DECAFF_MIN_TRAVEL 3e-3                /* m to the contact: nearer, the incidence is uncertain; assumed */
 #define DECAFF_LEAST_INCIDENCE 0.3            /* of a part that is followed: flatter, it slides; assumed */
 #define DECAFF_FOLLOW_NS INT64_C(50000000)    /* so long a drum still goes where a part that stopped is */
-#define DECAFF_BRAKE_NS INT64_C(100000000)    /* without power a motor is braked so long, then free */
+#define DECAFF_GAP_PERIODS 1.5                /* between two samples of the servo: more, and one was left out */
 #define DECAFF_BRAKE_FROM 0.2                 /* of the speed cap, in force mode; assumed */
+#define DECAFF_BRAKE_DAMPING 2.0              /* of the servo's damping, with which it brakes then; assumed */
+#define DECAFF_FADE_FROM 0.6                  /* of the speed cap, from which a drum is pushed less to the finger, */
+#define DECAFF_FADE_TO 0.9                    /* and not at all; assumed */
+#define DECAFF_FADE_TO_FORCE 0.6              /* the same in force mode, where it begins at rest; assumed */
 #define DECAFF_SLOPE_BEND 1e-3                /* of the path, by which its slope is taken */
 #define DECAFF_MOST_FORCE 1000.0              /* N: no sensor of a finger measures more; assumed */
 #define DECAFF_COOL_HEAT 0.81                 /* of a motor, from which on it has its force again */
@@ -120,7 +125,7 @@ enum decaff_drum_state {
     DECAFF_DRUM_STATE_CONTACT_FORCE = 3,    /* the finger touches; a force is served */
     DECAFF_DRUM_STATE_HOLD = 4,             /* the finger touches, and what is known is old: nothing advances */
     DECAFF_DRUM_STATE_FREEZE = 5,           /* nothing is known: a moment as it was, then without force */
-    DECAFF_DRUM_STATE_FAULT = 6             /* braked for DECAFF_BRAKE_NS, then free, until the controller is reset */
+    DECAFF_DRUM_STATE_FAULT = 6             /* braked until the controller is reset */
 };
 
 /* Trust in a finger's newest frames. */
@@ -131,9 +136,9 @@ enum decaff_trust {
     DECAFF_TRUST_LOST = 3   /* the finger is not tracked, or there never was a frame */
 };
 
-/* What the motor's driver does. Without power a motor first brakes itself: one that is free coasts on. */
+/* What the motor's driver does. Without power a motor brakes itself: one that is free coasts on. */
 enum decaff_drive_mode {
-    DECAFF_DRIVE_MODE_FREE = 0, /* no power: both low sides of the bridge are open, a hand may turn the drum */
+    DECAFF_DRIVE_MODE_FREE = 0, /* no power: both low sides are open; only at the start, where a hand turns the drum */
     DECAFF_DRIVE_MODE_POSITION = 1,
     DECAFF_DRIVE_MODE_FORCE = 2,
     DECAFF_DRIVE_MODE_BRAKED = 3 /* no power: both low sides are on, which shorts the windings */
@@ -369,6 +374,7 @@ typedef struct decaff_controller {
     bool is_late;
     bool has_sample;
     int64_t sample_ns;
+    bool is_anew;            /* samples were left out before this one */
     decaff_real target;      /* m */
     decaff_real force;       /* N, of the last sample; inf: none was served */
     decaff_real finger;      /* m */
@@ -382,7 +388,6 @@ typedef struct decaff_controller {
     decaff_real share;       /* of the force that is left */
     decaff_real mean_force;  /* N */
     decaff_real heat;        /* of the motor, low-passed square of its force over the one it holds for ever */
-    int64_t braked_ns;       /* since the fault */
     bool is_hot;
     bool is_following;       /* a part that moves while it is touched */
     int64_t moved_ns;        /* when it was seen to move last */
@@ -408,6 +413,7 @@ typedef struct decaff_action {
     decaff_real force_slew;      /* N/s, of the force; 0: the servo's own, inf: at once */
     decaff_real heat;            /* of the motor; from 1 on its force is limited to what it holds for ever */
     bool is_hot;                 /* the force is limited so, until the motor is cooler */
+    bool is_anew;                /* samples were left out: the servo knows no speed, and starts its mode anew */
 } decaff_action;
 
 void decaff_controller_begin(decaff_controller *finger, const decaff_path *path);

@@ -61,7 +61,7 @@ class ServedDrum:
         target, force_step = command.target, self.drum.force_step
         self._action[0] = (
             0, command.mode, target, 0.0, target, command.speed_cap, command.force_cap, command.start_force,
-            0.0, 0.0, 0.0, command.force_slew, 0.0, False,
+            0.0, 0.0, 0.0, command.force_slew, 0.0, False, False,
         )  # fmt: skip
         force = self._serve(*self._memory, self.reported, measured)
         self.drive[kernels.DRIVE_APPLIED] = round(force / force_step) * force_step if force_step else force

@@ -260,7 +260,7 @@ static unsigned long live(unsigned long *used)
         SAFE(action.position >= position || finger.trust == DECAFF_TRUST_FRESH || finger.fault != 0);
         SAFE(!(isnan(seen.drum_angle) || isnan(seen.bend)) || !is_driven(action.mode));
         SAFE(is_driven(action.mode) || (action.torque == 0.0 && action.torque_cap == 0.0));
-        SAFE(action.mode != DECAFF_DRIVE_MODE_FREE || (finger.fault != 0 && finger.braked_ns >= DECAFF_BRAKE_NS));
+        SAFE(action.mode != DECAFF_DRIVE_MODE_FREE);
         position = action.position;
 
         read = below(2000) ? decaff_drum_position(path, seen.drum_angle) : wild_real();

@@ -44,7 +44,6 @@ static double finger, finger_speed, contact;                     /* m and N */
 static double hand, hand_speed, hand_stiffness, hand_damping;    /* of the intent behind the finger */
 static double turns = 1.0, counts = 1.0;                         /* -1: the motor, or the encoder, is reversed */
 static enum decaff_drive_mode mode;
-static int unpowered;    /* samples without power */
 static bool is_touching; /* link and drum */
 static double worst[2]; /* J, of hits with and without power */
 static int hits;
@@ -147,9 +146,6 @@ static void run_plant(void)
     int i;
 
     lever = (looked_up(arm + 1e-4, path->angles, path->positions) - position) / 1e-4;
-    unpowered = is_driven() ? 0 : unpowered + 1;
-    if (mode == DECAFF_DRIVE_MODE_BRAKED && unpowered * set->period > 0.1)
-        mode = DECAFF_DRIVE_MODE_FREE;
     for (i = 0; i < STEPS; i++)
         push(lever, angle, position, set->period / STEPS);
 }
@@ -313,7 +309,7 @@ static void run_press(const press *p)
             sample(&seen, p->has_sensor ? contact : (double)NAN);
         }
         if (p->fault == CUT && time >= p->at)
-            mode = unpowered * set->period > 0.1 ? DECAFF_DRIVE_MODE_FREE : DECAFF_DRIVE_MODE_BRAKED;
+            mode = DECAFF_DRIVE_MODE_BRAKED; /* the relay shorts the windings */
         run_plant();
     }
 }
@@ -397,12 +393,18 @@ int main(int count, char **words)
             run_press(&p);
         }
         printf("approach %.3f\n", 1e3 * worst[0]);
-        for (i = 0, forget(), p.fault = LATE, p.lasts = 0.012; i < 120; i++) {
-            p.wall = 0.3 + 0.12 * (i % 6), p.at = COMES + 0.003 * (i / 6);
+        for (i = 0, forget(), p.fault = LATE; i < 120; i++) { /* every other chip works again before that is a fault */
+            p.wall = 0.3 + 0.12 * (i % 6), p.at = COMES + 0.003 * (i / 6), p.lasts = i % 2 == 0 ? 0.012 : 0.0085;
             run_press(&p);
             go_on();
         }
         printf("late %.3f\n", 1e3 * fmax(worst[0], worst[1]));
+        for (i = 0, forget(), p.fault = MOTOR, p.lasts = 0.2, p.speed = 1.0, p.depth = 0.01; i < 24; i++) {
+            p.wall = 0.86 + 0.01 * (i % 12), p.at = COMES + 0.01 * (i / 12);
+            run_press(&p);
+            go_on();
+        }
+        printf("sprung %.3f\n", 1e3 * worst[1]);
         p.fault = NONE, p.surface = 2000.0, p.stiffness = 1e5, p.depth = 0.006, p.speed = 0.3, p.back = 2.0;
         for (i = 0, forget(); i < 5; i++) {
             p.wall = 0.3 + 0.1 * i, p.appears = 0.004;
