@@ -1,7 +1,7 @@
 """The memory that Python shares with a service's loop, which is compiled: records, as NumPy has them.
 
-`tools/core_tables.py` generates the structures in C from these. All fields are of eight bytes; addresses are those
-of NumPy's arrays.
+`tools/core_tables.py` generates the structures in C from these. All fields are of eight bytes; addresses are
+those of NumPy's arrays.
 """
 
 from typing import Any
@@ -53,7 +53,7 @@ SOURCE = _record(
     "has_looked all_stand",  # whether `motions` were applied; and whether nothing more is reported of any
     "is_edited rows_after",  # whether it is the source before with other parts; the rows that those have now
 )
-"""A scene and its tracker. The loop goes over to the next between two ticks; the one before is Python's again."""
+"""A scene and its tracker. The loop goes over to the next one between ticks; the last is Python's again."""
 OUTPUT = _record(
     "socket",  # that is connected; -1: none
     "box",  # a decaff_mailbox that is open for writing; 0: none
