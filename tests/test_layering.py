@@ -39,7 +39,7 @@ signature · sources
 loop
 mailbox
 library
-cpython · library_in_c · receiver
+cpython · library_in_c · loop_records · receiver
 """,
     "proximity.kernels": """
 tracking

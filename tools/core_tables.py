@@ -11,6 +11,7 @@ from itertools import accumulate
 import numpy as np
 
 import proximity
+from proximity.core import loop_records
 from proximity.kernels import layout
 from proximity.kernels.contact_record import (
     CONTACT_RECORD,
@@ -104,8 +105,9 @@ _RECORDS = {
     "Settings": SETTINGS,
     "Track": TRACK,
     "Estimate": ESTIMATE,
+    **loop_records.RECORDS,
 }
-_TYPES = {"f8": "double", "i8": "int64_t"}
+_TYPES = {"f8": "double", "i8": "int64_t", "u8": "uint64_t"}
 
 
 def tables_header() -> str:
@@ -115,6 +117,7 @@ def tables_header() -> str:
     lines += [f'#define PACKAGE_VERSION "{proximity.__version__}"']
     parameters = inspect.signature(Tracker).parameters
     lines += [f"#define DEFAULT_{name.upper()} {parameters[name].default!r}" for name in _DEFAULTS]
+    lines += [f"#define LOOP_{name} {length}" for name, length in loop_records.LENGTHS.items()]
     for name, record in _RECORDS.items():
         lines += _record(name, record, layout.SCENE_FIELDS)
     arrays = BUNDLES["TrackerArrays"]
@@ -150,10 +153,15 @@ def tables_source(sets: Iterable[tuple[str, dict[str, str]]], digest: str, diges
 
 
 def _record(name: str, record: np.dtype, aliases: Iterable[str]) -> list[str]:
-    """The declaration of a record of numbers of eight bytes."""
+    """The declaration of a record: of numbers of eight bytes, and of records that are declared already."""
     lines = []
     for field, (kind, *_) in sorted(record.fields.items(), key=lambda item: item[1][1]):  # type: ignore[union-attr]
         if field not in aliases:
             lengths = "".join(f"[{length}]" for length in kind.shape)
-            lines.append(f"    {_TYPES[kind.base.str[1:]]} {field}{lengths};")
+            lines.append(f"    {_type(kind.base)} {field}{lengths};")
     return [f"typedef struct {name} {{", *lines, f"}} {name};"]
+
+
+def _type(kind: np.dtype) -> str:
+    """Name of a number's or a record's type in C."""
+    return _TYPES.get(kind.str[1:]) or next(name for name, record in _RECORDS.items() if record is kind)

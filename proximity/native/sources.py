@@ -25,8 +25,10 @@ def sources_in_c() -> list[Path]:
 
 
 def library_sources() -> list[Path]:
-    """Return the files in C of the library, the loop's among them."""
-    return sorted(path for path in (PACKAGE / "core").rglob("*") if path.suffix in {".c", ".h", ".in"})
+    """Return the files in C of the library, the loop's among them, and the records that they share."""
+    core = PACKAGE / "core"
+    in_c = (path for path in core.rglob("*") if path.suffix in {".c", ".h", ".in"})
+    return sorted([*in_c, core / "loop_records.py"])
 
 
 @cache

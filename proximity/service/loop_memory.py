@@ -1,19 +1,14 @@
-"""The memory that Python shares with the loop of compiled code: its structures, and the arrays they name.
-
-``core/loop/loop.h`` is the one description of the structures; here it is read.
-"""
+"""The memory that Python shares with the loop of compiled code: its records, and the arrays they name."""
 
 import ctypes
-import re
 import weakref
 from contextlib import suppress
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from proximity.checks import as_number
-from proximity.core import CORE
+from proximity.core import loop_records
 from proximity.core.library_in_c import libraries
 from proximity.errors import ProximityError, ServiceError
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
@@ -39,29 +34,8 @@ from proximity.tracker.tracker import arrays_after, arrays_of, note_answers
 from proximity.transport import forget
 from proximity.transport.udp import LARGEST_DATAGRAM
 
-HEADER = CORE / "loop" / "loop.h"
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
 """s, of periods."""
-_STRUCTURE = re.compile(r"typedef struct (\w+) \{\n(.*?)\n\} \1;", re.DOTALL)
-_DECLARATION = re.compile(r"(?m)^    (\w+) ([\w\[\], ]+);")
-_DEFINED = re.compile(r"#define (\w+) (\d+)")
-
-
-@cache
-def structures() -> dict[str, np.dtype]:
-    """Structures of the header by their names."""
-    text = HEADER.read_text(encoding="ascii")
-    lengths = dict(_DEFINED.findall(text))
-    kinds: dict[str, Any] = {"int64_t": "<i8", "uint64_t": "<u8", "double": "<f8"}
-    for name, body in _STRUCTURE.findall(text):
-        fields: list[Any] = []
-        for kind, declared in _DECLARATION.findall(body):
-            for each in declared.split(", "):
-                field, _, length = each.removesuffix("]").partition("[")
-                shape = (int(lengths.get(length, length)),) if length else ()
-                fields.append((field, kinds[kind], shape))
-        kinds[name] = np.dtype(fields)
-    return kinds
 
 
 def run_function() -> Any:
@@ -74,7 +48,7 @@ def run_function() -> Any:
 
 def given_size(count: int) -> int:
     """Bytes of a message of contacts that are made beside the loop."""
-    return int(structures()["LoopContacts"].itemsize) + count * CONTACT.itemsize
+    return int(loop_records.CONTACTS.itemsize) + count * CONTACT.itemsize
 
 
 def answers_in_c(contacts: ContactSource) -> bool:
@@ -117,7 +91,7 @@ class SourceMemory:
         self, contacts: ContactSource, memory: "LoopMemory", before: "SourceMemory | None" = None
     ) -> None:
         self.contacts = contacts
-        self.record = np.zeros(1, structures()["LoopSource"])
+        self.record = np.zeros(1, loop_records.SOURCE)
         self._fields: Any = self.record[0]
         self.labels = lambda: contacts.labels()
         self.has_scene = False  # whether the loop has arrays of its own, in which it moves parts
@@ -164,7 +138,7 @@ class SourceMemory:
 
     def _set_sensor(self, sensor: SensedContacts) -> None:
         """Have ticks make contacts of what a sensor measures."""
-        self._sensor = np.zeros(1, structures()["LoopSensor"])
+        self._sensor = np.zeros(1, loop_records.SENSOR)
         for name in ("motions", "error_sums", "unknown"):
             self._sensor[name] = getattr(sensor, name).ctypes.data
         for name in ("latency_ns", "horizon", "max_speed", "max_acceleration"):
@@ -186,7 +160,7 @@ class SourceMemory:
         over.restype, over.argtypes, close.argtypes = ctypes.c_void_p, (ctypes.c_void_p,), (ctypes.c_void_p,)
         fields["scene"] = over(self._model_words.ctypes.data)
         weakref.finalize(self, close, int(fields["scene"]))
-        self._tables = np.zeros((3, count), structures()["LoopMotion"])
+        self._tables = np.zeros((3, count), loop_records.MOTION)
         self.motions = np.zeros(count, self._tables.dtype)  # as reported, to be published
         self._moved: dict[str, np.ndarray] = {name: np.zeros(count, np.int64) for name in ("applied", "rows")}
         widths = {"matrices": 16, "velocities": 3, "turnings": 3}
@@ -250,7 +224,7 @@ class LoopMemory:
         }
         longest = PATH_POSES.size(MAX_RECORDS), MEASURED.size(MAX_RECORDS), given_size(count)
         self._received = np.zeros(max(longest) + 8, np.uint8)
-        self.record = np.zeros(1, structures()["Loop"])
+        self.record = np.zeros(1, loop_records.LOOP)
         self.loop: Any = self.record.view(np.recarray)[0]
         self.loop.count, self.loop.ticks_wanted = count, -1
         self.loop.width = self._samples.values.shape[1]

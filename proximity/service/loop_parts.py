@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from proximity.core import loop_records
 from proximity.message import CONTACT
 from proximity.service.clock import Clock
 from proximity.service.contact_source import ContactSource, TrackedContacts
 from proximity.service.inputs.part_prediction import HOLD_NS, ReportedMotion, VisibleParts, turns
 from proximity.service.inputs.sources import PoseInput
 from proximity.service.loop_ends import APART, Worker
-from proximity.service.loop_memory import LoopMemory, SourceMemory, given_size, structures
+from proximity.service.loop_memory import LoopMemory, SourceMemory, given_size
 from proximity.service.realtime import RealTime
 from proximity.service.samples import NewestSamples
 from proximity.transport import forget
@@ -182,7 +183,7 @@ class ContactBridge(Worker):
         self._period = 1e-9 * period_ns
         self._woken = threading.Event()
         self._data = np.zeros(given_size(count), np.uint8)
-        self._header = self._data[: -count * CONTACT.itemsize].view(structures()["LoopContacts"])
+        self._header = self._data[: -count * CONTACT.itemsize].view(loop_records.CONTACTS)
         self._contacts = self._data[-count * CONTACT.itemsize :].view(CONTACT)
         self._forget()
         self._mailbox = PrivateMailbox(len(self._data))

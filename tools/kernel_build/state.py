@@ -41,7 +41,7 @@ def digest_in_c() -> str:
 def library_digest() -> str:
     """Return the digest of the library in C: of kernels, of its own files, and of what is generated."""
     patterns = (
-        "core/*/*.c", "core/*/*.h", "core/*/*.in", "scene/**/*.py",
+        "core/*/*.c", "core/*/*.h", "core/*/*.in", "core/*.py", "scene/**/*.py",
         "__init__.py", "tracker/*.py", "message/*.py", "../tools/core_tables.py",
     )  # fmt: skip
     package = ROOT / "proximity"

@@ -1,7 +1,6 @@
 /* The loop of a service: newest poses in, filter, tick, frame, seal, out, without an interpreter and without
    allocation. */
 #ifndef __wasm__
-#include "loop.h"
 
 #include "loop_parts.h"
 

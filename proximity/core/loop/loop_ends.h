@@ -7,7 +7,6 @@
 #include "core.h"
 #include "decaff_mailbox.h"
 #include "decaff_message.h"
-#include "loop.h"
 #include "loop_system.h"
 
 enum { NAP_NS = 200000 };
