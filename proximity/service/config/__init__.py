@@ -4,7 +4,6 @@ TOML, with every mistake named by its line; ``meshes/demo.toml`` explains each k
 what can be checked without opening parts; what the file describes is then made of it.
 """
 
-from proximity.service.config.held_entries import check_held
 from proximity.service.config.scene_builder import (
     PartFiles,
     finger_count,
@@ -16,7 +15,7 @@ from proximity.service.config.scene_builder import (
     read_input,
     stamp_of,
 )
-from proximity.service.config.scene_file_reader import override, read_scene_file
+from proximity.service.config.scene_file_reader import check_held, override, read_scene_file
 from proximity.service.config.settings import (
     FingerSettings,
     GloveSettings,

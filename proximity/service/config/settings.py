@@ -1,32 +1,65 @@
-"""Settings of a scene file, in metres and seconds, with every value checked.
+"""Settings of a scene file, in metres and seconds; each field is a key and declares how it is read.
 
-Paths are complete: those in the file are relative to it. Whether files can be loaded is not known yet.
+``meshes/demo.toml`` explains every key. Paths are complete: those in the file are relative to it. Whether
+files can be loaded is not known yet.
 """
+
+# ruff: noqa: RUF009 -- the calls make fields
 
 import sys
 from dataclasses import dataclass, field
 from typing import Any
 
 from proximity.errors import ServiceError
+from proximity.message import MAX_RECORDS
+from proximity.service.config import place_fields as place
+from proximity.service.config.record_fields import (
+    key,
+    keys_of,
+    number,
+    numbers,
+    read_fields,
+    text,
+    texts,
+    truth,
+    whole,
+    word,
+)
+from proximity.service.config.table_fields import REQUIRED, Range, Table
 from proximity.service.config.toml_document import Document, Path
+from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE, length_error
 
 USUAL_PUBLISH = ("shm://decaff",) if sys.platform == "linux" else ("udp://127.0.0.1:9100",)
 """Where frames go unless the file says otherwise."""
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
+SHARE = Range("", 0.0, 1.0)
+STEPS = Range("nodes and leaves", 1, 2**31 - 1)
+LENGTH = Range("m", 0.0, 1e6, is_above=True)
+HORIZON = Range("s", 0.0, 1e3, is_above=True)
+STIFFNESS = Range("N/m", 0.0, 1e12, is_above=True)
+DAMPING = Range("N s/m", 0.0, 1e12)
+
+
+def _position() -> Any:
+    return numbers(Range("m", -1e6, 1e6), 3, ORIGIN)
+
+
+def _turn() -> Any:
+    return numbers(Range("degrees", -1e6, 1e6), 3, ORIGIN)
 
 
 @dataclass(frozen=True, slots=True)
 class ServiceSettings:
     """Rate and timing of the loop, and the addresses it publishes to."""
 
-    rate_hz: float = 1000.0
-    latency: float = 0.001  # s, from a tick until the controller acts
-    valid_for: float = 0.020  # s, from a pose on
-    publish: tuple[str, ...] = USUAL_PUBLISH
-    log: str | None = None  # file of all frames
-    real_time: bool = False  # whether the system is asked for priority, locked memory and a core
-    core: int | None = None  # with real_time; None: the service chooses
+    rate_hz: float = number(Range("Hz", 1.0, 100_000.0), 1000.0)
+    latency: float = number(Range("s", 0.0, 1.0), 0.001)  # from a tick until the controller acts
+    valid_for: float = number(Range("s", 1e-5, 0.1), 0.020)  # from a pose on; one of 100 ms is worth nothing
+    publish: tuple[str, ...] = place.addresses(USUAL_PUBLISH)
+    log: str | None = place.new_file("the file to write")  # of all frames
+    real_time: bool = truth()  # whether the system is asked for priority, locked memory and a core
+    core: int | None = whole(Range("", 0, 4095), None)  # with real_time; None: the service chooses
 
     @property
     def period(self) -> float:
@@ -34,33 +67,67 @@ class ServiceSettings:
         return 1.0 / self.rate_hz
 
 
+def _read_radius(table: Table, name: str, default: float) -> Any:
+    radius = table.number_or_numbers(name, default, _count_of(table), LENGTH)
+    _limit(table, name, max(radius) if isinstance(radius, tuple) else radius, LARGEST_RADIUS)
+    return radius
+
+
+def _read_working_range(table: Table, name: str, default: None) -> Any:
+    working_range = table.number(name, default, Range("m", 0.0, 1e6))
+    _limit(table, name, working_range or 0.0, LARGEST_WORKING_RANGE)
+    return working_range
+
+
+def _limit(table: Table, name: str, length: float, most: float) -> None:
+    if length > most:
+        table.complain(name, f"is {length_error(length, most)}")
+
+
+def _count_of(table: Table) -> int | None:
+    names = table.texts("names", None, meaning="what a finger is called")
+    count: int | None = table.whole("count", names and len(names), Range("", 1, MAX_RECORDS))
+    return count
+
+
 @dataclass(frozen=True, slots=True)
 class FingerSettings:
     """The fingertips, and what a tracker is given besides; None: its own default."""
 
-    count: int | None = None  # None: as many as there are names, as a recording has, else five
-    radius: float | tuple[float, ...] = 0.007  # m, one for all or one each
-    budget: int | None = None
-    working_range: float | None = None  # m
-    tolerance: float | None = None
-    horizon: float | None = None  # s
-    max_speed: float | None = None  # m/s
-    max_acceleration: float | None = None  # m/s²
-    names: tuple[str, ...] | None = None  # None: as a recording has them, else numbers
+    # None: as many as there are names, as a recording has, else five
+    count: int | None = key(lambda table, name, default: _count_of(table), None)
+    radius: float | tuple[float, ...] = key(_read_radius, 0.007)  # m, one for all or one each
+    budget: int | None = whole(STEPS, None)
+    working_range: float | None = key(_read_working_range, None)  # m
+    tolerance: float | None = number(SHARE, None)
+    horizon: float | None = number(HORIZON, None)
+    max_speed: float | None = number(Range("m/s", 0.0, 1e6, is_above=True), None)
+    max_acceleration: float | None = number(Range("m/s²", 0.0, 1e9, is_above=True), None)
+    names: tuple[str, ...] | None = texts("what a finger is called", None)  # None: as a recording has them
+
+
+def _read_stiffness(table: Table, name: str, default: None) -> Any:
+    """The stiffness or damping of a part; only a deformable one has it."""
+    if table.value("kind") == "deformable":
+        is_stiffness = name == "stiffness"
+        return table.number(name, REQUIRED if is_stiffness else 0.0, STIFFNESS if is_stiffness else DAMPING)
+    if table.has(name):
+        table.complain(name, 'is of a deformable part, expected kind = "deformable" beside it')
+    return default
 
 
 @dataclass(frozen=True, slots=True)
 class PartEntry:
     """A file of one part or several, where it is put, and how it answers a touch."""
 
-    file: str
-    units: str = "mm"
-    name: str | None = None  # None: as in the file
-    position: Vector = ORIGIN  # m
-    turn_degrees: Vector = ORIGIN  # about x, then y, then z
-    kind: str | None = None  # "rigid" or "deformable"; None: as in the file
-    stiffness: float | None = None  # N/m, of a deformable part
-    damping: float = 0.0  # N s/m
+    file: str = place.file("a file of parts")
+    units: str = place.unit("mm")
+    name: str | None = text("what the part is to be called", None)  # None: as in the file
+    position: Vector = _position()
+    turn_degrees: Vector = _turn()  # about x, then y, then z
+    kind: str | None = word(("rigid", "deformable"), None)  # None: as in the file
+    stiffness: float | None = key(_read_stiffness, None)  # N/m, of a deformable part
+    damping: float = key(_read_stiffness, 0.0)  # N s/m
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,45 +135,58 @@ class RecordingEntry:
     """A recorded hand, and where it is put."""
 
     file: str
-    repeat: bool = False
-    fast: bool = False  # as fast as possible instead of in real time
-    fit: bool = False  # so that it touches; *position* means nothing then
-    position: Vector = ORIGIN  # m, of its origin
-    turn_degrees: Vector = ORIGIN
-    scale: float = 1.0
+    repeat: bool = truth()
+    fast: bool = truth()  # as fast as possible instead of in real time
+    fit: bool = truth()  # so that it touches; *position* means nothing then
+    position: Vector = _position()  # of its origin
+    turn_degrees: Vector = _turn()
+    scale: float = number(Range("", 1e-6, 1e6), 1.0)
+
+
+def _read_recording(table: Table, name: str, default: None) -> RecordingEntry | None:
+    values = read_fields(RecordingEntry, table)
+    if not table.has(name):
+        for key in keys_of(RecordingEntry):
+            if table.has(key):
+                table.complain(key, "requires input.recording")
+        return default
+    if values["fit"] and table.has("position"):
+        table.complain("position", "is given together with fit = true, expected only one of them")
+    return RecordingEntry(place.read_file(table, name, "", "a recording"), **values)
 
 
 @dataclass(frozen=True, slots=True)
 class InputSettings:
     """Source of poses: exactly one of the first three."""
 
-    recording: RecordingEntry | None = None
-    poses: str | None = None  # address
-    sensor: str | None = None  # address: distances are measured, there is no geometry
-    moves: str | None = None  # address: parts move
-    changes: str | None = None  # address: parts are hidden, shown, removed, added, deformed
-    parts_from: tuple[str, ...] = ()  # folders that parts may be added from; none: they may not be added
+    recording: RecordingEntry | None = key(_read_recording, None)
+    poses: str | None = place.address(None)
+    sensor: str | None = place.address(None)  # distances are measured, there is no geometry
+    moves: str | None = place.address(None)  # parts move
+    changes: str | None = place.address(None)  # parts are hidden, shown, removed, added, deformed
+    # folders that parts may be added from; none: they may not be added
+    parts_from: tuple[str, ...] = place.folders("a folder of parts that messages may add")
 
 
 @dataclass(frozen=True, slots=True)
 class GloveSettings:
     """Calibrations of the gloves on the hand whose poses come in."""
 
-    calibration: tuple[str, ...]  # files: one for all fingers, or one each
-    max_age_days: float | None = None  # of a calibration; None: as `decaff.calibration` has it
+    calibration: tuple[str, ...] = place.files("a calibration of a glove")  # one for all fingers, or one each
+    max_age_days: float | None = number(Range("days", 0.0, 36_500.0, is_above=True), None)
 
 
 @dataclass(frozen=True, slots=True)
 class HeldEntry:
     """A part that is followed, or a rigid group of them, and where its connections go."""
 
-    part: tuple[str, ...]  # the first is the one whose moves count
-    publish: tuple[str, ...]
-    connections: int = 1
-    working_range: float | None = None  # m; None: any distance
-    tolerance: float = 0.0
-    budget: int | None = None
-    horizon: float | None = None  # s; None: the tracker's own
+    part: tuple[str, ...] = texts("the name of a part")  # the first is the one whose moves count
+    publish: tuple[str, ...] = place.addresses()
+    connections: int = whole(Range("", 1, 16), 1)
+    working_range: float | None = number(LENGTH, None)  # None: any distance
+    tolerance: float = number(SHARE, 0.0)
+    budget: int | None = whole(STEPS, None)
+    horizon: float | None = number(HORIZON, None)  # None: the tracker's own
 
     @property
     def tracker_settings(self) -> dict[str, Any]:
@@ -119,7 +199,7 @@ class HeldEntry:
 class WebSettings:
     """The page beside the service, where one was asked for."""
 
-    feed: bool = False  # it may send to input.poses and input.moves; otherwise it only watches
+    feed: bool = truth()  # it may send to input.poses and input.moves; otherwise it only watches
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,6 +66,15 @@ class Table:
         """Whether a key is there, whatever it says."""
         return key in self._content
 
+    def value(self, key: str) -> Any:
+        """The value of a key as TOML has it; None if it is missing."""
+        return self._content.get(key)
+
+    @property
+    def folder(self) -> str:
+        """The folder that paths are relative to."""
+        return self._document.folder
+
     def complain(self, key: str, sentence: str) -> None:
         """Complain of one key: *sentence* follows its name."""
         path = (*self._path, key)

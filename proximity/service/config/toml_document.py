@@ -54,6 +54,11 @@ class Document:
         except ValueError as unfit:  # tomllib.TOMLDecodeError, or a number of thousands of digits
             raise self._no_toml(str(unfit)) from unfit
 
+    @property
+    def folder(self) -> str:
+        """The folder of the file; without a file, the present one."""
+        return os.path.dirname(os.path.abspath(self.name)) if self.name else os.getcwd()
+
     def line_of(self, path: Path) -> int:
         """Return the line, from 1, on which a value begins; of what is not there that of its table."""
         while path not in self._lines:
@@ -66,7 +71,9 @@ class Document:
 
     def complain(self, path: Path, sentence: str) -> None:
         """Remember that something is wrong, and go on."""
-        self._complaints.append((self.line_of(path), sentence))
+        complaint = self.line_of(path), sentence
+        if complaint not in self._complaints:  # a value may be read for the sake of another
+            self._complaints.append(complaint)
 
     def raise_complaints(self) -> None:
         """Raise what was complained of first in the file, if anything was."""

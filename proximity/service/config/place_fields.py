@@ -1,0 +1,115 @@
+"""Files, folders and addresses of a scene file, as fields; all are relative to its folder."""
+
+import os
+from typing import Any
+
+from proximity.errors import MeshError, PublishError
+from proximity.formats import metres_per_unit
+from proximity.service.config.record_fields import key
+from proximity.service.config.table_fields import REQUIRED, Table
+from proximity.transport.address import parse
+from proximity.transport.link import TRANSPORTS
+
+ADDRESS = "an address such as shm://NAME"
+
+
+def address(default: Any = REQUIRED) -> Any:
+    """Declare the address of a transport."""
+    return key(_read_address, default)
+
+
+def addresses(default: Any = REQUIRED) -> Any:
+    """Declare one address, or several that differ."""
+    return key(_read_addresses, default)
+
+
+def file(meaning: str, default: Any = REQUIRED) -> Any:
+    """Declare an existing file."""
+    return key(lambda table, name, default: read_file(table, name, default, meaning), default)
+
+
+def files(meaning: str) -> Any:
+    """Declare one existing file, or several."""
+    return key(lambda table, name, default: _read_files(table, name, meaning))
+
+
+def new_file(meaning: str) -> Any:
+    """Declare a file to write."""
+    return key(lambda table, name, default: _from_here(table, table.text(name, None, meaning=meaning)), None)
+
+
+def folders(meaning: str) -> Any:
+    """Declare existing folders."""
+    return key(lambda table, name, default: _read_folders(table, name, meaning), ())
+
+
+def unit(default: str) -> Any:
+    """Declare a unit of length."""
+    return key(_read_unit, default)
+
+
+def read_file(table: Table, name: str, default: Any, meaning: str) -> Any:
+    """Return the path of an existing file."""
+    named = table.text(name, default, meaning=meaning)
+    return _existing(table, name, named, meaning) if isinstance(named, str) else named
+
+
+def _read_address(table: Table, name: str, default: Any) -> str | None:
+    text = table.text(name, default, meaning=ADDRESS)
+    return _checked(table, name, text) if isinstance(text, str) else None
+
+
+def _read_addresses(table: Table, name: str, default: Any) -> tuple[str, ...]:
+    named = table.texts(name, default, meaning=ADDRESS)
+    listed = () if named is REQUIRED else tuple(_checked(table, name, each) for each in named)
+    if len(set(listed)) < len(listed):
+        table.complain(name, "has an address twice, expected different addresses")
+    return listed
+
+
+def _checked(table: Table, name: str, text: str) -> str:
+    try:
+        parsed = parse(text)
+    except PublishError as invalid:
+        table.complain(name, f"cannot be used: {invalid}")
+        return text
+    if parsed.scheme not in TRANSPORTS:
+        schemes = ", ".join(TRANSPORTS)
+        table.complain(name, f"is {text}, but no transport is called {parsed.scheme!r}: expected {schemes}")
+    return parsed.with_files_in(table.folder)
+
+
+def _read_files(table: Table, name: str, meaning: str) -> tuple[str, ...]:
+    named = table.texts(name, REQUIRED, meaning=meaning)
+    return () if named is REQUIRED else tuple(_existing(table, name, each, meaning) for each in named)
+
+
+def _existing(table: Table, name: str, named: str, meaning: str) -> str:
+    path = str(_from_here(table, named))
+    if not os.path.isfile(path):
+        what = "is a folder" if os.path.isdir(path) else "is not there"
+        table.complain(name, f"is {named!r}, but {path} {what}, expected {meaning}")
+    return path
+
+
+def _read_folders(table: Table, name: str, meaning: str) -> tuple[str, ...]:
+    named = table.texts(name, (), meaning=meaning)
+    paths = tuple(str(_from_here(table, each)) for each in named)
+    for each, path in zip(named, paths, strict=True):
+        if not os.path.isdir(path):
+            what = "is a file" if os.path.exists(path) else "is not there"
+            table.complain(name, f"is {each!r}, but {path} {what}, expected a folder")
+    return paths
+
+
+def _read_unit(table: Table, name: str, default: str) -> str:
+    named: str = table.text(name, default, meaning="a unit such as mm")
+    try:
+        metres_per_unit(named)
+    except MeshError as unknown:
+        table.complain(name, f"cannot be used: {unknown}")
+    return named
+
+
+def _from_here(table: Table, path: str | None) -> str | None:
+    return None if path is None else os.path.join(table.folder, path)
