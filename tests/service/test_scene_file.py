@@ -19,7 +19,6 @@ from proximity.service.config import (
     PartFiles,
     ServiceSettings,
     finger_count,
-    held_entries,
     make_tracker,
     place_recording,
     read_input,
@@ -168,13 +167,7 @@ def test_sample_reads_and_names_every_key():
     settings = read_scene_file(MESHES / "demo.toml")
 
     assert settings.service == ServiceSettings()
-    tables = (
-        scene_file_reader.SERVICE_KEYS,
-        scene_file_reader.FINGER_KEYS,
-        scene_file_reader.PART_KEYS,
-        scene_file_reader.INPUT_KEYS,
-    )
-    for keys in (*tables, scene_file_reader.GLOVE_KEYS, held_entries.HELD_KEYS):
+    for keys in scene_file_reader.KEYS.values():
         for key in keys:
             assert f"\n{key} = " in text or f"\n#{key} = " in text, key
 
@@ -188,7 +181,7 @@ def test_sample_shows_the_defaults_where_it_says_so():
     defaults |= {
         name: parameter.default
         for name, parameter in inspect.signature(Tracker).parameters.items()
-        if name in scene_file_reader.FINGER_KEYS and name != "budget"
+        if name in scene_file_reader.KEYS["fingers"] and name != "budget"
     }
     for key, value in {**shown["service"], **shown["fingers"]}.items():
         if key not in ("log", "core", "count", "names", "publish"):
@@ -223,7 +216,7 @@ service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
 {PART}{POSES}[service]\nreal_time = 1\n | 6: service.real_time is 1, expected true or false
 {PART}{POSES}[service]\ncore = 1.5\n | 6: service.core is 1.5, expected a whole number from 0 to 4095
 {PART}{POSES}[service]\nlog = ''\n | 6: service.log is '', expected the file to write, as text in quotes
-{PART}{POSES}[service]\npublish = 3\n | 6: service.publish is 3, expected an address such as shm://decaff, a
+{PART}{POSES}[service]\npublish = 3\n | 6: service.publish is 3, expected an address such as shm://NAME, a
 {PART}{POSES}[service]\npublish = [\n'mailbox:a',\n'decaff',\n]\nrate_hz = 0\n | 6: service.publish cannot be
 {PART}{POSES}[service]\npublish = 'iox://a'\n | 6: service.publish is iox://a, but no transport is called 'io
 {PART}{POSES}[service]\npublish = ['mailbox:a', 'mailbox:a']\n | 6: service.publish has an address twice, exp

@@ -9,14 +9,7 @@ from pathlib import Path
 from proximity.service.config import scene_file_reader
 
 SAMPLE = Path(__file__).parents[2] / "meshes" / "demo.toml"
-KEYS = {
-    "service": scene_file_reader.SERVICE_KEYS,
-    "fingers": scene_file_reader.FINGER_KEYS,
-    "parts": scene_file_reader.PART_KEYS,
-    "input": scene_file_reader.INPUT_KEYS,
-    "glove": scene_file_reader.GLOVE_KEYS,
-    "web": scene_file_reader.WEB_KEYS,
-}
+KEYS = {table: keys for table, keys in scene_file_reader.KEYS.items() if table != "held"}
 PURPOSES = {
     "service": "How often the service answers, and where it publishes.",
     "fingers": "The fingertips that are followed.",

@@ -7,8 +7,7 @@ A field is a key of the design's file and says how it is read; `design_file` rea
 # ruff: noqa: RUF009 -- the calls make fields
 
 import re
-from collections.abc import Callable
-from dataclasses import MISSING, dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -19,6 +18,7 @@ from proximity.lab.simulation.simulated_press import (
     STIFFEST,
     Wall,
 )
+from proximity.service.config.record_fields import key, number, text, texts, whole
 from proximity.service.config.table_fields import REQUIRED, Range, Table
 
 NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9]*")
@@ -56,30 +56,12 @@ class Varied(StrEnum):
     """In seconds beyond the latency of the condition."""
 
 
-def _key(read: Callable[[Table, str, Any], Any], default: Any) -> Any:
-    """A field that *read* reads from a table, given its key and its default."""
-    known = MISSING if default is REQUIRED else default
-    return field(default=known, metadata={"read": lambda table, key: read(table, key, default)})
-
-
-def _number(accepted: Range, default: Any = REQUIRED) -> Any:
-    return _key(lambda table, key, default: table.number(key, default, accepted), default)
-
-
-def _whole(accepted: Range, default: Any = REQUIRED) -> Any:
-    return _key(lambda table, key, default: table.whole(key, default, accepted), default)
-
-
-def _text(meaning: str, default: Any = REQUIRED) -> Any:
-    return _key(lambda table, key, default: table.text(key, default, meaning=meaning), default)
-
-
 def _word(words: type[StrEnum], default: Any = REQUIRED) -> Any:
-    def read(table: Table, key: str, default: Any) -> Any:
-        word = table.one_of(key, default, tuple(words))
+    def read(table: Table, name: str, default: Any) -> Any:
+        word = table.one_of(name, default, tuple(words))
         return next(iter(words)) if word is REQUIRED else words(word)
 
-    return _key(read, default)
+    return key(read, default)
 
 
 def _read_name(table: Table, key: str, default: Any) -> str:
@@ -98,88 +80,86 @@ def _read_levels(table: Table, key: str, default: Any) -> tuple[float, ...]:
 class Condition:
     """A wall that is compared with others, and the expected answers of simulated observers."""
 
-    name: str = _key(_read_name, REQUIRED)
+    name: str = key(_read_name, REQUIRED)
     wall: Wall = _word(Wall)
-    latency: float = _number(LATENCY, 0.001)  # s, of forces or of distances
-    stiffness: float = _number(STIFFNESS, 1500.0)  # N/m, gain of a coupled wall for a rigid surface
-    damping: float = _number(DAMPING, 2.0)  # gain of a coupled wall; of a surface whose task gives none
-    threshold: float = _number(LEVEL, 0.2)  # expected: level half-way between chance and always right
-    correct: float = _number(SHARE, 0.5)  # expected: probability to tell the wall from the real one
+    latency: float = number(LATENCY, 0.001)  # s, of forces or of distances
+    stiffness: float = number(STIFFNESS, 1500.0)  # N/m, gain of a coupled wall for a rigid surface
+    damping: float = number(DAMPING, 2.0)  # gain of a coupled wall; of a surface whose task gives none
+    threshold: float = number(LEVEL, 0.2)  # expected: level half-way between chance and always right
+    correct: float = number(SHARE, 0.5)  # expected: probability to tell the wall from the real one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
     """A task of two intervals, done on every condition, by constant stimuli."""
 
-    name: str = _key(_read_name, REQUIRED)
+    name: str = key(_read_name, REQUIRED)
     kind: Kind = _word(Kind)
     varied: Varied = _word(Varied, Varied.STIFFNESS)
-    levels: tuple[float, ...] = _key(_read_levels, (0.0,))
-    stiffness: float | None = _number(STIFFNESS, None)  # of the surface that is displayed; None: rigid
-    damping: float | None = _number(DAMPING, None)  # of that surface; None: that of the condition
-    trials: int = _whole(COUNT)  # a condition, without practice and catch trials
-    speed: float = _number(Range("m/s", *SPEEDS_ALLOWED), 0.2)  # of the approach
-    practice: int = _whole(NONE_OR_MORE, 0)
-    catch: int = _whole(NONE_OR_MORE, 0)  # pairs of two equal surfaces, a condition
-    blocks: int = _whole(COUNT, 1)
-    comparisons: tuple[str, ...] = _key(
-        lambda table, key, default: table.texts(key, default, meaning='"A against B"'), ()
-    )
-    question: str = _text("the question", "")
-    instructions: str = _text("the instructions", "")
+    levels: tuple[float, ...] = key(_read_levels, (0.0,))
+    stiffness: float | None = number(STIFFNESS, None)  # of the surface that is displayed; None: rigid
+    damping: float | None = number(DAMPING, None)  # of that surface; None: that of the condition
+    trials: int = whole(COUNT)  # a condition, without practice and catch trials
+    speed: float = number(Range("m/s", *SPEEDS_ALLOWED), 0.2)  # of the approach
+    practice: int = whole(NONE_OR_MORE, 0)
+    catch: int = whole(NONE_OR_MORE, 0)  # pairs of two equal surfaces, a condition
+    blocks: int = whole(COUNT, 1)
+    comparisons: tuple[str, ...] = texts('"A against B"', ())
+    question: str = text("the question", "")
+    instructions: str = text("the instructions", "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
     """Bounds of every interval, whatever the rest of the design says."""
 
-    force: float = _number(FORCE, 5.0)  # N at the fingertip; beyond, the trial ends
-    seconds: float = _number(DURATION, 10.0)  # longest interval
+    force: float = number(FORCE, 5.0)  # N at the fingertip; beyond, the trial ends
+    seconds: float = number(DURATION, 10.0)  # longest interval
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
     """Times that a session is planned with, and its breaks."""
 
-    trial_seconds: float = _number(DURATION, 8.0)
-    break_minutes: float = _number(Range("min", 0.0, 60.0), 1.0)
-    break_every: int = _whole(COUNT, 4)  # blocks
+    trial_seconds: float = number(DURATION, 8.0)
+    break_minutes: float = number(Range("min", 0.0, 60.0), 1.0)
+    break_every: int = whole(COUNT, 4)  # blocks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exclusions:
     """Rules by which data are left out, written before there are any."""
 
-    same_answer: float = _number(SHARE, 1.0)  # largest share of one answer to equal pairs, else all is out
-    largest_correct: float = _number(SHARE, 0.0)  # smallest share right at the largest level, else all is out
-    longest_response: float = _number(Range("s", 0.0, 1e9, is_above=True), 1e9)  # else the trial is out
-    stopped_trials: float = _number(SHARE, 1.0)  # that limits may end, else all is out
+    same_answer: float = number(SHARE, 1.0)  # largest share of one answer to equal pairs, else all is out
+    largest_correct: float = number(SHARE, 0.0)  # smallest share right at the largest level, else all is out
+    longest_response: float = number(Range("s", 0.0, 1e9, is_above=True), 1e9)  # else the trial is out
+    stopped_trials: float = number(SHARE, 1.0)  # that limits may end, else all is out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observers:
     """Simulated participants: spread among them, their psychometric function, and their hand."""
 
-    spread: float = _number(DEVIATION, 0.1)  # standard deviation of a participant's log10 threshold
-    interaction: float = _number(DEVIATION, 0.0)  # the same, of each condition of a participant
+    spread: float = number(DEVIATION, 0.1)  # standard deviation of a participant's log10 threshold
+    interaction: float = number(DEVIATION, 0.0)  # the same, of each condition of a participant
     # Deviation of the logarithm of what is felt, which answers follow; 0: they follow the thresholds.
-    felt_noise: float = _number(DEVIATION, 0.0)
-    width: float = _number(Range("", 0.01, 5.0), 0.6)  # log10 units, 5 to 95 % of the psychometric function
-    lapse: float = _number(Range("", 0.0, 0.2), 0.02)
-    speed_noise: float = _number(SHARE, 0.2)  # of the approach, as a share
+    felt_noise: float = number(DEVIATION, 0.0)
+    width: float = number(Range("", 0.01, 5.0), 0.6)  # log10 units, 5 to 95 % of the psychometric function
+    lapse: float = number(Range("", 0.0, 0.2), 0.02)
+    speed_noise: float = number(SHARE, 0.2)  # of the approach, as a share
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
     """An experiment, as its file has it."""
 
-    title: str = _text("a title")
-    seed: int = _whole(Range("", 0, 2**31 - 1))
-    participants: int = _whole(Range("", 1, 10_000))
-    consent: str = _text("the consent text")
-    welcome: str = _text("a text", "")
-    pause: str = _text("a text", "")
-    goodbye: str = _text("a text", "")
+    title: str = text("a title")
+    seed: int = whole(Range("", 0, 2**31 - 1))
+    participants: int = whole(Range("", 1, 10_000))
+    consent: str = text("the consent text")
+    welcome: str = text("a text", "")
+    pause: str = text("a text", "")
+    goodbye: str = text("a text", "")
     limits: Limits
     schedule: Schedule
     exclusions: Exclusions

@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-from dataclasses import fields
 from typing import Any
 
 from proximity.lab.experiment.design import (
@@ -21,49 +20,12 @@ from proximity.lab.experiment.design import (
 )
 from proximity.lab.experiment.plan import latin_square
 from proximity.lab.simulation.simulated_press import Wall
+from proximity.service.config.record_fields import keys_of, read_fields, read_table, read_tables
 from proximity.service.config.table_fields import REQUIRED, Table
-from proximity.service.config.toml_document import Document, Path, read_document
+from proximity.service.config.toml_document import Document, read_document
 
 TABLES = {"limits": Limits, "schedule": Schedule, "exclusions": Exclusions, "observers": Observers}
 MIN_LEVELS = 2
-LISTS = {"conditions": Condition, "tasks": Task}
-
-
-def read_design(path: str | os.PathLike[str]) -> Design:
-    """Return the design in a file."""
-    document = read_document(path, "a design")
-    values = _read(Design, document, (), document.data)[1]
-    for name, record in TABLES.items():
-        values[name] = record(**_read(record, document, (name,), document.data.get(name, {}))[1])
-    for name, record in LISTS.items():
-        values[name] = tuple(_listed(document, name, record))
-    document.raise_complaints()
-    design = Design(**values, digest=hashlib.sha256(document.text.encode()).hexdigest()[:16])
-    _check_together(document, design)
-    document.raise_complaints()
-    return design
-
-
-def _read(record: Any, document: Document, path: Path, content: Any) -> tuple[Table, dict[str, Any]]:
-    """The table of a record, and the fields that it has, by name."""
-    keys = [one for one in fields(record) if one.name != "digest"]
-    table = Table(document, path, content, [one.name for one in keys])
-    return table, {one.name: one.metadata["read"](table, one.name) for one in keys if one.metadata}
-
-
-def _listed(document: Document, name: str, record: Any) -> list[Any]:
-    """The records in a list of tables."""
-    listed, found = document.data.get(name, []), []
-    if not isinstance(listed, list):
-        document.complain((name,), f"{name} are not a list of tables, expected [[{name}]] above each")
-        return []
-    if not listed:
-        document.complain((), f"[[{name}]] is missing, expected at least one")
-    for index, content in enumerate(listed):
-        table, values = _read(record, document, (name, index), content)
-        found.append(record(**values))
-        (_check_condition if record is Condition else _check_task)(table, found[-1])
-    return found
 
 
 def _check_condition(table: Table, one: Condition) -> None:
@@ -84,6 +46,32 @@ def _check_task(table: Table, one: Task) -> None:
         table.complain("levels", "are shares of the stiffness, expected tasks.stiffness beside them")
     if one.damping is not None and one.stiffness is None:
         table.complain("damping", "is of a surface, expected tasks.stiffness beside it")
+
+
+LISTS: dict[str, tuple[Any, Any]] = {
+    "conditions": (Condition, _check_condition),
+    "tasks": (Task, _check_task),
+}
+
+
+def read_design(path: str | os.PathLike[str]) -> Design:
+    """Return the design in a file."""
+    document = read_document(path, "a design")
+    # Every table and list of tables is a key as well.
+    known = (*keys_of(Design), *TABLES, *LISTS)
+    values = read_fields(Design, Table(document, (), document.data, known))
+    for name, record in TABLES.items():
+        values[name] = read_table(record, document, name)
+    for name, (record, check) in LISTS.items():
+        values[name] = ()
+        for table, one in read_tables(record, document, name, is_needed=True):
+            check(table, one)
+            values[name] += (one,)
+    document.raise_complaints()
+    design = Design(**values, digest=hashlib.sha256(document.text.encode()).hexdigest()[:16])
+    _check_together(document, design)
+    document.raise_complaints()
+    return design
 
 
 def _check_together(document: Document, design: Design) -> None:

@@ -3,8 +3,6 @@
 ``rate_hz: float = number(Range("Hz", 1.0, 1e5), 1000.0)`` declares key, type, range and default in one place.
 """
 
-# ruff: noqa: RUF009 -- the calls make fields
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, field, fields
 from typing import Any
@@ -46,7 +44,12 @@ def text(meaning: str, default: Any = REQUIRED) -> Any:
 
 def texts(meaning: str, default: Any = REQUIRED) -> Any:
     """Declare one text, or several in a list."""
-    return key(lambda table, name, default: table.texts(name, default, meaning=meaning), default)
+
+    def read(table: Table, name: str, default: Any) -> Any:
+        found = table.texts(name, default, meaning=meaning)
+        return () if found is REQUIRED else found
+
+    return key(read, default)
 
 
 def word(words: Sequence[str], default: Any = REQUIRED) -> Any:
@@ -76,7 +79,8 @@ def read_tables(
     """Yield each table of a list with the record that it describes."""
     listed: Any = document.data.get(name, [])
     if not isinstance(listed, list):
-        document.complain((name,), f"{name} is not a list of tables, expected [[{name}]] above each")
+        verb = "are" if name.endswith("s") else "is"
+        document.complain((name,), f"{name} {verb} not a list of tables, expected [[{name}]] above each")
         return
     if is_needed and not listed:
         document.complain((), f"[[{name}]] is missing, expected at least one")
