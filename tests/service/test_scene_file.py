@@ -70,7 +70,7 @@ def test_short_file_means_the_defaults(read, folder):
     settings = read(PART + POSES)
 
     assert settings.service == ServiceSettings()
-    assert settings.service.publish == ("shm://decaff",)
+    assert settings.service.publish == ("shm://proximity",)
     assert settings.service.period == 0.001
     assert settings.fingers == FingerSettings()
     (part,) = settings.parts
@@ -81,12 +81,12 @@ def test_short_file_means_the_defaults(read, folder):
 
 def test_files_of_addresses_lie_beside_the_scene_file(read, folder):
     settings = read(
-        '[service]\npublish = ["udp://127.0.0.1:9100?key=frames.key", "shm://decaff"]\n'
+        '[service]\npublish = ["udp://127.0.0.1:9100?key=frames.key", "shm://proximity"]\n'
         + PART
         + '[input]\nposes = "udp://127.0.0.1:9101?key=/keys/poses.key"\nmoves = "zenoh://m?config=m.json5"\n'
     )
 
-    assert settings.service.publish == (f"udp://127.0.0.1:9100?key={folder}/frames.key", "shm://decaff")
+    assert settings.service.publish == (f"udp://127.0.0.1:9100?key={folder}/frames.key", "shm://proximity")
     assert settings.input.poses == "udp://127.0.0.1:9101?key=/keys/poses.key"
     assert settings.input.moves == f"zenoh://m?config={folder}/m.json5"
 
@@ -223,7 +223,7 @@ service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
 {PART}{POSES}[service]\nreal_time = 1\n | 6: service.real_time is 1, expected true or false
 {PART}{POSES}[service]\ncore = 1.5\n | 6: service.core is 1.5, expected a whole number from 0 to 4095
 {PART}{POSES}[service]\nlog = ''\n | 6: service.log is '', expected the file to write, as text in quotes
-{PART}{POSES}[service]\npublish = 3\n | 6: service.publish is 3, expected an address such as shm://decaff, a
+{PART}{POSES}[service]\npublish = 3\n | 6: service.publish is 3, expected an address such as shm://proximity
 {PART}{POSES}[service]\npublish = [\n'mailbox:a',\n'decaff',\n]\nrate_hz = 0\n | 6: service.publish cannot be
 {PART}{POSES}[service]\npublish = 'iox://a'\n | 6: service.publish is iox://a, but no transport is called 'io
 {PART}{POSES}[service]\npublish = ['mailbox:a', 'mailbox:a']\n | 6: service.publish has an address twice, exp

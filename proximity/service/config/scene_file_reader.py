@@ -112,7 +112,7 @@ class _Reader:
     def service(self) -> ServiceSettings:
         """The loop."""
         table, default = self._table("service", SERVICE_KEYS), ServiceSettings()
-        named = table.texts("publish", default.publish, meaning="an address such as shm://decaff")
+        named = table.texts("publish", default.publish, meaning="an address such as shm://proximity")
         publish = tuple(self.checked_address(table, "publish", address) for address in named)
         if len(set(publish)) < len(publish):
             table.complain("publish", "has an address twice, expected different addresses")

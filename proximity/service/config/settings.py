@@ -10,7 +10,7 @@ from typing import Any
 from proximity.errors import ServiceError
 from proximity.service.config.toml_document import Document, Path
 
-USUAL_PUBLISH = ("shm://decaff",) if sys.platform == "linux" else ("udp://127.0.0.1:9100",)
+USUAL_PUBLISH = ("shm://proximity",) if sys.platform == "linux" else ("udp://127.0.0.1:9100",)
 """Where frames go unless the file says otherwise."""
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
