@@ -4,7 +4,7 @@ Start it on Linux, beside a service that knows the paths of the fingers, by pose
 The runtime must have XR_MNDX_force_feedback_curl and drive the glove:
 
     python -m pip install "cad-proximity[openxr]"
-    python examples/curl_limits.py shm://decaff
+    python examples/curl_limits.py shm://proximity
 
 The extension takes a number a finger: 0 lets it curl freely, 1 keeps it extended, 0.4 stops it at bend 0.6.
 It is 0 where a frame is late or stale or no touch is known, and at the end: a runtime keeps what it got last.

@@ -69,7 +69,7 @@ def test_sender_of_poses_as_the_readme_shows_it_is_understood():
     tips = np.arange(15.0).reshape(5, 3)
 
     exec(
-        compile(sender.replace("shm://decaff/poses", "mailbox:readme/poses"), "README.md", "exec"),
+        compile(sender.replace("shm://proximity/poses", "mailbox:readme/poses"), "README.md", "exec"),
         scope := {"tips": tips},
     )
 
@@ -105,7 +105,7 @@ def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatc
     monkeypatch.setattr(proximity, "start_service", Running, raising=False)
     with proximity.open_publisher("mailbox:readme") as sender:
         exec(
-            compile(reader.replace("shm://decaff", "mailbox:readme"), "README.md", "exec"),
+            compile(reader.replace("shm://proximity", "mailbox:readme"), "README.md", "exec"),
             {
                 "proximity": proximity,
                 "follow": lambda *of: told.append(("follow", *map(len, of))),
@@ -120,7 +120,7 @@ def test_moves_as_the_guide_shows_them_move_a_part():
     code, _ = blocks("py", PAGES["guide/moving-parts.md"])
     source, scene = MovesInput("mailbox:guide/moves"), proximity.load(ROOT / "meshes/assembly.step")
 
-    exec(compile(code.replace("shm://decaff/moves", "mailbox:guide/moves"), "moving-parts.md", "exec"), {})
+    exec(compile(code.replace("shm://proximity/moves", "mailbox:guide/moves"), "moving-parts.md", "exec"), {})
     source.apply(scene, time.monotonic_ns())
 
     assert scene.part("lid").pose.translation[2] >= 0.010
@@ -134,7 +134,8 @@ def test_changes_as_the_guide_shows_them_hide_and_deform_parts(monkeypatch):
     source = ChangesInput("mailbox:guide/changes", SimpleQueue())
     scene = proximity.load("meshes/assembly.step")
     exec(
-        compile(code.replace("shm://decaff/changes", "mailbox:guide/changes"), "moving-parts.md", "exec"), {}
+        compile(code.replace("shm://proximity/changes", "mailbox:guide/changes"), "moving-parts.md", "exec"),
+        {},
     )
     source.apply(scene)
 

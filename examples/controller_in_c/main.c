@@ -72,6 +72,6 @@ int main(int count, char **words)
             printf("%-16s %6.2f mm away, bend %.3f, drum to %.3f rad\n", STATES[action.state],
                    1e3 * seen.contact->signed_distance, bend, action.angle);
         shown = (int)action.state;
-    } while (seen.state != DECAFF_STATE_STOPPING || shown != DECAFF_DRUM_STATE_RETRACTED);
+    } while (seen.state != PROXIMITY_STATE_STOPPING || shown != DECAFF_DRUM_STATE_RETRACTED);
     printf("%u frames used\n", (unsigned)frames.counts[DECAFF_REASON_USED]);
 }

@@ -15,13 +15,13 @@ from proximity.message.javascript_layout import layout_module
 from proximity.system.written_files import write_files
 
 LAYOUTS: dict[str, tuple[str, Callable[[], str]]] = {
-    "csharp": ("Runtime/DecaffMessages.cs", csharp_layout),
+    "csharp": ("Runtime/ProximityMessages.cs", csharp_layout),
     "javascript": ("layout.mjs", layout_module),
-    "cpp": ("decaff_message.h", header_text),
+    "cpp": ("proximity_message.h", header_text),
 }
 """By language: the file that is generated, and what makes it."""
 EXAMPLES = {
-    *(f"Runtime/{name}.cs" for name in ("Example", "DecaffHand", "ProximityDistance")),
+    *(f"Runtime/{name}.cs" for name in ("Example", "ProximityHand", "ProximityDistance")),
     "example.mjs",
     "example.cpp",
 }

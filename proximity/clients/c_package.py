@@ -17,7 +17,7 @@ ANDROID = "android-aarch64/libproximity.so"
 PLACES = {
     CORE / "library" / "proximity.h": "include",
     CORE / "library" / "proximity_tracker.h": "include",
-    CORE / "mailbox" / "decaff_mailbox.h": "include",
+    CORE / "mailbox" / "proximity_mailbox.h": "include",
     HERE / "proximity.hpp": "include",
     HERE / "package" / "proximity-config.cmake": "lib/cmake/proximity",
     HERE / "package" / "proximity.pc": "lib/pkgconfig",
@@ -36,7 +36,7 @@ def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
     library = library_path()
     contents: dict[str, str | bytes] = {
         f"lib/{library.name}": library.read_bytes(),
-        "include/decaff_message.h": header_text(),
+        "include/proximity_message.h": header_text(),
     }
     import_library = library.with_suffix(".lib")
     if import_library.is_file():

@@ -16,7 +16,7 @@ MODULES = ("proximity.plain.wasm", "proximity.relaxed.wasm")
 """Of which a checkout may have only the second, for browsers that have relaxed vector instructions."""
 TOOL = Path(proximity.__file__).parent.parent / "tools" / "build_kernels.py"
 BUILD = "python tools/build_kernels.py --target wasm32 --every-set --isolated"
-CLIENT_FILES = ("decaff.mjs", "layout.mjs")
+CLIENT_FILES = ("proximity_client.mjs", "layout.mjs")
 """Of the service's client: what reads the records of contacts."""
 
 

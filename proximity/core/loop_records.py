@@ -62,7 +62,7 @@ CONTACTS = _record(
 """Contacts that were made beside the loop; the records are behind it."""
 OUTPUT = _record(
     "socket",  # that is connected; -1: none
-    "box",  # a decaff_mailbox that is open for writing; 0: none
+    "box",  # a proximity_mailbox that is open for writing; 0: none
     "key",  # 32 bytes; 0: no tags
     "session",  # ns of the calendar
     ("sequences", WHOLE, 2),  # the next numbers of frames and of descriptions
@@ -83,7 +83,7 @@ INPUT = _record(
     "is_measured",  # whether messages are of a sensor, not of poses
     "socket",  # -1: none
     "timer",  # by which waiting at the socket ends
-    "box",  # a decaff_mailbox to read, open or not; 0: none
+    "box",  # a proximity_mailbox to read, open or not; 0: none
     "name",  # of the mailbox; 0: it is in the memory of this process
     ("hosts", WHOLE, HOSTS),
     "host_count port",  # IPv4, in the order of the network; 0: any port
@@ -140,7 +140,7 @@ LOOP = _record(
     ("recording", RECORDING),
     ("outputs", OUTPUT, OUTPUTS),
     "output_count",
-    "log",  # a decaff_mailbox without a file, for frames as the first output has sealed them; 0: none
+    "log",  # a proximity_mailbox without a file, for frames as the first output has sealed them; 0: none
     "datagram",  # where tagged messages are put together
 )
 

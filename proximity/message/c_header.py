@@ -1,4 +1,4 @@
-"""The C and C++ header ``decaff_message.h``, generated from the tables of the NumPy types.
+"""The C and C++ header ``proximity_message.h``, generated from the tables of the NumPy types.
 
 The header needs the standard library's types only, so that a microcontroller needs nothing else: structures,
 numbers, and a function that tells whether bytes are a frame.
@@ -61,6 +61,8 @@ RECORDS = {
     "label": ("One part or finger of a description.", LABEL_FIELDS),
 }
 """What messages are made of: name, what it is, fields."""
+NAMES_IN_C = {"pose": "finger_pose", "move": "part_move"}
+"""Of records whose names the library in C has for others."""
 KINDS = (
     FRAME, POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED, CHANGES, ADDITIONS, DEFORMATIONS, DESCRIPTION,
 )  # fmt: skip
@@ -86,7 +88,7 @@ _DEFECTS = (Defect.SHORT, Defect.MAGIC, Defect.VERSION, Defect.SIZE, Defect.CHEC
 
 
 def header_text() -> str:
-    """The text of ``decaff_message.h``, in ASCII."""
+    """The text of ``proximity_message.h``, in ASCII."""
     kinds = {
         "VERSION": str(VERSION),
         "MAX_RECORDS": str(MAX_RECORDS),
@@ -101,7 +103,7 @@ def header_text() -> str:
         "CRC_TABLE": _crc_table(),
         "ASSERTS": "\n".join(_assertions()),
     }
-    text = (CORE / "receiver" / "decaff_message.h.in").read_text(encoding="utf-8")
+    text = (CORE / "receiver" / "proximity_message.h.in").read_text(encoding="utf-8")
     for name, value in kinds.items():
         text = text.replace(f"@{name}@", value)
     return text
@@ -127,10 +129,15 @@ def c_type(field: Field) -> str:
     return _C_TYPES[field.type[1:]] + "".join(f"[{length}]" for length in field.shape)
 
 
+def record_name(name: str) -> str:
+    """The name of a record in C."""
+    return f"proximity_{NAMES_IN_C.get(name, name)}"
+
+
 def _magics() -> Iterator[str]:
     for kind in KINDS:
         letters = kind.magic.to_bytes(4, "little").decode("ascii")
-        yield f'#define DECAFF_{kind.name.upper()}_MAGIC 0x{kind.magic:08x}u /* "{letters}" */'
+        yield f'#define PROXIMITY_{kind.name.upper()}_MAGIC 0x{kind.magic:08x}u /* "{letters}" */'
 
 
 def enum_text(name: str, values: type[Enum]) -> str:
@@ -139,31 +146,32 @@ def enum_text(name: str, values: type[Enum]) -> str:
     *values*: with a text below each member that needs one.
     """
     meanings = meanings_of(values)
-    lines = [*comment_lines(inspect.getdoc(values) or "", ""), f"enum decaff_{name} {{"]
+    lines = [*comment_lines(inspect.getdoc(values) or "", ""), f"enum proximity_{name} {{"]
     for place, member in enumerate(values):
         lines += comment_lines(meanings[member.name], "    ") if meanings[member.name] else []
         number = place if isinstance(member.value, str) else int(member.value)
-        lines.append(f"    DECAFF_{name.upper()}_{member.name} = {number},")
+        lines.append(f"    PROXIMITY_{name.upper()}_{member.name} = {number},")
     return "\n".join([*lines[:-1], lines[-1].removesuffix(","), "};"])
 
 
 def _flaws() -> Iterator[str]:
     for number, defect in enumerate(_DEFECTS, 1):
         comma = "," if number < len(_DEFECTS) else ""
-        yield f"    DECAFF_FLAW_{defect.name} = {number}{comma} /* {defect.value} */"
+        yield f"    PROXIMITY_FLAW_{defect.name} = {number}{comma} /* {defect.value} */"
 
 
 def _record(name: str, what: str, fields: Sequence[Field]) -> str:
     """A structure, each field with its unit and meaning."""
     size = dtype_of(fields).itemsize
     lines = comment_lines(f"{what} {size} bytes.", "")
-    lines.append(f"typedef struct decaff_{name} {{")
+    own = record_name(name)
+    lines.append(f"typedef struct {own} {{")
     for field in fields:
-        begin = f" DECAFF_BEGINS({first})" if name in SENT and (first := _first(name, field)) else ""
+        begin = f" PROXIMITY_BEGINS({first})" if name in SENT and (first := _first(name, field)) else ""
         line, comment = f"    {_declaration(field)}{begin};", comment_lines(_meaning(field), "    ")
         reported = f"{line} {comment[0].strip()}"
         lines += [reported] if len(comment) == 1 and len(reported) <= WIDTH else [*comment, line]
-    return "\n".join([*lines, f"}} decaff_{name};"])
+    return "\n".join([*lines, f"}} {own};"])
 
 
 def is_nan(name: str, field: Field) -> bool:
@@ -186,14 +194,14 @@ def _first(name: str, field: Field) -> str:
 def _blank(name: str, fields: Sequence[Field]) -> str:
     firsts = (_first(name, field) or ("{0}" if "[" in c_type(field) else "0") for field in fields)
     lines = textwrap.wrap(", ".join(firsts), WIDTH - 8, break_long_words=False)
-    return f"#define DECAFF_{name.upper()}_INIT \\\n    {{" + " \\\n     ".join(lines) + "}"
+    return f"#define {record_name(name).upper()}_INIT \\\n    {{" + " \\\n     ".join(lines) + "}"
 
 
 def _meaning(field: Field) -> str:
     text = f"{field.unit}, {field.meaning}" if field.unit else field.meaning
     for name, values in ENUMS.items():
-        text = text.replace(f"a {values.__name__}", f"an enum decaff_{name}")
-        text = text.replace(f"set of {values.__name__}", f"set of enum decaff_{name}")
+        text = text.replace(f"a {values.__name__}", f"an enum proximity_{name}")
+        text = text.replace(f"set of {values.__name__}", f"set of enum proximity_{name}")
     return text
 
 
@@ -205,10 +213,10 @@ def _declaration(field: Field) -> str:
 def _assertions() -> Iterator[str]:
     for name, (_, fields) in RECORDS.items():
         dtype = dtype_of(fields)
-        yield f"DECAFF_ASSERT(sizeof(decaff_{name}) == {dtype.itemsize});"
+        yield f"PROXIMITY_ASSERT(sizeof({record_name(name)}) == {dtype.itemsize});"
         for field in fields:
             part, offset = dtype.fields[field.name][:2]  # type: ignore[index]
-            yield f"DECAFF_FIELD(decaff_{name}, {field.name}, {offset}, {part.itemsize});"
+            yield f"PROXIMITY_FIELD({record_name(name)}, {field.name}, {offset}, {part.itemsize});"
 
 
 def _crc_table() -> str:

@@ -1,7 +1,7 @@
 """The layout of messages for C#, made of the same tables as the NumPy types and the C header.
 
 Structures with explicit offsets and without references, so that bytes that arrived can be looked at as they
-are. Three numbers are a ``DecaffVector``; more, and text, are fixed buffers, row by row.
+are. Three numbers are a ``ProximityVector``; more, and text, are fixed buffers, row by row.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,29 +24,29 @@ _TYPES = {
     "f8": "double",
 }
 _HEAD = """\
-// DecaffMessages.cs: what a proximity service publishes, and what it is fed with.
+// ProximityMessages.cs: what a proximity service publishes, and what it is fed with.
 //
 // Made by `proximity client csharp`; what is changed here is lost. Lengths are in metres, instants in
 // nanoseconds of the sender's monotonic clock. What is not known is NaN. Needs "Allow unsafe code": text and
 // matrices are fixed buffers.
 using System.Runtime.InteropServices;
 
-namespace Decaff
+namespace Proximity
 {
-    public static class DecaffLayout
+    public static class ProximityLayout
     {
 @CONSTANTS@
     }
 
     /// <summary>x, y, z in the scene's frame.</summary>
     [StructLayout(LayoutKind.Explicit, Size = 24)]
-    public struct DecaffVector
+    public struct ProximityVector
     {
         [FieldOffset(0)] public double X;
         [FieldOffset(8)] public double Y;
         [FieldOffset(16)] public double Z;
 
-        public DecaffVector(double x, double y, double z) { X = x; Y = y; Z = z; }
+        public ProximityVector(double x, double y, double z) { X = x; Y = y; Z = z; }
     }
 
 @REST@
@@ -55,7 +55,7 @@ namespace Decaff
 
 
 def csharp_layout() -> str:
-    """Return the text of ``DecaffMessages.cs``."""
+    """Return the text of ``ProximityMessages.cs``."""
     numbers = {
         "Version": VERSION,
         "MaxRecords": MAX_RECORDS,
@@ -77,8 +77,8 @@ def pascal(name: str) -> str:
 
 
 def csharp_enum(values: type[Enum]) -> str:
-    """The name of an enumeration: ``DecaffContactFlag``."""
-    return f"Decaff{values.__name__}"
+    """The name of an enumeration: ``ProximityContactFlag``."""
+    return f"Proximity{values.__name__}"
 
 
 def _number_of(values: type[Enum]) -> str:
@@ -113,7 +113,7 @@ def _record(name: str, what: str, fields: Sequence[Field]) -> Iterator[str]:
     dtype = dtype_of(fields)
     yield f"    /// <summary>{_escaped(what)} {dtype.itemsize} bytes.</summary>"
     yield f"    [StructLayout(LayoutKind.Explicit, Size = {dtype.itemsize})]"
-    yield f"    public unsafe struct Decaff{pascal(name)}"
+    yield f"    public unsafe struct Proximity{pascal(name)}"
     yield "    {"
     for field in fields:
         if field.name == "reserved":
@@ -123,7 +123,7 @@ def _record(name: str, what: str, fields: Sequence[Field]) -> Iterator[str]:
         yield f"        /// <summary>{_escaped(unit + field.meaning)}</summary>"
         yield f"        [FieldOffset({offset})] public {_declaration(field)};"
     if name in SENT:
-        yield from _begin(f"Decaff{pascal(name)}", [field for field in fields if is_nan(name, field)])
+        yield from _begin(f"Proximity{pascal(name)}", [field for field in fields if is_nan(name, field)])
     yield "    }"
 
 
@@ -138,7 +138,7 @@ def _begin(record: str, fields: Sequence[Field]) -> Iterator[str]:
         if field.shape == ROTATION:
             yield f"            r.{name}[0] = r.{name}[4] = r.{name}[8] = 1;"
         elif field.shape == VECTOR:
-            yield f"            r.{name} = new DecaffVector(double.NaN, double.NaN, double.NaN);"
+            yield f"            r.{name} = new ProximityVector(double.NaN, double.NaN, double.NaN);"
         elif field.shape:
             yield f"            for (int i = 0; i < {count}; i++) r.{name}[i] = double.NaN;"
         else:
@@ -155,7 +155,7 @@ def _declaration(field: Field) -> str:
         if _holds(field, values):
             return f"{csharp_enum(values)} {name}"
     if field.shape == VECTOR and base.kind == "f":
-        return f"DecaffVector {name}"
+        return f"ProximityVector {name}"
     count = int(np.prod(field.shape, dtype=np.int64))
     kind = _TYPES[field.type[1:]]
     return f"fixed {kind} {name}[{count}]" if field.shape else f"{kind} {name}"

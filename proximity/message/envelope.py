@@ -17,8 +17,8 @@ import numpy as np
 from proximity.errors import ArgumentError
 from proximity.message.fields import Field, blank_of, dtype_of, struct_of
 
-VERSION = 1
-"""Of the layout of all messages. A receiver takes its own version and no other."""
+VERSION = 2
+"""Of the layout of all messages. A receiver takes its own version and no other; 1 was of other names."""
 MAX_RECORDS = 4096
 """Most records a message may have: a hand's skin."""
 MAX_FUTURE_NS = 5_000_000

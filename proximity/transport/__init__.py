@@ -1,4 +1,4 @@
-"""Messages from one process to another, by addresses: ``shm://decaff``, ``udp://127.0.0.1:9100``, ….
+"""Messages from one process to another, by addresses: ``shm://proximity``, ``udp://127.0.0.1:9100``, ….
 
 A transport moves bytes (`link`); what they are worth is decided on this side of it: `Publisher` numbers and
 checksums them, `Subscriber` and `MessageReader` verify and age them. Nothing received is ever evaluated.

@@ -46,7 +46,7 @@ class Address:
 def parse(text: str) -> Address:
     """Take an address apart."""
     if not isinstance(text, str):
-        raise PublishError(f"an address is text such as shm://decaff, not {text!r}")
+        raise PublishError(f"an address is text such as shm://proximity, not {text!r}")
     try:
         parts = urlsplit(text)
         pairs = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))

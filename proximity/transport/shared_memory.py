@@ -6,7 +6,7 @@ begins with the newest. A reader that waits is woken by the message itself. When
 readers go on with the next one, which takes the name from the dead.
 
 The mailbox is a file in ``/dev/shm`` that only its owner may open, so all ends run as one user.
-``decaff_mailbox.h`` is its layout, and what C and C++ read and write it with; Python calls the same code.
+``proximity_mailbox.h`` is its layout, and what C and C++ read and write it with; Python calls the same code.
 """
 
 import ctypes
@@ -26,7 +26,7 @@ from proximity.transport.address import Address
 from proximity.transport.link import NOTHING, wait_until
 
 OK, NOBODY = 0, 1
-"""Outcomes of opening a mailbox, as ``decaff_mailbox.h`` numbers them; the others are refusals."""
+"""Outcomes of opening a mailbox, as ``proximity_mailbox.h`` numbers them; the others are refusals."""
 SYSTEM = 7
 FIRST_BYTES = 8192
 """Of a message at first: the ring holds 15, or 74 frames of five fingers. A longer one enlarges it."""
@@ -62,7 +62,7 @@ class _Functions:
 
     def __getattr__(self, name: str) -> Any:
         library = self._lets_run if name in _LONG_CALLS else self._short
-        function = getattr(library, f"proximity_mailbox_{name}")
+        function = getattr(library, f"proximity_box_{name}")
         function.restype, function.argtypes = _TYPES[name]
         setattr(self, name, function)
         return function

@@ -130,7 +130,7 @@ def _key_of(address: Address) -> Any:
     try:
         key = zenoh.KeyExpr(address.location)
     except zenoh.ZError as unfit:
-        raise address.refuse(f"expected a key such as decaff/poses ({_zenoh_message(unfit)})") from None
+        raise address.refuse(f"expected a key such as proximity/poses ({_zenoh_message(unfit)})") from None
     if "*" in address.location:
         raise address.refuse(
             "expected one key, without wildcards: several publishers could not be distinguished"

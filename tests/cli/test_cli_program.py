@@ -336,9 +336,9 @@ def test_key_is_made_once(run, tmp_path):
 def test_header_is_printed_or_written(run, tmp_path):
     printed, written = (
         run("client", "header"),
-        run("client", "header", "--out", tmp_path / "decaff_message.h"),
+        run("client", "header", "--out", tmp_path / "proximity_message.h"),
     )
 
     assert (printed.code, printed.out, printed.err) == (0, header_text(), "")
     assert (written.code, written.out) == (0, "")
-    assert (tmp_path / "decaff_message.h").read_text(encoding="ascii") == header_text()
+    assert (tmp_path / "proximity_message.h").read_text(encoding="ascii") == header_text()

@@ -18,7 +18,7 @@ from proximity.recording import FrameReader
 from proximity.transport import open_outlet, open_publisher
 
 COMMAND = ("record",)
-ADDRESS = "queue:decaff"
+ADDRESS = "queue:proximity"
 
 
 @pytest.fixture(autouse=True)
@@ -70,7 +70,7 @@ def test_every_frame_is_written_until_told_to_stop(run, tmp_path, number):
 
 
 def test_what_is_lost_and_refused_is_told(run, tmp_path):
-    outlet = open_outlet("queue:decaff")
+    outlet = open_outlet("queue:proximity")
     numbers = [0, 1, 4, 4, 3]
     for number in numbers:
         outlet.send(np.frombuffer(sealed([number]), np.uint8))

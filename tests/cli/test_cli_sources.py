@@ -65,11 +65,11 @@ def test_stiffness_of_the_cable_is_a_number_in_the_sources(run, tmp_path):
 
 
 def test_file_that_cannot_be_written_is_told(run, tmp_path):
-    (tmp_path / "decaff_client.hpp").mkdir()
+    (tmp_path / "proximity_client.hpp").mkdir()
 
     result = run("client", "cpp", "--out", tmp_path)
 
     assert result.code == 2
     assert result.err == (
-        f"proximity: {tmp_path}/decaff_client.hpp: cannot be written (it is no regular file)\n"
+        f"proximity: {tmp_path}/proximity_client.hpp: cannot be written (it is no regular file)\n"
     )

@@ -25,7 +25,7 @@ from proximity.recording.frame_bytes import frame_type
 from proximity.transport import Counts, Reading, forget, open_outlet, open_publisher, open_subscriber
 from proximity.transport.message_key import write_key
 
-ADDRESS = "queue:decaff"
+ADDRESS = "queue:proximity"
 SEEN = watch_view.Seen(
     ADDRESS, Counts(received=500, lost=2, refused=1, flawed=Counter({Defect.CHECKSUM: 3})), 999.6, 0.001
 )
@@ -117,7 +117,7 @@ def test_before_the_first_frame_the_silence_is_told():
 
     lines = drawn(never, seen=watch_view.Seen(ADDRESS, Counts(), 0.0, 2.0))
 
-    assert len(lines) == 2 and "no frame has come from queue:decaff yet, for 2.0 s" in lines[0]
+    assert len(lines) == 2 and "no frame has come from queue:proximity yet, for 2.0 s" in lines[0]
 
 
 @pytest.mark.parametrize("width", [70, 120])
@@ -282,7 +282,7 @@ def test_nothing_that_comes_is_exit_code_1(run):
     result = run(ADDRESS, "--limit", 0.3)
 
     assert result.code == 1
-    assert "STALE: 0 Hz, 0 lost, 0 refused; no frame has come from queue:decaff yet, for 0." in result.out
+    assert "STALE: 0 Hz, 0 lost, 0 refused; no frame has come from queue:proximity yet, for 0." in result.out
 
 
 def test_key_of_another_is_told(run, tmp_path):

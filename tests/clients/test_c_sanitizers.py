@@ -25,7 +25,7 @@ def prepare(folder):
     from core_tables import tables_header, tables_source
 
     (folder / "core_tables.h").write_text(tables_header())
-    (folder / "decaff_message.h").write_text(header_text())
+    (folder / "proximity_message.h").write_text(header_text())
     tables = tables_source([], "")
     assert NO_SETS in tables
     (folder / "core_tables.c").write_text(tables.replace(NO_SETS, ""))

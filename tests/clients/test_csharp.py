@@ -46,7 +46,7 @@ def package(tmp_path_factory):
     return folder
 
 
-def program(package, source, *options, files=("DecaffMessages", "Proximity")):
+def program(package, source, *options, files=("ProximityMessages", "Proximity")):
     """A command that runs a program of a source, warnings being errors."""
     made = package / f"{source.stem}.exe"
     mcs, mono = compiler("mcs"), compiler("mono")
@@ -158,7 +158,7 @@ QUARTER = [0.0, 0.5**0.5, 0.0, 0.5**0.5]
 
 
 def unity_program(package):
-    names = [f"Decaff{name}" for name in ("Messages", "Client", "Hand")]
+    names = [f"Proximity{name}" for name in ("Messages", "Client", "Hand")]
     names += [f"Proximity{name}" for name in ("", "Axes", "Distance")]
     return program(package, CLIENTS / "Unity.cs", "-define:UNITY_5_3_OR_NEWER", files=names)
 
@@ -230,7 +230,7 @@ def test_program_of_the_guide_prints_what_is_shown(package, tmp_path):
 def test_frames_are_read_in_shared_memory(package, request):
     """Of one publisher and of the next, to the bit."""
     command = program(
-        package, CLIENTS / "Mailbox.cs", files=("DecaffMessages", "DecaffClient", "DecaffMailbox")
+        package, CLIENTS / "Mailbox.cs", files=("ProximityMessages", "ProximityClient", "ProximityMailbox")
     )
     name, library = new_name(), c_package.library_path().parent
     reader = subprocess.Popen(

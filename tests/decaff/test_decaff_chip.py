@@ -317,7 +317,7 @@ def test_numbers_that_python_has_as_well_are_the_same():
         written = [int(number) for number in re.findall(rf"    DECAFF_{prefix}_\w+ = (\d)", text)]
         assert written == list(range(len(kind)))
         assert re.findall(rf"    DECAFF_{prefix}_(\w+) = ", text) == [member.name for member in kind]
-    assert f"#define DECAFF_MOST_SKIPPED {message_reader.MOST_SKIPPED}u" in header_text()
+    assert f"#define PROXIMITY_MOST_SKIPPED {message_reader.MOST_SKIPPED}u" in header_text()
 
 
 def test_every_number_is_used():

@@ -382,7 +382,7 @@ def test_curl_limits_reach_the_runtime_and_are_taken_back(runtime, monkeypatch, 
     frames = SimpleNamespace(read=lambda: readings.pop(0))
     monkeypatch.setattr(proximity, "open_subscriber", lambda address: contextlib.nullcontext(frames))
 
-    runpy.run_path(str(EXAMPLES / "curl_limits.py"))["main"]("shm://decaff")
+    runpy.run_path(str(EXAMPLES / "curl_limits.py"))["main"]("shm://proximity")
 
     extensions, begin, *calls, end_of_use = came
     assert (begin, end_of_use) == ("begin", "destroyed")

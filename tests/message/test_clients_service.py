@@ -121,7 +121,16 @@ def test_every_kind_and_member_of_javascript_is_that_of_python():
         assert enums[values.__name__] == {member.name: int(member) for member in values}
 
 
-SIZES = {"byte": 1, "ushort": 2, "uint": 4, "int": 4, "ulong": 8, "long": 8, "double": 8, "DecaffVector": 24}
+SIZES = {
+    "byte": 1,
+    "ushort": 2,
+    "uint": 4,
+    "int": 4,
+    "ulong": 8,
+    "long": 8,
+    "double": 8,
+    "ProximityVector": 24,
+}
 
 
 @pytest.mark.parametrize("name", RECORDS)
@@ -130,7 +139,9 @@ def test_every_field_of_csharp_is_where_numpy_has_it(name):
     text, dtype = csharp_layout(), dtype_of(RECORDS[name][1])
     sizes = SIZES | {enum: SIZES[number] for enum, number in re.findall(r"public enum (\w+) : (\w+)", text)}
     size, body = re.search(
-        rf"Size = (\d+)\)\]\n    public unsafe struct Decaff{pascal(name)}\n    {{\n(.*?)\n    }}", text, re.S
+        rf"Size = (\d+)\)\]\n    public unsafe struct Proximity{pascal(name)}\n    {{\n(.*?)\n    }}",
+        text,
+        re.S,
     ).groups()
     fields = re.findall(r"\[FieldOffset\((\d+)\)\] public (?:fixed )?(\w+) (\w+)(?:\[(\d+)\])?;", body)
 

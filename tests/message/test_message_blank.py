@@ -17,7 +17,7 @@ from proximity.message import (
     POSES,
     Message,
 )
-from proximity.message.c_header import SENT, header_text
+from proximity.message.c_header import SENT, header_text, record_name
 from proximity.message.csharp_layout import csharp_layout
 
 KINDS = (POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED, ADDITIONS, DEFORMATIONS)
@@ -56,14 +56,14 @@ def expected_fields():
 
 @pytest.mark.parametrize("language", ["c", "cpp"])
 def test_records_of_c_and_cpp_begin_as_those_of_python(language, tmp_path):
-    (tmp_path / "decaff_message.h").write_text(header_text(), encoding="ascii")
+    (tmp_path / "proximity_message.h").write_text(header_text(), encoding="ascii")
     lines = []
     for name, kind in zip(SENT, KINDS, strict=True):
-        begin = f" = DECAFF_{name.upper()}_INIT" if language == "c" else "{}"
-        lines += ["{", f"decaff_{name} record{begin};", *printed_fields("record", kind), "}"]
+        begin = f" = {record_name(name).upper()}_INIT" if language == "c" else "{}"
+        lines += ["{", f"{record_name(name)} record{begin};", *printed_fields("record", kind), "}"]
     source = tmp_path / f"begin.{language}"
     body = "\n".join(
-        ["#include <stdio.h>", '#include "decaff_message.h"', "int main(void) {", "int i;", *lines]
+        ["#include <stdio.h>", '#include "proximity_message.h"', "int main(void) {", "int i;", *lines]
     )
     source.write_text(body + "\nreturn 0; }\n")
     program = [c_compiler(), "-std=c99"] if language == "c" else [compiler("c++", "g++"), "-std=c++11"]
@@ -77,7 +77,7 @@ def test_records_of_c_and_cpp_begin_as_those_of_python(language, tmp_path):
 def test_records_of_javascript_begin_as_those_of_python(tmp_path):
     source = tmp_path / "begin.mjs"
     source.write_text("""
-import { encode, poseOf } from "./decaff.mjs";
+import { encode, poseOf } from "./proximity_client.mjs";
 const header = { send_ns: 0n, session: 0n, sequence: 0n };
 const show = (bytes) => console.log(Buffer.from(bytes).toString("hex"));
 for (const kind of process.argv.slice(2)) show(encode(kind, header, [{}]));
@@ -98,7 +98,7 @@ def test_records_of_csharp_have_a_beginning_that_gives_nothing():
     text = csharp_layout()
 
     for name in SENT:
-        record = "Decaff" + "".join(word.capitalize() for word in name.split("_"))
+        record = "Proximity" + "".join(word.capitalize() for word in name.split("_"))
         assert f"public static {record} Begin()" in text
     assert "r.Rotation[0] = r.Rotation[4] = r.Rotation[8] = 1;" in text
     assert "for (int i = 0; i < 195; i++) r.Corners[i] = double.NaN;" in text

@@ -125,7 +125,7 @@ def test_every_truncation_is_seen():
     [
         (lambda data: data[:95], Defect.SHORT),
         (lambda data: b"DECX" + data[4:], Defect.MAGIC),
-        (lambda data: resealed(data[:8] + b"\2\0" + data[10:]), Defect.VERSION),
+        (lambda data: resealed(data[:8] + b"\1\0" + data[10:]), Defect.VERSION),
         (lambda data: resealed(data[:10] + b"\x38\0" + data[12:]), Defect.SIZE),  # another header
         (lambda data: resealed(data + b"\0"), Defect.SIZE),
         (lambda data: resealed(data[:-328]), Defect.SIZE),

@@ -1,4 +1,4 @@
-"""``decaff_message.h``: what the compiler makes of it, against NumPy and against the Python it stands for."""
+"""``proximity_message.h``: what the compiler makes of it, against NumPy and the Python it stands for."""
 
 import ctypes
 import hashlib
@@ -14,7 +14,7 @@ from ports import free_port
 from wire import KNOWN, MS, NOW, Clock, Wire, frame, sealed
 
 from proximity.message import CONTACT, FRAME, POSES, Defect, Message, State, c_header, validate
-from proximity.message.c_header import ENUMS, KINDS, RECORDS, header_text, meanings_of
+from proximity.message.c_header import ENUMS, KINDS, RECORDS, header_text, meanings_of, record_name
 from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.fields import dtype_of
 from proximity.transport import Subscriber, open_inlet, widen
@@ -27,34 +27,40 @@ FLAWS = [None, Defect.SHORT, Defect.MAGIC, Defect.VERSION, Defect.SIZE, Defect.C
 FINITE = st.floats(-10, 10)
 
 LIBRARY = """
-#include "decaff_message.h"
-uint32_t crc32_of(const void *data, size_t size) { return decaff_crc32(data, size); }
-int check_frame(const void *data, size_t size) { return (int)decaff_check_frame(data, size); }
+#include "proximity_message.h"
+uint32_t crc32_of(const void *data, size_t size) { return proximity_crc32(data, size); }
+int check_frame(const void *data, size_t size) { return (int)proximity_check_frame(data, size); }
 int check_poses(const void *data, size_t size)
 {
-    return (int)decaff_check(data, size, DECAFF_POSES_MAGIC, sizeof(decaff_input_header), sizeof(decaff_pose),
-                             offsetof(decaff_input_header, count));
+    return (int)proximity_check(data, size, PROXIMITY_POSES_MAGIC, sizeof(proximity_input_header),
+                                sizeof(proximity_finger_pose), offsetof(proximity_input_header, count));
 }
 void seal_poses(void *data, size_t size, uint64_t session, uint64_t sequence)
 {
-    decaff_seal(data, size, DECAFF_POSES_MAGIC, sizeof(decaff_input_header), session, sequence);
+    proximity_seal(data, size, PROXIMITY_POSES_MAGIC, sizeof(proximity_input_header), session, sequence);
 }
-int makes_sense(const void *data, int64_t latest) { return decaff_makes_sense(data, latest); }
-int state_at(const void *data, int64_t now) { return (int)decaff_state_at(data, now); }
+int makes_sense(const void *data, int64_t latest) { return proximity_makes_sense(data, latest); }
+int state_at(const void *data, int64_t now) { return (int)proximity_state_at(data, now); }
 double lower_at(const void *data, int64_t now, double speed, double acceleration)
 {
-    return decaff_lower_at(data, now, speed, acceleration);
+    return proximity_lower_at(data, now, speed, acceleration);
 }
-void tag_of(const void *key, const void *data, size_t size, void *tag) { decaff_tag(key, data, size, tag); }
-size_t verified(const void *key, const void *data, size_t size) { return decaff_verified(key, data, size); }
-int key_of_text(const char *text, void *key) { return decaff_key_of_text(text, key); }
-static decaff_clock heard;
+void tag_of(const void *key, const void *data, size_t size, void *tag)
+{
+    proximity_tag(key, data, size, tag);
+}
+size_t verified(const void *key, const void *data, size_t size)
+{
+    return proximity_verified(key, data, size);
+}
+int key_of_text(const char *text, void *key) { return proximity_key_of_text(text, key); }
+static proximity_clock heard;
 void clock_reset(void) { memset(&heard, 0, sizeof heard); }
 void clock_hear(uint64_t session, int64_t sent, int64_t now)
 {
-    decaff_clock_hear(&heard, session, sent, now);
+    proximity_clock_hear(&heard, session, sent, now);
 }
-int64_t clock_theirs(int64_t now) { return decaff_clock_theirs(&heard, now); }
+int64_t clock_theirs(int64_t now) { return proximity_clock_theirs(&heard, now); }
 int clock_is_certain(void) { return heard.is_certain; }
 """
 
@@ -62,7 +68,7 @@ int clock_is_certain(void) { return heard.is_certain; }
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("header")
-    (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
+    (folder / "proximity_message.h").write_text(header_text(), encoding="ascii")
     return folder
 
 
@@ -107,7 +113,7 @@ def library(folder):
 def printed(folder, name, lines):
     """Lines of words that a program of these statements prints."""
     source = folder / f"{name}.c"
-    body = "\n".join(["#include <stdio.h>", '#include "decaff_message.h"', "int main(void)", "{", *lines])
+    body = "\n".join(["#include <stdio.h>", '#include "proximity_message.h"', "int main(void)", "{", *lines])
     source.write_text(f"{body}\nreturn 0;\n}}\n", encoding="ascii")
     run(c_compiler(), "-std=c99", *WARNINGS, source, "-lm", "-o", folder / name)
     return [line.split() for line in run(folder / name).splitlines()]
@@ -116,23 +122,23 @@ def printed(folder, name, lines):
 def test_every_size_and_offset_is_that_of_numpy(folder):
     lines, expected = [], []
     for name, (_, fields) in RECORDS.items():
-        lines.append(f'printf("{name} . %zu 0\\n", sizeof(decaff_{name}));')
+        lines.append(f'printf("{name} . %zu 0\\n", sizeof({record_name(name)}));')
         expected.append([name, ".", str(dtype_of(fields).itemsize), "0"])
         for field, (part, offset) in dtype_of(fields).fields.items():
-            place = f"sizeof(((decaff_{name} *)0)->{field}), offsetof(decaff_{name}, {field})"
+            place = f"sizeof((({record_name(name)} *)0)->{field}), offsetof({record_name(name)}, {field})"
             lines.append(f'printf("{name} {field} %zu %zu\\n", {place});')
             expected.append([name, field, str(part.itemsize), str(offset)])
     assert printed(folder, "layout", lines) == expected
 
 
 def test_every_number_is_that_of_python(folder):
-    expected = {f"DECAFF_{kind.name.upper()}_MAGIC": kind.magic for kind in KINDS}
+    expected = {f"PROXIMITY_{kind.name.upper()}_MAGIC": kind.magic for kind in KINDS}
     for name, values in ENUMS.items():
-        expected |= {f"DECAFF_{name.upper()}_{member.name}": int(member) for member in values}
+        expected |= {f"PROXIMITY_{name.upper()}_{member.name}": int(member) for member in values}
     expected |= {
-        "DECAFF_LONGEST_VALID_NS": LONGEST_VALID_NS,
-        "DECAFF_STALE_AFTER_NS": round(1e9 * STALE_AFTER),
-        "DECAFF_AHEAD_NS": MAX_FUTURE_NS,
+        "PROXIMITY_LONGEST_VALID_NS": LONGEST_VALID_NS,
+        "PROXIMITY_STALE_AFTER_NS": round(1e9 * STALE_AFTER),
+        "PROXIMITY_AHEAD_NS": MAX_FUTURE_NS,
     }
     lines = [f'printf("{name} %lld\\n", (long long){name});' for name in expected]
     assert printed(folder, "numbers", lines) == [[name, str(number)] for name, number in expected.items()]
@@ -142,8 +148,8 @@ def test_every_number_is_that_of_python(folder):
 def test_header_compiles_without_a_warning(folder, standard):
     is_cpp = "++" in standard
     source = folder / ("empty.cpp" if is_cpp else "empty.c")
-    body = 'int main(void) { return decaff_check_frame("", 0) == 0; }\n'
-    source.write_text(f'#include "decaff_message.h"\n{body}')
+    body = 'int main(void) { return proximity_check_frame("", 0) == 0; }\n'
+    source.write_text(f'#include "proximity_message.h"\n{body}')
     program = compiler("c++", "g++", "clang++") if is_cpp else c_compiler()
     more = [] if is_cpp else ["-Wconversion", "-Wshadow"]
     run(program, f"-std={standard}", *WARNINGS, *more, "-fsyntax-only", source)

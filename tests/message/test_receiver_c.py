@@ -32,7 +32,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the receiver is
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
     folder = tmp_path_factory.mktemp("receiver")
-    (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
+    (folder / "proximity_message.h").write_text(header_text(), encoding="ascii")
     target = folder / "receiver"
     run(c_compiler(), "-std=c99", *WARNINGS, "-O2", f"-I{folder}", SOURCE, "-lm", "-o", target)
     return target
@@ -160,7 +160,7 @@ def test_faults_are_counted_and_the_stream_goes_on(program, port):
             good[1][:700] + bytes([good[1][700] ^ 8]) + good[1][701:],
             good[1][:-1],
             good[1] + bytes(65000 - len(good[1])),
-            good[1][:8] + b"\2" + good[1][9:],
+            good[1][:8] + b"\1" + good[1][9:],
             b"garbage",
             b"",
             b"garbage " * 100,

@@ -69,7 +69,7 @@ def test_short_file_means_the_defaults(read, folder):
     settings = read(PART + POSES)
 
     assert settings.service == ServiceSettings()
-    assert settings.service.publish == ("shm://decaff",)
+    assert settings.service.publish == ("shm://proximity",)
     assert settings.service.period == 0.001
     assert settings.fingers == FingerSettings()
     (part,) = settings.parts
@@ -80,12 +80,12 @@ def test_short_file_means_the_defaults(read, folder):
 
 def test_files_of_addresses_lie_beside_the_scene_file(read, folder):
     settings = read(
-        '[service]\npublish = ["udp://127.0.0.1:9100?key=frames.key", "shm://decaff"]\n'
+        '[service]\npublish = ["udp://127.0.0.1:9100?key=frames.key", "shm://proximity"]\n'
         + PART
         + '[input]\nposes = "udp://127.0.0.1:9101?key=/keys/poses.key"\nmoves = "zenoh://m?config=m.json5"\n'
     )
 
-    assert settings.service.publish == (f"udp://127.0.0.1:9100?key={folder}/frames.key", "shm://decaff")
+    assert settings.service.publish == (f"udp://127.0.0.1:9100?key={folder}/frames.key", "shm://proximity")
     assert settings.input.poses == "udp://127.0.0.1:9101?key=/keys/poses.key"
     assert settings.input.moves == f"zenoh://m?config={folder}/m.json5"
 

@@ -10,7 +10,7 @@ from proximity.transport.address import parse
 @pytest.mark.parametrize(
     ("text", "scheme", "location", "options"),
     [
-        ("shm://decaff/poses", "shm", "decaff/poses", {}),
+        ("shm://proximity/poses", "shm", "proximity/poses", {}),
         ("UDP://127.0.0.1:9100", "udp", "127.0.0.1:9100", {}),
         ("udp://[::1]:9100?from=[::1]:9101", "udp", "[::1]:9100", {"from": "[::1]:9101"}),
         ("udp://[fe80::1%25eth0]:9100", "udp", "[fe80::1%eth0]:9100", {}),
@@ -40,7 +40,7 @@ def test_text_that_cannot_be_taken_apart_is_told_the_form(text):
 
 @pytest.mark.parametrize("value", [None])
 def test_address_is_text(value):
-    with pytest.raises(PublishError, match=r"^an address is text such as shm://decaff, not "):
+    with pytest.raises(PublishError, match=r"^an address is text such as shm://proximity, not "):
         parse(value)
 
 
@@ -92,5 +92,10 @@ def test_files_of_an_address_are_named_as_seen_from_a_folder(tmp_path):
     assert moved.location == "[::1]:9100"
     assert moved.options == {"from": "[::1]:1", "key": f"{folder}/keys/my key"}
     assert parse(moved.text).with_files_in("/elsewhere") == moved.text
-    for without in ("shm://decaff", "zenoh://a?connect=tcp/h:1,tcp/h:2", "mailbox:a box", "udp://h:1?key="):
+    for without in (
+        "shm://proximity",
+        "zenoh://a?connect=tcp/h:1,tcp/h:2",
+        "mailbox:a box",
+        "udp://h:1?key=",
+    ):
         assert parse(without).with_files_in(folder) == without

@@ -60,7 +60,7 @@ GOOD = sealed(frame(count=1), 5)
         (GOOD[:50], Defect.SHORT),
         (b"garbage " * 20, Defect.MAGIC),
         (Message(POSES, 3).seal(1, 1).tobytes(), Defect.MAGIC),
-        (resealed(GOOD[:8] + b"\2\0" + GOOD[10:]), Defect.VERSION),
+        (resealed(GOOD[:8] + b"\1\0" + GOOD[10:]), Defect.VERSION),
         (GOOD[:-8], Defect.SIZE),
         (GOOD + b"\0", Defect.SIZE),
         (bytes(FRAME.size(MAX_RECORDS) + 100), Defect.SIZE),

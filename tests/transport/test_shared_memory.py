@@ -289,28 +289,29 @@ def test_mailbox_that_is_closed_and_has_its_name_is_none_and_nobody_spins(addres
 
 READER = """
 #define _GNU_SOURCE
-#include "decaff_mailbox.h"
-#include "decaff_message.h"
-static union { decaff_frame_header header; char bytes[65536]; } room;
+#include "proximity_mailbox.h"
+#include "proximity_message.h"
+static union { proximity_frame_header header; char bytes[65536]; } room;
 int main(int count, char **words)
 {
-    decaff_mailbox in, out;
+    proximity_mailbox in, out;
     int whole = 0, outcome;
-    while ((outcome = decaff_mailbox_open(&in, words[1])) == DECAFF_MAILBOX_NOBODY)
+    while ((outcome = proximity_mailbox_open(&in, words[1])) == PROXIMITY_MAILBOX_NOBODY)
         usleep(1000);
-    outcome = outcome != DECAFF_MAILBOX_OK ? outcome : decaff_mailbox_create(&out, words[2], sizeof room);
-    if (count != 3 || outcome != DECAFF_MAILBOX_OK)
-        return printf("%s\\n", decaff_mailbox_reason(outcome)), 1;
+    if (outcome == PROXIMITY_MAILBOX_OK)
+        outcome = proximity_mailbox_create(&out, words[2], sizeof room);
+    if (count != 3 || outcome != PROXIMITY_MAILBOX_OK)
+        return printf("%s\\n", proximity_mailbox_reason(outcome)), 1;
     while (whole < 20) {
         int64_t size;
-        decaff_mailbox_wait(&in, decaff_mailbox_now_ns() + 10000000);
-        while ((size = decaff_mailbox_read(&in, &room, sizeof room)) != DECAFF_MAILBOX_NOTHING)
-            if (decaff_check_frame(&room, (size_t)size) == DECAFF_FLAW_NONE)
-                whole += decaff_mailbox_write(&out, &room, (uint32_t)size);
+        proximity_mailbox_wait(&in, proximity_mailbox_now_ns() + 10000000);
+        while ((size = proximity_mailbox_read(&in, &room, sizeof room)) != PROXIMITY_MAILBOX_NOTHING)
+            if (proximity_check_frame(&room, (size_t)size) == PROXIMITY_FLAW_NONE)
+                whole += proximity_mailbox_write(&out, &room, (uint32_t)size);
     }
-    printf("%d %d\\n", whole, decaff_mailbox_is_written(&in));
-    decaff_mailbox_close(&in);
-    decaff_mailbox_close(&out);
+    printf("%d %d\\n", whole, proximity_mailbox_is_written(&in));
+    proximity_mailbox_close(&in);
+    proximity_mailbox_close(&out);
     return 0;
 }
 """
@@ -319,7 +320,7 @@ int main(int count, char **words)
 def test_program_in_c_reads_and_writes(address, name, tmp_path):
     source, program = tmp_path / "reader.c", tmp_path / "reader"
     source.write_text(READER)
-    (tmp_path / "decaff_message.h").write_text(header_text())
+    (tmp_path / "proximity_message.h").write_text(header_text())
     run(c_compiler(), "-std=c99", *WARNINGS, f"-I{CORE / 'mailbox'}", source, "-lm", "-o", program)
     said = []
     with open_publisher(address) as publisher, open_subscriber(f"{address}-back") as subscriber:

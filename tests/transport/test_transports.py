@@ -262,9 +262,9 @@ def test_without_its_library_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "zenoh", None)
 
     with pytest.raises(
-        PublishError, match=r'zenoh://decaff: needs zenoh: pip install "cad-proximity\[zenoh\]"'
+        PublishError, match=r'zenoh://proximity: needs zenoh: pip install "cad-proximity\[zenoh\]"'
     ):
-        open_publisher("zenoh://decaff")
+        open_publisher("zenoh://proximity")
 
 
 @pytest.mark.parametrize("scheme", ["mailbox", "udp", "shm"])

@@ -42,7 +42,7 @@ def test_search_by_multicast_prints_nothing_whether_it_works_or_not():
 @pytest.mark.parametrize(
     ("address", "message"),
     [
-        ("zenoh://a//b", r"expected a key such as decaff/poses \(Invalid Key Expr `a//b`: empty chunks"),
+        ("zenoh://a//b", r"expected a key such as proximity/poses \(Invalid Key Expr `a//b`: empty chunks"),
         ("zenoh://a/*", "expected one key, without wildcards"),
         ("zenoh://a?connect=127.0.0.1", "Zenoh cannot open it .*Endpoints must be of the form"),
         ("zenoh://a?config=none.json5", "the configuration 'none.json5' is not there"),
@@ -125,9 +125,9 @@ def test_configuration_of_the_readme_lets_one_certificate_publish(tmp_path, monk
             text.split("  access_control")[0].replace("service.", f"{name}.") + "}"
         )
     place = free_place("tls/localhost")
-    inlet = open_inlet(f"zenoh://decaff/poses?config=service.json5&listen={place}")
+    inlet = open_inlet(f"zenoh://proximity/poses?config=service.json5&listen={place}")
     outlets = [
-        open_outlet(f"zenoh://decaff/poses?config={name}.json5&connect={place}")
+        open_outlet(f"zenoh://proximity/poses?config={name}.json5&connect={place}")
         for name in ("other", "glove")
     ]
     taken = numbers_taken(inlet, outlets, 20)

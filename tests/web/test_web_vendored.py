@@ -33,7 +33,7 @@ def test_vendored_files_have_their_licence(folder):
 def test_the_page_weighs_less_than_a_megabyte():
     files = scene_page_files()
     names = [
-        "/decaff.mjs",
+        "/proximity_client.mjs",
         "/layout.mjs",
         *("/" + path.relative_to(PAGE).as_posix() for path in PAGE.rglob("*")),
     ]

@@ -30,7 +30,7 @@ _COMPILE = ["-O2", "-std=c11", "-Wall", "-Wextra", "-fvisibility=hidden", "-fno-
 def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path:
     """Return the extension module."""
     extension = folder / target.extension
-    (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
+    (folder / "proximity_message.h").write_text(header_text(), encoding="ascii")
     sources = [table, *sorted(PYTHON.glob("*.c")), *CONTROLLER.glob("*.c")]
     compiled = [_compiled(target, source, folder, *_headers(target)) for source in sources]
     files = map(str, [*compiled, *objects])
@@ -65,7 +65,7 @@ def library_objects(
     sets: dict[str, dict[str, str]] = {}
     for instructions, name, symbol in wrappers:
         sets.setdefault(instructions, {})[name] = symbol
-    (folder / "decaff_message.h").write_text(header_text(), encoding="ascii")
+    (folder / "proximity_message.h").write_text(header_text(), encoding="ascii")
     (folder / "core_tables.h").write_text(tables_header(), encoding="ascii")
     table = folder / "core_tables.c"
     table.write_text(tables_source(sets.items(), digest, core_digest()), encoding="ascii")

@@ -80,7 +80,7 @@ def calibrate(
     Examples:
       proximity calibrate glove.json --simulate
       proximity calibrate right-index.json --name "right index" --phalanges 45 26 20
-      proximity calibrate glove.json --counts shm://decaff/poses --finger 1
+      proximity calibrate glove.json --counts shm://proximity/poses --finger 1
       proximity calibrate glove.json --motor "odrive-can://can0?node=0&kt=0.05" --arm
       proximity calibrate glove.json --again touches
     """

@@ -67,11 +67,11 @@ def drum(
     only, never on hardware.
 
     Examples:
-      proximity drum shm://decaff
-      proximity drum shm://decaff --glove glove.json --log drum.csv
+      proximity drum shm://proximity
+      proximity drum shm://proximity --glove glove.json --log drum.csv
       proximity drum udp://127.0.0.1:9100 --limit 10 --json
-      proximity drum shm://decaff --motor "odrive-can://can0?node=0&kt=0.05"
-      proximity drum shm://decaff --motor "odrive-can://can0?node=0&kt=0.05" --arm
+      proximity drum shm://proximity --motor "odrive-can://can0?node=0&kt=0.05"
+      proximity drum shm://proximity --motor "odrive-can://can0?node=0&kt=0.05" --arm
     """
     refuse(
         (max_age is not None and not glove, "--max-age", "requires --glove"),

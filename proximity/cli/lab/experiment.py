@@ -88,7 +88,7 @@ def plan(
         output.report(sentence)
 
 
-@_command("run comparison.toml p07 --address shm://decaff --data people")
+@_command("run comparison.toml p07 --address shm://proximity --data people")
 def run(
     design: DESIGN,
     participant: Annotated[str, argument("PARTICIPANT", "Pseudonym, such as p07.")],

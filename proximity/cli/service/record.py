@@ -40,7 +40,7 @@ def record(
     if no frame came.
 
     Examples:
-      proximity record shm://decaff --out run.frames
+      proximity record shm://proximity --out run.frames
       proximity record udp://127.0.0.1:9100 --out run.frames --limit 60 --json
       proximity export run.frames --csv run.csv
     """

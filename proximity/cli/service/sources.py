@@ -56,7 +56,7 @@ def csharp(out: FOLDER) -> None:
     """Write a package for Unity and .NET: a client of the service, and the engine with its binding.
 
     Examples:
-      proximity client csharp --out Packages/org.decaff.proximity
+      proximity client csharp --out Packages/org.cad-proximity.unity
     """
     from proximity.clients.c_package import write_unity_package
 
@@ -67,7 +67,7 @@ def javascript(out: FOLDER) -> None:
     """Write a client of the service as ES modules, for browsers and Node.
 
     Examples:
-      proximity client javascript --out site/decaff
+      proximity client javascript --out site/client
     """
     _write_client("javascript", out)
 
@@ -76,7 +76,7 @@ def cpp(out: FOLDER) -> None:
     """Write a client of the service for C++20, header only, for POSIX systems and Windows.
 
     Examples:
-      proximity client cpp --out decaff
+      proximity client cpp --out client
     """
     _write_client("cpp", out)
 
@@ -137,14 +137,14 @@ def header(
         bool, flag("--receiver", "Print the C example that receives frames over UDP instead.")
     ] = False,
 ) -> None:
-    """Print decaff_message.h, the layout of all messages for C99, C11 and C++.
+    """Print proximity_message.h, the layout of all messages for C99, C11 and C++.
 
     It contains a structure for each message, with a comment for each field, and functions that check
     whether bytes are a frame and how far it can be trusted. It includes standard headers only: a
     microcontroller that receives udp:// datagrams needs nothing else.
 
     Examples:
-      proximity client header --out decaff_message.h
+      proximity client header --out proximity_message.h
       proximity client header --receiver --out receiver.c    # the example of a receiver
     """
     from proximity.clients import EXAMPLE_RECEIVER

@@ -29,9 +29,9 @@ def watch(
     less `pose_ns` it is the age of the pose. The exit code is 1 if no frame came.
 
     Examples:
-      proximity watch shm://decaff
+      proximity watch shm://proximity
       proximity watch udp://127.0.0.1:9100 --limit 10 > lines.txt
-      proximity watch shm://decaff --json | head -1
+      proximity watch shm://proximity --json | head -1
     """
     with stopped_by_signals() as stop:
         stop_after(limit, stop)

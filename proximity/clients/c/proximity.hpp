@@ -225,9 +225,9 @@ public:
     }
 
     /// The contacts of all fingers, which the next tick writes over. Without velocities these are estimated.
-    std::span<const decaff_contact> tick(std::span<const Vector> positions, std::span<const std::int64_t> pose_ns,
-                                         std::int64_t now_ns, const proximity_paths *paths = nullptr,
-                                         std::span<const Vector> velocities = {})
+    std::span<const proximity_contact> tick(std::span<const Vector> positions, std::span<const std::int64_t> pose_ns,
+                                            std::int64_t now_ns, const proximity_paths *paths = nullptr,
+                                            std::span<const Vector> velocities = {})
     {
         detail::same(positions.size(), contacts_.size());
         detail::same(pose_ns.size(), contacts_.size());
@@ -247,7 +247,7 @@ private:
         void operator()(proximity_tracker *tracker) const { proximity_destroy_tracker(tracker); }
     };
     std::unique_ptr<proximity_tracker, Destroy> tracker_;
-    std::vector<decaff_contact> contacts_;
+    std::vector<proximity_contact> contacts_;
 };
 
 }  // namespace proximity

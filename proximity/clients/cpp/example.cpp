@@ -11,19 +11,19 @@
 #include <thread>
 #include <vector>
 
-#include "decaff_client.hpp"
+#include "proximity_client.hpp"
 
 static const char *const names[] = {"STARTING", "OK", "DEGRADED", "LATE", "STALE", "STOPPING"};
 
-static void show(const decaff::reading &now)
+static void show(const proximity::reading &now)
 {
     if (now.header == nullptr) {
         std::printf("no frame yet\n");
         return;
     }
     std::printf("%s", names[now.state]);
-    for (const decaff_contact &contact : now.contacts) {
-        if ((contact.flags & DECAFF_FLAG_TRACKED) == 0)
+    for (const proximity_contact &contact : now.contacts) {
+        if ((contact.flags & PROXIMITY_FLAG_TRACKED) == 0)
             continue; // nothing is known of it: take the hand's force away
         // While the frame is valid the distance holds; LATE, only that it is at least the lower bound.
         std::printf("; finger %u: %s %.3f mm, pose %.1f ms old", static_cast<unsigned>(contact.finger),
@@ -40,21 +40,21 @@ int main(int count, char **words)
     }
     try {
         const std::string key = count > 4 ? words[4] : "";
-        decaff::receiver frames({.port = static_cast<std::uint16_t>(std::atoi(words[1])), .key = key});
-        decaff::sender poses({.port = static_cast<std::uint16_t>(std::atoi(words[2])), .key = key});
+        proximity::receiver frames({.port = static_cast<std::uint16_t>(std::atoi(words[1])), .key = key});
+        proximity::sender poses({.port = static_cast<std::uint16_t>(std::atoi(words[2])), .key = key});
         const int pictures = static_cast<int>(90 * std::atof(words[3])); // 90 a second, as a headset has them
         auto due = std::chrono::steady_clock::now();
         for (int picture = 1; picture <= pictures; picture++) {
             // From 60 mm down at 5 mm a second, until the fingertip of 7 mm is 1 mm inside the foot.
             const double tip[3] = {0.050, 0.020, std::max(0.060 - 0.005 * picture / 90, 0.010)};
-            poses.send(std::vector<decaff_pose>{decaff::pose_of(0, tip)});
+            poses.send(std::vector<proximity_finger_pose>{proximity::pose_of(0, tip)});
             std::this_thread::sleep_until(due += std::chrono::nanoseconds(1000000000 / 90)); // you draw
-            const decaff::reading now = frames.read(); // never waits
+            const proximity::reading now = frames.read(); // never waits
             if (picture % 9 == 0)
                 show(now);
         }
         std::printf("%s\n", frames.counted().text().c_str());
-    } catch (const decaff::error &failure) {
+    } catch (const proximity::error &failure) {
         std::fprintf(stderr, "example: %s\n", failure.what());
         return 1;
     }

@@ -7,8 +7,8 @@
 
 import { setTimeout as sleep } from "node:timers/promises";
 
-import { ContactFlag, poseOf } from "./decaff.mjs";
-import { Publisher, Subscriber, clockNs } from "./decaff_udp.mjs";
+import { ContactFlag, poseOf } from "./proximity_client.mjs";
+import { Publisher, Subscriber, clockNs } from "./proximity_udp.mjs";
 
 function show(now) {
   if (now.header === null) return console.log("no frame yet");

@@ -7,7 +7,7 @@
 // package, bit for bit where the processor fuses multiply-add and the browser has relaxed vector instructions, as
 // almost all have; see `Engine.instructions`.
 
-import { readRecord } from "./decaff.mjs";
+import { readRecord } from "./proximity_client.mjs";
 import { RECORDS } from "./layout.mjs";
 
 /** Records of answers: names of the numbers of eight bytes, then those of four. */

@@ -1,10 +1,10 @@
 /* proximity: a tracker, which answers for every fingertip at every tick: distances with certified bounds,
    velocities, predictions, time and location of contact. See proximity.h for errors, scenes and threads, and
-   decaff_message.h, which is generated, for what is in a contact: the record that travels is the record here. */
+   proximity_message.h, which is generated, for what is in a contact: the record that travels is the record here. */
 #ifndef PROXIMITY_TRACKER_H
 #define PROXIMITY_TRACKER_H
 
-#include "decaff_message.h"
+#include "proximity_message.h"
 #include "proximity.h"
 
 #ifdef __cplusplus
@@ -56,7 +56,7 @@ PROXIMITY_API int proximity_set_radius(proximity_tracker *tracker, size_t finger
    `contacts` has a record a finger. No value that a sensor may deliver is an error. */
 PROXIMITY_API int proximity_tick(proximity_tracker *tracker, const double *positions, const int64_t *pose_ns,
                                  int64_t now_ns, const double *velocities, const proximity_paths *paths,
-                                 decaff_contact *contacts, proximity_error *error);
+                                 proximity_contact *contacts, proximity_error *error);
 
 /* Forget all fingers: the next tick is treated as the first. *Changes* the tracker. */
 PROXIMITY_API void proximity_reset_tracker(proximity_tracker *tracker);

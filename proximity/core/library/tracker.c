@@ -8,7 +8,7 @@
 
 #define WORD(address) ((int64_t)(intptr_t)(address))
 
-_Static_assert(sizeof(decaff_contact) == CONTACT_SIZE, "a contact is the record that kernels fill");
+_Static_assert(sizeof(proximity_contact) == CONTACT_SIZE, "a contact is the record that kernels fill");
 
 enum { MOST_CORNERS = 1 << 16 }; /* of a path */
 
@@ -254,7 +254,7 @@ static const char *unfit_tick(const proximity_tracker *tracker, const int64_t *p
 }
 
 int proximity_tick(proximity_tracker *tracker, const double *positions, const int64_t *pose_ns, int64_t now_ns,
-                   const double *velocities, const proximity_paths *paths, decaff_contact *contacts,
+                   const double *velocities, const proximity_paths *paths, proximity_contact *contacts,
                    proximity_error *error)
 {
     if (tracker == NULL || positions == NULL || pose_ns == NULL || contacts == NULL) {

@@ -77,13 +77,13 @@ static void skip_what_is_past(Loop *loop, int64_t now_ns)
 }
 
 /* What is known of the bends of fingers that are tracked and are on no path. */
-static void write_bends(Loop *loop, LoopSource *source, decaff_contact *contacts)
+static void write_bends(Loop *loop, LoopSource *source, proximity_contact *contacts)
 {
     const double *bends = POINTER(loop->bends);
     const int64_t *pose_ns = POINTER(loop->pose_ns);
     for (int64_t k = 0; k < loop->count && loop->has_bends; k++) {
-        uint32_t flags = contacts[k].flags & (DECAFF_FLAG_TRACKED | DECAFF_FLAG_ON_PATH);
-        if (flags != DECAFF_FLAG_TRACKED || !isfinite(bends[k])) {
+        uint32_t flags = contacts[k].flags & (PROXIMITY_FLAG_TRACKED | PROXIMITY_FLAG_ON_PATH);
+        if (flags != PROXIMITY_FLAG_TRACKED || !isfinite(bends[k])) {
             continue;
         }
         double reals[5] = {loop->metres_a_bend * bends[k], 0.0, 0.0, DEFAULT_MAX_SPEED, DEFAULT_MAX_ACCELERATION};
@@ -91,7 +91,7 @@ static void write_bends(Loop *loop, LoopSource *source, decaff_contact *contacts
         memcpy(words + 5, reals, sizeof reals);
         proximity_call(set_of(loop), OBSERVE, words);
         contacts[k].bend = bends[k];
-        if ((words[10] & DECAFF_FLAG_PREDICTED) != 0) {
+        if ((words[10] & PROXIMITY_FLAG_PREDICTED) != 0) {
             const Estimate *estimates = POINTER(source->bend_motions);
             contacts[k].bend_rate = estimates[ESTIMATES * k].velocity[0] / loop->metres_a_bend;
         }
@@ -99,7 +99,7 @@ static void write_bends(Loop *loop, LoopSource *source, decaff_contact *contacts
 }
 
 /* Let nothing be known: a tick was not done, and what is there is of the one before. */
-static void forget_all(const Loop *loop, decaff_contact *contacts)
+static void forget_all(const Loop *loop, proximity_contact *contacts)
 {
     for (int64_t k = 0; k < loop->count; k++) {
         memcpy(&contacts[k], proximity_unknown_contact, sizeof *contacts);
@@ -107,7 +107,7 @@ static void forget_all(const Loop *loop, decaff_contact *contacts)
     }
 }
 
-static void tick_tracker(Loop *loop, decaff_contact *contacts, int64_t now_ns)
+static void tick_tracker(Loop *loop, proximity_contact *contacts, int64_t now_ns)
 {
     LoopSource *source = POINTER(loop->source);
     const int64_t *table = POINTER(source->tracker);
@@ -128,7 +128,7 @@ static void tick_tracker(Loop *loop, decaff_contact *contacts, int64_t now_ns)
 }
 
 /* Make contacts of what a sensor has measured. */
-static void sense_contacts(Loop *loop, decaff_contact *contacts, int64_t now_ns)
+static void sense_contacts(Loop *loop, proximity_contact *contacts, int64_t now_ns)
 {
     const LoopSensor *sensor = POINTER(((LoopSource *)POINTER(loop->source))->sensor);
     int64_t n = loop->count;
@@ -142,11 +142,11 @@ static void sense_contacts(Loop *loop, decaff_contact *contacts, int64_t now_ns)
 /* Take the newest message of contacts that were made beside the loop. */
 static void receive_contacts(Loop *loop)
 {
-    for (int k = 0; k < MOST_AT_ONCE && receive_message(&loop->input) != DECAFF_MAILBOX_NOTHING; k++) {
+    for (int k = 0; k < MOST_AT_ONCE && receive_message(&loop->input) != PROXIMITY_MAILBOX_NOTHING; k++) {
     }
 }
 
-static void copy_contacts(Loop *loop, decaff_contact *contacts)
+static void copy_contacts(Loop *loop, proximity_contact *contacts)
 {
     const LoopContacts *given = POINTER(loop->input.message);
     if (given->source != loop->source) { /* none came yet */
@@ -179,7 +179,7 @@ static void exchange_source(Loop *loop)
 /* Let times be those of the readers' clock. */
 static void write_times(Loop *loop, int64_t pose_ns, int64_t start_ns, int64_t publish_ns)
 {
-    decaff_frame_header *frame = POINTER(loop->frame);
+    proximity_frame_header *frame = POINTER(loop->frame);
     frame->pose_ns = pose_ns;
     frame->start_ns = start_ns;
     frame->publish_ns = publish_ns;
@@ -190,12 +190,12 @@ static void write_times(Loop *loop, int64_t pose_ns, int64_t start_ns, int64_t p
 /* Finish the header of a frame; its state says how far to trust it. */
 static int finish_frame(Loop *loop, int64_t start_ns, int64_t publish_ns)
 {
-    decaff_frame_header *frame = POINTER(loop->frame);
-    decaff_contact *contacts = (decaff_contact *)(void *)(frame + 1);
+    proximity_frame_header *frame = POINTER(loop->frame);
+    proximity_contact *contacts = (proximity_contact *)(void *)(frame + 1);
     int64_t oldest_ns = INT64_MAX, tracked = 0, uncertain = 0, skipped = skipped_ns(loop);
-    const uint32_t close_by = DECAFF_FLAG_BOUNDED | DECAFF_FLAG_IN_RANGE;
+    const uint32_t close_by = PROXIMITY_FLAG_BOUNDED | PROXIMITY_FLAG_IN_RANGE;
     for (int64_t k = 0; k < loop->count; k++) {
-        if ((contacts[k].flags & DECAFF_FLAG_TRACKED) != 0) {
+        if ((contacts[k].flags & PROXIMITY_FLAG_TRACKED) != 0) {
             tracked++;
             oldest_ns = contacts[k].pose_ns < oldest_ns ? contacts[k].pose_ns : oldest_ns;
             uncertain += (contacts[k].flags & close_by) == close_by;
@@ -207,11 +207,11 @@ static int finish_frame(Loop *loop, int64_t start_ns, int64_t publish_ns)
     write_times(loop, pose_ns - skipped, start_ns - skipped, publish_ns - skipped);
     loop->has_started |= tracked > 0;
     if (!tracked) {
-        frame->state = loop->has_started ? DECAFF_STATE_STALE : DECAFF_STATE_STARTING;
+        frame->state = loop->has_started ? PROXIMITY_STATE_STALE : PROXIMITY_STATE_STARTING;
     } else if (loop->missed != loop->reported_missed || publish_ns > pose_ns + loop->valid_for_ns || loop->is_late) {
-        frame->state = DECAFF_STATE_LATE;
+        frame->state = PROXIMITY_STATE_LATE;
     } else {
-        frame->state = tracked < loop->count || uncertain ? DECAFF_STATE_DEGRADED : DECAFF_STATE_OK;
+        frame->state = tracked < loop->count || uncertain ? PROXIMITY_STATE_DEGRADED : PROXIMITY_STATE_OK;
     }
     loop->reported_missed = loop->missed;
     frame->epoch = (uint64_t)loop->epoch;
@@ -224,7 +224,7 @@ static void publish(Loop *loop, uint8_t *message, int64_t size, int kind)
     for (int64_t k = 0; k < loop->output_count; k++) {
         send_message(&loop->outputs[k], message, size, kind, POINTER(loop->datagram));
         if (k == 0 && kind == 0 && loop->log != 0) {
-            decaff_mailbox_add(POINTER(loop->log), message, (uint32_t)size); /* its reader looks now and then */
+            proximity_mailbox_add(POINTER(loop->log), message, (uint32_t)size); /* its reader looks now and then */
         }
     }
 }
@@ -238,7 +238,7 @@ static void publish_pending(Loop *loop)
     }
 }
 
-static void fill_contacts(Loop *loop, decaff_contact *contacts, int64_t start_ns)
+static void fill_contacts(Loop *loop, proximity_contact *contacts, int64_t start_ns)
 {
     if (loop->is_given) {
         copy_contacts(loop, contacts);
@@ -261,8 +261,8 @@ static void fill_contacts(Loop *loop, decaff_contact *contacts, int64_t start_ns
 /* Make one frame. */
 static void tick(Loop *loop, int is_for_pose)
 {
-    decaff_frame_header *frame = POINTER(loop->frame);
-    decaff_contact *contacts = (decaff_contact *)(void *)(frame + 1);
+    proximity_frame_header *frame = POINTER(loop->frame);
+    proximity_contact *contacts = (proximity_contact *)(void *)(frame + 1);
     int64_t start_ns = clock_now_ns(loop), begun_ns = stopwatch_ns(loop);
     if (is_for_pose) {
         loop->posed_ns = loop->due_ns = start_ns;
@@ -291,9 +291,9 @@ static void begin(Loop *loop)
 {
     int64_t now_ns = clock_now_ns(loop), *pose_ns = POINTER(loop->pose_ns);
     double *positions = POINTER(loop->positions);
-    decaff_mailbox *box = POINTER(loop->input.box);
+    proximity_mailbox *box = POINTER(loop->input.box);
     if (box != NULL && box->header != NULL && !loop->is_simulated) {
-        decaff_mailbox_skip(box); /* what has come while the scene was loaded is old */
+        proximity_mailbox_skip(box); /* what has come while the scene was loaded is old */
     }
     for (int64_t k = 0; k < loop->count; k++) {
         pose_ns[k] = now_ns - loop->stale_after_ns;
@@ -307,10 +307,10 @@ static void begin(Loop *loop)
 /* Say that no frames will come any more. */
 static void publish_stopping(Loop *loop)
 {
-    decaff_frame_header *frame = POINTER(loop->frame);
+    proximity_frame_header *frame = POINTER(loop->frame);
     for (int k = 0; k < STOPPING_FRAMES; k++) {
         int64_t now_ns = clock_now_ns(loop), told_ns = now_ns - skipped_ns(loop);
-        frame->state = DECAFF_STATE_STOPPING;
+        frame->state = PROXIMITY_STATE_STOPPING;
         write_times(loop, frame->pose_ns != 0 ? frame->pose_ns : told_ns, told_ns, told_ns);
         publish(loop, (uint8_t *)frame, frame->size, 0);
         if (loop->is_simulated) {

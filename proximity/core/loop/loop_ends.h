@@ -5,8 +5,8 @@
 #include <errno.h>
 
 #include "core.h"
-#include "decaff_mailbox.h"
-#include "decaff_message.h"
+#include "proximity_mailbox.h"
+#include "proximity_message.h"
 #include "loop_system.h"
 
 enum { NAP_NS = 200000 };
@@ -23,37 +23,37 @@ enum { MOST_STRANGERS = 64, MOST_FORGED_BYTES = 1 << 17, NAME_NS = 100000000, OP
 /* Open the mailbox that has the name now; whether there is one. Of the next one everything is news. */
 static int follow_mailbox(LoopInput *input)
 {
-    decaff_mailbox *box = POINTER(input->box);
+    proximity_mailbox *box = POINTER(input->box);
     int is_next = input->looked_ns != 0, outcome;
-    decaff_mailbox_close(box);
-    outcome = decaff_mailbox_open(box, POINTER(input->name));
+    proximity_mailbox_close(box);
+    outcome = proximity_mailbox_open(box, POINTER(input->name));
     input->looked_ns = system_now_ns();
-    if (outcome == DECAFF_MAILBOX_OK && is_next) {
+    if (outcome == PROXIMITY_MAILBOX_OK && is_next) {
         box->position = __atomic_load_n(&box->header->floor, __ATOMIC_ACQUIRE);
     }
-    if (outcome != DECAFF_MAILBOX_OK && outcome != DECAFF_MAILBOX_NOBODY) {
+    if (outcome != PROXIMITY_MAILBOX_OK && outcome != PROXIMITY_MAILBOX_NOBODY) {
         input->first_failure = input->failures++ == 0 ? -outcome : input->first_failure;
     }
-    return outcome == DECAFF_MAILBOX_OK;
+    return outcome == PROXIMITY_MAILBOX_OK;
 }
 
 static int64_t receive_from_mailbox(LoopInput *input)
 {
-    decaff_mailbox *box = POINTER(input->box);
+    proximity_mailbox *box = POINTER(input->box);
     if (box->header == NULL && !follow_mailbox(input)) {
-        return DECAFF_MAILBOX_NOTHING;
+        return PROXIMITY_MAILBOX_NOTHING;
     }
-    int64_t size = decaff_mailbox_read(box, POINTER(input->message), (uint64_t)input->longest), now_ns;
-    if (size != DECAFF_MAILBOX_NOTHING) {
+    int64_t size = proximity_mailbox_read(box, POINTER(input->message), (uint64_t)input->longest), now_ns;
+    if (size != PROXIMITY_MAILBOX_NOTHING) {
         return size;
     }
     now_ns = system_now_ns();
     int looks = now_ns - input->looked_ns > NAME_NS;
     input->looked_ns = looks ? now_ns : input->looked_ns;
-    if (!(looks ? decaff_mailbox_is_over(box) : decaff_mailbox_is_closed(box)) || !follow_mailbox(input)) {
-        return DECAFF_MAILBOX_NOTHING;
+    if (!(looks ? proximity_mailbox_is_over(box) : proximity_mailbox_is_closed(box)) || !follow_mailbox(input)) {
+        return PROXIMITY_MAILBOX_NOTHING;
     }
-    return decaff_mailbox_read(box, POINTER(input->message), (uint64_t)input->longest);
+    return proximity_mailbox_read(box, POINTER(input->message), (uint64_t)input->longest);
 }
 
 static int is_expected(const LoopInput *input, const struct sockaddr_in *from)
@@ -78,14 +78,14 @@ static int64_t receive_datagram(LoopInput *input)
             if (errno != EAGAIN && errno != EWOULDBLOCK) {
                 input->first_failure = input->failures++ == 0 ? errno : input->first_failure;
             }
-            return DECAFF_MAILBOX_NOTHING;
+            return PROXIMITY_MAILBOX_NOTHING;
         }
         if (!is_expected(input, &from)) {
             input->refused++;
         } else if (input->key == 0) {
             return size;
         } else if (size <= input->longest) {
-            size_t verified = decaff_verified(POINTER(input->key), POINTER(input->message), (size_t)size);
+            size_t verified = proximity_verified(POINTER(input->key), POINTER(input->message), (size_t)size);
             if (verified != 0) {
                 return (int64_t)verified;
             }
@@ -93,20 +93,20 @@ static int64_t receive_datagram(LoopInput *input)
             forged += size;
         }
     }
-    return DECAFF_MAILBOX_NOTHING;
+    return PROXIMITY_MAILBOX_NOTHING;
 }
 
 /* Wait at the mailbox that has the name, which may have to be opened first; whether a message may be there. */
 static int wait_at_mailbox(LoopInput *input, int64_t until_ns)
 {
-    decaff_mailbox *box = POINTER(input->box);
-    int is_gone = box->header == NULL || (decaff_mailbox_is_closed(box) && !decaff_mailbox_has(box));
+    proximity_mailbox *box = POINTER(input->box);
+    int is_gone = box->header == NULL || (proximity_mailbox_is_closed(box) && !proximity_mailbox_has(box));
     if (is_gone && !follow_mailbox(input)) {
         int64_t again_ns = system_now_ns() + OPEN_NS;
         system_sleep(again_ns < until_ns ? again_ns : until_ns);
         return 0;
     }
-    return decaff_mailbox_wait(box, until_ns);
+    return proximity_mailbox_wait(box, until_ns);
 }
 
 static int wait_at_socket(LoopInput *input, int64_t until_ns)
@@ -169,7 +169,7 @@ static void close_timer(LoopInput *input)
 }
 #endif
 
-/* Read the next message; its size, or DECAFF_MAILBOX_NOTHING. */
+/* Read the next message; its size, or PROXIMITY_MAILBOX_NOTHING. */
 static int64_t receive_message(LoopInput *input)
 {
 #ifdef __linux__
@@ -180,7 +180,7 @@ static int64_t receive_message(LoopInput *input)
         return receive_from_mailbox(input);
     }
 #endif
-    return decaff_mailbox_read(POINTER(input->box), POINTER(input->message), (uint64_t)input->longest);
+    return proximity_mailbox_read(POINTER(input->box), POINTER(input->message), (uint64_t)input->longest);
 }
 
 /* Wait for a message until that instant; whether one may be there. */
@@ -193,14 +193,14 @@ static int wait_for_message(LoopInput *input, int64_t until_ns)
     if (input->name != 0) {
         return wait_at_mailbox(input, until_ns);
     }
-    return decaff_mailbox_wait(POINTER(input->box), until_ns);
+    return proximity_mailbox_wait(POINTER(input->box), until_ns);
 #else
     int64_t now_ns = system_now_ns();
-    while (!decaff_mailbox_has(POINTER(input->box)) && now_ns < until_ns) {
+    while (!proximity_mailbox_has(POINTER(input->box)) && now_ns < until_ns) {
         system_sleep(until_ns < now_ns + NAP_NS ? until_ns : now_ns + NAP_NS); /* nobody can wake it there */
         now_ns = system_now_ns();
     }
-    return decaff_mailbox_has(POINTER(input->box));
+    return proximity_mailbox_has(POINTER(input->box));
 #endif
 }
 

@@ -54,7 +54,7 @@ static int64_t calendar_ns(void)
 /* Number a message of that kind, 0 of frames, 1 of the description; after the machine slept in another session. */
 static void seal(LoopOutput *output, uint8_t *message, int64_t size, int kind)
 {
-    decaff_prefix *prefix = (decaff_prefix *)(void *)message;
+    proximity_prefix *prefix = (proximity_prefix *)(void *)message;
     int64_t calendar = calendar_ns(), before_ns = output->awake_ns;
     output->awake_ns = calendar - system_now_ns();
     if (output->awake_ns > before_ns + ASLEEP_NS) {
@@ -68,21 +68,21 @@ static void seal(LoopOutput *output, uint8_t *message, int64_t size, int kind)
 
 static void send_message(LoopOutput *output, uint8_t *message, int64_t size, int kind, uint8_t *datagram)
 {
-    decaff_mailbox *box = POINTER(output->box);
+    proximity_mailbox *box = POINTER(output->box);
     int error;
     seal(output, message, size, kind);
     if (box != NULL) {
-        error = decaff_mailbox_write(box, message, (uint32_t)size) ? 0 : EMSGSIZE;
+        error = proximity_mailbox_write(box, message, (uint32_t)size) ? 0 : EMSGSIZE;
     } else if (output->socket < 0) {
         error = 0; /* frames are logged only */
-    } else if (size > MOST_DATAGRAM_BYTES - (output->key != 0 ? DECAFF_TAG_BYTES : 0)) {
+    } else if (size > MOST_DATAGRAM_BYTES - (output->key != 0 ? PROXIMITY_TAG_BYTES : 0)) {
         error = EMSGSIZE;
     } else if (output->key == 0) {
         error = send_datagram(output, message, (size_t)size);
     } else {
         memcpy(datagram, message, (size_t)size);
-        decaff_tag(POINTER(output->key), message, (size_t)size, datagram + size);
-        error = send_datagram(output, datagram, (size_t)size + DECAFF_TAG_BYTES);
+        proximity_tag(POINTER(output->key), message, (size_t)size, datagram + size);
+        error = send_datagram(output, datagram, (size_t)size + PROXIMITY_TAG_BYTES);
     }
     if (error != 0 && kind == 0) {
         output->first_failure = output->failures++ == 0 ? error : output->first_failure;

@@ -170,27 +170,27 @@ static double lesser(double a, double b)
 }
 
 /* Promise no more of a contact than its widened bounds do. */
-static void promise_less(decaff_contact *contact, double fastest)
+static void promise_less(proximity_contact *contact, double fastest)
 {
     double lower = contact->lower > 0.0 || isnan(contact->lower) ? contact->lower : 0.0, *v = contact->velocity;
     double speed = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + fastest;
-    if ((contact->flags & DECAFF_FLAG_EXACT) != 0) {
-        contact->flags ^= DECAFF_FLAG_EXACT | DECAFF_FLAG_BOUNDED;
+    if ((contact->flags & PROXIMITY_FLAG_EXACT) != 0) {
+        contact->flags ^= PROXIMITY_FLAG_EXACT | PROXIMITY_FLAG_BOUNDED;
     }
-    contact->flags &= ~(uint32_t)DECAFF_FLAG_CONTACT_FOUND;
+    contact->flags &= ~(uint32_t)PROXIMITY_FLAG_CONTACT_FOUND;
     contact->contact_bend_error += INFINITY; /* what is nan stays so */
-    double free_s = (contact->flags & DECAFF_FLAG_PREDICTED) != 0 ? lower * ROUNDED_DOWN / speed : 0.0;
+    double free_s = (contact->flags & PROXIMITY_FLAG_PREDICTED) != 0 ? lower * ROUNDED_DOWN / speed : 0.0;
     contact->time_to_contact_lower = lesser(contact->time_to_contact_lower, free_s);
 }
 
 /* Make bounds hold for parts that stand where they are at another instant than the finger's: of those it is how far
    they go in between. Of a part of which nothing more is reported it is how far it may have come since. */
-static void widen_bounds(Loop *loop, decaff_contact *contacts, int64_t now_ns, int64_t instant_ns)
+static void widen_bounds(Loop *loop, proximity_contact *contacts, int64_t now_ns, int64_t instant_ns)
 {
     const LoopSource *source = POINTER(loop->source);
     const LoopMotion *motions = source->scene != 0 ? POINTER(source->motions) : NULL;
     for (int64_t k = 0; motions != NULL && k < loop->count; k++) {
-        decaff_contact *contact = &contacts[k];
+        proximity_contact *contact = &contacts[k];
         double off = 0.0, off_then = 0.0, fastest = 0.0;
         for (int64_t part = 0; part < scene_of(source)->archive.part_count; part++) {
             const LoopMotion *motion = &motions[part];
@@ -204,7 +204,7 @@ static void widen_bounds(Loop *loop, decaff_contact *contacts, int64_t now_ns, i
                 fastest = fmax(fastest, motion->top_speed);
             }
         }
-        if ((contact->flags & DECAFF_FLAG_TRACKED) != 0 && off_then > 0.0) {
+        if ((contact->flags & PROXIMITY_FLAG_TRACKED) != 0 && off_then > 0.0) {
             double error = 1e-9 * off * ROUNDED_UP, error_then = 1e-9 * off_then * ROUNDED_UP;
             contact->lower -= error;
             contact->upper += error;

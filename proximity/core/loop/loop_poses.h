@@ -19,34 +19,34 @@ static const InstructionSet *set_of(const Loop *loop)
     return POINTER(loop->set);
 }
 
-/* The flaw of bytes that claim to be poses, as decaff_check() has it. */
+/* The flaw of bytes that claim to be poses, as proximity_check() has it. */
 static int flaw_of(const uint8_t *message, int64_t size, int is_measured, int *kind)
 {
-    const decaff_input_header *header = (const decaff_input_header *)(const void *)message;
+    const proximity_input_header *header = (const proximity_input_header *)(const void *)message;
     int64_t stride;
-    if (size < (int64_t)sizeof(decaff_prefix)) {
-        return DECAFF_FLAW_SHORT;
+    if (size < (int64_t)sizeof(proximity_prefix)) {
+        return PROXIMITY_FLAW_SHORT;
     }
-    *kind = is_measured ? 2 : header->magic == DECAFF_PATH_POSES_MAGIC;
-    stride = (int64_t)(*kind == 2 ? sizeof(decaff_measurement) : *kind ? sizeof(decaff_path_pose) : sizeof(decaff_pose));
+    *kind = is_measured ? 2 : header->magic == PROXIMITY_PATH_POSES_MAGIC;
+    stride = (int64_t)(*kind == 2 ? sizeof(proximity_measurement) : *kind ? sizeof(proximity_path_pose) : sizeof(proximity_finger_pose));
     if (size < (int64_t)sizeof *header) {
-        return DECAFF_FLAW_SHORT;
+        return PROXIMITY_FLAW_SHORT;
     }
-    if (header->magic != (*kind == 2 ? DECAFF_MEASURED_MAGIC : *kind ? DECAFF_PATH_POSES_MAGIC : DECAFF_POSES_MAGIC)) {
-        return DECAFF_FLAW_MAGIC;
+    if (header->magic != (*kind == 2 ? PROXIMITY_MEASURED_MAGIC : *kind ? PROXIMITY_PATH_POSES_MAGIC : PROXIMITY_POSES_MAGIC)) {
+        return PROXIMITY_FLAW_MAGIC;
     }
-    if (header->version != DECAFF_VERSION) {
-        return DECAFF_FLAW_VERSION;
+    if (header->version != PROXIMITY_VERSION) {
+        return PROXIMITY_FLAW_VERSION;
     }
     int64_t body = size - (int64_t)sizeof *header;
     if (header->size != (uint64_t)size || header->header_size != sizeof *header || body % stride != 0 ||
-        body / stride > DECAFF_MAX_RECORDS) {
-        return DECAFF_FLAW_SIZE;
+        body / stride > PROXIMITY_MAX_RECORDS) {
+        return PROXIMITY_FLAW_SIZE;
     }
     if (checksum(message + 8, size - 8) != header->checksum) {
-        return DECAFF_FLAW_CHECKSUM;
+        return PROXIMITY_FLAW_CHECKSUM;
     }
-    return header->count == (uint64_t)(body / stride) ? DECAFF_FLAW_NONE : DECAFF_FLAW_SIZE;
+    return header->count == (uint64_t)(body / stride) ? PROXIMITY_FLAW_NONE : PROXIMITY_FLAW_SIZE;
 }
 
 static LoopRun *ended_run(LoopInput *input, int kind, uint64_t session)
@@ -60,7 +60,7 @@ static LoopRun *ended_run(LoopInput *input, int kind, uint64_t session)
 }
 
 /* Whether a message was overtaken or is repeated; see `MessageReader`. */
-static int is_old(LoopInput *input, int kind, const decaff_input_header *header, int64_t now_ns)
+static int is_old(LoopInput *input, int kind, const proximity_input_header *header, int64_t now_ns)
 {
     const LoopSeen *last = &input->seen[kind];
     const LoopRun *run = ended_run(input, kind, header->session);
@@ -71,7 +71,7 @@ static int is_old(LoopInput *input, int kind, const decaff_input_header *header,
         return 0;
     }
     if (header->session == last->session) {
-        return !(header->sequence > last->sequence && header->sequence - last->sequence <= DECAFF_MOST_SKIPPED);
+        return !(header->sequence > last->sequence && header->sequence - last->sequence <= PROXIMITY_MOST_SKIPPED);
     }
     if (header->session > last->session && run == NULL) {
         return 0;
@@ -89,7 +89,7 @@ static void forget_run(LoopInput *input, LoopRun *run)
 }
 
 /* Count a message that is used, and those before it that are missing. */
-static void accept_message(LoopInput *input, int kind, const decaff_input_header *header, int64_t now_ns)
+static void accept_message(LoopInput *input, int kind, const proximity_input_header *header, int64_t now_ns)
 {
     LoopSeen *last = &input->seen[kind];
     uint64_t before = header->sequence - 1;
@@ -109,7 +109,7 @@ static void accept_message(LoopInput *input, int kind, const decaff_input_header
         input->ended[input->ended_count++] = ended;
     }
     uint64_t missing = header->sequence - before - 1;
-    input->lost += missing <= DECAFF_MOST_SKIPPED ? (int64_t)missing : 0; /* of a run that was joined late */
+    input->lost += missing <= PROXIMITY_MOST_SKIPPED ? (int64_t)missing : 0; /* of a run that was joined late */
     input->received++;
     last->is_any = 1;
     last->session = header->session;
@@ -122,12 +122,12 @@ static void accept_message(LoopInput *input, int kind, const decaff_input_header
 /* Whether what was received is a message to be used; counted if it is, and if it is not, by its defect. */
 static int is_usable(LoopInput *input, const uint8_t *message, int64_t size, int64_t now_ns)
 {
-    const decaff_input_header *header = (const decaff_input_header *)(const void *)message;
-    int kind = 0, flaw = size > input->longest ? DECAFF_FLAW_SIZE : flaw_of(message, size, input->is_measured != 0, &kind);
-    if (flaw == DECAFF_FLAW_NONE && is_old(input, kind, header, now_ns)) {
-        flaw = DECAFF_FLAW_CHECKSUM + 1;
+    const proximity_input_header *header = (const proximity_input_header *)(const void *)message;
+    int kind = 0, flaw = size > input->longest ? PROXIMITY_FLAW_SIZE : flaw_of(message, size, input->is_measured != 0, &kind);
+    if (flaw == PROXIMITY_FLAW_NONE && is_old(input, kind, header, now_ns)) {
+        flaw = PROXIMITY_FLAW_CHECKSUM + 1;
     }
-    if (flaw != DECAFF_FLAW_NONE) {
+    if (flaw != PROXIMITY_FLAW_NONE) {
         input->flawed[flaw]++;
         return 0;
     }
@@ -189,7 +189,7 @@ static int take_given(Loop *loop, int64_t rows)
     int64_t now_ns = clock_now_ns(loop), count = loop->count;
     int64_t words[] = {loop->pose_ns, count, loop->positions, count, loop->width, loop->refused_ns, count, loop->row_of,
                        count, loop->fingers, rows, loop->given_ns, rows, loop->given, rows, loop->width, loop->defects, rows,
-                       now_ns - loop->stale_after_ns, now_ns + DECAFF_AHEAD_NS, 0};
+                       now_ns - loop->stale_after_ns, now_ns + PROXIMITY_AHEAD_NS, 0};
     if (!proximity_call(set_of(loop), UPDATE_NEWEST, words)) {
         return 0;
     }
@@ -200,14 +200,14 @@ static int take_given(Loop *loop, int64_t rows)
 /* Take the poses of a message that was checked: those of fingers that are served, where they are newer. */
 static void take_poses(Loop *loop, uint8_t *message)
 {
-    decaff_input_header *header = (decaff_input_header *)(void *)message;
-    int is_path = header->magic == DECAFF_PATH_POSES_MAGIC;
-    int64_t stride = is_path ? (int64_t)sizeof(decaff_path_pose) : (int64_t)sizeof(decaff_pose), rows = 0;
+    proximity_input_header *header = (proximity_input_header *)(void *)message;
+    int is_path = header->magic == PROXIMITY_PATH_POSES_MAGIC;
+    int64_t stride = is_path ? (int64_t)sizeof(proximity_path_pose) : (int64_t)sizeof(proximity_finger_pose), rows = 0;
     uint8_t *records = (uint8_t *)(header + 1);
     int64_t *fingers = POINTER(loop->fingers), *given_ns = POINTER(loop->given_ns);
     double *given = POINTER(loop->given);
     for (uint32_t k = 0; k < header->count; k++) {
-        const decaff_pose *pose = (const decaff_pose *)(const void *)(records + (int64_t)k * stride);
+        const proximity_finger_pose *pose = (const proximity_finger_pose *)(const void *)(records + (int64_t)k * stride);
         if (pose->finger >= (uint64_t)loop->count) {
             loop->input.unserved++;
             continue;
@@ -221,19 +221,19 @@ static void take_poses(Loop *loop, uint8_t *message)
     if (!take_given(loop, rows)) {
         return;
     }
-    keep_optional(loop, rows, records, stride, offsetof(decaff_pose, velocity), 3, POINTER(loop->velocities),
+    keep_optional(loop, rows, records, stride, offsetof(proximity_finger_pose, velocity), 3, POINTER(loop->velocities),
                   &loop->has_velocities);
-    keep_optional(loop, rows, records, stride, is_path ? (int64_t)offsetof(decaff_path_pose, corners) : -1,
-                  3 * DECAFF_PATH_CORNERS, POINTER(loop->paths), &loop->has_paths);
-    keep_optional(loop, rows, records, stride, offsetof(decaff_pose, bend), 1, POINTER(loop->bends), &loop->has_bends);
+    keep_optional(loop, rows, records, stride, is_path ? (int64_t)offsetof(proximity_path_pose, corners) : -1,
+                  3 * PROXIMITY_PATH_CORNERS, POINTER(loop->paths), &loop->has_paths);
+    keep_optional(loop, rows, records, stride, offsetof(proximity_finger_pose, bend), 1, POINTER(loop->bends), &loop->has_bends);
 }
 
 /* Take the distances of a message that was checked, likewise, and all that the sensor knows beside them. */
 static void take_measured(Loop *loop, uint8_t *message)
 {
-    const decaff_input_header *header = (const decaff_input_header *)(const void *)message;
-    const decaff_measurement *records = (const decaff_measurement *)(const void *)(header + 1);
-    decaff_measurement *kept = POINTER(loop->measured);
+    const proximity_input_header *header = (const proximity_input_header *)(const void *)message;
+    const proximity_measurement *records = (const proximity_measurement *)(const void *)(header + 1);
+    proximity_measurement *kept = POINTER(loop->measured);
     const uint8_t *defects = POINTER(loop->defects);
     int64_t *fingers = POINTER(loop->fingers), *given_ns = POINTER(loop->given_ns), rows = 0;
     double *given = POINTER(loop->given);
@@ -298,7 +298,7 @@ static void take_messages(Loop *loop)
     int flawed = 0;
     for (int k = 0; k < MOST_AT_ONCE && flawed < MOST_FLAWED; k++) {
         int64_t size = receive_message(input);
-        if (size == DECAFF_MAILBOX_NOTHING) {
+        if (size == PROXIMITY_MAILBOX_NOTHING) {
             return;
         }
         if (is_usable(input, message, size, clock_now_ns(loop))) {

@@ -1,39 +1,39 @@
-/* Mailboxes in shared memory, for Python; programs in C include decaff_mailbox.h themselves. */
+/* Mailboxes in shared memory, for Python; programs in C include proximity_mailbox.h themselves. */
 #include "proximity.h"
 
 #include <stdint.h>
 
 #ifndef __wasm__
-#include "decaff_mailbox.h"
+#include "proximity_mailbox.h"
 
-PROXIMITY_API int64_t proximity_mailbox_size(void);
-PROXIMITY_API int proximity_mailbox_write(decaff_mailbox *box, const void *message, uint32_t size);
-PROXIMITY_API int64_t proximity_mailbox_read(decaff_mailbox *box, void *to, uint64_t room);
-PROXIMITY_API int proximity_mailbox_has(const decaff_mailbox *box);
-PROXIMITY_API void proximity_mailbox_within(decaff_mailbox *box, void *memory, uint64_t ring);
+PROXIMITY_API int64_t proximity_box_size(void);
+PROXIMITY_API int proximity_box_write(proximity_mailbox *box, const void *message, uint32_t size);
+PROXIMITY_API int64_t proximity_box_read(proximity_mailbox *box, void *to, uint64_t room);
+PROXIMITY_API int proximity_box_has(const proximity_mailbox *box);
+PROXIMITY_API void proximity_box_within(proximity_mailbox *box, void *memory, uint64_t ring);
 
-int64_t proximity_mailbox_size(void)
+int64_t proximity_box_size(void)
 {
-    return sizeof(decaff_mailbox);
+    return sizeof(proximity_mailbox);
 }
 
-int proximity_mailbox_write(decaff_mailbox *box, const void *message, uint32_t size)
+int proximity_box_write(proximity_mailbox *box, const void *message, uint32_t size)
 {
-    return decaff_mailbox_write(box, message, size);
+    return proximity_mailbox_write(box, message, size);
 }
 
-int64_t proximity_mailbox_read(decaff_mailbox *box, void *to, uint64_t room)
+int64_t proximity_box_read(proximity_mailbox *box, void *to, uint64_t room)
 {
-    return decaff_mailbox_read(box, to, room);
+    return proximity_mailbox_read(box, to, room);
 }
 
-int proximity_mailbox_has(const decaff_mailbox *box)
+int proximity_box_has(const proximity_mailbox *box)
 {
-    return decaff_mailbox_has(box);
+    return proximity_mailbox_has(box);
 }
 
 /* One without a file, in zeroed memory of this process: either end of it. The ring is a power of two of bytes. */
-void proximity_mailbox_within(decaff_mailbox *box, void *memory, uint64_t ring)
+void proximity_box_within(proximity_mailbox *box, void *memory, uint64_t ring)
 {
     memset(box, 0, sizeof *box);
     box->header = memory;
@@ -43,58 +43,58 @@ void proximity_mailbox_within(decaff_mailbox *box, void *memory, uint64_t ring)
 }
 
 #ifdef __linux__
-PROXIMITY_API int proximity_mailbox_create(decaff_mailbox *box, const char *name, uint64_t largest);
-PROXIMITY_API int proximity_mailbox_enlarge(decaff_mailbox *box, uint64_t largest);
-PROXIMITY_API int proximity_mailbox_open(decaff_mailbox *box, const char *name, int is_next);
-PROXIMITY_API int proximity_mailbox_wait(decaff_mailbox *box, int64_t until_ns);
-PROXIMITY_API int proximity_mailbox_is_over(const decaff_mailbox *box, int looks_at_name);
-PROXIMITY_API int proximity_mailbox_is_written(const decaff_mailbox *box);
-PROXIMITY_API void proximity_mailbox_close(decaff_mailbox *box);
-PROXIMITY_API const char *proximity_mailbox_reason(int outcome);
+PROXIMITY_API int proximity_box_create(proximity_mailbox *box, const char *name, uint64_t largest);
+PROXIMITY_API int proximity_box_enlarge(proximity_mailbox *box, uint64_t largest);
+PROXIMITY_API int proximity_box_open(proximity_mailbox *box, const char *name, int is_next);
+PROXIMITY_API int proximity_box_wait(proximity_mailbox *box, int64_t until_ns);
+PROXIMITY_API int proximity_box_is_over(const proximity_mailbox *box, int looks_at_name);
+PROXIMITY_API int proximity_box_is_written(const proximity_mailbox *box);
+PROXIMITY_API void proximity_box_close(proximity_mailbox *box);
+PROXIMITY_API const char *proximity_box_reason(int outcome);
 
-int proximity_mailbox_create(decaff_mailbox *box, const char *name, uint64_t largest)
+int proximity_box_create(proximity_mailbox *box, const char *name, uint64_t largest)
 {
-    return decaff_mailbox_create(box, name, largest);
+    return proximity_mailbox_create(box, name, largest);
 }
 
-int proximity_mailbox_enlarge(decaff_mailbox *box, uint64_t largest)
+int proximity_box_enlarge(proximity_mailbox *box, uint64_t largest)
 {
-    return decaff_mailbox_enlarge(box, largest);
+    return proximity_mailbox_enlarge(box, largest);
 }
 
 /* Of one that follows another, which was closed, all messages are given. */
-int proximity_mailbox_open(decaff_mailbox *box, const char *name, int is_next)
+int proximity_box_open(proximity_mailbox *box, const char *name, int is_next)
 {
-    int outcome = decaff_mailbox_open(box, name);
-    if (outcome == DECAFF_MAILBOX_OK && is_next) {
+    int outcome = proximity_mailbox_open(box, name);
+    if (outcome == PROXIMITY_MAILBOX_OK && is_next) {
         box->position = __atomic_load_n(&box->header->floor, __ATOMIC_ACQUIRE);
     }
     return outcome;
 }
 
-int proximity_mailbox_wait(decaff_mailbox *box, int64_t until_ns)
+int proximity_box_wait(proximity_mailbox *box, int64_t until_ns)
 {
-    return decaff_mailbox_wait(box, until_ns);
+    return proximity_mailbox_wait(box, until_ns);
 }
 
-int proximity_mailbox_is_over(const decaff_mailbox *box, int looks_at_name)
+int proximity_box_is_over(const proximity_mailbox *box, int looks_at_name)
 {
-    return looks_at_name ? decaff_mailbox_is_over(box) : decaff_mailbox_is_closed(box);
+    return looks_at_name ? proximity_mailbox_is_over(box) : proximity_mailbox_is_closed(box);
 }
 
-int proximity_mailbox_is_written(const decaff_mailbox *box)
+int proximity_box_is_written(const proximity_mailbox *box)
 {
-    return decaff_mailbox_is_written(box);
+    return proximity_mailbox_is_written(box);
 }
 
-void proximity_mailbox_close(decaff_mailbox *box)
+void proximity_box_close(proximity_mailbox *box)
 {
-    decaff_mailbox_close(box);
+    proximity_mailbox_close(box);
 }
 
-const char *proximity_mailbox_reason(int outcome)
+const char *proximity_box_reason(int outcome)
 {
-    return decaff_mailbox_reason(outcome);
+    return proximity_mailbox_reason(outcome);
 }
 #endif
 #endif

@@ -26,7 +26,7 @@ def controller_sources(
     window, samples = "DECAFF_MOST_STEADY {}u", int(settings.record()[0].steady_samples)
     header = HEADER.read_text(encoding="ascii").replace(window.format(MOST_STEADY), window.format(samples))
     return {
-        "decaff_message.h": header_text(),
+        "proximity_message.h": header_text(),
         "decaff_controller.h": header,
         "decaff_controller.c": SOURCE.read_text(encoding="ascii"),
         "decaff_glove.c": _glove_text(paths, settings),

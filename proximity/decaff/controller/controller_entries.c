@@ -23,7 +23,7 @@ int controller_sizes(void **unused, void **no_error, int64_t words)
     int64_t *sizes = POINTER(ARGUMENTS(words)[0]);
     const size_t known[] = {sizeof(decaff_settings), sizeof(decaff_path), sizeof(decaff_controller),
                             sizeof(decaff_observation), sizeof(decaff_action), sizeof(decaff_steady),
-                            sizeof(decaff_contact), DECAFF_VERSION, sizeof(decaff_servo)};
+                            sizeof(proximity_contact), PROXIMITY_VERSION, sizeof(decaff_servo)};
     (void)unused, (void)no_error;
     for (size_t k = 0; k < sizeof known / sizeof known[0]; k++) {
         sizes[k] = (int64_t)known[k];

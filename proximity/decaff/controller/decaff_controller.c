@@ -200,12 +200,12 @@ static size_t ended_row(const decaff_subscriber *frames, uint64_t session)
 }
 
 /* Whether a frame was overtaken or is repeated. */
-static bool is_old(const decaff_subscriber *frames, const decaff_frame_header *next, int64_t now_ns)
+static bool is_old(const decaff_subscriber *frames, const proximity_frame_header *next, int64_t now_ns)
 {
-    const decaff_frame_header *last = &frames->header;
+    const proximity_frame_header *last = &frames->header;
     size_t row = ended_row(frames, next->session);
     bool was_followed = row < frames->ended_count;
-    bool is_silent = decaff_time_between(frames->heard_ns, now_ns) > DECAFF_RESTART_SILENCE_NS;
+    bool is_silent = proximity_time_between(frames->heard_ns, now_ns) > DECAFF_RESTART_SILENCE_NS;
     bool is_it;
 
     if (frames->has_key && (next->session < frames->newest_session)) {
@@ -214,7 +214,7 @@ static bool is_old(const decaff_subscriber *frames, const decaff_frame_header *n
         is_it = false;
     } else if (next->session == last->session) {
         is_it = (next->sequence <= last->sequence)
-                || ((next->sequence - last->sequence) > (uint64_t)DECAFF_MOST_SKIPPED);
+                || ((next->sequence - last->sequence) > (uint64_t)PROXIMITY_MOST_SKIPPED);
     } else if (was_followed) {
         is_it = !(is_silent && (next->sequence > frames->ended[row].sequence));
     } else if (next->session > last->session) {
@@ -228,12 +228,12 @@ static bool is_old(const decaff_subscriber *frames, const decaff_frame_header *n
 }
 
 /* Whether what a record says can be, by the numbers that every reader of it relies on. */
-static bool is_believable(const decaff_contact *c, const decaff_frame_header *frame, int64_t latest_ns)
+static bool is_believable(const proximity_contact *c, const proximity_frame_header *frame, int64_t latest_ns)
 {
-    bool is_it = (c->surface <= (uint8_t)DECAFF_SURFACE_DEFORMABLE) && (c->mode <= (uint8_t)DECAFF_MODE_HOLD)
-                 && (c->source <= (uint8_t)DECAFF_SOURCE_HELD) && (c->force_is_valid <= 1u);
+    bool is_it = (c->surface <= (uint8_t)PROXIMITY_SURFACE_DEFORMABLE) && (c->mode <= (uint8_t)PROXIMITY_MODE_HOLD)
+                 && (c->source <= (uint8_t)PROXIMITY_SOURCE_HELD) && (c->force_is_valid <= 1u);
 
-    if (is_it && ((c->flags & (uint32_t)DECAFF_FLAG_TRACKED) != 0u)) {
+    if (is_it && ((c->flags & (uint32_t)PROXIMITY_FLAG_TRACKED) != 0u)) {
         double normal_sq = (c->normal[0] * c->normal[0]) + (c->normal[1] * c->normal[1])
                            + (c->normal[2] * c->normal[2]);
         double shortest = 1.0 - DECAFF_UNIT_ERROR, longest = 1.0 + DECAFF_UNIT_ERROR;
@@ -243,7 +243,7 @@ static bool is_believable(const decaff_contact *c, const decaff_frame_header *fr
         is_it = (c->lower <= c->signed_distance) && (c->signed_distance <= c->upper)
                 && (c->predicted_lower <= c->predicted_upper) && !isnan(c->predicted_distance)
                 && (c->time_to_contact_lower <= c->time_to_contact)
-                && (is_placed || (is_unplaced && (c->source != (uint8_t)DECAFF_SOURCE_GEOMETRY)))
+                && (is_placed || (is_unplaced && (c->source != (uint8_t)PROXIMITY_SOURCE_GEOMETRY)))
                 && !(normal_sq < (shortest * shortest)) && !(normal_sq > (longest * longest))
                 && (c->pose_ns >= frame->pose_ns) && (c->pose_ns <= latest_ns);
     }
@@ -251,18 +251,18 @@ static bool is_believable(const decaff_contact *c, const decaff_frame_header *fr
 }
 
 /* Why a frame that is whole and new is not used. `message` need not be aligned. */
-static enum decaff_reason content_reason(const decaff_subscriber *frames, const decaff_frame_header *next,
+static enum decaff_reason content_reason(const decaff_subscriber *frames, const proximity_frame_header *next,
                                          const uint8_t *message, int64_t now_ns)
 {
     int64_t base_ns = frames->shares_clock ? now_ns : next->publish_ns;
-    int64_t most_ns = DECAFF_LAST_NS - DECAFF_AHEAD_NS;
-    int64_t latest_ns = ((base_ns < most_ns) ? base_ns : most_ns) + DECAFF_AHEAD_NS;
+    int64_t most_ns = PROXIMITY_LAST_NS - PROXIMITY_AHEAD_NS;
+    int64_t latest_ns = ((base_ns < most_ns) ? base_ns : most_ns) + PROXIMITY_AHEAD_NS;
     enum decaff_reason reason = DECAFF_REASON_USED;
-    decaff_contact contact;
+    proximity_contact contact;
     uint32_t i;
 
-    if ((next->state > (uint8_t)DECAFF_STATE_STOPPING)
-        || (next->source > (uint8_t)DECAFF_SOURCE_HELD)) {
+    if ((next->state > (uint8_t)PROXIMITY_STATE_STOPPING)
+        || (next->source > (uint8_t)PROXIMITY_SOURCE_HELD)) {
         reason = DECAFF_REASON_CONTENT;
     } else if ((next->pose_ns > latest_ns) || (next->publish_ns > latest_ns)) {
         reason = DECAFF_REASON_FUTURE;
@@ -301,7 +301,7 @@ static bool follow_run(decaff_subscriber *frames, uint64_t session, uint64_t *se
     return was_followed;
 }
 
-static void accept(decaff_subscriber *frames, const decaff_frame_header *next, const uint8_t *message,
+static void accept(decaff_subscriber *frames, const proximity_frame_header *next, const uint8_t *message,
                    int64_t now_ns)
 {
     uint64_t expected = next->sequence; /* of the very first none is missing */
@@ -315,13 +315,13 @@ static void accept(decaff_subscriber *frames, const decaff_frame_header *next, c
     } else {
         /* the first frame */
     }
-    if ((next->sequence - expected) <= (uint64_t)DECAFF_MOST_SKIPPED) {
+    if ((next->sequence - expected) <= (uint64_t)PROXIMITY_MOST_SKIPPED) {
         frames->lost += next->sequence - expected;
     } else {
         /* a run that was joined late */
     }
     if (!frames->shares_clock) {
-        decaff_clock_hear(&frames->clock, next->session, next->publish_ns, now_ns);
+        proximity_clock_hear(&frames->clock, next->session, next->publish_ns, now_ns);
     }
     frames->heard_ns = now_ns;
     frames->has_frame = true;
@@ -329,31 +329,31 @@ static void accept(decaff_subscriber *frames, const decaff_frame_header *next, c
         frames->newest_session = next->session;
     }
     frames->header = *next;
-    (void)memcpy(frames->contacts, &message[sizeof *next], next->count * sizeof(decaff_contact));
+    (void)memcpy(frames->contacts, &message[sizeof *next], next->count * sizeof(proximity_contact));
 }
 
 enum decaff_reason decaff_subscriber_take(decaff_subscriber *frames, const void *datagram, size_t size,
                                           int64_t now_ns)
 {
     const uint8_t *message = (const uint8_t *)datagram;
-    size_t message_size = frames->has_key ? decaff_verified(frames->key, datagram, size) : size;
+    size_t message_size = frames->has_key ? proximity_verified(frames->key, datagram, size) : size;
     enum decaff_reason reason = DECAFF_REASON_UNVERIFIED;
-    decaff_frame_header next;
+    proximity_frame_header next;
 
     if ((message_size > 0u) || !frames->has_key) {
-        reason = (enum decaff_reason)decaff_check_frame(datagram, message_size);
-        if (reason == (enum decaff_reason)DECAFF_FLAW_NONE) {
+        reason = (enum decaff_reason)proximity_check_frame(datagram, message_size);
+        if (reason == (enum decaff_reason)PROXIMITY_FLAW_NONE) {
             (void)memcpy(&next, message, sizeof next);
             if (next.count > DECAFF_MOST_FINGERS) {
-                reason = (enum decaff_reason)DECAFF_FLAW_SIZE;
+                reason = (enum decaff_reason)PROXIMITY_FLAW_SIZE;
             } else if (is_old(frames, &next, now_ns)) {
                 reason = DECAFF_REASON_OLD;
             } else {
                 reason = content_reason(frames, &next, message, now_ns);
             }
-        } else if (reason == (enum decaff_reason)DECAFF_FLAW_MAGIC) {
+        } else if (reason == (enum decaff_reason)PROXIMITY_FLAW_MAGIC) {
             (void)memcpy(&next, message, sizeof next);
-            if (next.magic == DECAFF_DESCRIPTION_MAGIC) {
+            if (next.magic == PROXIMITY_DESCRIPTION_MAGIC) {
                 reason = DECAFF_REASON_OTHER;
             }
         } else {
@@ -368,21 +368,21 @@ enum decaff_reason decaff_subscriber_take(decaff_subscriber *frames, const void 
 }
 
 /* How far the newest frame can be trusted at an instant of the service's clock. */
-static enum decaff_state state_at(const decaff_subscriber *frames, int64_t now_ns)
+static enum proximity_state state_at(const decaff_subscriber *frames, int64_t now_ns)
 {
-    const decaff_frame_header *frame = &frames->header;
-    int64_t longest_ns = (frame->pose_ns < (INT64_MAX - DECAFF_LONGEST_VALID_NS))
-                             ? (frame->pose_ns + DECAFF_LONGEST_VALID_NS)
+    const proximity_frame_header *frame = &frames->header;
+    int64_t longest_ns = (frame->pose_ns < (INT64_MAX - PROXIMITY_LONGEST_VALID_NS))
+                             ? (frame->pose_ns + PROXIMITY_LONGEST_VALID_NS)
                              : INT64_MAX;
     int64_t expires_ns = (frame->valid_until_ns < longest_ns) ? frame->valid_until_ns : longest_ns;
     bool is_believed = frames->shares_clock || (frames->clock.is_certain != 0);
-    enum decaff_state least = DECAFF_STATE_STARTING, state = (enum decaff_state)frame->state;
+    enum proximity_state least = PROXIMITY_STATE_STARTING, state = (enum proximity_state)frame->state;
 
     if (!frames->has_frame || !is_believed
-        || (decaff_time_between(expires_ns, now_ns) > DECAFF_STALE_AFTER_NS)) {
-        least = DECAFF_STATE_STALE;
+        || (proximity_time_between(expires_ns, now_ns) > PROXIMITY_STALE_AFTER_NS)) {
+        least = PROXIMITY_STATE_STALE;
     } else if (now_ns > expires_ns) {
-        least = DECAFF_STATE_LATE;
+        least = PROXIMITY_STATE_LATE;
     } else {
         /* as the frame says */
     }
@@ -398,7 +398,7 @@ void decaff_subscriber_look(const decaff_subscriber *frames, size_t finger, int6
     seen->sample_ns = sample_ns;
     seen->now_ns = (frames->shares_clock || (frames->clock.is_heard == 0))
                        ? sample_ns
-                       : decaff_clock_theirs(&frames->clock, sample_ns);
+                       : proximity_clock_theirs(&frames->clock, sample_ns);
     seen->state = state_at(frames, seen->now_ns);
     seen->contact = is_known ? &frames->contacts[finger] : NULL;
     seen->session = frames->header.session;
@@ -430,14 +430,14 @@ static bool may_be_normal(const double *normal)
 }
 
 /* Whether what a tracked finger's record says can be. */
-static bool is_sound(const decaff_contact *c, const decaff_settings *set, int64_t now_ns)
+static bool is_sound(const proximity_contact *c, const decaff_settings *set, int64_t now_ns)
 {
     decaff_real distance = c->signed_distance;
 
-    return (decaff_time_between(now_ns, c->pose_ns) <= set->future_ns) && (distance >= -DECAFF_MOST_LENGTH)
+    return (proximity_time_between(now_ns, c->pose_ns) <= set->future_ns) && (distance >= -DECAFF_MOST_LENGTH)
            && ((distance <= DECAFF_MOST_LENGTH) || !is_finite(distance)) /* inf: nothing within reach */
-           && (c->mode <= (uint8_t)DECAFF_MODE_HOLD) && (c->surface <= (uint8_t)DECAFF_SURFACE_DEFORMABLE)
-           && (c->source <= (uint8_t)DECAFF_SOURCE_TELEOPERATION) && may_be_normal(c->normal)
+           && (c->mode <= (uint8_t)PROXIMITY_MODE_HOLD) && (c->surface <= (uint8_t)PROXIMITY_SURFACE_DEFORMABLE)
+           && (c->source <= (uint8_t)PROXIMITY_SOURCE_TELEOPERATION) && may_be_normal(c->normal)
            && may_be(c->bend, DECAFF_LEAST_BEND, DECAFF_MOST_BEND)
            && may_be(c->contact_bend, DECAFF_LEAST_BEND, DECAFF_MOST_BEND)
            && may_be(c->bend_rate, -DECAFF_MOST_RATE, DECAFF_MOST_RATE)
@@ -446,13 +446,13 @@ static bool is_sound(const decaff_contact *c, const decaff_settings *set, int64_
 }
 
 /* Whether the service knows where the finger is. */
-static bool is_tracked(const decaff_contact *c)
+static bool is_tracked(const proximity_contact *c)
 {
-    return ((c->flags & (uint32_t)DECAFF_FLAG_TRACKED) != 0u) && (c->mode != (uint8_t)DECAFF_MODE_HOLD);
+    return ((c->flags & (uint32_t)PROXIMITY_FLAG_TRACKED) != 0u) && (c->mode != (uint8_t)PROXIMITY_MODE_HOLD);
 }
 
 /* b + d/(-n.p'); NaN: the finger does not close. */
-static decaff_real extrapolated(const decaff_contact *c, decaff_real bend, decaff_real distance)
+static decaff_real extrapolated(const proximity_contact *c, decaff_real bend, decaff_real distance)
 {
     decaff_real closing = -((c->normal[0] * c->velocity[0]) + (c->normal[1] * c->velocity[1])
                             + (c->normal[2] * c->velocity[2]));
@@ -469,7 +469,7 @@ static decaff_real extrapolated(const decaff_contact *c, decaff_real bend, decaf
 }
 
 /* How fast the contact goes along the finger's path as the part moves, m/s; 0: it rests, or nobody knows. */
-static decaff_real drift_of(const decaff_contact *c, const decaff_settings *set, decaff_real incidence)
+static decaff_real drift_of(const proximity_contact *c, const decaff_settings *set, decaff_real incidence)
 {
     decaff_real coming = (c->normal[0] * c->part_velocity[0]) + (c->normal[1] * c->part_velocity[1])
                          + (c->normal[2] * c->part_velocity[2]);
@@ -480,12 +480,12 @@ static decaff_real drift_of(const decaff_contact *c, const decaff_settings *set,
 }
 
 /* Where the finger touches, from what the record says; false: nowhere before the fist. */
-static bool locate(const decaff_contact *c, const decaff_path *path, decaff_location *found)
+static bool locate(const proximity_contact *c, const decaff_path *path, decaff_location *found)
 {
     decaff_real bend = c->bend, distance = c->signed_distance, contact_bend = c->contact_bend;
     decaff_real clearance = lesser(c->lower, distance), travel = NAN;
-    bool is_on_path = (c->flags & (uint32_t)DECAFF_FLAG_ON_PATH) != 0u;
-    bool is_found = (c->flags & (uint32_t)DECAFF_FLAG_CONTACT_FOUND) != 0u;
+    bool is_on_path = (c->flags & (uint32_t)PROXIMITY_FLAG_ON_PATH) != 0u;
+    bool is_found = (c->flags & (uint32_t)PROXIMITY_FLAG_CONTACT_FOUND) != 0u;
     /* A path that was followed as far as steps sufficed, without a contact, has no drift. */
     bool is_open = is_on_path && !is_found && isnan(c->contact_bend_rate);
 
@@ -547,7 +547,7 @@ static void forget_frames(decaff_frame_trust *frames)
 /* How long ago the last pose was that is believed, ns. */
 static int64_t age_of(const decaff_frame_trust *frames, int64_t now_ns)
 {
-    return frames->has_pose ? decaff_time_between(frames->pose_ns, now_ns) : now_ns;
+    return frames->has_pose ? proximity_time_between(frames->pose_ns, now_ns) : now_ns;
 }
 
 /* Where the finger will touch, m; inf: nowhere. */
@@ -558,7 +558,7 @@ static decaff_real predicted_position(const decaff_frame_trust *frames, const de
     decaff_real answer = (decaff_real)INFINITY;
 
     if (frames->has_location) {
-        int64_t since_ns = within_ns(decaff_time_between(location->pose_ns, now_ns), set->fresh_ns);
+        int64_t since_ns = within_ns(proximity_time_between(location->pose_ns, now_ns), set->fresh_ns);
         decaff_real bend = location->bend + (location->rate * 1e-9 * (decaff_real)since_ns);
 
         if (bend <= 1.0) {
@@ -581,7 +581,7 @@ static enum decaff_trust trust_at(decaff_frame_trust *frames, const decaff_setti
     } else if (!frames->has_pose) {
         trust = DECAFF_TRUST_LOST;
     } else {
-        int64_t age_ns = decaff_time_between(frames->pose_ns, now_ns);
+        int64_t age_ns = proximity_time_between(frames->pose_ns, now_ns);
 
         if (age_ns >= -set->future_ns) { /* else the clock is another one now */
             if (age_ns <= set->fresh_ns) {
@@ -604,8 +604,8 @@ static bool may_follow(const decaff_location *before, const decaff_location *fou
                        bool by_pose)
 {
     const decaff_settings *set = path->settings;
-    int64_t elapsed_ns = decaff_time_between(before->pose_ns, found->pose_ns);
-    int64_t started_ns = decaff_time_between(before->start_ns, found->start_ns);
+    int64_t elapsed_ns = proximity_time_between(before->pose_ns, found->pose_ns);
+    int64_t started_ns = proximity_time_between(before->start_ns, found->start_ns);
     decaff_real position = position_of_bend(path, found->bend);
     decaff_real error = lesser(position_of_bend(path, found->bend + found->error) - position,
                                DECAFF_LARGEST_POSITION_ERROR);
@@ -631,10 +631,10 @@ static decaff_real rate_of(const decaff_path *path, decaff_real bend, decaff_rea
 
 /* In contact the surface is where it was. With a part that moves it goes by the part's velocity, and, half as fast
  * at most, towards where the distance has it: what is said of a finger that is inside is no more certain. */
-static void follow_part(decaff_location *at, const decaff_contact *c, const decaff_path *path, int64_t start_ns)
+static void follow_part(decaff_location *at, const proximity_contact *c, const decaff_path *path, int64_t start_ns)
 {
     decaff_real drift = drift_of(c, path->settings, at->incidence);
-    decaff_real elapsed = seconds(within_ns(decaff_time_between(at->pose_ns, c->pose_ns), path->settings->stale_ns));
+    decaff_real elapsed = seconds(within_ns(proximity_time_between(at->pose_ns, c->pose_ns), path->settings->stale_ns));
 
     if ((magnitude(drift) > 0.0) || (magnitude(at->drift) > 0.0)) {
         decaff_real position = position_of_bend(path, at->bend) + (0.5 * (at->drift + drift) * elapsed);
@@ -653,7 +653,7 @@ static void follow_part(decaff_location *at, const decaff_contact *c, const deca
 }
 
 /* Take a farther position or one no nearer than is possible, at once; others when confirmed. */
-static void take_location(decaff_frame_trust *frames, const decaff_contact *c, const decaff_path *path,
+static void take_location(decaff_frame_trust *frames, const proximity_contact *c, const decaff_path *path,
                           int64_t start_ns)
 {
     bool is_outside = c->signed_distance > 0.0;
@@ -693,7 +693,7 @@ static void take_location(decaff_frame_trust *frames, const decaff_contact *c, c
     }
 }
 
-static void take_reading(decaff_contact_reading *reading, const decaff_contact *c)
+static void take_reading(decaff_contact_reading *reading, const proximity_contact *c)
 {
     reading->is_known = true;
     reading->surface = c->surface;
@@ -709,7 +709,7 @@ static void take_reading(decaff_contact_reading *reading, const decaff_contact *
 static void take_record(decaff_frame_trust *frames, const decaff_observation *seen, const decaff_path *path)
 {
     const decaff_settings *set = path->settings;
-    const decaff_contact *c = seen->contact;
+    const proximity_contact *c = seen->contact;
     bool is_backward, is_wild;
 
     if (frames->has_frame && (frames->session == seen->session) && (frames->sequence == seen->sequence)
@@ -725,7 +725,7 @@ static void take_record(decaff_frame_trust *frames, const decaff_observation *se
     frames->sequence = seen->sequence;
     frames->start_ns = seen->start_ns;
     is_wild = frames->has_newest && (seen->sequence > frames->newest_sequence)
-              && ((seen->sequence - frames->newest_sequence) > (uint64_t)DECAFF_MOST_SKIPPED);
+              && ((seen->sequence - frames->newest_sequence) > (uint64_t)PROXIMITY_MOST_SKIPPED);
     is_backward = (frames->has_newest && (seen->sequence <= frames->newest_sequence))
                   || (c->pose_ns < frames->newest_pose_ns);
     if (!frames->has_newest || ((seen->sequence > frames->newest_sequence) && !is_wild)) {
@@ -736,13 +736,13 @@ static void take_record(decaff_frame_trust *frames, const decaff_observation *se
         frames->dropped++;
         return;
     }
-    if (decaff_time_between(c->pose_ns, seen->now_ns) > set->stale_ns) {
+    if (proximity_time_between(c->pose_ns, seen->now_ns) > set->stale_ns) {
         return; /* too old to tell anything */
     }
-    if ((c->flags & (uint32_t)DECAFF_FLAG_JUMPED) != 0u) {
+    if ((c->flags & (uint32_t)PROXIMITY_FLAG_JUMPED) != 0u) {
         frames->was_outside = false;
     }
-    if ((c->signed_distance > 0.0) && ((c->flags & (uint32_t)DECAFF_FLAG_INSIDE) == 0u)) {
+    if ((c->signed_distance > 0.0) && ((c->flags & (uint32_t)PROXIMITY_FLAG_INSIDE) == 0u)) {
         frames->was_outside = true;
     }
     take_location(frames, c, path, seen->start_ns);
@@ -758,8 +758,8 @@ static enum decaff_trust take_frames(decaff_frame_trust *frames, const decaff_ob
                                      const decaff_path *path)
 {
     enum decaff_trust trust = DECAFF_TRUST_FRESH;
-    bool is_silent = (seen->state == DECAFF_STATE_STARTING) || (seen->state == DECAFF_STATE_STALE)
-                     || (seen->state == DECAFF_STATE_STOPPING);
+    bool is_silent = (seen->state == PROXIMITY_STATE_STARTING) || (seen->state == PROXIMITY_STATE_STALE)
+                     || (seen->state == PROXIMITY_STATE_STOPPING);
 
     if (seen->contact == NULL) {
         trust = trust_at(frames, path->settings, seen->now_ns);
@@ -769,7 +769,7 @@ static enum decaff_trust take_frames(decaff_frame_trust *frames, const decaff_ob
         frames->is_distrusted = true;
         frames->distrust = trust;
     } else {
-        if (seen->state != DECAFF_STATE_LATE) {
+        if (seen->state != PROXIMITY_STATE_LATE) {
             take_record(frames, seen, path);
         }
         trust = trust_at(frames, path->settings, seen->now_ns);
@@ -924,7 +924,7 @@ void decaff_controller_stop(decaff_controller *finger)
 static enum decaff_fault fault_of(const decaff_controller *finger, const decaff_observation *seen)
 {
     const decaff_settings *set = finger->path->settings;
-    int64_t late_ns = finger->has_sample ? decaff_time_between(finger->sample_ns, seen->sample_ns) : 0;
+    int64_t late_ns = finger->has_sample ? proximity_time_between(finger->sample_ns, seen->sample_ns) : 0;
     decaff_real least = finger->path->angles[0], most = finger->path->angles[finger->path->count - 1u];
     enum decaff_fault fault = DECAFF_FAULT_NONE;
 
@@ -1075,7 +1075,7 @@ static void write_action(const decaff_controller *finger, decaff_action *action,
     const decaff_settings *set = finger->path->settings;
     bool is_force = mode == DECAFF_DRIVE_MODE_FORCE;
     bool is_surface = finger->frames.reading.is_known
-                      && (finger->frames.reading.surface == (uint8_t)DECAFF_SURFACE_DEFORMABLE);
+                      && (finger->frames.reading.surface == (uint8_t)PROXIMITY_SURFACE_DEFORMABLE);
 
     action->state = finger->state;
     action->mode = mode;
@@ -1166,7 +1166,7 @@ static decaff_real force_wanted(decaff_controller *finger, const decaff_observat
 
     if (!reading->is_known || ((finger->trust != DECAFF_TRUST_FRESH) && !has_served)) {
         /* where it is uncertain no force begins */
-    } else if (reading->surface == (uint8_t)DECAFF_SURFACE_DEFORMABLE) {
+    } else if (reading->surface == (uint8_t)PROXIMITY_SURFACE_DEFORMABLE) {
         /* A drum that came too near: what a surface serves that is not reached would not hold it. Back from there
          * is nearer, so that position and force do not alternate. */
         if (!(drum < (sent(finger) - (set->late_gap * (has_served ? 1.0 : 0.5))))) {
@@ -1174,7 +1174,7 @@ static decaff_real force_wanted(decaff_controller *finger, const decaff_observat
             force = surface_force(set, reading, finger->finger - finger->target, finger->speed,
                                   finger->frames.has_location ? finger->frames.location.incidence : 1.0);
         }
-    } else if (reading->source != (uint8_t)DECAFF_SOURCE_TELEOPERATION) {
+    } else if (reading->source != (uint8_t)PROXIMITY_SOURCE_TELEOPERATION) {
         finger->serves_force = false; /* a rigid part of the scene */
     } else {
         force = slave_force(finger, seen, elapsed, has_steadied);
@@ -1197,7 +1197,7 @@ static decaff_real released_share(decaff_controller *finger, int64_t sample_ns)
             finger->is_releasing = true;
             finger->release_ns = sample_ns;
         }
-        ramped_ns = decaff_time_between(finger->release_ns, sample_ns) - set->freeze_ns;
+        ramped_ns = proximity_time_between(finger->release_ns, sample_ns) - set->freeze_ns;
         finger->share = lesser(
             greater(1.0 - ((decaff_real)ramped_ns / (decaff_real)set->ramp_ns), 0.0), 1.0);
     }
@@ -1221,7 +1221,7 @@ static void follow_contact(decaff_controller *finger, const decaff_observation *
         finger->target = greater(finger->target - (near_speed(finger) * elapsed),
                                  lesser(finger->target + (set->max_speed * elapsed), position));
         if ((magnitude(finger->target - position) < set->touch_gap)
-            && (decaff_time_between(finger->moved_ns, seen->sample_ns) > DECAFF_FOLLOW_NS)) {
+            && (proximity_time_between(finger->moved_ns, seen->sample_ns) > DECAFF_FOLLOW_NS)) {
             finger->is_following = false;
         }
     }
@@ -1329,7 +1329,7 @@ void decaff_controller_step(decaff_controller *finger, const decaff_observation 
     if (finger->fault == DECAFF_FAULT_NONE) {
         finger->fault = fault_of(finger, seen);
     }
-    elapsed = finger->has_sample ? seconds(decaff_time_between(finger->sample_ns, seen->sample_ns)) : 0.0;
+    elapsed = finger->has_sample ? seconds(proximity_time_between(finger->sample_ns, seen->sample_ns)) : 0.0;
     finger->is_anew = elapsed > (DECAFF_GAP_PERIODS * set->period);
     finger->has_sample = true;
     finger->sample_ns = seen->sample_ns;

@@ -52,8 +52,8 @@
  * Without power a motor is braked for as long as it has none, also by watchdog and emergency stop: both low sides of
  * its bridge are on, or a relay shorts its windings. A motor that is cut off coasts, and a gear of 51:1 carries 0.2 J;
  * one that is freed later springs back from its stop. A finger can push a braked drum away, slowly.
- * What a frame has as `mode` is not followed but for DECAFF_MODE_HOLD, which says that the finger is not tracked: with
- * DECAFF_MODE_RETRACT the drum still goes where the record has the contact.
+ * What a frame has as `mode` is not followed but for PROXIMITY_MODE_HOLD, which says that the finger is not tracked: with
+ * PROXIMITY_MODE_RETRACT the drum still goes where the record has the contact.
  */
 #ifndef DECAFF_CONTROLLER_H
 #define DECAFF_CONTROLLER_H
@@ -62,7 +62,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "decaff_message.h"
+#include "proximity_message.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -224,10 +224,10 @@ enum decaff_fault {
     DECAFF_FAULT_MOTOR     /* the motor reports a fault */
 };
 
-/* What became of a datagram. Up to CHECKSUM as enum decaff_flaw. */
+/* What became of a datagram. Up to CHECKSUM as enum proximity_flaw. */
 enum decaff_reason {
     DECAFF_REASON_USED = 0,
-    DECAFF_REASON_OLD = DECAFF_FLAW_CHECKSUM + 1, /* overtaken or repeated */
+    DECAFF_REASON_OLD = PROXIMITY_FLAW_CHECKSUM + 1, /* overtaken or repeated */
     DECAFF_REASON_FUTURE,                         /* from the future */
     DECAFF_REASON_CONTENT,                        /* without sense */
     DECAFF_REASON_UNVERIFIED,                     /* not verified by the key */
@@ -265,13 +265,13 @@ typedef struct decaff_subscriber {
     uint32_t counts[DECAFF_REASON_COUNT]; /* of datagrams, by enum decaff_reason */
     uint64_t lost;                        /* numbers that were left out since the first */
     bool has_frame;
-    decaff_frame_header header;           /* of the newest frame that was used */
-    decaff_contact contacts[DECAFF_MOST_FINGERS];
+    proximity_frame_header header;           /* of the newest frame that was used */
+    proximity_contact contacts[DECAFF_MOST_FINGERS];
 
     bool shares_clock;
     bool has_key;
-    uint8_t key[DECAFF_KEY_BYTES];
-    decaff_clock clock;
+    uint8_t key[PROXIMITY_KEY_BYTES];
+    proximity_clock clock;
     int64_t heard_ns;
     uint64_t newest_session;
     decaff_run ended[DECAFF_MOST_RUNS];   /* oldest first */
@@ -282,8 +282,8 @@ typedef struct decaff_subscriber {
 typedef struct decaff_observation {
     int64_t sample_ns;             /* of this machine's monotonic clock */
     int64_t now_ns;                /* the same instant on the clock of the frames */
-    enum decaff_state state;       /* of the newest frame, at that instant */
-    const decaff_contact *contact; /* this finger's; NULL: no frame yet */
+    enum proximity_state state;       /* of the newest frame, at that instant */
+    const proximity_contact *contact; /* this finger's; NULL: no frame yet */
     uint64_t session;              /* of its frame */
     uint64_t sequence;
     int64_t start_ns;
@@ -294,7 +294,7 @@ typedef struct decaff_observation {
     decaff_real motor_force;       /* N, by which the motor presses on the finger; NaN: not known */
 } decaff_observation;
 
-/* `shares_clock`: the service runs on this very clock. `key`: DECAFF_KEY_BYTES bytes, or NULL. */
+/* `shares_clock`: the service runs on this very clock. `key`: PROXIMITY_KEY_BYTES bytes, or NULL. */
 void decaff_subscriber_begin(decaff_subscriber *frames, bool shares_clock, const uint8_t *key);
 
 /* Take a datagram that arrived at an instant; why it is not used. It need not be aligned. */

@@ -29,7 +29,7 @@ from proximity.service.config.table_fields import REQUIRED, Range, Table
 from proximity.service.config.toml_document import Document, Path
 from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE, length_error
 
-USUAL_PUBLISH = ("shm://decaff",) if sys.platform == "linux" else ("udp://127.0.0.1:9100",)
+USUAL_PUBLISH = ("shm://proximity",) if sys.platform == "linux" else ("udp://127.0.0.1:9100",)
 """Where frames go unless the file says otherwise."""
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)

@@ -1,6 +1,6 @@
 // What is known now: the newest frame, which the client makes worse as it ages, and what a log has.
 
-import { ContactFlag, FrameReader, Mode, STATE_NAMES, State, decode, flawOf } from "./decaff.mjs";
+import { ContactFlag, FrameReader, Mode, STATE_NAMES, State, decode, flawOf } from "./proximity_client.mjs";
 
 const MODE_NAMES = Object.fromEntries(Object.entries(Mode).map(([name, value]) => [value, name]));
 const KNOWS_NOTHING = [State.STARTING, State.STALE, State.STOPPING];

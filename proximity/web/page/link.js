@@ -1,6 +1,6 @@
 // The live connection: frames, moves and geometry come in, poses and moves go out.
 
-import { decode, encode } from "./decaff.mjs";
+import { decode, encode } from "./proximity_client.mjs";
 import { Frames, currentState, nanoseconds } from "./frames.js";
 import { KINDS } from "./layout.mjs";
 

@@ -4,7 +4,7 @@ using System.Globalization;
 using System.IO;
 using System.Runtime.InteropServices;
 using System.Threading;
-using Decaff;
+using Proximity;
 
 public static unsafe class Driver
 {
@@ -14,7 +14,7 @@ public static unsafe class Driver
         using (var output = new BinaryWriter(File.Create(to)))
         {
             bool isShared = events.ReadByte() != 0, isKeyed = events.ReadByte() != 0;
-            var reader = new DecaffFrameReader(isShared, isKeyed);
+            var reader = new ProximityFrameReader(isShared, isKeyed);
             while (events.BaseStream.Position < events.BaseStream.Length)
             {
                 byte kind = events.ReadByte();
@@ -30,11 +30,11 @@ public static unsafe class Driver
                 output.Write(reader.NowNs);
                 output.Write(reader.AgeNs);
                 output.Write(reader.Contacts.Length);
-                var bytes = new byte[sizeof(DecaffContact)];
-                foreach (DecaffContact contact in reader.Contacts)
+                var bytes = new byte[sizeof(ProximityContact)];
+                foreach (ProximityContact contact in reader.Contacts)
                 {
                     fixed (byte* first = bytes)
-                        *(DecaffContact*)first = contact;
+                        *(ProximityContact*)first = contact;
                     output.Write(bytes);
                 }
             }
@@ -48,7 +48,7 @@ public static unsafe class Driver
 
     private static void PrintTags(string[] words)
     {
-        var key = new DecaffKey(words[1]);
+        var key = new ProximityKey(words[1]);
         byte[] data = File.ReadAllBytes(words[2]), tag = new byte[16];
         for (int i = 3; i < words.Length; i++)
         {
@@ -60,19 +60,19 @@ public static unsafe class Driver
     private static void Send(string[] words)
     {
         string bind = words[3] == "-" ? null : words[3], key = words[4] == "-" ? null : words[4];
-        using (var publisher = new DecaffPublisher(int.Parse(words[2]), words[1], bind, key))
+        using (var publisher = new ProximityPublisher(int.Parse(words[2]), words[1], bind, key))
         {
             if (words.Length > 5)
-                DecaffPublisher.MoveOf(new string('x', 65), 7, 8, 9);
+                ProximityPublisher.MoveOf(new string('x', 65), 7, 8, 9);
             if (words[0] == "sender")
-                publisher.Send(new DecaffPose[4096], 4096);
-            DecaffPose[] poses = { DecaffPublisher.PoseOf(0, 1, 2, 3), DecaffPublisher.PoseOf(1, 4, 5, 6) };
-            DecaffMove[] moves = { DecaffPublisher.MoveOf("lid \u00e4", 7, 8, 9) };
+                publisher.Send(new ProximityPose[4096], 4096);
+            ProximityPose[] poses = { ProximityPublisher.PoseOf(0, 1, 2, 3), ProximityPublisher.PoseOf(1, 4, 5, 6) };
+            ProximityMove[] moves = { ProximityPublisher.MoveOf("lid \u00e4", 7, 8, 9) };
             publisher.Send(poses, 2);
             publisher.Send(moves, 1);
-            DecaffChange[] changes = { DecaffPublisher.ChangeOf("lid \u00e4", DecaffPartAction.Hide) };
+            ProximityChange[] changes = { ProximityPublisher.ChangeOf("lid \u00e4", ProximityPartAction.Hide) };
             publisher.Send(changes, 1);
-            DecaffAddition[] additions = { DecaffPublisher.AdditionOf("lid \u00e4", "inner/lid.stl", 7, 8, 9) };
+            ProximityAddition[] additions = { ProximityPublisher.AdditionOf("lid \u00e4", "inner/lid.stl", 7, 8, 9) };
             publisher.Send(additions, 1);
             publisher.Send(poses, 2);
         }
@@ -81,10 +81,10 @@ public static unsafe class Driver
     private static void Listen(string[] words)
     {
         string from = words[3] == "-" ? null : words[3], key = words[4] == "-" ? null : words[4];
-        using (var subscriber = new DecaffSubscriber(int.Parse(words[2]), words[1], from, key))
+        using (var subscriber = new ProximitySubscriber(int.Parse(words[2]), words[1], from, key))
         {
             Console.WriteLine("listening");
-            while (subscriber.Read() != DecaffState.Stopping)
+            while (subscriber.Read() != ProximityState.Stopping)
             {
                 if (subscriber.IsNew && subscriber.IsValid)
                     Console.WriteLine(string.Format(CultureInfo.InvariantCulture, "{0} {1:F6}",
@@ -100,12 +100,12 @@ public static unsafe class Driver
     {
         int port = int.Parse(words[1]);
         byte[] frame = File.ReadAllBytes(words[2]);
-        var reader = new DecaffFrameReader(true, false);
+        var reader = new ProximityFrameReader(true, false);
         long first = long.Parse(words[3]);
-        using (var publisher = new DecaffPublisher(port))
-        using (var subscriber = new DecaffSubscriber(port))
+        using (var publisher = new ProximityPublisher(port))
+        using (var subscriber = new ProximitySubscriber(port))
         {
-            var poses = new DecaffPose[5];
+            var poses = new ProximityPose[5];
             int before = 0;
             for (int i = 0; i < 200100; i++)
             {
@@ -118,14 +118,14 @@ public static unsafe class Driver
                 subscriber.Read(); // poses are no frames: refused, counted
                 fixed (byte* bytes = frame)
                 {
-                    ((DecaffPrefix*)bytes)->Sequence = (ulong)i;
-                    ((DecaffPrefix*)bytes)->Checksum = DecaffKey.Crc32(frame, DecaffLayout.CheckedFrom, frame.Length);
+                    ((ProximityPrefix*)bytes)->Sequence = (ulong)i;
+                    ((ProximityPrefix*)bytes)->Checksum = ProximityKey.Crc32(frame, ProximityLayout.CheckedFrom, frame.Length);
                 }
                 reader.Offer(frame, frame.Length, first + i * 10000L);
                 reader.At(first + i * 10000L);
             }
             Console.WriteLine("collections {0} refused {1} offered {2}", GC.CollectionCount(0) - before,
-                subscriber.Counts.Flawed[(int)DecaffFlaw.Magic], reader.Counts.Received);
+                subscriber.Counts.Flawed[(int)ProximityFlaw.Magic], reader.Counts.Received);
         }
     }
 
@@ -144,7 +144,7 @@ public static unsafe class Driver
             else
                 Send(words);
         }
-        catch (DecaffError failure)
+        catch (ProximityServiceError failure)
         {
             Console.WriteLine(failure.Message);
             return 1;

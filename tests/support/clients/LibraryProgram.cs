@@ -2,7 +2,7 @@
 using System;
 using System.IO;
 using System.Runtime.InteropServices;
-using Decaff;
+using Proximity;
 
 public static class LibraryProgram
 {
@@ -13,7 +13,7 @@ public static class LibraryProgram
         output.Write(MemoryMarshal.AsBytes(answers).ToArray());
     }
 
-    private static void AskAll(ProximityScene scene, DecaffVector[] points, DecaffVector[] others, BinaryWriter output)
+    private static void AskAll(ProximityScene scene, ProximityVector[] points, ProximityVector[] others, BinaryWriter output)
     {
         int count = points.Length;
         var numbers = new double[count];
@@ -21,7 +21,7 @@ public static class LibraryProgram
         scene.Closest(points, nearest);
         Write<ProximityClosestPoint>(output, nearest);
         nearest[0] = scene.Closest(points[0]);
-        scene.Closest(new ReadOnlySpan<DecaffVector>(points, 1, count - 1), new Span<ProximityClosestPoint>(nearest, 1, count - 1), 0.01);
+        scene.Closest(new ReadOnlySpan<ProximityVector>(points, 1, count - 1), new Span<ProximityClosestPoint>(nearest, 1, count - 1), 0.01);
         Write<ProximityClosestPoint>(output, nearest);
         scene.SignedDistance(points, numbers);
         Write<double>(output, numbers);
@@ -39,12 +39,12 @@ public static class LibraryProgram
         var pose = new double[16];
         scene.GetPose(0, pose);
         Write<double>(output, pose);
-        var corners = new DecaffVector[2];
+        var corners = new ProximityVector[2];
         scene.GetBounds(out corners[0], out corners[1]);
-        Write<DecaffVector>(output, corners);
+        Write<ProximityVector>(output, corners);
     }
 
-    private static void Tick(ProximityScene scene, DecaffVector[] points, double[] pose, BinaryWriter output)
+    private static void Tick(ProximityScene scene, ProximityVector[] points, double[] pose, BinaryWriter output)
     {
         ProximityTrackerSettings settings = ProximityTrackerSettings.Default;
         settings.Radius = 0.004;
@@ -57,10 +57,10 @@ public static class LibraryProgram
                     scene.Move(0, pose);
                 if (k == 4)
                     scene.SetSurface(0, 700, 0.5);
-                var at = new ReadOnlySpan<DecaffVector>(points, k, 2);
-                var pathEnds = new ReadOnlySpan<DecaffVector>(points, 10 + k, 4);
+                var at = new ReadOnlySpan<ProximityVector>(points, k, 2);
+                var pathEnds = new ReadOnlySpan<ProximityVector>(points, 10 + k, 4);
                 var instants = new[] { 1000000000L + 1000000 * k, 1000000500L + 1000000 * k };
-                Write<DecaffContact>(output, k % 2 == 0 ? tracker.Tick(at, instants, 1000001000L + 1000000 * k)
+                Write<ProximityContact>(output, k % 2 == 0 ? tracker.Tick(at, instants, 1000001000L + 1000000 * k)
                     : tracker.Tick(at, instants, 1000001000L + 1000000 * k, at, pathEnds, new[] { 0.1, 0.2 }, new[] { 0.0, 2.0 }));
             }
         }
@@ -80,9 +80,9 @@ public static class LibraryProgram
 
     public static int Main(string[] words)
     {
-        DecaffVector[] rows = MemoryMarshal.Cast<byte, DecaffVector>(File.ReadAllBytes(words[1])).ToArray();
-        var points = new ReadOnlySpan<DecaffVector>(rows, 0, rows.Length / 2).ToArray();
-        var others = new ReadOnlySpan<DecaffVector>(rows, rows.Length / 2, rows.Length / 2).ToArray();
+        ProximityVector[] rows = MemoryMarshal.Cast<byte, ProximityVector>(File.ReadAllBytes(words[1])).ToArray();
+        var points = new ReadOnlySpan<ProximityVector>(rows, 0, rows.Length / 2).ToArray();
+        var others = new ReadOnlySpan<ProximityVector>(rows, rows.Length / 2, rows.Length / 2).ToArray();
         using (var output = new BinaryWriter(File.Create(words[2])))
         using (var scene = new ProximityScene(words[0]))
         using (var copy = new ProximityScene(File.ReadAllBytes(words[0])))
@@ -103,7 +103,7 @@ public static class LibraryProgram
             Tell(() => scene.Closest(points[0], -1));
             Tell(() => new ProximityTracker(scene, 0));
             var left = new ProximityTracker(scene, 1);
-            var (one, distance, instants) = (new DecaffVector[1], new double[1], new long[1]);
+            var (one, distance, instants) = (new ProximityVector[1], new double[1], new long[1]);
             scene.Dispose(); // its tracker keeps it open
             int before = GC.CollectionCount(0);
             for (int k = 0; k < 200000; k++)

@@ -1,13 +1,13 @@
 // Reads frames by shared memory and prints, of each new valid one, its sequence and the distance of its first finger.
 using System;
 using System.Globalization;
-using Decaff;
+using Proximity;
 
 public static class Mailbox
 {
     public static void Main(string[] words)
     {
-        using (var subscriber = new DecaffMailboxSubscriber(words[0]))
+        using (var subscriber = new ProximityMailboxSubscriber(words[0]))
         {
             Console.WriteLine("open");
             for (int left = int.Parse(words[1]); left > 0;)

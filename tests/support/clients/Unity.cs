@@ -72,7 +72,7 @@ namespace UnityEngine
             Array.Copy(words, 3, numbers, 0, 21);
             var component = new ProximityDistance
             {
-                mirror = (Decaff.ProximityMirror)Enum.Parse(typeof(Decaff.ProximityMirror), words[1]),
+                mirror = (Proximity.ProximityMirror)Enum.Parse(typeof(Proximity.ProximityMirror), words[1]),
                 origin = Take(numbers, 7),
                 movers = new[] { Take(numbers, 14) },
             };

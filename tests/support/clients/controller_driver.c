@@ -106,7 +106,7 @@ int main(int count, char **words)
     static decaff_controller finger;
     static decaff_servo servo;
     decaff_action action = {0};
-    uint8_t shares_clock, has_key, key[DECAFF_KEY_BYTES];
+    uint8_t shares_clock, has_key, key[PROXIMITY_KEY_BYTES];
     double position;
     int kind;
 

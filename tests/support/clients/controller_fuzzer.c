@@ -13,8 +13,8 @@
 #define SAMPLES_A_LIFE 20000
 
 typedef struct message {
-    decaff_frame_header header;
-    decaff_contact contacts[FINGERS];
+    proximity_frame_header header;
+    proximity_contact contacts[FINGERS];
 } message;
 
 static uint64_t state;
@@ -110,13 +110,13 @@ static void write_frame(message *frame, int64_t now_ns, double bend, unsigned su
     memset(frame, 0, sizeof *frame);
     frame->header.pose_ns = frame->header.start_ns = frame->header.publish_ns = now_ns;
     frame->header.valid_until_ns = now_ns + 20000000;
-    frame->header.state = DECAFF_STATE_OK;
+    frame->header.state = PROXIMITY_STATE_OK;
     frame->header.count = FINGERS;
     for (i = 0; i < FINGERS; i++) {
-        decaff_contact *c = &frame->contacts[i];
+        proximity_contact *c = &frame->contacts[i];
         double distance = position_of(WALL) - position_of(bend);
 
-        c->flags = DECAFF_FLAG_TRACKED | (below(50) ? 0u : (uint32_t)(next() & 0x7ffu));
+        c->flags = PROXIMITY_FLAG_TRACKED | (below(50) ? 0u : (uint32_t)(next() & 0x7ffu));
         c->pose_ns = now_ns;
         c->signed_distance = c->lower = c->upper = c->predicted_distance = distance;
         c->predicted_lower = c->predicted_upper = distance;
@@ -131,7 +131,7 @@ static void write_frame(message *frame, int64_t now_ns, double bend, unsigned su
         c->damping = between(0.0, 2.0);
         c->force = between(0.0, 3.0);
         c->surface = (uint8_t)surface;
-        c->mode = (uint8_t)(below(500) ? DECAFF_MODE_POSITION : DECAFF_MODE_HOLD);
+        c->mode = (uint8_t)(below(500) ? PROXIMITY_MODE_POSITION : PROXIMITY_MODE_HOLD);
         c->source = (uint8_t)source;
         c->force_is_valid = (uint8_t)below(2);
         for (axis = 0; axis < 3; axis++)
@@ -143,13 +143,13 @@ static void disturb(message *frame, int64_t now_ns)
 {
     unsigned changes = below(10) ? 0u : 1u + below(3);
     static const size_t reals[] = {
-        offsetof(decaff_contact, signed_distance), offsetof(decaff_contact, lower), offsetof(decaff_contact, bend),
-        offsetof(decaff_contact, bend_rate), offsetof(decaff_contact, contact_bend),
-        offsetof(decaff_contact, contact_bend_error), offsetof(decaff_contact, contact_bend_rate),
-        offsetof(decaff_contact, normal), offsetof(decaff_contact, part_velocity),
-        offsetof(decaff_contact, velocity), offsetof(decaff_contact, approach_speed),
-        offsetof(decaff_contact, stiffness), offsetof(decaff_contact, damping), offsetof(decaff_contact, force),
-        offsetof(decaff_contact, predicted_lower), offsetof(decaff_contact, time_to_contact)};
+        offsetof(proximity_contact, signed_distance), offsetof(proximity_contact, lower), offsetof(proximity_contact, bend),
+        offsetof(proximity_contact, bend_rate), offsetof(proximity_contact, contact_bend),
+        offsetof(proximity_contact, contact_bend_error), offsetof(proximity_contact, contact_bend_rate),
+        offsetof(proximity_contact, normal), offsetof(proximity_contact, part_velocity),
+        offsetof(proximity_contact, velocity), offsetof(proximity_contact, approach_speed),
+        offsetof(proximity_contact, stiffness), offsetof(proximity_contact, damping), offsetof(proximity_contact, force),
+        offsetof(proximity_contact, predicted_lower), offsetof(proximity_contact, time_to_contact)};
     static const size_t instants[] = {
         offsetof(message, header.pose_ns), offsetof(message, header.start_ns),
         offsetof(message, header.publish_ns), offsetof(message, header.valid_until_ns),
@@ -162,7 +162,7 @@ static void disturb(message *frame, int64_t now_ns)
         switch (below(4)) {
         case 0:
             real = wild_real();
-            memcpy(bytes + offsetof(message, contacts) + below(FINGERS) * sizeof(decaff_contact)
+            memcpy(bytes + offsetof(message, contacts) + below(FINGERS) * sizeof(proximity_contact)
                        + reals[below(sizeof reals / sizeof reals[0])],
                    &real, sizeof real);
             break;
@@ -171,7 +171,7 @@ static void disturb(message *frame, int64_t now_ns)
             memcpy(bytes + instants[below(sizeof instants / sizeof instants[0])], &instant, sizeof instant);
             break;
         default:
-            bytes[sizeof(decaff_prefix) + below(sizeof *frame - sizeof(decaff_prefix))] = (uint8_t)next();
+            bytes[sizeof(proximity_prefix) + below(sizeof *frame - sizeof(proximity_prefix))] = (uint8_t)next();
         }
     }
 }
@@ -187,7 +187,7 @@ static void send(decaff_subscriber *frames, message *frame, int64_t now_ns, uint
         number = below(2) ? next() : UINT64_MAX - below(3);
     if (below(2000) == 0)
         *session += below(3);
-    decaff_seal(frame, size, DECAFF_FRAME_MAGIC, sizeof frame->header, *session, number);
+    proximity_seal(frame, size, PROXIMITY_FRAME_MAGIC, sizeof frame->header, *session, number);
     if (below(100) == 0)
         size = below(sizeof *frame + 1);
     datagram = malloc(size + 1);
@@ -201,22 +201,22 @@ static void send(decaff_subscriber *frames, message *frame, int64_t now_ns, uint
 }
 
 /* What else a reader does with a message, at any instant. */
-static void read_message(const message *frame, decaff_clock *clock, int64_t now_ns)
+static void read_message(const message *frame, proximity_clock *clock, int64_t now_ns)
 {
     int64_t at_ns = below(2) ? now_ns : wild_instant(now_ns);
 
     if (frame->header.count <= FINGERS)
-        (void)decaff_makes_sense(&frame->header, at_ns);
-    (void)decaff_state_at(&frame->header, at_ns);
-    (void)decaff_lower_at(&frame->contacts[0], at_ns, 2.0, 50.0);
-    decaff_clock_hear(clock, frame->header.session, frame->header.publish_ns, at_ns);
-    (void)decaff_clock_theirs(clock, at_ns);
+        (void)proximity_makes_sense(&frame->header, at_ns);
+    (void)proximity_state_at(&frame->header, at_ns);
+    (void)proximity_lower_at(&frame->contacts[0], at_ns, 2.0, 50.0);
+    proximity_clock_hear(clock, frame->header.session, frame->header.publish_ns, at_ns);
+    (void)proximity_clock_theirs(clock, at_ns);
 }
 
 static unsigned long live(unsigned long *used)
 {
     decaff_subscriber frames;
-    decaff_clock clock = {0};
+    proximity_clock clock = {0};
     decaff_controller finger;
     decaff_servo servo;
     decaff_start start;

@@ -1,10 +1,10 @@
-// Lets a test drive decaff_client.hpp: see client_programs.py.
+// Lets a test drive proximity_client.hpp: see client_programs.py.
 #include <cstdio>
 #include <iostream>
 #include <iterator>
 #include <thread>
 
-#include "decaff_client.hpp"
+#include "proximity_client.hpp"
 
 static std::vector<char> bytes_of(const char *path)
 {
@@ -31,7 +31,7 @@ static void read_events(const char *from, const char *to)
     const char *at = events.data(), *end = at + events.size();
     std::ofstream out(to, std::ios::binary);
     const bool is_shared = taken<std::uint8_t>(at) != 0, is_keyed = taken<std::uint8_t>(at) != 0;
-    decaff::frame_reader reader(is_shared, is_keyed, {});
+    proximity::frame_reader reader(is_shared, is_keyed, {});
     while (at < end) {
         const auto kind = taken<std::uint8_t>(at);
         const auto now = taken<std::int64_t>(at);
@@ -41,13 +41,13 @@ static void read_events(const char *from, const char *to)
             at += size;
             continue;
         }
-        const decaff::reading known = reader.at(now);
+        const proximity::reading known = reader.at(now);
         put(out, static_cast<std::uint8_t>(known.state));
         put(out, static_cast<std::uint8_t>(known.is_new));
         put(out, known.now_ns);
         put(out, known.age_ns);
         put(out, static_cast<std::uint32_t>(known.contacts.size()));
-        for (const decaff_contact &contact : known.contacts)
+        for (const proximity_contact &contact : known.contacts)
             put(out, contact);
     }
     put(out, reader.counted().received);
@@ -59,11 +59,11 @@ static void read_events(const char *from, const char *to)
 
 static void print_tags(const char *key_path, const char *data_path, int count, char **sizes)
 {
-    const decaff::key_bytes key = decaff::read_key(key_path);
+    const proximity::key_bytes key = proximity::read_key(key_path);
     const std::vector<char> data = bytes_of(data_path);
     for (int i = 0; i < count; i++) {
-        std::uint8_t tag[DECAFF_TAG_BYTES];
-        decaff_tag(key.data(), data.data(), static_cast<std::size_t>(std::atoi(sizes[i])), tag);
+        std::uint8_t tag[PROXIMITY_TAG_BYTES];
+        proximity_tag(key.data(), data.data(), static_cast<std::size_t>(std::atoi(sizes[i])), tag);
         for (std::uint8_t byte : tag)
             std::printf("%02x", static_cast<unsigned>(byte));
         std::printf("\n");
@@ -80,34 +80,34 @@ int main(int count, char **words)
         } else if (mode == "tag") {
             print_tags(words[2], words[3], count - 4, words + 4);
         } else if (mode == "send" || mode == "sender") {
-            decaff::sender sender({.host = word(2), .port = static_cast<std::uint16_t>(std::atoi(words[3])),
+            proximity::sender sender({.host = word(2), .port = static_cast<std::uint16_t>(std::atoi(words[3])),
                                    .bind = word(4), .key = word(5)});
             const double first[3] = {1, 2, 3}, second[3] = {4, 5, 6}, third[3] = {7, 8, 9};
-            const std::vector<decaff_pose> poses = {decaff::pose_of(0, first), decaff::pose_of(1, second)};
-            const std::vector<decaff_move> moves = {decaff::move_of("lid \xc3\xa4", third)};
+            const std::vector<proximity_finger_pose> poses = {proximity::pose_of(0, first), proximity::pose_of(1, second)};
+            const std::vector<proximity_part_move> moves = {proximity::move_of("lid \xc3\xa4", third)};
             if (count > 6)
-                decaff::move_of(std::string(65, 'x'), third);
+                proximity::move_of(std::string(65, 'x'), third);
             if (mode == "sender")
-                sender.send(std::vector<decaff_pose>(4096));
+                sender.send(std::vector<proximity_finger_pose>(4096));
             sender.send(poses);
             sender.send(moves);
-            sender.send(std::vector{decaff::change_of("lid \xc3\xa4", DECAFF_PART_ACTION_HIDE)});
-            sender.send(std::vector{decaff::addition_of("lid \xc3\xa4", "inner/lid.stl", third)});
+            sender.send(std::vector{proximity::change_of("lid \xc3\xa4", PROXIMITY_PART_ACTION_HIDE)});
+            sender.send(std::vector{proximity::addition_of("lid \xc3\xa4", "inner/lid.stl", third)});
             sender.send(poses);
         } else if (mode == "listen") {
-            decaff::receiver receiver({.host = word(2), .port = static_cast<std::uint16_t>(std::atoi(words[3])),
+            proximity::receiver receiver({.host = word(2), .port = static_cast<std::uint16_t>(std::atoi(words[3])),
                                        .from = word(4), .key = word(5)});
             std::setvbuf(stdout, nullptr, _IOLBF, 256);
             std::printf("listening\n");
-            for (decaff::reading now = receiver.read(); now.state != DECAFF_STATE_STOPPING;
+            for (proximity::reading now = receiver.read(); now.state != PROXIMITY_STATE_STOPPING;
                  now = receiver.wait(std::chrono::milliseconds(100)))
                 if (now.is_new && now.is_valid())
                     std::printf("%u %.6f\n", static_cast<unsigned>(now.contacts[0].finger), now.contacts[0].signed_distance);
-            const decaff::counts &seen = receiver.counted();
+            const proximity::counts &seen = receiver.counted();
             std::printf("received %llu unverified %llu\n", static_cast<unsigned long long>(seen.received),
                         static_cast<unsigned long long>(seen.unverified));
         }
-    } catch (const decaff::error &failure) {
+    } catch (const proximity::error &failure) {
         std::printf("%s\n", failure.what());
         return 1;
     }

@@ -2,8 +2,8 @@
 import fs from "node:fs";
 import { setTimeout as sleep } from "node:timers/promises";
 
-import { FrameReader, PartAction, STATE_NAMES, additionOf, changeOf, encode, moveOf, poseOf } from "./decaff.mjs";
-import { Publisher, Subscriber, clockNs, readKey, tagOf } from "./decaff_udp.mjs";
+import { FrameReader, PartAction, STATE_NAMES, additionOf, changeOf, encode, moveOf, poseOf } from "./proximity_client.mjs";
+import { Publisher, Subscriber, clockNs, readKey, tagOf } from "./proximity_udp.mjs";
 
 const FLAWS = ["", "short", "magic", "version", "size", "checksum", "old", "future", "content"];
 const [mode, ...words] = process.argv.slice(2);

@@ -217,12 +217,12 @@ static decaff_start start;
 static int64_t now_ns = 1000000000;
 static uint64_t sequence;
 
-static void write_frame(decaff_contact *c, const press *p, double at, double pose_speed, int64_t pose_ns, bool is_there)
+static void write_frame(proximity_contact *c, const press *p, double at, double pose_speed, int64_t pose_ns, bool is_there)
 {
     double distance = looked_up(p->wall, path->bends, path->positions) - at, bent = looked_up(at, path->positions, path->bends);
 
     memset(c, 0, sizeof *c);
-    c->flags = DECAFF_FLAG_TRACKED | DECAFF_FLAG_ON_PATH;
+    c->flags = PROXIMITY_FLAG_TRACKED | PROXIMITY_FLAG_ON_PATH;
     c->pose_ns = pose_ns;
     c->signed_distance = c->lower = c->upper = distance;
     c->normal[2] = -1.0;
@@ -234,13 +234,13 @@ static void write_frame(decaff_contact *c, const press *p, double at, double pos
     if (isnan(c->contact_bend))
         c->signed_distance = c->lower = c->upper = 0.02;
     else
-        c->flags |= DECAFF_FLAG_CONTACT_FOUND;
-    c->surface = (uint8_t)(p->surface > 0.0 ? DECAFF_SURFACE_DEFORMABLE : DECAFF_SURFACE_RIGID);
+        c->flags |= PROXIMITY_FLAG_CONTACT_FOUND;
+    c->surface = (uint8_t)(p->surface > 0.0 ? PROXIMITY_SURFACE_DEFORMABLE : PROXIMITY_SURFACE_RIGID);
     c->stiffness = p->surface;
-    c->source = (uint8_t)(p->is_slave ? DECAFF_SOURCE_TELEOPERATION : DECAFF_SOURCE_GEOMETRY);
+    c->source = (uint8_t)(p->is_slave ? PROXIMITY_SOURCE_TELEOPERATION : PROXIMITY_SOURCE_GEOMETRY);
     c->force = p->is_slave ? fmax(0.0, -200.0 * distance) : 0.0;
     c->force_is_valid = p->is_slave ? 1u : 0u;
-    c->mode = DECAFF_MODE_POSITION;
+    c->mode = PROXIMITY_MODE_POSITION;
 }
 
 /* One sample of the guide's listing. */
@@ -265,7 +265,7 @@ static void run_press(const press *p)
     int samples = (int)((p->back + 0.7) / set->period), late = (int)(p->latency / set->period), hung = 0, i;
     double wall = looked_up(p->wall, path->bends, path->positions), fist = looked_up(1.0, path->bends, path->positions);
     double aim = fmin(wall + p->depth, fist), begin = fmax(0.0, wall - fmin(0.06, 0.6 * p->speed * (p->back - 0.15)));
-    decaff_contact contacts[2];
+    proximity_contact contacts[2];
     decaff_observation seen;
 
     memset(&seen, 0, sizeof seen);
@@ -291,7 +291,7 @@ static void run_press(const press *p)
                         time > COMES && time < p->back + 0.2);
             sequence++;
         }
-        seen.state = DECAFF_STATE_OK;
+        seen.state = PROXIMITY_STATE_OK;
         seen.contact = &contacts[0];
         seen.sequence = sequence;
         seen.start_ns = contacts[0].pose_ns;

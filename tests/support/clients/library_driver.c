@@ -11,7 +11,7 @@ static void use(proximity_scene *scene)
     proximity_closest_point found[50];
     uint8_t inside[50];
     const int32_t part = 0;
-    decaff_contact contacts[50];
+    proximity_contact contacts[50];
     int64_t instants[50], now_ns = 1000000000;
     proximity_paths paths = {points, 2, NULL, NULL};
     proximity_tracker *tracker = NULL;
@@ -40,7 +40,7 @@ static int all_nulls_are_told(void)
     double numbers[16] = {0};
     const int32_t part = 0;
     int64_t instant = 0;
-    decaff_contact contact;
+    proximity_contact contact;
     proximity_closest_point found;
     proximity_tracker *tracker;
     proximity_error error;

@@ -7,7 +7,7 @@ import { pathToFileURL } from "node:url";
 
 const [folder, set, file] = process.argv.slice(2);
 const { load, ProximityError } = await import(pathToFileURL(`${folder}/proximity.mjs`).href);
-const { encode } = await import(pathToFileURL(`${folder}/decaff.mjs`).href);
+const { encode } = await import(pathToFileURL(`${folder}/proximity_client.mjs`).href);
 const { RECORDS } = await import(pathToFileURL(`${folder}/layout.mjs`).href);
 const engine = await load(readFileSync(`${folder}/proximity.${set}.wasm`));
 let scene = engine.open(readFileSync(file)), tracker = null, settings = {};

@@ -44,7 +44,7 @@ def build(language, folder, source, target):
     if language == "javascript":
         return [compiler("node"), folder / name]
     options = ["-unsafe", "-optimize", "-warn:4", "-warnaserror", "-nologo"]
-    sources = [folder / "Runtime" / each for each in ("DecaffMessages.cs", "DecaffClient.cs")]
+    sources = [folder / "Runtime" / each for each in ("ProximityMessages.cs", "ProximityClient.cs")]
     run(compiler("mcs"), *options, *sources, source, f"-out:{folder / target}.exe")
     return [compiler("mono"), folder / f"{target}.exe"]
 

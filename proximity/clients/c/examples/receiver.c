@@ -8,7 +8,7 @@
  *     distance holds, which falls as time passes. Then nothing does: retract.
  *   - It never waits for a frame: at each look it asks what is known now.
  *
- *   proximity client header --out decaff_message.h && cc -std=c99 -O2 receiver.c -lm -o receiver
+ *   proximity client header --out proximity_message.h && cc -std=c99 -O2 receiver.c -lm -o receiver
  *   ./receiver 127.0.0.1 9100 127.0.0.1 frames.key    # listen at, port, sender, and the key if there is one
  */
 #define _POSIX_C_SOURCE 200809L
@@ -22,7 +22,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "decaff_message.h"
+#include "proximity_message.h"
 
 #define MOST_FINGERS 64
 #define LOOK_MS 10             /* look at what is known, at least so often */
@@ -30,21 +30,21 @@
 #define MAX_ACCELERATION 120.0 /* m/s2, of a finger */
 
 struct frame {
-    decaff_frame_header header;
-    decaff_contact contacts[MOST_FINGERS];
-    char beyond[DECAFF_TAG_BYTES + 8]; /* a message that reaches in here is too large */
+    proximity_frame_header header;
+    proximity_contact contacts[MOST_FINGERS];
+    char beyond[PROXIMITY_TAG_BYTES + 8]; /* a message that reaches in here is too large */
 };
 
-enum { STRANGER = DECAFF_FLAW_CHECKSUM + 1, OLD, NONSENSE, UNVERIFIED, REASONS };
+enum { STRANGER = PROXIMITY_FLAW_CHECKSUM + 1, OLD, NONSENSE, UNVERIFIED, REASONS };
 static const char *const REASON[REASONS] = {"received", "short",    "magic", "version",  "size",
                                             "checksum", "stranger", "old",   "nonsense", "unverified"};
 static const char *const STATE[] = {"STARTING", "OK", "DEGRADED", "LATE", "STALE", "STOPPING"};
 
 static struct frame held, arrived;
 static int has_frame, is_foreign, has_key;
-static uint8_t key[DECAFF_KEY_BYTES];
+static uint8_t key[PROXIMITY_KEY_BYTES];
 static int64_t heard_ns;
-static decaff_clock foreign;
+static proximity_clock foreign;
 static unsigned long lost, counts[REASONS];
 static volatile sig_atomic_t is_told_to_stop;
 
@@ -59,25 +59,25 @@ static int64_t clock_ns(void)
 /* What is wrong with what arrived; 0: nothing. */
 static int reason_against(size_t size, int is_from_sender, int64_t now_ns)
 {
-    const decaff_frame_header *new = &arrived.header, *last = &held.header;
+    const proximity_frame_header *new = &arrived.header, *last = &held.header;
     int flaw;
 
     if (!is_from_sender)
         return STRANGER;
     if (size > offsetof(struct frame, beyond))
-        return DECAFF_FLAW_SIZE;
-    flaw = (int)decaff_check_frame(&arrived, size);
-    if (flaw != DECAFF_FLAW_NONE)
+        return PROXIMITY_FLAW_SIZE;
+    flaw = (int)proximity_check_frame(&arrived, size);
+    if (flaw != PROXIMITY_FLAW_NONE)
         return flaw;
     if (has_frame && new->session == last->session
-        && (new->sequence <= last->sequence || new->sequence - last->sequence > DECAFF_MOST_SKIPPED))
+        && (new->sequence <= last->sequence || new->sequence - last->sequence > PROXIMITY_MOST_SKIPPED))
         return OLD;
     if (has_frame && new->session < last->session && (has_key || now_ns - heard_ns <= 1000000000))
         return OLD; /* of a run before; after silence the sender's calendar may have been put back, but */
                     /* with a key it may also be a recording, and then only another start is believed */
     if (new->publish_ns > INT64_MAX / 2)
         return NONSENSE;
-    return decaff_makes_sense(new, (is_foreign ? new->publish_ns : now_ns) + DECAFF_AHEAD_NS) ? 0 : NONSENSE;
+    return proximity_makes_sense(new, (is_foreign ? new->publish_ns : now_ns) + PROXIMITY_AHEAD_NS) ? 0 : NONSENSE;
 }
 
 /* Hold what arrived if it counts; whether it does. */
@@ -86,18 +86,18 @@ static int take(size_t size, int is_from_sender)
     int64_t now_ns = clock_ns();
     int reason;
 
-    if (is_from_sender && has_key && (size = decaff_verified(key, &arrived, size)) == 0)
+    if (is_from_sender && has_key && (size = proximity_verified(key, &arrived, size)) == 0)
         reason = UNVERIFIED;
     else
         reason = reason_against(size, is_from_sender, now_ns);
-    if (reason == (int)DECAFF_FLAW_MAGIC && arrived.header.magic == DECAFF_DESCRIPTION_MAGIC)
+    if (reason == (int)PROXIMITY_FLAW_MAGIC && arrived.header.magic == PROXIMITY_DESCRIPTION_MAGIC)
         return 0; /* names of parts and fingers, of which nothing is needed here */
     counts[reason]++;
     if (reason != 0)
         return 0;
     if (has_frame && arrived.header.session == held.header.session)
         lost += (unsigned long)(arrived.header.sequence - held.header.sequence - 1);
-    decaff_clock_hear(&foreign, arrived.header.session, arrived.header.publish_ns, now_ns);
+    proximity_clock_hear(&foreign, arrived.header.session, arrived.header.publish_ns, now_ns);
     heard_ns = now_ns;
     has_frame = 1;
     memcpy(&held, &arrived, size);
@@ -108,12 +108,12 @@ static int take(size_t size, int is_from_sender)
 static void look(int is_new)
 {
     static int told = -1;
-    int64_t now_ns = is_foreign ? decaff_clock_theirs(&foreign, clock_ns()) : clock_ns();
+    int64_t now_ns = is_foreign ? proximity_clock_theirs(&foreign, clock_ns()) : clock_ns();
     int is_believed = has_frame && (!is_foreign || foreign.is_certain);
-    int state = is_believed ? (int)decaff_state_at(&held.header, now_ns) : (int)DECAFF_STATE_STALE;
+    int state = is_believed ? (int)proximity_state_at(&held.header, now_ns) : (int)PROXIMITY_STATE_STALE;
     uint32_t i;
 
-    if (!is_new && state == told && state != DECAFF_STATE_LATE)
+    if (!is_new && state == told && state != PROXIMITY_STATE_LATE)
         return;
     told = state;
     if (!has_frame) {
@@ -123,15 +123,15 @@ static void look(int is_new)
     printf("%llu %s age %.3f ms", (unsigned long long)held.header.sequence, STATE[state],
            1e-6 * (double)(now_ns - held.header.pose_ns));
     for (i = 0; i < held.header.count; i++) {
-        const decaff_contact *c = &held.contacts[i];
-        if ((c->flags & DECAFF_FLAG_TRACKED) == 0)
+        const proximity_contact *c = &held.contacts[i];
+        if ((c->flags & PROXIMITY_FLAG_TRACKED) == 0)
             continue;
-        if (state == DECAFF_STATE_OK || state == DECAFF_STATE_DEGRADED)
+        if (state == PROXIMITY_STATE_OK || state == PROXIMITY_STATE_DEGRADED)
             printf("; finger %u: %.3f mm, contact in %.1f ms, not before %.1f", (unsigned)c->finger,
                    1e3 * c->signed_distance, 1e3 * c->time_to_contact, 1e3 * c->time_to_contact_lower);
-        else if (state == DECAFF_STATE_LATE)
+        else if (state == PROXIMITY_STATE_LATE)
             printf("; finger %u: at least %.3f mm", (unsigned)c->finger,
-                   1e3 * decaff_lower_at(c, now_ns, MAX_SPEED, MAX_ACCELERATION));
+                   1e3 * proximity_lower_at(c, now_ns, MAX_SPEED, MAX_ACCELERATION));
     }
     printf("\n");
 }
@@ -139,7 +139,7 @@ static void look(int is_new)
 /* Read the key; what is wrong with its file, or NULL. */
 static const char *read_key(const char *path)
 {
-    char text[2 * DECAFF_KEY_BYTES + 2] = {0};
+    char text[2 * PROXIMITY_KEY_BYTES + 2] = {0};
     struct stat status;
     int file = open(path, O_RDONLY | O_NONBLOCK);
     const char *wrong = NULL;
@@ -150,7 +150,7 @@ static const char *read_key(const char *path)
         wrong = "is not a regular file";
     else if ((status.st_mode & 077) != 0)
         wrong = "may be used by others (expected permissions 0600)";
-    else if (read(file, text, sizeof text - 1) < 0 || !decaff_key_of_text(text, key))
+    else if (read(file, text, sizeof text - 1) < 0 || !proximity_key_of_text(text, key))
         wrong = "is not a key (expected 64 hexadecimal digits)";
     close(file);
     return wrong;

@@ -1,25 +1,25 @@
 // Example.cs: a fingertip that comes down on the sample bracket, and what the service says of it, in a console.
 //
-//   mcs -unsafe DecaffMessages.cs DecaffClient.cs Example.cs && mono DecaffMessages.exe 9100 9101 5
+//   mcs -unsafe ProximityMessages.cs ProximityClient.cs Example.cs && mono ProximityMessages.exe 9100 9101 5
 //   (or: dotnet run, with <AllowUnsafeBlocks>true</AllowUnsafeBlocks>)
 //
 // The scene file has `publish = ["udp://127.0.0.1:9100"]` in [service] and `poses = "udp://127.0.0.1:9101"` in
-// [input], both with `?key=KEY` where there is one. In Unity use DecaffHand.cs instead.
+// [input], both with `?key=KEY` where there is one. In Unity use ProximityHand.cs instead.
 #if !UNITY_5_3_OR_NEWER
 using System;
 using System.Globalization;
 using System.Text;
 using System.Threading;
-using Decaff;
+using Proximity;
 
 public static class Example
 {
-    private static void Show(DecaffSubscriber frames)
+    private static void Show(ProximitySubscriber frames)
     {
         var line = new StringBuilder(frames.AgeNs < 0 ? "no frame yet" : frames.State.ToString().ToUpperInvariant());
-        foreach (DecaffContact contact in frames.Contacts)
+        foreach (ProximityContact contact in frames.Contacts)
         {
-            if ((contact.Flags & DecaffContactFlag.Tracked) == 0)
+            if ((contact.Flags & ProximityContactFlag.Tracked) == 0)
                 continue; // nothing is known of it: take the hand's force away
             // While the frame is valid the distance holds; LATE, only that it is at least the lower bound.
             line.AppendFormat(CultureInfo.InvariantCulture, "; finger {0}: {1} {2:F3} mm, pose {3:F1} ms old",
@@ -38,18 +38,18 @@ public static class Example
         try
         {
             string key = words.Length > 3 ? words[3] : null;
-            using (var frames = new DecaffSubscriber(int.Parse(words[0]), keyFile: key))
-            using (var poses = new DecaffPublisher(int.Parse(words[1]), keyFile: key))
+            using (var frames = new ProximitySubscriber(int.Parse(words[0]), keyFile: key))
+            using (var poses = new ProximityPublisher(int.Parse(words[1]), keyFile: key))
             {
                 double pictures = 90 * double.Parse(words[2], CultureInfo.InvariantCulture); // 90 a second
-                var hand = new DecaffPose[1];
-                long began = DecaffClock.Ns;
+                var hand = new ProximityPose[1];
+                long began = ProximityClock.Ns;
                 for (int picture = 1; picture <= pictures; picture++)
                 {
                     // From 60 mm down at 5 mm a second, until the fingertip of 7 mm is 1 mm inside the foot.
-                    hand[0] = DecaffPublisher.PoseOf(0, 0.050, 0.020, Math.Max(0.060 - 0.005 * picture / 90, 0.010));
+                    hand[0] = ProximityPublisher.PoseOf(0, 0.050, 0.020, Math.Max(0.060 - 0.005 * picture / 90, 0.010));
                     poses.Send(hand, 1);
-                    long left = began + picture * 1000000000L / 90 - DecaffClock.Ns;
+                    long left = began + picture * 1000000000L / 90 - ProximityClock.Ns;
                     Thread.Sleep((int)Math.Max(left / 1000000, 0)); // you draw
                     frames.Read(); // never waits
                     if (picture % 9 == 0)
@@ -58,7 +58,7 @@ public static class Example
                 Console.WriteLine(frames.Counts);
             }
         }
-        catch (DecaffError failure)
+        catch (ProximityServiceError failure)
         {
             Console.Error.WriteLine("example: " + failure.Message);
             return 1;

@@ -1,6 +1,6 @@
 // Proximity.cs: the engine in your own process, through the library in C. What a function does is said in proximity.h.
 //
-// Made by `proximity client csharp`; what is changed here is lost. Needs DecaffMessages.cs, "Allow unsafe code", spans
+// Made by `proximity client csharp`; what is changed here is lost. Needs ProximityMessages.cs, "Allow unsafe code", spans
 // (.NET Standard 2.1: Unity 2021.2 or newer), and the library for your system: libproximity.so, proximity.dll.
 // Lengths are metres, in the scene's right-handed frame; matrices are 16 numbers row by row, "scene from part".
 // Questions fill the caller's arrays and make no garbage. Any number of threads may ask one scene at the same time;
@@ -9,7 +9,7 @@ using System;
 using System.Runtime.InteropServices;
 using System.Text;
 
-namespace Decaff
+namespace Proximity
 {
     /// <summary>What went wrong, in a sentence; the code is one of proximity.h.</summary>
     public sealed class ProximityError : Exception
@@ -25,7 +25,7 @@ namespace Decaff
     public struct ProximityClosestPoint
     {
         public double SignedDistance; // m, negative inside
-        public DecaffVector Point, Gradient, Barycentric; // Gradient: unit, where the signed distance rises most
+        public ProximityVector Point, Gradient, Barycentric; // Gradient: unit, where the signed distance rises most
         public int Part, Face;
         public ProximityFeature Feature;
         private int isSigned;
@@ -37,7 +37,7 @@ namespace Decaff
     public struct ProximityRayHit
     {
         public double Distance; // m along the ray
-        public DecaffVector Point, Normal, Barycentric; // Normal: unit, outward
+        public ProximityVector Point, Normal, Barycentric; // Normal: unit, outward
         public int Part, Face;
     }
 
@@ -46,9 +46,9 @@ namespace Decaff
     public struct ProximitySegmentHit
     {
         public double Distance; // m; 0 where they meet
-        public DecaffVector PointOnSegment, PointOnSolid;
+        public ProximityVector PointOnSegment, PointOnSolid;
         public double Fraction; // where on the segment: 0 at its start, 1 at its end
-        public DecaffVector Barycentric;
+        public ProximityVector Barycentric;
         public int Part, Face;
     }
 
@@ -59,7 +59,7 @@ namespace Decaff
     public struct ProximityClearance
     {
         public double Lower, Distance; // m; 0 unless the parts are apart, infinite beyond the limit
-        public DecaffVector PointOnFirst, PointOnSecond;
+        public ProximityVector PointOnFirst, PointOnSecond;
         public int FaceOnFirst, FaceOnSecond;
         public ProximityRelation Relation;
         private readonly int unused;
@@ -124,22 +124,22 @@ namespace Decaff
                 Native.Check(Native.proximity_pose(Handle, part, numbers, out NativeError error), ref error);
         }
 
-        public void GetBounds(out DecaffVector lower, out DecaffVector upper)
+        public void GetBounds(out ProximityVector lower, out ProximityVector upper)
         {
             lower = upper = default;
-            fixed (DecaffVector* first = &lower, second = &upper)
+            fixed (ProximityVector* first = &lower, second = &upper)
                 Native.proximity_bounds(Handle, first, second);
         }
 
         /// <summary>Put parts elsewhere, with velocities in m/s and rad/s; without them they are at rest.</summary>
         public void Move(ReadOnlySpan<int> parts, ReadOnlySpan<double> matrices,
-            ReadOnlySpan<DecaffVector> velocities = default, ReadOnlySpan<DecaffVector> angularVelocities = default)
+            ReadOnlySpan<ProximityVector> velocities = default, ReadOnlySpan<ProximityVector> angularVelocities = default)
         {
             int count = parts.Length;
             Native.Expect(matrices.Length == 16 * count && (velocities.IsEmpty || velocities.Length == count)
                 && (angularVelocities.IsEmpty || angularVelocities.Length == count));
             fixed (int* rows = parts) fixed (double* to = matrices)
-            fixed (DecaffVector* linear = velocities, angular = angularVelocities)
+            fixed (ProximityVector* linear = velocities, angular = angularVelocities)
                 Native.Check(Native.proximity_move(Handle, rows, (UIntPtr)count, to, linear, angular,
                     out NativeError error), ref error);
         }
@@ -156,36 +156,36 @@ namespace Decaff
 
         // --- questions: an answer for each row that is asked; none is farther than the limit, m ---
 
-        public void Closest(ReadOnlySpan<DecaffVector> points, Span<ProximityClosestPoint> answers,
+        public void Closest(ReadOnlySpan<ProximityVector> points, Span<ProximityClosestPoint> answers,
             double limit = Unlimited) =>
             Ask(Question.Closest, points, default, answers, limit);
 
-        public ProximityClosestPoint Closest(DecaffVector point, double limit = Unlimited)
+        public ProximityClosestPoint Closest(ProximityVector point, double limit = Unlimited)
         {
             ProximityClosestPoint answer;
-            Closest(new ReadOnlySpan<DecaffVector>(&point, 1), new Span<ProximityClosestPoint>(&answer, 1), limit);
+            Closest(new ReadOnlySpan<ProximityVector>(&point, 1), new Span<ProximityClosestPoint>(&answer, 1), limit);
             return answer;
         }
 
         /// <summary>Signed distances, m: as Closest, and faster.</summary>
-        public void SignedDistance(ReadOnlySpan<DecaffVector> points, Span<double> distances) =>
+        public void SignedDistance(ReadOnlySpan<ProximityVector> points, Span<double> distances) =>
             Ask(Question.Signed, points, default, distances, Unlimited);
 
         /// <summary>Distances without sign, m: the fastest.</summary>
-        public void Distance(ReadOnlySpan<DecaffVector> points, Span<double> distances) =>
+        public void Distance(ReadOnlySpan<ProximityVector> points, Span<double> distances) =>
             Ask(Question.Distance, points, default, distances, Unlimited);
 
         /// <summary>Whether points are inside some part.</summary>
-        public void Contains(ReadOnlySpan<DecaffVector> points, Span<bool> isInside) =>
+        public void Contains(ReadOnlySpan<ProximityVector> points, Span<bool> isInside) =>
             Ask(Question.Contains, points, default, isInside, Unlimited);
 
         /// <summary>The first hits of rays; directions have any length but zero.</summary>
-        public void Cast(ReadOnlySpan<DecaffVector> origins, ReadOnlySpan<DecaffVector> directions,
+        public void Cast(ReadOnlySpan<ProximityVector> origins, ReadOnlySpan<ProximityVector> directions,
             Span<ProximityRayHit> answers, double limit = Unlimited) =>
             Ask(Question.Cast, origins, directions, answers, limit);
 
         /// <summary>The shortest connections between segments and the surface.</summary>
-        public void ClosestToSegments(ReadOnlySpan<DecaffVector> starts, ReadOnlySpan<DecaffVector> ends,
+        public void ClosestToSegments(ReadOnlySpan<ProximityVector> starts, ReadOnlySpan<ProximityVector> ends,
             Span<ProximitySegmentHit> answers, double limit = Unlimited) =>
             Ask(Question.Segments, starts, ends, answers, limit);
 
@@ -200,14 +200,14 @@ namespace Decaff
 
         private enum Question { Closest, Signed, Distance, Contains, Cast, Segments }
 
-        private void Ask<T>(Question question, ReadOnlySpan<DecaffVector> rows, ReadOnlySpan<DecaffVector> others,
+        private void Ask<T>(Question question, ReadOnlySpan<ProximityVector> rows, ReadOnlySpan<ProximityVector> others,
             Span<T> answers, double limit) where T : struct
         {
             Native.Expect(answers.Length == rows.Length && (others.IsEmpty || others.Length == rows.Length));
             var count = (UIntPtr)rows.Length;
             NativeError e;
             int code;
-            fixed (DecaffVector* a = rows, b = others) fixed (byte* to = MemoryMarshal.AsBytes(answers))
+            fixed (ProximityVector* a = rows, b = others) fixed (byte* to = MemoryMarshal.AsBytes(answers))
                 code = question == Question.Closest ? Native.proximity_closest(Handle, a, count, limit, to, out e)
                     : question == Question.Signed ? Native.proximity_signed_distance(Handle, a, count, to, out e)
                     : question == Question.Distance ? Native.proximity_distance(Handle, a, count, to, out e)
@@ -221,14 +221,14 @@ namespace Decaff
     /// <summary>Answers for every fingertip at every tick. One thread at a time uses it.</summary>
     public sealed unsafe class ProximityTracker : IDisposable
     {
-        public readonly DecaffContact[] Contacts; // of all fingers; each tick writes over them
+        public readonly ProximityContact[] Contacts; // of all fingers; each tick writes over them
         private readonly NativeHandle handle = new NativeHandle();
 
         public ProximityTracker(ProximityScene scene, int fingers, ProximityTrackerSettings? settings = null)
         {
             IntPtr made;
             ProximityTrackerSettings chosen = settings ?? ProximityTrackerSettings.Default;
-            Contacts = new DecaffContact[fingers];
+            Contacts = new ProximityContact[fingers];
             handle.Scene = scene.Handle;
             Native.Check(Native.proximity_create_tracker(scene.Handle, (UIntPtr)fingers, &chosen, &made,
                 out NativeError error), ref error);
@@ -246,16 +246,16 @@ namespace Decaff
 
         /// <summary>Answer for all fingers, a row each; one whose position is not finite is not tracked. Instants are ns
         /// of one clock, velocities m/s; corners of paths are as many a finger, one finger behind the other.</summary>
-        public DecaffContact[] Tick(ReadOnlySpan<DecaffVector> positions, ReadOnlySpan<long> poseNs, long nowNs,
-            ReadOnlySpan<DecaffVector> velocities = default, ReadOnlySpan<DecaffVector> corners = default,
+        public ProximityContact[] Tick(ReadOnlySpan<ProximityVector> positions, ReadOnlySpan<long> poseNs, long nowNs,
+            ReadOnlySpan<ProximityVector> velocities = default, ReadOnlySpan<ProximityVector> corners = default,
             ReadOnlySpan<double> bends = default, ReadOnlySpan<double> pathBends = default)
         {
             int count = Contacts.Length, each = corners.Length / count;
             Native.Expect(positions.Length == count && poseNs.Length == count && corners.Length == each * count
                 && (velocities.IsEmpty || velocities.Length == count) && (bends.IsEmpty || bends.Length == count)
                 && (pathBends.IsEmpty || pathBends.Length == each));
-            fixed (DecaffVector* at = positions, linear = velocities, first = corners) fixed (long* instants = poseNs)
-            fixed (double* own = bends, along = pathBends) fixed (DecaffContact* to = Contacts)
+            fixed (ProximityVector* at = positions, linear = velocities, first = corners) fixed (long* instants = poseNs)
+            fixed (double* own = bends, along = pathBends) fixed (ProximityContact* to = Contacts)
             {
                 var paths = new NativePaths { Corners = first, Count = (UIntPtr)each, OfCorners = along, OfFingers = own };
                 Native.Check(Native.proximity_tick(handle, at, instants, nowNs, linear, first == null ? null : &paths, to,

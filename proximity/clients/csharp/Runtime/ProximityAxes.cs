@@ -6,7 +6,7 @@
 using System;
 using UnityEngine;
 
-namespace Decaff
+namespace Proximity
 {
     public enum ProximityMirror
     {
@@ -17,18 +17,18 @@ namespace Decaff
     public static class ProximityAxes
     {
         /// <summary>A point, a direction or a normal, as the scene has it.</summary>
-        public static DecaffVector ToScene(this ProximityMirror mirror, Vector3 v) =>
-            mirror == ProximityMirror.X ? new DecaffVector(-v.x, v.y, v.z) : new DecaffVector(v.x, v.z, v.y);
+        public static ProximityVector ToScene(this ProximityMirror mirror, Vector3 v) =>
+            mirror == ProximityMirror.X ? new ProximityVector(-v.x, v.y, v.z) : new ProximityVector(v.x, v.z, v.y);
 
         /// <summary>A point, a direction or a normal of the scene, as Unity has it.</summary>
-        public static Vector3 ToUnity(this ProximityMirror mirror, DecaffVector v) =>
+        public static Vector3 ToUnity(this ProximityMirror mirror, ProximityVector v) =>
             mirror == ProximityMirror.X ? new Vector3((float)-v.X, (float)v.Y, (float)v.Z)
                 : new Vector3((float)v.X, (float)v.Z, (float)v.Y);
 
         /// <summary>Write a pose, in Unity relative to the scene's origin, as a matrix of ProximityScene.Move.</summary>
         public static void ToMatrix(this ProximityMirror mirror, Vector3 position, Quaternion rotation, Span<double> matrix)
         {
-            DecaffVector at = mirror.ToScene(position), a = mirror.ToScene(new Vector3(rotation.x, rotation.y, rotation.z));
+            ProximityVector at = mirror.ToScene(position), a = mirror.ToScene(new Vector3(rotation.x, rotation.y, rotation.z));
             double x = -a.X, y = -a.Y, z = -a.Z, w = rotation.w, s = 2 / (x * x + y * y + z * z + w * w);
             Set(matrix.Slice(0), 1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w), at.X);
             Set(matrix.Slice(4), s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w), at.Y);

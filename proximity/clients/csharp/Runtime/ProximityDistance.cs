@@ -5,7 +5,7 @@
 #if UNITY_5_3_OR_NEWER
 using System;
 using System.IO;
-using Decaff;
+using Proximity;
 using UnityEngine;
 
 public sealed class ProximityDistance : MonoBehaviour

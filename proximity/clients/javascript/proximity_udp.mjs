@@ -1,13 +1,13 @@
-// decaff_udp.mjs: frames from a proximity service, and poses and moves to it, over UDP, for Node.
+// proximity_udp.mjs: frames from a proximity service, and poses and moves to it, over UDP, for Node.
 //
 // Made by `proximity client javascript`; what is changed here is lost. A browser has no datagrams: there, give
-// what a WebSocket brings to the FrameReader of decaff.mjs.
+// what a WebSocket brings to the FrameReader of proximity_client.mjs.
 
 import dgram from "node:dgram";
 import fs from "node:fs";
 import { timingSafeEqual } from "node:crypto";
 
-import { FrameReader, encode } from "./decaff.mjs";
+import { FrameReader, encode } from "./proximity_client.mjs";
 
 const TAG_BYTES = 16;
 const MOST_BYTES = 65507; // that a datagram of IPv4 carries

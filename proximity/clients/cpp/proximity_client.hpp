@@ -1,16 +1,16 @@
-// decaff_client.hpp: frames from a proximity service, and poses and moves to it, over UDP, in C++20.
+// proximity_client.hpp: frames from a proximity service, and poses and moves to it, over UDP, in C++20.
 //
-// Made by `proximity client cpp`; what is changed here is lost. It needs decaff_message.h, which is made with
+// Made by `proximity client cpp`; what is changed here is lost. It needs proximity_message.h, which is made with
 // it, and the standard library; on Windows link ws2_32. IPv4 only. One thread uses a receiver, one a sender.
 //
-//   decaff::receiver frames({.port = 9100});            // udp://127.0.0.1:9100 in the scene file's `publish`
-//   decaff::sender poses({.port = 9101});               // udp://127.0.0.1:9101 as its `input.poses`
-//   decaff::reading now = frames.read();                // never waits; says what is known now
+//   proximity::receiver frames({.port = 9100});            // udp://127.0.0.1:9100 in the scene file's `publish`
+//   proximity::sender poses({.port = 9101});               // udp://127.0.0.1:9101 as its `input.poses`
+//   proximity::reading now = frames.read();                // never waits; says what is known now
 //
-// What can go wrong when an end is opened is a decaff::error with a sentence. Nothing else throws but sending
+// What can go wrong when an end is opened is a proximity::error with a sentence. Nothing else throws but sending
 // on a network that does not work.
-#ifndef DECAFF_CLIENT_HPP
-#define DECAFF_CLIENT_HPP
+#ifndef PROXIMITY_CLIENT_HPP
+#define PROXIMITY_CLIENT_HPP
 
 #include <algorithm>
 #include <array>
@@ -49,9 +49,9 @@
 #include <unistd.h>
 #endif
 
-#include "decaff_message.h"
+#include "proximity_message.h"
 
-namespace decaff {
+namespace proximity {
 
 /// Why an end cannot be opened, or a message not be sent: a sentence.
 class error : public std::runtime_error {
@@ -91,22 +91,22 @@ struct counts {
 
 /// How fast what is known becomes less.
 struct limits {
-    std::int64_t stale_after_ns = DECAFF_STALE_AFTER_NS; // after a frame's end of validity
+    std::int64_t stale_after_ns = PROXIMITY_STALE_AFTER_NS; // after a frame's end of validity
     double max_speed = 3.0;                              // m/s, of a finger
     double max_acceleration = 120.0;                     // m/s2
 };
 
 /// What is known now. Header and contacts are overwritten by the next reading.
 struct reading {
-    decaff_state state = DECAFF_STATE_STALE; // what the frame says, or worse
+    proximity_state state = PROXIMITY_STATE_STALE; // what the frame says, or worse
     bool is_new = false;                     // no reading before had this frame
     std::int64_t now_ns = 0;                 // on the publisher's clock
     std::int64_t age_ns = -1;                // since the oldest pose; -1: no frame yet
-    const decaff_frame_header *header = nullptr; // as it was published; null: no frame yet
-    std::span<const decaff_contact> contacts;    // aged: LATE has widening bounds, STALE nothing
+    const proximity_frame_header *header = nullptr; // as it was published; null: no frame yet
+    std::span<const proximity_contact> contacts;    // aged: LATE has widening bounds, STALE nothing
 
     /// Whether distances may be used as they are.
-    bool is_valid() const { return state == DECAFF_STATE_OK || state == DECAFF_STATE_DEGRADED; }
+    bool is_valid() const { return state == PROXIMITY_STATE_OK || state == PROXIMITY_STATE_DEGRADED; }
 };
 
 inline constexpr double nan = std::numeric_limits<double>::quiet_NaN();
@@ -142,10 +142,10 @@ inline std::int64_t since(std::int64_t then, std::int64_t now)
 } // namespace detail
 
 /// Make a contact hold at a later instant: as far as finger and parts may have come, less is known.
-inline void widen(decaff_contact &c, std::int64_t now_ns, double max_speed, double max_acceleration)
+inline void widen(proximity_contact &c, std::int64_t now_ns, double max_speed, double max_acceleration)
 {
-    const bool is_tracked = (c.flags & DECAFF_FLAG_TRACKED) != 0;
-    const bool is_geometry = c.source == DECAFF_SOURCE_GEOMETRY;
+    const bool is_tracked = (c.flags & PROXIMITY_FLAG_TRACKED) != 0;
+    const bool is_geometry = c.source == PROXIMITY_SOURCE_GEOMETRY;
     double relative[3];
     for (int axis = 0; axis < 3; axis++)
         relative[axis] = c.velocity[axis] - c.part_velocity[axis];
@@ -160,7 +160,7 @@ inline void widen(decaff_contact &c, std::int64_t now_ns, double max_speed, doub
     spread = is_finite ? spread : 0.0;
     if (!(spread < max_speed)) // it may be that of a finger that could turn round
         going = std::fmax(going, part_speed);
-    const bool is_known = (c.flags & DECAFF_FLAG_PREDICTED) != 0 && is_finite;
+    const bool is_known = (c.flags & PROXIMITY_FLAG_PREDICTED) != 0 && is_finite;
     const double at_first = is_known ? going + spread : nan;
     const double at_last = is_known ? limit + spread : std::fmax(limit, part_speed + spread);
     const double ever = std::fmax(limit + spread, std::numeric_limits<double>::min());
@@ -176,13 +176,13 @@ inline void widen(decaff_contact &c, std::int64_t now_ns, double max_speed, doub
     c.predicted_ns = now_ns;
     c.contact_bend_error += infinity;
     c.force_is_valid = 0;
-    c.flags &= ~static_cast<std::uint32_t>(DECAFF_FLAG_EXACT | DECAFF_FLAG_SKIPPED | DECAFF_FLAG_PREDICTED
-                                           | DECAFF_FLAG_CONTACT_FOUND);
-    c.flags |= is_tracked ? static_cast<std::uint32_t>(DECAFF_FLAG_BOUNDED) : 0u;
+    c.flags &= ~static_cast<std::uint32_t>(PROXIMITY_FLAG_EXACT | PROXIMITY_FLAG_SKIPPED | PROXIMITY_FLAG_PREDICTED
+                                           | PROXIMITY_FLAG_CONTACT_FOUND);
+    c.flags |= is_tracked ? static_cast<std::uint32_t>(PROXIMITY_FLAG_BOUNDED) : 0u;
 }
 
 /// Leave nothing of a contact but whose it is, where it comes from and when that was.
-inline void forget(decaff_contact &c)
+inline void forget(proximity_contact &c)
 {
     for (double *vector : {c.position, c.velocity, c.point_on_finger, c.point_on_part, c.normal, c.part_velocity})
         std::fill_n(vector, 3, nan);
@@ -195,8 +195,8 @@ inline void forget(decaff_contact &c)
     c.time_to_contact_lower = 0.0;
     c.flags = 0;
     c.part = c.face = -1;
-    c.surface = DECAFF_SURFACE_UNKNOWN;
-    c.mode = DECAFF_MODE_HOLD;
+    c.surface = PROXIMITY_SURFACE_UNKNOWN;
+    c.mode = PROXIMITY_MODE_HOLD;
     c.force_is_valid = 0;
 }
 
@@ -223,16 +223,16 @@ public:
     {
         const bool is_believed = shares_clock_ || clock_.is_certain != 0;
         reading now;
-        now.now_ns = shares_clock_ || clock_.is_heard == 0 ? now_ns : decaff_clock_theirs(&clock_, now_ns);
+        now.now_ns = shares_clock_ || clock_.is_heard == 0 ? now_ns : proximity_clock_theirs(&clock_, now_ns);
         if (!last_)
             return now;
-        const std::int64_t expires = std::min(held_.valid_until_ns, held_.pose_ns + DECAFF_LONGEST_VALID_NS);
+        const std::int64_t expires = std::min(held_.valid_until_ns, held_.pose_ns + PROXIMITY_LONGEST_VALID_NS);
         const bool is_over = now.now_ns > expires;
-        now.state = static_cast<decaff_state>(held_.state);
+        now.state = static_cast<proximity_state>(held_.state);
         if (!is_believed || (is_over && now.now_ns - ageing_.stale_after_ns > expires))
-            now.state = std::max(now.state, DECAFF_STATE_STALE);
+            now.state = std::max(now.state, PROXIMITY_STATE_STALE);
         else if (is_over)
-            now.state = std::max(now.state, DECAFF_STATE_LATE);
+            now.state = std::max(now.state, PROXIMITY_STATE_LATE);
         now.is_new = std::exchange(is_new_, false);
         now.age_ns = std::max<std::int64_t>(detail::since(held_.pose_ns, now.now_ns), 0);
         now.header = &held_;
@@ -240,8 +240,8 @@ public:
         if (now.is_valid())
             return now;
         shown_.assign(contacts_.begin(), contacts_.end());
-        const bool is_used = now.state == DECAFF_STATE_LATE && held_.state != DECAFF_STATE_STARTING;
-        for (decaff_contact &contact : shown_) {
+        const bool is_used = now.state == PROXIMITY_STATE_LATE && held_.state != PROXIMITY_STATE_STARTING;
+        for (proximity_contact &contact : shown_) {
             if (is_used)
                 widen(contact, now.now_ns, ageing_.max_speed, ageing_.max_acceleration);
             else
@@ -277,9 +277,9 @@ private:
     bool shares_clock_, is_keyed_, is_new_ = false;
     limits ageing_;
     counts counts_;
-    decaff_clock clock_{};
-    decaff_frame_header arrived_{}, held_{};
-    std::vector<decaff_contact> candidate_, contacts_, shown_;
+    proximity_clock clock_{};
+    proximity_frame_header arrived_{}, held_{};
+    std::vector<proximity_contact> candidate_, contacts_, shown_;
     std::optional<seen> last_;
     std::uint64_t newest_session_ = 0;
     std::vector<std::pair<std::uint64_t, std::uint64_t>> ended_; // session, last number; oldest first
@@ -290,18 +290,18 @@ private:
     static bool is_description(std::span<const std::byte> message)
     {
         std::uint32_t magic = 0;
-        if (message.size() >= sizeof(decaff_prefix))
+        if (message.size() >= sizeof(proximity_prefix))
             std::memcpy(&magic, message.data(), sizeof magic);
-        return magic == DECAFF_DESCRIPTION_MAGIC;
+        return magic == PROXIMITY_DESCRIPTION_MAGIC;
     }
 
     /// Take one message of a description, whose names count when all of them have come.
     flaw describe(std::span<const std::byte> message)
     {
-        decaff_description_header header;
-        const int wrong = decaff_check(message.data(), message.size(), DECAFF_DESCRIPTION_MAGIC, sizeof header,
-                                       sizeof(decaff_label), offsetof(decaff_description_header, count));
-        if (wrong != DECAFF_FLAW_NONE)
+        proximity_description_header header;
+        const int wrong = proximity_check(message.data(), message.size(), PROXIMITY_DESCRIPTION_MAGIC, sizeof header,
+                                          sizeof(proximity_label), offsetof(proximity_description_header, count));
+        if (wrong != PROXIMITY_FLAW_NONE)
             return static_cast<flaw>(wrong);
         std::memcpy(&header, message.data(), sizeof header);
         const numbers of{header.session, header.epoch, header.part_count, header.finger_count};
@@ -312,7 +312,7 @@ private:
             labels_.clear();
         labels_of_ = of;
         for (std::size_t i = 0; i < header.count; i++) {
-            decaff_label label;
+            proximity_label label;
             std::memcpy(&label, message.data() + sizeof header + i * sizeof label, sizeof label);
             labels_[first + i].assign(label.name, std::find(label.name, std::end(label.name), '\0'));
         }
@@ -328,8 +328,8 @@ private:
 
     flaw judge(std::span<const std::byte> message, std::int64_t now_ns)
     {
-        const int wrong = decaff_check_frame(message.data(), message.size());
-        if (wrong != DECAFF_FLAW_NONE)
+        const int wrong = proximity_check_frame(message.data(), message.size());
+        if (wrong != PROXIMITY_FLAW_NONE)
             return static_cast<flaw>(wrong);
         std::memcpy(&arrived_, message.data(), sizeof arrived_);
         const seen next{arrived_.session, arrived_.sequence, arrived_.publish_ns, now_ns};
@@ -337,7 +337,7 @@ private:
             return flaw::old;
         candidate_.resize(arrived_.count);
         if (arrived_.count > 0)
-            std::memcpy(candidate_.data(), message.data() + sizeof arrived_, arrived_.count * sizeof(decaff_contact));
+            std::memcpy(candidate_.data(), message.data() + sizeof arrived_, arrived_.count * sizeof(proximity_contact));
         const flaw reason = content_flaw(now_ns);
         if (reason == flaw::none)
             accept(next);
@@ -357,7 +357,7 @@ private:
         if (!last_)
             return false;
         if (next.session == last_->session)
-            return next.sequence <= last_->sequence || next.sequence - last_->sequence > DECAFF_MOST_SKIPPED;
+            return next.sequence <= last_->sequence || next.sequence - last_->sequence > PROXIMITY_MOST_SKIPPED;
         const auto run = ended(next.session);
         if (next.session > last_->session && run == ended_.end())
             return false;
@@ -369,26 +369,26 @@ private:
 
     flaw content_flaw(std::int64_t now_ns) const
     {
-        if (arrived_.state > DECAFF_STATE_STOPPING || arrived_.source > DECAFF_SOURCE_HELD)
+        if (arrived_.state > PROXIMITY_STATE_STOPPING || arrived_.source > PROXIMITY_SOURCE_HELD)
             return flaw::content;
         const std::int64_t base = shares_clock_ ? now_ns : arrived_.publish_ns;
-        const std::int64_t latest = std::min(base, most_ns - DECAFF_AHEAD_NS) + DECAFF_AHEAD_NS;
+        const std::int64_t latest = std::min(base, most_ns - PROXIMITY_AHEAD_NS) + PROXIMITY_AHEAD_NS;
         if (arrived_.pose_ns > latest || arrived_.publish_ns > latest)
             return flaw::future;
-        const auto makes_sense = [&](const decaff_contact &c) { return is_sound(c, latest); };
+        const auto makes_sense = [&](const proximity_contact &c) { return is_sound(c, latest); };
         return std::all_of(candidate_.begin(), candidate_.end(), makes_sense) ? flaw::none : flaw::content;
     }
 
-    bool is_sound(const decaff_contact &c, std::int64_t latest) const
+    bool is_sound(const proximity_contact &c, std::int64_t latest) const
     {
-        if (c.surface > DECAFF_SURFACE_DEFORMABLE || c.mode > DECAFF_MODE_HOLD
-            || c.source > DECAFF_SOURCE_HELD || c.force_is_valid > 1)
+        if (c.surface > PROXIMITY_SURFACE_DEFORMABLE || c.mode > PROXIMITY_MODE_HOLD
+            || c.source > PROXIMITY_SOURCE_HELD || c.force_is_valid > 1)
             return false;
-        if ((c.flags & DECAFF_FLAG_TRACKED) == 0)
+        if ((c.flags & PROXIMITY_FLAG_TRACKED) == 0)
             return true;
         const std::span<const double> place(c.position);
         const bool is_placed = std::all_of(place.begin(), place.end(), [](double x) { return std::isfinite(x); });
-        const bool is_unknown = c.source != DECAFF_SOURCE_GEOMETRY
+        const bool is_unknown = c.source != PROXIMITY_SOURCE_GEOMETRY
                                 && std::any_of(place.begin(), place.end(), [](double x) { return std::isnan(x); });
         const double normal_sq = c.normal[0] * c.normal[0] + c.normal[1] * c.normal[1] + c.normal[2] * c.normal[2];
         return c.lower <= c.signed_distance && c.signed_distance <= c.upper
@@ -418,10 +418,10 @@ private:
             }
         }
         const std::uint64_t missing = next.sequence - expected;
-        counts_.lost += missing <= DECAFF_MOST_SKIPPED ? missing : 0; // of a run that was joined late
+        counts_.lost += missing <= PROXIMITY_MOST_SKIPPED ? missing : 0; // of a run that was joined late
         counts_.received++;
         if (!shares_clock_)
-            decaff_clock_hear(&clock_, next.session, next.sent_ns, next.now_ns);
+            proximity_clock_hear(&clock_, next.session, next.sent_ns, next.now_ns);
         last_ = next;
         newest_session_ = std::max(newest_session_, next.session);
         held_ = arrived_;
@@ -430,7 +430,7 @@ private:
     }
 };
 
-using key_bytes = std::array<std::uint8_t, DECAFF_KEY_BYTES>;
+using key_bytes = std::array<std::uint8_t, PROXIMITY_KEY_BYTES>;
 
 /// Read the key that `proximity client key` wrote.
 inline key_bytes read_key(const std::string &path)
@@ -448,10 +448,10 @@ inline key_bytes read_key(const std::string &path)
     std::ifstream stream(path, std::ios::binary);
     if (!stream)
         throw refuse("cannot be read (`proximity client key --out FILE` makes one)");
-    std::string text(2 * DECAFF_KEY_BYTES + 1, '\0');
+    std::string text(2 * PROXIMITY_KEY_BYTES + 1, '\0');
     stream.read(text.data(), static_cast<std::streamsize>(text.size()));
     key_bytes key{};
-    if (!decaff_key_of_text(text.c_str(), key.data()))
+    if (!proximity_key_of_text(text.c_str(), key.data()))
         throw refuse("is not a key (expected 64 hexadecimal digits)");
     return key;
 }
@@ -630,7 +630,7 @@ private:
             frames_.counted().refused++;
             return false;
         }
-        if (key_ && (size = decaff_verified(key_->data(), buffer_.data(), size)) == 0) {
+        if (key_ && (size = proximity_verified(key_->data(), buffer_.data(), size)) == 0) {
             frames_.counted().unverified++;
             return false;
         }
@@ -654,10 +654,10 @@ struct sender_options {
 
 /// A pose of a finger whose centre is there; velocity and bend are not known. Give all fingers that were seen
 /// together the same instant: clock_ns() once.
-inline decaff_pose pose_of(std::uint32_t finger, std::span<const double, 3> position,
-                           std::int64_t pose_ns = clock_ns())
+inline proximity_finger_pose pose_of(std::uint32_t finger, std::span<const double, 3> position,
+                                     std::int64_t pose_ns = clock_ns())
 {
-    decaff_pose pose{};
+    proximity_finger_pose pose{};
     pose.finger = finger;
     pose.pose_ns = pose_ns;
     std::copy(position.begin(), position.end(), pose.position);
@@ -679,10 +679,10 @@ template <std::size_t Size> void name_part(char (&there)[Size], std::string_view
 }
 } // namespace detail
 
-/// A change of a part: DECAFF_PART_ACTION_HIDE, _SHOW or _REMOVE.
-inline decaff_change change_of(std::string_view name, std::uint32_t action)
+/// A change of a part: PROXIMITY_PART_ACTION_HIDE, _SHOW or _REMOVE.
+inline proximity_change change_of(std::string_view name, std::uint32_t action)
 {
-    decaff_change change{};
+    proximity_change change{};
     detail::name_part(change.name, name);
     change.action = action;
     return change;
@@ -690,10 +690,10 @@ inline decaff_change change_of(std::string_view name, std::uint32_t action)
 
 /// An addition: a file of a folder of `parts_from`, such as "lid.stl", under that name and with its origin there.
 /// Set `rotation` where it is turned, and `units` where the file declares none and is not in mm.
-inline decaff_addition addition_of(std::string_view name, std::string_view file,
-                                   std::span<const double, 3> translation)
+inline proximity_addition addition_of(std::string_view name, std::string_view file,
+                                      std::span<const double, 3> translation)
 {
-    decaff_addition addition{};
+    proximity_addition addition{};
     detail::name_part(addition.name, name);
     detail::put_text(addition.file, file, "a file's name");
     std::copy(translation.begin(), translation.end(), addition.translation);
@@ -702,10 +702,10 @@ inline decaff_addition addition_of(std::string_view name, std::string_view file,
 
 /// A move: the part stands, with its axes those of the scene and its origin there. Set `rotation` where the part
 /// is turned, and `velocity` while it moves.
-inline decaff_move move_of(std::string_view name, std::span<const double, 3> translation,
-                           std::int64_t pose_ns = clock_ns())
+inline proximity_part_move move_of(std::string_view name, std::span<const double, 3> translation,
+                                   std::int64_t pose_ns = clock_ns())
 {
-    decaff_move move{};
+    proximity_part_move move{};
     detail::name_part(move.name, name);
     move.pose_ns = pose_ns;
     std::fill_n(move.velocity, 3, 0.0);
@@ -722,14 +722,14 @@ public:
     {
     }
 
-    void send(std::span<const decaff_pose> poses) { send_records(DECAFF_POSES_MAGIC, poses); }
-    void send(std::span<const decaff_path_pose> poses) { send_records(DECAFF_PATH_POSES_MAGIC, poses); }
-    void send(std::span<const decaff_glove_pose> poses) { send_records(DECAFF_GLOVE_POSES_MAGIC, poses); }
-    void send(std::span<const decaff_move> moves) { send_records(DECAFF_MOVES_MAGIC, moves); }
-    void send(std::span<const decaff_change> changes) { send_records(DECAFF_CHANGES_MAGIC, changes); }
-    void send(std::span<const decaff_addition> additions) { send_records(DECAFF_ADDITIONS_MAGIC, additions); }
+    void send(std::span<const proximity_finger_pose> poses) { send_records(PROXIMITY_POSES_MAGIC, poses); }
+    void send(std::span<const proximity_path_pose> poses) { send_records(PROXIMITY_PATH_POSES_MAGIC, poses); }
+    void send(std::span<const proximity_glove_pose> poses) { send_records(PROXIMITY_GLOVE_POSES_MAGIC, poses); }
+    void send(std::span<const proximity_part_move> moves) { send_records(PROXIMITY_MOVES_MAGIC, moves); }
+    void send(std::span<const proximity_change> changes) { send_records(PROXIMITY_CHANGES_MAGIC, changes); }
+    void send(std::span<const proximity_addition> additions) { send_records(PROXIMITY_ADDITIONS_MAGIC, additions); }
     /// All vertices of one part, 64 a record, in order.
-    void send(std::span<const decaff_deformation> part) { send_records(DECAFF_DEFORMATIONS_MAGIC, part); }
+    void send(std::span<const proximity_deformation> part) { send_records(PROXIMITY_DEFORMATIONS_MAGIC, part); }
 
     /// Messages for which the system had no room.
     std::uint64_t lost() const { return lost_; }
@@ -758,24 +758,24 @@ private:
 
     template <class Record> void send_records(std::uint32_t magic, std::span<const Record> records)
     {
-        const std::size_t size = sizeof(decaff_input_header) + records.size_bytes();
-        const std::size_t most = 65507 - (key_ ? DECAFF_TAG_BYTES : 0);
-        if (size > most || records.size() > DECAFF_MAX_RECORDS)
+        const std::size_t size = sizeof(proximity_input_header) + records.size_bytes();
+        const std::size_t most = 65507 - (key_ ? PROXIMITY_TAG_BYTES : 0);
+        if (size > most || records.size() > PROXIMITY_MAX_RECORDS)
             throw error("a message of " + std::to_string(size) + " bytes does not fit into a datagram (expected at most "
                         + std::to_string(most) + " bytes)");
         if (calendar_offset_ns() - std::exchange(awake_ns_, calendar_offset_ns()) > 1000000000)
             begin_session(); // the machine slept, and its monotonic clock stood still
-        buffer_.resize(size + DECAFF_TAG_BYTES);
-        decaff_input_header header{};
+        buffer_.resize(size + PROXIMITY_TAG_BYTES);
+        proximity_input_header header{};
         header.send_ns = clock_ns();
         header.count = static_cast<std::uint32_t>(records.size());
         std::memcpy(buffer_.data(), &header, sizeof header);
         if (!records.empty())
             std::memcpy(buffer_.data() + sizeof header, records.data(), records.size_bytes());
-        decaff_seal(buffer_.data(), size, magic, sizeof header, session_, sequences_[magic]++);
+        proximity_seal(buffer_.data(), size, magic, sizeof header, session_, sequences_[magic]++);
         if (key_)
-            decaff_tag(key_->data(), buffer_.data(), size, buffer_.data() + size);
-        send_datagram(size + (key_ ? DECAFF_TAG_BYTES : 0));
+            proximity_tag(key_->data(), buffer_.data(), size, buffer_.data() + size);
+        send_datagram(size + (key_ ? PROXIMITY_TAG_BYTES : 0));
     }
 
     void send_datagram(std::size_t size)
@@ -813,6 +813,6 @@ private:
     std::vector<std::uint8_t> buffer_;
 };
 
-} // namespace decaff
+} // namespace proximity
 
 #endif

@@ -1,7 +1,7 @@
 /*
- * decaff_mailbox.h: shm://NAME, a mailbox in shared memory: one writer, any readers, each at its own pace. Linux.
+ * proximity_mailbox.h: shm://NAME, a mailbox in shared memory: one writer, any readers, each at its own pace. Linux.
  *
- * The file /dev/shm/proximity.NAME, which only its owner may open, has a header (decaff_mailbox_header) and then a
+ * The file /dev/shm/proximity.NAME, which only its owner may open, has a header (proximity_mailbox_header) and then a
  * ring of bytes. Positions count bytes since the mailbox was made; a position lies at `position % ring` of the ring,
  * around whose end messages go on at its beginning. At a multiple of 16 stands how long a message is (u32, and 12
  * bytes that are not used), then the message, then what is missing to the next multiple of 16. The writer raises
@@ -12,18 +12,18 @@
  * writer takes the place of a dead one: it marks the old mailbox as closed, and readers open the new one. A mailbox
  * that is to hold longer messages is made anew in the same way.
  *
- *   decaff_mailbox box;
- *   if (decaff_mailbox_open(&box, "decaff") == DECAFF_MAILBOX_OK)
- *       size = decaff_mailbox_read(&box, message, sizeof message);
+ *   proximity_mailbox box;
+ *   if (proximity_mailbox_open(&box, "proximity") == PROXIMITY_MAILBOX_OK)
+ *       size = proximity_mailbox_read(&box, message, sizeof message);
  *
  * A process that forks: what a child has inherited of a writer is to be closed there, which takes nothing from its
  * parent; as long as it is open, the name of a parent that was killed stays in use.
  *
  * What is read is a message as from any other transport: check it before it is used. One thread uses a
- * decaff_mailbox at a time. Memory is mapped to be read only, but by its writer.
+ * proximity_mailbox at a time. Memory is mapped to be read only, but by its writer.
  */
-#ifndef DECAFF_MAILBOX_H
-#define DECAFF_MAILBOX_H
+#ifndef PROXIMITY_MAILBOX_H
+#define PROXIMITY_MAILBOX_H
 
 #include <errno.h>
 #include <stdint.h>
@@ -47,25 +47,25 @@
 #endif
 #endif
 
-#define DECAFF_MAILBOX_FOLDER "/dev/shm/"
-#define DECAFF_MAILBOX_MAGIC UINT64_C(0x584f424c49414d44) /* "DMAILBOX" */
-#define DECAFF_MAILBOX_LAYOUT 1u
-#define DECAFF_MAILBOX_LEAST_RING (UINT64_C(1) << 17)
-#define DECAFF_MAILBOX_MOST_RING (UINT64_C(1) << 30)
-#define DECAFF_MAILBOX_NOTHING (-1)
+#define PROXIMITY_MAILBOX_FOLDER "/dev/shm/"
+#define PROXIMITY_MAILBOX_MAGIC UINT64_C(0x584f424c49414d44) /* "DMAILBOX" */
+#define PROXIMITY_MAILBOX_LAYOUT 1u
+#define PROXIMITY_MAILBOX_LEAST_RING (UINT64_C(1) << 17)
+#define PROXIMITY_MAILBOX_MOST_RING (UINT64_C(1) << 30)
+#define PROXIMITY_MAILBOX_NOTHING (-1)
 
-enum decaff_mailbox_outcome {
-    DECAFF_MAILBOX_OK = 0,
-    DECAFF_MAILBOX_NOBODY,  /* there is no mailbox of that name: nobody writes, now */
-    DECAFF_MAILBOX_NAME,    /* too long, or with a slash */
-    DECAFF_MAILBOX_IN_USE,  /* another writer is there */
-    DECAFF_MAILBOX_OWNER,   /* of another user, or others may open it */
-    DECAFF_MAILBOX_FOREIGN, /* no mailbox, or half of one */
-    DECAFF_MAILBOX_VERSION, /* of another layout */
-    DECAFF_MAILBOX_SYSTEM   /* the system refuses; errno says why */
+enum proximity_mailbox_outcome {
+    PROXIMITY_MAILBOX_OK = 0,
+    PROXIMITY_MAILBOX_NOBODY,  /* there is no mailbox of that name: nobody writes, now */
+    PROXIMITY_MAILBOX_NAME,    /* too long, or with a slash */
+    PROXIMITY_MAILBOX_IN_USE,  /* another writer is there */
+    PROXIMITY_MAILBOX_OWNER,   /* of another user, or others may open it */
+    PROXIMITY_MAILBOX_FOREIGN, /* no mailbox, or half of one */
+    PROXIMITY_MAILBOX_VERSION, /* of another layout */
+    PROXIMITY_MAILBOX_SYSTEM   /* the system refuses; errno says why */
 };
 
-typedef struct decaff_mailbox_header {
+typedef struct proximity_mailbox_header {
     uint64_t magic;
     uint32_t layout;
     uint32_t header_size;
@@ -79,17 +79,17 @@ typedef struct decaff_mailbox_header {
     uint32_t count;     /* of messages; whoever waits for one waits at this number (futex) */
     uint32_t unused_too;
     uint64_t unused_at_the_end[4];
-} decaff_mailbox_header;
+} proximity_mailbox_header;
 
-typedef struct decaff_mailbox {
-    decaff_mailbox_header *header; /* NULL: closed */
+typedef struct proximity_mailbox {
+    proximity_mailbox_header *header; /* NULL: closed */
     uint64_t ring, position;
     uint64_t overtaken; /* how often the writer was faster by a whole ring */
     int file, is_writer;
     char path[256];
-} decaff_mailbox;
+} proximity_mailbox;
 
-static inline int64_t decaff_mailbox_now_ns(void)
+static inline int64_t proximity_mailbox_now_ns(void)
 {
     struct timespec now;
 
@@ -101,7 +101,7 @@ static inline int64_t decaff_mailbox_now_ns(void)
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
-static inline const char *decaff_mailbox_reason(int outcome)
+static inline const char *proximity_mailbox_reason(int outcome)
 {
     static const char *const reasons[] = {
         "is open",
@@ -113,37 +113,37 @@ static inline const char *decaff_mailbox_reason(int outcome)
         "it is of another version of proximity (expected the same version at both ends)",
         "the system refuses",
     };
-    return outcome >= 0 && outcome <= DECAFF_MAILBOX_SYSTEM ? reasons[outcome] : "it is unknown why";
+    return outcome >= 0 && outcome <= PROXIMITY_MAILBOX_SYSTEM ? reasons[outcome] : "it is unknown why";
 }
 
-static inline uint64_t decaff_mailbox_room_for(uint64_t size)
+static inline uint64_t proximity_mailbox_room_for(uint64_t size)
 {
     return 16 + ((size + 15) & ~UINT64_C(15));
 }
 
-static inline uint8_t *decaff_mailbox_bytes(const decaff_mailbox *box)
+static inline uint8_t *proximity_mailbox_bytes(const proximity_mailbox *box)
 {
     return (uint8_t *)(box->header + 1);
 }
 
 /* Copy from the ring, around its end. */
-static inline void decaff_mailbox_take(const decaff_mailbox *box, uint64_t position, void *to, uint64_t size)
+static inline void proximity_mailbox_take(const proximity_mailbox *box, uint64_t position, void *to, uint64_t size)
 {
     uint64_t at = position & (box->ring - 1), first = size < box->ring - at ? size : box->ring - at;
 
-    memcpy(to, decaff_mailbox_bytes(box) + at, first);
-    memcpy((uint8_t *)to + first, decaff_mailbox_bytes(box), size - first);
+    memcpy(to, proximity_mailbox_bytes(box) + at, first);
+    memcpy((uint8_t *)to + first, proximity_mailbox_bytes(box), size - first);
 }
 
-static inline void decaff_mailbox_put(decaff_mailbox *box, uint64_t position, const void *from, uint64_t size)
+static inline void proximity_mailbox_put(proximity_mailbox *box, uint64_t position, const void *from, uint64_t size)
 {
     uint64_t at = position & (box->ring - 1), first = size < box->ring - at ? size : box->ring - at;
 
-    memcpy(decaff_mailbox_bytes(box) + at, from, first);
-    memcpy(decaff_mailbox_bytes(box), (const uint8_t *)from + first, size - first);
+    memcpy(proximity_mailbox_bytes(box) + at, from, first);
+    memcpy(proximity_mailbox_bytes(box), (const uint8_t *)from + first, size - first);
 }
 
-static inline void decaff_mailbox_wake(decaff_mailbox *box)
+static inline void proximity_mailbox_wake(proximity_mailbox *box)
 {
     __atomic_add_fetch(&box->header->count, 1, __ATOMIC_SEQ_CST);
 #ifdef __linux__
@@ -152,14 +152,14 @@ static inline void decaff_mailbox_wake(decaff_mailbox *box)
 }
 
 /* Whether its writer has closed it: what waits may be read, and then another file has the name. */
-static inline int decaff_mailbox_is_closed(const decaff_mailbox *box)
+static inline int proximity_mailbox_is_closed(const proximity_mailbox *box)
 {
     return __atomic_load_n(&box->header->writer, __ATOMIC_ACQUIRE) == 0;
 }
 
 #ifdef __linux__
 /* Have the lock of the open file, or (F_OFD_GETLK) ask whether somebody else has it; 0: so it is. */
-static inline int decaff_mailbox_lock(int file, int command)
+static inline int proximity_mailbox_lock(int file, int command)
 {
     struct flock lock;
 
@@ -172,47 +172,47 @@ static inline int decaff_mailbox_lock(int file, int command)
 }
 
 /* Map an open file, if it is a mailbox as it should be. */
-static inline int decaff_mailbox_map(decaff_mailbox *box, int file, int is_writer)
+static inline int proximity_mailbox_map(proximity_mailbox *box, int file, int is_writer)
 {
-    decaff_mailbox_header known;
+    proximity_mailbox_header known;
     struct stat status;
     void *memory;
 
     if (fstat(file, &status) != 0)
-        return DECAFF_MAILBOX_SYSTEM;
+        return PROXIMITY_MAILBOX_SYSTEM;
     if (!S_ISREG(status.st_mode) || status.st_uid != geteuid() || (status.st_mode & 077) != 0)
-        return DECAFF_MAILBOX_OWNER;
-    if (pread(file, &known, sizeof known, 0) != (ssize_t)sizeof known || known.magic != DECAFF_MAILBOX_MAGIC)
-        return DECAFF_MAILBOX_FOREIGN;
-    if (known.layout != DECAFF_MAILBOX_LAYOUT || known.header_size != sizeof known)
-        return DECAFF_MAILBOX_VERSION;
-    if (known.ring < DECAFF_MAILBOX_LEAST_RING || known.ring > DECAFF_MAILBOX_MOST_RING
+        return PROXIMITY_MAILBOX_OWNER;
+    if (pread(file, &known, sizeof known, 0) != (ssize_t)sizeof known || known.magic != PROXIMITY_MAILBOX_MAGIC)
+        return PROXIMITY_MAILBOX_FOREIGN;
+    if (known.layout != PROXIMITY_MAILBOX_LAYOUT || known.header_size != sizeof known)
+        return PROXIMITY_MAILBOX_VERSION;
+    if (known.ring < PROXIMITY_MAILBOX_LEAST_RING || known.ring > PROXIMITY_MAILBOX_MOST_RING
         || (known.ring & (known.ring - 1)) != 0 || (uint64_t)status.st_size != sizeof known + known.ring)
-        return DECAFF_MAILBOX_FOREIGN;
+        return PROXIMITY_MAILBOX_FOREIGN;
     memory = mmap(NULL, sizeof known + known.ring, PROT_READ | (is_writer ? PROT_WRITE : 0), MAP_SHARED, file, 0);
     if (memory == MAP_FAILED)
-        return DECAFF_MAILBOX_SYSTEM;
-    box->header = (decaff_mailbox_header *)memory;
+        return PROXIMITY_MAILBOX_SYSTEM;
+    box->header = (proximity_mailbox_header *)memory;
     box->ring = known.ring;
     box->file = file;
     box->is_writer = is_writer;
-    return DECAFF_MAILBOX_OK;
+    return PROXIMITY_MAILBOX_OK;
 }
 
-static inline int decaff_mailbox_begin(decaff_mailbox *box, const char *name)
+static inline int proximity_mailbox_begin(proximity_mailbox *box, const char *name)
 {
     int length;
 
     memset(box, 0, sizeof *box);
     box->file = -1;
-    length = snprintf(box->path, sizeof box->path, DECAFF_MAILBOX_FOLDER "proximity.%s", name);
-    return name[0] == '\0' || strchr(name, '/') != NULL || length < 0 || length > 219 ? DECAFF_MAILBOX_NAME
-                                                                                      : DECAFF_MAILBOX_OK;
+    length = snprintf(box->path, sizeof box->path, PROXIMITY_MAILBOX_FOLDER "proximity.%s", name);
+    return name[0] == '\0' || strchr(name, '/') != NULL || length < 0 || length > 219 ? PROXIMITY_MAILBOX_NAME
+                                                                                      : PROXIMITY_MAILBOX_OK;
 }
 
 /* Let go of it; a writer tells its readers that nothing more will come, and gives the name back; its forked child
    does not. Twice is once. */
-static inline void decaff_mailbox_close(decaff_mailbox *box)
+static inline void proximity_mailbox_close(proximity_mailbox *box)
 {
     struct stat here, there;
 
@@ -222,7 +222,7 @@ static inline void decaff_mailbox_close(decaff_mailbox *box)
         if (fstat(box->file, &here) == 0 && lstat(box->path, &there) == 0 && here.st_ino == there.st_ino)
             unlink(box->path);
         __atomic_store_n(&box->header->writer, 0, __ATOMIC_RELEASE);
-        decaff_mailbox_wake(box);
+        proximity_mailbox_wake(box);
     }
     munmap(box->header, sizeof *box->header + box->ring);
     close(box->file);
@@ -231,66 +231,66 @@ static inline void decaff_mailbox_close(decaff_mailbox *box)
 }
 
 /* Why a file could not be opened, by errno. */
-static inline int decaff_mailbox_not_opened(void)
+static inline int proximity_mailbox_not_opened(void)
 {
-    return errno == ENOENT   ? DECAFF_MAILBOX_NOBODY
-           : errno == EACCES ? DECAFF_MAILBOX_OWNER
-           : errno == ELOOP  ? DECAFF_MAILBOX_FOREIGN
-                             : DECAFF_MAILBOX_SYSTEM;
+    return errno == ENOENT   ? PROXIMITY_MAILBOX_NOBODY
+           : errno == EACCES ? PROXIMITY_MAILBOX_OWNER
+           : errno == ELOOP  ? PROXIMITY_MAILBOX_FOREIGN
+                             : PROXIMITY_MAILBOX_SYSTEM;
 }
 
 /* Open the mailbox of that name to read, at its newest message. */
-static inline int decaff_mailbox_open(decaff_mailbox *box, const char *name)
+static inline int proximity_mailbox_open(proximity_mailbox *box, const char *name)
 {
-    int file, outcome = decaff_mailbox_begin(box, name);
+    int file, outcome = proximity_mailbox_begin(box, name);
 
-    if (outcome != DECAFF_MAILBOX_OK)
+    if (outcome != PROXIMITY_MAILBOX_OK)
         return outcome;
     file = open(box->path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
     if (file < 0)
-        return decaff_mailbox_not_opened();
-    outcome = decaff_mailbox_map(box, file, 0);
-    if (outcome != DECAFF_MAILBOX_OK) {
+        return proximity_mailbox_not_opened();
+    outcome = proximity_mailbox_map(box, file, 0);
+    if (outcome != PROXIMITY_MAILBOX_OK) {
         close(file);
         return outcome;
     }
-    if (decaff_mailbox_is_closed(box)) { /* and still has its name */
-        decaff_mailbox_close(box);
-        return DECAFF_MAILBOX_NOBODY;
+    if (proximity_mailbox_is_closed(box)) { /* and still has its name */
+        proximity_mailbox_close(box);
+        return PROXIMITY_MAILBOX_NOBODY;
     }
     box->position = __atomic_load_n(&box->header->newest, __ATOMIC_ACQUIRE);
-    return DECAFF_MAILBOX_OK;
+    return PROXIMITY_MAILBOX_OK;
 }
 #endif
 
 /* Whether a message waits. */
-static inline int decaff_mailbox_has(const decaff_mailbox *box)
+static inline int proximity_mailbox_has(const proximity_mailbox *box)
 {
     return __atomic_load_n(&box->header->head, __ATOMIC_ACQUIRE) != box->position;
 }
 
 #ifdef __linux__
 /* Whether somebody has it open for writing: it was not closed, and its writer lives. */
-static inline int decaff_mailbox_is_written(const decaff_mailbox *box)
+static inline int proximity_mailbox_is_written(const proximity_mailbox *box)
 {
-    return box->header != NULL && !decaff_mailbox_is_closed(box)
-           && (box->is_writer || decaff_mailbox_lock(box->file, F_OFD_GETLK) == 0);
+    return box->header != NULL && !proximity_mailbox_is_closed(box)
+           && (box->is_writer || proximity_mailbox_lock(box->file, F_OFD_GETLK) == 0);
 }
 
 /* Whether nothing more will come here: it was closed, or its name leads to another file, or to none. */
-static inline int decaff_mailbox_is_over(const decaff_mailbox *box)
+static inline int proximity_mailbox_is_over(const proximity_mailbox *box)
 {
     struct stat here, there;
 
-    return decaff_mailbox_is_closed(box) || fstat(box->file, &here) != 0
+    return proximity_mailbox_is_closed(box) || fstat(box->file, &here) != 0
            || lstat(box->path, &there) != 0 || here.st_ino != there.st_ino;
 }
 #endif
 
-/* Copy the next message, of which the beginning if it is longer than `room`; its size, or DECAFF_MAILBOX_NOTHING. */
-static inline int64_t decaff_mailbox_read(decaff_mailbox *box, void *to, uint64_t room)
+/* Copy the next message, of which the beginning if it is longer than `room`; its size, or PROXIMITY_MAILBOX_NOTHING. */
+static inline int64_t proximity_mailbox_read(proximity_mailbox *box, void *to, uint64_t room)
 {
-    const decaff_mailbox_header *header = box->header;
+    const proximity_mailbox_header *header = box->header;
     int tries;
 
     for (tries = 0; tries < 16; tries++) {
@@ -298,28 +298,28 @@ static inline int64_t decaff_mailbox_read(decaff_mailbox *box, void *to, uint64_
         uint32_t size;
 
         if (position == head)
-            return DECAFF_MAILBOX_NOTHING;
-        decaff_mailbox_take(box, position, &size, sizeof size);
+            return PROXIMITY_MAILBOX_NOTHING;
+        proximity_mailbox_take(box, position, &size, sizeof size);
         if (size <= box->ring - 16)
-            decaff_mailbox_take(box, position + 16, to, size < room ? size : room);
+            proximity_mailbox_take(box, position + 16, to, size < room ? size : room);
         __atomic_thread_fence(__ATOMIC_ACQUIRE);
         if (__atomic_load_n(&header->floor, __ATOMIC_RELAXED) <= position && position < head) {
             /* No writer of ours leaves it so. */
-            if (decaff_mailbox_room_for(size) > head - position || head - position > box->ring) {
+            if (proximity_mailbox_room_for(size) > head - position || head - position > box->ring) {
                 box->position = head;
-                return DECAFF_MAILBOX_NOTHING;
+                return PROXIMITY_MAILBOX_NOTHING;
             }
-            box->position = position + decaff_mailbox_room_for(size);
+            box->position = position + proximity_mailbox_room_for(size);
             return size;
         }
         box->overtaken++;
         box->position = __atomic_load_n(&header->floor, __ATOMIC_ACQUIRE);
     }
-    return DECAFF_MAILBOX_NOTHING;
+    return PROXIMITY_MAILBOX_NOTHING;
 }
 
 /* Leave out all that waits but the newest message. */
-static inline void decaff_mailbox_skip(decaff_mailbox *box)
+static inline void proximity_mailbox_skip(proximity_mailbox *box)
 {
     uint64_t newest = __atomic_load_n(&box->header->newest, __ATOMIC_ACQUIRE);
 
@@ -329,37 +329,37 @@ static inline void decaff_mailbox_skip(decaff_mailbox *box)
 #ifdef __linux__
 /* Wait until a message is there, or it is closed, or that instant has come; whether a message is there. It also ends
    where a signal came. */
-static inline int decaff_mailbox_wait(decaff_mailbox *box, int64_t until_ns)
+static inline int proximity_mailbox_wait(proximity_mailbox *box, int64_t until_ns)
 {
-    const decaff_mailbox_header *header = box->header;
+    const proximity_mailbox_header *header = box->header;
     struct timespec until;
     uint32_t count = __atomic_load_n(&header->count, __ATOMIC_SEQ_CST);
 
-    if (!decaff_mailbox_has(box) && !decaff_mailbox_is_closed(box)) {
+    if (!proximity_mailbox_has(box) && !proximity_mailbox_is_closed(box)) {
         until.tv_sec = until_ns / 1000000000;
         until.tv_nsec = until_ns % 1000000000;
         syscall(SYS_futex, &header->count, FUTEX_WAIT_BITSET, count, &until, NULL, FUTEX_BITSET_MATCH_ANY);
     }
-    return decaff_mailbox_has(box);
+    return proximity_mailbox_has(box);
 }
 
 /* Have the lock of what has the name already, if its writer is dead. */
-static inline int decaff_mailbox_of_the_dead(const decaff_mailbox *box, decaff_mailbox *dead)
+static inline int proximity_mailbox_of_the_dead(const proximity_mailbox *box, proximity_mailbox *dead)
 {
     struct stat here, there;
     int outcome, file = open(box->path, O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
 
     *dead = *box;
     if (file < 0)
-        return decaff_mailbox_not_opened();
-    outcome = decaff_mailbox_map(dead, file, 1);
-    if (outcome == DECAFF_MAILBOX_OK && decaff_mailbox_lock(file, F_OFD_SETLK) != 0)
-        outcome = DECAFF_MAILBOX_IN_USE;
-    if (outcome == DECAFF_MAILBOX_OK && lstat(box->path, &there) != 0)
-        outcome = DECAFF_MAILBOX_NOBODY; /* it was closed just now */
-    else if (outcome == DECAFF_MAILBOX_OK && (fstat(file, &here) != 0 || here.st_ino != there.st_ino))
-        outcome = DECAFF_MAILBOX_IN_USE; /* another one was faster */
-    if (outcome == DECAFF_MAILBOX_OK) {
+        return proximity_mailbox_not_opened();
+    outcome = proximity_mailbox_map(dead, file, 1);
+    if (outcome == PROXIMITY_MAILBOX_OK && proximity_mailbox_lock(file, F_OFD_SETLK) != 0)
+        outcome = PROXIMITY_MAILBOX_IN_USE;
+    if (outcome == PROXIMITY_MAILBOX_OK && lstat(box->path, &there) != 0)
+        outcome = PROXIMITY_MAILBOX_NOBODY; /* it was closed just now */
+    else if (outcome == PROXIMITY_MAILBOX_OK && (fstat(file, &here) != 0 || here.st_ino != there.st_ino))
+        outcome = PROXIMITY_MAILBOX_IN_USE; /* another one was faster */
+    if (outcome == PROXIMITY_MAILBOX_OK) {
         __atomic_store_n(&dead->header->writer, getpid(), __ATOMIC_RELEASE);
         return outcome;
     }
@@ -371,29 +371,29 @@ static inline int decaff_mailbox_of_the_dead(const decaff_mailbox *box, decaff_m
 }
 
 /* A file without a name, whole and locked. */
-static inline int decaff_mailbox_new_file(decaff_mailbox *box, uint64_t ring)
+static inline int proximity_mailbox_new_file(proximity_mailbox *box, uint64_t ring)
 {
-    decaff_mailbox_header header;
-    int outcome = DECAFF_MAILBOX_SYSTEM, error, file;
+    proximity_mailbox_header header;
+    int outcome = PROXIMITY_MAILBOX_SYSTEM, error, file;
 
-    file = open(DECAFF_MAILBOX_FOLDER, O_RDWR | O_TMPFILE | O_CLOEXEC, 0600);
+    file = open(PROXIMITY_MAILBOX_FOLDER, O_RDWR | O_TMPFILE | O_CLOEXEC, 0600);
     if (file < 0)
         return outcome;
     memset(&header, 0, sizeof header);
-    header.magic = DECAFF_MAILBOX_MAGIC;
-    header.layout = DECAFF_MAILBOX_LAYOUT;
+    header.magic = PROXIMITY_MAILBOX_MAGIC;
+    header.layout = PROXIMITY_MAILBOX_LAYOUT;
     header.header_size = sizeof header;
     header.ring = ring;
     header.writer = getpid();
-    header.written_ns = decaff_mailbox_now_ns();
+    header.written_ns = proximity_mailbox_now_ns();
     /* All of it at once: who finds no memory left when it writes is killed. */
     error = posix_fallocate(file, 0, (off_t)(sizeof header + ring));
     if (error != 0)
         errno = error;
     else if (fchmod(file, 0600) == 0 && pwrite(file, &header, sizeof header, 0) == (ssize_t)sizeof header
-             && decaff_mailbox_lock(file, F_OFD_SETLK) == 0)
-        outcome = decaff_mailbox_map(box, file, 1);
-    if (outcome != DECAFF_MAILBOX_OK) {
+             && proximity_mailbox_lock(file, F_OFD_SETLK) == 0)
+        outcome = proximity_mailbox_map(box, file, 1);
+    if (outcome != PROXIMITY_MAILBOX_OK) {
         error = errno;
         close(file);
         errno = error;
@@ -403,85 +403,85 @@ static inline int decaff_mailbox_new_file(decaff_mailbox *box, uint64_t ring)
 
 /* Make a mailbox for messages of so many bytes; it takes the place of the one before, whose lock this process has,
    and whose readers then look for the new one. `before->header` is NULL where there is none. */
-static inline int decaff_mailbox_replace(decaff_mailbox *box, decaff_mailbox *before, uint64_t largest)
+static inline int proximity_mailbox_replace(proximity_mailbox *box, proximity_mailbox *before, uint64_t largest)
 {
     char path[64];
-    uint64_t ring = DECAFF_MAILBOX_LEAST_RING;
+    uint64_t ring = PROXIMITY_MAILBOX_LEAST_RING;
     int outcome;
 
-    while (ring < DECAFF_MAILBOX_MOST_RING && ring < 2 * decaff_mailbox_room_for(largest))
+    while (ring < PROXIMITY_MAILBOX_MOST_RING && ring < 2 * proximity_mailbox_room_for(largest))
         ring *= 2;
-    outcome = decaff_mailbox_new_file(box, ring);
-    if (outcome != DECAFF_MAILBOX_OK)
+    outcome = proximity_mailbox_new_file(box, ring);
+    if (outcome != PROXIMITY_MAILBOX_OK)
         return outcome;
     if (before->header != NULL)
         unlink(box->path);
     snprintf(path, sizeof path, "/proc/self/fd/%d", box->file);
     if (linkat(AT_FDCWD, path, AT_FDCWD, box->path, AT_SYMLINK_FOLLOW) != 0) {
-        outcome = errno == EEXIST ? DECAFF_MAILBOX_IN_USE : DECAFF_MAILBOX_SYSTEM;
-        decaff_mailbox_close(box);
+        outcome = errno == EEXIST ? PROXIMITY_MAILBOX_IN_USE : PROXIMITY_MAILBOX_SYSTEM;
+        proximity_mailbox_close(box);
         return outcome;
     }
-    decaff_mailbox_close(before);
+    proximity_mailbox_close(before);
     return outcome;
 }
 
 /* Open the mailbox of that name to write messages of so many bytes. */
-static inline int decaff_mailbox_create(decaff_mailbox *box, const char *name, uint64_t largest)
+static inline int proximity_mailbox_create(proximity_mailbox *box, const char *name, uint64_t largest)
 {
-    decaff_mailbox dead;
-    int outcome = decaff_mailbox_begin(box, name);
+    proximity_mailbox dead;
+    int outcome = proximity_mailbox_begin(box, name);
 
-    if (outcome == DECAFF_MAILBOX_OK)
-        outcome = decaff_mailbox_of_the_dead(box, &dead);
-    if (outcome != DECAFF_MAILBOX_OK && outcome != DECAFF_MAILBOX_NOBODY)
+    if (outcome == PROXIMITY_MAILBOX_OK)
+        outcome = proximity_mailbox_of_the_dead(box, &dead);
+    if (outcome != PROXIMITY_MAILBOX_OK && outcome != PROXIMITY_MAILBOX_NOBODY)
         return outcome;
-    outcome = decaff_mailbox_replace(box, &dead, largest);
-    decaff_mailbox_close(&dead);
+    outcome = proximity_mailbox_replace(box, &dead, largest);
+    proximity_mailbox_close(&dead);
     return outcome;
 }
 
 /* Go on with a mailbox for longer messages; where that cannot be, the one that is there stays. */
-static inline int decaff_mailbox_enlarge(decaff_mailbox *box, uint64_t largest)
+static inline int proximity_mailbox_enlarge(proximity_mailbox *box, uint64_t largest)
 {
-    decaff_mailbox before = *box;
-    int outcome = decaff_mailbox_replace(box, &before, largest);
+    proximity_mailbox before = *box;
+    int outcome = proximity_mailbox_replace(box, &before, largest);
 
-    if (outcome != DECAFF_MAILBOX_OK)
+    if (outcome != PROXIMITY_MAILBOX_OK)
         *box = before;
     return outcome;
 }
 #endif
 
 /* Put a message in, and wake nobody; whether there is room for one as long. Never waits. */
-static inline int decaff_mailbox_add(decaff_mailbox *box, const void *message, uint32_t size)
+static inline int proximity_mailbox_add(proximity_mailbox *box, const void *message, uint32_t size)
 {
-    decaff_mailbox_header *header = box->header;
-    uint64_t head = header->head, floor = header->floor, room = decaff_mailbox_room_for(size);
+    proximity_mailbox_header *header = box->header;
+    uint64_t head = header->head, floor = header->floor, room = proximity_mailbox_room_for(size);
     uint32_t before;
 
     if (room > box->ring)
         return 0;
     while (floor + box->ring < head + room) {
-        decaff_mailbox_take(box, floor, &before, sizeof before);
-        floor += decaff_mailbox_room_for(before);
+        proximity_mailbox_take(box, floor, &before, sizeof before);
+        floor += proximity_mailbox_room_for(before);
     }
     __atomic_store_n(&header->floor, floor, __ATOMIC_RELAXED);
     __atomic_thread_fence(__ATOMIC_SEQ_CST);
-    decaff_mailbox_put(box, head, &size, sizeof size);
-    decaff_mailbox_put(box, head + 16, message, size);
-    header->written_ns = decaff_mailbox_now_ns();
+    proximity_mailbox_put(box, head, &size, sizeof size);
+    proximity_mailbox_put(box, head + 16, message, size);
+    header->written_ns = proximity_mailbox_now_ns();
     __atomic_store_n(&header->newest, head, __ATOMIC_RELEASE);
     __atomic_store_n(&header->head, head + room, __ATOMIC_RELEASE);
     return 1;
 }
 
 /* Put a message in, and wake the readers that wait; whether there is room for one as long. */
-static inline int decaff_mailbox_write(decaff_mailbox *box, const void *message, uint32_t size)
+static inline int proximity_mailbox_write(proximity_mailbox *box, const void *message, uint32_t size)
 {
-    if (!decaff_mailbox_add(box, message, size))
+    if (!proximity_mailbox_add(box, message, size))
         return 0;
-    decaff_mailbox_wake(box);
+    proximity_mailbox_wake(box);
     return 1;
 }
 

@@ -1,8 +1,8 @@
-// DecaffClient.cs: frames from a proximity service, and poses and moves to it, over UDP, for Unity and .NET.
+// ProximityClient.cs: frames from a proximity service, and poses and moves to it, over UDP, for Unity and .NET.
 //
 // Made by `proximity client csharp`; what is changed here is lost. Buffers are made when an end is opened, and
 // where the number of fingers changes; a frame makes no garbage. IPv4 only. One thread uses one object.
-// What can go wrong when an end is opened is a DecaffError with a sentence.
+// What can go wrong when an end is opened is a ProximityServiceError with a sentence.
 using System;
 using System.Collections.Generic;
 using System.Diagnostics;
@@ -12,22 +12,22 @@ using System.Net.Sockets;
 using System.Runtime.InteropServices;
 using System.Text;
 
-namespace Decaff
+namespace Proximity
 {
-    public class DecaffError : Exception
+    public class ProximityServiceError : Exception
     {
-        public DecaffError(string sentence) : base(sentence) { }
+        public ProximityServiceError(string sentence) : base(sentence) { }
     }
 
     /// <summary>Why a message was not used.</summary>
-    public enum DecaffFlaw { None, Short, Magic, Version, Size, Checksum, Old, Future, Content }
+    public enum ProximityFlaw { None, Short, Magic, Version, Size, Checksum, Old, Future, Content }
 
     /// <summary>Numbers of messages that a subscriber has seen.</summary>
-    public sealed class DecaffCounts
+    public sealed class ProximityCounts
     {
         public long Received, Sessions, Unverified;
         public ulong Lost; // numbers that were left out since the first
-        public readonly long[] Flawed = new long[9]; // by DecaffFlaw
+        public readonly long[] Flawed = new long[9]; // by ProximityFlaw
 
         /// <summary>All of them in a line.</summary>
         public override string ToString()
@@ -35,13 +35,13 @@ namespace Decaff
             var line = new StringBuilder("received " + Received + ", lost " + Lost + "; not used: unverified " + Unverified);
             for (int reason = 1; reason < Flawed.Length; reason++)
                 if (Flawed[reason] > 0)
-                    line.Append(", " + ((DecaffFlaw)reason).ToString().ToLowerInvariant() + " " + Flawed[reason]);
+                    line.Append(", " + ((ProximityFlaw)reason).ToString().ToLowerInvariant() + " " + Flawed[reason]);
             return line.ToString();
         }
     }
 
     /// <summary>The monotonic clock; on Linux that of a service on this machine.</summary>
-    public static class DecaffClock
+    public static class ProximityClock
     {
         public static readonly bool IsThatOfServices = Environment.OSVersion.Platform == PlatformID.Unix
             && Directory.Exists("/proc/self"); // Linux, Android; elsewhere it is learnt from what arrives
@@ -66,7 +66,7 @@ namespace Decaff
     }
 
     /// <summary>Checksum and tag of messages.</summary>
-    public sealed unsafe class DecaffKey
+    public sealed unsafe class ProximityKey
     {
         public const int TagBytes = 16;
         private static readonly uint[] CrcTable = MakeCrcTable();
@@ -85,7 +85,7 @@ namespace Decaff
         private readonly uint[] h = new uint[8], m = new uint[16], v = new uint[16];
 
         /// <summary>Read the key that `proximity client key` wrote. Who may read its file is not checked here.</summary>
-        public DecaffKey(string path)
+        public ProximityKey(string path)
         {
             string digits;
             try
@@ -94,7 +94,7 @@ namespace Decaff
             }
             catch (Exception failure)
             {
-                throw new DecaffError("the key " + path + " cannot be read (" + failure.Message + ")");
+                throw new ProximityServiceError("the key " + path + " cannot be read (" + failure.Message + ")");
             }
             bool isKey = digits.Length == 64;
             for (int i = 0; isKey && i < 64; i++)
@@ -104,7 +104,7 @@ namespace Decaff
                 key[i / 2] = (byte)(key[i / 2] << 4 | (digit & 15));
             }
             if (!isKey)
-                throw new DecaffError("the key " + path + " is not a key (expected 64 hexadecimal digits)");
+                throw new ProximityServiceError("the key " + path + " is not a key (expected 64 hexadecimal digits)");
         }
 
         /// <summary>CRC-32 as zlib has it.</summary>
@@ -211,7 +211,7 @@ namespace Decaff
     }
 
     /// <summary>The clock of a publisher elsewhere, by the message that was fastest on its way.</summary>
-    internal sealed class DecaffForeignClock
+    internal sealed class ProximityForeignClock
     {
         private const long Second = 1000000000, Drift = 5000;
         public bool IsCertain;
@@ -268,16 +268,16 @@ namespace Decaff
     }
 
     /// <summary>How contacts become worse.</summary>
-    public static class DecaffAgeing
+    public static class ProximityAgeing
     {
         /// <summary>Make a contact hold at a later instant: as far as finger and parts may have come.</summary>
-        public static void Widen(ref DecaffContact c, long nowNs, double maxSpeed, double maxAcceleration)
+        public static void Widen(ref ProximityContact c, long nowNs, double maxSpeed, double maxAcceleration)
         {
-            bool isTracked = (c.Flags & DecaffContactFlag.Tracked) != 0;
-            bool isGeometry = c.Source == DecaffSource.Geometry;
+            bool isTracked = (c.Flags & ProximityContactFlag.Tracked) != 0;
+            bool isGeometry = c.Source == ProximitySource.Geometry;
             double partSpeed = Larger(Length(c.PartVelocity), 0);
             double limit = maxSpeed + partSpeed;
-            var relative = new DecaffVector(c.Velocity.X - c.PartVelocity.X, c.Velocity.Y - c.PartVelocity.Y,
+            var relative = new ProximityVector(c.Velocity.X - c.PartVelocity.X, c.Velocity.Y - c.PartVelocity.Y,
                 c.Velocity.Z - c.PartVelocity.Z);
             double going = isGeometry ? Length(relative) : Math.Abs(c.ApproachSpeed);
             // How far off that velocity may be, and how much faster other parts are, is in the predictions.
@@ -288,7 +288,7 @@ namespace Decaff
             spread = isFinite ? spread : 0;
             if (!(spread < maxSpeed)) // it may be that of a finger that could turn round
                 going = Larger(going, partSpeed);
-            bool isKnown = (c.Flags & DecaffContactFlag.Predicted) != 0 && isFinite;
+            bool isKnown = (c.Flags & ProximityContactFlag.Predicted) != 0 && isFinite;
             double atFirst = isKnown ? going + spread : double.NaN;
             double atLast = isKnown ? limit + spread : Larger(limit, partSpeed + spread);
             c.AgeNs = nowNs - c.PoseNs;
@@ -304,15 +304,15 @@ namespace Decaff
             c.PredictedNs = nowNs;
             c.ContactBendError += double.PositiveInfinity;
             c.ForceIsValid = 0;
-            c.Flags &= ~(DecaffContactFlag.Exact | DecaffContactFlag.Skipped | DecaffContactFlag.Predicted
-                | DecaffContactFlag.ContactFound);
-            c.Flags |= isTracked ? DecaffContactFlag.Bounded : DecaffContactFlag.None;
+            c.Flags &= ~(ProximityContactFlag.Exact | ProximityContactFlag.Skipped | ProximityContactFlag.Predicted
+                | ProximityContactFlag.ContactFound);
+            c.Flags |= isTracked ? ProximityContactFlag.Bounded : ProximityContactFlag.None;
         }
 
         /// <summary>Leave nothing of a contact but whose it is, where it comes from and when that was.</summary>
-        public static void Forget(ref DecaffContact c)
+        public static void Forget(ref ProximityContact c)
         {
-            var nowhere = new DecaffVector(double.NaN, double.NaN, double.NaN);
+            var nowhere = new ProximityVector(double.NaN, double.NaN, double.NaN);
             c.Position = c.Velocity = c.PointOnFinger = c.PointOnPart = c.Normal = c.PartVelocity = nowhere;
             c.SignedDistance = c.ApproachSpeed = c.PredictedDistance = c.TimeToContact = double.NaN;
             c.Bend = c.BendRate = c.ContactBend = c.ContactBendError = c.ContactBendRate = double.NaN;
@@ -320,21 +320,21 @@ namespace Decaff
             c.Lower = c.PredictedLower = double.NegativeInfinity;
             c.Upper = c.PredictedUpper = double.PositiveInfinity;
             c.TimeToContactLower = 0;
-            c.Flags = DecaffContactFlag.None;
+            c.Flags = ProximityContactFlag.None;
             c.Part = c.Face = -1;
-            c.Surface = DecaffSurface.Unknown;
-            c.Mode = DecaffMode.Hold;
+            c.Surface = ProximitySurface.Unknown;
+            c.Mode = ProximityMode.Hold;
             c.ForceIsValid = 0;
         }
 
-        private static double Length(DecaffVector a) { return Math.Sqrt(a.X * a.X + a.Y * a.Y + a.Z * a.Z); }
+        private static double Length(ProximityVector a) { return Math.Sqrt(a.X * a.X + a.Y * a.Y + a.Z * a.Z); }
         // These pass over nan.
         private static double Larger(double a, double b) { return double.IsNaN(a) ? b : double.IsNaN(b) || a > b ? a : b; }
         private static double Lesser(double a, double b) { return double.IsNaN(a) ? b : double.IsNaN(b) || a < b ? a : b; }
     }
 
     /// <summary>Judges frames and lets the newest age; without a network. Instants are of this machine's clock.</summary>
-    public unsafe class DecaffFrameReader
+    public unsafe class ProximityFrameReader
     {
         private const ulong MostSkipped = 100000000; // numbers; by more no message is ahead of the last of its run
         private const long LongestValidNs = 1000000000, AheadNs = 5000000, RestartSilenceNs = 50000000;
@@ -342,35 +342,35 @@ namespace Decaff
         private const int MostRuns = 64;
         private const long MostNames = 1 << 20; // who claims more is not believed
 
-        public readonly DecaffCounts Counts = new DecaffCounts();
+        public readonly ProximityCounts Counts = new ProximityCounts();
         /// <summary>What the newest frame says, or worse; as of the last reading, like all that follows.</summary>
-        public DecaffState State { get; private set; }
+        public ProximityState State { get; private set; }
         public bool IsNew { get; private set; }
         public long NowNs { get; private set; } // on the publisher's clock
         public long AgeNs { get; private set; } // since the oldest pose; -1: no frame yet
-        public DecaffFrameHeader Header; // as it was published; zeros: no frame yet
-        public DecaffContact[] Contacts = new DecaffContact[0]; // aged: LATE has widening bounds, STALE nothing
-        public bool IsValid { get { return State == DecaffState.Ok || State == DecaffState.Degraded; } }
+        public ProximityFrameHeader Header; // as it was published; zeros: no frame yet
+        public ProximityContact[] Contacts = new ProximityContact[0]; // aged: LATE has widening bounds, STALE nothing
+        public bool IsValid { get { return State == ProximityState.Ok || State == ProximityState.Degraded; } }
 
         private readonly bool isShared, isKeyed;
         private readonly long staleAfterNs;
         private readonly double maxSpeed, maxAcceleration;
-        private readonly DecaffForeignClock clock = new DecaffForeignClock();
+        private readonly ProximityForeignClock clock = new ProximityForeignClock();
         private readonly List<ulong> endedSessions = new List<ulong>(MostRuns + 1);
         private readonly List<ulong> endedNumbers = new List<ulong>(MostRuns + 1);
-        private DecaffContact[] held = new DecaffContact[0], candidate = new DecaffContact[0];
-        private DecaffFrameHeader arrived;
+        private ProximityContact[] held = new ProximityContact[0], candidate = new ProximityContact[0];
+        private ProximityFrameHeader arrived;
         private bool hasFrame, isFresh;
         private ulong lastSession, lastSequence, newestSession;
         private long lastSent, lastNow;
         private readonly Dictionary<long, string> labels = new Dictionary<long, string>(); // not all have come
-        private DecaffDescriptionHeader labelsOf, namesOf; // namesOf: zeros where no description has come
+        private ProximityDescriptionHeader labelsOf, namesOf; // namesOf: zeros where no description has come
         private string[] partNames = new string[0];
 
-        public DecaffFrameReader(bool sharesClock, bool isKeyed, double staleAfter = 0.08, double maxSpeed = 3,
+        public ProximityFrameReader(bool sharesClock, bool isKeyed, double staleAfter = 0.08, double maxSpeed = 3,
             double maxAcceleration = 120)
         {
-            State = DecaffState.Stale;
+            State = ProximityState.Stale;
             AgeNs = -1;
             isShared = sharesClock;
             this.isKeyed = isKeyed;
@@ -380,16 +380,16 @@ namespace Decaff
         }
 
         /// <summary>Take a frame, or a description, that arrived; what is wrong with it.</summary>
-        public DecaffFlaw Offer(byte[] message, int size, long nowNs)
+        public ProximityFlaw Offer(byte[] message, int size, long nowNs)
         {
-            DecaffFlaw flaw = IsDescription(message, size) ? Describe(message, size) : Judge(message, size, nowNs);
-            if (flaw != DecaffFlaw.None)
+            ProximityFlaw flaw = IsDescription(message, size) ? Describe(message, size) : Judge(message, size, nowNs);
+            if (flaw != ProximityFlaw.None)
                 Counts.Flawed[(int)flaw]++;
             return flaw;
         }
 
         /// <summary>Set what is known at an instant.</summary>
-        public DecaffState At(long nowNs)
+        public ProximityState At(long nowNs)
         {
             bool isBelieved = isShared || clock.IsCertain;
             NowNs = isShared ? nowNs : clock.Theirs(nowNs);
@@ -400,20 +400,20 @@ namespace Decaff
             long expires = Math.Min(Header.ValidUntilNs, Header.PoseNs + LongestValidNs);
             State = Header.State;
             if (!isBelieved || (NowNs > expires && NowNs - staleAfterNs > expires))
-                State = State > DecaffState.Stale ? State : DecaffState.Stale;
+                State = State > ProximityState.Stale ? State : ProximityState.Stale;
             else if (NowNs > expires)
-                State = State > DecaffState.Late ? State : DecaffState.Late;
+                State = State > ProximityState.Late ? State : ProximityState.Late;
             AgeNs = Math.Max(NowNs - Header.PoseNs, 0);
             if (Contacts.Length != held.Length)
-                Contacts = new DecaffContact[held.Length];
+                Contacts = new ProximityContact[held.Length];
             Array.Copy(held, Contacts, held.Length);
-            bool isUsed = State == DecaffState.Late && Header.State != DecaffState.Starting;
+            bool isUsed = State == ProximityState.Late && Header.State != ProximityState.Starting;
             for (int i = 0; i < Contacts.Length && !IsValid; i++)
             {
                 if (isUsed)
-                    DecaffAgeing.Widen(ref Contacts[i], NowNs, maxSpeed, maxAcceleration);
+                    ProximityAgeing.Widen(ref Contacts[i], NowNs, maxSpeed, maxAcceleration);
                 else
-                    DecaffAgeing.Forget(ref Contacts[i]);
+                    ProximityAgeing.Forget(ref Contacts[i]);
             }
             return State;
         }
@@ -430,43 +430,43 @@ namespace Decaff
 
         private static bool IsDescription(byte[] message, int size)
         {
-            return size >= sizeof(DecaffPrefix) && BitConverter.ToUInt32(message, 0) == DecaffLayout.DescriptionMagic;
+            return size >= sizeof(ProximityPrefix) && BitConverter.ToUInt32(message, 0) == ProximityLayout.DescriptionMagic;
         }
 
         /// <summary>
         /// Take one message of a description, whose names count when all of them have come. Names that are known
         /// already make no garbage.
         /// </summary>
-        private DecaffFlaw Describe(byte[] message, int size)
+        private ProximityFlaw Describe(byte[] message, int size)
         {
             int count;
-            DecaffFlaw flaw = Check(message, size, DecaffLayout.DescriptionMagic, sizeof(DecaffDescriptionHeader),
-                sizeof(DecaffLabel), out count);
-            if (flaw != DecaffFlaw.None)
+            ProximityFlaw flaw = Check(message, size, ProximityLayout.DescriptionMagic, sizeof(ProximityDescriptionHeader),
+                sizeof(ProximityLabel), out count);
+            if (flaw != ProximityFlaw.None)
                 return flaw;
             fixed (byte* bytes = message)
             {
-                DecaffDescriptionHeader of = *(DecaffDescriptionHeader*)bytes;
+                ProximityDescriptionHeader of = *(ProximityDescriptionHeader*)bytes;
                 if (of.Count != count)
-                    return DecaffFlaw.Size;
+                    return ProximityFlaw.Size;
                 long total = (long)of.PartCount + of.FingerCount;
                 if (total > MostNames || (long)of.First + count > total)
-                    return DecaffFlaw.Content;
+                    return ProximityFlaw.Content;
                 if (IsOfSame(of, namesOf))
-                    return DecaffFlaw.None;
+                    return ProximityFlaw.None;
                 if (!IsOfSame(of, labelsOf) || of.First == 0)
                     labels.Clear();
                 labelsOf = of;
-                var records = (DecaffLabel*)(bytes + sizeof(DecaffDescriptionHeader));
+                var records = (ProximityLabel*)(bytes + sizeof(ProximityDescriptionHeader));
                 for (int i = 0; i < count; i++)
                     labels[(long)of.First + i] = NameAt(message, (int)((byte*)(records + i) - bytes));
                 if (labels.Count == total)
                     TakeNames(of);
             }
-            return DecaffFlaw.None;
+            return ProximityFlaw.None;
         }
 
-        private static bool IsOfSame(DecaffDescriptionHeader a, DecaffDescriptionHeader b)
+        private static bool IsOfSame(ProximityDescriptionHeader a, ProximityDescriptionHeader b)
         {
             return a.Session == b.Session && a.Epoch == b.Epoch && a.PartCount == b.PartCount
                 && a.FingerCount == b.FingerCount;
@@ -478,7 +478,7 @@ namespace Decaff
             return Encoding.UTF8.GetString(message, first, end < 0 ? 64 : end - first);
         }
 
-        private void TakeNames(DecaffDescriptionHeader of)
+        private void TakeNames(ProximityDescriptionHeader of)
         {
             namesOf = of;
             partNames = new string[of.PartCount];
@@ -486,58 +486,58 @@ namespace Decaff
                 partNames[row] = labels[row];
         }
 
-        private DecaffFlaw Judge(byte[] message, int size, long nowNs)
+        private ProximityFlaw Judge(byte[] message, int size, long nowNs)
         {
-            DecaffFlaw flaw = Unpack(message, size);
-            if (flaw == DecaffFlaw.None && IsOld(nowNs))
-                flaw = DecaffFlaw.Old;
-            if (flaw == DecaffFlaw.None)
+            ProximityFlaw flaw = Unpack(message, size);
+            if (flaw == ProximityFlaw.None && IsOld(nowNs))
+                flaw = ProximityFlaw.Old;
+            if (flaw == ProximityFlaw.None)
                 flaw = ContentFlaw(isShared ? nowNs : arrived.PublishNs);
-            if (flaw == DecaffFlaw.None)
+            if (flaw == ProximityFlaw.None)
                 Accept(nowNs);
             return flaw;
         }
 
         /// <summary>What is wrong with bytes but for what they say; the number of records that there are.</summary>
-        private static DecaffFlaw Check(byte[] message, int size, uint magic, int headerSize, int recordSize, out int count)
+        private static ProximityFlaw Check(byte[] message, int size, uint magic, int headerSize, int recordSize, out int count)
         {
             count = (size - headerSize) / recordSize;
             if (size < headerSize)
-                return DecaffFlaw.Short;
+                return ProximityFlaw.Short;
             fixed (byte* bytes = message)
             {
-                var prefix = (DecaffPrefix*)bytes;
+                var prefix = (ProximityPrefix*)bytes;
                 if (prefix->Magic != magic)
-                    return DecaffFlaw.Magic;
-                if (prefix->Version != DecaffLayout.Version)
-                    return DecaffFlaw.Version;
+                    return ProximityFlaw.Magic;
+                if (prefix->Version != ProximityLayout.Version)
+                    return ProximityFlaw.Version;
                 if (prefix->Size != size || prefix->HeaderSize != headerSize || headerSize + count * recordSize != size
-                    || count > DecaffLayout.MaxRecords)
-                    return DecaffFlaw.Size;
-                bool isRight = DecaffKey.Crc32(message, DecaffLayout.CheckedFrom, size) == prefix->Checksum;
-                return isRight ? DecaffFlaw.None : DecaffFlaw.Checksum;
+                    || count > ProximityLayout.MaxRecords)
+                    return ProximityFlaw.Size;
+                bool isRight = ProximityKey.Crc32(message, ProximityLayout.CheckedFrom, size) == prefix->Checksum;
+                return isRight ? ProximityFlaw.None : ProximityFlaw.Checksum;
             }
         }
 
-        private DecaffFlaw Unpack(byte[] message, int size)
+        private ProximityFlaw Unpack(byte[] message, int size)
         {
             int count;
-            DecaffFlaw flaw = Check(message, size, DecaffLayout.FrameMagic, sizeof(DecaffFrameHeader),
-                sizeof(DecaffContact), out count);
-            if (flaw != DecaffFlaw.None)
+            ProximityFlaw flaw = Check(message, size, ProximityLayout.FrameMagic, sizeof(ProximityFrameHeader),
+                sizeof(ProximityContact), out count);
+            if (flaw != ProximityFlaw.None)
                 return flaw;
             fixed (byte* bytes = message)
             {
-                arrived = *(DecaffFrameHeader*)bytes;
+                arrived = *(ProximityFrameHeader*)bytes;
                 if (arrived.Count != count)
-                    return DecaffFlaw.Size;
+                    return ProximityFlaw.Size;
                 if (candidate.Length != count)
-                    candidate = new DecaffContact[count];
-                var contacts = (DecaffContact*)(bytes + sizeof(DecaffFrameHeader));
+                    candidate = new ProximityContact[count];
+                var contacts = (ProximityContact*)(bytes + sizeof(ProximityFrameHeader));
                 for (int i = 0; i < count; i++)
                     candidate[i] = contacts[i];
             }
-            return DecaffFlaw.None;
+            return ProximityFlaw.None;
         }
 
         private bool IsOld(long now)
@@ -557,32 +557,32 @@ namespace Decaff
             return !(isShared ? arrived.PublishNs > lastSent : isSilent);
         }
 
-        private DecaffFlaw ContentFlaw(long baseNs)
+        private ProximityFlaw ContentFlaw(long baseNs)
         {
-            if (arrived.State > DecaffState.Stopping || arrived.Source > DecaffSource.Held)
-                return DecaffFlaw.Content;
+            if (arrived.State > ProximityState.Stopping || arrived.Source > ProximitySource.Held)
+                return ProximityFlaw.Content;
             long latest = Math.Min(baseNs, MostNs - AheadNs) + AheadNs;
             if (arrived.PoseNs > latest || arrived.PublishNs > latest)
-                return DecaffFlaw.Future;
+                return ProximityFlaw.Future;
             for (int i = 0; i < candidate.Length; i++)
                 if (!IsSound(ref candidate[i], latest))
-                    return DecaffFlaw.Content;
-            return DecaffFlaw.None;
+                    return ProximityFlaw.Content;
+            return ProximityFlaw.None;
         }
 
-        private bool IsSound(ref DecaffContact c, long latest)
+        private bool IsSound(ref ProximityContact c, long latest)
         {
-            if (c.Surface > DecaffSurface.Deformable || c.Mode > DecaffMode.Hold
-                || c.Source > DecaffSource.Held || c.ForceIsValid > 1)
+            if (c.Surface > ProximitySurface.Deformable || c.Mode > ProximityMode.Hold
+                || c.Source > ProximitySource.Held || c.ForceIsValid > 1)
                 return false;
-            if ((c.Flags & DecaffContactFlag.Tracked) == 0)
+            if ((c.Flags & ProximityContactFlag.Tracked) == 0)
                 return true;
             bool isUnknown = double.IsNaN(c.Position.X) || double.IsNaN(c.Position.Y) || double.IsNaN(c.Position.Z);
             bool isPlaced = IsFinite(c.Position.X) && IsFinite(c.Position.Y) && IsFinite(c.Position.Z);
             double n = c.Normal.X * c.Normal.X + c.Normal.Y * c.Normal.Y + c.Normal.Z * c.Normal.Z;
             return c.Lower <= c.SignedDistance && c.SignedDistance <= c.Upper && c.PredictedLower <= c.PredictedUpper
                 && !double.IsNaN(c.PredictedDistance) && c.TimeToContactLower <= c.TimeToContact
-                && (isPlaced || (isUnknown && c.Source != DecaffSource.Geometry))
+                && (isPlaced || (isUnknown && c.Source != ProximitySource.Geometry))
                 && !(n < 0.999 * 0.999 || n > 1.001 * 1.001) // nan: there is no normal
                 && c.PoseNs >= arrived.PoseNs && c.PoseNs <= latest;
         }
@@ -613,7 +613,7 @@ namespace Decaff
             lastNow = now;
             newestSession = Math.Max(newestSession, arrived.Session);
             Header = arrived;
-            DecaffContact[] spare = held;
+            ProximityContact[] spare = held;
             held = candidate;
             candidate = spare;
             hasFrame = isFresh = true;
@@ -641,15 +641,15 @@ namespace Decaff
         }
     }
 
-    internal static class DecaffSockets
+    internal static class ProximitySockets
     {
         public static IPEndPoint End(string host, int port)
         {
             IPAddress address;
             if (!IPAddress.TryParse(host, out address) || address.AddressFamily != AddressFamily.InterNetwork)
-                throw new DecaffError("\"" + host + "\" is not an IPv4 address, expected one such as 127.0.0.1");
+                throw new ProximityServiceError("\"" + host + "\" is not an IPv4 address, expected one such as 127.0.0.1");
             if (port < 1 || port > 65535)
-                throw new DecaffError("port is " + port + ", expected one from 1 to 65535");
+                throw new ProximityServiceError("port is " + port + ", expected one from 1 to 65535");
             return new IPEndPoint(address, port);
         }
 
@@ -665,40 +665,40 @@ namespace Decaff
             catch (SocketException failure)
             {
                 socket.Close();
-                throw new DecaffError("cannot use " + here + " (" + failure.Message + ")");
+                throw new ProximityServiceError("cannot use " + here + " (" + failure.Message + ")");
             }
             return socket;
         }
     }
 
     /// <summary>Receives frames and distrusts them: the newest is what counts, and how far it holds now.</summary>
-    public sealed class DecaffSubscriber : DecaffFrameReader, IDisposable
+    public sealed class ProximitySubscriber : ProximityFrameReader, IDisposable
     {
         private readonly Socket socket;
-        private readonly DecaffKey key;
-        private readonly byte[] buffer = new byte[1 << 16], tag = new byte[DecaffKey.TagBytes];
+        private readonly ProximityKey key;
+        private readonly byte[] buffer = new byte[1 << 16], tag = new byte[ProximityKey.TagBytes];
 
         /// <summary>
         /// Listen at host:port: udp://host:port?key=keyFile. On loopback every program of this machine is heard;
         /// elsewhere only *from*, HOST:PORT, whose publisher has ?bind=HOST:PORT: asking each datagram for its
         /// sender would make garbage.
         /// </summary>
-        public DecaffSubscriber(int port, string host = "127.0.0.1", string from = null, string keyFile = null,
+        public ProximitySubscriber(int port, string host = "127.0.0.1", string from = null, string keyFile = null,
             double staleAfter = 0.08, double maxSpeed = 3, double maxAcceleration = 120)
             : base(IsHere(host, from), keyFile != null, staleAfter, maxSpeed, maxAcceleration)
         {
-            IPEndPoint here = DecaffSockets.End(host, port);
+            IPEndPoint here = ProximitySockets.End(host, port);
             if (from == null && !IPAddress.IsLoopback(here.Address))
-                throw new DecaffError(host + " can be reached by others, expected `from`, the HOST:PORT to listen to");
+                throw new ProximityServiceError(host + " can be reached by others, expected `from`, the HOST:PORT to listen to");
             IPEndPoint sender = from == null ? null : Sender(from);
-            key = keyFile == null ? null : new DecaffKey(keyFile);
-            socket = DecaffSockets.Bound(here);
+            key = keyFile == null ? null : new ProximityKey(keyFile);
+            socket = ProximitySockets.Bound(here);
             if (sender != null)
                 socket.Connect(sender);
         }
 
         /// <summary>Take what has arrived and say what is known now; never waits, makes no garbage.</summary>
-        public DecaffState Read()
+        public ProximityState Read()
         {
             int unused = 0;
             for (int taken = 0; taken < 1024 && unused < 256; taken++)
@@ -714,37 +714,37 @@ namespace Decaff
                     Counts.Unverified++;
                     unused++;
                 }
-                else if (Offer(buffer, size, DecaffClock.Ns) != DecaffFlaw.None)
+                else if (Offer(buffer, size, ProximityClock.Ns) != ProximityFlaw.None)
                 {
                     unused++;
                 }
             }
-            return At(DecaffClock.Ns);
+            return At(ProximityClock.Ns);
         }
 
         public void Dispose() { socket.Close(); }
 
         private static bool IsHere(string host, string from)
         {
-            IPEndPoint end = from == null ? DecaffSockets.End(host, 1) : Sender(from);
-            return DecaffClock.IsThatOfServices && IPAddress.IsLoopback(end.Address);
+            IPEndPoint end = from == null ? ProximitySockets.End(host, 1) : Sender(from);
+            return ProximityClock.IsThatOfServices && IPAddress.IsLoopback(end.Address);
         }
 
         private static IPEndPoint Sender(string from)
         {
             int colon = from.LastIndexOf(':'), port;
             if (colon < 0 || !int.TryParse(from.Substring(colon + 1), out port))
-                throw new DecaffError("`from` is \"" + from + "\", expected HOST:PORT, where the publisher sends from");
-            return DecaffSockets.End(from.Substring(0, colon), port);
+                throw new ProximityServiceError("`from` is \"" + from + "\", expected HOST:PORT, where the publisher sends from");
+            return ProximitySockets.End(from.Substring(0, colon), port);
         }
     }
 
     /// <summary>Sends poses of fingers, moves and changes of parts.</summary>
-    public sealed unsafe class DecaffPublisher : IDisposable
+    public sealed unsafe class ProximityPublisher : IDisposable
     {
         private const int MostBytes = 65507; // that a datagram of IPv4 carries
         private readonly Socket socket;
-        private readonly DecaffKey key;
+        private readonly ProximityKey key;
         private readonly byte[] buffer = new byte[1 << 16];
         private readonly ulong[] sequences = new ulong[7];
         private ulong session;
@@ -754,55 +754,55 @@ namespace Decaff
         public long Lost { get; private set; }
 
         /// <summary>Send to host:port: udp://host:port?bind=bind&amp;key=keyFile.</summary>
-        public DecaffPublisher(int port, string host = "127.0.0.1", string bind = null, string keyFile = null)
+        public ProximityPublisher(int port, string host = "127.0.0.1", string bind = null, string keyFile = null)
         {
-            IPEndPoint there = DecaffSockets.End(host, port);
+            IPEndPoint there = ProximitySockets.End(host, port);
             if (bind == null && !IPAddress.IsLoopback(there.Address))
-                throw new DecaffError(host + " is not on this machine, expected `bind`, the address to send from");
-            IPAddress here = DecaffSockets.End(bind ?? "127.0.0.1", 1).Address;
-            key = keyFile == null ? null : new DecaffKey(keyFile);
-            socket = DecaffSockets.Bound(new IPEndPoint(here, 0));
+                throw new ProximityServiceError(host + " is not on this machine, expected `bind`, the address to send from");
+            IPAddress here = ProximitySockets.End(bind ?? "127.0.0.1", 1).Address;
+            key = keyFile == null ? null : new ProximityKey(keyFile);
+            socket = ProximitySockets.Bound(new IPEndPoint(here, 0));
             socket.Connect(there);
             Begin();
         }
 
         /// <summary>A pose of now; velocity and bend are not known.</summary>
-        public static DecaffPose PoseOf(uint finger, double x, double y, double z)
+        public static ProximityPose PoseOf(uint finger, double x, double y, double z)
         {
-            DecaffPose pose = DecaffPose.Begin();
+            ProximityPose pose = ProximityPose.Begin();
             pose.Finger = finger;
-            pose.PoseNs = DecaffClock.Ns;
-            pose.Position = new DecaffVector(x, y, z);
+            pose.PoseNs = ProximityClock.Ns;
+            pose.Position = new ProximityVector(x, y, z);
             return pose;
         }
 
         /// <summary>A move of now: the part stands, not turned, with its origin there. Makes garbage: keep it.</summary>
-        public static DecaffMove MoveOf(string name, double x, double y, double z)
+        public static ProximityMove MoveOf(string name, double x, double y, double z)
         {
-            DecaffMove move = DecaffMove.Begin();
+            ProximityMove move = ProximityMove.Begin();
             NamePart(move.Name, name);
-            move.PoseNs = DecaffClock.Ns;
-            move.Translation = new DecaffVector(x, y, z);
-            move.Velocity = move.AngularVelocity = new DecaffVector(0, 0, 0);
+            move.PoseNs = ProximityClock.Ns;
+            move.Translation = new ProximityVector(x, y, z);
+            move.Velocity = move.AngularVelocity = new ProximityVector(0, 0, 0);
             return move;
         }
 
         /// <summary>A change of a part: hide, show or remove it.</summary>
-        public static DecaffChange ChangeOf(string name, DecaffPartAction action)
+        public static ProximityChange ChangeOf(string name, ProximityPartAction action)
         {
-            var change = new DecaffChange();
+            var change = new ProximityChange();
             NamePart(change.Name, name);
             change.Action = action;
             return change;
         }
 
         /// <summary>An addition: a file of a folder of `parts_from`, not turned, with its origin there.</summary>
-        public static DecaffAddition AdditionOf(string name, string file, double x, double y, double z)
+        public static ProximityAddition AdditionOf(string name, string file, double x, double y, double z)
         {
-            DecaffAddition addition = DecaffAddition.Begin();
+            ProximityAddition addition = ProximityAddition.Begin();
             NamePart(addition.Name, name);
             PutText(addition.File, file, 192, "a file's name");
-            addition.Translation = new DecaffVector(x, y, z);
+            addition.Translation = new ProximityVector(x, y, z);
             return addition;
         }
 
@@ -812,60 +812,60 @@ namespace Decaff
         {
             byte[] bytes = Encoding.UTF8.GetBytes(text);
             if (bytes.Length == 0 || bytes.Length > most)
-                throw new DecaffError(what + " has " + bytes.Length + " bytes, expected 1 to " + most);
+                throw new ProximityServiceError(what + " has " + bytes.Length + " bytes, expected 1 to " + most);
             for (int i = 0; i < bytes.Length; i++)
                 there[i] = bytes[i];
         }
 
-        public void Send(DecaffPose[] poses, int count) { Send(DecaffLayout.PosesMagic, 0, poses, count); }
-        public void Send(DecaffMove[] moves, int count) { Send(DecaffLayout.MovesMagic, 1, moves, count); }
-        public void Send(DecaffPathPose[] poses, int count) { Send(DecaffLayout.PathPosesMagic, 2, poses, count); }
-        public void Send(DecaffGlovePose[] poses, int count) { Send(DecaffLayout.GlovePosesMagic, 3, poses, count); }
-        public void Send(DecaffChange[] changes, int count) { Send(DecaffLayout.ChangesMagic, 4, changes, count); }
-        public void Send(DecaffAddition[] additions, int count) { Send(DecaffLayout.AdditionsMagic, 5, additions, count); }
+        public void Send(ProximityPose[] poses, int count) { Send(ProximityLayout.PosesMagic, 0, poses, count); }
+        public void Send(ProximityMove[] moves, int count) { Send(ProximityLayout.MovesMagic, 1, moves, count); }
+        public void Send(ProximityPathPose[] poses, int count) { Send(ProximityLayout.PathPosesMagic, 2, poses, count); }
+        public void Send(ProximityGlovePose[] poses, int count) { Send(ProximityLayout.GlovePosesMagic, 3, poses, count); }
+        public void Send(ProximityChange[] changes, int count) { Send(ProximityLayout.ChangesMagic, 4, changes, count); }
+        public void Send(ProximityAddition[] additions, int count) { Send(ProximityLayout.AdditionsMagic, 5, additions, count); }
         /// <summary>All vertices of one part, 64 a record, in order.</summary>
-        public void Send(DecaffDeformation[] part, int count) { Send(DecaffLayout.DeformationsMagic, 6, part, count); }
+        public void Send(ProximityDeformation[] part, int count) { Send(ProximityLayout.DeformationsMagic, 6, part, count); }
 
         public void Dispose() { socket.Close(); }
 
         private void Begin()
         {
-            session = Math.Max((ulong)DecaffClock.CalendarNs, session + 1);
+            session = Math.Max((ulong)ProximityClock.CalendarNs, session + 1);
             Array.Clear(sequences, 0, sequences.Length);
-            awakeNs = DecaffClock.CalendarNs - DecaffClock.Ns;
+            awakeNs = ProximityClock.CalendarNs - ProximityClock.Ns;
         }
 
         private void Send<T>(uint magic, int kind, T[] array, int count) where T : struct
         {
             ReadOnlySpan<byte> records = MemoryMarshal.AsBytes(new ReadOnlySpan<T>(array, 0, count));
-            int size = sizeof(DecaffInputHeader) + records.Length;
-            int most = MostBytes - (key == null ? 0 : DecaffKey.TagBytes);
-            if (size > most || count > DecaffLayout.MaxRecords)
-                throw new DecaffError("a message of " + size + " bytes does not fit into a datagram (expected at most "
+            int size = sizeof(ProximityInputHeader) + records.Length;
+            int most = MostBytes - (key == null ? 0 : ProximityKey.TagBytes);
+            if (size > most || count > ProximityLayout.MaxRecords)
+                throw new ProximityServiceError("a message of " + size + " bytes does not fit into a datagram (expected at most "
                     + most + " bytes)");
             long before = awakeNs;
-            awakeNs = DecaffClock.CalendarNs - DecaffClock.Ns;
+            awakeNs = ProximityClock.CalendarNs - ProximityClock.Ns;
             if (awakeNs - before > 1000000000)
                 Begin(); // the machine slept, and its monotonic clock stood still
-            var header = new DecaffInputHeader();
+            var header = new ProximityInputHeader();
             header.Magic = magic;
-            header.Version = DecaffLayout.Version;
-            header.HeaderSize = (ushort)sizeof(DecaffInputHeader);
+            header.Version = ProximityLayout.Version;
+            header.HeaderSize = (ushort)sizeof(ProximityInputHeader);
             header.Size = (uint)size;
             header.Session = session;
             header.Sequence = sequences[kind]++;
-            header.SendNs = DecaffClock.Ns;
+            header.SendNs = ProximityClock.Ns;
             header.Count = (uint)count;
             fixed (byte* bytes = buffer)
             {
-                *(DecaffInputHeader*)bytes = header;
-                records.CopyTo(new Span<byte>(bytes + sizeof(DecaffInputHeader), records.Length));
-                ((DecaffPrefix*)bytes)->Checksum = DecaffKey.Crc32(buffer, DecaffLayout.CheckedFrom, size);
+                *(ProximityInputHeader*)bytes = header;
+                records.CopyTo(new Span<byte>(bytes + sizeof(ProximityInputHeader), records.Length));
+                ((ProximityPrefix*)bytes)->Checksum = ProximityKey.Crc32(buffer, ProximityLayout.CheckedFrom, size);
             }
             if (key != null)
             {
                 key.Tag(buffer, size, buffer, size);
-                size += DecaffKey.TagBytes;
+                size += ProximityKey.TagBytes;
             }
             SendDatagram(size);
         }
@@ -881,7 +881,7 @@ namespace Decaff
                 Lost++;
             else if (error != SocketError.Success && error != SocketError.ConnectionRefused
                 && error != SocketError.ConnectionReset && error != SocketError.HostUnreachable)
-                throw new DecaffError("cannot send (" + error + ")");
+                throw new ProximityServiceError("cannot send (" + error + ")");
         }
     }
 }

@@ -1,55 +1,55 @@
-// DecaffMailbox.cs: frames by shm://NAME, the shared memory of one user on Linux, through the library in C.
+// ProximityMailbox.cs: frames by shm://NAME, the shared memory of one user on Linux, through the library in C.
 //
-// Made by `proximity client csharp`; what is changed here is lost. Needs DecaffMessages.cs, DecaffClient.cs and
+// Made by `proximity client csharp`; what is changed here is lost. Needs ProximityMessages.cs, ProximityClient.cs and
 // libproximity.so of the same version.
 using System;
 using System.Runtime.InteropServices;
 using System.Text;
 
-namespace Decaff
+namespace Proximity
 {
-    /// <summary>Reads frames in shared memory and distrusts them, as DecaffSubscriber does datagrams.</summary>
-    public sealed unsafe class DecaffMailboxSubscriber : DecaffFrameReader, IDisposable
+    /// <summary>Reads frames in shared memory and distrusts them, as ProximitySubscriber does datagrams.</summary>
+    public sealed unsafe class ProximityMailboxSubscriber : ProximityFrameReader, IDisposable
     {
         private const int Ok = 0, Nobody = 1;
         private const long NameNs = 100000000; // between two looks whether the name leads to another mailbox
         private readonly byte[] name, buffer = new byte[1 << 20];
         private IntPtr box;
         private bool isOpen, isNext;
-        private long lookedNs = DecaffClock.Ns;
+        private long lookedNs = ProximityClock.Ns;
 
         /// <summary>Read shm://name, now or as soon as somebody publishes there.</summary>
-        public DecaffMailboxSubscriber(string name, double staleAfter = 0.08, double maxSpeed = 3,
+        public ProximityMailboxSubscriber(string name, double staleAfter = 0.08, double maxSpeed = 3,
             double maxAcceleration = 120) : base(true, false, staleAfter, maxSpeed, maxAcceleration)
         {
             this.name = Encoding.ASCII.GetBytes(Uri.EscapeDataString(name) + "\0");
-            box = Marshal.AllocHGlobal((IntPtr)proximity_mailbox_size());
+            box = Marshal.AllocHGlobal((IntPtr)proximity_box_size());
             Follow();
             isNext = true; // all of the next mailbox is news
         }
 
         /// <summary>Take what has arrived and say what is known now; never waits, makes no garbage.</summary>
-        public DecaffState Read()
+        public ProximityState Read()
         {
             for (int taken = 0; taken < 1024 && (isOpen || Follow()); taken++)
             {
                 long size;
                 fixed (byte* to = buffer)
-                    size = proximity_mailbox_read(box, to, (ulong)buffer.Length);
+                    size = proximity_box_read(box, to, (ulong)buffer.Length);
                 if (size >= 0)
-                    Offer(buffer, (int)Math.Min(size, buffer.Length + 1L), DecaffClock.Ns);
+                    Offer(buffer, (int)Math.Min(size, buffer.Length + 1L), ProximityClock.Ns);
                 else if (!IsOver() || !Follow())
                     break;
             }
-            return At(DecaffClock.Ns);
+            return At(ProximityClock.Ns);
         }
 
         /// <summary>Wait until a message is there, that many seconds at most; then as Read.</summary>
-        public DecaffState Wait(double seconds)
+        public ProximityState Wait(double seconds)
         {
-            long untilNs = DecaffClock.Ns + (long)(1e9 * seconds);
+            long untilNs = ProximityClock.Ns + (long)(1e9 * seconds);
             if (isOpen || Follow())
-                proximity_mailbox_wait(box, untilNs);
+                proximity_box_wait(box, untilNs);
             else
                 System.Threading.Thread.Sleep((int)Math.Ceiling(1e3 * Math.Min(seconds, 0.01)));
             return Read();
@@ -64,16 +64,16 @@ namespace Decaff
 
         private bool IsOver()
         {
-            long now = DecaffClock.Ns;
+            long now = ProximityClock.Ns;
             bool looks = now - lookedNs > NameNs;
             lookedNs = looks ? now : lookedNs;
-            return proximity_mailbox_is_over(box, looks ? 1 : 0) != 0;
+            return proximity_box_is_over(box, looks ? 1 : 0) != 0;
         }
 
         private void Leave()
         {
             if (isOpen)
-                proximity_mailbox_close(box);
+                proximity_box_close(box);
             isOpen = false;
         }
 
@@ -82,19 +82,19 @@ namespace Decaff
             Leave();
             int outcome;
             fixed (byte* text = name)
-                outcome = proximity_mailbox_open(box, text, isNext ? 1 : 0);
+                outcome = proximity_box_open(box, text, isNext ? 1 : 0);
             if (outcome != Ok && outcome != Nobody)
-                throw new DecaffError(Marshal.PtrToStringAnsi(proximity_mailbox_reason(outcome)));
+                throw new ProximityServiceError(Marshal.PtrToStringAnsi(proximity_box_reason(outcome)));
             isOpen = outcome == Ok;
             return isOpen;
         }
 
-        [DllImport("proximity")] private static extern long proximity_mailbox_size();
-        [DllImport("proximity")] private static extern int proximity_mailbox_open(IntPtr box, byte* name, int isNext);
-        [DllImport("proximity")] private static extern long proximity_mailbox_read(IntPtr box, byte* to, ulong room);
-        [DllImport("proximity")] private static extern int proximity_mailbox_wait(IntPtr box, long untilNs);
-        [DllImport("proximity")] private static extern int proximity_mailbox_is_over(IntPtr box, int looksAtName);
-        [DllImport("proximity")] private static extern void proximity_mailbox_close(IntPtr box);
-        [DllImport("proximity")] private static extern IntPtr proximity_mailbox_reason(int outcome);
+        [DllImport("proximity")] private static extern long proximity_box_size();
+        [DllImport("proximity")] private static extern int proximity_box_open(IntPtr box, byte* name, int isNext);
+        [DllImport("proximity")] private static extern long proximity_box_read(IntPtr box, byte* to, ulong room);
+        [DllImport("proximity")] private static extern int proximity_box_wait(IntPtr box, long untilNs);
+        [DllImport("proximity")] private static extern int proximity_box_is_over(IntPtr box, int looksAtName);
+        [DllImport("proximity")] private static extern void proximity_box_close(IntPtr box);
+        [DllImport("proximity")] private static extern IntPtr proximity_box_reason(int outcome);
     }
 }

@@ -1,13 +1,13 @@
-// DecaffHand.cs: five fingertips of a Unity hand, measured by a proximity service. Put it on any object, give it the
+// ProximityHand.cs: five fingertips of a Unity hand, measured by a proximity service. Put it on any object, give it the
 // transforms of the tips, thumb first, and an object that is where the scene's origin is.
 //
 // The scene file has `publish = ["udp://127.0.0.1:9100"]` in [service], `poses = "udp://127.0.0.1:9101"` in [input]
 // and five fingers. Mirror: see ProximityAxes.cs.
 #if UNITY_5_3_OR_NEWER
-using Decaff;
+using Proximity;
 using UnityEngine;
 
-public sealed class DecaffHand : MonoBehaviour
+public sealed class ProximityHand : MonoBehaviour
 {
     public Transform origin;
     public Transform[] tips = new Transform[5];
@@ -17,33 +17,33 @@ public sealed class DecaffHand : MonoBehaviour
     [HideInInspector] public float[] metres = new float[5]; // to the surface; NaN: nothing is known
     [HideInInspector] public bool[] isBound = new bool[5]; // at least so many metres, not exactly
 
-    private readonly DecaffPose[] poses = new DecaffPose[5];
-    private DecaffSubscriber subscriber;
-    private DecaffPublisher publisher;
+    private readonly ProximityPose[] poses = new ProximityPose[5];
+    private ProximitySubscriber subscriber;
+    private ProximityPublisher publisher;
 
     private void OnEnable()
     {
         string key = keyFile == "" ? null : keyFile;
-        subscriber = new DecaffSubscriber(framesPort, keyFile: key);
-        publisher = new DecaffPublisher(posesPort, keyFile: key);
+        subscriber = new ProximitySubscriber(framesPort, keyFile: key);
+        publisher = new ProximityPublisher(posesPort, keyFile: key);
     }
 
     private void Update()
     {
         for (int finger = 0; finger < tips.Length; finger++)
         {
-            DecaffVector tip = mirror.ToScene(origin.InverseTransformPoint(tips[finger].position));
-            poses[finger] = DecaffPublisher.PoseOf((uint)finger, tip.X, tip.Y, tip.Z);
+            ProximityVector tip = mirror.ToScene(origin.InverseTransformPoint(tips[finger].position));
+            poses[finger] = ProximityPublisher.PoseOf((uint)finger, tip.X, tip.Y, tip.Z);
         }
         publisher.Send(poses, tips.Length);
 
         subscriber.Read(); // never waits, makes no garbage
         for (int finger = 0; finger < metres.Length; finger++)
             metres[finger] = float.NaN;
-        DecaffContact[] contacts = subscriber.Contacts;
+        ProximityContact[] contacts = subscriber.Contacts;
         for (int i = 0; i < contacts.Length; i++)
         {
-            if ((contacts[i].Flags & DecaffContactFlag.Tracked) == 0 || contacts[i].Finger >= metres.Length)
+            if ((contacts[i].Flags & ProximityContactFlag.Tracked) == 0 || contacts[i].Finger >= metres.Length)
                 continue; // STALE and STOPPING: no finger is tracked
             metres[contacts[i].Finger] = (float)contacts[i].Lower;
             isBound[contacts[i].Finger] = !subscriber.IsValid || contacts[i].Lower < contacts[i].Upper;

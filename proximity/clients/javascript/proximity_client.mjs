@@ -1,7 +1,7 @@
-// decaff.mjs: messages of a proximity service, read, written and aged, in browsers and Node.
+// proximity_client.mjs: messages of a proximity service, read, written and aged, in browsers and Node.
 //
 // Made by `proximity client javascript`; what is changed here is lost. Whole numbers of 64 bits, instants among
-// them, are BigInt. A field of several numbers is an array, row by row. There is no network here: decaff_udp.mjs
+// them, are BigInt. A field of several numbers is an array, row by row. There is no network here: proximity_udp.mjs
 // has that for Node, and in a browser bytes come from a WebSocket.
 
 import { CHECKED_FROM, ENUMS, KINDS, MAX_RECORDS, RECORDS, VERSION } from "./layout.mjs";
