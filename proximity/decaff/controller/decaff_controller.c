@@ -1472,7 +1472,7 @@ static decaff_real push_share(const decaff_settings *set, enum decaff_drive_mode
 {
     bool is_force = mode == DECAFF_DRIVE_MODE_FORCE;
     decaff_real count = (is_force && !(force > set->touch_force)) ? 0.0 : one_count(set);
-    decaff_real first = greater(is_force ? 0.0 : (DECAFF_FADE_FROM * cap), count);
+    decaff_real first = greater((is_force ? DECAFF_BRAKE_FROM : DECAFF_FADE_FROM) * cap, count);
     decaff_real last = greater((is_force ? DECAFF_FADE_TO_FORCE : DECAFF_FADE_TO) * cap, 1.5 * count);
     decaff_real share = 1.0;
 

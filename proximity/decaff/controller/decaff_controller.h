@@ -87,7 +87,7 @@ extern "C" {
 #define DECAFF_BRAKE_DAMPING 2.0              /* of the servo's damping, with which it brakes then; assumed */
 #define DECAFF_FADE_FROM 0.6                  /* of the speed cap, from which a drum is pushed less to the finger, */
 #define DECAFF_FADE_TO 0.9                    /* and not at all; assumed */
-#define DECAFF_FADE_TO_FORCE 0.6              /* the same in force mode, where it begins at rest; assumed */
+#define DECAFF_FADE_TO_FORCE 0.6              /* the same in force mode, where it begins with the brake; assumed */
 #define DECAFF_SLOPE_BEND 1e-3                /* of the path, by which its slope is taken */
 #define DECAFF_MOST_FORCE 1000.0              /* N: no sensor of a finger measures more; assumed */
 #define DECAFF_COOL_HEAT 0.81                 /* of a motor, from which on it has its force again */
