@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 
 from proximity.errors import ProximityError
-from proximity.native.sources import TOOLS, library_digest
+from proximity.native.sources import TOOLS, core_digest
 
 NATIVE = Path(__file__).parent.parent / "native"
 LIBRARIES = ("libproximity.so", "libproximity.dylib", "proximity.dll")
@@ -28,13 +28,13 @@ def libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
 
     `ProximityError` where it is missing, is of other sources, or cannot be loaded.
     """
-    path = str(library_path())
-    if TOOLS.is_dir() and f"in C {library_digest()}\0".encode() not in library_path().read_bytes():
+    path = library_path()
+    if TOOLS.is_dir() and f"in C {core_digest()}\0".encode() not in path.read_bytes():
         raise ProximityError(
             f"{path} is older than the sources in proximity/core: run `python tools/build_kernels.py` in the "
             "checkout"
         )
     try:
-        return ctypes.CDLL(path, use_errno=True), ctypes.PyDLL(path, use_errno=True)
+        return ctypes.CDLL(str(path), use_errno=True), ctypes.PyDLL(str(path), use_errno=True)
     except OSError as failure:
         raise ProximityError(f"{path} cannot be loaded ({failure})") from failure

@@ -24,8 +24,8 @@ def sources_in_c() -> list[Path]:
     return sorted(path for pattern in patterns for path in PACKAGE.glob(pattern))
 
 
-def library_sources() -> list[Path]:
-    """Return the files in C of the library, the loop's among them, and the records that they share."""
+def core_sources() -> list[Path]:
+    """Return the C sources of `proximity.core`, and the records that they share with Python."""
     core = PACKAGE / "core"
     in_c = (path for path in core.rglob("*") if path.suffix in {".c", ".h", ".in"})
     return sorted([*in_c, core / "loop_records.py"])
@@ -44,9 +44,9 @@ def digest_in_c() -> str:
 
 
 @cache
-def library_digest() -> str:
-    """Return the digest of the library's files in C: which structures it shares with Python."""
-    return _digest_of(library_sources())
+def core_digest() -> str:
+    """Return the digest of `core_sources`."""
+    return _digest_of(core_sources())
 
 
 def _digest_of(sources: list[Path]) -> str:

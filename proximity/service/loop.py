@@ -97,26 +97,27 @@ class Service:
     def _set_input(self, contact_source: ContactSource, pose_input: PoseInput) -> None:
         """Have poses come in: to the loop itself, or by a thread."""
         self._newest: NewestSamples | None = None
-        period_ns, stale_after_ns = int(self._loop.period_ns), int(self._loop.stale_after_ns)
-        self._bridge: PoseBridge | ContactBridge = PoseBridge(pose_input, contact_source.count, period_ns)
-        end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
-        recording = getattr(pose_input, "loop_recording", lambda: None)()
-        self._is_direct = (end or recording) is not None and answers_in_c(contact_source)
-        if not answers_in_c(contact_source):
+        period_ns, end, recording = int(self._loop.period_ns), None, None
+        self._bridge: PoseBridge | ContactBridge
+        if answers_in_c(contact_source):
+            self._bridge = PoseBridge(pose_input, contact_source.count, period_ns)
+            end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
+            recording = getattr(pose_input, "loop_recording", lambda: None)()
+            self._loop.is_polled = end is None and recording is None and not self._bridge.waits
+        else:
+            stale_after_ns = int(self._loop.stale_after_ns)
             self._newest = NewestSamples(contact_source.new_samples(), stale_after_ns, pose_input.address)
             self._bridge = ContactBridge(
                 pose_input, self._newest, self._sources, contact_source.count, self._clock, period_ns
             )
             self._loop.is_given = True
-        elif recording is not None:
+        self._is_direct = (end or recording) is not None
+        self._memory.input["box"] = self._bridge.reader
+        if recording is not None:
             fill(self._loop.recording, recording)
         elif end is not None:
             fill(self._memory.input, {"box": 0, **end})
             self._memory.is_direct = True
-        else:
-            self._loop.is_polled = not self._bridge.waits
-        if end is None or self._newest is not None:
-            self._memory.input["box"] = self._bridge.reader
         self.wake = self._bridge.wake  # has contacts made at once, where Python makes them
 
     def _set_outputs(self) -> None:

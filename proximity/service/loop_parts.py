@@ -173,7 +173,7 @@ class ContactBridge(Worker):
         self,
         pose_input: PoseInput,
         newest: NewestSamples,
-        sources: "LoopSources",
+        sources: LoopSources,
         count: int,
         clock: Clock | None,
         period_ns: int,

@@ -232,7 +232,7 @@ def test_library_that_was_not_compiled_is_told(monkeypatch, tmp_path):
 @has_library
 def test_library_of_other_sources_is_not_loaded(monkeypatch):
     """A loop with structures of other sources wrote where nothing of it was, and the process ended."""
-    monkeypatch.setattr(library_in_c, "library_digest", lambda: "other")
+    monkeypatch.setattr(library_in_c, "core_digest", lambda: "other")
 
     with pytest.raises(ProximityError, match="is older than the sources in proximity/core: run `py"):
         library_in_c.libraries.__wrapped__()

@@ -51,8 +51,8 @@ def library_digest() -> str:
 
 
 def core_digest() -> str:
-    """Return the digest of the library's files in C alone."""
-    return str(sources().library_digest())
+    """Return the digest of the C sources of `proximity.core`, as `library_in_c` compares it."""
+    return str(sources().core_digest())
 
 
 def is_current(target: Target, folder: Path, *, every_set: bool) -> bool:

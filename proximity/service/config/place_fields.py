@@ -23,9 +23,9 @@ def addresses(default: Any = REQUIRED) -> Any:
     return key(_read_addresses, default)
 
 
-def file(meaning: str, default: Any = REQUIRED) -> Any:
+def file(meaning: str) -> Any:
     """Declare an existing file."""
-    return key(lambda table, name, default: read_file(table, name, default, meaning), default)
+    return key(lambda table, name, default: read_file(table, name, meaning))
 
 
 def files(meaning: str) -> Any:
@@ -48,10 +48,10 @@ def unit(default: str) -> Any:
     return key(_read_unit, default)
 
 
-def read_file(table: Table, name: str, default: Any, meaning: str) -> Any:
-    """Return the path of an existing file."""
-    named = table.text(name, default, meaning=meaning)
-    return _existing(table, name, named, meaning) if isinstance(named, str) else named
+def read_file(table: Table, name: str, meaning: str) -> str:
+    """Return the path of an existing file; an empty one if the key is missing."""
+    named = table.text(name, REQUIRED, meaning=meaning)
+    return "" if named is REQUIRED else _existing(table, name, named, meaning)
 
 
 def _read_address(table: Table, name: str, default: Any) -> str | None:
@@ -60,8 +60,7 @@ def _read_address(table: Table, name: str, default: Any) -> str | None:
 
 
 def _read_addresses(table: Table, name: str, default: Any) -> tuple[str, ...]:
-    named = table.texts(name, default, meaning=ADDRESS)
-    listed = () if named is REQUIRED else tuple(_checked(table, name, each) for each in named)
+    listed = tuple(_checked(table, name, each) for each in table.texts(name, default, meaning=ADDRESS))
     if len(set(listed)) < len(listed):
         table.complain(name, "has an address twice, expected different addresses")
     return listed
@@ -81,7 +80,7 @@ def _checked(table: Table, name: str, text: str) -> str:
 
 def _read_files(table: Table, name: str, meaning: str) -> tuple[str, ...]:
     named = table.texts(name, REQUIRED, meaning=meaning)
-    return () if named is REQUIRED else tuple(_existing(table, name, each, meaning) for each in named)
+    return tuple(_existing(table, name, each, meaning) for each in named)
 
 
 def _existing(table: Table, name: str, named: str, meaning: str) -> str:

@@ -44,12 +44,7 @@ def text(meaning: str, default: Any = REQUIRED) -> Any:
 
 def texts(meaning: str, default: Any = REQUIRED) -> Any:
     """Declare one text, or several in a list."""
-
-    def read(table: Table, name: str, default: Any) -> Any:
-        found = table.texts(name, default, meaning=meaning)
-        return () if found is REQUIRED else found
-
-    return key(read, default)
+    return key(lambda table, name, default: table.texts(name, default, meaning=meaning), default)
 
 
 def word(words: Sequence[str], default: Any = REQUIRED) -> Any:

@@ -106,14 +106,17 @@ class FingerSettings:
     names: tuple[str, ...] | None = texts("what a finger is called", None)  # None: as a recording has them
 
 
-def _read_stiffness(table: Table, name: str, default: None) -> Any:
-    """The stiffness or damping of a part; only a deformable one has it."""
-    if table.value("kind") == "deformable":
-        is_stiffness = name == "stiffness"
-        return table.number(name, REQUIRED if is_stiffness else 0.0, STIFFNESS if is_stiffness else DAMPING)
-    if table.has(name):
-        table.complain(name, 'is of a deformable part, expected kind = "deformable" beside it')
-    return default
+def _deformable(accepted: Range, needed: Any, default: Any) -> Any:
+    """Declare a number that only deformable parts have; *needed*: their default."""
+
+    def read(table: Table, name: str, default: Any) -> Any:
+        if table.value("kind") == "deformable":
+            return table.number(name, needed, accepted)
+        if table.has(name):
+            table.complain(name, 'is of a deformable part, expected kind = "deformable" beside it')
+        return default
+
+    return key(read, default)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +129,8 @@ class PartEntry:
     position: Vector = _position()
     turn_degrees: Vector = _turn()  # about x, then y, then z
     kind: str | None = word(("rigid", "deformable"), None)  # None: as in the file
-    stiffness: float | None = key(_read_stiffness, None)  # N/m, of a deformable part
-    damping: float = key(_read_stiffness, 0.0)  # N s/m
+    stiffness: float | None = _deformable(STIFFNESS, REQUIRED, None)  # N/m
+    damping: float = _deformable(DAMPING, 0.0, 0.0)  # N s/m
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,15 +147,15 @@ class RecordingEntry:
 
 
 def _read_recording(table: Table, name: str, default: None) -> RecordingEntry | None:
-    values = read_fields(RecordingEntry, table)
     if not table.has(name):
         for key in keys_of(RecordingEntry):
             if table.has(key):
                 table.complain(key, "requires input.recording")
         return default
+    values = read_fields(RecordingEntry, table)
     if values["fit"] and table.has("position"):
         table.complain("position", "is given together with fit = true, expected only one of them")
-    return RecordingEntry(place.read_file(table, name, "", "a recording"), **values)
+    return RecordingEntry(place.read_file(table, name, "a recording"), **values)
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,8 +103,9 @@ class Table:
         return self._value(key, default, expected, lambda value: value if value in words else None)
 
     def texts(self, key: str, default: Any, *, meaning: str) -> Any:
-        """One text, or several in a list."""
-        return self._value(key, default, f"{meaning}, as text in quotes, or a list of such", _as_texts)
+        """One text, or several in a list; an empty tuple if a required one is missing."""
+        found = self._value(key, default, f"{meaning}, as text in quotes, or a list of such", _as_texts)
+        return () if found is REQUIRED else found
 
     def numbers(self, key: str, default: Any, count: int | None, accepted: Range) -> Any:
         """A list of so many numbers within a range; None: of any number of them."""
