@@ -26,6 +26,8 @@ _KINDS = {
 _MOST_WORK, _WORK_OF_VOLUME = 5_000_000, 1000
 """Faces that the subtractions for a file may meet, each as often as it is met: about ten seconds. A volume
 costs as much as so many faces by itself."""
+_ROUNDING = 1e-13
+"""Of the largest coordinate: rounding of a moved volume, by which it is still flush with the part."""
 
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]  # vertices, faces, rows of the faces in the file
 
@@ -80,7 +82,10 @@ def subtract(
         np.eye(4) if np.array_equal(other, matrix) else np.linalg.solve(matrix, other)
         for _, other in negatives
     ]
-    tools = [_solid(held, frame) for (held, _), frame in zip(negatives, frames, strict=True)]
+    tools = [
+        _solid(held, frame, part[0], _ROUNDING * _largest(part[0], held[0], matrix, other))
+        for (held, other), frame in zip(negatives, frames, strict=True)
+    ]
     done["failed"] += None in tools
     met = [tool for tool in tools if tool is not None and _boxes_meet(solid, tool)]
     if not met:
@@ -93,10 +98,19 @@ def subtract(
     return vertices, mesh.tri_verts.astype(np.int64), np.array(mesh.face_id, dtype=np.int32)
 
 
-def _solid(arrays: Arrays, matrix: np.ndarray) -> Any:
-    """Return the ``manifold3d.Manifold`` of a mesh moved by *matrix*, or None if it is no closed solid."""
+def _solid(
+    arrays: Arrays, matrix: np.ndarray, flush: np.ndarray | None = None, tolerance: float = 0.0
+) -> Any:
+    """Return the ``manifold3d.Manifold`` of a mesh moved by *matrix*, or None if it is not a closed solid.
+
+    *flush*: vertices of another mesh; coordinates within *tolerance* of theirs become equal to them.
+    """
     vertices, faces, rows = arrays
     points = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    if flush is not None:
+        points = np.stack(
+            [_snapped(*pair, tolerance) for pair in zip(points.T, flush.T, strict=True)], axis=1
+        )
     faces = faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0.0 else faces
     if not np.isfinite(points).all():
         return None
@@ -105,6 +119,20 @@ def _solid(arrays: Arrays, matrix: np.ndarray) -> Any:
         return None
     solid = manifold_solid(corners, ids, rows)
     return solid if solid.status().name == "NoError" and solid.volume() > 0.0 else None
+
+
+def _largest(*arrays: np.ndarray) -> float:
+    """Return the largest magnitude of any number."""
+    return max(float(np.abs(array).max(initial=0.0)) for array in arrays)
+
+
+def _snapped(values: np.ndarray, marks: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return values; those within *tolerance* of a mark become the nearest mark."""
+    marks = np.unique(marks)
+    after = np.searchsorted(marks, values).clip(1, len(marks) - 1)
+    before = after - 1
+    nearest = marks[np.where(values - marks[before] <= marks[after] - values, before, after)]
+    return np.where(np.abs(values - nearest) <= tolerance, nearest, values)
 
 
 def _boxes_meet(one: Any, other: Any) -> bool:
