@@ -1,11 +1,11 @@
 """Entry points take what their signatures declare, and say what is wrong with anything else."""
 
 import gc
-import tracemalloc
 
 import numpy as np
 import pytest
 import shapes
+from growing import traced_growth
 
 from proximity import native
 from proximity.errors import ArgumentError
@@ -139,19 +139,15 @@ CALLS = {
 
 @pytest.mark.parametrize("name", CALLS)
 def test_calls_leave_no_python_objects_behind(name):
-    call, kept = CALLS[name], []
-    for _ in range(20):
-        call()
-    tracemalloc.start()
-    for _ in range(3):  # other threads of the test run may keep something meanwhile
-        gc.collect()
-        before, _ = tracemalloc.get_traced_memory()
+    call = CALLS[name]
+
+    def thousand_calls():
         for _ in range(1000):
             call()
-        gc.collect()
-        kept.append(tracemalloc.get_traced_memory()[0] - before)
-    tracemalloc.stop()
-    assert min(kept) < 10_000, kept
+
+    for _ in range(20):
+        call()
+    assert traced_growth(thousand_calls) < 10_000
 
 
 def test_compiled_code_of_its_own_cannot_be_called_from_python():

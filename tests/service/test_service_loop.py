@@ -460,5 +460,5 @@ def test_memory_does_not_grow_with_ticks():
         tracemalloc.stop()
 
     assert outlet.count == 3204
-    # One number more a tick would be 100 kB; what differs are the numbers that are counted up.
-    assert abs(sizes[1] - sizes[0]) < 4096
+    # The smallest object more a tick would be 48 kB; other threads of the test run keep some.
+    assert abs(sizes[1] - sizes[0]) < 16_000

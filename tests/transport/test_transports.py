@@ -6,7 +6,6 @@ import socket
 import sys
 import threading
 import time
-import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 from far_end import PATIENCE, FarEnd, new_name, touch, until, until_valid
 from far_end import frame as untracked_frame
+from growing import traced_growth
 from ports import free_port
 from wire import frame
 
@@ -198,13 +198,9 @@ def test_nothing_grows(link):
 
     to_and_fro(10)
     gc.disable()  # as in the loop of a service
-    tracemalloc.start()
     try:
-        before = tracemalloc.get_traced_memory()[0]
-        to_and_fro(1000)
-        assert tracemalloc.get_traced_memory()[0] - before < 2000
+        assert traced_growth(lambda: to_and_fro(1000)) < 2000
     finally:
-        tracemalloc.stop()
         gc.enable()
 
 
