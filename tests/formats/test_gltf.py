@@ -581,31 +581,3 @@ def test_draco_without_its_decoder_is_refused_before_buffers_with_what_to_instal
     words = r"part.glb: geometry stored by KHR_draco_mesh_compression needs DracoPy, which is not installed: "
     with pytest.raises(proximity.MissingLibraryError, match=words + r'pip install "cad-proximity\[gltf\]"'):
         read(tmp_path, header, blob)
-
-
-def test_files_after_public_reports_are_read(shared_data):
-    reports = shared_data / "reports"
-    if not reports.is_dir():
-        pytest.skip("the files after public reports are not here")
-    boxes = "sparse", "quantized", "wrong_min", "zero_scale_node", "data_uri_newlines", "data_uri_no_padding"
-    names = *boxes, "morph_weights", "visibility", "fan"
-    scenes = {name: proximity.load(reports / f"gltf_{name}.gltf") for name in names}
-    box = [[0, 0, 0], [0.02, 0.01, 0.005]]
-    for name in boxes:
-        assert np.allclose(scenes[name].bounds, box, atol=1e-8), name
-        assert [part.solid.mesh.face_count for part in scenes[name].parts] == [12], name
-    assert np.allclose(scenes["morph_weights"].bounds, np.add(box, [0.01, 0, 0]), atol=1e-8)
-    assert [part.is_hidden for part in scenes["visibility"].parts] == [True, False]
-    assert scenes["fan"].parts[0].solid.mesh.face_count == 2
-    noted = {name for name, scene in scenes.items() if scene.report.notes}
-    assert noted == {"morph_weights", "visibility", "wrong_min", "zero_scale_node"}
-
-
-def test_skin_and_turned_ball_of_reports_are_where_a_viewer_shows_them(shared_data):
-    reports = shared_data / "reports-2"
-    for name, corners_mm in (
-        ("gltf_skin_node_moved", [[0, 0, 0], [20, 10, 5]]),
-        ("gltf_turned_ball", [[-9.97669, -9.97669, -10], [9.97669, 9.97669, 10]]),
-    ):
-        bounds = proximity.load(reports / f"{name}.gltf").bounds
-        assert np.allclose(np.array(bounds) * 1e3, corners_mm, atol=1e-4)

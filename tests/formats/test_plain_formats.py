@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mesh_reading import read, refusal, write
 
 from proximity import formats
-from proximity.errors import ArgumentError, MeshError, MeshFormatError
+from proximity.errors import ArgumentError, MeshError
 from proximity.formats import dialects
 
 VERTICES, FACES = shapes.box([1.0, 2.0, 3.0], [3.0, 5.0, 7.0])
@@ -44,9 +44,6 @@ def each(pattern, replacement, data):
     return changed
 
 
-# To and fro
-
-
 @st.composite
 def meshes(draw):
     """Vertices anywhere, and polygons of 3 to 5 different ones."""
@@ -66,7 +63,6 @@ def test_every_number_comes_back_in_the_order_of_the_file(tmp_path, name, mesh):
     (geometry,) = contents.geometries
     expected = np.float32(vertices).astype(np.float64) if name == "binary.stl" else vertices
     sizes = [len(polygon) - 2 for polygon in polygons]
-
     assert geometry.source_faces.tolist() == np.repeat(np.arange(len(polygons)), sizes).tolist()
     assert geometry.vertices.dtype == np.float64 and geometry.faces.dtype == np.int64
     assert geometry.source_faces.dtype == np.int32 and geometry.pose.is_identity
@@ -267,9 +263,6 @@ def test_binary_off_is_read_whatever_follows_its_positions(tmp_path, keyword, ex
         assert refusal(write(tmp_path, "part.off", wrong)) == words
 
 
-# Read by trimesh
-
-
 @pytest.mark.processes
 @pytest.mark.parametrize(
     ("name", "data", "reason"),
@@ -342,9 +335,6 @@ def test_damaged_files_are_not_handed_to_trimesh(tmp_path, monkeypatch, name, da
     refusal(write(tmp_path, name, data))
 
 
-# Units and reports
-
-
 def test_unit_or_tolerance_that_does_not_exist_is_refused():
     with pytest.raises(
         MeshError, match=r"there is no unit 'furlong', expected one of m, dm, cm, mm, um, nm, km"
@@ -355,26 +345,3 @@ def test_unit_or_tolerance_that_does_not_exist_is_refused():
     for tolerance in (0.0, "fine"):
         with pytest.raises(ArgumentError, match=r"step_tolerance is .*, expected a positive number of m"):
             formats.read_geometries("part.step", step_tolerance=tolerance)
-
-
-REPORTED = (
-    "obj_dollar_line.obj", "obj_tag_t_vw.obj", "off_face_over_lines.off", "off_joined_header.off",
-    "ply_comments_in_body.ply", "ply_split_rows.ply", "ply_tristrips.ply",
-    "ply_vertex_index_extra_numbers.ply", "stl_comments.stl", "stl_ctrlz.stl", "stl_end_solid.stl",
-    pytest.param("stl_no_normal.stl", marks=pytest.mark.processes),  # by trimesh
-)  # fmt: skip
-
-
-@pytest.mark.parametrize("name", REPORTED)
-def test_file_after_a_public_report_is_read_whole(shared_data, name):
-    (geometry,) = formats.read_geometries(shared_data / "reports" / name).geometries
-
-    assert len(geometry.faces) == 12
-    lower, upper = geometry.vertices.min(axis=0), geometry.vertices.max(axis=0)
-    np.testing.assert_allclose([lower, upper], [[0, 0, 0], [0.02, 0.01, 0.005]], rtol=1e-12)
-    assert shapes.volume(geometry.vertices, geometry.faces) == pytest.approx(1e-6)
-
-
-def test_file_in_utf16_after_a_public_report_is_refused(shared_data):
-    with pytest.raises(MeshFormatError, match="save it as UTF-8"):
-        formats.read_geometries(shared_data / "reports" / "obj_utf16.obj")

@@ -307,9 +307,6 @@ def test_file_is_refused_with_the_place_and_nothing_is_printed(tmp_path, capfd, 
     assert capfd.readouterr() == ("", "")
 
 
-# What is no file, or cannot be read
-
-
 def test_what_is_no_file_is_said(tmp_path):
     assert refusal(tmp_path / "part.stl") == "there is no such file"
     (tmp_path / "part.stl").mkdir()
@@ -365,9 +362,6 @@ def test_pipe_in_place_of_a_file_is_not_waited_for(tmp_path, name, read):
         read(tmp_path / name)
 
 
-# Libraries in a process of their own
-
-
 @pytest.mark.parametrize(
     ("code", "words"),
     [
@@ -393,9 +387,6 @@ def test_full_disk_on_the_way_to_the_step_library_is_said(tmp_path, monkeypatch,
     path = write(tmp_path, "part.step", STEP)
     monkeypatch.setattr(f"proximity.formats.libraries.{where}", fail)
     assert refusal(path) == "OpenCASCADE cannot be handed it in a temporary folder (No space left on device)"
-
-
-# Numbers
 
 
 @pytest.mark.parametrize(
@@ -429,9 +420,6 @@ def test_vertex_that_no_face_uses_may_be_anything(tmp_path):
 def test_position_that_overflows_in_metres_is_not_finite(tmp_path):
     path = write(tmp_path, "part.obj", mesh_files.obj(VERTICES * 1e308, FACES))
     assert refusal(path, units="km").startswith("vertex 1 of 'part' is not finite: (1e+308, 0.0, 0.0)")
-
-
-# Files that would read what is not theirs, or take time or memory without end
 
 
 def write_gltf(path, uri):
@@ -522,9 +510,6 @@ def test_four_billion_faces_are_not_allocated(tmp_path):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1e6
-
-
-# Any damage at all
 
 
 @pytest.fixture

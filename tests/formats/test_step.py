@@ -50,9 +50,6 @@ def refusal(tmp_path, text):
     return refusal_of(write(tmp_path, "part.step", text))
 
 
-# What programs write around the data
-
-
 @pytest.mark.parametrize(
     "data",
     [
@@ -130,9 +127,6 @@ def test_parts_of_one_name_carry_the_names_of_their_assemblies(tmp_path):
     assert "2 of its meshes are called 'left/pin'; from the second on they are numbered" in contents.notes
 
 
-# Names in other encodings
-
-
 @pytest.mark.parametrize(
     ("encoding", "name", "words"),
     [
@@ -175,9 +169,6 @@ def test_part_file_in_another_encoding_is_noted_by_its_name(tmp_path):
     contents = read(tmp_path, text)
     assert "Dübel" in [geometry.name for geometry in contents.geometries]
     assert contents.notes[0].startswith("its part 'lid.stp': its text is not UTF-8")
-
-
-# Part files
 
 
 def reached(*roots, records=RECORDS):
@@ -366,9 +357,6 @@ def test_product_that_contains_itself_is_refused():
         product_structure.count_bodies(StepText(text))
 
 
-# Units and CAD faces
-
-
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 0.001), ("m", 1.0), ("in", 0.0254)])
 def test_step_declares_its_unit_and_triangles_know_their_cad_face(tmp_path, unit, metres):
     data = step_text.box_step((1, 2, 3), unit, name="lid").encode()
@@ -418,9 +406,7 @@ def test_step_with_free_form_faces_is_noted(tmp_path):
         ".F.,(2,2),(2,2),(0.,1.),(0.,1.),.UNSPECIFIED.);\n"
     )
     text = text.replace(TAIL, surface + TAIL)
-
     contents = read(tmp_path, text.encode())
-
     assert contents.notes[-1].startswith("on free-form faces, which the file has, OpenCASCADE may exceed")
 
 
@@ -458,9 +444,6 @@ def test_finer_step_tolerance_gives_more_triangles(shared_data):
         for tolerance in (1e-3, 1e-5)
     )
     assert fine > coarse
-
-
-# Conversions that would not end
 
 
 @pytest.mark.parametrize(("radius", "tolerance"), [(1_000, 1e-5), (1_000_000, 1e-5)])
@@ -539,26 +522,6 @@ def test_no_temporary_folder_stays_after_a_refusal(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     refusal(tmp_path, BOX.replace("ADVANCED_FACE", "ADVANCED_FACX", 1))
     assert not list(folder.iterdir())
-
-
-# Reports
-
-
-@pytest.mark.parametrize("name", ["signature", "trailing_blank", "trailing_nul", "unreferenced_shell"])
-def test_step_files_of_reports_are_read(shared_data, name):
-    contents = formats.read_geometries(shared_data / "reports" / f"step_{name}.step")
-    (box,) = contents.geometries
-    assert len(box.faces) == 12
-    assert np.allclose(np.ptp(box.vertices, axis=0), [0.02, 0.01, 0.005])
-    assert len(contents.notes) == 1 + (name == "unreferenced_shell")
-
-
-@pytest.mark.parametrize(
-    ("encoding", "names"), [("latin1", ["Gehäuse", "Pièce"]), ("gb18030", ["海绵座", "垫圈"])]
-)
-def test_names_of_reports_keep_their_letters(shared_data, encoding, names):
-    contents = formats.read_geometries(shared_data / "reports-2" / f"step_names_{encoding}.step")
-    assert [geometry.name for geometry in contents.geometries] == names and "not UTF-8" in contents.notes[0]
 
 
 def test_assembly_of_a_public_report_is_read_the_same_a_second_time(shared_data):

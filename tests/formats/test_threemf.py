@@ -354,23 +354,3 @@ REFUSED = [
 @pytest.mark.parametrize(("text", "others", "words"), REFUSED, ids=[words[:40] for *_, words in REFUSED])
 def test_settings_and_models_that_lie_are_refused(tmp_path, text, others, words):
     assert refusal(write(tmp_path, text, **others)).startswith(words)
-
-
-@pytest.mark.parametrize(
-    ("name", "expected", "notes"),
-    [
-        ("case_path", [1000], 0),
-        ("nonprint_item", [1000, 1000], 2),
-        ("prusa_negative", [750], 1),
-        ("slice_required", [1000], 1),
-        ("support_object", [1000], 1),
-        ("two_roots", [1000], 0),
-        ("unbound_prefix_meta", [1000], 0),
-    ],
-)
-def test_files_after_reports_are_read(shared_data, name, expected, notes):
-    path = shared_data / "reports" / f"3mf_{name}.3mf"
-    if not path.is_file():
-        pytest.skip("the files after reports are not here")
-    assert volumes_of(proximity.load(path)) == pytest.approx(expected)
-    assert len(formats.read_geometries(path).notes) == notes
