@@ -148,27 +148,25 @@ def answers(asked, seed=5):
     return told
 
 
+OF_PARTS = (
+    "name", "source_faces", "repairs", "velocity", "angular_velocity", "is_hidden", "stiffness", "damping",
+)  # fmt: skip
+OF_SOLIDS = (
+    "name", "sign_method", "sign_reason", "is_watertight", "has_inside", "topology", "diagnosis", "bvh",
+    "memory_bytes",
+)  # fmt: skip
+
+
 def described(scene):
     """All that a user sees of the parts, in bits."""
+    owners = {"part": OF_PARTS, "solid": OF_SOLIDS, "pose": ("rotation", "translation")}
     return [
         {
-            "name": part.name,
-            "rotation": bits(part.pose.rotation),
-            "translation": bits(part.pose.translation),
-            "source_faces": bits(part.source_faces),
-            "repairs": bits(part.repairs),
-            "solid": (part.solid.name, part.solid.sign_method, part.solid.sign_reason, repr(part.solid)),
-            "is_watertight": (part.solid.is_watertight, part.solid.has_inside),
-            "vertices": bits(part.solid.mesh.vertices),
-            "faces": bits(part.solid.mesh.faces),
-            "topology": bits(part.solid.topology),
-            "diagnosis": bits(part.solid.diagnosis),
-            "bvh": bits(part.solid.bvh),
-            "memory_bytes": part.solid.memory_bytes,
-            "velocity": bits(part.velocity),
-            "angular_velocity": bits(part.angular_velocity),
-            "surface": (part.is_hidden, bits(part.stiffness), bits(part.damping)),
+            f"{owner} {name}": bits(getattr(part if owner == "part" else getattr(part, owner), name))
+            for owner, names in owners.items()
+            for name in names
         }
+        | {"mesh": (bits(part.solid.mesh.vertices), bits(part.solid.mesh.faces)), "text": repr(part.solid)}
         for part in scene.parts
     ]
 
@@ -183,24 +181,17 @@ def mapped_file(array):
 
 
 @pytest.mark.parametrize("make", SCENES)
-def test_scene_comes_back_bit_for_bit(make, tmp_path):
+def test_scene_comes_back_bit_for_bit_and_is_saved_as_the_same_file(make, tmp_path):
     scene = make()
-    loaded = proximity.load(saved(scene, tmp_path))
-
+    first = saved(scene, tmp_path)
+    loaded = proximity.load(first)
     assert answers(loaded) == answers(scene)
     assert described(loaded) == described(scene)
     assert repr(loaded) == repr(scene)
     assert loaded.memory_bytes == scene.memory_bytes
-
-
-@pytest.mark.parametrize("make", SCENES)
-def test_loaded_scene_is_saved_as_the_same_file(make, tmp_path):
-    first = saved(make(), tmp_path)
     if make is not file_of_parts:
-        first = saved(proximity.load(first), tmp_path, "with a report.prox")
-
+        first = saved(loaded, tmp_path, "with a report.prox")
     second = saved(proximity.load(first), tmp_path, "again.prox")
-
     assert second.read_bytes() == first.read_bytes()
 
 
@@ -209,13 +200,11 @@ def test_parts_of_a_loaded_scene_move(tmp_path):
     path = saved(scene, tmp_path)
     before = path.read_bytes()
     loaded, other = proximity.load(path), proximity.load(path)
-
     for step in range(3):
         pose = Pose(shapes.rotation(step), (0.2 * step, 0.1, -0.1))
         scene.move(f"part {step}", pose)
         loaded.move(f"part {step}", pose)
         assert answers(loaded) == answers(scene)
-
     assert answers(other) == answers(parts_with_poses())
     assert path.read_bytes() == before
 
@@ -240,46 +229,15 @@ def test_question_under_way_is_not_disturbed_by_a_loaded_scene_that_moves(tmp_pa
     before = answers(held)
     assert copies_in_use(first.model.parts) == (0, 0)
     assert copies_in_use(held.model.parts) == (1, 1)
-
     for step in range(4):
         loaded.move(f"part {step}", Pose(translation=(0.0, 0.1, 0.1 * step)))
         answers(loaded)
         assert answers(held) == before
 
 
-def test_solid_in_two_parts_stays_one(tmp_path):
-    one, other = proximity.load(saved(solid_in_two_parts(), tmp_path)).parts
-
-    assert one.solid is other.solid
-
-
-def test_report_comes_back(tmp_path):
-    scene = proximity.load(MESHES / "bracket.stl", units="cm")
-
-    loaded = proximity.load(saved(scene, tmp_path))
-
-    assert loaded.report == scene.report
-    assert loaded.report.path == str(MESHES / "bracket.stl")
-    assert isinstance(loaded.report.notes, tuple)
-
-
-def test_scene_of_arrays_comes_from_the_file(tmp_path):
-    path = saved(one_solid(), tmp_path)
-
-    report = proximity.load(path).report
-
-    assert (report.path, report.format, report.units, report.units_declared) == (
-        str(path),
-        "compiled scene",
-        "m",
-        True,
-    )
-
-
 def test_arrays_of_a_loaded_scene_are_read_only_and_mapped(tmp_path):
     path = saved(every_kind_of_sign(), tmp_path)
     loaded = proximity.load(path)
-
     for part in loaded.parts:
         shown = (part.solid.mesh.vertices, part.solid.mesh.faces, part.source_faces)
         for array in shown:
@@ -292,64 +250,57 @@ def test_arrays_of_a_loaded_scene_are_read_only_and_mapped(tmp_path):
         assert mapped_file(array) == path
 
 
-def test_loaded_scene_outlives_its_file(tmp_path):
-    scene = one_solid()
+def test_report_comes_back_and_scene_of_arrays_comes_from_the_file(tmp_path):
+    scene = proximity.load(MESHES / "bracket.stl", units="cm")
     loaded = proximity.load(saved(scene, tmp_path))
+    assert loaded.report == scene.report and loaded.report.path == str(MESHES / "bracket.stl")
+    assert isinstance(loaded.report.notes, tuple)
+    path = saved(one_solid(), tmp_path)
+    report = proximity.load(path).report
+    assert (report.path, report.format) == (str(path), "compiled scene")
+    assert (report.units, report.units_declared) == ("m", True)
 
-    os.unlink(tmp_path / "cell.prox")
-    gc.collect()
 
-    assert answers(loaded) == answers(scene)
-
-
-def test_loaded_scene_keeps_what_it_opened_when_another_is_saved_there(tmp_path):
+@pytest.mark.parametrize("end", ["removed", "saved over"])
+def test_loaded_scene_outlives_its_file(tmp_path, end):
     scene = parts_with_poses()
     loaded = proximity.load(saved(scene, tmp_path))
-
-    saved(one_solid(), tmp_path)
-
+    if end == "removed":
+        os.unlink(tmp_path / "cell.prox")
+        gc.collect()
+    else:
+        saved(one_solid(), tmp_path)
+        assert len(proximity.load(tmp_path / "cell.prox").parts) == 1
     assert answers(loaded) == answers(scene)
-    assert len(proximity.load(tmp_path / "cell.prox").parts) == 1
+
+
+def test_solid_in_two_parts_stays_one_and_odd_names_and_numbers_come_back(tmp_path):
+    one, other = proximity.load(saved(solid_in_two_parts(), tmp_path)).parts
+    assert one.solid is other.solid
+    name = 'über "zwei"\n\udcff\x00 😀'
+    repairs = proximity.load(MESHES / "bracket.stl").parts[0].repairs
+    mended = dataclasses.replace(repairs, weld_distance=np.float64(0.1) + 0.2, turned_face_count=np.int64(3))
+    scene = Scene([dataclasses.replace(part(name, shapes.cube()), repairs=mended)])
+    (loaded,) = proximity.load(saved(scene, tmp_path)).parts
+    assert loaded.name == loaded.solid.name == name
+    assert loaded.repairs == mended and loaded.repairs.weld_distance == 0.30000000000000004
 
 
 def test_every_field_of_a_part_is_saved():
     """A field that is added to `Part` takes a line in `compiled._FIELDS`."""
     fields = {field.name for field in dataclasses.fields(Part)}
-
     assert fields == {*compiled_scene._FIELDS, "solid", "pose", "source_faces"}
-
-
-def test_names_and_reports_may_be_any_text(tmp_path):
-    name = 'über "zwei"\n\udcff\x00 😀'
-    scene = Scene([part(name, shapes.cube())])
-
-    (loaded,) = proximity.load(saved(scene, tmp_path)).parts
-
-    assert loaded.name == loaded.solid.name == name
-
-
-def test_float_that_is_no_round_number_comes_back(tmp_path):
-    repairs = proximity.load(MESHES / "bracket.stl").parts[0].repairs
-    mended = dataclasses.replace(repairs, weld_distance=np.float64(0.1) + 0.2, turned_face_count=np.int64(3))
-    scene = Scene([dataclasses.replace(part("a", shapes.cube()), repairs=mended)])
-
-    (loaded,) = proximity.load(saved(scene, tmp_path)).parts
-
-    assert loaded.repairs == mended
-    assert loaded.repairs.weld_distance == 0.30000000000000004
 
 
 @pytest.mark.parametrize("name", ["CELL.PROX", "cell.stl"])
 def test_compiled_scene_is_recognised_by_its_first_bytes(name, tmp_path):
     path = saved(one_solid(), tmp_path).rename(tmp_path / name)
-
     assert answers(proximity.load(path)) == answers(one_solid())
     assert answers(proximity.load(str(path))) == answers(one_solid())
 
 
 def test_folder_and_missing_file_are_told_as_for_any_file(tmp_path):
     (tmp_path / "folder.prox").mkdir()
-
     with pytest.raises(MeshFormatError, match=r"folder\.prox: it is a directory, expected a file$"):
         proximity.load(tmp_path / "folder.prox")
     with pytest.raises(MeshFormatError, match=r"none\.prox: there is no such file$"):
@@ -381,26 +332,18 @@ def refused(tmp_path):
     return load
 
 
-def flipped(data, position, bit):
-    changed = bytearray(data)
-    changed[position] ^= 1 << bit
-    return bytes(changed)
-
-
 def document_of(data):
     text_bytes = archive.HEADER.unpack_from(data)[4]
     return json.loads(data[archive.HEADER.size : archive.HEADER.size + text_bytes])
 
 
 def sections(data):
-    """First and last byte of everything in a file, and its name."""
-    text_bytes = archive.HEADER.unpack_from(data)[4]
-    head = archive.HEADER.size + text_bytes
-    starts = [entry["offset"] + head for entry in document_of(data)["arrays"]]
-    names = [entry["name"] for entry in document_of(data)["arrays"]]
-    ends = [*starts[1:], len(data)]
-    yield from (("header", 0, archive.HEADER.size), ("description", archive.HEADER.size, head))
-    yield from zip(names, starts, ends, strict=True)
+    """Name, first and last byte of everything in a file."""
+    head = archive.HEADER.size + archive.HEADER.unpack_from(data)[4]
+    arrays = document_of(data)["arrays"]
+    starts = [0, archive.HEADER.size, *(entry["offset"] + head for entry in arrays)]
+    names = ["header", "description", *(entry["name"] for entry in arrays)]
+    return zip(names, starts, [*starts[1:], len(data)], strict=True)
 
 
 def remade(data, *, header=None, document=None):
@@ -421,7 +364,6 @@ def remade(data, *, header=None, document=None):
 def test_remade_file_is_a_file(whole, tmp_path):
     """Guards the tests below: what they change is all that is wrong."""
     (tmp_path / "a.prox").write_bytes(remade(whole, document=document_of(whole)))
-
     assert remade(whole) == whole
     assert len(proximity.load(tmp_path / "a.prox").parts) == 3
 
@@ -431,16 +373,14 @@ def test_flipped_bit_is_found_wherever_it_is(whole, refused):
     seen = set()
     for name, start, end in sections(whole):
         count = end - start if name == "header" else 40
-        positions = {
-            start,
-            end - 1,
-            *rng.choice(np.arange(start, end), min(count, end - start), replace=False),
-        }
+        chosen = rng.choice(np.arange(start, end), min(count, end - start), replace=False)
+        positions = {start, end - 1, *chosen}
         for position in positions:
-            told = refused(flipped(whole, int(position), int(rng.integers(8))))
+            changed = bytearray(whole)
+            changed[position] ^= 1 << int(rng.integers(8))
+            told = refused(bytes(changed))
             seen.add((name, told.split(" (")[0]))
             assert told == NOT_SUCH or told.endswith("; save the scene again with this version"), (name, told)
-
     again = "; save the scene again with this version"
     assert seen == {
         ("header", NOT_SUCH),
@@ -512,7 +452,6 @@ DAMAGED = [
 @pytest.mark.parametrize(("damage", "told"), DAMAGED, ids=range(len(DAMAGED)))
 def test_file_that_is_not_as_it_was_saved_is_refused_with_the_reason(damage, told, whole, refused):
     reason = refused(damage(whole))
-
     assert reason.startswith(told.format(size=len(whole)))
     here = "on this machine" if "byte order" in told else "with this version"
     assert told == NOT_SUCH or reason.endswith(f"; save the scene again {here}")
@@ -530,17 +469,12 @@ def test_trees_of_fewer_parts_than_are_described_are_refused(refused, monkeypatc
     assert refused(data).startswith(CONTRADICTS + "(there are 2 parts, but the trees of 1)")
 
 
-def test_file_that_cannot_be_mapped_is_told(whole, tmp_path, monkeypatch):
-    path = tmp_path / "cell.prox"
-    path.write_bytes(whole)
-
+def test_file_that_cannot_be_mapped_is_told(whole, refused, monkeypatch):
     def no_memory(*_):
         raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
 
     monkeypatch.setattr(np, "memmap", no_memory)
-
-    with pytest.raises(MeshFormatError, match=r"cell\.prox: it cannot be opened \(Cannot allocate memory\)$"):
-        proximity.load(path)
+    assert refused(whole) == "it cannot be opened (Cannot allocate memory)"
 
 
 @pytest.mark.parametrize("step", ["fsync", "replace"])
@@ -559,7 +493,6 @@ def test_what_goes_wrong_while_writing_leaves_everything_as_it_was(
     monkeypatch.setattr(archive.os, step, fails)
     with pytest.raises((FileError, KeyboardInterrupt)) as error:
         one_solid().save(path)
-
     if isinstance(trouble, OSError):
         assert str(error.value) == f"{path}: cannot be written (No space left on device)"
     assert os.listdir(tmp_path) == ["cell.prox"] * is_there
@@ -569,7 +502,6 @@ def test_what_goes_wrong_while_writing_leaves_everything_as_it_was(
 def test_place_where_no_file_can_be_is_told(tmp_path):
     (tmp_path / "folder.prox").mkdir()
     (tmp_path / "file").write_bytes(b"")
-
     for path, reason in (
         (tmp_path / "folder.prox", " (it is no regular file)"),
         (tmp_path / "none" / "cell.prox", " (No such file or directory)"),
@@ -595,10 +527,8 @@ def test_place_where_no_file_can_be_is_told(tmp_path):
 )
 def test_source_faces_that_are_none_are_told(rows, told, tmp_path):
     scene = Scene([Part("lid", Solid(*shapes.cube()), Pose(), rows)])
-
     with pytest.raises(SceneError) as error:
         scene.save(tmp_path / "cell.prox")
-
     assert str(error.value) == (
         f"part 'lid' cannot be saved: its source_faces are {told}, expected int32 of shape (12,)"
     )
@@ -622,7 +552,6 @@ def test_scene_that_moves_while_it_is_saved_is_saved_as_it_stood(tmp_path, monke
 
     monkeypatch.setattr(archive, "_write_all", write_later)
     scene.save(tmp_path / "moving.prox")
-
     assert judging.same_bits(proximity.load(tmp_path / "moving.prox").signed_distance(points), before)
 
 
