@@ -33,7 +33,6 @@ def topology_of(mesh):
 )
 def test_closed_mesh_is_watertight(mesh):
     result = topology_of(mesh)
-
     assert result.is_watertight
     assert result.is_balanced
     assert result.edge_count == 3 * len(mesh[1]) // 2
@@ -45,7 +44,6 @@ def test_closed_mesh_is_watertight(mesh):
 @pytest.mark.parametrize("mesh", [shapes.cube(), shapes.sphere(subdivisions=2), shapes.open_box()])
 def test_face_across_an_edge_has_the_same_edge_the_other_way(mesh):
     result = topology_of(mesh)
-
     for face, edge in np.argwhere(result.neighbors >= 0):
         start, end = result.corner_ids[face, edge], result.corner_ids[face, (edge + 1) % 3]
         neighbor = result.neighbors[face, edge]
@@ -57,7 +55,6 @@ def test_face_across_an_edge_has_the_same_edge_the_other_way(mesh):
 def test_triangle_soup_has_the_topology_of_the_mesh_it_came_from():
     mesh = shapes.torus()
     shared, apart = topology_of(mesh), topology_of(shapes.soup(*mesh))
-
     np.testing.assert_array_equal(shared.neighbors, apart.neighbors)
     assert apart.is_watertight
     assert apart.corner_ids.max() + 1 == len(mesh[0])
@@ -66,27 +63,23 @@ def test_triangle_soup_has_the_topology_of_the_mesh_it_came_from():
 def test_corner_ids_have_no_gap_where_vertices_are_unused():
     vertices, faces = shapes.tetrahedron()
     padded = np.concatenate([np.full((3, 3), np.nan), vertices])
-
     np.testing.assert_array_equal(topology_of((padded, faces + 3)).corner_ids, faces)
 
 
 def test_minus_zero_and_zero_are_one_position():
     vertices, faces = shapes.soup(*shapes.tetrahedron())
     vertices[::2] = np.where(vertices[::2] == 0.0, -0.0, vertices[::2])
-
     assert topology_of((vertices, faces)).is_watertight
 
 
 def test_positions_that_differ_in_the_last_bit_stay_apart():
     vertices, faces = shapes.soup(*shapes.tetrahedron())
     vertices[vertices == 1.0] *= np.where(np.arange((vertices == 1.0).sum()) == 0, 1 + 2**-52, 1.0)
-
     assert topology_of((vertices, faces)).boundary_edge_count == 4
 
 
 def test_open_box_has_boundary_edges_without_neighbor():
     result = topology_of(shapes.open_box())
-
     assert result.boundary_edge_count == 4
     assert (result.neighbors == NO_NEIGHBOR).sum() == 4
     assert not result.is_watertight
@@ -97,7 +90,6 @@ def test_turned_face_is_counted_along_its_edges():
     vertices, faces = shapes.cube()
     faces[4] = faces[4, ::-1]
     result = topology_of((vertices, faces))
-
     assert result.misoriented_edge_count == 3
     assert (result.neighbors == MANY_NEIGHBORS).sum() == 6
     assert not result.is_watertight
@@ -106,7 +98,6 @@ def test_turned_face_is_counted_along_its_edges():
 
 def test_cubes_that_share_an_edge_are_balanced_but_not_watertight():
     result = topology_of(shapes.join(shapes.cube(), shapes.moved(shapes.cube(), (1, 1, 0))))
-
     assert result.nonmanifold_edge_count == 1
     assert (result.neighbors == MANY_NEIGHBORS).sum() == 4
     assert not result.is_watertight
@@ -119,7 +110,6 @@ def test_cubes_that_share_a_corner_are_watertight():
 
 def test_moebius_strip_is_misoriented_at_its_seam():
     result = topology_of(shapes.strip(half_turns=1))
-
     assert result.misoriented_edge_count == 1
     assert topology_of(shapes.strip()).misoriented_edge_count == 0
 
@@ -127,7 +117,6 @@ def test_moebius_strip_is_misoriented_at_its_seam():
 def test_face_with_two_equal_corners_is_not_watertight_but_balanced():
     vertices, faces = shapes.tetrahedron()
     result = topology_of((vertices, np.concatenate([faces, [[0, 0, 1], [2, 2, 2]]])))
-
     assert not result.is_watertight
     assert result.is_balanced
     assert result.boundary_edge_count == 2  # corner 0 to itself, corner 2 to itself
@@ -142,7 +131,6 @@ def test_face_with_two_equal_corners_is_not_watertight_but_balanced():
 @settings(deadline=None, max_examples=50)
 def test_equal_rows_are_found_as_by_comparing_each_with_each(points):
     expected = [next(i for i, p in enumerate(points) if np.array_equal(p, q)) for q in points]
-
     np.testing.assert_array_equal(first_equal_rows(points), expected)
 
 
@@ -151,7 +139,6 @@ def test_rows_that_share_a_hash_are_told_apart(monkeypatch):
     monkeypatch.setattr(topology, "_HASH_FACTORS", np.zeros(3, dtype=np.uint64))
     points = np.random.default_rng(7).integers(0, 3, (200, 3)).astype(np.float64)
     expected = [next(i for i, p in enumerate(points) if np.array_equal(p, q)) for q in points]
-
     np.testing.assert_array_equal(first_equal_rows(points), expected)
 
 
@@ -161,7 +148,6 @@ def diagnosis_of(mesh):
 
 def test_cube_is_a_solid():
     result = diagnosis_of(shapes.cube(2.0, center=(1.0, 2.0, 3.0)))
-
     assert (result.vertex_count, result.face_count, result.shell_count) == (8, 12, 1)
     assert result.boundary_edge_count == result.nonmanifold_edge_count == result.misoriented_edge_count == 0
     assert result.is_watertight and result.is_oriented and result.is_solid_by_manifold
@@ -177,7 +163,6 @@ def test_triangle_soup_of_a_solid_is_a_solid():
 
 def test_cavity_is_a_shell_and_takes_volume():
     result = diagnosis_of(shapes.hollow_cube(size=3.0, cavity_size=1.0))
-
     assert result.shell_count == 2
     assert result.volume == pytest.approx(26.0, rel=1e-15)
     assert result.area == pytest.approx(60.0, rel=1e-15)
@@ -186,7 +171,6 @@ def test_cavity_is_a_shell_and_takes_volume():
 
 def test_open_box_has_no_volume_and_is_no_manifold():
     result = diagnosis_of(shapes.open_box())
-
     assert result.boundary_edge_count == 4
     assert not result.is_watertight
     assert result.is_oriented
@@ -198,7 +182,6 @@ def test_open_box_has_no_volume_and_is_no_manifold():
 
 def test_inside_out_cube_has_negative_volume_and_is_no_solid():
     result = diagnosis_of(shapes.inside_out(shapes.cube()))
-
     assert result.volume == -1.0
     assert result.is_watertight
     assert result.manifold_status == "NoError"
@@ -209,7 +192,6 @@ def test_turned_face_contradicts_its_neighbors():
     vertices, faces = shapes.cube()
     faces[5] = faces[5, ::-1]
     result = diagnosis_of((vertices, faces))
-
     assert result.misoriented_edge_count == 3
     assert not result.is_oriented
     assert math.isnan(result.volume)
@@ -223,7 +205,6 @@ def test_moebius_strip_is_not_oriented():
 
 def test_cubes_that_share_an_edge_have_a_volume_but_are_not_watertight():
     result = diagnosis_of(shapes.join(shapes.cube(), shapes.moved(shapes.cube(), (1, 1, 0))))
-
     assert result.nonmanifold_edge_count == 1
     assert result.shell_count == 2
     assert not result.is_watertight
@@ -234,7 +215,6 @@ def test_cubes_that_share_an_edge_have_a_volume_but_are_not_watertight():
 def test_unused_vertices_do_not_count():
     vertices, faces = shapes.cube()
     padded = np.concatenate([vertices, [[100.0, 0.0, 0.0], [np.nan, 0.0, 0.0]]])
-
     assert diagnosis_of((padded, faces)) == diagnosis_of((vertices, faces))
 
 
@@ -246,7 +226,6 @@ def test_volume_ten_kilometres_away_is_that_of_the_coordinates():
 @pytest.mark.parametrize("size", [2.0**-30, 2.0**200])
 def test_volume_of_very_small_and_very_large_parts(size):
     result = diagnosis_of(shapes.cube(size, center=(0, 0, 0)))
-
     assert result.volume == size**3
     assert result.area == 6 * size**2
     assert result.is_solid_by_manifold
@@ -254,7 +233,6 @@ def test_volume_of_very_small_and_very_large_parts(size):
 
 def test_volume_beyond_the_range_of_numbers_is_infinite():
     result = diagnosis_of(shapes.cube(2.0**400, center=(0, 0, 0)))
-
     assert result.volume == math.inf
     assert result.area == 6 * 2.0**800
     assert result.is_solid_by_manifold
@@ -263,7 +241,6 @@ def test_volume_beyond_the_range_of_numbers_is_infinite():
 def test_face_without_area_is_counted_as_a_boundary_and_keeps_the_volume():
     vertices, faces = shapes.cube()
     result = diagnosis_of((vertices, np.concatenate([faces, [[0, 0, 1]]])))
-
     assert not result.is_watertight
     assert result.boundary_edge_count == 1
     assert result.volume == 1.0
@@ -271,7 +248,6 @@ def test_face_without_area_is_counted_as_a_boundary_and_keeps_the_volume():
 
 def test_single_point_as_a_face_is_diagnosed():
     result = diagnosis_of((np.ones((1, 3)), np.zeros((1, 3), dtype=int)))
-
     assert result.area == result.volume == 0.0
     assert not result.is_solid_by_manifold
 
@@ -279,7 +255,6 @@ def test_single_point_as_a_face_is_diagnosed():
 def test_flat_double_sheet_is_no_solid():
     sheet = shapes.grid(2, 2)
     result = diagnosis_of(shapes.join(sheet, shapes.inside_out(sheet)))
-
     assert result.volume == 0.0
     assert not result.is_solid_by_manifold
 

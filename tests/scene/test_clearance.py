@@ -19,9 +19,7 @@ FAR = 100.0
 def test_of_two_cubes_it_is_the_gap_between_their_sides():
     scene = Scene([Solid(*shapes.cube(0.1), name="a"), Solid(*shapes.cube(0.1), name="b")])
     scene.move("b", proximity.Pose(None, [0.13, 0.02, 0.0]))
-
     found = scene.clearance("a", "b")
-
     assert found.distance == pytest.approx(0.03, abs=1e-15)
     np.testing.assert_allclose(found.point_on_second - found.point_on_first, [0.03, 0, 0], atol=1e-15)
 
@@ -43,9 +41,7 @@ def test_it_is_what_another_library_finds(seed):
             vert_properties=there.vertices.astype(np.float32), tri_verts=there.faces.astype(np.uint32)
         )
         solids.append(Manifold(single))
-
     found = scene.clearance("a", "b")
-
     assert found.distance == pytest.approx(
         solids[0].min_gap(solids[1], FAR), abs=1e-7
     )  # it computes in float32
@@ -66,7 +62,6 @@ def test_parts_that_meet_have_none_and_how_they_meet_is_told(place, there, back)
     middle = (0, 0, 0)
     scene = Scene([Solid(*shapes.cube(0.1, middle), name="a"), Solid(*shapes.cube(0.02, middle), name="b")])
     scene.move("b", proximity.Pose(None, place))
-
     for names, relation in (("ab", there), ("ba", back)):
         found = scene.clearance(*names)
         assert (found.first, found.second) == tuple(names)
@@ -79,7 +74,6 @@ def test_what_is_hidden_is_measured_and_stays_hidden():
         [Solid(*shapes.cube(0.1, (0, 0, 0)), name="a"), Solid(*shapes.cube(0.1, (0.2, 0, 0)), name="b")]
     )
     scene.hide("b")
-
     assert scene.clearance("a", "b").distance == pytest.approx(0.1)
     assert scene.part("b").is_hidden
 
@@ -109,9 +103,7 @@ def test_a_small_box_above_a_large_plate_is_as_far_as_its_bottom():
     """It was "ValueError: attempt to get argmin of an empty sequence"."""
     plate = shapes.box((0.0, 0.0, -0.01), (1.0, 1.0, 0.0))
     box = shapes.box((0.123, 0.046, 0.002), (0.133, 0.056, 0.012))
-
     found = clearance_of(box, plate)
-
     assert found.distance == pytest.approx(0.002, abs=1e-15)
     assert clearance_of(plate, box).distance == found.distance
     assert found.point_on_first[2] == pytest.approx(0.002) and found.point_on_second[2] == 0.0
@@ -121,9 +113,7 @@ def test_a_second_body_inside_the_other_part_is_found():
     """It was the gap between surfaces, 49 mm."""
     two = shapes.join(shapes.cube(0.002, (1.0, 0.0, 0.0)), shapes.cube(0.002, (0.0, 0.0, 0.0)))
     around = shapes.cube(0.1, (0.0, 0.0, 0.0))
-
     found = clearance_of(two, around)
-
     assert found.distance == clearance_of(around, two).distance == 0.0
     assert Solid(*around).contains(found.point_on_first)
 
@@ -132,7 +122,6 @@ def test_an_unused_vertex_inside_the_other_part_is_no_contact():
     """It was 0 m."""
     vertices, faces = shapes.cube(0.1, (0.3, 0.0, 0.0))
     unused = np.concatenate([[[0.0, 0.0, 0.0]], vertices]), faces + 1
-
     assert clearance_of(unused, shapes.cube(0.1, (0.0, 0.0, 0.0))).distance == pytest.approx(0.2)
 
 
@@ -145,9 +134,7 @@ def test_it_is_what_brute_force_finds(seed):
         place = [offset, *rng.uniform(-0.02, 0.02, 2)]
         turned = mesh.vertices * rng.uniform(0.3, 1.0, 3) @ shapes.rotation(seed)
         solids.append(Solid(turned + place, mesh.faces, name=str(offset)))
-
     found = Scene(solids).clearance("0.0", "0.15")
-
     expected = brute_force_clearance(*solids)
     assert found.distance <= expected + 1e-15
     assert found.distance == pytest.approx(expected, rel=5e-3)
@@ -171,9 +158,7 @@ def test_triangles_are_as_far_apart_as_projection_to_and_fro_finds(seed):
     rng = np.random.default_rng(seed)
     first, second = rng.normal(size=(2, 3, 3))
     second[:, 0] += rng.choice([0.0, 1.0, 3.0])
-
     found = Scene([single(*first, name="a"), single(*second, name="b")]).clearance("a", "b")
-
     assert found.distance == pytest.approx(nearest_by_projection(first, second), abs=2e-3)
     assert found.distance <= nearest_by_projection(first, second) + 1e-12
     for solid, point in zip((first, second), (found.point_on_first, found.point_on_second), strict=True):
@@ -206,7 +191,6 @@ def test_distance_of_two_triangles_is_known(other, distance):
     for place in ([0, 0, 0], [1e3, -2e3, 5e2]):
         moved = [np.array(each, dtype=float) + place for each in (FLAT, other)]
         found = Scene([single(*moved[0], name="a"), single(*moved[1], name="b")]).clearance("a", "b")
-
         assert found.distance == pytest.approx(distance, abs=1e-12 if place == [0, 0, 0] else 1e-11)
 
 
@@ -224,7 +208,6 @@ def test_moving_both_and_swapping_changes_nothing(seed):
     moved = Scene(solids)
     moved.move("a", together)
     moved.move("b", together @ scene.part("b").pose)
-
     assert scene.clearance("b", "a").distance == found.distance
     assert moved.clearance("a", "b").distance == pytest.approx(found.distance, abs=1e-14)
     ends = (found.point_on_first, found.point_on_second), (found.face_on_first, found.face_on_second)
@@ -239,7 +222,6 @@ def test_parts_of_very_different_sizes_are_measured():
     scene.move("b", proximity.Pose(shapes.rotation(3), [0.0, 0.0, 501.0]))
     lowest = (scene.part("b").pose.point(scene.part("b").solid.mesh.vertices))[:, 2].min()
     top = scene.part("a").solid.mesh.vertices[:, 2].max()
-
     assert scene.clearance("a", "b").distance == pytest.approx(lowest - top, abs=1e-11)
 
 
@@ -255,7 +237,6 @@ def test_bounds_hold_with_a_limit_a_tolerance_and_a_budget(seed):
     scene = Scene(solids)
     scene.move("b", proximity.Pose(shapes.rotation(seed), [0.11, 0.01 * seed, 0.02]))
     lower, exact = connection_of(scene)[:2]
-
     assert lower == exact == scene.clearance("a", "b").distance > 0.0
     for options in ({"tolerance": 0.2}, *({"budget": steps} for steps in (1, 10, 30, 100))):
         lower, upper = connection_of(scene, **options)[:2]
@@ -277,9 +258,6 @@ def test_limits_that_are_none_are_refused(limits):
     scene = Scene([Solid(*shapes.cube(0.1), name="a"), Solid(*shapes.cube(0.1, (1, 0, 0)), name="b")])
     with pytest.raises(ArgumentError, match="expected"):
         scene.clearance("a", "b", **limits)
-
-
-# --- all pairs -------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -306,7 +284,6 @@ def every_pair(scene):
 )
 def test_closest_pairs_are_those_of_all_pairs(cloud, limits):
     found, expected = cloud.closest_pairs(**limits), every_pair(cloud)
-
     expected = [pair for pair in expected if pair.distance <= limits.get("max_distance", np.inf)]
     expected = expected[: limits.get("most")]
     assert [pair[:5] for pair in found] == [pair[:5] for pair in expected]
@@ -315,7 +292,6 @@ def test_closest_pairs_are_those_of_all_pairs(cloud, limits):
 
 def test_closest_pairs_of_one_part_are_its_own(cloud):
     found = cloud.closest_pairs(of="part 5", max_distance=0.1)
-
     others = {pair.first if pair.second == "part 5" else pair.second for pair in found}
     assert "part 5" not in others and len(others) == len(found) > 2
     assert all(pair.distance == cloud.clearance(pair.first, pair.second).distance for pair in found)
@@ -323,15 +299,12 @@ def test_closest_pairs_of_one_part_are_its_own(cloud):
 
 def test_pairs_at_exactly_the_distance_are_found():
     cubes = [Solid(*shapes.cube(0.5, (float(k), 0.0, 0.0)), name=str(k)) for k in range(3)]
-
     assert [pair.distance for pair in Scene(cubes).closest_pairs(max_distance=0.5)] == [0.5, 0.5]
 
 
 def test_pairs_that_touch_are_found_within_no_distance():
     cubes = [Solid(*shapes.cube(0.5, (0.5 * k, 0.0, 0.0)), name=str(k)) for k in range(4)]
-
     found = Scene(cubes).closest_pairs(max_distance=0.0)
-
     assert [(pair.first, pair.second) for pair in found] == [("0", "1"), ("1", "2"), ("2", "3")]
     assert {pair.relation for pair in found} == {"touching"}
 

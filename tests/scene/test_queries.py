@@ -34,10 +34,8 @@ def ask_all(asked, points, **options):
 @pytest.mark.parametrize("shape", [(), (0,), (1,), (4,), (2, 2), (2, 0), (1, 2, 2)])
 def test_answers_have_the_shape_of_the_points(asked, shape):
     points = np.resize(POINTS, (*shape, 3))
-
     answers = ask_all(asked, points)
     hit = answers.pop("closest")
-
     for answer in [*answers.values(), hit.signed_distance, hit.part, hit.face_id, hit.feature, hit.is_signed]:
         assert np.shape(answer) == shape
     for answer in (hit.point, hit.gradient, hit.barycentric):
@@ -48,7 +46,6 @@ def test_answers_have_the_shape_of_the_points(asked, shape):
 def test_one_point_gives_scalars(asked):
     answers = ask_all(asked, (2.0, 0.25, 0.5))
     hit = answers["closest"]
-
     assert isinstance(answers["signed_distance"], np.float64)
     assert isinstance(answers["distance"], np.float64)
     assert isinstance(answers["contains"], np.bool_)
@@ -64,7 +61,6 @@ def test_one_point_gives_scalars(asked):
 @ASKED
 def test_grid_is_its_points_in_order(asked):
     flat, grid = ask_all(asked, POINTS), ask_all(asked, POINTS.reshape(2, 2, 3))
-
     for name in ("signed_distance", "distance", "contains"):
         assert np.array_equal(flat[name], grid[name].ravel())
     for field in ClosestPoints._fields:
@@ -87,7 +83,6 @@ def test_grid_is_its_points_in_order(asked):
 def test_points_of_any_kind_give_the_same(points):
     """The coordinates are exact in all of these types but for one, where 0.9 is rounded."""
     expected = ask_all(SOLID, np.array(points, dtype=np.float64))
-
     for name, answer in ask_all(SOLID, points).items():
         assert judging.same_bits(answer, expected[name]), name
 
@@ -105,7 +100,6 @@ def test_what_a_mask_hides_is_no_point_nor_ray_however_often_it_is_asked(asked):
     for _ in range(2):
         expected = asked.signed_distance(plain), asked.cast(plain, plain).distance
         found = asked.signed_distance(hidden), asked.cast(hidden, plain).distance
-
         for one, other in zip(found, expected, strict=True):
             assert np.isnan(one[1]) and np.array_equal(np.delete(one, 1), np.delete(other, 1))
 
@@ -126,11 +120,9 @@ def test_rows_that_do_not_fit_are_refused_however_often_they_are_asked():
 
 def test_points_are_not_changed():
     points = np.array(POINTS)
-
     ask_all(SCENE, points)
     SCENE.cast(points, points)
     SCENE.closest_to_segments(points, points[::-1])
-
     assert np.array_equal(points, POINTS)
 
 
@@ -141,7 +133,6 @@ def test_points_are_not_changed():
 def test_results_are_read_only(field):
     for shape in ((4, 3), (2, 2, 3)):
         values = getattr(SCENE.closest(POINTS.reshape(shape)), field)
-
         with pytest.raises(ValueError, match="read-only"):
             values[0] = 0
 
@@ -149,9 +140,7 @@ def test_results_are_read_only(field):
 def test_results_do_not_change_with_later_questions():
     hit = SCENE.closest(POINTS)
     before = hit.point.copy()
-
     SCENE.closest(POINTS + 1.0)
-
     assert np.array_equal(hit.point, before)
 
 
@@ -170,7 +159,6 @@ def test_many_results_show_their_shape_and_a_few_distances(shape):
     points = np.full((*shape, 3), 3.0)
     texts = [repr(SOLID.closest(points)), repr(SOLID.cast(points, -points))]
     texts.append(repr(SOLID.closest_to_segments(points, points + 1.0)))
-
     for text, name in zip(texts, ("signed_distance", "distance", "distance"), strict=True):
         assert f"(shape={shape}, {name}=[" in text
         assert len(text) < 300
@@ -180,16 +168,13 @@ def test_many_results_show_their_shape_and_a_few_distances(shape):
 @ASKED
 def test_nan_and_inf_of_closest_points_are_those_of_the_signed_distance(asked):
     points = [[0.5, 0.5, 0.9], [2.0, 0.25, 0.5], [1.0, 0.5, 0.5], [np.nan, 0.0, 0.0], [99.0, 0.0, 0.0]]
-
     hits = asked.closest(points, max_distance=50.0)
-
     np.testing.assert_allclose(hits.signed_distance, [-0.1, 1.0, 0.0, np.nan, np.inf], rtol=1e-12)
     assert isinstance(asked.closest(points[0]).signed_distance, np.float64)
 
 
 def test_feature_says_what_was_nearest():
     hit = SOLID.closest([[2.0, 0.25, 0.5], [2.0, 0.5, 2.0], [2.0, 2.0, 2.0]])
-
     assert hit.feature.tolist() == [Feature.FACE, Feature.EDGE, Feature.VERTEX]
 
 
@@ -201,9 +186,7 @@ def test_row_that_is_not_finite_answers_nan_and_the_others_go_on(asked, value, c
     row = count // 2
     points[row, 1] = value
     others = np.arange(count) != row
-
     answers, clean = ask_all(asked, points), ask_all(asked, points[others])
-
     hit = answers["closest"]
     assert np.isnan(hit.signed_distance[row])
     assert np.isnan(hit.point[row]).all() and np.isnan(hit.gradient[row]).all()
@@ -221,7 +204,6 @@ def test_row_that_is_not_finite_answers_nan_and_the_others_go_on(asked, value, c
 @ASKED
 def test_rows_that_are_all_not_finite_answer_nan(asked):
     answers = ask_all(asked, np.full((60, 3), np.nan))
-
     assert np.isnan(answers["signed_distance"]).all()
     assert (answers["closest"].face_id == NO_FACE).all()
 
@@ -327,9 +309,7 @@ def many_rows(ask, count):
 @pytest.mark.parametrize("count", [1, 7, 48, 1025])
 def test_batch_is_its_rows_one_by_one(asked, ask, count):
     rows, question = many_rows(ask, count), getattr(asked, ask)
-
     answers = columns(question(*rows))
-
     for row in range(0, count, 1 + count // 20):
         one = columns(question(*rows[:, row]))
         assert all(judging.same_bits(many[row], own) for many, own in zip(answers, one, strict=True))
@@ -341,7 +321,6 @@ def test_batch_is_its_rows_one_by_one(asked, ask, count):
 def test_workers_answer_the_same(asked, ask, count, workers):
     rows, question = many_rows(ask, count), getattr(asked, ask)
     rows[-1, count // 2] = np.nan
-
     assert judging.same_bits(question(*rows, workers=workers), question(*rows))
 
 
@@ -353,9 +332,7 @@ def test_each_row_has_its_own_limit(asked, ask, count, workers):
     rows = rng.uniform(-1.0, 6.0, (2, count, 3))[: 1 + (ask != "closest")]
     limits = rng.choice([0.0, 0.3, 1.0, 3.0, np.inf], count)
     question = getattr(asked, ask)
-
     answers = columns(question(*rows, max_distance=limits, workers=workers))
-
     for limit in np.unique(limits):
         expected = columns(question(*rows, max_distance=float(limit)))
         for some, all_alike in zip(answers, expected, strict=True):
@@ -366,9 +343,7 @@ def test_each_row_has_its_own_limit(asked, ask, count, workers):
 def test_limits_broadcast_against_the_rows_as_numpy_does(ask):
     rows = [POINTS[:, None], POINTS[::-1, None] + 0.25][: 1 + (ask != "closest")]
     limits = np.array([0.0, 0.5, 1.1, 3.0, np.inf])
-
     table = columns(getattr(SCENE, ask)(*rows, max_distance=limits))[0]
-
     assert table.shape == (4, 5)
     for k, limit in enumerate(limits):
         column = columns(getattr(SCENE, ask)(*rows, max_distance=limit))[0]
@@ -381,7 +356,6 @@ def test_limits_broadcast_against_the_rows_as_numpy_does(ask):
 def test_inside_is_not_asked_where_there_is_none():
     sheet = Solid(*shapes.grid())
     message = "^no part has an inside, so that nothing can be contained; sign_reason of each part says why$"
-
     for asked in (sheet, Scene([sheet])):
         with pytest.raises(NotWatertightError, match=message):
             asked.contains(POINTS)
@@ -389,7 +363,6 @@ def test_inside_is_not_asked_where_there_is_none():
 
 def test_inside_is_asked_of_the_parts_that_have_one():
     scene = Scene([Solid(*shapes.grid(), name="sheet"), Solid(*shapes.cube(), name="cube")])
-
     assert scene.contains([[0.5, 0.5, 0.5], [0.5, 0.5, -0.5]]).tolist() == [True, False]
 
 
@@ -435,7 +408,6 @@ def test_few_rows_are_read_as_they_lie(asked, ask, laid):
     count = 2 if ask in ("cast_distance", "cast", "closest_to_segments") else 1
     question, arguments = getattr(asked, ask), [POINTS, POINTS[::-1] + 0.25][:count]
     expected = question(*arguments)
-
     assert judging.same_bits(question(*map(laid, arguments)), expected)
     for k in range(count):
         one = [laid(each) if k == at else each for at, each in enumerate(arguments)]
@@ -454,9 +426,7 @@ def columns(answer):
 @pytest.mark.parametrize("ask", ["cast", "closest_to_segments"])
 def test_two_arguments_broadcast(ask):
     query, here, there = getattr(SCENE, ask), POINTS[:, None], np.array([[-2.0, 0.25, 0.5], [0.5, 0.5, 0.5]])
-
     table = query(here, there)
-
     assert table.distance.shape == (4, 2)
     assert (table.part.shape, table.barycentric.shape) == ((4, 2), (4, 2, 3))
     for row in range(4):
@@ -492,7 +462,6 @@ def test_workers_of_rays_and_segments_are_checked(ask):
 
 def test_direction_that_is_zero_is_named():
     directions = np.array([[1.0, 0.0, 0.0], [0.0, -0.0, 0.0], [0.0, 0.0, 0.0]])
-
     with pytest.raises(ArgumentError, match=r"^direction 1 is zero, expected a vector with a length$"):
         SOLID.cast(POINTS[:3], directions)
     with pytest.raises(ArgumentError, match=r"^direction 0 is zero, expected a vector with a length$"):
@@ -505,9 +474,7 @@ def test_ray_or_segment_that_is_not_finite_answers_nan(ask, argument):
     given = [POINTS.copy(), POINTS[::-1].copy()]
     clean = getattr(SCENE, ask)(*given)
     given[argument][2, 0] = np.nan
-
     hits = getattr(SCENE, ask)(*given)
-
     assert np.isnan(hits.distance[2])
     assert np.isnan(hits.barycentric[2]).all()
     assert (hits.part[2], hits.face_id[2]) == (NO_PART, NO_FACE)

@@ -34,7 +34,6 @@ def assert_is_the_smallest_over_parts(scene, points):
     # Poses are applied in double precision, which rounds coordinates once more.
     room = 1e-12 * np.abs(each).max() + 4e-15 * max(np.abs(points).max(), 1.0)
     hit = scene.closest(points)
-
     assert np.abs(hit.signed_distance - each.min(axis=0)).max() <= room
     assert judging.same_bits(scene.signed_distance(points), hit.signed_distance)
     assert np.abs(scene.distance(points) - np.abs(each).min(axis=0)).max() <= room
@@ -59,7 +58,6 @@ def test_answer_is_the_smallest_over_parts(count, is_turned):
         [parts[row].pose.point(parts[row].solid.mesh.vertices[[0, 1, 2]].mean(axis=0)) for row in chosen]
     )
     near += rng.choice([0.0, 1e-9, 1e-3], (point_count, 1)) * rng.normal(size=(point_count, 3))
-
     assert_is_the_smallest_over_parts(scene, np.concatenate([around, near]))
 
 
@@ -67,9 +65,7 @@ def test_answer_is_the_smallest_over_parts(count, is_turned):
 def test_answer_holds_together_in_the_frame_of_the_scene(count):
     scene = Scene(some_parts(count))
     points = np.random.default_rng(3).uniform(-8.0, 8.0, (300, 3))
-
     hit = scene.closest(points)
-
     for row, part in enumerate(scene.parts):
         of_part = hit.part == row
         if of_part.any():
@@ -88,9 +84,7 @@ def test_scene_answers_to_the_bit_what_the_nearest_part_does(count):
     ]
     points = rng.uniform(-7.0, 7.0, (200, 3))
     alone = np.array([solid.signed_distance(points) for solid in solids])
-
     hit = Scene(solids).closest(points)
-
     assert np.array_equal(hit.signed_distance, alone.min(axis=0))
     assert np.array_equal(hit.part, alone.argmin(axis=0))
 
@@ -99,10 +93,8 @@ def test_solid_answers_the_same_after_it_joined_a_scene():
     """A scene puts the arrays of its parts into memory of its own, which the parts then share."""
     solid, points = Solid(*shapes.torus()), np.random.default_rng(5).uniform(-3.0, 3.0, (100, 3))
     before = solid.closest(points)
-
     first = Scene([solid, Solid(*shapes.cube(), name="other")])
     second = Scene([part_of(shapes.cube(), "other"), solid])
-
     assert judging.same_bits(solid.closest(points), before)
     assert judging.same_bits(first.distance(points), second.distance(points))
 
@@ -110,9 +102,7 @@ def test_solid_answers_the_same_after_it_joined_a_scene():
 def test_one_solid_may_be_in_several_places():
     solid, rows = Solid(*shapes.cube()), np.arange(12, dtype=np.int32)
     scene = Scene([Part(f"{x}", solid, Pose(translation=(x, 0.0, 0.0)), rows) for x in (0.0, 3.0, 6.0)])
-
     hit = scene.closest([[0.5, 0.5, 0.5], [3.5, 0.5, 0.25], [8.0, 0.5, 0.5]])
-
     assert hit.signed_distance.tolist() == [-0.5, -0.25, 1.0]
     assert hit.part.tolist() == [0, 1, 2]
 
@@ -122,7 +112,6 @@ def test_touching_parts_are_both_inside_and_their_common_face_is_the_surface():
     left, right = shapes.cube(), shapes.moved(shapes.cube(), (1.0, 0.0, 0.0))
     scene = Scene([Solid(*left, name="left"), Solid(*right, name="right")])
     near = np.array([[1.0 - 1e-9, 0.5, 0.5], [1.0, 0.5, 0.5], [1.0 + 1e-9, 0.5, 0.5]])
-
     assert scene.contains(near).tolist() == [True, False, True]
     assert scene.closest(near).part.tolist() == [0, 0, 1]
     assert scene.signed_distance(near).tolist() == [-(1.0 - near[0, 0]), 0.0, -(near[2, 0] - 1.0)]
@@ -135,7 +124,6 @@ def test_part_within_a_part_does_not_hide_the_depth():
         Solid(*shapes.cube(0.5, (0, 0, 0)), name="inner"),
         Solid(*shapes.cube(4.0, (0, 0, 0)), name="outer"),
     )
-
     for scene in (Scene([inner, outer]), Scene([outer, inner])):
         assert scene.signed_distance([[0.0, 0.0, 0.3], [0.0, 0.0, 0.0]]).tolist() == [-1.7, -2.0]
         hit = scene.closest((0.0, 0.0, 0.3))
@@ -150,9 +138,7 @@ def test_where_parts_overlap_the_deepest_counts():
     scene = Scene(
         [Solid(*shapes.cube(), name="a"), Solid(*shapes.moved(shapes.cube(), (0.5, 0, 0)), name="b")]
     )
-
     hit = scene.closest([[0.6, 0.5, 0.5], [0.9, 0.5, 0.5], [0.75, 0.5, 0.5]])
-
     assert hit.signed_distance.tolist() == pytest.approx([-0.4, -0.4, -0.25], rel=1e-12)
     assert hit.part.tolist() == [0, 1, 0]
     assert_is_the_smallest_over_parts(scene, np.random.default_rng(9).uniform(-0.5, 2.0, (400, 3)))
@@ -167,9 +153,7 @@ def test_every_part_that_holds_a_point_is_asked_for_its_depth():
     points = np.random.default_rng(18).uniform(-2.5, 3.0, (50_000, 3))
     points[0] = np.array([-0.89539459701725, -0.6308599334735035, 1.3446167969181748]) + 0.4
     alone = np.array([solid.signed_distance(points) for solid in solids])
-
     signed = Scene(solids).signed_distance(points)
-
     assert (np.abs(signed - alone.min(axis=0)) <= 4e-15).all()
 
 
@@ -180,7 +164,6 @@ def test_limit_speaks_of_the_part_that_counts():
         Solid(*shapes.cube(4.0, (0, 0, 0)), name="outer"),
     )
     scene = Scene([inner, outer])
-
     assert scene.closest((0.0, 0.0, 0.3), max_distance=1.0).signed_distance == np.inf
     assert scene.closest((0.0, 0.0, 0.3), max_distance=1.75).signed_distance == -1.7
 
@@ -189,9 +172,7 @@ def test_limit_speaks_of_the_part_that_counts():
 def test_ties_go_to_the_lowest_part(count):
     parts = [Solid(*shapes.cube(), name=f"{row}") for row in range(count)]
     points = np.random.default_rng(10).uniform(-1.0, 2.0, (200, 3))
-
     hit = Scene(parts).closest(points)
-
     assert (hit.part == 0).all()
     assert judging.same_bits(hit.signed_distance, parts[0].signed_distance(points))
 
@@ -199,9 +180,7 @@ def test_ties_go_to_the_lowest_part(count):
 def test_sheet_counts_with_its_distance_and_is_flagged():
     sheet = Solid(*shapes.moved(shapes.grid(1, 1), (0.0, 0.0, 2.0)), name="sheet")
     scene = Scene([sheet, Solid(*shapes.cube(), name="cube")])
-
     hit = scene.closest([[0.5, 0.5, 1.9], [0.5, 0.5, 1.2], [0.5, 0.5, 0.9], [0.5, 0.5, 2.5]])
-
     assert hit.signed_distance.tolist() == pytest.approx([0.1, 0.2, -0.1, 0.5], rel=1e-12)
     assert hit.part.tolist() == [0, 1, 1, 0]
     assert hit.is_signed.tolist() == [False, True, True, False]
@@ -211,18 +190,14 @@ def test_sheet_counts_with_its_distance_and_is_flagged():
 def test_sheet_within_a_part_does_not_change_the_depth():
     sheet = Solid(*shapes.moved(shapes.grid(1, 1), (0.0, 0.0, 0.5)), name="sheet")
     scene = Scene([sheet, Solid(*shapes.cube(4.0, (0, 0, 0)), name="cube")])
-
     hit = scene.closest((0.5, 0.5, 0.6))
-
     assert (hit.signed_distance, hit.part, bool(hit.is_signed)) == (-1.4, 1, True)
 
 
 def test_scenes_that_share_a_solid_move_apart():
     solid = Solid(*shapes.cube(), name="cube")
     first, second = Scene([solid]), Scene([solid])
-
     first.move("cube", Pose(translation=(5.0, 0.0, 0.0)))
-
     assert first.distance((6.5, 0.5, 0.5)) == 0.5
     assert second.distance((6.5, 0.5, 0.5)) == 5.5
     assert solid.distance((6.5, 0.5, 0.5)) == 5.5
@@ -233,7 +208,6 @@ def test_one_part_far_from_its_own_origin_is_found_when_turned():
     """Its box was looked for where the unturned part would be, and nothing was inside."""
     scene = Scene([part_of(shapes.moved(shapes.cube(), (100.0, 0.0, 0.0)), pose=Pose(QUARTER))])
     centre = (-0.5, 100.5, 0.5)
-
     assert scene.signed_distance(centre) == -0.5
     assert scene.contains(centre)
     scene.move("part", Pose(QUARTER, (0.0, -100.0, 0.0)))
@@ -243,7 +217,6 @@ def test_one_part_far_from_its_own_origin_is_found_when_turned():
 
 def test_bounds_hold_the_turned_parts():
     scene = Scene([part_of(shapes.cube(), pose=Pose(QUARTER, (10.0, 0.0, 0.0)))])
-
     assert [corner.tolist() for corner in scene.bounds] == [[9.0, 0.0, 0.0], [10.0, 1.0, 1.0]]
 
 
@@ -260,7 +233,6 @@ def test_scene_far_from_the_origin_is_as_exact(count, is_turned):
         for part in near
     ]
     points = offset + np.random.default_rng(12).uniform(-4.0, 4.0, (200, 3))
-
     assert_is_the_smallest_over_parts(Scene(far), points)
 
 
@@ -270,9 +242,7 @@ def test_mesh_far_from_the_origin_is_as_exact():
     vertices, faces = shapes.octahedron()
     vertices = np.round(vertices * 1024.0) / 1024.0
     points = np.round(np.random.default_rng(13).uniform(-3.0, 3.0, (300, 3)) * 2**20) / 2**20
-
     far, near = Solid(vertices + offset, faces), Solid(vertices, faces)
-
     assert judging.same_bits(far.signed_distance(points + offset), near.signed_distance(points))
     scene = Scene([far, Solid(vertices + offset + 64.0, faces, name="other")])
     assert judging.same_bits(scene.signed_distance(points + offset), near.signed_distance(points))
@@ -283,9 +253,7 @@ def test_parts_of_any_size_are_as_exact(size):
     vertices, faces = shapes.sphere(radius=size, subdivisions=1)
     scene = Scene([Solid(vertices, faces, name="a"), Solid(vertices + 3.0 * size, faces, name="b")])
     points = size * np.random.default_rng(14).uniform(-2.0, 5.0, (200, 3))
-
     signed = scene.signed_distance(points)
-
     each = [judging.signed_distance(solid.solid.mesh.vertices, faces, points) for solid in scene.parts]
     assert (np.abs(signed - np.min(each, axis=0)) <= judging.allowance(signed, size)).all()
 
@@ -294,9 +262,7 @@ def test_parts_of_any_size_are_as_exact(size):
 def test_tiny_and_huge_parts_are_together_in_one_scene(sizes):
     solids = [Solid(*shapes.cube(size, (2.0 * size, 0.0, 0.0)), name=f"{size}") for size in sizes]
     points = np.array([[2.0 * size, 0.25 * size * k, 0.0] for size in sizes for k in (0, 1, 3, 9)])
-
     signed = Scene(solids).signed_distance(points)
-
     expected = np.min([oracle.box(points, *solid.bounds) for solid in solids], axis=0)
     assert (np.abs(signed - expected) <= 1e-12 * np.abs(expected)).all()
 
@@ -306,7 +272,6 @@ def test_tiny_and_huge_parts_are_together_in_one_scene(sizes):
 def test_points_far_away_are_as_exact(far):
     scene = Scene([Solid(*shapes.cube(), name="cube"), Solid(*shapes.cube(1e-9, (3, 0, 0)), name="grain")])
     point = np.array([far, 2.0 * far, -far])
-
     assert scene.signed_distance(point) == pytest.approx(oracle.box(point, (0, 0, 0), (1, 1, 1)), rel=1e-12)
     assert scene.part("cube").solid.signed_distance(point) == pytest.approx(
         oracle.box(point, (0, 0, 0), (1, 1, 1)), rel=1e-12
@@ -316,7 +281,6 @@ def test_points_far_away_are_as_exact(far):
 
 def test_parts_keep_names_poses_and_order():
     scene = Scene([part_of(shapes.cube(), "lid"), Solid(*shapes.tetrahedron(), name="base")])
-
     assert [part.name for part in scene.parts] == ["lid", "base"]
     assert scene.part("base").pose.is_identity
     assert scene.part("base").source_faces.tolist() == [0, 1, 2, 3]
@@ -329,7 +293,6 @@ def test_parts_keep_names_poses_and_order():
 def test_name_used_twice_is_refused():
     message = "parts 1 and 2 are both named 'lid', expected names that differ"
     solids = [Solid(*shapes.cube(), name=name) for name in ("base", "lid", "lid")]
-
     with pytest.raises(SceneError, match=f"^{message}$"):
         Scene(solids)
 
@@ -353,7 +316,6 @@ def test_part_that_is_too_far_off_is_refused_wherever_it_comes_in():
     # Was: only where it was moved there; of others a distance was told that was wrong.
     scene = Scene(some_parts(2))
     far = replace(scene.parts[1], name="far", pose=Pose(translation=(0.0, 1e200, 0.0)))
-
     for come_in in (lambda: Scene([far]), lambda: scene.add(far)):
         with pytest.raises(
             PoseError, match=r"^part 'far' would be moved by 1e\+200 m, which is farther than"
@@ -364,7 +326,6 @@ def test_part_that_is_too_far_off_is_refused_wherever_it_comes_in():
 
 def test_part_that_is_not_there_is_named_with_those_that_are():
     few, many = Scene(some_parts(2)), Scene(some_parts(12))
-
     for ask in (few.part, lambda name: few.move(name, Pose())):
         for name in ("lid", None, 3, ["part 0"]):
             expected = f"no part is named {name!r}; the scene has 'part 0', 'part 1'"
@@ -376,7 +337,6 @@ def test_part_that_is_not_there_is_named_with_those_that_are():
 
 def test_what_could_not_be_saved_is_refused():
     part = Part("cube", Solid(*shapes.cube()), Pose(), np.arange(12, dtype=np.int32), repairs=None)
-
     with pytest.raises(SceneError, match=r"^repairs of part 'cube' are None, expected Repairs$"):
         Scene([part])
     with pytest.raises(SceneError, match=r"^report is 3, expected a LoadReport, or None$"):
@@ -392,9 +352,7 @@ def test_mesh_of_several_bodies_becomes_parts_that_lead_back():
     vertices, faces = shapes.soup(*shapes.join(*bodies))
     order = np.random.default_rng(16).permutation(len(faces))
     faces = faces[order]
-
     scene = Scene.from_mesh(vertices, faces, name="toy")
-
     assert len(scene.parts) == 3
     assert sorted(part.name for part in scene.parts) == ["toy.1", "toy.2", "toy.3"]
     rows = np.concatenate([part.source_faces for part in scene.parts])

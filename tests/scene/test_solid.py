@@ -37,7 +37,6 @@ def points_around(draw, names):
 def test_distance_agrees_with_brute_force(asked):
     name, point = asked
     solid, mesh = solid_of(name), mesh_of(name)
-
     for found in (solid.distance(point), solid.signed_distance(point), solid.closest(point).signed_distance):
         judging.assert_distance_is_right(found, *mesh, point)
 
@@ -46,9 +45,7 @@ def test_distance_agrees_with_brute_force(asked):
 def test_answer_holds_together(asked):
     name, point = asked
     solid = solid_of(name)
-
     hit = solid.closest(point)
-
     judging.assert_answer_holds_together(hit, solid.mesh.vertices, solid.mesh.faces, point)
     assert hit.part == 0
     assert solid.signed_distance(point) == hit.signed_distance
@@ -58,9 +55,7 @@ def test_answer_holds_together(asked):
 def test_sign_agrees_with_the_winding_number(asked):
     name, point = asked
     solid, (vertices, faces) = solid_of(name), mesh_of(name)
-
     signed = solid.signed_distance(point)
-
     if abs(signed) > 1e-11:
         is_inside = oracle.winding_number(vertices, faces, point) > 0.5
         assert (signed < 0.0) == is_inside
@@ -71,9 +66,7 @@ def test_sign_agrees_with_the_winding_number(asked):
 def test_many_signs_agree_with_the_winding_number(name):
     points = some_points(name, 300)
     solid, (vertices, faces) = solid_of(name), mesh_of(name)
-
     signed = solid.signed_distance(points)
-
     is_off = np.abs(signed) > 1e-11
     is_inside = oracle.winding_number(vertices, faces, points) > 0.5
     assert np.array_equal((signed < 0.0)[is_off], is_inside[is_off])
@@ -95,9 +88,7 @@ def test_inside_and_sign_agree_everywhere(name, seed):
     points = np.random.default_rng(seed).uniform(lower, upper, (100_000, 3))
     if (name, seed) == ("torus", 2):
         points[0] = (-0.89539459701725, -0.6308599334735035, 1.3446167969181748)
-
     signed = solid.signed_distance(points)
-
     is_off = np.abs(signed) > 1e-12
     assert np.array_equal(solid.contains(points)[is_off], (signed < 0.0)[is_off])
 
@@ -109,7 +100,6 @@ def test_distance_on_the_surface_is_a_plain_zero(first_corner):
     solid = Solid(vertices, np.roll(faces, first_corner, axis=1))
     points = np.random.default_rng(6).uniform(0.0, 1.0, (600, 3))
     points[np.arange(600), np.arange(600) % 3] = np.arange(600) // 3 % 2
-
     for signed in (solid.signed_distance(points), solid.closest(points).signed_distance):
         assert not signed.any()
         assert not np.signbit(signed).any()
@@ -119,7 +109,6 @@ def test_box_has_its_known_distance():
     lower, upper = (-1.0, 0.5, -3.0), (2.0, 1.0, 4.0)
     solid = Solid(*shapes.box(lower, upper))
     points = np.random.default_rng(4).uniform(-6.0, 6.0, (2000, 3))
-
     assert np.abs(solid.signed_distance(points) - oracle.box(points, lower, upper)).max() <= 4e-15
 
 
@@ -127,9 +116,7 @@ def test_box_has_its_known_distance():
 def test_moving_the_point_changes_the_distance_by_no_more(asked, step):
     name, point = asked
     solid, there = solid_of(name), point + np.array(step)
-
     change = abs(solid.signed_distance(there) - solid.signed_distance(point))
-
     if name == "overlapping cubes":
         # Within another cube the nearest face is no boundary of the inside: only the distance is continuous.
         change = abs(solid.distance(there) - solid.distance(point))
@@ -141,9 +128,7 @@ def test_mirror_does_not_matter_where_faces_are_turned_too(name):
     vertices, faces = mesh_of(name)
     points = some_points(name, 200)
     mirror = np.array([-1.0, 1.0, 1.0])
-
     mirrored = Solid(vertices * mirror, faces[:, ::-1]).signed_distance(points * mirror)
-
     signed = solid_of(name).signed_distance(points)
     assert (np.abs(mirrored - signed) <= judging.allowance(signed, vertices)).all()
 
@@ -153,9 +138,7 @@ def test_moving_solid_and_point_together_changes_nothing(name):
     vertices, faces = mesh_of(name)
     points = some_points(name, 200)
     rotation, offset = shapes.rotation(3), np.array([10.0, -20.0, 5.0])
-
     there = Solid(vertices @ rotation.T + offset, faces).signed_distance(points @ rotation.T + offset)
-
     signed = solid_of(name).signed_distance(points)
     room = judging.allowance(signed, vertices) + 8.0 * judging.ROUNDING * (30.0 + np.abs(points).max())
     assert (np.abs(np.abs(there) - np.abs(signed)) <= room).all()
@@ -169,7 +152,6 @@ def test_order_of_faces_does_not_matter(name):
     vertices, faces = mesh_of(name)
     points = some_points(name, 300)
     shuffled = Solid(vertices, np.random.default_rng(11).permutation(faces))
-
     assert np.array_equal(shuffled.distance(points), solid_of(name).distance(points))
     signed = solid_of(name).signed_distance(points)
     assert (np.abs(shuffled.signed_distance(points) - signed) <= judging.allowance(signed, vertices)).all()
@@ -177,9 +159,7 @@ def test_order_of_faces_does_not_matter(name):
 
 def test_split_vertices_do_not_matter():
     points = some_points("torus", 300)
-
     loose, shared = solid_of("torus of loose faces").closest(points), solid_of("torus").closest(points)
-
     assert judging.same_bits(loose, shared)
 
 
@@ -187,9 +167,7 @@ def test_unused_vertices_do_not_matter():
     vertices, faces = mesh_of("torus")
     points = some_points("torus", 300)
     unused = np.array([[1e9, 0.0, 0.0], [np.nan, np.inf, 0.0]])
-
     more = Solid(np.concatenate([unused, vertices, unused]), faces + len(unused))
-
     assert judging.same_bits(more.closest(points), solid_of("torus").closest(points))
     assert np.array_equal(more.bounds, solid_of("torus").bounds)
 
@@ -197,7 +175,6 @@ def test_unused_vertices_do_not_matter():
 @pytest.mark.parametrize("name", sorted(CLOSED))
 def test_closed_body_has_an_inside(name):
     solid = solid_of(name)
-
     assert solid.has_inside
     assert solid.is_watertight
     assert solid.topology.is_watertight
@@ -209,9 +186,7 @@ def test_closed_body_has_an_inside(name):
 @pytest.mark.parametrize("name", sorted(OPEN))
 def test_open_surface_has_no_inside_and_unsigned_distances(name):
     solid = solid_of(name)
-
     hit = solid.closest(some_points(name, 50))
-
     assert not solid.has_inside
     assert not solid.is_watertight
     assert solid.sign_method is SignMethod.NONE
@@ -222,7 +197,6 @@ def test_open_surface_has_no_inside_and_unsigned_distances(name):
 
 def test_faces_that_run_the_wrong_way_are_turned_and_it_is_said():
     solid = Solid(*shapes.inside_out(shapes.cube()))
-
     assert solid.signed_distance((0.5, 0.5, 0.5)) == -0.5
     assert solid.sign_reason.endswith("all faces were flipped: they ran clockwise seen from outside")
     judging.assert_answer_holds_together(
@@ -232,14 +206,12 @@ def test_faces_that_run_the_wrong_way_are_turned_and_it_is_said():
 
 def test_bounds_are_the_corners_of_the_box():
     lower, upper = Solid(*shapes.box((-1.0, 2.0, 3.0), (4.0, 5.0, 6.5))).bounds
-
     assert lower.tolist() == [-1.0, 2.0, 3.0]
     assert upper.tolist() == [4.0, 5.0, 6.5]
 
 
 def test_solid_says_what_it_is():
     solid = Solid(*shapes.cube(), name="lid")
-
     assert repr(solid) == "Solid('lid', 12 faces, sign by pseudo-normal)"
     assert solid.name == "lid"
     assert solid.diagnosis.face_count == 12
@@ -249,6 +221,5 @@ def test_solid_says_what_it_is():
 def test_memory_is_counted_and_bounded():
     """The figure promised for large meshes, with room for what small ones pay at least."""
     solid = Solid(*shapes.torus(n=200, m=100))
-
     assert solid.memory_bytes >= solid.mesh.vertices.nbytes + solid.mesh.faces.nbytes
     assert solid.memory_bytes <= 300 * solid.mesh.face_count
