@@ -20,25 +20,104 @@ def topology_of(mesh):
     return build_topology(TriangleMesh(*mesh))
 
 
-@pytest.mark.parametrize(
-    "mesh",
-    [
-        shapes.tetrahedron(),
-        shapes.cube(),
-        shapes.hollow_cube(),
-        shapes.sphere(subdivisions=1),
-        shapes.torus(),
-    ],
-    ids=["tetrahedron", "cube", "hollow cube", "sphere", "torus"],
-)
-def test_closed_mesh_is_watertight(mesh):
-    result = topology_of(mesh)
-    assert result.is_watertight
-    assert result.is_balanced
-    assert result.edge_count == 3 * len(mesh[1]) // 2
-    assert result.boundary_edge_count == 0
-    assert result.nonmanifold_edge_count == 0
-    assert result.misoriented_edge_count == 0
+def diagnosis_of(mesh):
+    return diagnose(TriangleMesh(*mesh))
+
+
+def with_faces(mesh, *faces):
+    return mesh[0], np.concatenate([mesh[1], faces])
+
+
+def with_a_turned_face(mesh, row=4):
+    mesh[1][row] = mesh[1][row, ::-1]
+    return mesh
+
+
+def with_minus_zeros(vertices, faces):
+    vertices[::2] = np.where(vertices[::2] == 0.0, -0.0, vertices[::2])
+    return vertices, faces
+
+
+def with_another_last_bit(vertices, faces):
+    vertices[vertices == 1.0] *= np.where(np.arange((vertices == 1.0).sum()) == 0, 1 + 2**-52, 1.0)
+    return vertices, faces
+
+
+NO_VOLUME = pytest.approx(math.nan, nan_ok=True)
+WRONG_EDGES = ("boundary_edge_count", "nonmanifold_edge_count", "misoriented_edge_count")
+SOLID = dict.fromkeys(WRONG_EDGES, 0) | {
+    "is_watertight": True, "is_balanced": True, "is_oriented": True, "manifold_status": "NoError",
+    "is_solid_by_manifold": True,
+}  # fmt: skip
+SHEET = shapes.grid(2, 2)
+# What is known of a mesh, of its topology, its diagnosis, or both; "lonely" and "contested" count edges of
+# faces without a neighbour, and with several.
+KNOWN = {
+    **{f"closed: {len(mesh[1])} faces": (mesh, SOLID | {"edge_count": 3 * len(mesh[1]) // 2})
+       for mesh in (shapes.tetrahedron(), shapes.cube(), shapes.hollow_cube(), shapes.sphere(subdivisions=1),
+                    shapes.torus())},
+    "cube": (
+        shapes.cube(2.0, center=(1.0, 2.0, 3.0)),
+        SOLID | {"vertex_count": 8, "face_count": 12, "shell_count": 1, "volume": 8.0, "area": 24.0,
+                 "lower": (0.0, 1.0, 2.0), "upper": (2.0, 3.0, 4.0)}),
+    "minus zero and zero": (with_minus_zeros(*shapes.soup(*shapes.tetrahedron())), SOLID),
+    "positions that differ in the last bit": (
+        with_another_last_bit(*shapes.soup(*shapes.tetrahedron())), {"boundary_edge_count": 4}),
+    "open box": (
+        shapes.open_box(),
+        {"boundary_edge_count": 4, "lonely": 4, "is_watertight": False, "is_balanced": False,
+         "is_oriented": True, "volume": NO_VOLUME, "area": 5.0, "is_solid_by_manifold": False,
+         "manifold_status": "NotManifold"}),
+    "turned face": (
+        with_a_turned_face(shapes.cube()),
+        {"misoriented_edge_count": 3, "contested": 6, "is_watertight": False, "is_balanced": False,
+         "is_oriented": False, "volume": NO_VOLUME, "shell_count": 1}),
+    "cubes that share an edge": (
+        shapes.join(shapes.cube(), shapes.moved(shapes.cube(), (1, 1, 0))),
+        {"nonmanifold_edge_count": 1, "contested": 4, "shell_count": 2, "is_watertight": False,
+         "is_balanced": True, "is_oriented": True, "volume": 2.0}),
+    "cubes that share a corner": (
+        shapes.join(shapes.cube(), shapes.moved(shapes.cube(), (1, 1, 1))), {"is_watertight": True}),
+    "Moebius strip": (shapes.strip(half_turns=1), {"misoriented_edge_count": 1, "is_oriented": False}),
+    "strip": (shapes.strip(), {"misoriented_edge_count": 0, "is_oriented": True}),
+    "faces with two equal corners, each to itself": (
+        with_faces(shapes.tetrahedron(), [0, 0, 1], [2, 2, 2]),
+        {"is_watertight": False, "is_balanced": True, "boundary_edge_count": 2, "lonely": 4}),
+    "face without area": (
+        with_faces(shapes.cube(), [0, 0, 1]),
+        {"is_watertight": False, "boundary_edge_count": 1, "volume": 1.0}),
+    "cavity": (
+        shapes.hollow_cube(size=3.0, cavity_size=1.0),
+        {"shell_count": 2, "volume": pytest.approx(26.0, rel=1e-15), "area": pytest.approx(60.0, rel=1e-15),
+         "is_solid_by_manifold": True}),
+    "inside out": (
+        shapes.inside_out(shapes.cube()),
+        {"volume": -1.0, "is_watertight": True, "manifold_status": "NoError", "is_solid_by_manifold": False}),
+    # One whole-number offset: the coordinates stay exact, so the volume must too.
+    "ten kilometres away": (shapes.moved(shapes.cube(0.5), (1e4, -1e4, 1e4)), {"volume": 0.125}),
+    **{f"cube of {size} m": (
+           shapes.cube(size, center=(0, 0, 0)),
+           {"volume": volume, "area": 6 * size**2, "is_solid_by_manifold": True})
+       for size, volume in ((2.0**-30, 2.0**-90), (2.0**200, 2.0**600), (2.0**400, math.inf))},
+    "single point": (
+        (np.ones((1, 3)), np.zeros((1, 3), dtype=int)),
+        {"area": 0.0, "volume": 0.0, "is_solid_by_manifold": False}),
+    "flat double sheet": (
+        shapes.join(SHEET, shapes.inside_out(SHEET)), {"volume": 0.0, "is_solid_by_manifold": False}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_topology_and_diagnosis_are_known(name):
+    mesh, known = KNOWN[name]
+    result, diagnosis = topology_of(mesh), diagnosis_of(mesh)
+    counted = {"lonely": NO_NEIGHBOR, "contested": MANY_NEIGHBORS}
+    for field, value in known.items():
+        if field in counted:
+            assert (result.neighbors == counted[field]).sum() == value
+            continue
+        owners = [owner for owner in (result, diagnosis) if hasattr(owner, field)]
+        assert owners and all(getattr(owner, field) == value for owner in owners), field
 
 
 @pytest.mark.parametrize("mesh", [shapes.cube(), shapes.sphere(subdivisions=2), shapes.open_box()])
@@ -66,63 +145,6 @@ def test_corner_ids_have_no_gap_where_vertices_are_unused():
     np.testing.assert_array_equal(topology_of((padded, faces + 3)).corner_ids, faces)
 
 
-def test_minus_zero_and_zero_are_one_position():
-    vertices, faces = shapes.soup(*shapes.tetrahedron())
-    vertices[::2] = np.where(vertices[::2] == 0.0, -0.0, vertices[::2])
-    assert topology_of((vertices, faces)).is_watertight
-
-
-def test_positions_that_differ_in_the_last_bit_stay_apart():
-    vertices, faces = shapes.soup(*shapes.tetrahedron())
-    vertices[vertices == 1.0] *= np.where(np.arange((vertices == 1.0).sum()) == 0, 1 + 2**-52, 1.0)
-    assert topology_of((vertices, faces)).boundary_edge_count == 4
-
-
-def test_open_box_has_boundary_edges_without_neighbor():
-    result = topology_of(shapes.open_box())
-    assert result.boundary_edge_count == 4
-    assert (result.neighbors == NO_NEIGHBOR).sum() == 4
-    assert not result.is_watertight
-    assert not result.is_balanced
-
-
-def test_turned_face_is_counted_along_its_edges():
-    vertices, faces = shapes.cube()
-    faces[4] = faces[4, ::-1]
-    result = topology_of((vertices, faces))
-    assert result.misoriented_edge_count == 3
-    assert (result.neighbors == MANY_NEIGHBORS).sum() == 6
-    assert not result.is_watertight
-    assert not result.is_balanced
-
-
-def test_cubes_that_share_an_edge_are_balanced_but_not_watertight():
-    result = topology_of(shapes.join(shapes.cube(), shapes.moved(shapes.cube(), (1, 1, 0))))
-    assert result.nonmanifold_edge_count == 1
-    assert (result.neighbors == MANY_NEIGHBORS).sum() == 4
-    assert not result.is_watertight
-    assert result.is_balanced
-
-
-def test_cubes_that_share_a_corner_are_watertight():
-    assert topology_of(shapes.join(shapes.cube(), shapes.moved(shapes.cube(), (1, 1, 1)))).is_watertight
-
-
-def test_moebius_strip_is_misoriented_at_its_seam():
-    result = topology_of(shapes.strip(half_turns=1))
-    assert result.misoriented_edge_count == 1
-    assert topology_of(shapes.strip()).misoriented_edge_count == 0
-
-
-def test_face_with_two_equal_corners_is_not_watertight_but_balanced():
-    vertices, faces = shapes.tetrahedron()
-    result = topology_of((vertices, np.concatenate([faces, [[0, 0, 1], [2, 2, 2]]])))
-    assert not result.is_watertight
-    assert result.is_balanced
-    assert result.boundary_edge_count == 2  # corner 0 to itself, corner 2 to itself
-    assert (result.neighbors == NO_NEIGHBOR).sum() == 4
-
-
 @given(
     npst.arrays(
         np.float64, st.tuples(st.integers(1, 30), st.just(3)), elements=st.sampled_from([-0.0, 0.0, 1.0])
@@ -142,121 +164,14 @@ def test_rows_that_share_a_hash_are_told_apart(monkeypatch):
     np.testing.assert_array_equal(first_equal_rows(points), expected)
 
 
-def diagnosis_of(mesh):
-    return diagnose(TriangleMesh(*mesh))
-
-
-def test_cube_is_a_solid():
-    result = diagnosis_of(shapes.cube(2.0, center=(1.0, 2.0, 3.0)))
-    assert (result.vertex_count, result.face_count, result.shell_count) == (8, 12, 1)
-    assert result.boundary_edge_count == result.nonmanifold_edge_count == result.misoriented_edge_count == 0
-    assert result.is_watertight and result.is_oriented and result.is_solid_by_manifold
-    assert result.manifold_status == "NoError"
-    assert result.volume == 8.0
-    assert result.area == 24.0
-    assert (result.lower, result.upper) == ((0.0, 1.0, 2.0), (2.0, 3.0, 4.0))
-
-
 def test_triangle_soup_of_a_solid_is_a_solid():
     assert diagnosis_of(shapes.soup(*shapes.torus())) == diagnosis_of(shapes.torus())
-
-
-def test_cavity_is_a_shell_and_takes_volume():
-    result = diagnosis_of(shapes.hollow_cube(size=3.0, cavity_size=1.0))
-    assert result.shell_count == 2
-    assert result.volume == pytest.approx(26.0, rel=1e-15)
-    assert result.area == pytest.approx(60.0, rel=1e-15)
-    assert result.is_solid_by_manifold
-
-
-def test_open_box_has_no_volume_and_is_no_manifold():
-    result = diagnosis_of(shapes.open_box())
-    assert result.boundary_edge_count == 4
-    assert not result.is_watertight
-    assert result.is_oriented
-    assert math.isnan(result.volume)
-    assert result.area == 5.0
-    assert not result.is_solid_by_manifold
-    assert result.manifold_status == "NotManifold"
-
-
-def test_inside_out_cube_has_negative_volume_and_is_no_solid():
-    result = diagnosis_of(shapes.inside_out(shapes.cube()))
-    assert result.volume == -1.0
-    assert result.is_watertight
-    assert result.manifold_status == "NoError"
-    assert not result.is_solid_by_manifold
-
-
-def test_turned_face_contradicts_its_neighbors():
-    vertices, faces = shapes.cube()
-    faces[5] = faces[5, ::-1]
-    result = diagnosis_of((vertices, faces))
-    assert result.misoriented_edge_count == 3
-    assert not result.is_oriented
-    assert math.isnan(result.volume)
-    assert result.shell_count == 1
-
-
-def test_moebius_strip_is_not_oriented():
-    assert not diagnosis_of(shapes.strip(half_turns=1)).is_oriented
-    assert diagnosis_of(shapes.strip()).is_oriented
-
-
-def test_cubes_that_share_an_edge_have_a_volume_but_are_not_watertight():
-    result = diagnosis_of(shapes.join(shapes.cube(), shapes.moved(shapes.cube(), (1, 1, 0))))
-    assert result.nonmanifold_edge_count == 1
-    assert result.shell_count == 2
-    assert not result.is_watertight
-    assert result.is_oriented
-    assert result.volume == 2.0
 
 
 def test_unused_vertices_do_not_count():
     vertices, faces = shapes.cube()
     padded = np.concatenate([vertices, [[100.0, 0.0, 0.0], [np.nan, 0.0, 0.0]]])
     assert diagnosis_of((padded, faces)) == diagnosis_of((vertices, faces))
-
-
-def test_volume_ten_kilometres_away_is_that_of_the_coordinates():
-    """One whole-number offset: the coordinates stay exact, so the volume must too."""
-    assert diagnosis_of(shapes.moved(shapes.cube(0.5), (1e4, -1e4, 1e4))).volume == 0.125
-
-
-@pytest.mark.parametrize("size", [2.0**-30, 2.0**200])
-def test_volume_of_very_small_and_very_large_parts(size):
-    result = diagnosis_of(shapes.cube(size, center=(0, 0, 0)))
-    assert result.volume == size**3
-    assert result.area == 6 * size**2
-    assert result.is_solid_by_manifold
-
-
-def test_volume_beyond_the_range_of_numbers_is_infinite():
-    result = diagnosis_of(shapes.cube(2.0**400, center=(0, 0, 0)))
-    assert result.volume == math.inf
-    assert result.area == 6 * 2.0**800
-    assert result.is_solid_by_manifold
-
-
-def test_face_without_area_is_counted_as_a_boundary_and_keeps_the_volume():
-    vertices, faces = shapes.cube()
-    result = diagnosis_of((vertices, np.concatenate([faces, [[0, 0, 1]]])))
-    assert not result.is_watertight
-    assert result.boundary_edge_count == 1
-    assert result.volume == 1.0
-
-
-def test_single_point_as_a_face_is_diagnosed():
-    result = diagnosis_of((np.ones((1, 3)), np.zeros((1, 3), dtype=int)))
-    assert result.area == result.volume == 0.0
-    assert not result.is_solid_by_manifold
-
-
-def test_flat_double_sheet_is_no_solid():
-    sheet = shapes.grid(2, 2)
-    result = diagnosis_of(shapes.join(sheet, shapes.inside_out(sheet)))
-    assert result.volume == 0.0
-    assert not result.is_solid_by_manifold
 
 
 def test_garbage_is_diagnosed_without_a_crash():
