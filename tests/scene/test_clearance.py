@@ -16,14 +16,6 @@ from proximity.kernels.pair import part_query
 FAR = 100.0
 
 
-def test_of_two_cubes_it_is_the_gap_between_their_sides():
-    scene = Scene([Solid(*shapes.cube(0.1), name="a"), Solid(*shapes.cube(0.1), name="b")])
-    scene.move("b", proximity.Pose(None, [0.13, 0.02, 0.0]))
-    found = scene.clearance("a", "b")
-    assert found.distance == pytest.approx(0.03, abs=1e-15)
-    np.testing.assert_allclose(found.point_on_second - found.point_on_first, [0.03, 0, 0], atol=1e-15)
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_it_is_what_another_library_finds(seed):
     rng = np.random.default_rng(seed)
@@ -78,12 +70,6 @@ def test_what_is_hidden_is_measured_and_stays_hidden():
     assert scene.part("b").is_hidden
 
 
-def test_a_part_that_is_not_there_is_named():
-    scene = Scene([Solid(*shapes.cube(0.1), name="a")])
-    with pytest.raises(SceneError, match="'lid'"):
-        scene.clearance("a", "lid")
-
-
 def brute_force_clearance(one, other, count=41):
     """The smallest distance of points on a grid over every face of each part from the other part."""
     shares = np.linspace(0.0, 1.0, count)
@@ -93,36 +79,6 @@ def brute_force_clearance(one, other, count=41):
         float(to.distance(np.einsum("kc,fcd->fkd", weights, of.mesh.vertices[of.mesh.faces])).min())
         for of, to in ((one, other), (other, one))
     )
-
-
-def clearance_of(one, other):
-    return Scene([Solid(*one, name="a"), Solid(*other, name="b")]).clearance("a", "b")
-
-
-def test_a_small_box_above_a_large_plate_is_as_far_as_its_bottom():
-    """It was "ValueError: attempt to get argmin of an empty sequence"."""
-    plate = shapes.box((0.0, 0.0, -0.01), (1.0, 1.0, 0.0))
-    box = shapes.box((0.123, 0.046, 0.002), (0.133, 0.056, 0.012))
-    found = clearance_of(box, plate)
-    assert found.distance == pytest.approx(0.002, abs=1e-15)
-    assert clearance_of(plate, box).distance == found.distance
-    assert found.point_on_first[2] == pytest.approx(0.002) and found.point_on_second[2] == 0.0
-
-
-def test_a_second_body_inside_the_other_part_is_found():
-    """It was the gap between surfaces, 49 mm."""
-    two = shapes.join(shapes.cube(0.002, (1.0, 0.0, 0.0)), shapes.cube(0.002, (0.0, 0.0, 0.0)))
-    around = shapes.cube(0.1, (0.0, 0.0, 0.0))
-    found = clearance_of(two, around)
-    assert found.distance == clearance_of(around, two).distance == 0.0
-    assert Solid(*around).contains(found.point_on_first)
-
-
-def test_an_unused_vertex_inside_the_other_part_is_no_contact():
-    """It was 0 m."""
-    vertices, faces = shapes.cube(0.1, (0.3, 0.0, 0.0))
-    unused = np.concatenate([[[0.0, 0.0, 0.0]], vertices]), faces + 1
-    assert clearance_of(unused, shapes.cube(0.1, (0.0, 0.0, 0.0))).distance == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -168,32 +124,6 @@ def test_triangles_are_as_far_apart_as_projection_to_and_fro_finds(seed):
     )
 
 
-FLAT = ((0, 0, 0), (1, 0, 0), (0, 1, 0))
-
-
-@pytest.mark.parametrize(
-    ("other", "distance"),
-    [
-        (((0, 0, 0.5), (1, 0, 0.5), (0, 1, 0.5)), 0.5),  # parallel
-        (((2, 0, 0), (3, 0, 0), (2, 1, 0)), 1.0),  # in one plane, beside
-        (((0.1, 0.1, 0), (0.3, 0.1, 0), (0.1, 0.3, 0)), 0.0),  # in one plane, inside
-        (((-1, -1, 0), (4, -1, 0), (-1, 4, 0)), 0.0),  # in one plane, around
-        (((0.2, 0.2, -1), (0.2, 0.2, 1), (0.3, 0.3, 1)), 0.0),  # through the middle
-        (((5.0, -1, -1e-12), (5.0, 1, 1e-12), (6, 0, 0)), 4.0),  # crosses the plane, far outside
-        (((1, 0, 0), (2, 0, 1), (2, 0, -1)), 0.0),  # a corner in common
-        (((0, -1, 1), (1, -1, 1), (0.5, -2, 2)), 2**0.5),  # edges that are parallel
-        (((0.5, 0.5, 2**-30), (0.5, 0.5, 1), (1, 1, 1)), 2**-30),  # a corner over an edge
-        (((0.25, 0.25, 1), (0.25, 0.25, 1), (0.25, 0.25, 1)), 1.0),  # a point
-        (((-1, 0.25, 1), (2, 0.25, 1), (2, 0.25, 1)), 1.0),  # a line
-    ],
-)
-def test_distance_of_two_triangles_is_known(other, distance):
-    for place in ([0, 0, 0], [1e3, -2e3, 5e2]):
-        moved = [np.array(each, dtype=float) + place for each in (FLAT, other)]
-        found = Scene([single(*moved[0], name="a"), single(*moved[1], name="b")]).clearance("a", "b")
-        assert found.distance == pytest.approx(distance, abs=1e-12 if place == [0, 0, 0] else 1e-11)
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_moving_both_and_swapping_changes_nothing(seed):
     rng = np.random.default_rng(seed)
@@ -215,14 +145,6 @@ def test_moving_both_and_swapping_changes_nothing(seed):
         part = scene.part(name)
         corners = part.pose.point(part.solid.mesh.vertices[part.solid.mesh.faces[face]])
         assert Solid(corners, [[0, 1, 2]]).distance(point) == pytest.approx(0.0, abs=1e-14)
-
-
-def test_parts_of_very_different_sizes_are_measured():
-    scene = Scene([Solid(*shapes.cube(1e3), name="a"), Solid(*shapes.cube(1e-4, (0, 0, 0)), name="b")])
-    scene.move("b", proximity.Pose(shapes.rotation(3), [0.0, 0.0, 501.0]))
-    lowest = (scene.part("b").pose.point(scene.part("b").solid.mesh.vertices))[:, 2].min()
-    top = scene.part("a").solid.mesh.vertices[:, 2].max()
-    assert scene.clearance("a", "b").distance == pytest.approx(lowest - top, abs=1e-11)
 
 
 def connection_of(scene, *, limit=np.inf, tolerance=0.0, budget=0):
@@ -247,17 +169,38 @@ def test_bounds_hold_with_a_limit_a_tolerance_and_a_budget(seed):
     assert missed[0] == 0.9 * exact and missed[1] == np.inf and list(missed[8:10]) == [NO_FACE, NO_FACE]
 
 
-def test_a_part_and_itself_are_no_pair():
-    scene = Scene([Solid(*shapes.cube(0.1), name="a")])
-    with pytest.raises(SceneError, match="'a' is asked how far it is from itself, expected two parts"):
-        scene.clearance("a", "a")
+TWO = Scene([Solid(*shapes.cube(0.1), name="a"), Solid(*shapes.cube(0.1, (1, 0, 0)), name="b")])
 
 
-@pytest.mark.parametrize("limits", [{"tolerance": -0.1}, {"tolerance": np.nan}, {"budget": 0}])
-def test_limits_that_are_none_are_refused(limits):
-    scene = Scene([Solid(*shapes.cube(0.1), name="a"), Solid(*shapes.cube(0.1, (1, 0, 0)), name="b")])
-    with pytest.raises(ArgumentError, match="expected"):
-        scene.clearance("a", "b", **limits)
+@pytest.mark.parametrize(
+    ("ask", "error", "words"),
+    [
+        (lambda: TWO.clearance("a", "lid"), SceneError, "'lid'"),
+        (lambda: TWO.clearance("a", "a"), SceneError,
+         "'a' is asked how far it is from itself, expected two parts"),
+        (lambda: TWO.clearance("a", "b", tolerance=-0.1), ArgumentError, "tolerance is -0.1, expected"),
+        (lambda: TWO.clearance("a", "b", tolerance=np.nan), ArgumentError, "tolerance is nan, expected"),
+        (lambda: TWO.clearance("a", "b", budget=0), ArgumentError, "budget is 0, expected"),
+        (lambda: TWO.closest_pairs(max_distance=-1.0), ArgumentError, "max_distance is -1.0, expected"),
+        (lambda: TWO.closest_pairs(max_distance=np.nan), ArgumentError, "max_distance is nan, expected"),
+        (lambda: TWO.closest_pairs(most=-1), ArgumentError, "most is -1, expected"),
+    ],
+)  # fmt: skip
+def test_names_and_limits_that_do_not_fit_are_refused(ask, error, words):
+    with pytest.raises(error, match=words):
+        ask()
+
+
+@pytest.mark.parametrize(
+    ("step", "limit", "pairs", "distance", "relation"),
+    [(1.0, 0.5, ["01", "12"], 0.5, "apart"), (0.5, 0.0, ["01", "12", "23"], 0.0, "touching")],
+)
+def test_pairs_at_exactly_the_distance_are_found(step, limit, pairs, distance, relation):
+    count = len(pairs) + 1
+    cubes = [Solid(*shapes.cube(0.5, (step * k, 0.0, 0.0)), name=str(k)) for k in range(count)]
+    found = Scene(cubes).closest_pairs(max_distance=limit)
+    assert [pair.first + pair.second for pair in found] == pairs
+    assert {(pair.distance, pair.relation) for pair in found} == {(distance, relation)}
 
 
 @pytest.fixture(scope="module")
@@ -295,24 +238,6 @@ def test_closest_pairs_of_one_part_are_its_own(cloud):
     others = {pair.first if pair.second == "part 5" else pair.second for pair in found}
     assert "part 5" not in others and len(others) == len(found) > 2
     assert all(pair.distance == cloud.clearance(pair.first, pair.second).distance for pair in found)
-
-
-def test_pairs_at_exactly_the_distance_are_found():
-    cubes = [Solid(*shapes.cube(0.5, (float(k), 0.0, 0.0)), name=str(k)) for k in range(3)]
-    assert [pair.distance for pair in Scene(cubes).closest_pairs(max_distance=0.5)] == [0.5, 0.5]
-
-
-def test_pairs_that_touch_are_found_within_no_distance():
-    cubes = [Solid(*shapes.cube(0.5, (0.5 * k, 0.0, 0.0)), name=str(k)) for k in range(4)]
-    found = Scene(cubes).closest_pairs(max_distance=0.0)
-    assert [(pair.first, pair.second) for pair in found] == [("0", "1"), ("1", "2"), ("2", "3")]
-    assert {pair.relation for pair in found} == {"touching"}
-
-
-@pytest.mark.parametrize("limits", [{"max_distance": -1.0}, {"max_distance": np.nan}, {"most": -1}])
-def test_pairs_within_no_distance_are_refused(cloud, limits):
-    with pytest.raises(ArgumentError, match="expected"):
-        cloud.closest_pairs(**limits)
 
 
 def test_pairs_are_of_one_state_while_parts_move():

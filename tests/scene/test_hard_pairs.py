@@ -101,6 +101,8 @@ TRIANGLES = {
     "cut in two": (((-2, 1, -9), (9, 1, -9), (2, 1, 9)), 0, CROSSING),
     "a point over the face": (((1, 1, 2), (1, 1, 2), (1, 1, 2)), 2, APART),
     "a point on the face": (((1, 1, 0), (1, 1, 0), (1, 1, 0)), 0, TOUCHING),
+    "1 nm over the long edge": (((2, 2, NM), (2, 2, 4), (4, 4, 4)), NM, APART),
+    "corner, corner, in the plane through both": (((-3, -4, -1), (-3, -4, 1), (-7, -8, 0)), 5, APART),
     "a line over the face": (((-1, 1, 2), (5, 1, 2), (5, 1, 2)), 2, APART),
     "a line beside an edge": (((1, -3, 4), (3, -3, 4), (2, -3, 4)), 5, APART),
 }
