@@ -28,28 +28,16 @@ def areas(points, faces):
 @pytest.mark.parametrize(
     "points",
     [
-        [(0, 0), (4, 0), (4, 3), (0, 3)],
-        [(0, 0), (4, 0), (1, 1), (0, 4)],
-        [(4, 0), (1, 1), (0, 4), (0, 0)],
-        [(0, 0), (2, 0), (3, 1), (2, 2), (0, 2)],
-        [(0, 0), (4, 0), (4, 4), (2, 1), (0, 4)],
-        [(0, 0), (1, 0), (2, 0), (2, 2), (0, 2)],
-        [(0, 0), (1, 0), (2, 0), (1, 1), (0, 2), (0, 1)],
+        [(0, 0), (4, 0), (4, 3), (0, 3)], [(0, 0), (4, 0), (1, 1), (0, 4)], [(4, 0), (1, 1), (0, 4), (0, 0)],
+        [(0, 0), (2, 0), (3, 1), (2, 2), (0, 2)], [(0, 0), (4, 0), (4, 4), (2, 1), (0, 4)],
+        [(0, 0), (1, 0), (2, 0), (2, 2), (0, 2)], [(0, 0), (1, 0), (2, 0), (1, 1), (0, 2), (0, 1)],
         [(0, 0), (3, 0), (3, 1), (1, 1), (1, 2), (3, 2), (3, 3), (0, 3)],
         [(0, 0), (9, 0), (9, 9), (0, 9), (0, 0), (3, 3), (3, 6), (6, 6), (6, 3), (3, 3)],
     ],
     ids=[
-        "square",
-        "dart",
-        "dart turned",
-        "pentagon",
-        "M",
-        "mid-side",
-        "mid-sides",
-        "C",
-        "hole with a bridge",
+        "square", "dart", "dart turned", "pentagon", "M", "mid-side", "mid-sides", "C", "hole with a bridge",
     ],
-)
+)  # fmt: skip
 def test_polygon_is_covered_once_by_triangles_that_turn_its_way(points):
     parts, whole = areas(*cut(points))
     assert (parts > 0.0).all(), "no triangle may be without area: it would be dropped later and leave a hole"

@@ -34,13 +34,10 @@ def test_arrays_are_copies():
 @pytest.mark.parametrize(
     "faces",
     [
-        FACES.tolist(),
-        FACES.astype(np.float64),
-        FACES.astype(">i8"),
-        FACES.astype(object),
+        FACES.tolist(), FACES.astype(np.float64), FACES.astype(">i8"), FACES.astype(object),
         np.asfortranarray(FACES),
     ],
-)
+)  # fmt: skip
 def test_faces_of_any_whole_numbers_are_taken(faces):
     assert np.array_equal(TriangleMesh(VERTICES, faces).faces, FACES)
 

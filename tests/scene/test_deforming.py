@@ -17,15 +17,12 @@ from proximity.scene.sign import SignMethod
 from proximity.scene.solid import Solid
 
 MESHES = {
-    "torus": shapes.torus(),
-    "hollow cube": shapes.hollow_cube(),
-    "sphere": shapes.sphere(1.0, 2),
-    "soup": shapes.soup(*shapes.octahedron()),
-    "turned": shapes.inside_out(shapes.tetrahedron()),
+    "torus": shapes.torus(), "hollow cube": shapes.hollow_cube(), "sphere": shapes.sphere(1.0, 2),
+    "soup": shapes.soup(*shapes.octahedron()), "turned": shapes.inside_out(shapes.tetrahedron()),
     "overlapping": shapes.join(shapes.tetrahedron(), shapes.moved(shapes.tetrahedron(), (0.2, 0.1, 0.0))),
     "sheet": shapes.grid(3, 4),
     "far": shapes.moved(shapes.torus(n=12, m=6), (1e4, -2e4, 3e3)),
-}
+}  # fmt: skip
 
 
 def about_middle(vertices, matrix):

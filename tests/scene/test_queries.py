@@ -68,15 +68,11 @@ def test_grid_is_its_points_in_order(asked):
 @pytest.mark.parametrize(
     "points",
     [
-        POINTS.tolist(),
-        tuple(POINTS),
-        POINTS.astype(np.float32),
-        POINTS.astype(np.float16),
-        POINTS.astype(np.longdouble),
-        np.broadcast_to(POINTS, (1, 4, 3))[0],
+        POINTS.tolist(), tuple(POINTS), POINTS.astype(np.float32), POINTS.astype(np.float16),
+        POINTS.astype(np.longdouble), np.broadcast_to(POINTS, (1, 4, 3))[0],
     ],
     ids=["list", "tuple", "f4", "f2", "long", "read-only"],
-)
+)  # fmt: skip
 def test_points_of_any_kind_give_the_same(points):
     """The coordinates are exact in all of these types but for one, where 0.9 is rounded."""
     expected = ask_all(SOLID, np.array(points, dtype=np.float64))
@@ -357,30 +353,15 @@ def read_only(values):
 @pytest.mark.parametrize(
     "laid",
     [
-        unaligned,
-        read_only,
-        np.ma.masked_array,
-        np.asfortranarray,
-        lambda values: values.astype(">f8"),
-        lambda values: values.tolist(),
-        lambda values: np.repeat(values, 2, axis=0)[::2],
-        lambda values: np.repeat(values, 2, axis=1)[:, ::2],
-        lambda values: values[::-1].copy()[::-1],
+        unaligned, read_only, np.ma.masked_array, np.asfortranarray, lambda values: values.astype(">f8"),
+        lambda values: values.tolist(), lambda values: np.repeat(values, 2, axis=0)[::2],
+        lambda values: np.repeat(values, 2, axis=1)[:, ::2], lambda values: values[::-1].copy()[::-1],
         lambda values: values.astype(object),
     ],
     ids=[
-        "unaligned",
-        "read-only",
-        "masked",
-        "by column",
-        "other",
-        "list",
-        "rows",
-        "columns",
-        "back",
-        "object",
+        "unaligned", "read-only", "masked", "by column", "other", "list", "rows", "columns", "back", "object",
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize(
     "ask", ["closest", "signed_distance", "contains", "cast_distance", "closest_to_segments"]
 )

@@ -104,33 +104,19 @@ class Query(NamedTuple):
 
 QUERIES = {
     "closest": Query(
-        lambda *given: (some_points(*given),),
-        oracle.closest,
-        assert_connections_are_right,
-        judging.assert_answer_holds_together,
-        "signed_distance",
-        ("point",),
+        lambda *given: (some_points(*given),), oracle.closest, assert_connections_are_right,
+        judging.assert_answer_holds_together, "signed_distance", ("point",),
         ("gradient", "barycentric", "face_id", "feature"),
     ),
     "cast": Query(
-        some_rays,
-        oracle.ray,
-        assert_hits_are_right,
-        assert_hits_hold_together,
-        "distance",
-        ("point",),
+        some_rays, oracle.ray, assert_hits_are_right, assert_hits_hold_together, "distance", ("point",),
         ("normal", "barycentric", "face_id"),
     ),
     "closest_to_segments": Query(
-        some_segments,
-        oracle.segment_distance,
-        assert_connections_are_right,
-        assert_segments_hold_together,
-        "distance",
-        ("point_on_segment", "point_on_solid"),
-        ("fraction", "barycentric", "face_id"),
+        some_segments, oracle.segment_distance, assert_connections_are_right, assert_segments_hold_together,
+        "distance", ("point_on_segment", "point_on_solid"), ("fraction", "barycentric", "face_id"),
     ),
-}
+}  # fmt: skip
 SCENE = some_scene(12)
 NAMES = st.sampled_from(sorted(MESHES))
 SEEDS = st.integers(0, 1000)

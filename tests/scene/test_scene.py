@@ -99,49 +99,65 @@ def test_solid_answers_the_same_after_it_joined_a_scene():
     assert judging.same_bits(first.distance(points), second.distance(points))
 
 
-def test_one_solid_may_be_in_several_places():
-    solid, rows = Solid(*shapes.cube()), np.arange(12, dtype=np.int32)
-    scene = Scene([Part(f"{x}", solid, Pose(translation=(x, 0.0, 0.0)), rows) for x in (0.0, 3.0, 6.0)])
-    hit = scene.closest([[0.5, 0.5, 0.5], [3.5, 0.5, 0.25], [8.0, 0.5, 0.5]])
-    assert hit.signed_distance.tolist() == [-0.5, -0.25, 1.0]
-    assert hit.part.tolist() == [0, 1, 2]
+def cube(name, size=1.0, center=None):
+    return Solid(*(shapes.cube(size) if center is None else shapes.cube(size, center)), name=name)
 
 
-def test_touching_parts_are_both_inside_and_their_common_face_is_the_surface():
-    """Sign per part: a flattened file would have a double wall there, and half its signs wrong."""
-    left, right = shapes.cube(), shapes.moved(shapes.cube(), (1.0, 0.0, 0.0))
-    scene = Scene([Solid(*left, name="left"), Solid(*right, name="right")])
-    near = np.array([[1.0 - 1e-9, 0.5, 0.5], [1.0, 0.5, 0.5], [1.0 + 1e-9, 0.5, 0.5]])
-    assert scene.contains(near).tolist() == [True, False, True]
-    assert scene.closest(near).part.tolist() == [0, 0, 1]
-    assert scene.signed_distance(near).tolist() == [-(1.0 - near[0, 0]), 0.0, -(near[2, 0] - 1.0)]
-    points = np.random.default_rng(8).uniform(-0.5, 2.5, (400, 3))
-    assert_is_the_smallest_over_parts(scene, points)
+def sheet(height):
+    return Solid(*shapes.moved(shapes.grid(1, 1), (0.0, 0.0, height)), name="sheet")
 
 
-def test_part_within_a_part_does_not_hide_the_depth():
-    inner, outer = (
-        Solid(*shapes.cube(0.5, (0, 0, 0)), name="inner"),
-        Solid(*shapes.cube(4.0, (0, 0, 0)), name="outer"),
-    )
-    for scene in (Scene([inner, outer]), Scene([outer, inner])):
-        assert scene.signed_distance([[0.0, 0.0, 0.3], [0.0, 0.0, 0.0]]).tolist() == [-1.7, -2.0]
-        hit = scene.closest((0.0, 0.0, 0.3))
-        assert scene.parts[hit.part].name == "outer"
-        assert hit.gradient.tolist() == [0.0, 0.0, 1.0]
-        assert scene.distance((0.0, 0.0, 0.3)) == pytest.approx(0.05, rel=1e-12)
-        # One name, one meaning: of this hit 1.7 m would be another "distance" than the scene's.
-        assert not hasattr(hit, "distance")
+PLACED, ROWS = Solid(*shapes.cube()), np.arange(12, dtype=np.int32)
+INNER, OUTER, NESTED = cube("inner", 0.5, (0, 0, 0)), cube("outer", 4.0, (0, 0, 0)), [[0, 0, 0.3], [0, 0, 0]]
+BESIDE = Solid(*shapes.moved(shapes.cube(), (1.0, 0.0, 0.0)), name="right")
+OVERLAPPING = Solid(*shapes.moved(shapes.cube(), (0.5, 0, 0)), name="b")
+SMALL_SCENES = {  # parts; points; signed distances; which part each is of; whether the distance has a sign
+    "one solid in several places": (
+        [Part(f"{x}", PLACED, Pose(translation=(x, 0.0, 0.0)), ROWS) for x in (0.0, 3.0, 6.0)],
+        [[0.5, 0.5, 0.5], [3.5, 0.5, 0.25], [8.0, 0.5, 0.5]], [-0.5, -0.25, 1.0], [0, 1, 2], True),
+    # Sign per part: a flattened file would have a double wall there, and half its signs wrong.
+    "parts that touch, whose common face is the surface": (
+        [cube("left"), BESIDE], [[1.0 - 2**-30, 0.5, 0.5], [1.0, 0.5, 0.5], [1.0 + 2**-30, 0.5, 0.5]],
+        [-(2**-30), 0.0, -(2**-30)], [0, 0, 1], True),
+    "parts that overlap, of which the deepest counts": (
+        [cube("a"), OVERLAPPING], [[0.6, 0.5, 0.5], [0.9, 0.5, 0.5], [0.75, 0.5, 0.5]], [-0.4, -0.4, -0.25],
+        [0, 1, 0], True),
+    "part within a part, which does not hide the depth": ([INNER, OUTER], NESTED, [-1.7, -2.0], [1, 1], True),
+    "part around a part": ([OUTER, INNER], NESTED, [-1.7, -2.0], [0, 0], True),
+    "sheet that counts with its distance": (
+        [sheet(2.0), cube("cube")], [[0.5, 0.5, 1.9], [0.5, 0.5, 1.2], [0.5, 0.5, 0.9], [0.5, 0.5, 2.5]],
+        [0.1, 0.2, -0.1, 0.5], [0, 1, 1, 0], [False, True, True, False]),
+    "sheet within a part": ([sheet(0.5), cube("cube", 4.0, (0, 0, 0))], [[0.5, 0.5, 0.6]], [-1.4], [1], True),
+}  # fmt: skip
 
 
-def test_where_parts_overlap_the_deepest_counts():
-    scene = Scene(
-        [Solid(*shapes.cube(), name="a"), Solid(*shapes.moved(shapes.cube(), (0.5, 0, 0)), name="b")]
-    )
-    hit = scene.closest([[0.6, 0.5, 0.5], [0.9, 0.5, 0.5], [0.75, 0.5, 0.5]])
-    assert hit.signed_distance.tolist() == pytest.approx([-0.4, -0.4, -0.25], rel=1e-12)
-    assert hit.part.tolist() == [0, 1, 0]
-    assert_is_the_smallest_over_parts(scene, np.random.default_rng(9).uniform(-0.5, 2.0, (400, 3)))
+@pytest.mark.parametrize("name", SMALL_SCENES)
+def test_small_scene_answers_as_is_known(name):
+    parts, points, signed, rows, is_signed = SMALL_SCENES[name]
+    scene = Scene(parts)
+    hit = scene.closest(points)
+    assert hit.signed_distance.tolist() == pytest.approx(signed, rel=1e-12)
+    assert hit.part.tolist() == rows
+    assert np.array_equal(hit.is_signed, np.broadcast_to(is_signed, len(points)))
+    assert judging.same_bits(scene.signed_distance(points), hit.signed_distance)
+    assert np.array_equal(scene.contains(points), (hit.signed_distance < 0.0) & hit.is_signed)
+    if np.all(is_signed):
+        more = np.random.default_rng(8).uniform(-0.5, 2.5, (400, 3))
+        assert_is_the_smallest_over_parts(scene, more)
+
+
+def test_direction_and_limit_are_those_of_the_part_that_counts():
+    """The deepest part is farther than the limit: nothing within it, though another surface is near."""
+    scene, point = Scene([INNER, OUTER]), (0.0, 0.0, 0.3)
+    hit = scene.closest(point)
+    assert hit.gradient.tolist() == [0.0, 0.0, 1.0]
+    assert scene.distance(point) == pytest.approx(0.05, rel=1e-12)
+    # One name, one meaning: of this hit 1.7 m would be another "distance" than the scene's.
+    assert not hasattr(hit, "distance")
+    assert scene.closest(point, max_distance=1.0).signed_distance == np.inf
+    assert scene.closest(point, max_distance=1.75).signed_distance == -1.7
+    above = Scene([sheet(2.0), cube("cube")]).closest((0.5, 0.5, 1.9))
+    assert above.gradient.tolist() == [0.0, 0.0, -1.0]
 
 
 def test_every_part_that_holds_a_point_is_asked_for_its_depth():
@@ -157,17 +173,6 @@ def test_every_part_that_holds_a_point_is_asked_for_its_depth():
     assert (np.abs(signed - alone.min(axis=0)) <= 4e-15).all()
 
 
-def test_limit_speaks_of_the_part_that_counts():
-    """The deepest part is farther than the limit: nothing within it, though another surface is near."""
-    inner, outer = (
-        Solid(*shapes.cube(0.5, (0, 0, 0)), name="inner"),
-        Solid(*shapes.cube(4.0, (0, 0, 0)), name="outer"),
-    )
-    scene = Scene([inner, outer])
-    assert scene.closest((0.0, 0.0, 0.3), max_distance=1.0).signed_distance == np.inf
-    assert scene.closest((0.0, 0.0, 0.3), max_distance=1.75).signed_distance == -1.7
-
-
 @pytest.mark.parametrize("count", [2, 20])
 def test_ties_go_to_the_lowest_part(count):
     parts = [Solid(*shapes.cube(), name=f"{row}") for row in range(count)]
@@ -175,23 +180,6 @@ def test_ties_go_to_the_lowest_part(count):
     hit = Scene(parts).closest(points)
     assert (hit.part == 0).all()
     assert judging.same_bits(hit.signed_distance, parts[0].signed_distance(points))
-
-
-def test_sheet_counts_with_its_distance_and_is_flagged():
-    sheet = Solid(*shapes.moved(shapes.grid(1, 1), (0.0, 0.0, 2.0)), name="sheet")
-    scene = Scene([sheet, Solid(*shapes.cube(), name="cube")])
-    hit = scene.closest([[0.5, 0.5, 1.9], [0.5, 0.5, 1.2], [0.5, 0.5, 0.9], [0.5, 0.5, 2.5]])
-    assert hit.signed_distance.tolist() == pytest.approx([0.1, 0.2, -0.1, 0.5], rel=1e-12)
-    assert hit.part.tolist() == [0, 1, 1, 0]
-    assert hit.is_signed.tolist() == [False, True, True, False]
-    assert hit.gradient[0].tolist() == [0.0, 0.0, -1.0]
-
-
-def test_sheet_within_a_part_does_not_change_the_depth():
-    sheet = Solid(*shapes.moved(shapes.grid(1, 1), (0.0, 0.0, 0.5)), name="sheet")
-    scene = Scene([sheet, Solid(*shapes.cube(4.0, (0, 0, 0)), name="cube")])
-    hit = scene.closest((0.5, 0.5, 0.6))
-    assert (hit.signed_distance, hit.part, bool(hit.is_signed)) == (-1.4, 1, True)
 
 
 def test_scenes_that_share_a_solid_move_apart():
@@ -290,26 +278,27 @@ def test_parts_keep_names_poses_and_order():
     assert scene.memory_bytes > 0
 
 
-def test_name_used_twice_is_refused():
-    message = "parts 1 and 2 are both named 'lid', expected names that differ"
-    solids = [Solid(*shapes.cube(), name=name) for name in ("base", "lid", "lid")]
-    with pytest.raises(SceneError, match=f"^{message}$"):
-        Scene(solids)
+LID = Part("cube", Solid(*shapes.cube()), Pose(), ROWS, repairs=None)
 
 
 @pytest.mark.parametrize(
-    "parts, message",
+    ("parts", "options", "message"),
     [
-        ([], "a scene has no parts, expected at least one"),
-        ([1], "a scene is made of Part and Solid, not of int"),
-        (Solid(*shapes.cube()), "a scene is made of a list of parts, not of one Solid"),
-        ([part_of(shapes.cube(), ["lid"])], "part 0 is named ['lid'], expected text"),
-        ([Part("lid", shapes.cube(), Pose(), np.arange(3))], "part 'lid' holds a tuple, expected a Solid"),
+        ([], {}, "a scene has no parts, expected at least one"),
+        ([1], {}, "a scene is made of Part and Solid, not of int"),
+        (Solid(*shapes.cube()), {}, "a scene is made of a list of parts, not of one Solid"),
+        ([part_of(shapes.cube(), ["lid"])], {}, "part 0 is named ['lid'], expected text"),
+        ([Part("lid", shapes.cube(), Pose(), np.arange(3))], {},
+         "part 'lid' holds a tuple, expected a Solid"),
+        ([cube("base"), cube("lid"), cube("lid")], {},
+         "parts 1 and 2 are both named 'lid', expected names that differ"),
+        ([LID], {}, "repairs of part 'cube' are None, expected Repairs"),
+        ([cube("cube")], {"report": 3}, "report is 3, expected a LoadReport, or None"),
     ],
-)
-def test_what_is_no_scene_is_refused(parts, message):
+)  # fmt: skip
+def test_what_is_no_scene_is_refused(parts, options, message):
     with pytest.raises(SceneError, match=f"^{re.escape(message)}$"):
-        Scene(parts)
+        Scene(parts, **options)
 
 
 def test_part_that_is_too_far_off_is_refused_wherever_it_comes_in():
@@ -333,14 +322,6 @@ def test_part_that_is_not_there_is_named_with_those_that_are():
                 ask(name)
     with pytest.raises(SceneError, match=r"^no part is named 'lid'; .*, 'part 9' and 2 more$"):
         many.part("lid")
-
-
-def test_what_could_not_be_saved_is_refused():
-    part = Part("cube", Solid(*shapes.cube()), Pose(), np.arange(12, dtype=np.int32), repairs=None)
-    with pytest.raises(SceneError, match=r"^repairs of part 'cube' are None, expected Repairs$"):
-        Scene([part])
-    with pytest.raises(SceneError, match=r"^report is 3, expected a LoadReport, or None$"):
-        Scene([Solid(*shapes.cube())], report=3)
 
 
 def test_mesh_of_several_bodies_becomes_parts_that_lead_back():

@@ -3,6 +3,7 @@
 import re
 from itertools import pairwise
 
+import judging
 import numpy as np
 import pytest
 import shapes
@@ -209,6 +210,8 @@ def test_cube_inside_out_is_turned_and_says_so():
         AGREES + "; all faces were flipped: they ran clockwise seen from outside", solid.sign_reason
     )
     assert solid.signed_distance([0.5, 0.5, 0.5]) == -0.5
+    point = (2.0, 0.3, 0.4)
+    judging.assert_answer_holds_together(solid.closest(point), solid.mesh.vertices, solid.mesh.faces, point)
 
 
 @pytest.mark.parametrize("height", [0.0, 1e-12, 1e-9])

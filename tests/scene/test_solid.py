@@ -62,6 +62,19 @@ def test_sign_agrees_with_the_winding_number(asked):
         assert solid.contains(point) == is_inside
 
 
+@pytest.mark.parametrize("name", [*CLOSED, *OPEN])
+def test_solid_knows_whether_it_has_an_inside(name):
+    solid, hit = solid_of(name), solid_of(name).closest(some_points(name, 50))
+    is_closed = name in CLOSED
+    assert solid.has_inside == solid.is_watertight == solid.topology.is_watertight == is_closed
+    assert hit.is_signed.all() == hit.is_signed.any() == is_closed
+    method = SignMethod.WINDING_NUMBER if name == "overlapping cubes" else SignMethod.PSEUDONORMAL
+    assert solid.sign_method is (method if is_closed else SignMethod.NONE)
+    words = "closed and oriented" if is_closed else "there is no inside, so distances have no sign"
+    assert words in solid.sign_reason
+    assert is_closed or (hit.signed_distance >= 0.0).all()
+
+
 @pytest.mark.parametrize("name", sorted(CLOSED))
 def test_many_signs_agree_with_the_winding_number(name):
     points = some_points(name, 300)
@@ -170,38 +183,6 @@ def test_unused_vertices_do_not_matter():
     more = Solid(np.concatenate([unused, vertices, unused]), faces + len(unused))
     assert judging.same_bits(more.closest(points), solid_of("torus").closest(points))
     assert np.array_equal(more.bounds, solid_of("torus").bounds)
-
-
-@pytest.mark.parametrize("name", sorted(CLOSED))
-def test_closed_body_has_an_inside(name):
-    solid = solid_of(name)
-    assert solid.has_inside
-    assert solid.is_watertight
-    assert solid.topology.is_watertight
-    method = SignMethod.WINDING_NUMBER if name == "overlapping cubes" else SignMethod.PSEUDONORMAL
-    assert solid.sign_method is method
-    assert solid.sign_reason.startswith("closed and oriented")
-
-
-@pytest.mark.parametrize("name", sorted(OPEN))
-def test_open_surface_has_no_inside_and_unsigned_distances(name):
-    solid = solid_of(name)
-    hit = solid.closest(some_points(name, 50))
-    assert not solid.has_inside
-    assert not solid.is_watertight
-    assert solid.sign_method is SignMethod.NONE
-    assert "there is no inside, so distances have no sign" in solid.sign_reason
-    assert not hit.is_signed.any()
-    assert (hit.signed_distance >= 0.0).all()
-
-
-def test_faces_that_run_the_wrong_way_are_turned_and_it_is_said():
-    solid = Solid(*shapes.inside_out(shapes.cube()))
-    assert solid.signed_distance((0.5, 0.5, 0.5)) == -0.5
-    assert solid.sign_reason.endswith("all faces were flipped: they ran clockwise seen from outside")
-    judging.assert_answer_holds_together(
-        solid.closest((2.0, 0.3, 0.4)), solid.mesh.vertices, solid.mesh.faces, (2.0, 0.3, 0.4)
-    )
 
 
 def test_bounds_are_the_corners_of_the_box():
