@@ -62,6 +62,7 @@ def test_table_gives_the_bend_of_a_hand_that_is_not_as_designed():
     off = GLOVE.bend_of_counts(HAND.counts(BENDS)) - BENDS
     way = off * HAND.finger.speed(BENDS)
     design = (DESIGN.bend_of_counts(HAND.counts(BENDS)) - BENDS) * HAND.finger.speed(BENDS)
+
     assert 0.1e-3 < np.abs(way).max() < 0.2e-3
     assert np.abs(design).max() > 3e-3
     np.testing.assert_allclose(
@@ -74,6 +75,7 @@ def test_table_is_monotone_and_so_is_its_inverse():
     table = [22000, 23000, 31000, 32000, 33000, 45000, 45600]
     uneven = CalibratedGlove(DESIGN, calibrated(counts=table))
     counts = np.linspace(22000, 45600, 5001)
+
     assert (np.diff(uneven.bend_of_counts(counts)) >= 0.0).all()
     assert (np.diff(GLOVE.counts(np.linspace(-1.0, 2.0, 3001))) > 0.0).all()
     np.testing.assert_allclose(GLOVE.bend_of_counts(GLOVE.counts(BENDS)), BENDS, rtol=0, atol=1e-6)
@@ -86,6 +88,7 @@ def test_table_is_monotone_and_so_is_its_inverse():
 def test_counts_far_off_the_table_give_no_bend():
     first, last = GLOVE.calibration.counts[[0, -1]]
     margin = 0.05 * (last - first)
+
     near = GLOVE.bend_of_counts([first - 0.99 * margin, last + 0.99 * margin])
     assert near == pytest.approx([-0.0495, 1.0495])
     assert np.isnan(GLOVE.bend_of_counts([first - 1.01 * margin, last + 1.01 * margin, np.nan])).all()
@@ -96,6 +99,7 @@ def test_stretch_and_backlash_are_taken_out():
     pressed = HAND.potentiometer.read(HAND.replica_angle(BENDS, tension))
     opening = HAND.potentiometer.read(HAND.replica_angle(BENDS, is_closing=False))
     free = GLOVE.bend_of_counts(HAND.counts(BENDS))
+
     np.testing.assert_allclose(GLOVE.bend_of_counts(pressed, tension), free, rtol=0, atol=1e-4)
     np.testing.assert_allclose(GLOVE.bend_of_counts(opening, is_closing=False), free, rtol=0, atol=1e-4)
     assert GLOVE.glove.cable.stiffness == pytest.approx(20e3)
@@ -106,6 +110,7 @@ def test_drum_stands_where_the_replica_will_be():
     """At the points of the table to a count; where the table is off, finger and drum are off together."""
     told = GLOVE.drum_angle(TABLE_BENDS) - MOUNTED
     np.testing.assert_allclose(told, HAND.drum_angle(TABLE_BENDS), rtol=0, atol=1e-4)
+
     for counts in HAND.counts(BENDS)[::40]:
         replica = DESIGN.potentiometer.angle(counts)
         stands = GLOVE.drum_angle(GLOVE.bend_of_counts(counts)) - MOUNTED - DESIGN.drum.alpha
@@ -114,6 +119,7 @@ def test_drum_stands_where_the_replica_will_be():
 
 def test_finger_is_the_measured_one():
     longer = CalibratedGlove(DESIGN, calibrated(phalanges=(0.050, 0.028, 0.021)))
+
     assert longer.finger.phalanges == (0.050, 0.028, 0.021)
     assert float(longer.finger.point(0.0)[0]) == pytest.approx(0.099)
     assert longer.finger.pad_radius == DESIGN.finger.pad_radius
@@ -126,6 +132,7 @@ def test_reading_that_no_hand_gave_has_no_bend(counts):
 
 def test_table_for_another_potentiometer_is_refused():
     coarse = Glove(potentiometer=Potentiometer(bits=12))
+
     with pytest.raises(
         DecaffError,
         match=r"^the table has counts from 21\d+ to 44\d+, expected 0 to 4095 of this potentiometer$",
@@ -158,6 +165,7 @@ def test_table_of_a_glove_that_is_not_quite_as_designed_is_taken(pulley, mounted
     hand = Glove(cable=Cable(hand_pulley=0.02 * pulley))
     counts = DESIGN.potentiometer.counts(hand.replica_angle(TABLE_BENDS) + mounted)
     glove = CalibratedGlove(DESIGN, calibrated(counts=counts))
+
     assert glove.bend_of_counts(counts) == pytest.approx(TABLE_BENDS)
 
 
@@ -183,6 +191,7 @@ def test_table_of_a_glove_that_is_not_quite_as_designed_is_taken(pulley, mounted
 def test_numbers_that_contradict_themselves_are_refused(changes, message):
     with pytest.raises((ArgumentError, DecaffError)) as refused:
         calibrated(**changes)
+
     assert str(refused.value) == message
 
 
@@ -192,6 +201,7 @@ def test_file_gives_back_what_was_written(tmp_path):
         made = calibrated(touch_offset=0.1 + 0.2 - 0.5 * round_, name="rechter Zeigefinger ☝")
         write_calibration(path, made)
         read = read_calibration(path)
+
         np.testing.assert_array_equal(read.counts, made.counts)
         np.testing.assert_array_equal(read.bends, made.bends)
         for name in ("made", "touch_offset", "cable_compliance", "backlash", "latency", "phalanges", "name"):
@@ -207,6 +217,7 @@ def test_simulated_glove_is_marked_in_its_file_and_warned_of_once(tmp_path, capl
     assert "simulated" not in own.read_text()
     for path in (simulated, own, simulated):
         assert read_glove(path).calibration.is_simulated == (path == simulated)
+
     assert caplog.messages == [f"{simulated}: this is the calibration of a simulated glove, not of a hand"]
 
 
@@ -220,6 +231,7 @@ def test_file_that_cannot_be_replaced_stays_as_it_was(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(FileError, match=r"c\.json: cannot be written \(No space left on device\)$"):
         write_calibration(path, calibrated(latency=0.5))
+
     assert read_calibration(path).latency == 0.9e-3
     assert os.listdir(tmp_path) == ["c.json"]
 
@@ -254,6 +266,7 @@ def test_file_that_was_changed_wrongly_is_refused(tmp_path, change, message):
     document = json.loads(path.read_text(encoding="utf-8")) | change
     text = json.dumps({key: value for key, value in document.items() if value is not ...})
     path.write_text(text, encoding="utf-8")
+
     with pytest.raises(DecaffError) as refused:
         read_calibration(path)
     assert str(refused.value) == f"{path}: {message}"
@@ -276,6 +289,7 @@ def test_file_that_was_changed_wrongly_is_refused(tmp_path, change, message):
 def test_file_that_is_none_is_refused(tmp_path, data, message):
     path = tmp_path / "c.json"
     path.write_bytes(data)
+
     with pytest.raises(DecaffError, match=message):
         read_calibration(path)
 
@@ -287,6 +301,7 @@ def test_touch_off_at_three_angles_finds_how_the_drum_is_mounted():
 
 def test_touches_that_disagree_are_refused():
     counts, angles = touches([0.2, 0.5, 0.8])
+
     with pytest.raises(
         DecaffError,
         match=r"^the touches disagree by 0\.4\d mm, expected 0\.3 mm at most: repeat the touches$",
@@ -305,6 +320,7 @@ def test_compliance_and_backlash_are_found_again():
     """Within half a count: 1.4 µm of cable."""
     held = [HAND.potentiometer.read(HAND.replica_angle(0.5, tension)) for tension in (0.0, 2.0)]
     assert cable_compliance(HAND, held) == pytest.approx(1.0 / 20e3, abs=1.1e-6)
+
     opening = HAND.potentiometer.read(HAND.replica_angle(0.5, is_closing=False))
     assert backlash(HAND, float(HAND.counts(0.5)), float(opening)) == pytest.approx(0.15e-3, abs=2.2e-6)
 
@@ -332,6 +348,7 @@ def test_compliance_and_backlash_are_found_again():
 def test_measurement_that_cannot_be_is_refused(measure, message):
     with pytest.raises(DecaffError) as refused:
         measure()
+
     assert str(refused.value) == message
 
 
@@ -341,6 +358,7 @@ def test_latency_is_found_from_a_step(height):
     times = np.arange(0.0, 0.050, 1e-5)
     answer = 7.0 + height * np.clip((times - 0.0142) / 1e-4, 0.0, 1.0)
     answer += 0.01 * height * np.random.default_rng(7).uniform(-1, 1, len(times))
+
     assert step_latency(times, answer, 0.010) == pytest.approx(4.2e-3, abs=2e-5)
 
 
@@ -348,7 +366,9 @@ def test_example_of_the_documentation_makes_a_calibration(tmp_path, monkeypatch)
     """Who has measured a glove finds there how the file is made."""
     monkeypatch.chdir(tmp_path)
     _, _, example = fit.__doc__.partition("::\n")
+
     exec(compile(textwrap.dedent(example), "calibration", "exec"), {})
+
     made = read_calibration("glove.json")
     check_age(made)
     CalibratedGlove(Glove(), made)

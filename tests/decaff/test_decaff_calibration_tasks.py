@@ -57,6 +57,7 @@ def test_simulated_gloves_are_recovered_within_their_uncertainties(tmp_path, dru
         shares += [(one.value - glove.truth[one.key]) / one.half_width for one in estimates]
         session.calibration("")
     shares = np.abs(shares)
+
     # 152 of 160 are expected; fewer than 144 come about by chance once in 400 times.
     assert np.count_nonzero(shares <= 1.0) >= 144
     # Half of the errors lie within a fifth to a quarter of such an interval, by Student's t of 2 to 8.
@@ -68,6 +69,7 @@ def test_uncertainties_are_small_enough_to_be_of_use(tmp_path):
     session, glove = begin(tmp_path / "r.json", 3)
     measure(session, glove)
     share = {one.key: one.half_width / one.value for one in session.estimates()}
+
     assert share["drum_mass"] < 0.01
     assert share["drum_friction"] < 0.05
     assert share["drum_latency"] < 0.1
@@ -84,6 +86,7 @@ def test_interrupted_anywhere_it_goes_on_to_the_same_numbers(tmp_path):
         measure(*begin(tmp_path / f"{stop}.json", 5, skipped=("held drum",)), stop)
         again, glove = begin(tmp_path / f"{stop}.json", 5, skipped=("held drum",))
         assert measure(again, glove) == count - stop
+
         assert as_document(again.estimates()) == as_document(whole.estimates())
 
 
@@ -93,9 +96,11 @@ def test_hand_that_slips_is_asked_again_and_the_slip_left_out(tmp_path):
     for _ in range(3):  # poses 1 to 4, first round
         session.take(session.next(), lambda part: glove.prepare(session.next(), part))
     session.readings.add(slipped, {"counts": 38000.0})
+
     assert session.next().task.key == "pose 5"  # one reading cannot disagree
     measure(session, glove, 10)
     measure(session, glove)
+
     values = [reading["counts"] for reading in session.of(slipped)]
     assert 38000.0 not in values and len(values) == 3
     assert len(session.readings.of(slipped)) == 4
@@ -106,6 +111,7 @@ def test_repeats_that_never_agree_end_with_advice(tmp_path):
     pose = session.tasks[0]
     for i in range(12):
         session.readings.add(pose, {"counts": 21000.0 + 1000.0 * i})
+
     with pytest.raises(
         DecaffError,
         match=r"^pose 1: of 12 readings no 3 agree: use the same gauge each time, .*; then measure it again "
@@ -122,6 +128,7 @@ def test_pulled_cable_and_chirp_that_contradict_each_other_are_reported(tmp_path
     measure(session, glove)
     for reading in session.readings.of(PULL):
         reading["compliance"] *= 2.0
+
     assert "farther apart than their uncertainties: look at the clamp" in contradiction(session)
 
 
@@ -129,6 +136,7 @@ def test_readings_of_another_glove_or_file_are_refused(tmp_path):
     path = tmp_path / "r.json"
     session, glove = begin(path, 1)
     measure(session, glove, 2)
+
     with pytest.raises(DecaffError, match=r"has readings of a simulated glove, seed 1, not of .* seed 2"):
         begin(path, 2)
     for text in ("[]", '{"format": "x"}', "{"):
@@ -141,6 +149,7 @@ def test_touches_that_disagree_are_not_made_a_calibration(tmp_path):
     session, glove = begin(tmp_path / "r.json", 1, skipped=("free drum", "held drum"))
     measure(session, glove)
     session.of(TOUCH)[0]["angle"] += 0.05
+
     with pytest.raises(DecaffError, match="touches disagree"):
         session.calibration("")
 
@@ -156,6 +165,7 @@ def record_of(chirp, plant, latency=1e-3, step=1e-9, rate=3000.0):
 def test_friction_and_latency_are_separated_by_coasting():
     """By the chirp alone both make the answer late."""
     found = identify_free(record_of(free_chirp(DRUM), [1.2 * INERTIA, FRICTION, 1e-3, 0.0, 0.0]), DRUM)
+
     assert found["inertia"] == pytest.approx(1.2 * INERTIA, rel=2e-3)
     assert found["friction"] == pytest.approx(FRICTION, rel=0.02)
     assert found["latency"] == pytest.approx(1e-3, rel=0.02)
@@ -163,6 +173,7 @@ def test_friction_and_latency_are_separated_by_coasting():
 
 def test_stiffness_three_times_off_the_model_is_found():
     record = record_of(held_chirp(DESIGN, DRUM), [INERTIA, FRICTION, 0.0, 54.0, 0.065])
+
     assert identify_held(record, DRUM, DESIGN, 0.0)["stiffness"] == pytest.approx(54.0, rel=0.01)
 
 
@@ -170,6 +181,7 @@ def test_chirp_that_went_wrong_is_refused():
     chirp = free_chirp(DRUM)
     good = record_of(chirp, [INERTIA, FRICTION, 0.0, 0.0, 0.0], step=1e-3)
     times, torques = good.times, good.commanded
+
     with pytest.raises(DecaffError, match="hardly moved, expected a swing"):
         identify_free(DrumRecord(times, torques, np.zeros(len(times)), torques), DRUM)
     blocked = np.clip(good.angles, -1.0, good.angles[0] + 0.05)
@@ -181,6 +193,7 @@ def test_chirp_that_went_wrong_is_refused():
 
 def test_step_of_an_encoder_is_seen_where_there_is_one():
     angles = np.rint(np.cumsum(np.random.default_rng(7).normal(0, 2, 500))) * 1e-3 + 0.3
+
     step, error = encoder_step(angles)
     assert step == pytest.approx(1e-3, abs=error) and error < 1e-8
     assert math.isnan(encoder_step(np.random.default_rng(7).normal(size=500))[0])
@@ -190,6 +203,7 @@ def test_file_keeps_readings_and_results(tmp_path):
     session, glove = begin(tmp_path / "r.json", 4, skipped=("held drum",))
     measure(session, glove)
     session.readings.write(as_document(session.estimates()))
+
     document = json.loads((tmp_path / "r.json").read_text())
     assert len(document["readings"]) == len(session.readings.all)
     assert document["results"]["drum_mass"]["readings"] == len(session.of(FREE))

@@ -15,6 +15,7 @@ def test_firmware_of_the_page_compiles(tmp_path):
     (shown,) = re.findall(r"```c\n(.*?)```", PAGES["guide/controller.md"], re.DOTALL)
     write_controller([Glove()], tmp_path)
     (tmp_path / "firmware.c").write_text(shown)
+
     run(c_compiler(), *STRICT, "-c", tmp_path / "firmware.c", "-o", tmp_path / "firmware.o")
 
 
@@ -37,4 +38,5 @@ def test_command_of_the_page_compiles_and_links_a_program(tmp_path):
     )
     (tmp_path / "your.c").write_text(shown + own)
     subprocess.run(f"{c_compiler()} {command}", shell=True, cwd=tmp_path, check=True)
+
     assert subprocess.run([tmp_path / "a.out"], check=False).returncode == 0

@@ -67,6 +67,7 @@ def coasted(mode, speed=0.5, drum=GEAR49):
 def test_drum_coasts_until_friction_has_taken_its_energy():
     """From 0.5 m/s v²m/2F; a step's length is what the sum of the steps is uncertain by."""
     where, speed = coasted(DriveMode.FREE)
+
     assert speed == 0.0
     assert where == pytest.approx(0.5 * GEAR49.mass * 0.5**2 / GEAR49.friction, abs=1e-5)
 
@@ -77,6 +78,7 @@ def test_shorted_motor_brakes_the_drum_by_its_own_voltage(drum):
     where, speed = coasted(DriveMode.BRAKED, drum=drum)
     stall = drum.motor.torque * drum.turn
     reach = 0.5 * drum.mass * drum.speed_limit / stall
+
     assert speed == pytest.approx(0.0, abs=1e-12)
     if drum.friction:
         assert 0.8 * reach < where < reach
@@ -120,6 +122,7 @@ def test_drum_stands_at_its_mechanical_stop():
     for _ in range(1500):
         served.serve(DrumCommand(target=0.03, force_cap=10.0), math.nan)
         served.push(0.0, 0.0, np.zeros(served.steps))
+
     # 10 N into rubber; the gear rubs by a share of that, and holds what the bump pressed in.
     pressed_in = 10.0 * drum.lever**2 / STOP_STIFFNESS / (1.0 - drum.loss)
     assert served.arm == pytest.approx(0.01 + pressed_in, rel=0.01)
@@ -128,6 +131,7 @@ def test_drum_stands_at_its_mechanical_stop():
 def test_pulse_width_makes_the_force_a_whole_number_of_steps():
     drum = replace(GEAR49, motor=replace(paper_drums.MOTOR, duty_bits=8))
     widths = driven(drum, DrumCommand(target=5e-3), 100).applied / drum.force_step
+
     # 28 N behind a gear of four, over 2⁸.
     assert drum.force_step == pytest.approx(112.0 / 256.0)
     np.testing.assert_allclose(widths, np.round(widths), atol=1e-9)
@@ -138,12 +142,14 @@ def test_pulse_width_makes_the_force_a_whole_number_of_steps():
 def test_motor_never_pushes_with_more_than_its_limit_or_what_it_is_told():
     full = driven(GEAR49, DrumCommand(target=0.03), 60).applied
     capped = driven(GEAR49, DrumCommand(target=0.03, force_cap=3.0), 60).applied
+
     assert 50.0 < np.abs(full).max() <= GEAR49.force_limit
     assert np.abs(capped).max() == 3.0
 
 
 def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
     rows = driven(GEAR49, DrumCommand(DriveMode.FREE), 30, contact=1.0, start=0.01)
+
     time = 30 / SERVO_RATE
     fallen = 0.5 * (1.0 - GEAR49.friction) / GEAR49.mass * time**2
     assert not rows.applied.any()
@@ -156,6 +162,7 @@ def test_force_that_is_not_measured_is_served_without_an_integral():
     asked = DrumCommand(DriveMode.FORCE, 0.5, force_slew=math.inf)
     blind = driven(GEAR49, asked, 30, contact=0.5, measured=math.nan)
     seeing = driven(GEAR49, asked, 30, contact=0.5, measured=0.4)
+
     assert not blind.integrated.any()
     assert blind.applied[-1] == pytest.approx(-0.5)
     assert seeing.integrated[-1] > 0.0
@@ -168,6 +175,7 @@ def test_force_that_is_not_measured_is_served_without_an_integral():
 def test_stiffness_of_servos(name, rate, stiffness):
     """The reference's factor of 0.0289 is 0.2 kp_max, 0.028894, rounded: 2.1e-4 too large."""
     found = servo_for(DRUMS[name], rate)
+
     assert found.stiffness == pytest.approx(stiffness, abs=0.5 + 2.2e-4 * stiffness)
     assert found.stiffness * found.period**2 / DRUMS[name].mass == pytest.approx(0.2 * 0.14446935, rel=1e-7)
 
@@ -175,6 +183,7 @@ def test_stiffness_of_servos(name, rate, stiffness):
 def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
     gains = servo_for(GEAR49, SERVO_RATE)
     rows = driven(GEAR49, DrumCommand(target=0.03), 120)
+
     assert rows.speed.max() == pytest.approx(1.75)  # m/s, as required
     assert np.abs(np.diff(rows.speed)).max() <= gains.acceleration * gains.period * (1.0 + 1e-12)
     assert rows.reference[-1] == pytest.approx(0.03, abs=1e-12)
@@ -189,6 +198,7 @@ def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
 
 def test_speed_cap_is_kept():
     rows = driven(GEAR49, DrumCommand(target=0.03, speed_cap=0.05), 300)
+
     assert rows.speed.max() == pytest.approx(0.05)
 
 
@@ -208,6 +218,7 @@ def test_settling_times(name, rate, far, near, share):
     within 6 %.
     """
     gains = servo_for(DRUMS[name], rate)
+
     assert 1e3 * settling_time(DRUMS[name], gains, 0.010) == pytest.approx(near, rel=share)
     if far is not None:
         assert 1e3 * settling_time(DRUMS[name], gains, 0.030) == pytest.approx(far, rel=share)
@@ -253,4 +264,5 @@ def test_look_ahead_by_bisection_and_by_formula(name):
 def test_what_cannot_be_is_named(make, message):
     with pytest.raises(ArgumentError) as caught:
         make()
+
     assert message in str(caught.value)

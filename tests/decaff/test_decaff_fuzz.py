@@ -20,5 +20,6 @@ def test_whatever_comes_no_finger_is_unsafe(tmp_path):
     sources = [*(tmp_path / name for name in SOURCES), DRIVER.with_name("controller_fuzzer.c")]
     run(c_compiler(), "-std=c99", *SANITIZERS, f"-I{tmp_path}", *sources, "-lm", "-o", tmp_path / "fuzzer")
     print(told := run(tmp_path / "fuzzer", SECONDS, "7"))
+
     samples, used, *by_state = (int(word) for word in told.split() if word.isdigit())
     assert samples == sum(by_state) and used > 1000 and min(by_state) > 100  # every state was reached

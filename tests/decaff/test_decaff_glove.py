@@ -42,6 +42,7 @@ def test_table_of_the_paper_is_derived(row):
     """All digits. The last joint bends 200/3 degrees: with 66.67, as printed, p_x(1) is 0.001 mm off."""
     bend, x, y, speed, beta, phi, rate = row
     b = float(bend)
+
     assert (FINGER.point(b) / MM).tolist() == printed(x, y)
     assert float(FINGER.speed(b)) / MM == printed(speed)
     assert float(GLOVE.linkage.angle(FINGER, b)) / DEGREE == printed(beta)
@@ -61,6 +62,7 @@ def chain_of_turns(bend, along=1.0, dorsal=0.0):
 def test_points_of_the_finger_agree_with_a_chain_of_turns(along, dorsal):
     expected = chain_of_turns(BENDS, along, dorsal)
     points = FINGER.point(BENDS, along, dorsal)
+
     np.testing.assert_allclose(points[:, 0] + 1j * points[:, 1], expected, rtol=0, atol=1e-16)
     step = 1e-4
     slope = (
@@ -75,6 +77,7 @@ def test_points_of_the_finger_agree_with_a_chain_of_turns(along, dorsal):
 
 def test_lengths_along_the_path_agree_with_an_integral():
     expected = quad(lambda b: float(FINGER.speed(b)), 0.1, 0.9, epsabs=1e-15, epsrel=1e-13)[0]
+
     assert float(FINGER.path_length(0.1, 0.9)) == pytest.approx(expected, rel=1e-13)
     assert float(FINGER.path_length(0.9, 0.1)) == pytest.approx(-expected, rel=1e-13)
     np.testing.assert_array_equal(FINGER.path_length(BENDS, BENDS), 0.0)
@@ -83,6 +86,7 @@ def test_lengths_along_the_path_agree_with_an_integral():
 def test_path_for_the_tracker_is_even_in_bend_and_in_the_world():
     world_from_hand = Pose(turn_about_axes((20.0, -35.0, 110.0)), (0.4, -0.2, 1.1))
     path = GLOVE.finger.path_world(world_from_hand)
+
     assert path.shape == (PATH_CORNERS, 3)
     assert path.dtype == np.float64 and path.flags.c_contiguous
     back = world_from_hand.inverse.point(path)
@@ -96,6 +100,7 @@ def test_line_of_65_corners_is_as_near_to_the_path_as_is_said():
     path = GLOVE.finger.path_world(Pose())[:, :2]
     middles = (np.arange(64) + 0.5) / 64
     off = np.linalg.norm(0.5 * (path[1:] + path[:-1]) - FINGER.point(middles), axis=1)
+
     assert 3.5e-3 < np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 3.65e-3
     assert 0.015e-3 < off.max() < 0.03e-3
 
@@ -105,11 +110,13 @@ def test_rate_of_the_linkage_is_the_slope_of_its_angle():
     before, after = (GLOVE.linkage.angle(FINGER, BENDS + side * step) for side in (-1, 1))
     before_2, after_2 = (GLOVE.linkage.angle(FINGER, BENDS + side * 2 * step) for side in (-1, 1))
     slope = (8 * (after - before) - (after_2 - before_2)) / (12 * step)
+
     np.testing.assert_allclose(GLOVE.linkage.angle_rate(FINGER, BENDS), slope, rtol=0, atol=1e-10)
 
 
 def test_careless_linkage_of_the_paper_folds_back_and_is_refused():
     rate = CARELESS.angle_rate(FINGER, np.linspace(0.0, 1.0, 1001))
+
     assert np.flatnonzero(rate > 0.0)[0] / 1000 == printed("0.9")
     with pytest.raises(
         ArgumentError,
@@ -131,6 +138,7 @@ def test_linkage_that_does_not_reach_is_refused():
 def test_bend_is_found_again_from_the_replica():
     """Beyond flat hand and fist both go on in a straight line."""
     bends = np.linspace(-0.2, 1.2, 1401)
+
     np.testing.assert_allclose(GLOVE.bend(GLOVE.replica_angle(bends)), bends, rtol=0, atol=1e-12)
     assert (np.diff(GLOVE.replica_angle(bends)) > 0.0).all()
 
@@ -139,6 +147,7 @@ def test_stretched_cable_and_lost_backlash_leave_the_replica_behind():
     glove = Glove(cable=Cable(backlash=0.2e-3))
     tension = 4.0
     lost = (4.0 / 20e3 + 0.2e-3) / 0.030
+
     behind = GLOVE.replica_angle(BENDS) - glove.replica_angle(BENDS, tension)
     np.testing.assert_allclose(behind, lost, rtol=1e-12)
     opening = GLOVE.replica_angle(BENDS) - glove.replica_angle(BENDS, is_closing=False)
@@ -149,6 +158,7 @@ def test_stretched_cable_and_lost_backlash_leave_the_replica_behind():
 
 def test_potentiometer_reads_whole_counts_and_stops_at_its_ends():
     pot = Potentiometer(bits=12)
+
     assert pot.gain == pytest.approx(4096 / math.radians(270))
     assert pot.read([0.0, 0.3, -10.0, 10.0]).tolist() == [1365, 1626, 0, 4095]
     np.testing.assert_allclose(pot.angle(pot.counts(BENDS)), BENDS, rtol=0, atol=1e-15)
@@ -164,6 +174,7 @@ def test_roller_touches_the_link():
     drum = ArmDrum()
     centre = 0.040 * np.exp(1j * drum.drum_angle(REPLICA))
     seen = centre * np.exp(-1j * REPLICA)
+
     np.testing.assert_allclose(seen.imag, 0.008, rtol=0, atol=1e-16)
     np.testing.assert_allclose(seen.real, drum.lever(REPLICA), rtol=1e-13)
 
@@ -216,6 +227,7 @@ def test_contact_of_the_paper_is_found(name):
     bend, cosine = row.split()[:2]
     contact = contact_of(query)
     normal = query(FINGER.point_hand(contact))[1]
+
     assert contact == printed(bend)
     assert -float(normal[:2] @ FINGER.point_rate(contact) / FINGER.speed(contact)) == printed(cosine)
 
@@ -225,6 +237,7 @@ def test_errors_of_one_distance_are_those_of_the_paper(name):
     """Lengths along the path, from the true contact to the one that is told; negative: too early."""
     query, row = TABLE_9_3[name]
     contact = contact_of(query)
+
     for length, error in zip((1, 5, 10, 20), row.split()[2:6], strict=True):
         bend = bend_before(contact, length * MM)
         distance, normal = query(FINGER.point_hand(bend))
@@ -238,6 +251,7 @@ def test_errors_of_one_distance_are_those_of_the_paper(name):
 def test_finger_that_bends_away_is_told_no_contact():
     normals = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
     bends = FINGER.contact_bend(0.0, 0.010, normals)
+
     assert bends[0] == pytest.approx(0.010 / float(FINGER.speed(0.0)))
     assert np.isnan(bends[1:]).all(), "away from the surface, and along it"
 
@@ -260,6 +274,7 @@ def test_engine_finds_the_contacts_on_the_path_that_the_glove_gives_it(name):
     )[0]
     normal = world_from_hand.inverse.direction(found["normal"])
     guess = float(FINGER.contact_bend(bend, found["signed_distance"], normal))
+
     assert float(TABLE_9_3[name][1].split()[0]) == pytest.approx(expected, abs=1e-12)
     # The polyline of 65 corners is off the path by 0.03 mm at most; divided by the cosine where it is grazed.
     off = abs(float(FINGER.path_length(found["contact_bend"], expected)))
@@ -278,6 +293,7 @@ def test_forces_are_those_of_the_paper():
 def test_cable_makes_the_wall_as_soft_as_the_paper_says():
     """1212 N/m with 20 N/mm, 6060 N/m with 100 N/mm: the cable moves 0.246 of what the fingertip does."""
     ratio = GLOVE.cable.replica_pulley / GLOVE.tip_per_radian(0.5)
+
     assert float(ratio) == printed("0.246")
     assert float(GLOVE.tip_stiffness(0.5)) == printed("1212")
     assert float(Glove(cable=Cable(stiffness=100e3)).tip_stiffness(0.5)) == printed("6060")
@@ -307,4 +323,5 @@ def test_motor_of_the_arm_carries_what_the_replica_does():
 def test_what_cannot_be_built_is_refused(make, message):
     with pytest.raises(ArgumentError) as refused:
         make()
+
     assert str(refused.value) == message

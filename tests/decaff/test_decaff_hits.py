@@ -26,6 +26,7 @@ def test_no_finger_is_hit_hard(plant):
     """From any bend and speed, with faults in mid-flight and fingers of 300 to 3000 N/m."""
     found = [hits(plant, seed, PRESSES) for seed in SEEDS]
     with_power, without = map(np.concatenate, zip(*found, strict=True))
+
     assert len(with_power) > len(SEEDS) * PRESSES / 2 and len(without)
     assert with_power.max() < POWERED and without.max() < UNPOWERED
 
@@ -36,6 +37,7 @@ def test_known_hazards_are_none(plant):
     Free 100 ms after a fault a drum sprang back from its stop with up to 0.4 J.
     """
     found = hazards(plant)
+
     assert abs(found["parked"]) < 1.5  # mm: the play of the gear
     assert found["heat"] == pytest.approx(1.0, abs=1e-3)
     assert max(found["approach"], found["unyielding"]) < POWERED and found["late"] < UNPOWERED
@@ -66,6 +68,7 @@ def test_drum_starts_where_its_stop_or_index_is_or_is_braked(
 ):
     """With both reversed it said that it was homed, 125 mm nearer to the finger."""
     ((found, off, nearer, mode, most),) = said(plant, "start", turns, counts, angle, index, link, stop)
+
     assert int(found) == state
     assert int(mode) == {DONE: DriveMode.FORCE, BY_HAND: DriveMode.FREE}.get(state, DriveMode.BRAKED)
     assert abs(float(off)) < 0.012 or state != DONE  # rad: half of the play, and a count

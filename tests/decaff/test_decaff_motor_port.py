@@ -91,7 +91,9 @@ def port(motor, drum):
 
 def test_free_drum_is_identified_and_the_motor_off_again(motor, port):
     assert port.angle() == pytest.approx(0.5 * sum(PATH.drum_angles), abs=0.05)
+
     found = identify_free(port.swing(free_chirp(DRUM).torques(port.rate)), DRUM)
+
     assert motor.mode == "off"
     assert found["inertia"] == pytest.approx(INERTIA, rel=0.02)
     assert found["friction"] == pytest.approx(FRICTION, rel=0.1)
@@ -100,7 +102,9 @@ def test_free_drum_is_identified_and_the_motor_off_again(motor, port):
 
 def test_cable_is_identified_while_the_finger_is_held(motor, port):
     motor.held_at = motor.turns
+
     record = port.swing(held_chirp(GLOVE, DRUM).torques(port.rate))
+
     assert identify_held(record, DRUM, GLOVE, 0.0)["stiffness"] == pytest.approx(STIFFNESS, rel=0.05)
 
 

@@ -71,10 +71,12 @@ def test_drum_is_homed_goes_where_it_is_sent_and_presses(motor, drum):
     """Position and torque, to the encoder's and the current's numbers, in metres and newtons."""
     drum.home()
     assert drum.angle == pytest.approx(PATH.drum_angles[1], abs=0.03)
+
     wanted = 0.5 * (PATH.drum_angles[0] + PATH.drum_angles[1])
     serve(drum, action(angle=wanted, speed_cap=0.2), 0.8)
     assert drum.angle == pytest.approx(wanted, abs=0.02)
     assert drum.position == pytest.approx(PATH.drum_position(wanted), abs=1e-3)
+
     motor.is_stalled = True  # a finger that does not yield
     serve(drum, action(DriveMode.FORCE, DrumState.CONTACT_FORCE, force=2.0), 0.15)
     assert drum.force == pytest.approx(2.0, rel=0.02)
@@ -199,6 +201,7 @@ def test_simplefoc_is_not_off_between_position_and_torque():
         MotorCommand(DriveMode.POSITION, 1.0, 0.0, 0.10),
     ):
         motor.send(command)
+
     assert port.getvalue().decode().split() == [
         "MLC1.0000", "M-3.1416", "M3.1416", "MLC1.6000", "M6.2832", "MLC2.0000",
     ]  # fmt: skip
@@ -289,6 +292,7 @@ def test_drum_of_a_calibrated_glove_counts_from_the_stop_as_when_it_was_calibrat
         drum.home()
         angle = drum.angle
         turns = motor.turns
+
     stop = angle + (motor.stop - turns) * 2.0 * math.pi / PATH.drum.gear.ratio
     assert stop == pytest.approx(PATH.drum_angles[1] + 0.1, abs=0.02)
     assert angle == pytest.approx(min(path.drum_angles[1], stop - 0.02), abs=0.03)

@@ -31,6 +31,7 @@ def test_drum_goes_with_the_part_that_is_touched(name):
     """It kept its place while the part came 20 mm nearer, and followed a leaving one in steps."""
     rows = moving(shown(SITUATIONS[name]))
     part_speed = np.abs(np.diff(rows.part)).max() * RATE
+
     assert np.abs(rows.drum - rows.part).max() < 0.12e-3 + part_speed * 4e-3  # 3 ms of latency, and a tick
     assert np.abs(rows.drum - rows.part)[-300:].max() < 0.03e-3 + part_speed * 4e-3
     assert speed_of(rows).max() < 1.25 * NEAR_SPEED  # with which it catches up
@@ -40,12 +41,14 @@ def test_drum_goes_with_the_part_that_is_touched(name):
 
 def test_part_that_stopped_is_where_it_stopped():
     rows = shown(SITUATIONS["comes"], 2.0)
+
     assert rows.part[-1] == pytest.approx(WALL - 0.020)
     assert rows.drum[-600:] == pytest.approx(rows.part[-1], abs=30e-6)
 
 
 def test_soft_part_that_comes_presses_by_its_law():
     rows = shown(SITUATIONS["comes"], 2.0, surface=Surface.DEFORMABLE)
+
     series = 1.0 / (1.0 / 300.0 + 1.0 / 200.0 + 1.0 / 400.0)  # hand, pad and part
     assert rows.force[-1] == pytest.approx(series * 0.024, rel=0.05)
     assert np.abs(np.diff(rows.force)).max() < 0.1
@@ -60,6 +63,7 @@ def test_hand_that_holds_against_the_part_meets_the_force_limit_and_no_jump_when
         )
     )
     held, given = rows[rows.time < 2.0], rows[rows.time >= 2.0]
+
     assert held.force.max() <= limits.peak_force + 0.2  # the gear's friction
     assert held.force[-1] == pytest.approx(limits.continuous_force, abs=0.25)
     fastest = np.abs(given.finger[15:] - given.finger[:-15]).max() * RATE / 15.0
@@ -71,5 +75,6 @@ def test_hand_that_holds_against_the_part_meets_the_force_limit_and_no_jump_when
 
 def test_part_that_is_faster_than_drum_and_finger_may_meet_is_caught_up_with():
     rows = moving(shown(Situation("fast", ramp(-0.020, 0.300)), 1.5))
+
     assert speed_of(rows).max() < NEAR_SPEED + 0.06  # the finger is pushed ahead of it
     assert rows.drum[-300:] == pytest.approx(rows.part[-1], abs=0.1e-3)

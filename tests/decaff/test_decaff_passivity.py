@@ -24,6 +24,7 @@ from proximity.errors import ArgumentError
 )
 def test_damping_that_a_sampled_wall_needs(stiffness, damping, rate_hz, delay_samples, expected):
     found = required_damping(stiffness, damping, 1.0 / rate_hz, delay_samples)
+
     assert found == pytest.approx(expected, abs=1e-4 if stiffness == 3900.0 else 1e-9)
 
 
@@ -35,6 +36,7 @@ def test_required_damping_is_the_supremum_over_frequencies(stiffness, damping, d
     z = np.exp(1j * turn)
     wall = (stiffness + damping / period * (1.0 - 1.0 / z)) * z**-delay_samples
     on_grid = (0.5 * period * ((1.0 - 1.0 / z) * wall).real / (1.0 - np.cos(turn))).max()
+
     found = required_damping(stiffness, damping, period, delay_samples)
     scale = stiffness * period * (delay_samples + 0.5) + abs(damping) + 1e-300
     assert on_grid <= found + 1e-6 * scale
@@ -53,6 +55,7 @@ def test_bound_is_the_energy_of_a_motion(delay_samples, turn):
     steps = np.roll(positions, -1) - positions
     given_energy = -(np.roll(force, delay_samples) * steps).sum()
     taken_energy = (steps**2).sum() / period  # of a damper of one
+
     z = np.exp(1j * turn)
     wall = (stiffness + damping / period * (1.0 - 1.0 / z)) * z**-delay_samples
     at_this_turn = 0.5 * period * ((1.0 - 1.0 / z) * wall).real / (1.0 - math.cos(turn))
@@ -71,6 +74,7 @@ def test_passive_wall_shakes_with_no_hand(delay_samples):
         mass, hand = 10.0 ** rng.uniform(-3, 2), 10.0 ** rng.uniform(0, 6)
         found = stepped_radius(mass, period, delay_samples, 1.0001 * bound, hand, stiffness, damping)
         assert found < 1.0 + 1e-9
+
     own = 0.99 * required_damping(stiffness, 0.0, period, delay_samples)
     # A heavy one is slow: 1 Hz.
     assert stepped_radius(20.0, period, delay_samples, own, 1.0, stiffness, 0.0) > 1.0
@@ -79,6 +83,7 @@ def test_passive_wall_shakes_with_no_hand(delay_samples):
 @given(st.floats(0.01, 50.0), st.floats(-10.0, 10.0), st.sampled_from([0, 1, 3]))
 def test_largest_passive_stiffness_needs_just_the_damping(own, damping, delay_samples):
     found = largest_passive_stiffness(own, damping, 0.001, delay_samples)
+
     if found == 0.0:
         assert own <= abs(damping) * (1.0 + 1e-9)
     else:
@@ -111,6 +116,7 @@ def test_late_wall_is_a_negative_damper(delay_samples):
     """A bounce gains what the apparent damper gives in half a period of the oscillation."""
     stiffness, mass, period = 1000.0, 0.1, 1e-5
     omega = math.sqrt(stiffness / mass)
+
     damper = -stiffness * (delay_samples + 0.5) * period
     found = bounce_energy_ratios(omega * period, delay_samples)
     assert found.mean() == pytest.approx(math.exp(-damper / mass * math.pi / omega), rel=1e-4)

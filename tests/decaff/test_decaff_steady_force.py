@@ -58,6 +58,7 @@ def test_watch_agrees_with_plain_numpy(seed):
     rng = np.random.default_rng(seed)
     knots = np.cumsum(rng.normal(0.0, 0.06, 12)) + 0.4
     force = np.interp(np.arange(1500), np.linspace(0, 1499, 12), knots) + rng.normal(0.0, 0.01, 1500)
+
     found = steady_at(force)
     assert found == oracle(force)
     assert 0 < sum(found) < len(found)
@@ -67,6 +68,7 @@ def test_finger_must_be_slow_for_a_window():
     force, speed = np.full(900, 0.8), np.zeros(900)
     speed[400] = 0.01
     found = steady_at(force, speed, SteadyRule())
+
     assert found[399] and not any(found[400:549])
     assert found[555]
 
@@ -83,4 +85,5 @@ def test_finger_must_be_slow_for_a_window():
 def test_what_cannot_be_is_named(make, message):
     with pytest.raises(ArgumentError) as caught:
         make()
+
     assert message in str(caught.value)

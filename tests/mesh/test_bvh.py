@@ -40,6 +40,7 @@ def random_triangles(rng, count, size=0.1):
 @pytest.mark.parametrize("count", range(1, 21))
 def test_few_faces_make_a_tree_that_holds_together(count):
     bvh, depth, _, _ = built(random_triangles(np.random.default_rng(count), count))
+
     assert depth <= 2
     assert -(-count // LANES) <= bvh.block_count <= count
     assert (bvh.slot_faces != NO_FACE).sum() == count
@@ -47,6 +48,7 @@ def test_few_faces_make_a_tree_that_holds_together(count):
 
 def test_one_face_is_a_root_with_one_leaf():
     bvh, depth, _, _ = built(np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], float))
+
     assert (bvh.node_count, bvh.block_count, depth) == (1, 1, 1)
     assert bvh.slot_faces.tolist() == [0] + [NO_FACE] * 7
     block = bvh.blocks.reshape(9, LANES)
@@ -87,7 +89,9 @@ BUILDS = {
 @pytest.mark.parametrize("name", BUILDS)
 def test_tree_holds_together_and_is_not_deep(name):
     triangles = BUILDS[name](np.random.default_rng(7))
+
     bvh, depth, _, _ = built(triangles)
+
     assert depth <= MAX_DEPTH // 2
     # Leaves are filled well enough for the walk's eight lanes to be worth it.
     assert bvh.block_count <= len(triangles)
@@ -99,12 +103,14 @@ def test_tree_holds_together_and_is_not_deep(name):
 )
 def test_ordinary_mesh_fills_its_leaves(mesh):
     bvh, depth, _, faces = built(*mesh)
+
     assert depth <= 6
     assert len(faces) / (LANES * bvh.block_count) >= 0.5
 
 
 def test_copies_without_a_separating_plane_are_halved():
     bvh, depth, _, _ = built(np.tile(np.random.default_rng(7).uniform(-1, 1, (1, 3, 3)), (10_000, 1, 1)))
+
     # Eight children a node, a leaf of eight: log8(10000 / 8) levels and a little.
     assert depth <= 5
     assert 10_000 / LANES <= bvh.block_count <= 2 * 10_000 / LANES
@@ -115,18 +121,22 @@ def test_garbage_bits_make_a_tree():
     vertices = rng.integers(0, 2**64, (3000, 3), dtype=np.uint64).view(np.float64)
     vertices = vertices[(np.abs(vertices) < 1e140).all(axis=1)]  # finite, and what `local_frame` takes
     faces = rng.integers(0, len(vertices), (5000, 3))
+
     with np.errstate(under="ignore"):
         built(vertices, faces)
 
 
 def test_faces_of_one_vertex_and_repeated_corners_are_kept():
     rng = np.random.default_rng(7)
+
     built(rng.uniform(-1, 1, (50, 3)), rng.integers(0, 50, (2000, 3)) // 7 * 7)
 
 
 def test_same_faces_give_the_same_bits():
     triangles = random_triangles(np.random.default_rng(7), 5000)
+
     first, second = built(triangles)[0], built(triangles.copy())[0]
+
     for name in ("nodes", "blocks", "slot_faces"):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
 
@@ -142,6 +152,7 @@ def test_same_faces_give_the_same_bits():
 def test_any_triangles_make_a_tree(triangles):
     extent = float((triangles.max(axis=(0, 1)) - triangles.min(axis=(0, 1))).max())
     assume(extent == 0.0 or extent >= 1e-140)
+
     with np.errstate(under="ignore"):
         built(triangles)
 
@@ -150,7 +161,9 @@ def test_blocks_hold_the_corners_of_their_faces():
     bvh, _, local, faces = built(*shapes.torus())
     slots = np.flatnonzero(bvh.slot_faces != NO_FACE)
     blocks = bvh.blocks.reshape(-1, 9, LANES)
+
     held = blocks[slots // LANES, :, slots % LANES].reshape(-1, 3, 3)
+
     np.testing.assert_array_equal(held, local[faces[bvh.slot_faces[slots]]])
 
 
@@ -197,6 +210,7 @@ def _reach_a_leaf_twice(nodes, slot_faces):
 )
 def test_check_finds_a_spoilt_tree(change, message):
     bvh, local, faces = spoilt(change)
+
     with pytest.raises(AssertionError, match=message):
         bvh.check(local, faces)
 
@@ -225,7 +239,9 @@ PLACES = {
 def test_moving_to_the_local_frame_does_not_round(place, size):
     rng = np.random.default_rng(7)
     points = np.array(PLACES[place]) + size * rng.uniform(-1, 1, (40, 3)) * [1.0, 0.3, 1e-3]
+
     local = assert_frame_is_exact(points)
+
     assert (np.abs(local) <= 1.0).all()
 
 
@@ -239,7 +255,9 @@ def test_moving_never_rounds_for_any_part_anywhere(points, place, power):
     extent = (points.max(axis=0) - points.min(axis=0)).max()
     assume(extent == 0.0 or extent > 1e-140)
     assume((np.abs(points[points != 0.0]) > 1e-250).all())
+
     local = assert_frame_is_exact(points)
+
     assert (np.abs(local) <= 1.0).all()
 
 
@@ -249,6 +267,7 @@ def test_part_fills_its_local_frame_wherever_it_is(size):
         points = place * size + size * np.array([[-1.0, -1, -1], [1, 1, 1]])
         frame = local_frame(points[0], points[1])
         local = frame.of(points)
+
         assert np.abs(local).max() <= 1.0
         assert (local[1] - local[0]).min() >= 0.25
 
@@ -256,7 +275,9 @@ def test_part_fills_its_local_frame_wherever_it_is(size):
 @pytest.mark.parametrize("value", [0.0, 5e-324, -3e-310, 1e-160, 2.5, 1e150])
 def test_part_without_extent_is_moved_to_zero(value):
     point = np.full(3, value)
+
     frame = local_frame(point, point)
+
     assert frame.of(point).tolist() == [0.0, 0.0, 0.0]
     assert frame.scale == 1.0
 
@@ -281,4 +302,5 @@ def test_limits_themselves_are_taken():
 
 def test_block_and_node_counts_are_those_of_the_arrays():
     bvh = Bvh(np.zeros(3 * NODE_STRIDE, np.float32), np.zeros(2 * BLOCK_STRIDE), np.zeros(16, np.int32))
+
     assert (bvh.node_count, bvh.block_count) == (3, 2)

@@ -14,6 +14,7 @@ VERTICES, FACES = shapes.tetrahedron()
 
 def test_arrays_are_kept_in_the_agreed_types():
     mesh = TriangleMesh(VERTICES.astype(np.float32).tolist(), FACES.astype(np.uint8))
+
     assert (mesh.vertices.dtype, mesh.faces.dtype) == (np.float64, np.int32)
     assert mesh.vertices.flags.c_contiguous and mesh.faces.flags.c_contiguous
     assert np.array_equal(mesh.vertices, VERTICES)
@@ -25,7 +26,9 @@ def test_arrays_are_kept_in_the_agreed_types():
 def test_arrays_are_copies():
     vertices, faces = VERTICES.copy(), FACES.astype(np.int32)
     mesh = TriangleMesh(vertices, faces)
+
     vertices[:], faces[:] = 9.0, 0
+
     assert np.array_equal(mesh.vertices, VERTICES)
     assert np.array_equal(mesh.faces, FACES)
     assert vertices.flags.writeable and faces.flags.writeable
@@ -84,6 +87,7 @@ def test_faces_that_cannot_be_used_are_refused(faces, message):
 def test_vertices_that_are_not_finite_are_named_and_counted():
     vertices = VERTICES.copy()
     vertices[1, 2], vertices[3, 0] = np.nan, -np.inf
+
     expected = "vertex 1 is not finite: (1.0, 0.0, nan); 2 of the 4 vertices in use are not finite"
     with pytest.raises(MeshError, match=re.escape(expected)):
         TriangleMesh(vertices, FACES)
@@ -91,11 +95,13 @@ def test_vertices_that_are_not_finite_are_named_and_counted():
 
 def test_unused_vertices_need_not_be_finite():
     vertices = np.concatenate([VERTICES, [[np.nan, 0.0, np.inf]]])
+
     assert TriangleMesh(vertices, FACES).vertex_count == 5
 
 
 def test_more_faces_than_can_be_numbered_are_refused(monkeypatch):
     monkeypatch.setattr("proximity.mesh.triangle_mesh.MAX_FACE_COUNT", 3)
+
     with pytest.raises(MeshError, match=r"^the mesh has 4 faces, at most 3 can be numbered$"):
         TriangleMesh(VERTICES[:3], FACES % 3)
     with pytest.raises(MeshError, match=r"^the mesh has 4 vertices, at most 3 can be numbered$"):

@@ -37,13 +37,16 @@ def test_every_row_is_asked_once(monkeypatch, count, workers, order_of):
         return some[0] if len(some) else -1.0
 
     found = run_batch(ask, [rows, one, counts], workers, order_of, 16)
+
     assert (counts == 1).all()
     assert all(first == answer for first, answer in found if count)
 
 
 def test_long_arrays_are_converted_in_parts():
     values = np.arange(3 * COPIED_AT_ONCE + 9, dtype=np.float32).reshape(-1, 3)[: COPIED_AT_ONCE + 1]
+
     points = as_points(values)
+
     assert points.dtype == np.float64
     assert points.flags.carray
     assert np.array_equal(points, values)
@@ -95,6 +98,7 @@ def test_batch_of_slow_rows_is_interrupted_long_before_its_end():
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED], cwd=SUPPORT, capture_output=True, text=True, timeout=100
     )
+
     assert done.returncode == 0, done.stderr
     for name, (is_interrupted, seconds, is_same, others) in json.loads(done.stdout).items():
         assert is_interrupted, name
@@ -157,6 +161,7 @@ def test_answers_while_parts_move_are_those_of_one_moment(point_count):
         mover = pool.submit(move)
         answers = list(pool.map(ask, range(3)))
         mover.result()
+
     for seen in answers:
         steps = np.abs(np.array(seen)[:, None] - expected).argmin(axis=1)
         assert np.abs(np.array(seen) - expected[steps]).max() <= 1e-12
@@ -176,6 +181,7 @@ def test_moves_from_several_threads_are_all_kept():
 
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(move, range(12)))
+
     for part, poses in zip(scene.parts, goals, strict=True):
         assert np.array_equal(part.pose.matrix, poses[-1].matrix)
     points, others = some_questions(rng, 50)
@@ -211,5 +217,6 @@ def test_parts_may_come_go_and_hide_while_threads_ask():
         changer = pool.submit(change)
         answers = list(pool.map(ask, range(2)))
         changer.result()
+
     assert all(seen <= {2.0, -0.5} for seen in answers)
     assert scene.epoch == 42

@@ -115,7 +115,9 @@ def test_deformed_part_answers_as_one_made_anew(name, change):
     vertices, faces = MESHES[name]
     scene = Scene([Solid(vertices, faces, name=name)])
     changed = CHANGES[change](vertices)
+
     scene.deform(name, changed)
+
     anew = Solid(changed, faces)
     points = points_about(anew)
     assert_tree_holds_together(scene, 0, changed)
@@ -135,7 +137,9 @@ def test_normals_of_needles_are_weighted_by_their_angles():
     scene = Scene([Solid(vertices, faces, name="soup")])
     for power in (0.0, -3.0, -6.0):
         changed = vertices * [1.0, 10.0**power, 1.0] + [0.0, 0.0, 0.01]
+
         scene.deform("soup", changed)
+
         piece = scene.snapshot().part_arrays(0)
         normals = np.zeros_like(piece.normals)
         add_corner_normals(piece.corners, piece.faces, normals)
@@ -145,7 +149,9 @@ def test_normals_of_needles_are_weighted_by_their_angles():
 
 def test_point_on_the_deformed_surface_is_not_inside():
     scene = Scene([Solid(*shapes.cube(), name="cube")])
+
     scene.deform("cube", 2.0 * shapes.cube()[0])
+
     assert scene.contains([[2.0, 1.0, 1.0], [1.0, 0.0, 0.5], [1.0, 1.0, 1.0]]).tolist() == [
         False,
         False,
@@ -163,7 +169,9 @@ def test_part_that_comes_near_the_origin_in_a_frame_far_from_it_is_not_rounded()
     name = scene.parts[0].name
     assert scene.snapshot().frames["centre"][0, 0] != 0.0
     changed = (vertices + 0.1 / 3.0) * 0.5
+
     scene.deform(name, changed)
+
     assert_tree_holds_together(scene, 0, changed)
     points = points_about(scene.part(name).solid)
     expected = oracle.closest(changed, faces, points).distance
@@ -176,6 +184,7 @@ def test_faces_may_lose_their_area_and_win_it_back():
         Scene([Solid(vertices, faces, name="torus")]),
         np.random.default_rng(1).normal(size=(50, 3)),
     )
+
     for flat in ([1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]):
         scene.deform("torus", vertices * flat)
         # The faces above and below cancel: what is left of normals is rounding.
@@ -183,6 +192,7 @@ def test_faces_may_lose_their_area_and_win_it_back():
         expected = oracle.closest(vertices * flat, faces, points).distance
         assert (np.abs(scene.distance(points) - expected) <= judging.allowance(expected, vertices)).all()
     scene.deform("torus", vertices)
+
     assert_answers_as(scene, Scene([Solid(vertices, faces)]), points)
 
 
@@ -191,7 +201,9 @@ def test_unused_vertices_may_be_anything():
     extra = np.concatenate([[[np.nan, 0.0, 0.0]], vertices, [[np.inf, 1e300, 0.0]]])
     scene = Scene([Solid(extra, faces + 1, name="cube")])
     extra[1:-1] *= 3.0
+
     scene.deform("cube", extra)
+
     assert scene.signed_distance((1.0, 1.5, 1.5)) == -1.0
 
 
@@ -200,8 +212,10 @@ def test_vertices_that_meet_stay_corners_of_their_own():
     vertices, faces = shapes.octahedron()
     scene, pinched = Scene([Solid(vertices, faces, name="part")]), vertices.copy()
     pinched[0] = pinched[1]
+
     scene.deform("part", pinched)
     scene.deform("part", vertices)
+
     assert scene.signed_distance((0.0, 0.0, 0.0)) == pytest.approx(-1.0 / np.sqrt(3.0), rel=1e-14)
 
 
@@ -212,10 +226,12 @@ def test_solid_that_was_there_before_keeps_its_shape(name):
     scene = Scene([solid])
     points = points_about(solid)
     before, bounds = solid.closest(points), solid.bounds
+
     scene.deform(name, CHANGES["a wobble"](vertices))
     between = scene.part(name).solid
     wobbled = between.closest(points)
     scene.deform(name, 3.0 * vertices)
+
     assert judging.same_bits(solid.closest(points), before)
     assert np.array_equal(solid.bounds, bounds)
     assert np.array_equal(solid.mesh.vertices, vertices)
@@ -230,7 +246,9 @@ def test_one_solid_in_two_places_is_deformed_in_one(row):
     solid, rows = Solid(*shapes.cube(), name="cube"), np.arange(12, dtype=np.int32)
     scene = Scene([Part(f"{x}", solid, Pose(translation=(x, 0.0, 0.0)), rows) for x in (0.0, 10.0)])
     before = scene.parts
+
     scene.deform(f"{10.0 * row}", 2.0 * shapes.cube()[0])
+
     assert solid.signed_distance((0.5, 0.5, 0.5)) == -0.5
     centres = np.array([[0.5, 0.5, 0.5], [10.5, 0.5, 0.5]])
     centres[row] += 0.5
@@ -241,7 +259,9 @@ def test_one_solid_in_two_places_is_deformed_in_one(row):
 def test_scenes_that_share_a_solid_are_deformed_apart():
     solid = Solid(*shapes.cube(), name="cube")
     first, second = Scene([solid]), Scene([solid])
+
     first.deform("cube", 2.0 * shapes.cube()[0])
+
     assert first.signed_distance((1.0, 1.0, 1.0)) == -1.0
     assert second.signed_distance((0.5, 0.5, 0.5)) == solid.signed_distance((0.5, 0.5, 0.5)) == -0.5
     third = Scene([first.part("cube").solid, Solid(*shapes.octahedron(), name="other")])
@@ -271,8 +291,10 @@ def test_callers_array_is_copied_and_may_be_of_any_kind():
 def test_deformed_solid_tells_what_it_is():
     scene = Scene([Solid(*shapes.inside_out(shapes.cube()), name="lid")])
     told = scene.part("lid").solid.sign_reason
+
     for factor in (2.0, 3.0):
         scene.deform("lid", factor * shapes.cube()[0])
+
     solid = scene.part("lid").solid
     suffix = "; decided before the part was deformed, and not checked since"
     assert solid.sign_reason == told + suffix
@@ -320,8 +342,10 @@ def test_vertices_that_cannot_be_used_are_refused_and_nothing_changes(vertices, 
     )
     points = np.random.default_rng(4).uniform(-1.0, 2.0, (60, 3))
     before, solid = scene.signed_distance(points), scene.part("cube").solid
+
     with pytest.raises((ArgumentError, MeshError), match=f"^{message}$"):
         scene.deform("cube", vertices)
+
     assert scene.part("cube").solid is solid
     assert judging.same_bits(scene.signed_distance(points), before)
     assert_tree_holds_together(scene, 0, solid.mesh.vertices)
@@ -331,6 +355,7 @@ def test_vertices_that_cannot_be_used_are_refused_and_nothing_changes(vertices, 
 
 def test_unknown_part_is_refused_with_the_names():
     scene = Scene([Solid(*shapes.cube(), name="cube")])
+
     with pytest.raises(SceneError, match=re.escape("no part is named 'lid'; the scene has 'cube'")):
         scene.deform("lid", shapes.cube()[0])
 
@@ -339,5 +364,7 @@ def test_sheet_may_be_turned_over():
     """It has no inside, so that there is nothing to turn out."""
     vertices, faces = shapes.grid(2, 2)
     scene = Scene([Solid(vertices, faces, name="sheet")])
+
     scene.deform("sheet", vertices * [-1.0, 1.0, 1.0] + [0.0, 0.0, 1.0])
+
     assert scene.distance((-0.5, 0.5, 3.0)) == 2.0

@@ -43,7 +43,9 @@ class Pair:
 @pytest.mark.parametrize("seed", range(150))
 def test_parts_cross_where_they_have_cells_in_common(seed):
     pair = Pair(seed)
+
     found = pair.scene.clearance("a", "b")
+
     assert (found.relation in SHARING) == overlap(pair.first, pair.second, pair.offset)
 
 
@@ -54,6 +56,7 @@ def test_the_way_out_is_within_its_bounds(seed):
         found = pair.scene.penetration("a", "b", direction=direction)
         true = pair.size * free_from(pair.first, pair.second, pair.offset, pair.to_grid(found.direction))
         room = 1e-9 * pair.size
+
         assert found.lower <= true + room
         assert true <= found.depth + room
         assert found.depth - found.lower <= 0.0101 * found.depth
@@ -72,6 +75,7 @@ def test_the_deepest_point_is_where_sampled_points_say(seed):
         assert found.deepest == 0.0
         assert np.isnan(found.deepest_point).all()
         return
+
     assert found.deepest >= true * pair.size * (1.0 - 1e-9)
     assert found.deepest_lower <= (true + spacing * 0.75**0.5) * pair.size
     assert found.deepest <= found.deepest_lower * 1.0101 + 1e-6 * pair.size
@@ -93,6 +97,7 @@ def test_a_tracked_part_driven_in_along_flush_sides_is_never_free(seed):
         record = tracker.tick(pose, 10**9 + 10**6 * tick, 10**9 + 10**6 * tick)[0]
         is_sharing = overlap(pair.first, pair.second, pair.offset + moved)
         is_clear = overlap(pair.first, pair.second, pair.offset + moved, 1e-9)
+
         assert bool(record["flags"] & (ConnectionFlag.CROSSING | ConnectionFlag.INSIDE)) in (
             is_sharing,
             is_clear,

@@ -265,7 +265,9 @@ def test_distance_and_relation_are_known(name, where):
     place = PLACES[where]
     scene, room = place.scene(one, other), place.room(one, other)
     expected = place.scale * place.factor * distance
+
     found, back = scene.clearance("a", "b"), scene.clearance("b", "a")
+
     assert found.distance == pytest.approx(expected, abs=room)
     assert found.relation == relation or (found.relation == TOUCHING and place.is_rounding(name))
     assert (back.distance, back.relation) == (found.distance, BACK.get(found.relation, found.relation))
@@ -316,7 +318,9 @@ def test_distance_is_the_same_anywhere(name):
     And so it does of those that cross only where edges meet edges.
     """
     one, other, distance, relation = PAIRS[name]
+
     found = ANYWHERE.scene(one, other).clearance("a", "b")
+
     assert found.distance == pytest.approx(distance, abs=ANYWHERE.room(one, other))
     if relation != TOUCHING and name not in THROUGH_DIAGONALS and not name.startswith("1 nm"):
         assert found.relation == relation

@@ -33,6 +33,7 @@ def pair_in_three_places(tmp_path):
 
 def test_instances_of_one_mesh_share_their_solids(tmp_path):
     scene = pair_in_three_places(tmp_path)
+
     assert [part.name for part in scene.parts] == [
         "left.1", "left.2", "right.1", "right.2", "other.1", "other.2",
     ]  # fmt: skip
@@ -53,7 +54,9 @@ def test_instances_answer_as_parts_that_were_made_for_themselves(tmp_path):
         for part in scene.parts
     ]
     points = np.random.default_rng(3).uniform(-0.5, 1.5, (2000, 3))
+
     found, expected = scene.closest(points), Scene(apart).closest(points)
+
     for field in ("signed_distance", "point", "gradient", "part"):  # of faces that tie another may be named
         assert np.allclose(getattr(found, field), getattr(expected, field), rtol=0.0, atol=1e-14)
 
@@ -70,8 +73,10 @@ def test_file_that_places_a_part_too_far_off_is_refused(tmp_path):
     nodes = [{"mesh": 0, "name": "lid", "translation": [1e200, 0.0, 0.0]}]
     path = tmp_path / "far.glb"
     path.write_bytes(mesh_files.glb(*mesh_files.gltf_document([[shapes.cube()]], nodes)))
+
     with pytest.raises(proximity.MeshError) as refusal:
         proximity.load(path)
+
     assert str(refusal.value).startswith(
         f"{path}: part 'lid' would be moved by 1e+200 m, which is farther than"
     )
@@ -80,7 +85,9 @@ def test_file_that_places_a_part_too_far_off_is_refused(tmp_path):
 @pytest.mark.processes
 def test_progress_of_loading_counts_meshes():
     counted = []
+
     proximity.load(MESHES / "assembly.step", progress=lambda done, total: counted.append((done, total)))
+
     total = len(counted)
     assert total > 1 and counted == [(done, total) for done in range(1, total + 1)]
 
@@ -96,6 +103,7 @@ def test_many_small_parts_are_each_assembled_once(tmp_path, monkeypatch):
     nodes = [{"mesh": row} for row in range(20)]
     path.write_bytes(mesh_files.glb(*mesh_files.gltf_document([[cube] for cube in cubes], nodes)))
     scene = proximity.load(path)
+
     assert made == [1] * 20
     assert sign._random_samples.cache_info().misses == 1
     for part in scene.parts:
@@ -116,6 +124,7 @@ def turned_and_shifted(seed, shift):
 
 def test_mesh_is_a_scene_in_metres():
     scene = from_trimesh(box(), name="die")
+
     assert [part.name for part in scene.parts] == ["die"]
     np.testing.assert_allclose(scene.bounds, [[-0.01] * 3, [0.01] * 3])
     assert scene.signed_distance((0.0, 0.0, 0.005)) == pytest.approx(-0.005)
@@ -147,7 +156,9 @@ def test_scene_has_its_nodes_as_parts_where_the_graph_puts_them():
         scene.add_geometry(mesh, node_name=name, geom_name="ring", transform=matrix)
     scene.add_geometry(mesh, node_name="child", parent_node_name="grown", transform=matrices["turned"])
     matrices["child"] = matrices["grown"] @ matrices["turned"]
+
     parts = {part.name: part for part in from_trimesh(scene).parts}
+
     assert set(parts) == set(matrices)
     centres = mesh.triangles_center
     for name, matrix in matrices.items():
@@ -164,7 +175,9 @@ def test_scene_has_its_nodes_as_parts_where_the_graph_puts_them():
 
 def test_what_has_no_faces_is_left_out_and_said():
     scene = trimesh.Scene([box(), trimesh.PointCloud(np.eye(3))])
+
     loaded = from_trimesh(scene)
+
     assert len(loaded.parts) == 1
     assert loaded.report.notes == ("1 of its geometries have no faces and were ignored",)
     with pytest.raises(MeshError, match=r"^the trimesh.Scene holds no faces$"):
@@ -197,6 +210,7 @@ def test_what_cannot_be_taken_is_refused(mesh, units, message):
 def test_matrix_that_flattens_is_refused_with_the_name():
     scene = trimesh.Scene()
     scene.add_geometry(box(), node_name="flat", transform=np.diag([1.0, 1.0, 0.0, 1.0]))
+
     with pytest.raises(MeshError, match=r"^part 'flat': it is placed by a matrix that flattens it"):
         from_trimesh(scene)
 
@@ -226,6 +240,7 @@ PYVISTA = SimpleNamespace(points=VERTICES, faces=np.insert(FACES, 0, 3, axis=1).
 )
 def test_meshes_of_other_libraries_are_taken_by_their_arrays(mesh):
     scene = from_mesh(mesh, units="inches", name="die")
+
     assert scene["die"].solid.has_inside
     np.testing.assert_allclose(np.ptp(scene.bounds, axis=0), np.ptp(np.asarray(VERTICES), axis=0) * 0.0254)
 
@@ -252,8 +267,10 @@ def test_what_is_no_mesh_is_refused(mesh, units, message):
 def test_scene_becomes_one_of_trimesh_and_comes_back(tmp_path):
     scene = proximity.load(MESHES / "assembly.glb")
     scene.move("lid", proximity.Pose(None, [0.1, 0.0, 0.0]))
+
     there = to_trimesh(scene)
     back = from_mesh(there)
+
     assert set(there.graph.nodes_geometry) == {part.name for part in scene}
     np.testing.assert_allclose(back.bounds, scene.bounds)
     assert back["lid"].pose.translation.tolist() == [0.1, 0.0, 0.0]
@@ -264,6 +281,7 @@ def test_scene_becomes_one_of_trimesh_and_comes_back(tmp_path):
 def test_parts_are_found_by_name_and_by_index():
     scene = proximity.load(MESHES / "assembly.glb")
     hit = scene.closest([0.03, 0.02, 0.1])
+
     assert scene[hit.part] is scene["lid"] is scene.part(3)
     assert [part.name for part in scene] == [part.name for part in scene.parts] and len(scene) == 4
     for missing in (4, "cover", None, proximity.NO_PART):
@@ -282,6 +300,7 @@ def test_unit_that_has_no_effect_is_a_warning_and_a_scale_is_the_way_out(tmp_pat
         whole = proximity.load(path, units="mm")
     small = proximity.load(path, units="metres", scale=1e-3)
     assert np.allclose(small.bounds[1], 1e-3 * whole.bounds[1])
+
     whole.save(tmp_path / "whole.prox")
     with pytest.warns(proximity.UnitsWarning, match="in m;"):
         proximity.load(tmp_path / "whole.prox", units="in")

@@ -26,6 +26,7 @@ def cubes(offset, size=0.1):
 
 def test_of_two_cubes_it_is_a_box():
     found = overlap(cubes([0.09, 0.02, -0.03]), "a", "b")
+
     assert_is(found, 0.01 * 0.08 * 0.07, [0.09, 0.02, 0.0], [0.1, 0.1, 0.07])
 
 
@@ -34,6 +35,7 @@ def test_it_is_given_where_the_parts_stand():
     bar = Solid(*shapes.box([0, 0, 0], [0.2, 0.1, 0.05]), name="bar")
     scene = Scene([Solid(*shapes.cube(0.1, [0.05] * 3), name="cube"), bar])
     scene.move("bar", Pose(QUARTER_TURN, [0.15, -0.1, 0.02]))
+
     for pair in (("cube", "bar"), ("bar", "cube")):
         found = overlap(scene, *pair)
         assert_is(found, 0.05 * 0.1 * 0.05, [0.05, 0.0, 0.02], [0.1, 0.1, 0.07])
@@ -41,6 +43,7 @@ def test_it_is_given_where_the_parts_stand():
 
 def test_a_part_inside_another_overlaps_by_all_of_itself():
     assert overlap(cubes([0.0, 0.0, 0.0]), "a", "a").volume == pytest.approx(1e-3)
+
     scene = Scene(
         [Solid(*shapes.cube(0.1, [0.0] * 3), name="a"), Solid(*shapes.cube(0.02, [0.0] * 3), name="b")]
     )
@@ -61,6 +64,7 @@ def test_parts_that_touch_have_none(far):
 def test_parts_that_are_apart_have_none():
     """Also where the boxes around them meet."""
     assert overlap(cubes([0.2, 0.0, 0.0]), "a", "b") is None
+
     scene = Scene([Solid(*shapes.tetrahedron(), name=name) for name in "ab"])
     scene.move("b", Pose(np.diag([-1.0, -1.0, 1.0]), [1.2, 1.2, 0.0]))
     assert overlap(scene, "a", "b") is None
@@ -70,12 +74,14 @@ def test_a_small_part_far_from_the_origin_overlaps_as_elsewhere():
     scene = cubes([0.0005, 0.0, 0.0], size=0.001)
     for name in "ab":
         scene.move(name, Pose(None, scene.part(name).pose.translation + np.array([1000.0, 0.0, 0.0])))
+
     assert overlap(scene, "a", "b").volume == pytest.approx(5e-10, rel=1e-9)
 
 
 def test_what_is_hidden_is_measured_and_stays_hidden():
     scene = cubes([0.09, 0.02, -0.03])
     scene.hide("b")
+
     assert overlap(scene, "a", "b").volume == pytest.approx(5.6e-5)
     assert scene.part("b").is_hidden
 
@@ -87,6 +93,7 @@ def test_a_part_that_is_no_solid_is_named():
     message = (
         r"^part 'tray' is not a closed solid for manifold3d \(NotManifold\), expected two parts that are"
     )
+
     for pair in (("a", "tray"), ("tray", "a")):
         with pytest.raises(MeshError, match=message):
             overlap(scene, *pair)
@@ -97,6 +104,7 @@ def test_a_part_that_is_no_solid_is_named():
 @pytest.mark.processes
 def test_the_parts_of_the_sample_assembly_touch_and_do_not_overlap():
     scene = proximity.load(MESHES / "assembly.step")
+
     assert overlap(scene, "base", "lid") is None and overlap(scene, "lid", "pin") is None
     lid = scene.part("lid").pose
     scene.move("lid", Pose(lid.rotation, lid.translation - [0.0, 0.0, 0.001]))

@@ -102,6 +102,7 @@ def test_random_parts_are_as_far_apart_as_whole_numbers_say(seed):
             relations = {"second inside first"} if inside(other, one) else {"apart"}
             relations = {"first inside second"} if inside(one, other) else relations
         found = clearance(one, other)
+
         assert found.relation in relations, (one, other)
         expected = 0.0 if "inside" in found.relation else distance
         assert found.distance == pytest.approx(expected, abs=20.0 * ROUNDING), (one, other)
@@ -119,7 +120,9 @@ def triangles(draw):
 def test_triangles_meet_where_whole_numbers_say(pair):
     one, other = ((corners, np.array([[0, 1, 2]])) for corners in pair)
     distance, relations = exact(one, other)
+
     found = clearance(one, other)
+
     assert found.relation in relations
     assert found.distance == pytest.approx(distance, abs=4.0 * ROUNDING)
 
@@ -133,8 +136,10 @@ def test_moving_swapping_and_refining_both_changes_nothing(seed):
     one, other = shape(rng), shape(rng)
     found = clearance(one, other)
     pose = Pose(shapes.rotation(seed), rng.uniform(-100.0, 100.0, 3))
+
     moved, back = clearance(one, other, pose), clearance(other, one)
     fine = clearance(shapes.quartered(*one), shapes.quartered(*shapes.quartered(*other)))
+
     assert moved.distance == pytest.approx(found.distance, abs=200.0 * ROUNDING)
     assert back.distance == pytest.approx(found.distance, abs=20.0 * ROUNDING)
     assert fine.distance == pytest.approx(found.distance, abs=20.0 * ROUNDING)

@@ -39,7 +39,9 @@ def pixels_of(content):
 
 def test_picture_is_a_png_of_the_size_asked_for(bracket, tmp_path):
     points = np.array([[26.0, -14.0, 22.0], [30.0, 10.0, 2.0], [math.nan, 0.0, 0.0]]) / 1e3
+
     write_picture(Picture(bracket, "bracket", points, ("z", 0.027), size=SIZE), tmp_path / "picture.png")
+
     image = pixels_of((tmp_path / "picture.png").read_bytes())
     assert image.shape == (SIZE[1], SIZE[0], 3)
     assert len(np.unique(image.reshape(-1, 3), axis=0)) > 2000
@@ -56,11 +58,13 @@ def test_colours_of_the_map_are_those_of_the_scenes_distances(bracket, axis, pos
     share = rng.uniform(0.03, 0.97, (400, 2))
     column = np.floor((left + share[:, 0] * width) * size[0]).astype(int)
     row = np.floor((1 - bottom - share[:, 1] * height) * size[1]).astype(int)
+
     # The middle of each pixel, back in the plane.
     first = ((column + 0.5) / size[0] - left) / width * (field.right[-1] - field.right[0]) + field.right[0]
     second = (1 - (row + 0.5) / size[1] - bottom) / height * (field.up[-1] - field.up[0]) + field.up[0]
     points = np.insert(np.stack([first, second], axis=1), "xyz".index(axis), position, axis=1)
     error = np.abs(image[row, column] - colors(bracket.signed_distance(points))).max(axis=1)
+
     # Lines, their labels and the surface are drawn over some of them.
     assert np.median(error) < 0.01
     assert (error < 0.04).mean() > 0.75
@@ -71,6 +75,7 @@ def test_parts_have_colours_of_their_own_and_hidden_ones_are_left_out():
     names = [part.name for part in scene.parts]
     whole = sheet.draw(Picture(scene, "assembly", size=SIZE))
     scene.hide(names[1])
+
     assert sheet.draw(Picture(scene, "assembly", size=SIZE)) != whole
     for name in names:
         scene.hide(name)
@@ -86,8 +91,10 @@ def test_page_does_not_speak_of_an_inside_that_no_part_has(box, monkeypatch):
         sheet, "_draw_bar", lambda figure, axes, *rest: (draw_bar(figure, axes, *rest), written.append(axes))
     )
     tray = proximity.Solid(0.01 * shapes.open_box()[0], shapes.open_box()[1])
+
     for scene in (proximity.Scene([tray]), box):
         sheet.draw(Picture(scene, "scene", cut=("z", 0.005), size=SIZE))
+
     titles = [axes.get_title() or axes.get_ylabel() for axes in written]
     assert titles == [
         "Distance (no inside is known) at z = 5 mm",
@@ -105,8 +112,10 @@ def test_points_beside_a_slice_have_a_scale_of_their_own(box, monkeypatch):
         lambda *given, **more: (draw_bar(*given, **more), levels.append(given[3].levels[[0, -1]].tolist())),
     )  # fmt: skip
     near = np.array([[0.02, 0.015, -4e-5], [0.02, 0.015, 2e-5]])
+
     for reach in (None, (-2.5e-5, 2.5e-5)):
         sheet.draw(Picture(box, "box", near, ("z", 0.005), size=SIZE, reach=reach))
+
     assert levels[1] == pytest.approx([-0.04, 0.04]) and levels[3] == pytest.approx([-0.025, 0.025])
     assert levels[0] == levels[2] and levels[0][1] > 1.0
 
@@ -127,6 +136,7 @@ def test_share_of_points_within_the_bar_is_written_on_the_page_and_nothing_is_cu
     monkeypatch.setattr(sheet, "_figure", lambda *given: figures.append(make(*given)) or figures[-1])
     points = np.array([[0.02, 0.015, height] for height in (4e-5, -2e-5, -2.2e-5)])  # of the lowest face
     sheet.draw(Picture(box, "box", points, cut, size=(640, 360), reach=reach))
+
     (figure,) = figures
     agg = pytest.importorskip("matplotlib.backends.backend_agg")
     renderer = agg.FigureCanvasAgg(figure).get_renderer()
@@ -157,6 +167,7 @@ def test_many_parts_and_long_names_are_cut_short(box):
         )
         for number, rows in enumerate([box.parts[0].source_faces] * 11)
     ]
+
     assert sheet.draw(Picture(proximity.Scene(parts), "row", size=SIZE)).startswith(b"\x89PNG")
 
 
@@ -178,6 +189,7 @@ def test_what_cannot_be_drawn_is_refused(box, options, sentence):
 
 def test_missing_pyvista_is_reported_with_what_to_install(box, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pyvista", None)
+
     with pytest.raises(
         MissingLibraryError, match=r'pictures need PyVista.*pip install "cad-proximity\[picture\]"'
     ):
@@ -187,6 +199,7 @@ def test_missing_pyvista_is_reported_with_what_to_install(box, monkeypatch):
 @pytest.mark.parametrize("view", TO_VIEWER)
 def test_views_are_rotations_that_look_at_the_part(view):
     turn = rotation_of(view)
+
     assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(turn) == pytest.approx(1.0)
     assert turn[1, 2] >= 0.0  # z is not upside down
@@ -195,6 +208,7 @@ def test_views_are_rotations_that_look_at_the_part(view):
 def test_camera_shows_all_points():
     points = np.random.default_rng(3).uniform(-1.0, 2.0, (50, 3))
     pixels = Camera.fitted("iso", points, (300, 200)).pixels(points)
+
     assert (pixels >= 0.0).all() and (pixels <= [300, 200]).all()
     share = np.ptp(pixels, axis=0) / [300, 200]
     assert share.max() == pytest.approx(0.8)
@@ -220,6 +234,7 @@ def test_a_part_is_drawn_where_its_corners_are_and_as_large(box, offset):
     vertices = pose.point(box.parts[0].solid.mesh.vertices)
     camera = Camera.fitted("top", vertices, (200, 200))
     is_drawn, _ = drawn(scene, camera)
+
     rows, columns = np.nonzero(is_drawn)
     right, down = camera.pixels(vertices).T
     assert (columns.min(), columns.max() + 1) == pytest.approx((right.min(), right.max()), abs=2)
@@ -233,6 +248,7 @@ def test_points_are_seen_before_behind_and_through_the_part(box, height):
     point = np.array([[0.02, 0.015, height]])
     without, plain = drawn(box, camera)
     _, image = drawn(box, camera, point)
+
     right, down = camera.pixels(point)[0].astype(int)
     assert without[down, right]
     assert np.abs(image[down, right].astype(int) - plain[down, right]).max() > 10
@@ -241,6 +257,7 @@ def test_points_are_seen_before_behind_and_through_the_part(box, height):
 def test_colours_are_red_inside_white_on_the_surface_and_blue_outside():
     colors = DistanceColors(np.array([-0.004, 0.02, math.inf]), 1e-3)
     inside, surface, outside = colors(np.array([-0.004, 0.0, 0.02]))
+
     assert inside[0] > inside[2] and outside[2] > outside[0]
     assert surface.min() > 0.95
     assert colors.levels[0] <= -4.0 and colors.levels[-1] >= 20.0

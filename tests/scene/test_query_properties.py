@@ -129,7 +129,9 @@ def test_answers_of_a_mesh_are_the_oracles_and_hold_together(name, mesh):
     """The oracle decides of rays in whole numbers, we to rounding of the coordinates."""
     query, solid = QUERIES[name], solid_of(mesh)
     rows = query.rows(mesh, 300, 7)
+
     hit = query.ask(name, solid, rows)
+
     query.is_right(hit, query.truth(mesh_of(mesh)), *rows)
     query.holds_together(hit, solid.mesh.vertices, solid.mesh.faces, *rows)
 
@@ -145,6 +147,7 @@ def test_any_ray_or_segment_is_answered_as_by_the_oracle(name, start, way, mesh)
     if name == "cast" and (np.abs(way).max() < 1e-100 or solid.distance(start)[0] < 1e-14):
         return  # whether it starts before or behind the face is a matter of rounding
     rows = start, way if name == "cast" else start + way
+
     query.is_right(query.ask(name, solid, rows), query.truth(mesh_of(mesh)), *rows)
 
 
@@ -168,6 +171,7 @@ def test_answer_of_a_scene_is_the_least_over_its_parts(name, count, offset, is_t
         return query.oracle(mesh.vertices, mesh.faces, back.point(starts), others).distance
 
     hit = query.ask(name, scene, rows)
+
     query.is_right(hit, lambda *rows: np.min([of_part(part, *rows) for part in scene.parts], axis=0), *rows)
     chosen = np.flatnonzero(hit.part != NO_PART)
     named = np.array([of_part(scene.parts[hit.part[row]], *(each[row] for each in rows)) for row in chosen])
@@ -180,8 +184,10 @@ def test_answer_of_a_scene_is_the_least_over_its_parts(name, count, offset, is_t
 def test_scaling_by_a_power_of_two_scales_to_the_bit(name, mesh, exponent, seed):
     query, (vertices, faces), scale = QUERIES[name], mesh_of(mesh), 2.0**exponent
     rows = query.rows(mesh, 10, seed)
+
     hit = query.ask(name, solid_of(mesh), rows)
     scaled = query.ask(name, Solid(vertices * scale, faces), [row * scale for row in rows])
+
     for field in (query.distance, *query.points):
         assert np.array_equal(getattr(scaled, field), getattr(hit, field) * scale, equal_nan=True), field
     for field in query.others:
@@ -195,7 +201,9 @@ def test_limit_never_changes_an_answer_within_it(name, mesh, seed, limit):
     rows = query.rows(mesh, 10, seed)
     for asked in (solid_of(mesh), SCENE):
         free = query.ask(name, asked, rows)
+
         hit = query.ask(name, asked, rows, max_distance=limit)
+
         within = np.abs(getattr(free, query.distance)) <= limit
         for field in hit._fields:
             assert judging.same_bits(getattr(hit, field)[within], getattr(free, field)[within]), field
@@ -211,9 +219,11 @@ def test_the_very_distance_as_limit_still_finds_and_the_next_below_does_not(name
     query = QUERIES[name]
     rows = query.rows(mesh, 200, 7)
     free = query.ask(name, solid_of(mesh), rows)
+
     limits = np.abs(getattr(free, query.distance))
     hit = query.ask(name, solid_of(mesh), rows, max_distance=limits)
     nearer = query.ask(name, solid_of(mesh), rows, max_distance=np.nextafter(limits, 0.0))
+
     assert judging.same_bits(hit, free)
     assert (nearer.face_id[limits > 0.0] == NO_FACE).all()
 
@@ -223,6 +233,7 @@ def test_parts_of_any_size_are_as_exact(size):
     solid = Solid(*shapes.cube(size, (0, 0, 0)))
     starts = size * np.array([[-3.0, 0.1, 0.2], [-2.0, 1.0, 0.2], [-2.0, 0.1, 0.2]])
     ends = size * np.array([[-2.5, 0.1, 0.2], [2.0, 1.0, 0.2], [2.0, 0.1, 0.2]])
+
     expected = size * np.array([2.0, 0.5, 0.0])
     assert solid.closest_to_segments(starts, ends).distance == pytest.approx(expected, rel=1e-15)
     assert solid.closest(starts[0]).signed_distance == pytest.approx(2.5 * size, rel=1e-15)

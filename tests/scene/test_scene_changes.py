@@ -52,8 +52,10 @@ def test_scene_with_every_part_hidden_answers_that_nothing_is_there(count, is_lo
     if is_loose:
         scene.move_many([part.name for part in parts], [Pose(shapes.rotation(3))] * count)
     before = answers(scene, points, others)
+
     for part in parts:
         scene.hide(part.name)
+
     assert_nothing_is_there(scene)
     assert_nothing_is_there(anew(scene))
     for part in parts:
@@ -69,8 +71,10 @@ def test_hidden_part_is_found_by_no_question_and_indices_stay(is_loose):
     points, others = some_questions(rng, 100)
     if is_loose:
         scene.move_many(["part 2", "part 5"], [some_pose(rng, 3.0) for _ in range(2)])
+
     for name in ("part 2", "part 5"):
         scene.hide(name)
+
     assert_right_by_brute_force(scene, points)
     without = Scene([part for part in scene.parts if not part.is_hidden])
     kept = np.array([0, 1, 3, 4, 6, 7, 8])
@@ -90,7 +94,9 @@ def test_part_may_move_while_it_is_hidden():
     points, others = some_questions(rng, 60)
     scene.hide("part 1")
     scene.distance(points)
+
     scene.move("part 1", some_pose(rng, 3.0))
+
     assert_answers_alike(scene, anew(scene), points, others)
     scene.show("part 1")
     assert_answers_alike(scene, anew(scene), points, others)
@@ -102,9 +108,11 @@ def test_hiding_what_is_hidden_changes_nothing():
     assert scene.epoch == 0
     scene.show("part 1")
     assert scene.epoch == 0
+
     scene.hide("part 1")
     model = scene.snapshot()
     scene.hide("part 1")
+
     assert scene.snapshot() is model
     assert scene.epoch == model.epoch == 1
     scene.show("part 1")
@@ -114,7 +122,9 @@ def test_hiding_what_is_hidden_changes_nothing():
 def test_bounds_are_those_of_hidden_parts_too():
     scene = Scene(some_parts(5))
     before = scene.bounds
+
     scene.hide("part 4")
+
     assert judging.same_bits(np.array(scene.bounds), np.array(before))
 
 
@@ -125,7 +135,9 @@ def test_added_part_is_found_and_others_stay_as_they_are():
     scene.move("part 2", some_pose(rng, 3.0), velocity=(1.0, 2.0, 3.0))
     scene.hide("part 3")
     scene.set_surface("part 4", stiffness=100.0, damping=1.0)
+
     scene.add(part_of(shapes.torus(), "ring", some_pose(rng, 2.0), velocity=(0, 0, 1), stiffness=5.0))
+
     assert [part.name for part in scene.parts] == [f"part {row}" for row in range(6)] + ["ring"]
     assert_answers_alike(scene, anew(scene), points, others)
     assert_right_by_brute_force(scene, points)
@@ -145,7 +157,9 @@ def test_removed_part_goes_on_answering_and_may_come_back():
     scene.move_many(["part 1", "part 4"], [some_pose(rng, 3.0) for _ in range(2)])
     before, part = answers(scene, points, others), scene.part("part 5")
     alone = part.solid.closest(points)
+
     scene.remove("part 5")
+
     assert [each.name for each in scene.parts] == [f"part {row}" for row in range(5)]
     assert np.flatnonzero(scene.snapshot().parts["is_dynamic"][:-1]).tolist() == [1, 4]
     assert_answers_alike(scene, anew(scene), points, others)
@@ -164,8 +178,10 @@ def test_removed_part_does_not_hold_on_to_the_scene():
     scene = Scene([Solid(*shapes.torus(n=60, m=40), name="large"), Solid(*shapes.cube(), name="small")])
     words = weakref.ref(scene.snapshot().words)
     small = scene.part("small").solid
+
     scene.remove("small")
     gc.collect()
+
     assert words() is None
     assert small.memory_bytes < 100_000
     assert small.distance((2.0, 0.5, 0.5)) == 1.0
@@ -179,7 +195,9 @@ def test_faces_are_told_right_when_a_part_that_moved_is_the_only_one_left():
     scene = Scene([solid, Solid(*shapes.torus(), name="other")])
     scene.move("cube", Pose(translation=(1.0, 0.0, 0.0)))
     assert np.array_equal(scene.part("cube").solid.closest(points).face_id, before)
+
     scene.remove("other")
+
     assert np.array_equal(scene.part("cube").solid.closest(points).face_id, before)
     shifted = points + np.array([1.0, 0.0, 0.0])
     assert np.array_equal(scene.closest(shifted).face_id, before)
@@ -197,8 +215,10 @@ def test_faces_are_told_right_when_a_part_that_moved_is_the_only_one_left():
 )  # fmt: skip
 def test_change_that_does_not_fit_is_refused(change, message):
     scene = Scene(some_parts(2))
+
     with pytest.raises(SceneError, match=f"^{re.escape(message)}$"):
         change(scene)
+
     assert [part.name for part in scene.parts] == ["part 0", "part 1"]
     assert scene.epoch == 0
 
@@ -206,8 +226,10 @@ def test_change_that_does_not_fit_is_refused(change, message):
 def test_last_part_cannot_be_removed():
     scene = Scene(some_parts(1))
     message = "part 'part 0' is the only one and cannot be removed: hide it instead"
+
     with pytest.raises(SceneError, match=f"^{re.escape(message)}$"):
         scene.remove("part 0")
+
     assert scene.distance((0.0, 0.0, 0.0)) < np.inf
 
 
@@ -215,8 +237,10 @@ def test_surface_is_rigid_unless_a_stiffness_is_given():
     scene = Scene([part_of(shapes.cube(), "a"), part_of(shapes.cube(), "b", stiffness=200.0, damping=0.5)])
     columns = ["surface", "stiffness", "damping"]
     assert scene.snapshot().frames[columns][:2].tolist() == [(1.0, 0.0, 0.0), (2.0, 200.0, 0.5)]
+
     scene.set_surface("a", stiffness=300.0)
     scene.set_surface("b")
+
     assert scene.snapshot().frames[columns][:2].tolist() == [(2.0, 300.0, 0.0), (1.0, 0.0, 0.0)]
     assert [(part.stiffness, part.damping) for part in scene.parts] == [(300.0, 0.0), (None, 0.0)]
 
@@ -232,6 +256,7 @@ def test_surface_is_rigid_unless_a_stiffness_is_given():
 )
 def test_surface_that_is_none_is_refused(values, message):
     scene = Scene([part_of(shapes.cube(), "a")])
+
     with pytest.raises(ArgumentError, match=f"^{re.escape(message)}"):
         scene.set_surface("a", **values)
     with pytest.raises(ArgumentError, match=f"^{re.escape(message)}"):

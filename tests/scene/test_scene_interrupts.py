@@ -117,7 +117,9 @@ def test_scene_is_as_its_parts_say_wherever_a_change_is_interrupted(name):
         scene = scene_of_parts()
         tracker = Tracker(scene, fingers=len(POINTS), radius=0.0, working_range=10.0, budget=10**6)
         tracker.tick(POINTS, 10**6, 10**6)
+
         was_interrupted = interrupted_at(line, CHANGES[name], scene)
+
         anew = made_anew(scene)
         for told, true in zip(answers(scene), answers(anew), strict=True):
             np.testing.assert_allclose(told, true, rtol=1e-12, atol=1e-12, err_msg=f"after line {line}")
@@ -140,6 +142,8 @@ def test_solid_that_was_deformed_halfway_has_its_old_shape():
         scene = scene_of_parts()
         held = scene.part("1").solid
         before = held.signed_distance(POINTS)
+
         was_interrupted = interrupted_at(line, CHANGES["deform"], scene)
+
         scene.distance(POINTS)
         np.testing.assert_allclose(held.signed_distance(POINTS), before, rtol=1e-12, atol=1e-12)

@@ -40,6 +40,7 @@ def test_moved_scene_answers_to_the_bit_as_one_made_anew(count):
     for _ in range(6):
         chosen = rng.permutation(count)[: rng.integers(1, count + 1)]
         scene.move_many([f"part {row}" for row in chosen], matrices_of(rng, len(chosen)))
+
         assert_answers_alike(scene, anew(scene), points, others)
         assert np.array_equal(scene.bounds, anew(scene).bounds)
     assert_right_by_brute_force(scene, points)
@@ -81,7 +82,9 @@ def test_loose_parts_that_stop_where_they_began_answer_as_at_first():
     for name in poses:
         scene.move(name, Pose(translation=(1.0, 2.0, 3.0)))
         scene.distance(points[0])
+
     scene.move_many(list(poses), list(poses.values()))
+
     for found, expected in zip(answers(scene, points, others), before, strict=True):
         assert judging.same_bits(found, expected)
 
@@ -100,7 +103,9 @@ def test_parts_of_one_frame_are_walked_right_after_some_of_them_left_it():
     hidden = scene.parts[1].name
     scene.hide(hidden)
     assert_answers_alike(scene, anew(scene), points, others)
+
     scene.show(hidden)
+
     assert_answers_alike(scene, anew(scene), points, others)
     assert_right_by_brute_force(scene, points)
 
@@ -153,7 +158,9 @@ def test_velocities_are_those_of_the_last_move():
     scene.move("part 1", Pose(), velocity=VELOCITY, angular_velocity=ANGULAR_VELOCITY)
     assert scene.part("part 1").velocity.tolist() == list(VELOCITY)
     assert scene.part("part 1").angular_velocity.tolist() == list(ANGULAR_VELOCITY)
+
     scene.move_many(["part 2", "part 1"], [np.eye(4)] * 2, [VELOCITY, (0, 0, 7)], np.ones((2, 3)))
+
     assert [part.velocity.tolist() for part in scene.parts] == [[0, 0, 0], [0, 0, 7], list(VELOCITY)]
     assert scene.parts[2].angular_velocity.tolist() == [1, 1, 1]
     scene.move_many(["part 1"], [np.eye(4)])
@@ -164,15 +171,19 @@ def test_velocities_are_those_of_the_last_move():
 
 def test_moving_does_not_change_the_epoch():
     scene = Scene(some_parts(3))
+
     scene.move("part 1", Pose(translation=(3.0, 0.0, 0.0)), velocity=VELOCITY)
     scene.set_surface("part 1", stiffness=1.0)
+
     assert scene.epoch == scene.snapshot().epoch == 0
 
 
 def test_parts_that_did_not_move_are_the_same_objects():
     scene = Scene(some_parts(5))
     before = scene.parts
+
     scene.move("part 2", Pose(translation=(3.0, 0.0, 0.0)))
+
     after = scene.parts
     assert [one is two for one, two in zip(before, after, strict=True)] == [True, True, False, True, True]
     assert scene.parts[2] is after[2] is scene.part("part 2")
@@ -200,9 +211,11 @@ def test_whole_scene_may_move_far(far):
     scene = Scene(parts)
     shift = np.array([far, -far, far])
     points, others = some_questions(np.random.default_rng(6), 50)
+
     scene.move_many(
         [part.name for part in parts], [Pose(p.pose.rotation, p.pose.translation + shift) for p in parts]
     )
+
     assert_answers_alike(scene, anew(scene), points + shift, others + shift)
 
 
@@ -211,7 +224,9 @@ def test_turn_that_is_off_by_rounding_is_mended():
     scene = Scene(some_parts(3))
     matrix = np.eye(4)
     matrix[:3, :3] = shapes.rotation(3) @ (np.eye(3) + 2e-10 * np.arange(9).reshape(3, 3) / 8.0)
+
     scene.move_many(["part 1"], [matrix])
+
     rotation = scene.part("part 1").pose.rotation
     assert np.abs(rotation @ rotation.T - np.eye(3)).max() <= 4 * 2.0**-52
     assert np.abs(rotation - Pose.from_matrix(matrix).rotation).max() <= 4 * 2.0**-52
@@ -224,6 +239,7 @@ def test_poses_may_be_poses_matrices_lists_or_integers():
     scene = Scene(some_parts(3))
     pose = Pose(translation=(1.0, 2.0, 3.0))
     names = ["part 0", "part 1", "part 2"]
+
     scene.move_many(iter(names), [pose, pose.matrix, pose.matrix.tolist()])
     assert [part.pose.translation.tolist() for part in scene.parts] == [[1, 2, 3]] * 3
     scene.move_many(names, np.tile(np.eye(4, dtype=np.int32), (3, 1, 1)))
@@ -239,6 +255,7 @@ def test_moves_in_single_precision_are_those_of_the_nearest_rotations():
     scene, rng = Scene(some_parts(3)), np.random.default_rng(8)
     matrices = matrices_of(rng, 3).astype(np.float32)
     names = ["part 0", "part 1", "part 2"]
+
     scene.move_many(names, matrices)
     rotations = [part.pose.rotation for part in scene.parts]
     np.testing.assert_allclose(rotations, matrices[:, :3, :3], atol=1e-6)
@@ -251,10 +268,12 @@ def test_moves_in_single_precision_are_those_of_the_nearest_rotations():
 def test_names_may_come_from_somebody_who_asks_the_scene():
     scene = Scene(some_parts(3))
     scene.hide("part 1")
+
     scene.move_many(
         (part.name for part in scene.parts if not scene.part(part.name).is_hidden),
         [Pose(translation=(7, 0, 0)), Pose(translation=(8, 0, 0))],
     )
+
     assert [part.pose.translation[0] for part in scene.parts][::2] == [7.0, 8.0]
 
 
@@ -307,9 +326,11 @@ def test_pose_that_is_not_rigid_is_named_and_nothing_moves(matrix, message):
         lambda: scene.move("part 2", matrix),
         lambda: scene.move("part 2", matrix.tolist()),
     ]
+
     for move in moves:
         with pytest.raises(PoseError, match=f"^{re.escape(message)}"):
             move()
+
     for found, expected in zip(answers(scene, points, others), before, strict=True):
         assert judging.same_bits(found, expected)
     assert not scene.snapshot().parts["is_dynamic"].any()
@@ -338,6 +359,7 @@ TWO = [np.eye(4), np.eye(4)]
 )  # fmt: skip
 def test_moves_of_several_parts_that_do_not_fit_are_refused(given, error, message):
     scene = Scene(some_parts(2))
+
     with pytest.raises(error, match=f"^{re.escape(message)}$"):
         scene.move_many(*given)
 
@@ -359,6 +381,7 @@ def test_moves_of_several_parts_that_do_not_fit_are_refused(given, error, messag
 )  # fmt: skip
 def test_velocity_that_is_none_is_refused(values, message):
     scene = Scene(some_parts(2))
+
     with pytest.raises(ArgumentError, match=f"^{re.escape(message)}$"):
         scene.move("part 0", Pose(), **values)
     with pytest.raises(ArgumentError, match=f"^{re.escape(message)}$"):
@@ -369,5 +392,7 @@ def test_matrix_in_fortran_order_moves_a_part_as_well():
     scene = Scene([Solid(*shapes.cube(), name="cube")])
     pose = np.eye(4)
     pose[:3, 3] = 1.0, 2.0, 3.0
+
     scene.move("cube", np.asfortranarray(pose))
+
     assert scene.part("cube").pose.translation.tolist() == [1.0, 2.0, 3.0]

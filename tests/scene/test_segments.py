@@ -17,7 +17,9 @@ def test_segment_is_never_farther_than_its_points(name):
     starts, ends = some_segments(name, 200)
     solid = solid_of(name)
     shares = np.linspace(0.0, 1.0, 21)[:, None, None]
+
     along = solid.distance(starts + shares * (ends - starts))
+
     hit = solid.closest_to_segments(starts, ends)
     room = judging.allowance(along.max(), starts, ends)
     assert (hit.distance <= along.min(axis=0) + room).all()
@@ -28,8 +30,10 @@ def test_segment_is_never_farther_than_its_points(name):
 @pytest.mark.parametrize("name", sorted(MESHES))
 def test_segment_turned_round_is_as_far(name):
     starts, ends = some_segments(name, 200)
+
     there = solid_of(name).closest_to_segments(starts, ends).distance
     back = solid_of(name).closest_to_segments(ends, starts).distance
+
     assert (np.abs(there - back) <= judging.allowance(there, starts, ends)).all()
 
 
@@ -37,7 +41,9 @@ def test_segment_turned_round_is_as_far(name):
 def test_segment_without_length_answers_as_its_point(name):
     points, _ = some_segments(name, 200)
     solid = solid_of(name)
+
     segment, hit = solid.closest_to_segments(points, points), solid.closest(points)
+
     assert np.array_equal(segment.distance, np.abs(hit.signed_distance))
     assert np.array_equal(segment.point_on_solid, hit.point)
     assert np.array_equal(segment.face_id, hit.face_id)
@@ -74,7 +80,9 @@ def test_segment_beside_a_needle_is_as_far_as_the_oracle_says(aspect):
     rng = np.random.default_rng(3)
     for _ in range(60):
         vertices, start, end = beside_a_needle(aspect, rng)
+
         hit = Solid(vertices, TWO_FACES).closest_to_segments(start, end)
+
         expected = oracle.segment_distance(vertices, TWO_FACES, start, end).distance
         assert abs(hit.distance - expected) <= judging.allowance(expected, vertices, start, end)
 
@@ -91,7 +99,9 @@ def test_needle_does_not_win_by_its_plane():
     ]
     start = (-0.17201092403385107, -0.6246226360402185, 0.497307482113007)
     end = (-0.17200271346167076, -0.6245933372304477, 0.4972952669882476)
+
     hit = Solid(vertices, TWO_FACES).closest_to_segments(start, end)
+
     assert hit.face_id == 1
     assert hit.distance == pytest.approx(1.639392435e-4, rel=1e-9)
 
@@ -102,7 +112,9 @@ def test_segment_that_crosses_tells_the_crossing_nearest_to_its_start(name):
     rng = np.random.default_rng(11)
     starts = rng.uniform(-3.0, 3.0, (300, 3))
     ends = rng.uniform(-3.0, 3.0, (300, 3))
+
     hit, ray = solid.closest_to_segments(starts, ends), solid.cast(starts, ends - starts)
+
     length = np.linalg.norm(ends - starts, axis=1)
     crosses = ray.distance <= length
     assert crosses.sum() > 20
@@ -118,6 +130,7 @@ def test_segment_that_crosses_tells_the_crossing_nearest_to_its_start(name):
 )
 def test_segment_that_touches_has_distance_zero(start, end):
     hit = solid_of("cube").closest_to_segments(start, end)
+
     assert (hit.distance, hit.fraction) == (0.0, 0.0)
     assert solid_of("cube").closest_to_segments(end, start).distance == 0.0
 
@@ -129,6 +142,7 @@ def test_segment_that_ends_far_away_is_as_exact_near_the_part(far):
         beside = asked.closest_to_segments((-far, 0.5, 3.0), (far, 0.5, 3.0))
         away = asked.closest_to_segments((2.0, 0.5, 0.5), (far, 0.5, 0.5))
         through = asked.closest_to_segments((-far, 0.5, 0.25), (far, 0.5, 0.25))
+
         assert beside.distance == pytest.approx(2.0, rel=1e-15 * far + 1e-12) or far > 1e15
         assert away.distance == 1.0
         assert through.distance == 0.0
@@ -141,5 +155,6 @@ def test_segment_with_an_end_that_cannot_be_computed_with_has_no_distance(asked,
     near, far = [-1.0, -0.5, 0.1], [1e200, 1e150, 0.1]
     for start, end in ((near, far), (far, near), (far, far), ([1e200, 0.0, 0.0], [1e200, 1.0, 0.0])):
         hit = asked.closest_to_segments([start] * count, [end] * count)
+
         assert np.isnan(hit.distance).all() and np.isnan(hit.point_on_solid).all()
         assert (hit.face_id == NO_FACE).all()

@@ -158,7 +158,9 @@ def chosen(mesh):
 @pytest.mark.parametrize("name", CASES)
 def test_method_and_sentence_are_those_of_the_shape(name):
     mesh, method, sentence = CASES[name]
+
     _, found, why = chosen(mesh)
+
     assert found is method, why
     assert re.fullmatch(sentence, why), why
 
@@ -172,6 +174,7 @@ def test_side_agrees_with_the_winding_number(name):
     points = rng.uniform(lower - 0.2 * (upper - lower), upper + 0.2 * (upper - lower), (400, 3))
     points = points[oracle.closest(vertices, faces, points).distance > 1e-12 * np.abs(points).max()]
     inside = oracle.winding_number(vertices, faces, points) > 0.5
+
     np.testing.assert_array_equal(solid.signed_distance(points) < 0.0, inside)
     np.testing.assert_array_equal(solid.contains(points), inside)
 
@@ -181,6 +184,7 @@ def test_what_has_no_inside_has_distances_without_sign(name):
     vertices, faces = CASES[name][0]
     solid = Solid(vertices, faces)
     points = np.random.default_rng(7).uniform(-2, 2, (60, 3))
+
     assert not solid.has_inside
     assert (solid.signed_distance(points) >= 0.0).all()
     assert not solid.closest(points).is_signed.any()
@@ -195,6 +199,7 @@ def test_cavity_of_a_body_with_a_small_hole_is_outside(hole):
     else:
         cavity = without_a_face(cavity)
     scene = Scene.from_mesh(*shapes.join(outside, cavity))
+
     assert scene.contains([[0.0, 0.0, 0.0], [0.1, 0.2, 0.1], [0.7, 0.1, 0.0]]).tolist() == [
         False,
         False,
@@ -205,6 +210,7 @@ def test_cavity_of_a_body_with_a_small_hole_is_outside(hole):
 
 def test_cube_inside_out_is_turned_and_says_so():
     solid = Solid(*shapes.inside_out(shapes.cube()))
+
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert re.fullmatch(
         AGREES + "; all faces were flipped: they ran clockwise seen from outside", solid.sign_reason
@@ -231,6 +237,7 @@ def test_side_is_right_beside_a_thin_face_that_closes_a_junction(seed, height):
     offs *= 10.0 ** rng.uniform(-4, -0.5, (400, 1)) / np.linalg.norm(offs, axis=1, keepdims=True)
     points = vertices[a] + rng.uniform(0.0, 1.0, (400, 1)) * way + offs
     inside = oracle.winding_number(vertices, faces, points) > 0.5
+
     for asked in (Solid(vertices, faces), Scene.from_mesh(*shapes.soup(vertices, faces))):
         np.testing.assert_array_equal(asked.signed_distance(points) < 0.0, inside)
         np.testing.assert_array_equal(asked.contains(points), inside)
@@ -241,6 +248,7 @@ def test_thin_faces_are_said():
     vertices = np.concatenate([vertices, [[0.5, 0.0, 0.0]]])
     faces = [row for row in faces.tolist() if row != [0, 1, 5]] + [[0, 8, 5], [8, 1, 5], [0, 1, 8]]
     solid = Solid(vertices, faces)
+
     assert solid.is_watertight
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert re.fullmatch(
@@ -251,6 +259,7 @@ def test_thin_faces_are_said():
 
 def test_body_that_meets_itself_is_deepest_where_both_halves_are():
     solid = Solid(*CASES["two cubes that overlap"][0])
+
     # Distance to the nearest face, though that face lies inside the other cube.
     assert solid.signed_distance([0.75, 0.75, 0.75]) == -0.25
     assert solid.signed_distance([1.25, 1.25, 1.25]) == -0.25
@@ -268,9 +277,11 @@ def test_small_place_where_a_body_meets_itself_is_seen(name):
     assert solid.is_watertight
     assert solid.sign_method is SignMethod.WINDING_NUMBER, solid.sign_reason
     assert re.fullmatch(MEETS_ITSELF, solid.sign_reason), solid.sign_reason
+
     points = np.asarray(place) + np.random.default_rng(7).uniform(-reach, reach, (400, 3))
     inside = oracle.winding_number(*mesh, points) > 0.5
     contacts = Tracker(Scene([solid]), fingers=len(points), radius=0.0).tick(points, 10**6, 10**6)
+
     assert inside.any()
     np.testing.assert_array_equal(solid.signed_distance(points) < 0.0, inside)
     np.testing.assert_array_equal(solid.contains(points), inside)
@@ -281,6 +292,7 @@ def test_small_place_where_a_body_meets_itself_is_seen(name):
 @pytest.mark.parametrize("end", [1.1, 1.0001])
 def test_body_that_nearly_meets_itself_keeps_its_normals(half_width, end):
     _, found, why = chosen(handle(half_width, end))
+
     assert found is SignMethod.PSEUDONORMAL, why
     assert re.fullmatch(AGREES, why), why
 
@@ -290,6 +302,7 @@ def test_far_point_is_never_inside():
     solid = Solid(*shapes.cube())
     for distance in (1e9, 1e16, 1e20, 1e30, 1e90):
         points = distance * np.concatenate([np.eye(3), -np.eye(3), np.ones((1, 3))])
+
         assert (solid.signed_distance(points) > 0.0).all()
         assert (solid.closest(points).signed_distance > 0.0).all()
         assert not solid.contains(points).any()
