@@ -5,12 +5,12 @@ import io
 import json
 import re
 import sys
-import threading
 import time
 
 import glove_files
 import numpy as np
 import pytest
+from publishing import publishing
 from rich.console import Console
 from sealed_frames import frame
 from simulated_motors import ODriveMotor
@@ -60,20 +60,14 @@ def step(bench, told):
 @pytest.fixture
 def service():
     """Two fingers that wait before a wall, until the test is over."""
-    over = threading.Event()
 
-    def publish():
-        with open_publisher(ADDRESS) as publisher:
-            while not over.wait(0.002):
-                message = frame(2, time.monotonic_ns())
-                fill(message.records, 0.45)
-                publisher.publish(message)
+    def message():
+        made = frame(2, time.monotonic_ns())
+        fill(made.records, 0.45)
+        return made
 
-    thread = threading.Thread(target=publish)
-    thread.start()
-    yield
-    over.set()
-    thread.join()
+    with publishing(ADDRESS, message, 0.002):
+        yield
 
 
 def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
@@ -232,19 +226,18 @@ def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_fr
 
 
 @pytest.mark.parametrize(
-    ("name", "more", "message"),
+    ("name", "message"),
     [
-        ("old.json", (),
+        ("old.json",
          r"old\.json: the calibration is of .*, 31 days ago, expected 30 at most: calibrate again"),
-        ("far.json", (), r"far\.json: the table has counts from 60000 to 70000, expected 0 to 65535 of this"),
-        ("none.json", (), r"none\.json: cannot be read \(No such file or directory\)"),
+        ("far.json", r"far\.json: the table has counts from 60000 to 70000, expected 0 to 65535 of this"),
+        ("none.json", r"none\.json: cannot be read \(No such file or directory\)"),
     ],
 )  # fmt: skip
-def test_calibration_that_does_not_fit_is_refused_with_one_sentence(run, tmp_path, name, more, message):
+def test_calibration_that_does_not_fit_is_refused_with_one_sentence(run, tmp_path, name, message):
     glove_files.write(tmp_path / "old.json", days_ago=31.0)
     glove_files.write(tmp_path / "far.json", counts=np.linspace(60_000, 70_000, 7))
-    result = run(ADDRESS, "--limit", 1, "--glove", tmp_path / name, *more)
-
+    result = run(ADDRESS, "--limit", 1, "--glove", tmp_path / name)
     assert result.code == 2
     assert len(result.err.splitlines()) == 1 and re.search(message, result.err)
 
@@ -376,10 +369,8 @@ def test_motor_is_only_read_until_it_is_armed(run):
     with ODriveMotor("drum-unarmed") as motor:
         result = run(ADDRESS, "--motor", f"{motor.url}&watchdog=300", "--limit", 0.5)
         assert not motor.has_moved
-    assert result.code == 0
-    assert result.out == "motor 0: 0.0000 turns, 0.000 A, off\n"
-    assert "No motor driver was ever run on hardware" in result.err
-    assert "not armed" in result.err
+    assert (result.code, result.out) == (0, "motor 0: 0.0000 turns, 0.000 A, off\n")
+    assert "No motor driver was ever run on hardware" in result.err and "not armed" in result.err
 
 
 def test_armed_motor_that_is_jammed_ends_with_a_sentence(run):
@@ -387,6 +378,5 @@ def test_armed_motor_that_is_jammed_ends_with_a_sentence(run):
         motor.is_stalled = True
         result = run(ADDRESS, "--motor", f"{motor.url}&watchdog=300", "--arm")
         assert motor.mode == "off"
-    assert result.code == 2
-    assert "motor 0 moves now" in result.err
+    assert result.code == 2 and "motor 0 moves now" in result.err
     assert "the shaft does not turn back from the stop" in result.err

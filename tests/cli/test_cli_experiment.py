@@ -3,18 +3,17 @@
 import builtins
 import csv
 import re
-import threading
 import time
 
 import numpy as np
 import pytest
 from experiments import SMALL, write_design
+from publishing import publishing
 from sealed_frames import frame
 
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.message import Mode
-from proximity.transport import open_publisher
 
 
 @pytest.fixture
@@ -93,26 +92,21 @@ PERSON = (
 @pytest.fixture
 def pressing():
     """A service whose finger touches a wall every 1.2 s, until the test is over."""
-    over, began = threading.Event(), time.monotonic()
+    began = time.monotonic()
 
-    def publish():
-        with open_publisher(ADDRESS) as publisher:
-            while not over.wait(0.002):
-                phase = (time.monotonic() - began) % PERIOD_S / PERIOD_S
-                depth = float(np.interp(phase, [0.0, 0.15, 0.3, 0.45], [-0.03, 0.003, 0.003, -0.03]))
-                message = frame(1, time.monotonic_ns())
-                contact = message.records
-                contact["mode"], contact["contact_bend"] = Mode.POSITION, 0.5
-                contact["bend"] = PATH.bend(WALL + depth)
-                for name in ("signed_distance", "lower", "upper"):
-                    contact[name] = -depth
-                publisher.publish(message)
+    def message():
+        phase = (time.monotonic() - began) % PERIOD_S / PERIOD_S
+        depth = float(np.interp(phase, [0.0, 0.15, 0.3, 0.45], [-0.03, 0.003, 0.003, -0.03]))
+        made = frame(1, time.monotonic_ns())
+        contact = made.records
+        contact["mode"], contact["contact_bend"] = Mode.POSITION, 0.5
+        contact["bend"] = PATH.bend(WALL + depth)
+        for name in ("signed_distance", "lower", "upper"):
+            contact[name] = -depth
+        return made
 
-    thread = threading.Thread(target=publish)
-    thread.start()
-    yield
-    over.set()
-    thread.join()
+    with publishing(ADDRESS, message, 0.002):
+        yield
 
 
 def typing(monkeypatch, answers):

@@ -4,6 +4,7 @@ import csv
 import errno
 import io
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from proximity.message import CONTACT, FRAME, State
 from proximity.recording import FrameReader, frame_reader, frame_tables
 
 COMMAND = ("export",)
+HAS_PARQUET = pytest.mark.skipif(find_spec("pyarrow") is None, reason="Parquet needs pyarrow")
+KINDS = pytest.mark.parametrize("kind", ["--csv", pytest.param("--parquet", marks=HAS_PARQUET)])
 HEADER_COLUMNS = [
     "session", "sequence", "state", "frame_pose_ns", "start_ns", "publish_ns", "valid_until_ns", "period_ns",
     "epoch", "missed",
@@ -141,22 +144,17 @@ def test_damage_is_left_out_and_told(run, tmp_path):
     ]
 
 
-@pytest.mark.parametrize("kind", ["--csv", "--parquet"])
+@KINDS
 def test_log_without_frames_is_a_table_without_lines(run, tmp_path, kind):
-    if kind == "--parquet":
-        pytest.importorskip("pyarrow.parquet")
     log = tmp_path / "run.frames"
     log.touch()
 
     result = run(log, kind, "out")
-
     assert (result.code, result.out) == (0, "out: 0 frames, 0 lines\n")
 
 
-@pytest.mark.parametrize("kind", ["--csv", "--parquet"])
+@KINDS
 def test_table_is_there_wholly_or_not_at_all(run, tmp_path, kind, monkeypatch):
-    if kind == "--parquet":
-        pytest.importorskip("pyarrow.parquet")
     log, out = tmp_path / "run.frames", tmp_path / "out"
     log.write_bytes(sealed(range(9)))
     out.write_text("old")
@@ -179,10 +177,8 @@ def test_table_is_there_wholly_or_not_at_all(run, tmp_path, kind, monkeypatch):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="there is no /dev/full")
-@pytest.mark.parametrize("kind", ["--csv", "--parquet"])
+@KINDS
 def test_full_disk_is_one_sentence(run, tmp_path, kind):
-    if kind == "--parquet":
-        pytest.importorskip("pyarrow.parquet")
     log = tmp_path / "run.frames"
     log.write_bytes(sealed(range(50)))
 

@@ -42,8 +42,18 @@ query none.stl --points bad.csv --json | bad.csv, line 1: 2 values, expected 3
 query box.stl --points none.csv | none.csv: cannot be read (No such file or directory)
 query none.stl 1 2 3 | none.stl: there is no such file
 check none.stl | none.stl: there is no such file
+query box.stl --points junk.stl | junk.stl: its header claims
+query box.stl --points junk.obj | junk.obj: line 1
+query box.stl --points none.ply | none.ply: there is no such file
+query box.stl 1 2 3 --report page.html | needs --points and --within
+query box.stl --points points.csv --report page.html | needs --points and --within
+query box.stl 1 2 3 --points-units m | is for --points
+compile part.stl --out part.prox | part.stl: it has 8 bytes
+compile box.stl box.stl | expected the file to write
 compile box.stl --out part.stl | part.stl does not end in .prox
 compile box.stl --out none/box.prox | none/box.prox: cannot be written (No such file or directory)
+picture box.stl -o box.png --view above | no view 'above', expected one of iso
+picture box.stl -o nowhere/box.png | nowhere/box.png: cannot be written
 picture box.stl -o box.jpg | box.jpg does not end in .png
 picture box.stl -o box.png --size wide | 'wide': expected width and height, for example 1400x800
 picture box.stl -o box.png --slice 3 | '3': expected an axis and a position, for example z=3
@@ -88,6 +98,7 @@ export run.frames --parquet - | Parquet is not written to standard output
 watch decaff | decaff: expected an address such as shm://NAME
 view box.stl --radius 0 | 0 mm: expected more than 0, up to 1000
 view box.stl --port 70000 | 70000: expected 0 to 65535
+view box.stl --contact 1 | requires --clashes
 view box.stl --save a.rrd | a.rrd does not end in .html
 demo --limit 0 | 0 seconds: expected more than 0, up to 1e+09
 demo --limit nan | nan seconds: expected more than 0, up to 1e+09
@@ -160,6 +171,9 @@ def folder(tmp_path, monkeypatch):
         "bad.toml": SCENE.replace("box.stl", "bax.stl"),
         "sensor.toml": SENSOR,
         "file": "",
+        "points.csv": "1 2 3\n",
+        "junk.stl": "?" * 84,
+        "junk.obj": "?" * 84,
         "bad.csv": "0 0\n0 0 1\n",
         "pairs.csv": "first,second\nbase,lid\nbase,lit\n",
     }

@@ -5,7 +5,6 @@ import json
 import os
 import re
 import signal
-import threading
 import time
 from collections import Counter
 from dataclasses import replace
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 import queued_transport
 from ports import free_port
+from publishing import publishing
 from rich.console import Console
 from sealed_frames import SESSION, frame, sealed
 
@@ -187,21 +187,15 @@ def queued(monkeypatch):
 
 @pytest.fixture
 def service():
-    """Publishes until the test is over."""
-    over = threading.Event()
+    """Publish until the test is over."""
 
-    def publish():
-        with open_publisher(ADDRESS) as publisher:
-            while not over.wait(0.005):
-                message = frame(2, now_ns=time.monotonic_ns())
-                message.header["valid_until_ns"] += 10**10  # so that a slow machine is not shown as LATE
-                publisher.publish(message)
+    def message():
+        made = frame(2, now_ns=time.monotonic_ns())
+        made.header["valid_until_ns"] += 10**10  # so that a slow machine is not shown as LATE
+        return made
 
-    thread = threading.Thread(target=publish)
-    thread.start()
-    yield
-    over.set()
-    thread.join()
+    with publishing(ADDRESS, message):
+        yield
 
 
 def test_pipe_gets_plain_lines(run, service, monkeypatch):
@@ -287,24 +281,14 @@ def test_nothing_that_comes_is_exit_code_1(run):
 
 def test_key_of_another_is_told(run, tmp_path):
     """Nothing is verified: the line says so, not that nothing comes."""
-    path, port, is_enough = tmp_path / "frames.key", free_port(), threading.Event()
+    path, port = tmp_path / "frames.key", free_port()
     write_key(str(path))
-
-    def publish():
-        with open_publisher(f"udp://127.0.0.1:{port}") as publisher:
-            while not is_enough.wait(0.01):
-                publisher.publish(frame(now_ns=time.monotonic_ns()))
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    try:
-        result = run(f"udp://127.0.0.1:{port}?key={path}", "--limit", 1.2)
-    finally:
-        is_enough.set()
-        thread.join()
+    address = f"udp://127.0.0.1:{port}"
+    with publishing(address, lambda: frame(now_ns=time.monotonic_ns()), 0.01):
+        result = run(f"{address}?key={path}", "--limit", 1.2)
 
     assert result.code == 1
-    assert f"messages are not verified by the key of udp://127.0.0.1:{port}?key={path}" in result.out
+    assert f"messages are not verified by the key of {address}?key={path}" in result.out
 
 
 def test_held_part_and_its_connections_are_named():

@@ -193,13 +193,6 @@ def test_clashes_are_listed_on_request(monkeypatch, tmp_path):
     assert len(clash["point"]) == 3
 
 
-def test_limit_of_clashes_requires_clashes(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["proximity", "view", str(BRACKET), "--contact", "1"])
-    with pytest.raises(SystemExit):
-        cli.main()
-    assert "requires --clashes" in " ".join(capsys.readouterr().err.split())
-
-
 def test_parts_are_shown_as_was_asked_for():
     files = ("part.stl", str(BRACKET))
     settings = page_settings(files, PageSettings(files, units="in", radius=0.005))
