@@ -15,12 +15,11 @@ import pytest
 from project import MESHES
 
 from proximity.cli import output
-from proximity.errors import PublishError, RecordingError
+from proximity.errors import RecordingError
 from proximity.message import State
 from proximity.recording import FrameLog, FrameReader
 from proximity.service import Report, realtime
 from proximity.system.stop_signals import stop_at_input
-from proximity.transport.link import TRANSPORTS, Transport
 
 COMMAND = ("serve",)
 LIBRARY = {"prctl": lambda *_: 0, "mlockall": lambda _: 0, "munlockall": lambda: 0}
@@ -88,19 +87,10 @@ def test_json_is_a_document_at_the_beginning_and_one_at_the_end(run, scene_path)
     begun, ended = map(json.loads, result.out.splitlines())
     assert (result.code, result.err) == (0, "")
     assert begun == {
-        "event": "begun",
-        "pid": os.getpid(),
-        "scene": str(scene_path),
-        "publish": ["mailbox:a", "mailbox:b"],
-        "rate_hz": 500.0,
-        "log": None,
-        "real_time": False,
-        "finger_count": 5,
-        "part_count": 1,
-        "part_names": ["box"],
-        "face_count": 12,
-        "notes": [],
-    }
+        "event": "begun", "pid": os.getpid(), "scene": str(scene_path), "rate_hz": 500.0, "log": None,
+        "publish": ["mailbox:a", "mailbox:b"], "real_time": False, "finger_count": 5, "part_count": 1,
+        "part_names": ["box"], "face_count": 12, "notes": [],
+    }  # fmt: skip
     assert (ended["event"], ended["ticks"]) == ("ended", 100)
     assert sum(ended["states"].values()) == 100
     assert ended["compute"]["p50_ns"] <= ended["compute"]["p999_ns"] <= ended["compute"]["max_ns"]
@@ -230,19 +220,6 @@ def test_end_of_standard_input_ends_it():
     thread.join(60.0)
     os.close(there)
     assert stop.is_set()
-
-
-def test_address_in_use_is_one_line(run, scene_path, monkeypatch):
-    def refuse(address):
-        raise PublishError(f"{address.text}: another publisher is there already")
-
-    monkeypatch.setitem(TRANSPORTS, "taken", Transport("taken_transport", ""))
-    monkeypatch.setitem(sys.modules, "taken_transport", SimpleNamespace(open_outlet=refuse))
-
-    result = run(scene_path, "--publish", "taken:a")
-
-    assert (result.code, result.out) == (2, "")
-    assert result.err == "proximity: taken:a: another publisher is there already\n"
 
 
 def test_sigterm_ends_the_program_with_a_last_word_and_a_report(scene_path, tmp_path):

@@ -14,6 +14,7 @@ from proximity.errors import ServiceError
 from proximity.message import (
     CHANGES,
     CONTACT,
+    FRAME,
     MOVES,
     ContactFlag,
     Message,
@@ -23,7 +24,6 @@ from proximity.message import (
     State,
     parts_of,
 )
-from proximity.message.frame import FRAME
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service import HeldContacts, MovesInput, NoPoses, Service
@@ -330,33 +330,6 @@ def test_a_served_part_is_followed_hidden_parts_left_out_and_its_end_is_said(ser
     assert any("held part pin:" in note for note in report.notes)
     assert any("'pin' was removed" in note for note in report.notes)
     assert reading_of(frames, lambda reading: reading.state is State.STOPPING)
-
-
-@pytest.mark.parametrize(
-    ("held", "sentence"),
-    [
-        ('publish = "mailbox:h"', r"held\[0\]\.part is missing, expected the name of a part"),
-        ('part = "pin"', r"held\[0\]\.publish is missing"),
-        ('part = "pin"\npublish = "mailbox:h"\nconnections = 17', "expected a whole number from 1 to 16"),
-        ('part = "pin"\npublish = "mailbox:h"\ntolerence = 0.1', "did you mean tolerance?"),
-        ('part = "pin"\npublish = "mailbox:x"', r"has mailbox:x, which is also in service\.publish"),
-        ('part = ["pin", "pin"]\npublish = "mailbox:h"', r"has pin, which is also in held\[0\]\.part"),
-        (
-            'part = "pin"\npublish = "mailbox:h"\n[[held]]\npart = "lid"\npublish = "mailbox:h"',
-            r"held\[1\]\.publish has mailbox:h, which is also in held\[0\]\.publish",
-        ),
-    ],
-)
-def test_mistakes_are_named(tmp_path, held, sentence):
-    text = f'[service]\npublish = "mailbox:x"\n[[parts]]\nfile = "{MESHES / "assembly.step"}"\n[input]\n'
-    text += f'poses = "mailbox:p"\nmoves = "mailbox:m"\n[[held]]\n{held}\n'
-    path = tmp_path / "cell.toml"
-    path.write_text(text)
-    with pytest.raises(ServiceError, match=sentence):
-        read_scene_file(path)
-    path.write_text(text.replace('moves = "mailbox:m"', ""))
-    with pytest.raises(ServiceError, match=r"requires input\.moves|missing|expected|mean"):
-        read_scene_file(path)
 
 
 def test_a_part_that_is_not_there_is_named(tmp_path):
