@@ -135,8 +135,7 @@ def test_floor_without_that_sampling_lies_within_its_spread(speed):
         (Link(mass=0.005, damping=0.05), (7303, 3451, 847.6, 297.3, 172.3)),
     ],
 )
-def test_critical_stiffness_of_a_delayed_spring(device, printed):
-    """Reference values, to their digits."""
+def test_critical_stiffness_of_a_delayed_spring_is_the_reference_to_its_digits(device, printed):
     for delay, stiffness in zip((0.0006, 0.001, 0.003, 0.010, 0.040), printed, strict=True):
         found = critical_stiffness(HAND, device, delay)
         assert found == pytest.approx(stiffness, abs=0.5 if stiffness > 1000 else 0.051)

@@ -73,19 +73,6 @@ def test_hand_is_turned_until_the_way_is_free():
     assert finger.incidence == pytest.approx(1.0, abs=1e-9)
 
 
-def test_place_that_no_finger_reaches_is_refused():
-    cavity = Scene([Solid(*shapes.hollow_cube(0.1, 0.04), name="hollow")])
-
-    with pytest.raises(ArgumentError, match="no finger gets there without touching the part before"):
-        place_finger(cavity, (0.0, 0.0, 0.015))
-    with pytest.raises(
-        ArgumentError, match=r"the position is \[0\.0, nan, 0\.0\], expected three coordinates"
-    ):
-        place_finger(cavity, (0.0, math.nan, 0.0))
-    with pytest.raises(ArgumentError, match="the finger touches nothing between flat hand and fist"):
-        placed(cavity, place_finger(box_scene()).glove, Pose(translation=(1.0, 0.0, 0.0)))
-
-
 @pytest.mark.parametrize("speed", [0.25, 1.0])
 def test_engine_is_the_ideal_distance_on_a_flat_part(flat, speed):
     """The reported position is off by the polyline's sagitta at most; the drum, by an encoder count more.
@@ -244,6 +231,9 @@ def test_messages_do_not_overtake_each_other():
     assert seen == list(range(20))
 
 
+CAVITY = Scene([Solid(*shapes.hollow_cube(0.1, 0.04), name="hollow")])
+
+
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
@@ -252,9 +242,15 @@ def test_messages_do_not_overtake_each_other():
         (lambda: EngineSetup(far_force=-1.0), "far_force is -1.0, expected"),
         (lambda: DelayedLink(-1.0, lambda: 0), "latency is -1.0, expected"),
         (lambda: DelayedLink((), lambda: 0), "no latency is given"),
+        (lambda: place_finger(CAVITY, (0.0, 0.0, 0.015)),
+         "no finger gets there without touching the part before"),
+        (lambda: place_finger(CAVITY, (0.0, math.nan, 0.0)),
+         r"the position is \[0\.0, nan, 0\.0\], expected three coordinates"),
+        (lambda: placed(CAVITY, place_finger(box_scene()).glove, Pose(translation=(1.0, 0.0, 0.0))),
+         "the finger touches nothing between flat hand and fist"),
     ],
-)
-def test_setup_that_makes_no_sense_is_refused(make, sentence):
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused(make, sentence):
     with pytest.raises(ArgumentError, match=sentence):
         make()
 

@@ -14,14 +14,7 @@ from sampled_walls import stiffness_limit
 from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness
 from proximity.errors import ArgumentError, MissingLibraryError
 from proximity.lab import press_curves
-from proximity.lab.figures import (
-    catalogue,
-    error_plots,
-    figure_5_plots,
-    motion_plots,
-    stability_plots,
-    style,
-)
+from proximity.lab.figures import catalogue, error_plots, figure_5_plots, motion_plots, stability_plots, style
 from proximity.lab.figures.style import Table
 from proximity.lab.paper import figure_5
 from proximity.lab.simulation import simulated_press

@@ -78,10 +78,8 @@ def lines_of(path):
 
 
 def test_row_that_a_crash_left_unfinished_is_cut_off(design, folder):
-    whole = simulate(design, folder, "p01")
-    path = folder / "p01.csv"
+    whole, path = simulate(design, folder, "p01"), folder / "p01.csv"
     path.write_bytes(path.read_bytes()[:-20])
-
     assert len(read_visit(design, path)) == 22
     assert without_times(simulate(design, folder, "p01")) == without_times(whole)
 
@@ -169,11 +167,12 @@ def test_interrupted_visit_continues_with_the_same_trial(design, folder):
     assert [row["number"] for row in simulate(design, folder, "p01")] == list(range(23))
 
 
-def test_refused_consent_leaves_no_file(design, folder):
-    class Refusing(Observer):
-        def consents(self, text):
-            return False
+class Refusing(Observer):
+    def consents(self, text):
+        return False
 
+
+def test_refused_consent_leaves_no_file(design, folder):
     with pytest.raises(RefusedError):
         simulate(design, folder, "p01", Refusing)
     assert not folder.exists()
@@ -183,10 +182,6 @@ def test_consent_is_asked_once(design, folder):
     class Stopping(Observer):
         def read(self, text):
             raise KeyboardInterrupt
-
-    class Refusing(Observer):
-        def consents(self, text):
-            return False
 
     with pytest.raises(KeyboardInterrupt):
         simulate(design, folder, "p01", Stopping)

@@ -67,28 +67,24 @@ def test_key_follows_the_content_of_files_not_their_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("factors", "sentence"),
+    ("job", "factors", "sentence"),
     [
-        ("number = 1\nsped = 1", r"some.toml:6: \[factors\] has no key 'sped': did you mean speed\?"),
-        ("speed = 1", "factors.number is missing: the job count needs it"),
-        ('number = "many"', r"some.toml:5: number is 'many', expected a whole number"),
-        ("number = 1.5", "number is 1.5, expected a whole number"),
-        ("number = []", "number has no values, expected one or more"),
-        ('number = 1\nspeed = "none"', "speed is 'none', expected a number"),
-        ("number = 1\n[plot]\nz = 'speed'", "has no key 'z': expected measure, x, lines"),
-        ("number = 1\n[more]", "the file has no key 'more'"),
+        ("count", "number = 1\nsped = 1",
+         r"some.toml:6: \[factors\] has no key 'sped': did you mean speed\?"),
+        ("count", "speed = 1", "factors.number is missing: the job count needs it"),
+        ("count", 'number = "many"', r"some.toml:5: number is 'many', expected a whole number"),
+        ("count", "number = 1.5", "number is 1.5, expected a whole number"),
+        ("count", "number = []", "number has no values, expected one or more"),
+        ("count", 'number = 1\nspeed = "none"', "speed is 'none', expected a number"),
+        ("count", "number = 1\n[plot]\nz = 'speed'", "has no key 'z': expected measure, x, lines"),
+        ("count", "number = 1\n[more]", "the file has no key 'more'"),
+        ("measured", 'scene = "no*.stl"', r"scene: 'no\*.stl' matches no file in"),
+        ("pres", "number = 1", 'job is \'pres\', expected "count" or "measured" or "module:func'),
     ],
-)
-def test_mistake_is_named_by_its_line(tmp_path, factors, sentence):
+)  # fmt: skip
+def test_mistake_is_named_by_its_line(tmp_path, job, factors, sentence):
     with pytest.raises(ServiceError, match=sentence):
-        study_of(tmp_path, factors)
-
-
-def test_file_or_job_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(ServiceError, match=r"scene: 'no\*.stl' matches no file in"):
-        study_of(tmp_path, 'scene = "no*.stl"', job="measured")
-    with pytest.raises(ServiceError, match='job is \'pres\', expected "count" or "measured" or "module:func'):
-        study_of(tmp_path, "number = 1", job="pres")
+        study_of(tmp_path, factors, job=job)
 
 
 def test_job_may_be_a_function_of_a_module(tmp_path):

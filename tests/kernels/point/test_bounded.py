@@ -133,13 +133,8 @@ def test_answer_does_not_depend_on_how_the_budget_is_divided():
         for point in [*points_at(mesh, rng, 10), mesh[0].mean(axis=0), np.zeros(3)]:
             expected = without_budget(model, point)
             needed = walk(model, point, UNLIMITED).work
-            for budget in (
-                MOST_SWEPT_STEPS,
-                4 * MOST_SWEPT_STEPS // 3,
-                4 * MOST_SWEPT_STEPS // 3 + 1,
-                MOST_SWEPT_STEPS + needed,
-                3 * needed,
-            ):
+            third = 4 * MOST_SWEPT_STEPS // 3
+            for budget in (MOST_SWEPT_STEPS, third, third + 1, MOST_SWEPT_STEPS + needed, 3 * needed):
                 found = walk(model, point, budget)
                 if found.work < budget:
                     assert found[:3] == (*expected, expected[0])
@@ -214,30 +209,25 @@ def test_unused_lanes_of_a_minute_part_stay_closed():
             assert found.work <= 4 + block_count(model)
 
 
+def probed(arrays, budget, best_sq=np.inf, room=None):
+    """What a walk from the origin through a tree made by hand finds, in guarded room."""
+    workspace, whole = room or guarded_room()
+    found = nearest_with_budget(
+        arrays, 0, 0, (0.0, 0.0, 0.0), (best_sq, NO_SLOT), NO_TOLERANCE, budget, workspace
+    )
+    assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
+    return found
+
+
 @pytest.mark.parametrize("best_sq", [np.inf, 1.0, 0.0])
 def test_room_suffices_where_all_is_open(best_sq):
     """With every bound 0 and nothing found each step leaves eight more waiting, as long as asked."""
-    arrays = eightfold(6)
-    workspace, whole = guarded_room()
-    for budget in [
-        1,
-        2,
-        9,
-        100,
-        1000,
-        *range(MOST_SWEPT_STEPS - 3, 8 * MOST_SWEPT_STEPS, 997),
-        4 * MOST_SWEPT_STEPS // 3,
-        2 * MOST_SWEPT_STEPS,
-    ]:
-        found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), (best_sq, NO_SLOT), NO_TOLERANCE, budget, workspace
-        )
-
-        assert found == (best_sq, NO_SLOT, 0.0, budget)
-        assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
-    assert (workspace[: MOST_WAITING - LANES] != UNTOUCHED).sum() > MOST_WAITING * 3 // 4, (
-        "the room was nearly full"
-    )
+    arrays, room = eightfold(6), guarded_room()
+    few = [1, 2, 9, 100, 1000, 4 * MOST_SWEPT_STEPS // 3, 2 * MOST_SWEPT_STEPS]
+    for budget in [*few, *range(MOST_SWEPT_STEPS - 3, 8 * MOST_SWEPT_STEPS, 997)]:
+        assert probed(arrays, budget, best_sq, room) == (best_sq, NO_SLOT, 0.0, budget)
+    is_used = room[0][: MOST_WAITING - LANES] != UNTOUCHED
+    assert is_used.sum() > MOST_WAITING * 3 // 4, "the room was nearly full"
 
 
 def test_room_suffices_for_the_deepest_trees_and_all_budgets():
@@ -245,16 +235,11 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
     depth = 2 * MAX_DEPTH + 1
     children = np.full((depth, LANES), ~0)
     children[:-1, 0] = np.arange(1, depth)
-    arrays = by_hand(depth, children)
-    workspace, whole = guarded_room()
+    arrays, room = by_hand(depth, children), guarded_room()
     total = depth + 7 * depth + 1
     for budget in [1, depth - 1, depth, 4 * depth, 4 * total, MOST_SWEPT_STEPS, UNLIMITED]:
-        found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
-        )
-
-        assert found == (np.inf, NO_SLOT, 0.0 if budget < total else np.inf, min(budget, total))
-        assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
+        lower = 0.0 if budget < total else np.inf
+        assert probed(arrays, budget, room=room) == (np.inf, NO_SLOT, lower, min(budget, total))
 
 
 def test_room_suffices_for_sweeps_after_the_deepest_descent():
@@ -267,13 +252,7 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
     children[: depth - 1, 0] = np.arange(1, depth)
     arrays = by_hand(depth + count, children)
     for budget in range(4 * MOST_SWEPT_STEPS // 3, 4 * MOST_SWEPT_STEPS // 3 + 60, 7):
-        workspace, whole = guarded_room()
-        found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
-        )
-
-        assert found == (np.inf, NO_SLOT, 0.0, budget)
-        assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
+        assert probed(arrays, budget) == (np.inf, NO_SLOT, 0.0, budget)
 
 
 def test_opening_a_node_does_not_lower_the_bound():
@@ -283,13 +262,8 @@ def test_opening_a_node_does_not_lower_the_bound():
     words[:48].reshape(6, LANES)[:3, 1:], words[:48].reshape(6, LANES)[3:, 1:] = np.inf, -np.inf
     words[at + MOMENT_AREA_NORMAL : at + MOMENT_AREA_NORMAL + LANES] = 2.0
     words[at + MOMENT_SLAB_LEAST : at + MOMENT_SLAB_LEAST + 2 * LANES] = 1.0  # in the plane 2 x = 1
-    workspace, _ = guarded_room()
     for budget, expected in [(1, 0.0), (2, 0.25), (3, 0.25), (7, 0.25)]:
-        found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
-        )
-
-        assert found == (np.inf, NO_SLOT, pytest.approx(expected, rel=1e-6), budget)
+        assert probed(arrays, budget) == (np.inf, NO_SLOT, pytest.approx(expected, rel=1e-6), budget)
 
 
 def test_copies_of_one_triangle_give_the_lowest_slot_or_bounds():
