@@ -1,9 +1,9 @@
 """Frames to a log, by another thread: all of them, in order, or counted."""
 
 import threading
-import time
 
 import numpy as np
+from far_end import until
 
 from proximity.errors import RecordingError
 from proximity.message import FRAME, MAX_RECORDS
@@ -52,13 +52,6 @@ def frame(number):
     return np.full(16, number % 251, np.uint8)
 
 
-def wait_for(condition):
-    ends = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < ends, "waited for too long"
-        time.sleep(0.001)
-
-
 def test_all_frames_are_appended_in_order():
     log = KeepingLog()
     writer = LogWriter(log, 16, depth=2000)
@@ -77,7 +70,7 @@ def test_frame_is_appended_without_waiting_for_the_next():
     writer = LogWriter(log, 16)
     for number in range(50):
         writer.put(frame(number))
-        wait_for(lambda expected=number + 1: len(log.frames) == expected)
+        until(lambda expected=number + 1: len(log.frames) == expected)
     writer.finish()
 
 
@@ -104,7 +97,7 @@ def test_frames_go_round_the_ring_unharmed():
 
     for number in range(100):
         writer.put(frame(number))
-        wait_for(lambda expected=number + 1: len(log.frames) >= expected - 2)
+        until(lambda expected=number + 1: len(log.frames) >= expected - 2)
     writer.finish()
 
     np.testing.assert_array_equal(np.array(log.frames), np.array([frame(k) for k in range(100)]))

@@ -5,7 +5,6 @@ import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -110,15 +109,9 @@ def served(scene_path):
             return reports[0]
 
         yield SimpleNamespace(
-            path=scene_path,
-            address=address,
-            subscriber=subscriber,
-            said=said,
-            finish=finish,
-            poses=poses,
-            beginnings=beginnings,
-            hold=lambda *tips: hold(poses, tips),
-        )
+            path=scene_path, address=address, subscriber=subscriber, said=said, finish=finish, poses=poses,
+            beginnings=beginnings, hold=lambda *tips: hold(poses, tips),
+        )  # fmt: skip
         stop.set()
         thread.join(PATIENCE_S)
     assert not thread.is_alive()
@@ -386,12 +379,10 @@ def test_mistake_of_ours_in_an_edit_is_said(looking, monkeypatch):
     ]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM])
-def test_signal_ends_it_with_a_word(scene_path, folder, number):
+def test_signal_ends_it_with_a_word(scene_path, folder):
     before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     with open_subscriber(f"mailbox:{folder.name}") as subscriber:
-        report = serve(scene_path, begun=lambda beginning: os.kill(os.getpid(), number))
-
+        report = serve(scene_path, begun=lambda beginning: os.kill(os.getpid(), signal.SIGTERM))
         assert subscriber.read().header["state"] == State.STOPPING
     assert report.ticks > 0
     assert {each: signal.getsignal(each) for each in before} == before
@@ -479,15 +470,10 @@ def test_overrides_hold_and_go_on_to_hold_after_an_edit(scene_path, folder):
         said.append(sentence)
         stop.set()
 
-    report = serve(
-        scene_path,
-        rate_hz=100,
-        publish=["mailbox:elsewhere"],
-        stop=stop,
-        say=then,
-        begun=lambda beginning: edit(scene_path, "[fingers]", "[fingers]\nbudget = 40"),
-    )
+    def begun(beginning):
+        edit(scene_path, "[fingers]", "[fingers]\nbudget = 40")
 
+    report = serve(scene_path, rate_hz=100, publish=["mailbox:elsewhere"], stop=stop, say=then, begun=begun)
     assert report.period_ns == 10_000_000
     assert list(report.publish_failures) == ["mailbox:elsewhere"]
     assert "was edited" in said[0]
@@ -626,12 +612,9 @@ def test_child_s_report_is_what_stop_returns(child):
     service = child(BEGUN + "print('proximity: edited', file=sys.stderr)" + ENDED, say=said.append)
 
     assert service.beginning == {"rate_hz": 500.0}
-    assert service.is_running
-    assert "running" in repr(service)
-    assert service.stop() == {"ticks": 7}
-    assert service.stop() == {"ticks": 7}
-    assert not service.is_running
-    assert "ended" in repr(service)
+    assert service.is_running and "running" in repr(service)
+    assert service.stop() == service.stop() == {"ticks": 7}
+    assert not service.is_running and "ended" in repr(service)
     assert said == ["edited"]
 
 
@@ -673,9 +656,7 @@ def test_child_that_does_not_begin_is_told_by_its_own_words(child, code, message
 
 
 def test_child_that_does_not_begin_or_stop_in_time_is_killed(child):
-    with pytest.raises(
-        ServiceError, match=r"^cell\.toml: the service has published nothing within 0\.1 s: killed$"
-    ):
+    with pytest.raises(ServiceError, match=r"^cell\.toml: .* published nothing within 0\.1 s: killed$"):
         child("import time; time.sleep(600)", timeout=0.1)
     service = child(BEGUN + "time.sleep(600)")
     with pytest.raises(ServiceError, match=r"^cell\.toml: the service did not stop within 0\.1 s: killed$"):
@@ -690,10 +671,8 @@ def test_mistake_within_the_block_is_the_one_that_is_raised(child):
 
 
 def test_override_that_no_option_has_is_refused(scene_path):
-    with pytest.raises(
-        ServiceError,
-        match=r"^core can only be set in the scene file, expected rate_hz, publish, log, real_time$",
-    ):
+    expected = "core can only be set in the scene file, expected rate_hz, publish, log, real_time"
+    with pytest.raises(ServiceError, match=f"^{expected}$"):
         start_service(scene_path, core=1)
 
 
@@ -702,18 +681,10 @@ def test_override_of_none_is_what_the_file_says(scene_path, folder):
     assert list(report.publish_failures) == [f"mailbox:{folder.name}"]
 
 
-@pytest.fixture
-def port():
-    """A port of this machine that nobody listens at."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-def test_service_in_its_own_process_serves_is_edited_and_stops(scene_path, folder, port):
+def test_service_in_its_own_process_serves_is_edited_and_stops(scene_path, folder):
     """Everything at once, since a process takes seconds to start."""
     recorded(scene_path, "repeat = true\nfit = true\n")
-    said, log, address = [], folder / "run.frames", f"udp://127.0.0.1:{port}"
+    said, log, address = [], folder / "run.frames", f"udp://127.0.0.1:{free_port()}"
 
     with (
         open_subscriber(address) as subscriber,
@@ -763,11 +734,10 @@ def test_parts_are_added_hidden_and_removed_while_they_are_served(scene_path, fo
     """Both ends see the same parts: names come with the epoch of the frames that count them."""
     if transport == "shm" and sys.platform != "linux":
         pytest.skip("shared memory is for Linux")
-    frames, to_changes = (
-        (f"udp://127.0.0.1:{free_port()}", f"udp://127.0.0.1:{free_port()}")
-        if transport == "udp"
-        else (f"shm://{folder.name}", f"shm://{folder.name}/changes")
-    )
+    if transport == "udp":
+        frames, to_changes = (f"udp://127.0.0.1:{free_port()}" for _ in range(2))
+    else:
+        frames, to_changes = f"shm://{folder.name}", f"shm://{folder.name}/changes"
     (folder / "more").mkdir()
     shutil.copy(MESHES / "sphere.stl", folder / "more")
     text = scene_path.read_text().replace(f'publish = "mailbox:{folder.name}"', f'publish = "{frames}"')

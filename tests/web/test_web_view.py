@@ -7,7 +7,6 @@ import stat
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import urlsplit
@@ -18,6 +17,7 @@ import psutil
 import pytest
 import shapes
 from browsing import Viewing
+from far_end import until
 from project import MESHES
 from websockets.sync.client import connect
 
@@ -56,14 +56,9 @@ def welcomed(url):
     return welcome, shown_at(url, "geometry")[:4], frame
 
 
-def ended(process, patience=30.0):
-    """Whether a process has ended, and was not only left alone."""
-    ends = time.monotonic() + patience
-    while time.monotonic() < ends:
-        if not process.is_running() or process.status() == psutil.STATUS_ZOMBIE:
-            return True
-        time.sleep(0.05)
-    return False
+def is_over(process):
+    """Whether a process has ended; one that is still a child is a zombie then."""
+    return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
 
 
 def test_view_is_one_process_and_its_page_computes_by_itself():
@@ -328,7 +323,8 @@ def test_a_page_beside_a_service_watches_unless_the_scene_file_lets_it_feed(tmp_
             process.stderr.close()
         assert (geometry, frame, code) == (b"glTF", b"DECF", 0)
         assert (welcome["may_pose"], welcome["may_move"], welcome["finger_count"]) == (feed, False, 2)
-        assert all(ended(child) for child in children)
+        for child in children:
+            until(lambda child=child: is_over(child), 30.0)
 
 
 def test_names_of_a_page_for_other_machines():
@@ -354,7 +350,7 @@ def test_the_token_is_in_no_argument_of_the_browser(opens, tmp_path, monkeypatch
         words = ["-m", "proximity", "view", str(BRACKET), "--until-stdin"]
     with subprocess.Popen([sys.executable, *words], stdin=-1, stdout=-1, text=True) as page:
         url = page.stdout.readline().strip()
-        wait_for(seen.exists)
+        until(seen.exists, PATIENCE)
         address = seen.read_text().strip()
         redirect = Path(url2pathname(urlsplit(address).path))
         modes = [stat.S_IMODE(each.stat().st_mode) for each in (redirect, redirect.parent)]
@@ -366,10 +362,3 @@ def test_the_token_is_in_no_argument_of_the_browser(opens, tmp_path, monkeypatch
     assert modes == [0o600, 0o700]
     assert f'content="0; url={url}"' in content
     assert not redirect.parent.exists()
-
-
-def wait_for(is_so):
-    """Wait until something is so."""
-    ends = time.monotonic() + PATIENCE
-    while not is_so() and time.monotonic() < ends:
-        time.sleep(0.05)

@@ -4,6 +4,7 @@ import numba
 import numpy as np
 import pytest
 import shapes
+from models import welded_piece_of
 
 import oracle
 from proximity.kernels.layout import SIGN_PSEUDONORMAL
@@ -16,9 +17,7 @@ from proximity.kernels.sign.inside_grid import (
     cell_state,
     uncertain_points,
 )
-from proximity.mesh.part_arrays import LARGEST_GRID, part_arrays, with_sign
-from proximity.mesh.topology import build_topology
-from proximity.mesh.triangle_mesh import TriangleMesh
+from proximity.mesh.part_arrays import LARGEST_GRID, with_sign
 from proximity.pose import Pose
 from proximity.scene.model.assembly import assemble
 
@@ -36,11 +35,7 @@ class Grid:
     """The grid of a mesh, in its local frame."""
 
     def __init__(self, vertices, faces, *, rate=None):
-        topology = build_topology(TriangleMesh(vertices, faces))
-        corners = np.empty((int(topology.corner_ids.max()) + 1, 3))
-        corners[topology.corner_ids.ravel()] = vertices[faces.ravel()]
-        piece = part_arrays(corners, topology.corner_ids, topology.neighbors)
-        piece = with_sign(piece, SIGN_PSEUDONORMAL, has_grid=True)
+        piece = with_sign(welded_piece_of(vertices, faces), SIGN_PSEUDONORMAL, has_grid=True)
         self.corners, self.faces = piece.corners, piece.faces
         self.lower, self.rate = np.array(piece.grid_lower), piece.grid_rate
         self.counts, self.packed = np.array(piece.grid_counts), piece.grid

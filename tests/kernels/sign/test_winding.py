@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 import shapes
+from models import welded_piece_of
 
 import oracle
 from proximity.kernels.sign.winding_number import turned, winding_number
-from proximity.mesh.part_arrays import part_arrays
-from proximity.mesh.topology import build_topology
-from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.pose import Pose
 from proximity.scene.model.assembly import assemble
 
@@ -18,16 +16,9 @@ LARGEST_ERROR = 0.05
 """The figure in accuracy.md: of a turn, over all shapes and points here. A sign needs less than 0.5."""
 
 
-def model_of(vertices, faces):
-    topology = build_topology(TriangleMesh(vertices, faces))
-    corners = np.empty((int(topology.corner_ids.max()) + 1, 3))
-    corners[topology.corner_ids.ravel()] = vertices[faces.ravel()]
-    return assemble([part_arrays(corners, topology.corner_ids, topology.neighbors)], [Pose()])
-
-
 def turns(mesh, points):
     """Winding numbers at points in the mesh's own frame."""
-    model = model_of(*mesh)
+    model = assemble([welded_piece_of(*mesh)], [Pose()])
     scale, centre = model.frames["scale"][0], model.frames["centre"][0]
     places = (int(model.parts["root"][0]), int(model.parts["moments"][0]))
     local = (np.asarray(points, float) - centre) * scale
