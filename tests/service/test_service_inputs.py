@@ -39,9 +39,7 @@ def near(pairs):
 
 def test_recording_gives_the_newest_pose_that_is_past_with_its_own_instant():
     source = RecordingInput(recording([0, 8, 16, 30]))
-
     told = played(source, [0, 1, 7, 8, 9, 20, 21])
-
     assert told == near([(0, 0), None, None, (8, 8), None, (16, 16), None])
     assert not source.is_over
     assert played(source, [30.5]) == near([(30, 30)])
@@ -59,9 +57,7 @@ AWAY = (pytest.approx(np.nan, nan_ok=True), 41)
 
 def test_recording_that_is_repeated_lets_the_hand_go_away_and_begins_anew():
     source = RecordingInput(recording([0, 10, 20, 31]), repeat=True)
-
     told = played(source, [0, 20, 31, 40, 41, 140, 141, 151])
-
     assert told == [*near([(0, 0), (20, 20), (31, 31), None]), AWAY, *near([None, (0, 141), (10, 151)])]
     assert not source.is_over
 
@@ -99,7 +95,6 @@ def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
 
 def test_recording_of_one_instant_is_over_at_once_or_comes_again_and_again():
     once, again = RecordingInput(recording([0])), RecordingInput(recording([0]), repeat=True)
-
     assert played(once, [0]) == near([(0, 0)]) and once.is_over
     assert played(again, [0, 999, 1000])[:2] == near([(0, 0), None])
     assert played(again, [1100]) == near([(0, 1100)])
@@ -150,7 +145,6 @@ def test_pose_that_grew_old_here_is_not_counted_as_too_old():
     newest.start(NOW)
     for ms in range(300):
         newest.update(hands_at(np.zeros((2, 3)), [NOW, NOW + ms * MS]), NOW + ms * MS)
-
     assert newest.too_old == 0
 
 
@@ -177,9 +171,7 @@ def test_finger_whose_sample_is_left_out_keeps_all_of_the_one_before():
     newest = NewestSamples(FingerPoses(2), 100 * MS)
     newest.start(NOW)
     newest.update(hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))), NOW)
-
     newest.update(hands_at(np.ones((2, 3)), [NOW - 1, NOW + 1], velocities=np.ones((2, 3))), NOW + 1)
-
     assert newest.samples.positions.tolist() == [[0, 0, 0], [1, 1, 1]]
     assert newest.samples.velocities.tolist() == [[0, 0, 0], [1, 1, 1]]
     assert newest.samples.pose_ns.tolist() == [NOW, NOW + 1]
@@ -211,9 +203,7 @@ def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis,
 def test_poses_may_be_five_milliseconds_ahead(future_ns, is_taken):
     newest = NewestSamples(FingerPoses(1), 100 * MS)
     newest.start(NOW)
-
     newest.update(hands_at([[1, 1, 1]], NOW + future_ns), NOW)
-
     assert np.isfinite(newest.samples.positions).all() == is_taken
     assert newest.future == (not is_taken)
 
@@ -261,5 +251,4 @@ def test_two_fingers_of_one_hand_may_be_at_one_place():
     newest = NewestSamples(FingerPoses(2), 100 * MS)
     newest.start(NOW)
     newest.update(hands_at(np.zeros((2, 3)), NOW), NOW)
-
     assert np.isfinite(newest.samples.positions).all() and newest.lost == 0

@@ -143,9 +143,7 @@ def test_faces_that_pass_are_those_of_brute_force(seed):
     turned = [(vertices @ shapes.rotation(seed + k).T, faces) for k, (vertices, faces) in enumerate(shells)]
     vertices, faces = shapes.join(*(shapes.moved(shell, rng.normal(0.0, 0.6, 3)) for shell in turned))
     solid = Solid(vertices, faces)
-
     expected = faces_that_pass(solid.mesh.vertices, solid.mesh.faces)
-
     assert expected.any() and not expected.all()
     np.testing.assert_array_equal(bare_marks(solid), expected)
 
@@ -178,7 +176,6 @@ def test_side_is_right_wherever_a_body_meets_itself(name):
 def test_beams_that_cross_mid_edge_keep_their_normals_elsewhere(depth):
     """The samples do not see so little, so that these would have wrong sides without the marks."""
     solid = Solid(*edge_to_edge(depth))
-
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert 0 < len(marked_faces(solid)) < len(solid.mesh.faces)
 
@@ -238,7 +235,6 @@ def test_lid_that_is_a_fan_of_slivers_has_no_marks():
 @pytest.mark.parametrize("gap", [1e-3, 1e-6, 1e-9])
 def test_bodies_that_do_not_pass_through_have_no_marks(gap):
     solid = Solid(*edge_to_edge(-gap))
-
     assert len(marked_faces(solid)) == 0, solid.sign_reason
     assert "folded" not in solid.sign_reason
 
@@ -250,7 +246,6 @@ def test_faces_without_area_are_no_faces_to_pass_through():
         [[0, 0, 0], [0.1, 0.3, 0.2], [0.3, 0.9, 0.6 + 2e-16], [0, 0.3, 0.5], [0.2, 0.3, -0.1], [0.1, -1, 0]]
     )
     faces = np.array([[0, 1, 2], [0, 2, 5]])
-
     assert edge_contact.reaches_through(corners, faces, 1, 3, 4, 1e-10)
     assert not edge_contact.reaches_through(corners, faces, 0, 3, 4, 1e-10)
 
@@ -261,5 +256,4 @@ def test_faces_of_a_tangle_all_count_as_passing_through():
     rods = [(rod[0] @ shapes.rotation(seed).T, rod[1]) for seed in range(600)]
     solid = Solid(*shapes.join(*rods))
     marked = part_arrays.with_passing_faces(solid.snapshot().part_arrays(0)).folded
-
     assert np.unpackbits(marked).sum() == len(solid.mesh.faces)
