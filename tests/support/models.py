@@ -30,6 +30,18 @@ def welded_piece_of(vertices, faces):
     return part_arrays(corners, topology.corner_ids, topology.neighbors)
 
 
+def welded_model_of(vertices, faces):
+    """The model of one such part, as it lies."""
+    return assemble([welded_piece_of(vertices, faces)], [Pose()])
+
+
+def folded_faces_of(solid):
+    """The faces of a solid near which the winding number decides, in order."""
+    piece = solid.snapshot().part_arrays(0)
+    bits = np.unpackbits(piece.folded[:, None], axis=1, bitorder="little")
+    return np.sort(piece.bvh.slot_faces.reshape(-1, 8)[bits == 1])
+
+
 def model_of(*meshes, poses=None, frame=None, is_fused=False):
     """The model of meshes at poses, as they lie where none are given.
 

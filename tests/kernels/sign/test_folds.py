@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapes
+from models import folded_faces_of
 from scene_parts import part_of
 
 import oracle
@@ -56,16 +57,10 @@ def points_over(vertices, face, rng, count):
     return on + rng.choice([-1.0, 1.0], (count, 1)) * 10.0 ** rng.uniform(-9, -1, (count, 1)) * (0, 0, 1)
 
 
-def faces_folded(solid):
-    piece = solid.snapshot().part_arrays(0)
-    bits = np.unpackbits(piece.folded[:, None], axis=1, bitorder="little")
-    return piece.bvh.slot_faces.reshape(-1, 8)[bits == 1].tolist()
-
-
 def test_the_face_that_is_folded_over_is_found_and_said():
     vertices, faces, flipped = folded_cube()
     solid = Solid(vertices, faces)
-    assert sorted(faces_folded(solid)) == beside(faces, flipped)
+    assert folded_faces_of(solid).tolist() == beside(faces, flipped)
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert solid.sign_reason.endswith(
         "; 4 faces are folded over, or pass through others, or next to such faces: "
@@ -143,6 +138,6 @@ def test_folds_outlast_another_scene_and_a_file(tmp_path):
     scene.save(tmp_path / "folded.prox")
     loaded = proximity.load(tmp_path / "folded.prox")
 
-    assert sorted(faces_folded(scene.part("folded").solid)) == beside(faces, flipped)
+    assert folded_faces_of(scene.part("folded").solid).tolist() == beside(faces, flipped)
     assert np.array_equal(scene.signed_distance(points) < 0.0, is_inside)
     assert np.array_equal(loaded.signed_distance(points) < 0.0, is_inside)

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 import shapes
-from models import welded_piece_of
+from models import welded_model_of
 
 import oracle
 from proximity.kernels.sign.winding_number import turned, winding_number
-from proximity.pose import Pose
-from proximity.scene.model.assembly import assemble
 
 pytestmark = pytest.mark.internals
 
@@ -18,7 +16,7 @@ LARGEST_ERROR = 0.05
 
 def turns(mesh, points):
     """Winding numbers at points in the mesh's own frame."""
-    model = assemble([welded_piece_of(*mesh)], [Pose()])
+    model = welded_model_of(*mesh)
     scale, centre = model.frames["scale"][0], model.frames["centre"][0]
     places = (int(model.parts["root"][0]), int(model.parts["moments"][0]))
     local = (np.asarray(points, float) - centre) * scale
