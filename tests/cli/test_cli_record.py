@@ -101,13 +101,9 @@ def test_json_is_the_summary_as_a_document(run, tmp_path):
     assert (result.code, result.err) == (0, "")
     assert 0.0 < told.pop("seconds") < 60.0
     assert told == {
-        "file": str(path),
-        "frames": 2,
-        "lost": 2,
-        "refused": 1,
+        "file": str(path), "frames": 2, "lost": 2, "refused": 1, "sessions": 1,
         "reasons": {"overtaken or repeated": 1},
-        "sessions": 1,
-    }
+    }  # fmt: skip
 
 
 def test_log_is_continued_and_what_was_torn_is_told(run, tmp_path):

@@ -175,6 +175,7 @@ def test_realtime_is_asked_for_only_where_it_is_wanted_and_what_came_of_it_is_sa
         "proximity: ordinary priority, memory not locked, any core; --realtime asks for more\n" in quiet.err
     )
     assert asked and "ordinary" not in wanted.err
+    assert "note            priority: not permitted (Operation not permitted)\n" in wanted.out
     assert wanted.err.splitlines()[2:] == [
         "proximity: memory: locked",
         "proximity: core: the process may use one core only",

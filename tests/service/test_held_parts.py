@@ -1,6 +1,5 @@
 """A part that is held while it is served: its connections are frames of their own, with bounds that hold."""
 
-import threading
 import time
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 import shapes
 from fake_service import KeepingOutlet, ManualClock
 from project import MESHES
+from served_scene import served_scene
 
 from proximity import PartTracker, Pose
 from proximity.errors import ServiceError
@@ -28,7 +28,6 @@ from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service import HeldContacts, MovesInput, NoPoses, Service
 from proximity.service.config import check_held, read_scene_file
-from proximity.service.hosting import serve
 from proximity.transport import Publisher, open_publisher, open_subscriber
 from proximity.transport.received_frame import ReceivedFrame
 
@@ -274,25 +273,13 @@ def served(tmp_path):
     """Serve a scene file with a held part in a thread; yields subscriber, publishers and how to end it."""
     path, name = tmp_path / "cell.toml", tmp_path.name
     path.write_text(SCENE.format(name=name, file=MESHES / "assembly.step"))
-    stop, begun, ended = threading.Event(), threading.Event(), []
     with (
         open_subscriber(f"mailbox:{name}/held") as frames,
         open_publisher(f"mailbox:{name}/moves") as moves,
         open_publisher(f"mailbox:{name}/changes") as changes,
+        served_scene(path) as scene,
     ):
-        thread = threading.Thread(
-            target=lambda: ended.append(serve(path, stop=stop, begun=lambda _: begun.set()))
-        )
-        thread.start()
-        assert begun.wait(PATIENCE_S)
-
-        def finish():
-            stop.set()
-            thread.join(PATIENCE_S)
-            return ended[0]
-
-        yield frames, moves, changes, finish
-        finish()
+        yield frames, moves, changes, scene.finish
 
 
 def reading_of(frames, is_it, again=lambda: None):

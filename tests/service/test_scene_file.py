@@ -254,11 +254,14 @@ service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
 {HELD}part = 'pin'\npublish = 'shm://proximity' | 8: held[0].publish has shm://proximity, which is also in
 {HELD}part = ['pin', 'pin']\npublish = 'mailbox:h' | 7: held[0].part has pin, which is also in held[0].part
 {HELD}{PIN}[[held]]\npart = 'lid'\npublish = 'mailbox:h' | 11: held[1].publish has mailbox:h, which is also in
+{SENSOR}[[held]]\n{PIN} | 3: [[held]] cannot be used: distances are measured
+{PART}{RECORDED}{FAST}[[held]]\n{PIN} | 7: [[held]] cannot be used together with input.fast
 {PART}{POSES}[[held]]\n{PIN} | 5: [[held]] requires input.moves, where the poses of the part come in
 """
 TABLES = {
     "PART": PART, "POSES": POSES, "SENSOR": SENSOR, "RECORDED": RECORDED,
-    "TWO": "[fingers]\ncount = 2\n", "BOX": PART + POSES, "PIN": "part = 'pin'\npublish = 'mailbox:h'\n",
+    "FAST": "fast = true\nmoves = 'mailbox:m'\n", "PIN": "part = 'pin'\npublish = 'mailbox:h'\n",
+    "TWO": "[fingers]\ncount = 2\n", "BOX": PART + POSES,
     "HELD": f"{PART}{POSES}moves = 'mailbox:m'\n[[held]]\n",
 }  # fmt: skip
 LARGE_MISTAKES = [
@@ -337,24 +340,13 @@ y = {inner = [1, {z = 2}]}
 @pytest.mark.parametrize(
     ("path", "line"),
     [
-        ((), 1),
-        (("service",), 2),
-        (("service", "publish"), 3),
-        (("service", "publish", 1), 3),
-        (("service", "log"), 7),
-        (("parts", 0), 12),
-        (("parts",), 12),
-        (("parts", 0, "file"), 13),
-        (("parts", 0, "extra", "deep"), 14),
-        (("parts", 0, "more", "x"), 16),
-        (("parts", 1), 18),
-        (("parts", 1, "file"), 19),
-        (("spaced out", "list", 0, "y", "inner", 1, "z"), 21),
-        (("parts", 1, "missing"), 18),
-        (("parts", 5, "file"), 12),
-        (("nothing", "here"), 1),
+        ((), 1), (("service",), 2), (("service", "publish"), 3), (("service", "publish", 1), 3),
+        (("service", "log"), 7), (("parts", 0), 12), (("parts",), 12), (("parts", 0, "file"), 13),
+        (("parts", 0, "extra", "deep"), 14), (("parts", 0, "more", "x"), 16), (("parts", 1), 18),
+        (("parts", 1, "file"), 19), (("spaced out", "list", 0, "y", "inner", 1, "z"), 21),
+        (("parts", 1, "missing"), 18), (("parts", 5, "file"), 12), (("nothing", "here"), 1),
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize("ends", ["\n", "\r\n"])
 def test_values_are_found_on_their_lines(path, line, ends):
     assert Document(TEXT.replace("\n", ends), "a").line_of(path) == line

@@ -25,17 +25,12 @@ def measured(distances, measured_ns=NOW, error=0.0001, **fields):
 
 
 def told(distances, measured_ns=NOW, error=0.0001, **fields):
-    unknown = ("position", "velocity", "normal", "approach_speed", "bend", "bend_rate", "force")
-    return {
-        **dict.fromkeys(unknown, np.nan),
-        "stiffness": np.nan,
-        "damping": np.nan,
-        "finger": np.arange(len(distances)),
-        "measured_ns": measured_ns,
-        "signed_distance": distances,
-        "error": error,
-        **fields,
-    }
+    unknown = (
+        "position", "velocity", "normal", "approach_speed", "bend", "bend_rate", "force", "stiffness",
+        "damping",
+    )  # fmt: skip
+    known = {"measured_ns": measured_ns, "signed_distance": distances, "error": error}
+    return dict.fromkeys(unknown, np.nan) | {"finger": np.arange(len(distances))} | known | fields
 
 
 def message(distances, measured_ns=NOW, **fields):

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from ports import free_port
 from project import MESHES
+from served_scene import served_scene
 
 from proximity.errors import ArgumentError, PublishError, ServiceError
 from proximity.message import (
@@ -33,7 +34,6 @@ from proximity.message import (
     State,
 )
 from proximity.recording import FrameReader
-from proximity.service import realtime
 from proximity.service.config import PartFiles
 from proximity.service.hosting import RunningService, scene_changes, scene_service, serve, start_service
 from proximity.transport import open_publisher, open_subscriber
@@ -82,39 +82,17 @@ def scene_path(folder):
 @pytest.fixture
 def served(scene_path):
     """Serve the scene in a thread; the test sees what is published and said, and stops it."""
-    stop, begun, said, reports, failures = threading.Event(), threading.Event(), [], [], []
-    beginnings = []
-
-    def note(beginning):
-        beginnings.append(beginning)
-        begun.set()
-
-    def run():
-        try:
-            reports.append(serve(scene_path, stop=stop, say=said.append, begun=note))
-        except Exception as failure:
-            failures.append(failure)
-            begun.set()
-
+    said = []
     (address,) = scene_service.read_scene_file(scene_path).service.publish
-    with open_subscriber(address) as subscriber, open_publisher(f"{address}/poses") as poses:
-        thread = threading.Thread(target=run)
-        thread.start()
-        assert begun.wait(PATIENCE_S) and not failures
-
-        def finish():
-            stop.set()
-            thread.join(PATIENCE_S)
-            assert not failures
-            return reports[0]
-
+    with (
+        open_subscriber(address) as subscriber,
+        open_publisher(f"{address}/poses") as poses,
+        served_scene(scene_path, say=said.append) as scene,
+    ):
         yield SimpleNamespace(
-            path=scene_path, address=address, subscriber=subscriber, said=said, finish=finish, poses=poses,
-            beginnings=beginnings, hold=lambda *tips: hold(poses, tips),
+            path=scene_path, address=address, subscriber=subscriber, said=said, poses=poses,
+            hold=lambda *tips: hold(poses, tips), **vars(scene),
         )  # fmt: skip
-        stop.set()
-        thread.join(PATIENCE_S)
-    assert not thread.is_alive()
 
 
 def hold(publisher, tips):
@@ -510,27 +488,6 @@ def test_what_cannot_be_made_gives_all_addresses_back(scene_path, counted):
     assert counted.opened == 0
 
 
-def test_what_the_system_does_not_permit_is_told_and_not_fatal(scene_path, monkeypatch):
-    def refuse(*arguments):
-        raise PermissionError(1, "Operation not permitted")
-
-    for name in ("sched_setscheduler", "sched_setaffinity"):
-        monkeypatch.setattr(os, name, refuse, raising=False)
-    # On a machine with one core no core is asked for.
-    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
-    monkeypatch.setattr(realtime, "_libc", lambda: SimpleNamespace(prctl=lambda *given: 0, mlockall=refuse))
-    beginnings = []
-
-    report = serve(scene_path, real_time=True, tick_count=3, begun=beginnings.append)
-
-    told = [
-        "memory: not permitted (Operation not permitted)",
-        "core: not permitted (Operation not permitted)",
-        "priority: not permitted (Operation not permitted)",
-    ]
-    assert list(beginnings[0].notes) == report.notes == told
-
-
 def test_listener_that_fails_ends_nothing(scene_path, caplog):
     """As a terminal that was closed: neither the loop, nor the looking for edits."""
 
@@ -732,41 +689,35 @@ def test_parts_are_added_hidden_and_removed_while_they_are_served(scene_path, fo
     shutil.copy(MESHES / "sphere.stl", folder / "more")
     text = scene_path.read_text().replace(f'publish = "mailbox:{folder.name}"', f'publish = "{frames}"')
     scene_path.write_text(f'{text}changes = "{to_changes}"\nparts_from = "more"\n')
-    stop, begun, reports = threading.Event(), threading.Event(), []
-    with open_subscriber(frames) as subscriber:
-        thread = threading.Thread(
-            target=lambda: reports.append(serve(scene_path, stop=stop, begun=lambda _: begun.set()))
-        )
-        thread.start()
-        try:
-            assert begun.wait(PATIENCE_S)
-            with open_publisher(to_changes) as changes:
+    with (
+        open_subscriber(frames) as subscriber,
+        served_scene(scene_path) as scene,
+        open_publisher(to_changes) as changes,
+    ):
 
-                def until_parts_are(message, *names, hidden=()):
-                    def is_so():
-                        changes.publish(message)  # again: what is lost is told anew
-                        subscriber.wait(0.05)
-                        known = subscriber.description
-                        return subscriber.part_names == names and known.hidden_parts == hidden
+        def until_parts_are(message, *names, hidden=()):
+            def is_so():
+                changes.publish(message)  # again: what is lost is told anew
+                subscriber.wait(0.05)
+                known = subscriber.description
+                return subscriber.part_names == names and known.hidden_parts == hidden
 
-                    wait_until(is_so, f"parts were {names}")
+            wait_until(is_so, f"parts were {names}")
 
-                action = Message(CHANGES, 1)
-                action.records["action"] = PartAction.DESCRIBE
-                until_parts_are(action, "box")
-                assert subscriber.finger_names == ("0", "1")
-                assert subscriber.description.finger_radii == (0.007, 0.007)
-                lid = Message(ADDITIONS, 1)
-                lid.records["name"], lid.records["file"] = b"lid", b"sphere.stl"
-                lid.records["rotation"] = np.eye(3)
-                until_parts_are(lid, "box", "lid")
-                action.records["name"], action.records["action"] = b"box", PartAction.HIDE
-                until_parts_are(action, "box", "lid", hidden=("box",))
-                action.records["action"] = PartAction.REMOVE
-                until_parts_are(action, "lid")
-        finally:
-            stop.set()
-            thread.join(PATIENCE_S)
+        action = Message(CHANGES, 1)
+        action.records["action"] = PartAction.DESCRIBE
+        until_parts_are(action, "box")
+        assert subscriber.finger_names == ("0", "1")
+        assert subscriber.description.finger_radii == (0.007, 0.007)
+        lid = Message(ADDITIONS, 1)
+        lid.records["name"], lid.records["file"] = b"lid", b"sphere.stl"
+        lid.records["rotation"] = np.eye(3)
+        until_parts_are(lid, "box", "lid")
+        action.records["name"], action.records["action"] = b"box", PartAction.HIDE
+        until_parts_are(action, "box", "lid", hidden=("box",))
+        action.records["action"] = PartAction.REMOVE
+        until_parts_are(action, "lid")
+        report = scene.finish()
     counts = subscriber.counts
     assert counts.unused == 0
-    assert not reports[0].publish_failures[frames]
+    assert not report.publish_failures[frames]

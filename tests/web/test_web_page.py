@@ -483,15 +483,8 @@ def test_everything_can_be_reached_by_the_keyboard(page):
         reached.add(page.ask("document.activeElement.id || document.activeElement.textContent"))
 
     assert {
-        "canvas",
-        "Probe",
-        "Hand",
-        "tool-move",
-        "tool-measure",
-        "tool-slice",
-        "tool-help",
-        "hide",
-    } <= reached
+        "canvas", "Probe", "Hand", "tool-move", "tool-measure", "tool-slice", "tool-help", "hide",
+    } <= reached  # fmt: skip
 
 
 # Beside a service

@@ -33,17 +33,9 @@ class Asked:
     def at(self, point, *, part=-1, slot=NO_SLOT, is_outside=False, tolerance=0.0, core=0.0, budget=PLENTY):
         """Distance, lower, upper, clear, part, slot, bits, work."""
         return distance_bounds.bounds_at(
-            self.arrays,
-            tuple(map(float, point)),
-            part,
-            slot,
-            is_outside,
-            tolerance,
-            core,
-            budget,
-            self.workspace,
-            self.closest,
-        )
+            self.arrays, tuple(map(float, point)), part, slot, is_outside, tolerance, core, budget,
+            self.workspace, self.closest,
+        )  # fmt: skip
 
     def face(self, part, slot):
         return self.model.words.view(np.int32)[self.model.parts["slot_faces"][part] + slot]
@@ -207,15 +199,9 @@ def test_within_a_limit_only_nearer_faces_are_found(asked):
         distance = float(unsigned(asked.scene, point))
         for limit, is_found in ((0.99 * distance, False), (1.01 * distance, True)):
             best_sq, _, slot, lower_sq, _ = distance_bounds.nearest_from_face(
-                asked.arrays,
-                tuple(point),
-                0,
-                NO_SLOT,
-                (limit * scale) ** 2,
-                (0.0, 0.0),
-                PLENTY,
+                asked.arrays, tuple(point), 0, NO_SLOT, (limit * scale) ** 2, (0.0, 0.0), PLENTY,
                 asked.workspace,
-            )
+            )  # fmt: skip
             assert (slot != NO_SLOT) == is_found
             assert lower_sq >= best_sq
             assert np.sqrt(best_sq) / scale == pytest.approx(distance if is_found else limit)

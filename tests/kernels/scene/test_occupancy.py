@@ -168,20 +168,6 @@ def test_parts_that_have_moved_are_found_where_they_are_and_nowhere_else(loose):
     assert scene.contains(points).any()
 
 
-def test_hidden_parts_hold_nothing_until_they_are_shown():
-    rng = np.random.default_rng(4)
-    scene = scene_of(rng, 12)
-    points = points_around(scene, rng, 200)
-    before = scene.contains(points)
-    scene.hide("part 3")
-    others = Scene([part for part in scene.parts if part.name != "part 3"])
-
-    assert np.array_equal(scene.contains(points), others.contains(points))
-    scene.show("part 3")
-    assert np.array_equal(scene.contains(points), before)
-    assert not np.array_equal(before, others.contains(points))
-
-
 def test_of_equal_depths_the_lowest_part_counts_though_it_has_moved():
     cube = Solid(*shapes.cube(2.0, (0.0, 0.0, 0.0)))
     near, deep = Solid(*shapes.cube(0.5, (0.0, 0.0, 0.0))), Pose()

@@ -68,16 +68,9 @@ class Way:
         return max(float(unsigned(self.scene, self.at(parameter))) - self.radius, 0.0)
 
     def go(
-        self,
-        *,
-        start=0.0,
-        speed=1.0,
-        drift=0.0,
-        tolerance=0.0,
-        budget=PLENTY,
-        clearance=None,
+        self, *, start=0.0, speed=1.0, drift=0.0, tolerance=0.0, budget=PLENTY, clearance=None,
         displacement_of_parts=0.0,
-    ):
+    ):  # fmt: skip
         """Free until, expected at, part, slot, steps."""
         clearance = self.clearance(start) if clearance is None else clearance
         sphere = Sphere(self.radius, float(speed), self.balls, displacement_of_parts)
@@ -100,14 +93,10 @@ def down(things=None, **settings):
 @pytest.mark.parametrize(
     ("parameter", "place", "direction"),
     [
-        (0.0, (0, 0, 0), (0.5, 0, 0)),
-        (1.0, (0.5, 0, 0), (0.5, 0, 0)),
-        (2.0, (1, 0, 0), (0, 3, 0)),
-        (2.5, (1, 1.5, 0), (0, 3, 0)),
-        (3.0, (1, 3, 0), (0, 3, 0)),
-        (4.0, (1, 6, 0), (0, 3, 0)),
+        (0.0, (0, 0, 0), (0.5, 0, 0)), (1.0, (0.5, 0, 0), (0.5, 0, 0)), (2.0, (1, 0, 0), (0, 3, 0)),
+        (2.5, (1, 1.5, 0), (0, 3, 0)), (3.0, (1, 3, 0), (0, 3, 0)), (4.0, (1, 6, 0), (0, 3, 0)),
     ],
-)
+)  # fmt: skip
 def test_place_on_a_way_is_between_its_corners_and_the_direction_a_unit_of_stage(parameter, place, direction):
     out = np.full(9, np.nan)
     corners = np.array([(0, 0, 0), (1, 0, 0), (1, 3, 0)], float)
@@ -149,14 +138,9 @@ def test_nothing_thin_is_passed(thing, radius):
     assert expected == pytest.approx(0.1 - radius, abs=2 * TOUCH)
 
 
-def test_way_that_meets_nothing_is_free_to_its_end():
-    way = Way([plate()], line((0, 0, 0.1), (0, 0, 0.3)))
-    free, expected, *_ = way.go()
-    assert (free, expected) == (way.parameters[-1], np.inf)
-
-
-def test_way_that_ends_before_the_surface_is_free_to_its_end():
-    way = Way([plate()], line((0, 0, 0.1), (0, 0, RADIUS + 0.001)))
+@pytest.mark.parametrize("end", [0.3, RADIUS + 0.001], ids=["away", "until before the surface"])
+def test_way_that_meets_nothing_is_free_to_its_end(end):
+    way = Way([plate()], line((0, 0, 0.1), (0, 0, end)))
     assert way.go()[:2] == (way.parameters[-1], np.inf)
 
 

@@ -52,15 +52,8 @@ def movers_of(scene):
 def near_of(scene, u=(0.0, 0.0, 0.0), x=(0.0, 0.0, 0.0), off=0.0, speed=0.0, unit=1.0, extent=1e9):
     """The drift of what may come near."""
     movers = movers_of(scene)
-    near, _ = gather_near(
-        movers,
-        tuple(map(float, u)),
-        tuple(map(float, x)),
-        float(off),
-        float(speed),
-        float(unit),
-        float(extent),
-    )
+    numbers = map(float, (off, speed, unit, extent))
+    near, _ = gather_near(movers, tuple(map(float, u)), tuple(map(float, x)), *numbers)
     return Drift(movers.columns, near, float(np.linalg.norm(u)) if movers.any_stands else 0.0)
 
 
