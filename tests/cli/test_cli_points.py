@@ -100,70 +100,45 @@ def test_numbers_come_back_exactly(rows):
     assert points_of(text) == [value for row in rows for value in row]
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("1 2 3\n1 2\n", "points.csv, line 2: 2 values, expected 3"),
-        ("1,2,3,A\n",
-         "points.csv, line 1: 4 values, expected 3; a first line such as x,y,z,name allows names"),
-        (  # was: 4 values, expected 3
-            "1,5;2,5;3,5\n",
-            "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5",
-        ),
-        ("name;x;y;z\nA;1,5;2;3\n",
-         "points.csv, line 2: '1,5' has a decimal comma, expected a decimal point: 1.5"),
-        ("1,5\t2\t3\n", "points.csv, line 1: '1,5' has a decimal comma, expected a decimal point: 1.5"),
-        (
-            "x,y,z\n1,2,1e400\n",  # was: infinity
-            "points.csv, line 2: '1e400' is beyond 1.8e+308, the largest number",
-        ),
-        ("1 2 3#4\n", "points.csv, line 1: '3#4' is not a number"),
-        ("1 2 3\n\udcff 1 2\n",
-         "points.csv, line 2: not text in UTF-8, expected a text file with three numbers on each line"),
-        ("1" * 1_000_001 + "\n",
-         "points.csv, line 1: has 1000000 characters or more, expected three numbers"),
-        ("x y z\na b c\n", "points.csv, line 2: 'a' is not a number"),
-        ("a,x,y,z\n1,2,3\n", "points.csv, line 2: 3 values, expected 4"),
-        (
-            "solid box\n",
-            "points.csv, line 1: 'solid box' is neither a point nor a header, "
-            "expected three numbers or columns named x, y and z",
-        ),
-        (
-            f'1,2,3\n"{"0" * 200_000}",1,2\n',  # more than Python's reader of CSV takes
-            "points.csv, line 2: field larger than field limit (131072), expected three numbers",
-        ),
-        ("1.0f 2.0f 3.0f\n", "points.csv, line 1: '1.0f' is not a number"),  # was: a header, and no points
-        ("a,x,y,z\n1,2,3,\n", "points.csv, line 2: '' is not a number"),
-        (
-            "id,x,y\n7,1,2\n",  # was: the point 7 1 2
-            "points.csv, line 1: 'id x y' is neither a point nor a header, "
-            "expected three numbers or columns named x, y and z",
-        ),
-        (
-            "x,x,y,z\n1,2,3,4\n",  # was: the point 1 3 4
-            "points.csv, line 1: 'x x y z' is neither a point nor a header, "
-            "expected three numbers or columns named x, y and z",
-        ),
-        (  # was: millimetres
-            "time_s,hand,finger,x_m,y_m,z_m\n0,0,1,0.1,0.2,0.3\n",
-            "points.csv, line 1: column 'x_m' is in m, expected mm; add --points-units m",
-        ),
-        (  # was, as those below: millimetres
-            "x [inch],y [inch],z [inch]\n1,2,3\n",
-            "points.csv, line 1: column 'x [inch]' is in inches, expected mm; add --points-units in",
-        ),
-        ("x [\u00b5m],y,z\n1,2,3\n",
-         "points.csv, line 1: column 'x [\u00b5m]' is in um, expected mm; add --points-units um"),
-        ("x (m) raw,y,z\n1,2,3\n",
-         "points.csv, line 1: column 'x (m) raw' is in m, expected mm; add --points-units m"),
-        (f"1 2 {'9' * 50}z\n", f"points.csv, line 1: '{'9' * 37}...' is not a number"),
-    ],
-)  # fmt: skip
-def test_line_that_is_no_point_is_named(text, message):
+# A file, with "\n" and "\t" for ends of lines and tabs, and what is said of it behind its name.
+BAD_LINES = r"""
+1 2 3\n1 2\n | line 2: 2 values, expected 3
+1,2,3,A\n | line 1: 4 values, expected 3; a first line such as x,y,z,name allows names
+1,5;2,5;3,5\n | line 1: '1,5' has a decimal comma, expected a decimal point: 1.5
+name;x;y;z\nA;1,5;2;3\n | line 2: '1,5' has a decimal comma, expected a decimal point: 1.5
+1,5\t2\t3\n | line 1: '1,5' has a decimal comma, expected a decimal point: 1.5
+x,y,z\n1,2,1e400\n | line 2: '1e400' is beyond 1.8e+308, the largest number
+1 2 3#4\n | line 1: '3#4' is not a number
+x y z\na b c\n | line 2: 'a' is not a number
+a,x,y,z\n1,2,3\n | line 2: 3 values, expected 4
+a,x,y,z\n1,2,3,\n | line 2: '' is not a number
+1.0f 2.0f 3.0f\n | line 1: '1.0f' is not a number
+solid box\n | line 1: 'solid box' {NEITHER}
+id,x,y\n7,1,2\n | line 1: 'id x y' {NEITHER}
+x,x,y,z\n1,2,3,4\n | line 1: 'x x y z' {NEITHER}
+time_s,hand,finger,x_m,y_m,z_m\n0,0,1,0.1,0.2,0.3\n | line 1: column 'x_m' is in m, {UNITS} m
+x [inch],y [inch],z [inch]\n1,2,3\n | line 1: column 'x [inch]' is in inches, {UNITS} in
+x [µm],y,z\n1,2,3\n | line 1: column 'x [µm]' is in um, {UNITS} um
+x (m) raw,y,z\n1,2,3\n | line 1: column 'x (m) raw' is in m, {UNITS} m
+1 2 {NINES}z\n | line 1: '{SHORT_NINES}...' is not a number
+1 2 3\n{NO_TEXT} 1 2\n | line 2: not text in UTF-8, expected a text file with three numbers on each line
+{LONG}\n | line 1: has 1000000 characters or more, expected three numbers
+1,2,3\n"{LARGE}",1,2\n | line 2: field larger than field limit (131072), expected three numbers
+"""
+NAMED = {
+    "NEITHER": "is neither a point nor a header, expected three numbers or columns named x, y and z",
+    "UNITS": "expected mm; add --points-units", "NINES": "9" * 50, "SHORT_NINES": "9" * 37,
+    "NO_TEXT": "\udcff", "LONG": "1" * 1_000_001, "LARGE": "0" * 200_000,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("line", BAD_LINES.strip().splitlines())
+def test_line_that_is_no_point_is_named(line):
+    """Some were points: of a header without z or with two x, of infinity, of metres and inches as mm."""
+    text, _, message = line.partition(" | ")
     with pytest.raises(ArgumentError) as refusal:
-        points_of(text)
-    assert str(refusal.value) == message
+        points_of(text.replace("\\n", "\n").replace("\\t", "\t").format(**NAMED))
+    assert str(refusal.value) == f"points.csv, {message.format(**NAMED)}"
 
 
 def test_standard_input_that_is_closed_is_named(monkeypatch):
