@@ -43,6 +43,19 @@ def test_distances_without_a_sign_are_noted(run, tmp_path):
     assert run("tray.prox", "--size", "640x360", "-o", "tray.png").err == ""  # no distance is shown
 
 
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("-o", "box.png", "--view", "above"), "no view 'above', expected one of iso"),
+        (("-o", "nowhere/box.png"), "nowhere/box.png: cannot be written"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(run, tmp_path, options, sentence):
+    result = run(BOX, *options)
+    assert (result.code, result.out) == (2, "") and sentence in result.words
+    assert not list(tmp_path.glob("*.png"))
+
+
 def test_missing_library_is_reported_before_the_file_is_read(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvista", None)
     result = run("none.stl", "-o", "none.png")

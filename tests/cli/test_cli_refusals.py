@@ -52,8 +52,6 @@ compile part.stl --out part.prox | part.stl: it has 8 bytes
 compile box.stl box.stl | expected the file to write
 compile box.stl --out part.stl | part.stl does not end in .prox
 compile box.stl --out none/box.prox | none/box.prox: cannot be written (No such file or directory)
-picture box.stl -o box.png --view above | no view 'above', expected one of iso
-picture box.stl -o nowhere/box.png | nowhere/box.png: cannot be written
 picture box.stl -o box.jpg | box.jpg does not end in .png
 picture box.stl -o box.png --size wide | 'wide': expected width and height, for example 1400x800
 picture box.stl -o box.png --slice 3 | '3': expected an axis and a position, for example z=3
