@@ -67,6 +67,13 @@ def test_recording_that_is_repeated_keeps_its_beat_through_rounds_slept_through(
     assert played(source, [0, 141 * 7 + 12, 141 * 8]) == near([(0, 0), (10, 141 * 7 + 10), (0, 141 * 8)])
 
 
+def started(count, origin="input"):
+    """The newest samples of so many fingers, none of which has come; they are too old after 100 ms."""
+    newest = NewestSamples(FingerPoses(count), 100 * MS, origin)
+    newest.start(NOW)
+    return newest
+
+
 @pytest.mark.parametrize("jump", [0.002, 0.1])
 def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
     """No finger has gone it: the tracker starts anew, and predicts no more than top speed allows."""
@@ -76,8 +83,7 @@ def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
     source = RecordingInput(
         Recording(np.arange(rows) * np.int64(MS), positions, ((0, 1),)), latency=0.0, repeat=True
     )
-    newest = NewestSamples(FingerPoses(1), 100 * MS)
-    newest.start(NOW)
+    newest = started(1)
     motions = np.zeros((1, ESTIMATES), ESTIMATE)
     fastest = abs(jump) / (rows - 1) / 1e-3 + 1e-6
 
@@ -128,8 +134,7 @@ OTHER_CLOCK = (
 )
 def test_first_pose_that_cannot_be_used_is_told_with_its_address_and_a_remedy(ahead_ms, sentence, caplog):
     """The service once said nothing of them until its end, and never that they were too old."""
-    newest = NewestSamples(FingerPoses(1), 100 * MS, "shm://poses")
-    newest.start(NOW)
+    newest = started(1, "shm://poses")
     newest.update(hands_at([[0, 0, 0]], NOW), NOW)
     for tick in range(3):
         newest.update(hands_at([[1, 1, 1]], NOW + ahead_ms * MS + tick), NOW + tick)
@@ -141,16 +146,14 @@ def test_first_pose_that_cannot_be_used_is_told_with_its_address_and_a_remedy(ah
 
 
 def test_pose_that_grew_old_here_is_not_counted_as_too_old():
-    newest = NewestSamples(FingerPoses(2), 100 * MS)
-    newest.start(NOW)
+    newest = started(2)
     for ms in range(300):
         newest.update(hands_at(np.zeros((2, 3)), [NOW, NOW + ms * MS]), NOW + ms * MS)
     assert newest.too_old == 0
 
 
 def test_what_was_told_once_and_is_not_any_more_becomes_unknown():
-    newest = NewestSamples(FingerPoses(2), 100 * MS)
-    newest.start(NOW)
+    newest = started(2)
     first = hands_at(np.zeros((2, 3)), NOW, velocities=np.ones((2, 3)))
     first.paths, first.bends = np.ones((2, 4, 3)), np.ones(2)
 
@@ -168,8 +171,7 @@ def test_what_was_told_once_and_is_not_any_more_becomes_unknown():
 
 
 def test_finger_whose_sample_is_left_out_keeps_all_of_the_one_before():
-    newest = NewestSamples(FingerPoses(2), 100 * MS)
-    newest.start(NOW)
+    newest = started(2)
     newest.update(hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))), NOW)
     newest.update(hands_at(np.ones((2, 3)), [NOW - 1, NOW + 1], velocities=np.ones((2, 3))), NOW + 1)
     assert newest.samples.positions.tolist() == [[0, 0, 0], [1, 1, 1]]
@@ -182,8 +184,7 @@ def test_finger_whose_sample_is_left_out_keeps_all_of_the_one_before():
 @pytest.mark.parametrize("axis", [0, 2])
 @pytest.mark.parametrize("pose_ns", [0, NOW + 1])
 def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis, pose_ns):
-    newest = NewestSamples(FingerPoses(1), 100 * MS)
-    newest.start(NOW)
+    newest = started(1)
     newest.update(hands_at([[1, 1, 1]], NOW), NOW)
     lost = hands_at([[1, 1, 1]], pose_ns)
     lost.positions[0, axis] = unknown
@@ -201,8 +202,7 @@ def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis,
 
 @pytest.mark.parametrize(("future_ns", "is_taken"), [(5 * MS, True), (5 * MS + 1, False)])
 def test_poses_may_be_five_milliseconds_ahead(future_ns, is_taken):
-    newest = NewestSamples(FingerPoses(1), 100 * MS)
-    newest.start(NOW)
+    newest = started(1)
     newest.update(hands_at([[1, 1, 1]], NOW + future_ns), NOW)
     assert np.isfinite(newest.samples.positions).all() == is_taken
     assert newest.future == (not is_taken)
@@ -211,12 +211,8 @@ def test_poses_may_be_five_milliseconds_ahead(future_ns, is_taken):
 @pytest.mark.parametrize("pose_ns", [NOW + 500 * MS, NOW - 1])
 def test_sample_that_was_left_out_is_not_given_again(pose_ns):
     """Whoever tells of one finger at a time gives all of them each time."""
-    newest, given = (
-        NewestSamples(FingerPoses(2), 100 * MS),
-        hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))),
-    )
+    newest, given = started(2), hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3)))
     given.bends = np.zeros(2)
-    newest.start(NOW)
     newest.update(given, NOW)
     given.positions[0], given.pose_ns[0], given.velocities[0], given.bends[0] = 1, pose_ns, 1, 1
 
@@ -232,8 +228,7 @@ def test_sample_that_was_left_out_is_not_given_again(pose_ns):
 
 def test_hand_whose_fingers_are_all_at_one_place_is_lost_and_counted(caplog):
     """The left hand is sent as (0, 0, 0) while it is lost; the right one goes on."""
-    newest = NewestSamples(FingerPoses(10), 100 * MS, "shm://poses")
-    newest.start(NOW)
+    newest = started(10, "shm://poses")
     tips = np.arange(30.0).reshape(10, 3)
     lost = tips.copy()
     lost[:5] = 0.0
@@ -248,7 +243,6 @@ def test_hand_whose_fingers_are_all_at_one_place_is_lost_and_counted(caplog):
 
 
 def test_two_fingers_of_one_hand_may_be_at_one_place():
-    newest = NewestSamples(FingerPoses(2), 100 * MS)
-    newest.start(NOW)
+    newest = started(2)
     newest.update(hands_at(np.zeros((2, 3)), NOW), NOW)
     assert np.isfinite(newest.samples.positions).all() and newest.lost == 0
