@@ -1,7 +1,9 @@
 """The command line, run in this process: one fixture for all commands."""
 
 import io
+import json
 import os
+import shlex
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -51,3 +53,26 @@ def recorded():
         assert text == path.read_text(encoding="utf-8")
 
     return compare
+
+
+@pytest.fixture
+def transcript(run, recorded):
+    """Run commands, one a line with ``< lines;of;input``, and compare all that they print with ``texts``."""
+
+    def compare(name, commands, stdin=""):
+        text = ""
+        for command in filter(None, map(str.strip, commands.splitlines())):
+            words, _, given = command.partition(" < ")
+            result = run(*shlex.split(words), stdin=given.replace(";", "\n") + "\n" if given else stdin)
+            ending = f"[{result.code}]\n" if result.code else ""
+            text += f"$ {command}\n{result.out}{result.err}{ending}\n"
+            if "--json" in words and result.code < 2:
+                json.loads(result.out, parse_constant=_refuse_constant)
+        recorded(name, text)
+        assert "\x1b" not in text
+
+    return compare
+
+
+def _refuse_constant(word):
+    raise AssertionError(f"{word} is not JSON")

@@ -7,7 +7,6 @@ import io
 import json
 import re
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,23 +16,16 @@ from rich.console import Console
 import proximity
 from proximity import cli
 from proximity.cli import progress
-from proximity.cli.output import in_units
 from proximity.cli.parts import answer_text, query
 from proximity.errors import MeshFormatError
 
 
 @pytest.fixture
 def loaded(monkeypatch):
-    """Replace what reads files and compiles; returns the calls of load."""
-    calls = []
-
-    def load(path, *, units="mm", **options):
-        calls.append((path, units))
-        return FakeScene()
-
-    for name, value in {"load": load, "kernels_are_cached": lambda: True}.items():
+    """Replace what reads files and compiles."""
+    replaced = {"load": lambda path, **options: FakeScene(), "kernels_are_cached": lambda: True}
+    for name, value in replaced.items():
         monkeypatch.setitem(vars(proximity), name, value)
-    return calls
 
 
 @pytest.fixture
@@ -42,76 +34,10 @@ def run(loaded, run):
     return lambda *arguments, stdin="": run(*arguments, stdin=stdin)
 
 
-def load_with(monkeypatch, load):
-    monkeypatch.setitem(vars(proximity), "load", load)
-
-
-def block(text):
-    """The labelled lines of a block."""
-    return {line[:16].strip(): line[16:] for line in text.splitlines()}
-
-
-def test_rounding_in_a_length_is_printed_as_zero_but_not_for_programs(run):
-    words = ("query", "ball.stl", -6.9e-15, 0, 12)
-
-    assert block(run(*words).out)["closest point"] == "0  0  10 mm"
-    (answer,) = json.loads(run(*words, "--json").out)["answers"]
-    assert answer["point"][0] == pytest.approx(-6.9e-15 / 1.2)
-
-
-@pytest.mark.parametrize(("word", "unit"), [("MM", "mm"), ("inch", "in"), ("Inches", "in")])
-def test_units_may_be_spelt_otherwise(run, word, unit):
-    assert json.loads(run("query", "ball.stl", 0, 0, 12, "--units", word, "--json").out)["units"] == unit
-
-
 @pytest.mark.parametrize(("option", "hint"), [("--format", False), ("--unit", True)])
 def test_unknown_option_has_a_hint_only_if_one_is_alike(run, option, hint):
     result = run("query", "ball.stl", 1, 2, 3, option)
     assert ("ossible option" in result.words or "Did you mean" in result.words) == hint
-
-
-@pytest.mark.parametrize("options", [(), ("--ray", -1, 0, 0)])
-def test_what_is_too_far_off_is_told_in_words(run, monkeypatch, options):
-    scene = FakeScene()
-    nothing = np.full(1, np.nan)
-    hits = SimpleNamespace(
-        **vars(scene.closest(np.array([[0.0, 0.0, np.nan]])))
-        | {"distance": nothing, "normal": np.full((1, 3), np.nan)}
-    )
-    scene.closest = scene.cast = lambda *_, **__: hits
-    load_with(monkeypatch, lambda path, units, **options: scene)
-
-    lines = block(run("query", "ball.stl", 1e200, 0, 0, *options).out)
-
-    assert lines == {"distance": "nan (too far away to be computed)"}
-
-
-def refuse(word):
-    raise AssertionError(f"{word} is not JSON")
-
-
-def test_json_is_one_valid_document_with_every_digit(run):
-    result = run("query", "ball.stl", "--points", "-", "--json", stdin="0.1 0.2 0.3\nnan 0 0\n")
-
-    document = json.loads(result.out, parse_constant=refuse)
-    first, second = document["answers"]
-    direct = FakeScene().closest(np.array([[0.1, 0.2, 0.3]]) * 0.001)
-    assert document["file"] == "ball.stl"
-    assert document["units"] == "mm"
-    assert document["mode"] == "closest"
-    assert first["signed_distance"] == pytest.approx(direct.signed_distance[0] / 0.001, rel=1e-14)
-    assert first["point"] == in_units(direct.point[0], 0.001).tolist()
-    assert first["part"] == 0
-    assert first["part_name"] == "ball"
-    assert first["face"] == 107
-    assert first["face_id"] == 7
-    assert first["feature"] == "edge"
-    assert "distance" not in first  # it would not be what `Scene.distance` calls so
-    assert first["is_signed"] is True
-    assert second["query"] == [None, 0.0, 0.0]
-    for field in ("signed_distance", "part", "part_name", "face", "face_id", "feature"):
-        assert second[field] is None
-    assert second["point"] == [None, None, None]
 
 
 def test_json_of_several_chunks_is_valid(run, monkeypatch):
@@ -150,72 +76,35 @@ def test_scan_is_summed_up_and_passes_or_fails(run, tmp_path):
     assert run("query", "ball.stl", 9, 0, 0, "--within", 1, "--ray", 1, 0, 0).code == 2
 
 
-def test_points_come_from_a_file(run, tmp_path):
-    path = tmp_path / "points.csv"
-    path.write_text("x,y,z\n0,0,12.5\n", encoding="utf-8")
-    assert block(run("query", "ball.stl", "--points", path).out)["signed distance"] == "2.5 mm, outside"
-
-
-def test_bad_first_line_of_a_file_is_one_line_on_stderr(run, loaded, tmp_path):
-    path = tmp_path / "points.csv"
-    path.write_text("0 0\n0 0 1\n", encoding="utf-8")
-
-    result = run("query", "ball.stl", "--points", path, "--json")
-
-    assert result.code == 2
-    assert result.out == ""
-    assert result.err == f"proximity: {path}, line 1: 2 values, expected 3\n"
-    assert loaded == []
-
-
-def test_library_error_is_one_line_and_exit_code_2(run, monkeypatch):
+def raised(error, cause=None):
     def load(path, units, **options):
-        raise MeshFormatError("ball.stl: claims 900 faces,\n  but holds 899")
+        raise error from cause
 
-    load_with(monkeypatch, load)
-    for command in (("query", "ball.stl", 1, 2, 3), ("check", "ball.stl")):
-        result = run(*command)
-        assert result.code == 2
-        assert result.out == ""
-        assert result.err == "proximity: ball.stl: claims 900 faces, but holds 899\n"
+    return load
+
+
+@pytest.mark.parametrize(
+    ("load", "code", "err"),
+    [
+        (raised(MeshFormatError("ball.stl: claims 900 faces,\n  but holds 899")), 2,
+         "proximity: ball.stl: claims 900 faces, but holds 899\n"),
+        (raised(KeyboardInterrupt()), 130, ""),
+        # A compiled module that is imported reports it as an error of its own: was a traceback of 40 lines.
+        (raised(ImportError("initialization failed"), KeyboardInterrupt()), 130, ""),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("command", [("query", "ball.stl", 1, 2, 3), ("check", "ball.stl")])
+def test_error_is_one_line_and_an_interrupt_none(run, monkeypatch, load, code, err, command):
+    monkeypatch.setitem(vars(proximity), "load", load)
+    result = run(*command)
+    assert (result.code, result.out, result.err) == (code, "", err)
 
 
 def test_our_own_mistake_keeps_its_traceback(loaded, monkeypatch):
-    def load(path, units, **options):
-        raise ZeroDivisionError("a mistake")
-
-    load_with(monkeypatch, load)
+    monkeypatch.setitem(vars(proximity), "load", raised(ZeroDivisionError("a mistake")))
     monkeypatch.setattr(sys, "argv", ["proximity", "check", "ball.stl"])
-
     with pytest.raises(ZeroDivisionError, match="a mistake"):
         cli.main()
-
-
-def test_interrupt_is_quiet_and_exits_with_130(run, monkeypatch):
-    def load(path, units, **options):
-        raise KeyboardInterrupt
-
-    load_with(monkeypatch, load)
-
-    result = run("query", "ball.stl", 1, 2, 3)
-
-    assert result.code == 130
-    assert result.out + result.err == ""
-
-
-def test_interrupt_while_a_compiled_module_is_imported_is_quiet(run, monkeypatch):
-    """Such a module tells it as an error of its own: a traceback of forty lines was shown."""
-
-    def load(path, units, **options):
-        try:
-            raise KeyboardInterrupt
-        except KeyboardInterrupt as interrupt:
-            raise ImportError("initialization failed") from interrupt
-
-    load_with(monkeypatch, load)
-    result = run("query", "ball.stl", 1, 2, 3)
-
-    assert (result.code, result.out + result.err) == (130, "")
 
 
 def test_version_is_printed(run):
@@ -239,7 +128,6 @@ def test_help_has_examples(run, arguments, words):
 
 def test_help_fits_one_screen_and_names_every_command(run):
     lines = run("--help").out.splitlines()
-
     assert len(lines) <= 32 and max(map(len, lines)) <= 80
     names = [line[10:].split()[0] for line in lines if line[10:11].isalpha() and line[9:10] == " "]
     assert set(cli.COMMANDS) <= set(names)
@@ -256,7 +144,6 @@ def test_types_of_flags_and_arguments_are_not_shown(run):
 @pytest.mark.parametrize("word", [*cli.MEANT, "qurey"])
 def test_unknown_command_names_the_right_one(run, word):
     result = run(word)
-
     expected = cli.MEANT.get(word, "query")
     assert (result.code, f"Did you mean '{expected}'?" in result.words) == (2, True)
     assert expected.split()[0] in cli.COMMANDS and word not in cli.COMMANDS
@@ -265,9 +152,7 @@ def test_unknown_command_names_the_right_one(run, word):
 def test_slow_reading_names_the_command_that_avoids_it(run, monkeypatch):
     monkeypatch.setattr("proximity.cli.options.SLOW_S", -1.0)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-
     result = run("query", "ball.stl", 1, 2, 3)
-
     assert re.match(
         r"proximity: note: reading took \d+\.\d s; a file of `proximity compile ball\.stl`", result.err
     )
@@ -300,35 +185,24 @@ def terminal(monkeypatch, width=200):
     return screen
 
 
-@pytest.mark.parametrize("name", ["ball.stl", "parts[/b].stl"])  # the second: Rich's mark that closes nothing
-def test_long_reading_shows_a_spinner_on_a_terminal(name, monkeypatch):
+def seen(screen, *words):
+    """Whether a terminal shows words before long."""
+    ends = progress.time.monotonic() + 60.0
+    while not all(each in screen.getvalue() for each in words) and progress.time.monotonic() < ends:
+        progress.time.sleep(0.05)
+    return all(each in screen.getvalue() for each in words)
+
+
+@pytest.mark.parametrize("name", ["gears.step", "parts[/b].stl"])  # the second: Rich's mark closes nothing
+def test_long_reading_shows_a_spinner_that_counts_on_a_terminal(name, monkeypatch):
     screen = terminal(monkeypatch)
     monkeypatch.setattr(progress, "ANNOUNCE_AFTER_S", 0.0)
-
-    with progress.spinner(f"reading {name}"):
-        for _ in range(100):
-            if "reading" in screen.getvalue():
-                break
-            progress.time.sleep(0.05)
-
-    assert f"reading {name}" in screen.getvalue()
-
-
-def test_spinner_counts_what_is_done(monkeypatch):
-    screen = terminal(monkeypatch)
-    monkeypatch.setattr(progress, "ANNOUNCE_AFTER_S", 0.0)
-
-    with progress.spinner("reading gears.step") as count:
-        passed = list(progress.counted(["ab", "c"], count))
-        ends = progress.time.monotonic() + 60.0
-        while "reading gears.step 3" not in screen.getvalue() and progress.time.monotonic() < ends:
-            progress.time.sleep(0.05)
+    with progress.spinner(f"reading {name}") as count:
+        assert seen(screen, f"reading {name}")
+        assert list(progress.counted(["ab", "c"], count)) == ["ab", "c"]
+        assert seen(screen, f"reading {name} 3")
         count(7, 12)
-        while "7 of 12" not in screen.getvalue() and progress.time.monotonic() < ends:
-            progress.time.sleep(0.05)
-
-    assert passed == ["ab", "c"]
-    assert "reading gears.step 3" in screen.getvalue() and "reading gears.step 7 of 12" in screen.getvalue()
+        assert seen(screen, f"reading {name} 7 of 12")
 
 
 def test_count_without_a_terminal_shows_nothing(capsys):
@@ -337,20 +211,14 @@ def test_count_without_a_terminal_shows_nothing(capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_short_reading_shows_nothing(monkeypatch):
+def test_short_reading_shows_nothing_and_long_measuring_a_bar(monkeypatch):
     screen = terminal(monkeypatch)
     with progress.spinner("reading ball.stl"):
         pass
     assert screen.getvalue() == ""
-
-
-def test_what_is_measured_shows_a_bar_on_a_terminal(monkeypatch):
-    screen = terminal(monkeypatch)
     monkeypatch.setattr(progress, "ANNOUNCE_AFTER_S", -1.0)
-
     with progress.bar("measuring [ticks]") as show:
         show(10, 25, "10 of 25")
-
     assert "measuring [ticks]" in screen.getvalue() and "10 of 25" in screen.getvalue()
 
 
@@ -374,9 +242,7 @@ def test_table_on_a_narrow_terminal_leaves_out_columns_and_cuts_no_number(run, m
     """Was: -0.004579 in one line, which looks complete, and 43201 in the next."""
     terminal(monkeypatch)
     monkeypatch.setenv("COLUMNS", str(width))
-
     result = run("query", "ball.stl", 1, 1, 1, -1, 1, -1234)
-
     lines = result.out.splitlines()
     assert lines[0].strip() == title
     assert all(len(line) < width for line in lines)
@@ -387,9 +253,7 @@ def test_table_on_a_narrow_terminal_leaves_out_columns_and_cuts_no_number(run, m
 def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
     terminal(monkeypatch)
     monkeypatch.setenv("COLUMNS", "200")
-
     result = run("query", "ball.stl", *[0, 0, 1] * 101)
-
     assert len(result.out.splitlines()) == 1 + answer_text.TERMINAL_ROWS
     assert result.err == "proximity: these are 100 of 101; --csv FILE or a pipe shows all\n"
 
@@ -405,9 +269,7 @@ def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
 )
 def test_check_says_which_columns_a_narrow_terminal_leaves_out(run, monkeypatch, width, left_out):
     screen = terminal(monkeypatch, width=width)
-
     result = run("check", "ball.stl")
-
     title, row = (line for line in screen.getvalue().splitlines() if line.startswith(("part ", "ball ")))
     assert "watertight" in title and "oriented" in title
     assert "20 × 20 × 20" in row and "pseudo-normals" in row

@@ -13,29 +13,28 @@ COMMAND = ("check",)
 
 
 @pytest.fixture
-def catalogue(tmp_path):
+def catalogue(tmp_path, monkeypatch):
     """A folder of two boxes, one with a note, two refused in one way, and one that is no mesh by its name."""
-    (tmp_path / "deep" / "er").mkdir(parents=True)
-    shutil.copy(MESHES / "box.stl", tmp_path / "b.stl")
-    shutil.copy(MESHES / "box.stl", tmp_path / "deep" / "er" / "A.STL")
-    (tmp_path / "noted.stl").write_bytes((MESHES / "box.stl").read_bytes() + b"12345")
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "parts"
+    (folder / "deep" / "er").mkdir(parents=True)
+    (tmp_path / "empty").mkdir()
+    shutil.copy(MESHES / "box.stl", folder / "b.stl")
+    shutil.copy(MESHES / "box.stl", folder / "deep" / "er" / "A.STL")
+    (folder / "noted.stl").write_bytes((MESHES / "box.stl").read_bytes() + b"12345")
     for name, count in (("short.stl", 3), ("deep/shorter.stl", 7)):
-        (tmp_path / name).write_bytes((MESHES / "box.stl").read_bytes()[:-count])
-    (tmp_path / "readme.txt").write_text("no parts")
-    return tmp_path
+        (folder / name).write_bytes((MESHES / "box.stl").read_bytes()[:-count])
+    (folder / "readme.txt").write_text("no parts")
+    return folder
 
 
-def test_a_folder_is_counted_by_kind_and_the_refused_are_named(run, catalogue):
-    result = run(catalogue)
-    lines = result.out.splitlines()
+def test_a_folder_is_counted_by_kind_and_the_refused_are_named(transcript, catalogue):
+    transcript("check_folder", "parts")
 
-    assert result.code == 1
-    assert [line.split()[0] for line in lines[:4]] == ["result", "loaded", "noted", "refused"]
-    assert [line.split()[-1] for line in lines[1:4]] == ["2", "1", "2"]
-    assert lines[5] == "5 files, 2 refused"
-    assert [line.partition(": ")[0] for line in lines[6:]] == [
-        str(catalogue / name) for name in ("deep/shorter.stl", "short.stl")
-    ]
+
+def test_a_folder_without_parts_is_refused(run, catalogue):
+    refused = run("empty")
+    assert refused.code == 2 and "empty holds no file of parts" in refused.words
 
 
 def test_all_loaded_is_code_0_and_json_has_every_report(run, catalogue):
@@ -43,7 +42,6 @@ def test_all_loaded_is_code_0_and_json_has_every_report(run, catalogue):
         (catalogue / name).unlink()
     result = run(catalogue, "--json")
     document = json.loads(result.out)
-
     assert result.code == 0
     assert [each["status"] for each in document["files"]] == ["loaded", "loaded", "noted"]
     assert document["files"][0]["report"]["total"]["face_count"] == 12
@@ -68,7 +66,3 @@ def test_one_file_that_takes_for_ever_does_not_stop_the_others(run, tmp_path, mo
     assert "3 files, 1 refused" in result.out
     time.sleep(3)
     assert not ended.exists()
-
-
-def test_a_folder_without_parts_is_refused(run, tmp_path):
-    assert run(tmp_path).code == 2

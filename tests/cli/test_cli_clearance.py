@@ -1,7 +1,8 @@
-"""``proximity clearance``: tables, two parts, limits with an exit code, CSV and JSON."""
+"""``proximity clearance``: tables, limits and clashes as recorded in ``texts``; numbers by formulas."""
 
 import csv
 import json
+import shutil
 
 import mesh_files
 import numpy as np
@@ -15,13 +16,10 @@ from proximity import Pose, Scene, Solid
 
 COMMAND = ("clearance",)
 MIDDLE = (0.0, 0.0, 0.0)
-ASSEMBLY = MESHES / "assembly.step"
 
 
-@pytest.fixture
-def cubes(tmp_path, monkeypatch):
+def cubes():
     """Cubes: one of 10 mm, one that crosses it, one inside it, one 2 mm away, an open one across it."""
-    monkeypatch.chdir(tmp_path)
     vertices, faces = shapes.cube(0.01, MIDDLE)
     scene = Scene(
         [
@@ -34,242 +32,162 @@ def cubes(tmp_path, monkeypatch):
     )
     places = [[0, 0, 0], [0.008, 0.001, 0.001], [-0.002, 0, 0], [0, 0.012, 0], [0.001, -0.009, 0.002]]
     scene.move_many([part.name for part in scene.parts], [Pose(None, place).matrix for place in places])
-    scene.save("cubes.prox")
-    return "cubes.prox"
+    return scene
 
 
-def test_parts_of_several_files_are_measured_where_they_are(run, tmp_path):
-    for name, middle in (("near", 0.012), ("far", 0.020)):
-        vertices, faces = shapes.cube(0.01, (middle, 0.0, 0.0))
-        (tmp_path / f"{name}.stl").write_bytes(mesh_files.stl_binary(1e3 * vertices, faces))
-    vertices, faces = shapes.cube(0.01, MIDDLE)
-    Scene([Solid(vertices, faces, name="base")]).save(tmp_path / "base.prox")
-    files = [tmp_path / name for name in ("base.prox", "near.stl", "far.stl")]
-
-    pairs = json.loads(run(*files, "base", "--json").out)["pairs"]
-
-    assert [(pair["second"], round(pair["distance"], 4)) for pair in pairs] == [("near", 2.0), ("far", 10.0)]
-    assert "no part is named 'none.stl'" in run(*files, "none.stl").words
-
-
-def test_all_pairs_are_a_table_the_nearest_first(run):
-    result = run(ASSEMBLY)
-
-    lines = result.out.splitlines()
-    assert (result.code, result.err) == (0, "")
-    assert lines[0].split() == [
-        "first", "second", "distance", "[mm]", "relation", "overlap", "[mm³]", "from", "[mm]", "to", "[mm]",
-    ]  # fmt: skip
-    assert lines[1].split()[:5] == ["lid", "pin", "0", "touching", "-"]
-    assert lines[6].split()[:4] == ["pin", "pin_2", "38", "apart"]
-    assert lines[7] == "6 pairs; 3 of them touch or overlap."
-
-
-def test_parts_that_overlap_are_named_with_their_volume(run, cubes):
-    pairs = json.loads(run(cubes, "--all", "--json").out)["pairs"]
-
-    found = {(pair["first"], pair["second"]): (pair["relation"], pair["overlap"]) for pair in pairs}
-    assert len(found) == 10
-    assert found["base", "crossing"] == ("crossing", pytest.approx(2 * 9 * 9))
-    assert found["base", "core"] == ("second inside first", pytest.approx(8.0))
-    assert found["base", "beside"] == ("apart", 0.0)
-    assert found["base", "open"] == ("crossing", None)
-    deep = {(pair["first"], pair["second"]): (pair["depth"], pair["direction"]) for pair in pairs}
-    assert deep["base", "crossing"] == (pytest.approx(2.0, rel=0.01), [-1.0, 0.0, 0.0])
-    assert deep["base", "beside"] == (0.0, None)
-    deepest = {(pair["first"], pair["second"]): pair["deepest"] for pair in pairs}
-    assert deepest["base", "crossing"] == pytest.approx(2.0, rel=0.002)
-    assert deepest["base", "core"] == pytest.approx(4.0, rel=0.002)
-    assert deepest["base", "beside"] == 0.0
-    assert [pair["deepest"] for pair in pairs if pair["is_clash"]] == [
-        pytest.approx(depth, rel=0.002) for depth in (4.0, 2.0, 0.0, 0.0)[: sum(p["is_clash"] for p in pairs)]
-    ]
-    assert "way out [mm]" in run(cubes).out
-    assert "way out [mm]" not in run(cubes, "beside").out
-    assert "unknown: a part is open" in run(cubes).out
-
-
-def test_two_parts_are_labelled_lines(run, cubes):
-    assert run(cubes, "beside", "base").out.splitlines()[0] == "distance        2 mm, apart"
-    assert run(cubes, "base", "core").out.splitlines() == [
-        "distance        0 mm, second inside first",
-        "from            -3  -1  -1 mm (base)",
-        "to              -3  -1  -1 mm (core)",
-        "overlap         8 mm³",
-        "deepest         4 mm: no point of one is farther inside the other",
-        "way out         4 mm along 1  0  0: then base is free",
-    ]
-    assert "distance        0.2 cm" in run(cubes, "beside", "base", "--units", "cm").out
-
-
-def test_one_part_is_measured_against_the_others(run, cubes):
-    lines = run(cubes, "beside").out.splitlines()
-    assert len(lines) == 7 and all("beside" in line for line in lines[1:5])
-    assert lines[5:] == ["4 pairs; 0 of them touch or overlap.", "No clash."]
-
-
-def test_gaps_and_depths_up_to_contact_are_touching(run):
-    def relations(*words):
-        pairs = json.loads(run(ASSEMBLY, "--json", *words).out)["pairs"]
-        return {(pair["first"], pair["second"]): pair["relation"] for pair in pairs}
-
-    assert relations()["base", "lid"] == "touching"
-    assert relations("--contact", 0)["base", "lid"] == "apart"
-    assert relations("--contact", 4.1)["base", "pin"] == "touching"
-
-
-def test_pairs_that_are_meant_to_be_near_do_not_fail_a_build(run, cubes, tmp_path):
-    gate = (ASSEMBLY, "--below", 4.5)
-    assert run(*gate).code == 1
-    listed = run(*gate, "--ignore-touching", "--csv", tmp_path / "wanted.csv")
-    assert (listed.code, listed.out.splitlines()[-2]) == (1, "2 pairs of 6 are nearer than 4.5 mm.")
-    assert run(*gate, "--ignore-touching", "--allow", tmp_path / "wanted.csv").code == 0
-    (tmp_path / "turned.csv").write_text("second,first\nbase,pin\n")
-    assert "pin_2" in run(*gate, "--ignore-touching", "--allow", tmp_path / "turned.csv").out
-    # Parts that cross or contain each other are no contacts.
-    assert run(cubes, "base", "core", "--below", 1, "--ignore-touching").code == 1
-
-
-def test_equal_parts_at_one_place_are_no_contact(run, tmp_path):
-    vertices, faces = shapes.cube(0.01, MIDDLE)
-    Scene([Solid(vertices, faces, name="a"), Solid(vertices, faces, name="b")]).save(tmp_path / "same.prox")
-    assert run(tmp_path / "same.prox", "--below", 1, "--ignore-touching").code == 1
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "sentence"),
-    [
-        (("beside", "--below", 2.5), 1, "2 pairs of 4 are nearer than 2.5 mm."),
-        (("beside", "--below", 0.5), 0, "No pair of beside and another part is nearer than 0.5 mm."),
-        (("beside", "base", "--below", 1), 0, "No pair of beside and base is nearer than 1 mm."),
-        (("beside", "base", "--below", 3), 1, "distance        2 mm, apart"),
-        (("--below", 1e-9), 1, "pairs of 10 are nearer than 1e-09 mm."),
-    ],
-)
-def test_exit_code_tells_whether_something_is_too_near(words, code, sentence, run, cubes):
-    result = run(cubes, *words)
-    assert result.code == code
-    assert sentence in result.out
-
-
-def test_twenty_pairs_are_shown_and_all_are_listed(run, tmp_path):
-    scene = Scene([Solid(*shapes.cube(0.01, (0.02 * k, 0, 0)), name=f"p{k}") for k in range(8)])
-    scene.save(tmp_path / "row.prox")
-
-    few, all_of_them = run(tmp_path / "row.prox"), run(tmp_path / "row.prox", "--all")
-
-    assert len(few.out.splitlines()) == 23
-    assert "nearest 20 of 28 pairs; 0 of them touch or overlap; --all lists all.\n" in few.out
-    assert len(all_of_them.out.splitlines()) == 31
-    near = run(tmp_path / "row.prox", "--below", 1000)
-    assert "28 pairs of 28 are nearer than 1000 mm; these are the first 20, --all lists all.\n" in near.out
-
-
-def test_only_part_is_said_to_be_alone(run):
-    result = run(MESHES / "bracket.stl")
-    assert (result.code, result.out) == (0, "There is only one part, and no other to compare it with.\n")
-
-
-def test_csv_has_all_digits_and_no_formulas(run, tmp_path):
-    scene = Scene(
-        [Solid(*shapes.cube(0.1, MIDDLE), name="=1+1"), Solid(*shapes.cube(0.1, (0.3, 0, 0)), name="b")]
-    )
-    scene.save(tmp_path / "two.prox")
-
-    result = run(tmp_path / "two.prox", "--csv", tmp_path / "pairs.csv", "--units", "m")
-
-    assert result.code == 0
-    rows = list(csv.reader((tmp_path / "pairs.csv").read_text(encoding="utf-8").splitlines()))
-    assert rows[0][:5] == ["first", "second", "distance_m", "relation", "overlap_m3"]
-    assert rows[1][:2] == ["'=1+1", "b"]
-    expected = proximity.load(tmp_path / "two.prox").clearance("=1+1", "b")
-    assert float(rows[1][2]) == pytest.approx(expected.distance, abs=1e-15)
-    np.testing.assert_allclose(np.array(rows[1][5:11], float)[::3], [0.05, 0.25], atol=1e-15)
-    assert rows[0][11:] == ["depth_m", "direction_x", "direction_y", "direction_z", "deepest_m"]
-    assert rows[1][11:] == ["0.0", "", "", "", "0.0"]
-
-
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (("a", "b", "c"), "3 names are given, expected two at most"),
-        (("base", "pin", "--all"), "two parts are one pair"),
-        (("bolt",), "no part is named 'bolt'; the scene has 'base', 'lid', 'pin', 'pin_2'"),
-        (("pin", "pin"), "'pin' is asked how far it is from itself, expected two parts"),
-        (("--below", "-1"), "expected 0 to"),
-        (("--ignore-touching",), "requires --below"),
-        (("--allow", "wanted.csv"), "requires --clashes or --below"),
-        (("--clashes", "--below", "1"), "--clashes is given as well"),
-        (("bass",), "no part is named 'bass'; did you mean 'base'?"),
-        (("--below", "1", "--allow", "absent.csv"), "absent.csv: cannot be read"),
-        (("--below", "1", "--allow", str(ASSEMBLY)), "expected CSV with the columns first and second"),
-    ],
-)
-def test_what_cannot_be_measured_is_told(words, sentence, run):
-    result = run(ASSEMBLY, *words)
-    assert result.code == 2
-    assert sentence in result.words
-
-
-# --- the gate against clashes ---
-
-
-@pytest.fixture
-def bolt(tmp_path, monkeypatch):
+def bolt():
     """A bolt of 40 sides in a hole of 32 sides and the same radius, 5 mm, in a plate."""
-    monkeypatch.chdir(tmp_path)
     hole = Manifold.cylinder(0.04, 5e-3, 5e-3, 32, True)
     solids = {
         "plate": Manifold.cube((0.04, 0.04, 0.01), True) - hole,
         "bolt": Manifold.cylinder(0.03, 5e-3, 5e-3, 40, True),
     }
     meshes = {name: solid.to_mesh64() for name, solid in solids.items()}
-    Scene(
+    return Scene(
         [Solid(mesh.vert_properties, mesh.tri_verts.astype(int), name=name) for name, mesh in meshes.items()]
-    ).save("bolt.prox")
-    return "bolt.prox"
+    )
 
 
-def test_a_bolt_fits_its_hole_within_the_approximation_and_clashes_below(run, bolt):
+def cubes_named(*names, size=0.01, apart=0.0):
+    """A row of equal cubes."""
+    places = [(apart * k, 0.0, 0.0) for k in range(len(names))]
+    return Scene([Solid(*shapes.cube(size, at), name=name) for name, at in zip(names, places, strict=True)])
+
+
+SCENES = {
+    "cubes": cubes,
+    "bolt": bolt,
+    "row": lambda: cubes_named(*(f"p{k}" for k in range(8)), apart=0.02),
+    "same": lambda: cubes_named("a", "b"),
+    "two": lambda: cubes_named("=1+1", "b", size=0.1, apart=0.3),
+    "base": lambda: cubes_named("base"),
+}
+LISTS = {
+    "pins.csv": "second,first\nbase,pin\n",
+    "all.csv": "first,second\nbase,c*\n*,open\ncrossing,core\n",
+    "some.csv": "first,second\nbase,core\nbase,beside\n",
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder of scenes, parts and lists of pairs that may be near."""
+    monkeypatch.chdir(tmp_path)
+    for name, make in SCENES.items():
+        make().save(f"{name}.prox")
+    for name, text in LISTS.items():
+        (tmp_path / name).write_text(text)
+    for name in ("assembly.step", "bracket.stl"):
+        shutil.copy(MESHES / name, tmp_path)
+    return tmp_path
+
+
+TRANSCRIPT = """
+assembly.step
+assembly.step --contact 0
+assembly.step --contact 4.1
+assembly.step --below 4.5
+assembly.step --below 4.5 --ignore-touching --csv wanted.csv
+assembly.step --below 4.5 --ignore-touching --allow wanted.csv
+assembly.step --below 4.5 --ignore-touching --allow pins.csv
+bracket.stl
+cubes.prox
+cubes.prox beside
+cubes.prox beside base
+cubes.prox beside base --units cm
+cubes.prox base core
+cubes.prox base core --below 1 --ignore-touching
+same.prox --below 1 --ignore-touching
+cubes.prox beside --below 2.5
+cubes.prox beside --below 0.5
+cubes.prox beside base --below 1
+cubes.prox beside base --below 3
+cubes.prox --below 1e-9
+cubes.prox --below 0
+cubes.prox --clashes
+cubes.prox beside --clashes
+cubes.prox b*
+cubes.prox b* c*
+cubes.prox --clashes --allow all.csv
+cubes.prox --clashes --allow some.csv
+bolt.prox --clashes --contact 0.03
+bolt.prox --clashes --contact 0.001
+"""
+
+
+def test_what_is_printed_is_as_recorded(transcript):
+    transcript("clearance", TRANSCRIPT)
+
+
+def pairs_of(run, *words):
+    return json.loads(run(*words, "--json").out)["pairs"]
+
+
+def test_parts_of_several_files_are_measured_where_they_are(run, folder):
+    for name, middle in (("near", 0.012), ("far", 0.020)):
+        vertices, faces = shapes.cube(0.01, (middle, 0.0, 0.0))
+        (folder / f"{name}.stl").write_bytes(mesh_files.stl_binary(1e3 * vertices, faces))
+    files = ("base.prox", "near.stl", "far.stl")
+    pairs = pairs_of(run, *files, "base")
+    assert [(pair["second"], round(pair["distance"], 4)) for pair in pairs] == [("near", 2.0), ("far", 10.0)]
+    assert "no part is named 'none.stl'" in run(*files, "none.stl").words
+
+
+def test_parts_that_overlap_have_the_volumes_and_depths_of_formulas(run):
+    pairs = pairs_of(run, "cubes.prox", "--all")
+
+    found = {(pair["first"], pair["second"]): pair for pair in pairs}
+    assert len(found) == 10
+    for second, relation, overlap, deepest in (
+        ("crossing", "crossing", pytest.approx(2 * 9 * 9), 2.0),
+        ("core", "second inside first", pytest.approx(8.0), 4.0),
+        ("beside", "apart", 0.0, 0.0),
+        ("open", "crossing", None, None),
+    ):
+        pair = found["base", second]
+        assert (pair["relation"], pair["overlap"]) == (relation, overlap)
+        assert deepest is None or pair["deepest"] == pytest.approx(deepest, rel=0.002)
+    deep = found["base", "crossing"]
+    assert (deep["depth"], deep["direction"]) == (pytest.approx(2.0, rel=0.01), [-1.0, 0.0, 0.0])
+    assert (found["base", "beside"]["depth"], found["base", "beside"]["direction"]) == (0.0, None)
+    assert [pair["deepest"] for pair in pairs if pair["is_clash"]] == [
+        pytest.approx(depth, rel=0.002) for depth in (4.0, 2.0, 0.0, 0.0)[: sum(p["is_clash"] for p in pairs)]
+    ]
+
+
+def test_twenty_pairs_are_shown_and_all_are_listed(run):
+    for options, count, words in (
+        ((), 23, "nearest 20 of 28 pairs; 0 of them touch or overlap; --all lists all."),
+        (("--all",), 31, "28 pairs; 0 of them touch or overlap."),
+        (
+            ("--below", 1000),
+            23,
+            "28 pairs of 28 are nearer than 1000 mm; these are the first 20, --all lists",
+        ),
+    ):
+        lines = run("row.prox", *options).out.splitlines()
+        assert len(lines) == count and words in lines[-2]
+
+
+def test_csv_has_all_digits_and_no_formulas(run, folder):
+    assert run("two.prox", "--csv", "pairs.csv", "--units", "m").code == 0
+
+    rows = list(csv.reader((folder / "pairs.csv").read_text(encoding="utf-8").splitlines()))
+    assert rows[0][:5] == ["first", "second", "distance_m", "relation", "overlap_m3"]
+    assert rows[1][:2] == ["'=1+1", "b"]
+    expected = proximity.load("two.prox").clearance("=1+1", "b")
+    assert float(rows[1][2]) == pytest.approx(expected.distance, abs=1e-15)
+    np.testing.assert_allclose(np.array(rows[1][5:11], float)[::3], [0.05, 0.25], atol=1e-15)
+    assert rows[0][11:] == ["depth_m", "direction_x", "direction_y", "direction_z", "deepest_m"]
+    assert rows[1][11:] == ["0.0", "", "", "", "0.0"]
+
+
+def test_a_bolt_in_its_hole_overlaps_by_the_approximation_of_the_circle(run):
     deviation = 5.0 * (1.0 - np.cos(np.pi / 32))  # mm, of the hole's sides from the circle
-    fits = run(bolt, "--clashes", "--contact", 0.03)
-    assert (fits.code, fits.out) == (0, "No clash; 1 pair fits within 0.03 mm.\n")
-    clash = run(bolt, "--clashes", "--contact", 0.001)
-    assert clash.code == 1
-    assert clash.out.splitlines()[-1].startswith("1 clash, plate and bolt: 0.02")
-    pair = json.loads(run(bolt, "--json").out)["pairs"][0]
+    (pair,) = pairs_of(run, "bolt.prox")
     assert pair["deepest_lower"] <= deviation * 1.001
     assert 0.5 * deviation <= pair["deepest"] <= deviation * 1.01
     assert pair["depth"] == pytest.approx(20.0, rel=0.02)  # the way out, along the axis
-
-
-def test_clashes_are_the_deepest_first_and_alone(run, cubes):
-    result = run(cubes, "--clashes")
-
-    lines = result.out.splitlines()
-    assert result.code == 1
-    assert [line.split()[:2] for line in lines[1:3]] == [["base", "core"], ["base", "crossing"]]
-    assert not any("beside" in line for line in lines)
-    assert run(cubes, "beside", "--clashes").out == "No clash.\n"
-    below = run(cubes, "--below", 0)
-    assert (below.code, len(below.out.splitlines())) == (1, len(lines) + 1)
-
-
-def test_patterns_name_parts_and_pairs_that_may_clash(run, cubes, tmp_path):
-    assert len(json.loads(run(cubes, "b*", "--json").out)["pairs"]) == 7
-    assert len(json.loads(run(cubes, "b*", "c*", "--json").out)["pairs"]) == 4
-    allow = tmp_path / "allow.csv"
-    allow.write_text("first,second\nbase,c*\n*,open\ncrossing,core\n")
-    result = run(cubes, "--clashes", "--allow", allow)
-    assert (result.code, result.out) == (0, "No clash.\n")
-    allow.write_text("first,second\nbase,core\nbase,beside\n")
-    result = run(cubes, "--clashes", "--allow", allow)
-    assert result.code == 1
-    assert f"1 pair of {allow} is no longer near" in result.err.replace("\n", " ")
-    allow.write_text("first,second\nbase,core\nbase,crosing\n")
-    refused = run(cubes, "--clashes", "--allow", allow)
-    assert refused.code == 2
-    assert "line 3: no part is named 'crosing'; did you mean 'crossing'?" in refused.words
 
 
 @pytest.mark.parametrize(
@@ -284,11 +202,11 @@ def test_assemblies_with_screws_have_their_clashes(file, count, fits, deepest, r
     path = SHARED_DATA / "assemblies" / file
     if not path.is_file():
         pytest.skip(f"{path} is not here")
-    found = json.loads(run(path, "--json", "--all").out)
-    clashes = [pair for pair in found["pairs"] if pair["is_clash"]]
+    pairs = pairs_of(run, path, "--all")
+    clashes = [pair for pair in pairs if pair["is_clash"]]
 
     assert len(clashes) == count
     assert max((pair["deepest"] for pair in clashes), default=0.0) == pytest.approx(deepest, rel=0.02)
-    assert sum(pair["deepest_lower"] > 1e-5 for pair in found["pairs"] if not pair["is_clash"]) == fits
-    assert all(pair["deepest"] < 0.0051 for pair in found["pairs"] if not pair["is_clash"])
+    assert sum(pair["deepest_lower"] > 1e-5 for pair in pairs if not pair["is_clash"]) == fits
+    assert all(pair["deepest"] < 0.0051 for pair in pairs if not pair["is_clash"])
     assert run(path, "--clashes").code == (1 if count else 0)

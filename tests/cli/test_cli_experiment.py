@@ -3,18 +3,17 @@
 import builtins
 import csv
 import re
-import threading
 import time
 
 import numpy as np
 import pytest
 from experiments import SMALL, write_design
+from publishing import publishing
 from sealed_frames import frame
 
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.message import Mode
-from proximity.transport import open_publisher
 
 
 @pytest.fixture
@@ -47,7 +46,6 @@ def test_commands_in_the_shipped_design_exist(experiment, tmp_path):
     path = tmp_path / "comparison.toml"
     experiment("new", "--out", path)
     named = re.findall(r"# proximity experiment (\w+) \S+((?: p\d+)?(?: --\w+ \S+)*)", path.read_text())
-
     assert [name for name, _ in named] == ["plan", "simulate", "report", "run"]
     for name, rest in named:
         help_of = experiment(name, "--help")[1]
@@ -72,7 +70,6 @@ def test_whole_experiment_from_design_to_figure(experiment, tmp_path):
 
 def test_power_is_a_table(experiment, tmp_path):
     code, out, _ = experiment("power", write_design(tmp_path), "--participants", 8, "--participants", 12)
-
     assert code == 0
     assert [line.split()[:2] for line in out.splitlines()[1:]] == [["8", "stiffness"], ["12", "stiffness"]]
     assert out.splitlines()[0].split("  ")[-1].strip() == "80 % find"
@@ -93,26 +90,21 @@ PERSON = (
 @pytest.fixture
 def pressing():
     """A service whose finger touches a wall every 1.2 s, until the test is over."""
-    over, began = threading.Event(), time.monotonic()
+    began = time.monotonic()
 
-    def publish():
-        with open_publisher(ADDRESS) as publisher:
-            while not over.wait(0.002):
-                phase = (time.monotonic() - began) % PERIOD_S / PERIOD_S
-                depth = float(np.interp(phase, [0.0, 0.15, 0.3, 0.45], [-0.03, 0.003, 0.003, -0.03]))
-                message = frame(1, time.monotonic_ns())
-                contact = message.records
-                contact["mode"], contact["contact_bend"] = Mode.POSITION, 0.5
-                contact["bend"] = PATH.bend(WALL + depth)
-                for name in ("signed_distance", "lower", "upper"):
-                    contact[name] = -depth
-                publisher.publish(message)
+    def message():
+        phase = (time.monotonic() - began) % PERIOD_S / PERIOD_S
+        depth = float(np.interp(phase, [0.0, 0.15, 0.3, 0.45], [-0.03, 0.003, 0.003, -0.03]))
+        made = frame(1, time.monotonic_ns())
+        contact = made.records
+        contact["mode"], contact["contact_bend"] = Mode.POSITION, 0.5
+        contact["bend"] = PATH.bend(WALL + depth)
+        for name in ("signed_distance", "lower", "upper"):
+            contact[name] = -depth
+        return made
 
-    thread = threading.Thread(target=publish)
-    thread.start()
-    yield
-    over.set()
-    thread.join()
+    with publishing(ADDRESS, message, 0.002):
+        yield
 
 
 def typing(monkeypatch, answers):
@@ -159,6 +151,5 @@ def test_refused_consent_keeps_no_data(experiment, tmp_path, monkeypatch, pressi
     code, _, err = experiment(
         "run", write_design(tmp_path, PERSON), "p01", "--address", ADDRESS, "--data", data
     )
-
     assert code == 130 and err.endswith("p01 does not agree: no data were kept\n")
     assert not data.exists()

@@ -4,6 +4,7 @@ import csv
 import errno
 import io
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from proximity.message import CONTACT, FRAME, State
 from proximity.recording import FrameReader, frame_reader, frame_tables
 
 COMMAND = ("export",)
+HAS_PARQUET = pytest.mark.skipif(find_spec("pyarrow") is None, reason="Parquet needs pyarrow")
+KINDS = pytest.mark.parametrize("kind", ["--csv", pytest.param("--parquet", marks=HAS_PARQUET)])
 HEADER_COLUMNS = [
     "session", "sequence", "state", "frame_pose_ns", "start_ns", "publish_ns", "valid_until_ns", "period_ns",
     "epoch", "missed",
@@ -119,9 +122,7 @@ def test_parquet_has_the_same_numbers(run, tmp_path, monkeypatch):
 def test_without_a_name_csv_goes_to_standard_output(run, tmp_path, options):
     log = tmp_path / "run.frames"
     log.write_bytes(sealed([3, 4], count=2))
-
     result = run(log, *options)
-
     assert [row["sequence"] for row in lines_of(result.out)] == ["3", "3", "4", "4"]
     assert list(tmp_path.iterdir()) == [log]
 
@@ -141,22 +142,16 @@ def test_damage_is_left_out_and_told(run, tmp_path):
     ]
 
 
-@pytest.mark.parametrize("kind", ["--csv", "--parquet"])
+@KINDS
 def test_log_without_frames_is_a_table_without_lines(run, tmp_path, kind):
-    if kind == "--parquet":
-        pytest.importorskip("pyarrow.parquet")
     log = tmp_path / "run.frames"
     log.touch()
-
     result = run(log, kind, "out")
-
     assert (result.code, result.out) == (0, "out: 0 frames, 0 lines\n")
 
 
-@pytest.mark.parametrize("kind", ["--csv", "--parquet"])
+@KINDS
 def test_table_is_there_wholly_or_not_at_all(run, tmp_path, kind, monkeypatch):
-    if kind == "--parquet":
-        pytest.importorskip("pyarrow.parquet")
     log, out = tmp_path / "run.frames", tmp_path / "out"
     log.write_bytes(sealed(range(9)))
     out.write_text("old")
@@ -179,15 +174,11 @@ def test_table_is_there_wholly_or_not_at_all(run, tmp_path, kind, monkeypatch):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="there is no /dev/full")
-@pytest.mark.parametrize("kind", ["--csv", "--parquet"])
+@KINDS
 def test_full_disk_is_one_sentence(run, tmp_path, kind):
-    if kind == "--parquet":
-        pytest.importorskip("pyarrow.parquet")
     log = tmp_path / "run.frames"
     log.write_bytes(sealed(range(50)))
-
     result = run(log, kind, "/dev/full")
-
     assert result.code == 2
     assert result.err == "proximity: /dev/full: cannot be written (No space left on device)\n"
 

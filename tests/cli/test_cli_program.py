@@ -42,14 +42,32 @@ cli.main()
 """
 
 
+ON_POSIX = pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+
+
 def environment(**more):
     kept = {key: value for key, value in os.environ.items() if key not in ("FORCE_COLOR", "GITHUB_ACTIONS")}
     return {**kept, **more}
 
 
-def run_python(code, **options):
+def run_python(*words, variables=None, **options):
+    """Run Python with words of its command line, or code; print into pipes unless told otherwise."""
+    words = words if len(words) > 1 else ("-c", *words)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
     return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=environment(), **options
+        [sys.executable, *words], text=True, timeout=60, env=environment(**variables or {}), **pipes
+    )
+
+
+def on_a_sphere(*arguments, before=""):
+    """Code of the program on a sphere of formulas, with code that runs before."""
+    return ON_A_SPHERE.format(tests=str(SUPPORT), arguments=list(arguments), before=before)
+
+
+def started(code, stdin=None):
+    """Python that runs code, with pipes in text."""
+    return subprocess.Popen(
+        [sys.executable, "-c", code], stdin=stdin, stdout=-1, stderr=-1, text=True, env=environment()
     )
 
 
@@ -60,7 +78,6 @@ def run_python(code, **options):
 )
 def test_help_and_version_import_nothing_heavy(arguments):
     result = run_python(AS_PROGRAM.format(arguments=arguments, heavy=HEAVY))
-
     assert result.stderr.splitlines()[-1] == "imported"
 
 
@@ -80,7 +97,6 @@ def test_nothing_waits_for_the_compiler(arguments, tmp_path):
     arguments = [word.format(out=tmp_path) for word in arguments]
     heavy = {"numba", "llvmlite"} | ({"pydantic"} if arguments[0] == "query" else set())
     result = run_python(AS_PROGRAM.format(arguments=arguments, heavy=heavy), cwd=MESHES)
-
     assert result.returncode == 0, result.stderr
     assert result.stderr.splitlines()[-1] == "imported"
 
@@ -94,23 +110,13 @@ def load(path, units, **options):
 proximity.load = load
 atexit.register(lambda: print("afterwards:", gc.isenabled(), file=sys.stderr))
 """
-    arguments = ["query", "ball.stl", "1", "2", "3"]
-    result = run_python(ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before=before))
-
+    result = run_python(on_a_sphere("query", "ball.stl", "1", "2", "3", before=before))
     assert result.stderr == "while it starts: False\nafterwards: True\n"
 
 
 def test_module_runs_as_the_program():
-    result = subprocess.run(
-        [sys.executable, "-m", "proximity", "--version"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-        env=environment(),
-    )
-
-    assert result.stdout.startswith("proximity ")
+    result = run_python("-m", "proximity", "--version")
+    assert result.returncode == 0 and result.stdout.startswith("proximity ")
 
 
 def test_interrupt_while_the_program_is_imported_is_quiet():
@@ -129,21 +135,13 @@ __main__.main()
     assert (result.returncode, result.stdout, result.stderr) == (130, "", "")
 
 
-@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+@ON_POSIX
 @pytest.mark.parametrize("option", ["--csv=-", "--units=mm"])
 def test_reader_that_stops_early_causes_no_complaint(option, tmp_path):
     points = tmp_path / "points.txt"  # a pipe would fill: answers are written while points are read
     points.write_text("1 2 3\n" * 50_000, encoding="utf-8")
-    arguments = ["query", "ball.stl", "--points", "-", option]
     with points.open(encoding="utf-8") as lines:
-        program = subprocess.Popen(
-            [sys.executable, "-c", ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before="")],
-            stdin=lines,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=environment(),
-        )
+        program = started(on_a_sphere("query", "ball.stl", "--points", "-", option), lines)
     program.stdout.readline()
     program.stdout.close()
 
@@ -153,19 +151,9 @@ def test_reader_that_stops_early_causes_no_complaint(option, tmp_path):
     assert complaint == ""
 
 
-@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+@ON_POSIX
 def test_first_answers_come_while_points_are_still_written():
-    code = ON_A_SPHERE.format(
-        tests=str(SUPPORT), arguments=["query", "ball.stl", "--points", "-", "--csv", "-"], before=""
-    )
-    program = subprocess.Popen(
-        [sys.executable, "-c", code],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment(),
-    )
+    program = started(on_a_sphere("query", "ball.stl", "--points", "-", "--csv", "-"), subprocess.PIPE)
     with program:
         program.stdin.write("0 0 11\n" * 20_000)
         program.stdin.flush()
@@ -180,26 +168,15 @@ def test_first_answers_come_while_points_are_still_written():
     assert program.returncode == 2
 
 
-@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+@ON_POSIX
 @pytest.mark.parametrize("arguments", [["check", "ball.stl"], ["--help"], ["query"]], ids=" ".join)
 def test_reader_that_has_gone_before_lines_for_people_ends_as_any_other(arguments):
     # Was: 1, which is what `check --strict` answers of a part without an inside.
     reading, writing = os.pipe()
     os.close(reading)
-    code = ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before="")
-    program = subprocess.run(
-        [sys.executable, "-c", code],
-        stdout=writing,
-        stderr=subprocess.PIPE,
-        text=True,
-        timeout=60,
-        env=environment(),
-        check=False,
-    )
+    program = run_python(on_a_sphere(*arguments), stdout=writing)
     os.close(writing)
-
-    assert program.returncode == 141
-    assert program.stderr == ""
+    assert (program.returncode, program.stderr) == (141, "")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that is always full")
@@ -214,19 +191,8 @@ def test_reader_that_has_gone_before_lines_for_people_ends_as_any_other(argument
     ids=" ".join,
 )
 def test_output_that_does_not_fit_the_disk_is_refused_in_one_sentence(arguments):
-    code = ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before="")
     with Path("/dev/full").open("w", encoding="utf-8") as full:
-        program = subprocess.run(
-            [sys.executable, "-c", code],
-            input="1 2 3\n" * 50_000,
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=60,
-            env=environment(),
-            check=False,
-        )
-
+        program = run_python(on_a_sphere(*arguments), input="1 2 3\n" * 50_000, stdout=full)
     assert program.stderr == "proximity: the output cannot be written (No space left on device)\n"
     assert program.returncode == 2
 
@@ -234,31 +200,17 @@ def test_output_that_does_not_fit_the_disk_is_refused_in_one_sentence(arguments)
 @pytest.mark.parametrize("option", ["--json", "--units=mm"])
 def test_output_that_is_closed_is_refused_in_one_sentence(option):
     before = "sys.stdout = None"  # as Python has it after >&-
-    arguments = ["query", "ball.stl", "1", "2", "3", option]
-    result = run_python(ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before=before))
-
+    result = run_python(on_a_sphere("query", "ball.stl", "1", "2", "3", option, before=before))
     expected = "standard output is closed, expected a terminal, a file or a pipe to write to"
-    assert result.stderr == f"proximity: {expected}\n"
-    assert result.returncode == 2
+    assert (result.returncode, result.stderr) == (2, f"proximity: {expected}\n")
 
 
-@pytest.mark.skipif(os.name == "nt", reason="pipes and signals of POSIX")
+@ON_POSIX
 def test_ctrl_c_ends_quietly():
     before = "import time\nproximity.load = lambda *_, **__: (print('reading', flush=True), time.sleep(60))"
-    program = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            ON_A_SPHERE.format(tests=str(SUPPORT), arguments=["check", "a.stl"], before=before),
-        ],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment(),
-    )
+    program = started(on_a_sphere("check", "a.stl", before=before))
     assert program.stdout.readline() == "reading\n"
     program.send_signal(signal.SIGINT)
-
     _, complaint = program.communicate(timeout=60)
     assert program.returncode == 130
     assert complaint == ""
@@ -269,25 +221,15 @@ def test_name_that_the_terminal_cannot_write_is_escaped():
         "sys.stdout.reconfigure(encoding='ascii', errors='strict')\n"
         "proximity.load = lambda path, units, **options: FakeScene(name='Gehäuse')"
     )
-    arguments = ["query", "a.stl", "0", "0", "1"]
-    result = run_python(ON_A_SPHERE.format(tests=str(SUPPORT), arguments=arguments, before=before))
-
-    assert result.returncode == 0
-    assert "Geh\\xe4use" in result.stdout
+    result = run_python(on_a_sphere("query", "a.stl", "0", "0", "1", before=before))
+    assert result.returncode == 0 and "Geh\\xe4use" in result.stdout
 
 
 def complete(words):
     """Ask for completions of the last word as the script that bash runs does."""
-    result = subprocess.run(
-        [sys.executable, "-m", "proximity"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env=environment(
-            _PROXIMITY_COMPLETE="complete_bash", COMP_WORDS=" ".join(words), COMP_CWORD=str(len(words) - 1)
-        ),
-    )
-    return result.stdout.split()
+    variables = {"_PROXIMITY_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words)}
+    variables["COMP_CWORD"] = str(len(words) - 1)
+    return run_python("-m", "proximity", variables=variables).stdout.split()
 
 
 def test_commands_options_and_units_are_completed():
@@ -308,24 +250,20 @@ def test_completion_works_in_bash(tmp_path):
         $(complete -p proximity | sed 's/.*-F \\([^ ]*\\).*/\\1/') proximity ch proximity
         echo "completed: ${COMPREPLY[*]}"
     """
+    variables = {
+        "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}",
+        "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1",
+    }
     result = subprocess.run(
-        ["bash", "--norc", "-c", script],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env=environment(
-            PATH=f"{tmp_path}{os.pathsep}{os.environ['PATH']}",
-            _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1",
-        ),
-    )
-
+        ["bash", "--norc", "-c", script], capture_output=True, text=True, timeout=60,
+        env=environment(**variables),
+    )  # fmt: skip
     assert result.stdout.strip() == "completed: check", result.stderr
 
 
 def test_key_is_made_once(run, tmp_path):
     path = tmp_path / "poses.key"
     made, again = run("client", "key", "--out", path), run("client", "key", "--out", path)
-
     assert (made.code, made.err) == (0, "")
     assert made.out == f'{path}: made; name it at both ends: "udp://HOST:PORT?key={path}"\n'
     assert key_of(parse(f"udp://127.0.0.1:9100?key={path}")) is not None
@@ -338,7 +276,6 @@ def test_header_is_printed_or_written(run, tmp_path):
         run("client", "header"),
         run("client", "header", "--out", tmp_path / "proximity_message.h"),
     )
-
     assert (printed.code, printed.out, printed.err) == (0, header_text(), "")
     assert (written.code, written.out) == (0, "")
     assert (tmp_path / "proximity_message.h").read_text(encoding="ascii") == header_text()

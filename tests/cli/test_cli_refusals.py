@@ -2,6 +2,7 @@
 or below the usage), and changes no file."""
 
 import shlex
+import shutil
 
 import pytest
 from experiments import write_design
@@ -37,9 +38,18 @@ query box.stl 1 2 3 --unpacked-limit 0 | 0: expected more than 0
 query box.stl 1 2 3 --foo | No such option
 query box.stl 1 2 3 -x | No such option
 query 30 10 5 box.stl | is not a number; FILE comes first, before X Y Z
+query none.stl --points bad.csv --json | bad.csv, line 1: 2 values, expected 3
 query box.stl --points none.csv | none.csv: cannot be read (No such file or directory)
 query none.stl 1 2 3 | none.stl: there is no such file
 check none.stl | none.stl: there is no such file
+query box.stl --points junk.stl | junk.stl: its header claims
+query box.stl --points junk.obj | junk.obj: line 1
+query box.stl --points none.ply | none.ply: there is no such file
+query box.stl 1 2 3 --report page.html | needs --points and --within
+query box.stl --points points.csv --report page.html | needs --points and --within
+query box.stl 1 2 3 --points-units m | is for --points
+compile part.stl --out part.prox | part.stl: it has 8 bytes
+compile box.stl box.stl | expected the file to write
 compile box.stl --out part.stl | part.stl does not end in .prox
 compile box.stl --out none/box.prox | none/box.prox: cannot be written (No such file or directory)
 picture box.stl -o box.jpg | box.jpg does not end in .png
@@ -48,6 +58,18 @@ picture box.stl -o box.png --slice 3 | '3': expected an axis and a position, for
 picture box.stl -o box.png --slice z=nan | 'nan' is not finite
 picture box.stl -o box.png --points none.csv | none.csv
 picture box.stl | Missing option
+clearance cell.glb a b c | 3 names are given, expected two at most
+clearance cell.glb base lid --all | two parts are one pair
+clearance cell.glb bolt | no part is named 'bolt'; the scene has 'pin_left', 'pin_right', 'base', 'lid'
+clearance cell.glb bass | no part is named 'bass'; did you mean 'base'?
+clearance cell.glb lid lid | 'lid' is asked how far it is from itself, expected two parts
+clearance cell.glb --below -1 | expected 0 to
+clearance cell.glb --ignore-touching | requires --below
+clearance cell.glb --allow pairs.csv | requires --clashes or --below
+clearance cell.glb --clashes --below 1 | --clashes is given as well
+clearance cell.glb --clashes --allow pairs.csv | line 3: no part is named 'lit'; did you mean 'lid'?
+clearance cell.glb --below 1 --allow absent.csv | absent.csv: cannot be read
+clearance cell.glb --below 1 --allow hand.csv | expected CSV with the columns first and second
 simulate --speed -1 | -1 m/s: expected 0.01 to 10
 simulate --rate 1 | 1 Hz: expected 5 to 50000
 simulate --latency 2s | 2000 ms: expected 0 to 1000
@@ -74,6 +96,7 @@ export run.frames --parquet - | Parquet is not written to standard output
 watch decaff | decaff: expected an address such as shm://NAME
 view box.stl --radius 0 | 0 mm: expected more than 0, up to 1000
 view box.stl --port 70000 | 70000: expected 0 to 65535
+view box.stl --contact 1 | requires --clashes
 view box.stl --save a.rrd | a.rrd does not end in .html
 demo --limit 0 | 0 seconds: expected more than 0, up to 1e+09
 demo --limit nan | nan seconds: expected more than 0, up to 1e+09
@@ -140,15 +163,21 @@ experiment plan missing.toml | missing.toml: cannot be read (No such file or dir
 def folder(tmp_path, monkeypatch):
     """The folder that commands run in, with a file of each kind."""
     for name in ("box.stl", "hand.csv"):
-        (tmp_path / name).write_bytes((MESHES / name).read_bytes())
+        shutil.copy(MESHES / name, tmp_path)
     texts = {
         "cell.toml": SCENE,
         "bad.toml": SCENE.replace("box.stl", "bax.stl"),
         "sensor.toml": SENSOR,
         "file": "",
+        "points.csv": "1 2 3\n",
+        "junk.stl": "?" * 84,
+        "junk.obj": "?" * 84,
+        "bad.csv": "0 0\n0 0 1\n",
+        "pairs.csv": "first,second\nbase,lid\nbase,lit\n",
     }
     for name, text in {**texts, "part.stl": "precious"}.items():
         (tmp_path / name).write_text(text)
+    shutil.copy(MESHES / "assembly.glb", tmp_path / "cell.glb")
     (tmp_path / "run.frames").write_bytes(sealed([0]))
     write_design(tmp_path).rename(tmp_path / "design.toml")
     monkeypatch.chdir(tmp_path)
@@ -159,9 +188,7 @@ def folder(tmp_path, monkeypatch):
 def test_refusal_says_what_was_expected_and_changes_no_file(run, folder, line):
     command, _, words = line.rpartition(" | ")
     before = {path: path.read_bytes() for path in folder.iterdir()}
-
     result = run(*shlex.split(command), stdin="")
-
     assert (result.code, result.out) == (2, "")
     assert words in result.words
     is_one_line = result.err.startswith("proximity: ") and result.err.count("\n") == 1

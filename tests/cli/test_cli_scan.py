@@ -148,36 +148,6 @@ def test_scan_may_be_a_mesh(run, tmp_path, plate):
         assert all(answer["signed_distance"] == pytest.approx(-1.0) for answer in found["answers"])
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("scan.stl", "scan.stl: its header claims"),
-        ("scan.obj", "scan.obj: line 1"),
-        ("none.ply", "no such file"),
-    ],
-)
-def test_mesh_that_cannot_be_read_is_no_scan(run, tmp_path, plate, name, words):
-    if name != "none.ply":
-        (tmp_path / name).write_bytes(b"?" * 84)
-    result = run("query", plate, "--points", tmp_path / name)
-    assert (result.code, result.out) == (2, "") and words in result.err
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("1", "2", "3", "--report", "page.html"), "needs --points and --within"),
-        (("--points", "scan.csv", "--report", "page.html"), "needs --points and --within"),
-        (("1", "2", "3", "--points-units", "m"), "is for --points"),
-    ],
-)
-def test_options_of_scans_are_refused_without_one(run, tmp_path, plate, monkeypatch, options, words):
-    monkeypatch.chdir(tmp_path)
-    scan(tmp_path, top_of(*WHOLE))
-    result = run("query", plate, *options)
-    assert result.code == 2 and words in result.words and not (tmp_path / "page.html").exists()
-
-
 @pytest.mark.parametrize(("within", "verdict"), [(0.1, "Failed"), (0.5, "Passed")])
 def test_report_is_one_page_with_verdict_picture_histogram_and_worst_points(
     run, tmp_path, plate, within, verdict

@@ -15,12 +15,11 @@ import pytest
 from project import MESHES
 
 from proximity.cli import output
-from proximity.errors import PublishError, RecordingError
+from proximity.errors import RecordingError
 from proximity.message import State
 from proximity.recording import FrameLog, FrameReader
 from proximity.service import Report, realtime
 from proximity.system.stop_signals import stop_at_input
-from proximity.transport.link import TRANSPORTS, Transport
 
 COMMAND = ("serve",)
 LIBRARY = {"prctl": lambda *_: 0, "mlockall": lambda _: 0, "munlockall": lambda: 0}
@@ -88,19 +87,10 @@ def test_json_is_a_document_at_the_beginning_and_one_at_the_end(run, scene_path)
     begun, ended = map(json.loads, result.out.splitlines())
     assert (result.code, result.err) == (0, "")
     assert begun == {
-        "event": "begun",
-        "pid": os.getpid(),
-        "scene": str(scene_path),
-        "publish": ["mailbox:a", "mailbox:b"],
-        "rate_hz": 500.0,
-        "log": None,
-        "real_time": False,
-        "finger_count": 5,
-        "part_count": 1,
-        "part_names": ["box"],
-        "face_count": 12,
-        "notes": [],
-    }
+        "event": "begun", "pid": os.getpid(), "scene": str(scene_path), "rate_hz": 500.0, "log": None,
+        "publish": ["mailbox:a", "mailbox:b"], "real_time": False, "finger_count": 5, "part_count": 1,
+        "part_names": ["box"], "face_count": 12, "notes": [],
+    }  # fmt: skip
     assert (ended["event"], ended["ticks"]) == ("ended", 100)
     assert sum(ended["states"].values()) == 100
     assert ended["compute"]["p50_ns"] <= ended["compute"]["p999_ns"] <= ended["compute"]["max_ns"]
@@ -112,9 +102,7 @@ def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_rep
     monkeypatch.setattr(output, "WIDTH", 1000)  # lines are not wrapped
     path = scene_path.parent / "hand.csv"
     path.write_text(path.read_text()[:-1])
-
     result = run(scene_path, "--ticks", 5)
-
     note = f"{path}: the last line has no line end: the file may be cut off"
     assert f"proximity: {note}\n" in result.err and f"note            {note}\n" in result.out
 
@@ -122,18 +110,14 @@ def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_rep
 def test_part_of_an_unlikely_size_is_told_with_the_likely_unit(run, scene_path):
     """`query` and `check` told it; the service, whose distances are as wrong, did not."""
     scene_path.write_text(SCENE.replace('"box.stl"', '"box.stl"\nunits = "um"'))
-
     result = run(scene_path, "--ticks", 5)
-
     note = r"proximity: \S+box\.stl: the part is \S+ mm across: the file declares no unit and was read in um"
     assert re.search(note, result.err), result.err
 
 
 def test_log_is_told(run, scene_path, tmp_path):
     log = tmp_path / "run.frames"
-
     result = run(scene_path, "--ticks", 10, "--log", log)
-
     assert f"proximity: 500 Hz to mailbox:a, mailbox:b, logged in {log}\n" in result.err
     assert "log             13 frames, 0 lost\n" in result.out
     assert sum(len(frames) for frames in FrameReader(log)) == 13
@@ -191,6 +175,7 @@ def test_realtime_is_asked_for_only_where_it_is_wanted_and_what_came_of_it_is_sa
         "proximity: ordinary priority, memory not locked, any core; --realtime asks for more\n" in quiet.err
     )
     assert asked and "ordinary" not in wanted.err
+    assert "note            priority: not permitted (Operation not permitted)\n" in wanted.out
     assert wanted.err.splitlines()[2:] == [
         "proximity: memory: locked",
         "proximity: core: the process may use one core only",
@@ -200,7 +185,6 @@ def test_realtime_is_asked_for_only_where_it_is_wanted_and_what_came_of_it_is_sa
 
 def test_without_options_the_file_holds(run, scene_path, calls):
     run(scene_path)
-
     ((_, given),) = calls
     assert [given[key] for key in ("rate_hz", "publish", "log", "real_time")] == [None] * 4
     assert given["seconds"] is given["tick_count"] is None
@@ -224,25 +208,10 @@ def test_end_of_standard_input_ends_it():
     stop = threading.Event()
     thread = stop_at_input(stop, there)
     assert not stop.wait(0.05)
-
     os.close(here)
-
     thread.join(60.0)
     os.close(there)
     assert stop.is_set()
-
-
-def test_address_in_use_is_one_line(run, scene_path, monkeypatch):
-    def refuse(address):
-        raise PublishError(f"{address.text}: another publisher is there already")
-
-    monkeypatch.setitem(TRANSPORTS, "taken", Transport("taken_transport", ""))
-    monkeypatch.setitem(sys.modules, "taken_transport", SimpleNamespace(open_outlet=refuse))
-
-    result = run(scene_path, "--publish", "taken:a")
-
-    assert (result.code, result.out) == (2, "")
-    assert result.err == "proximity: taken:a: another publisher is there already\n"
 
 
 def test_sigterm_ends_the_program_with_a_last_word_and_a_report(scene_path, tmp_path):

@@ -3,7 +3,6 @@
 The scenes are spheres of radius 10 mm by formulas, about the origin or in a row along x.
 """
 
-import shlex
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,6 +29,15 @@ def balls(count):
     return scene
 
 
+def too_far():
+    """A scene whose distances cannot be computed."""
+    scene = FakeScene()
+    hits = scene.closest(np.array([[0.0, 0.0, np.nan]]))
+    hits.distance, hits.normal = np.full(1, np.nan), np.full((1, 3), np.nan)
+    scene.closest = scene.cast = lambda *_, **__: hits
+    return scene
+
+
 def in_inches():
     scene = FakeScene()
     scene.report.units = "in"
@@ -46,6 +54,11 @@ SCENES = {
         query ball.stl 4 0 0
         query ball.stl 10 0 0
         query ball.stl -6.9e-15 0 12
+        query ball.stl -6.9e-15 0 12 --json
+        query ball.stl 0 0 12 --units MM
+        query ball.stl 0 0 12 --units inch
+        query ball.stl 0 0 12 --units Inches
+        query ball.stl --points - --json < 0.1 0.2 0.3;nan 0 0
         query ball.stl --points - --units mm < nan 0 -inf
         query ball.stl 0 0 50 --ray 0 0 -1
         query ball.stl 0 0 50 --ray 0 0 1
@@ -95,6 +108,7 @@ SCENES = {
         """,
     ),
     "odd_name": (lambda: FakeScene(name="a\x1b[2Jb [red]"), "query odd.stl 4 0 0\ncheck odd.stl"),
+    "far": (too_far, "query ball.stl 1e200 0 0\nquery ball.stl 1e200 0 0 --ray -1 0 0"),
     "inches": (in_inches, "check ball.stl --units in"),
     "balls": (lambda: balls(3), "check balls.stl --units cm\ncheck balls.stl --json"),
     "many_balls": (lambda: balls(23), "check balls.stl\ncheck balls.stl --all"),
@@ -102,17 +116,9 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_what_is_printed_is_as_recorded(name, run, recorded, monkeypatch):
+def test_what_is_printed_is_as_recorded(name, transcript, monkeypatch):
     make, commands = SCENES[name]
     replaced = {"load": lambda path, units, **options: make(), "kernels_are_cached": lambda: True}
     for what, by in replaced.items():
         monkeypatch.setitem(vars(proximity), what, by)
-    text = ""
-    for command in filter(None, map(str.strip, commands.splitlines())):
-        words, _, stdin = command.partition(" < ")
-        result = run(*shlex.split(words), stdin=stdin.replace(";", "\n") + "\n" if stdin else POINTS)
-        ending = f"[{result.code}]\n" if result.code else ""
-        text += f"$ {command}\n{result.out}{result.err}{ending}\n"
-
-    recorded(name, text)
-    assert "\x1b" not in text
+    transcript(name, commands, POINTS)

@@ -8,12 +8,7 @@ from project import RECORDED_HANDS
 from proximity.errors import ArgumentError, RecordingError
 from proximity.message import FRAME, ContactFlag, Message
 from proximity.pose import Pose
-from proximity.recording import (
-    FrameLog,
-    Recording,
-    read_recording,
-    recording_reader,
-)
+from proximity.recording import FrameLog, Recording, read_recording, recording_reader
 
 HEADER = "time_s,hand,finger,x_m,y_m,z_m\n"
 PLAIN = HEADER + "0.0,0,0,1,2,3\n0.0,0,1,4,5,6\n0.01,0,0,1.5,2,3\n0.02,0,0,2,2,3\n0.02,0,1,4,5,7\n"
@@ -39,7 +34,6 @@ def recording_of(times_s, points, *, fingers=((0, 1),)):
 
 def test_samples_become_instants_and_fingers(read):
     recording = read(PLAIN)
-
     assert recording.times_ns.tolist() == [0, 10_000_000, 20_000_000]
     assert recording.fingers == ((0, 0), (0, 1))
     np.testing.assert_array_equal(recording.positions[:, 0], [[1, 2, 3], [1.5, 2, 3], [2, 2, 3]])
@@ -58,7 +52,6 @@ def test_hand_that_is_lost_at_the_origin_touches_nothing(read):
     there = [(0.01 * k, 0.02, 0.3) for k in range(5)]
     lost = [(0.0, 0.0, 0.0)] * 5
     recording = read(HEADER + hand_lines(0.0, there) + hand_lines(0.01, lost) + hand_lines(0.01, there, 1))
-
     assert recording.is_present.tolist() == [[True] * 5 + [False] * 5, [False] * 5 + [True] * 5]
     assert recording.notes == (
         "5 of 15 positions are of a hand with all fingers at one place: it is lost there",
@@ -99,22 +92,11 @@ def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
         "\n".join(",".join(f'"{field}"' for field in line.split(",")) for line in PLAIN.split("\n")[:-1]),
         PLAIN.replace("time_s", "Time_S").replace("x_m", " X_M "),
     ],
-    ids=[
-        "mark",
-        "crlf",
-        "comments",
-        "quotes in comments",
-        "tabs before comments",
-        "long comment",
-        "tabs",
-        "commas",
-        "quotes",
-        "case",
-    ],
-)
+    ids=["mark", "crlf", "comments", "quotes in comments", "tabs before comments", "long comment", "tabs",
+         "commas", "quotes", "case"],
+)  # fmt: skip
 def test_same_recording_in_other_clothes(read, content):
     expected, found = read(PLAIN), read(content)
-
     np.testing.assert_array_equal(found.positions, expected.positions)
     np.testing.assert_array_equal(found.times_ns, expected.times_ns)
     assert found.fingers == expected.fingers
@@ -122,7 +104,6 @@ def test_same_recording_in_other_clothes(read, content):
 
 def test_columns_stand_in_any_order_and_others_are_named(read):
     recording = read("z_m,confidence,finger,hand,y_m,time_s,x_m\n3,good,4,7,2,0.5,1\n")
-
     assert recording.fingers == ((7, 4),)
     np.testing.assert_array_equal(recording.positions, [[[1, 2, 3]]])
     assert recording.notes == ("ignored columns: confidence",)
@@ -203,9 +184,7 @@ def test_recordings_of_real_hands_are_read():
 
 def test_ticks_lie_on_the_line_between_two_samples():
     recording = recording_of([1.0, 1.010, 1.025], [[0, 0, 0], [1, 0, 0], [1, 3, 0]])
-
     ticks = recording.resampled(0.001)
-
     assert ticks.times_ns.tolist() == list(range(1_000_000_000, 1_025_000_001, 1_000_000))
     np.testing.assert_allclose(ticks.positions[:11, 0, 0], np.arange(11) / 10, atol=1e-15)
     np.testing.assert_allclose(ticks.positions[10:, 0, 1], np.arange(16) / 5, atol=1e-15)
@@ -214,9 +193,7 @@ def test_ticks_lie_on_the_line_between_two_samples():
 
 def test_gap_is_not_bridged_and_its_ends_are_kept():
     recording = recording_of([0.0, 0.010, 0.061, 0.070], [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]])
-
     present = recording.resampled(0.001).is_present[:, 0]
-
     assert present.tolist() == [True] * 11 + [False] * 50 + [True] * 10
     assert recording.gap_count() == 1
     assert recording.resampled(0.001, gap_limit_s=0.051).is_present.all()
@@ -236,34 +213,35 @@ def test_finger_that_comes_late_and_goes_early_is_not_invented():
     assert ticks.positions[3, 1, 0] == 1.5
 
 
-@pytest.mark.parametrize(("period", "message"), [(0.0, "0 s is too short"), (np.nan, "nan s is too short")])
-def test_period_that_is_none_is_refused(period, message):
-    with pytest.raises(RecordingError, match=message):
-        recording_of([0.0], [[0, 0, 0]]).resampled(period)
+ONE = recording_of([0.0], [[1, 2, 3]])
 
 
-def test_ticks_without_end_are_refused():
-    with pytest.raises(RecordingError, match=r"1e\+09 s in steps of 0\.001 s are 1000000000001 ticks"):
-        recording_of([0.0, 1e9], [[0, 0, 0], [1, 0, 0]]).resampled(0.001)
+@pytest.mark.parametrize(
+    ("ask", "error", "message"),
+    [
+        (lambda: ONE.resampled(0.0), RecordingError, "0 s is too short"),
+        (lambda: ONE.resampled(np.nan), RecordingError, "nan s is too short"),
+        (lambda: recording_of([0.0, 1e9], np.zeros((2, 3))).resampled(0.001), RecordingError,
+         r"1e\+09 s in steps of 0\.001 s are 1000000000001 ticks"),
+        (lambda: ONE.first(0.0), RecordingError, "0 s of a recording cannot be taken"),
+        (lambda: ONE.placed(Pose(), 0.0), ArgumentError, r"^scale is 0.*, expected a positive number"),
+        (lambda: ONE.placed(Pose(), np.nan), ArgumentError, r"^scale is nan, expected a positive number"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused(ask, error, message):
+    with pytest.raises(error, match=message):
+        ask()
 
 
 def test_beginning_is_taken():
     recording = recording_of([3.0, 3.5, 4.0], np.zeros((3, 3)))
     assert recording.first(0.5).times_ns.tolist() == [3_000_000_000, 3_500_000_000]
-    with pytest.raises(RecordingError, match="0 s of a recording cannot be taken"):
-        recording.first(0.0)
 
 
 def test_placing_scales_then_turns_then_shifts():
     quarter = Pose([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [10, 0, 0])
     placed = recording_of([0.0], [[1, 2, 3]]).placed(quarter, 2.0)
     np.testing.assert_array_equal(placed.positions, [[[6, 2, 6]]])
-
-
-@pytest.mark.parametrize("scale", [0.0, np.nan])
-def test_scale_that_is_none_is_refused(scale):
-    with pytest.raises(ArgumentError, match=r"^scale is .*, expected a positive number of times the size$"):
-        recording_of([0.0], [[1, 2, 3]]).placed(Pose(), scale)
 
 
 def test_fitting_puts_the_middle_of_the_hand_in_the_middle_of_the_box():
@@ -294,7 +272,6 @@ def test_generated_recording_is_what_the_script_makes():
 
 def test_generated_recording_is_small_and_has_what_sensors_do():
     recording = read_recording(make_recording.FOLDER / make_recording.NAME)
-
     assert (make_recording.FOLDER / make_recording.NAME).stat().st_size < 200_000
     assert recording.fingers == tuple((0, finger) for finger in range(5))
     assert 4.0 < recording.duration_s < 6.0

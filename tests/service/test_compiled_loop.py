@@ -16,6 +16,7 @@ from fake_service import MS, ManualClock
 from far_end import PATIENCE, new_name, until
 from ports import free_port
 from project import MESHES
+from publishing import publishing
 
 import proximity
 from proximity import MOVES, PATH_POSES, POSES, Message
@@ -23,7 +24,7 @@ from proximity.errors import ServiceError
 from proximity.message import CHANGES, DEFORMATIONS, FRAME, MEASURED, PartAction, State, parts_of
 from proximity.native.mode import IS_AHEAD
 from proximity.pose import Pose
-from proximity.recording import FrameLog, FrameReader, Recording
+from proximity.recording import Recording
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service import (
@@ -263,7 +264,6 @@ def test_frames_of_a_sensor_are_those_that_python_makes_to_the_bit(seed):
 def test_frames_are_those_that_python_makes_to_the_bit(scene, seed):
     """What the loop does by itself is what NumPy and the tracker do with the same messages."""
     (ones, theirs), (others, ours) = (frames_of(scene, seed, in_python=way) for way in (True, False))
-
     assert_same(ones, others)
     reports = [
         {**each.as_dict(), "compute": 0, "lateness": 0, "publish_failures": 0} for each in (theirs, ours)
@@ -447,17 +447,6 @@ def test_sender_that_ends_leaves_frames_late_then_stale_and_the_next_is_taken(sc
             served.publisher = open_publisher(served.poses)
 
 
-def test_every_frame_is_logged(scene, tmp_path):
-    with Served(scene, *by_shared_memory(), log=FrameLog(tmp_path / "run.frames")) as served:
-        until(lambda: served.service.report.ticks > 100)
-    report = served.report
-    headers = np.concatenate([run["header"] for run in FrameReader(tmp_path / "run.frames")])
-    assert report.log_written == report.ticks + 3 and report.log_lost == 0
-    np.testing.assert_array_equal(headers["sequence"], np.arange(report.ticks + 3))
-    is_last = headers["state"] == State.STOPPING
-    assert is_last[-3:].all() and not is_last[:-3].any()
-
-
 class FullDisk:
     """A log that takes ten frames."""
 
@@ -497,28 +486,20 @@ poses = "{poses}"
 """
 
 
-def test_service_that_is_held_and_killed_says_nothing_wrong(scene, tmp_path, request):
+def test_service_that_is_held_and_killed_says_nothing_wrong(scene, tmp_path):
     """Held by SIGSTOP, and killed, three times: readings that may be used are in time, and bounds hold."""
-    poses, frames = by_shared_memory()
-    path, over = tmp_path / "cell.toml", threading.Event()
+    (poses, frames), path = by_shared_memory(), tmp_path / "cell.toml"
     path.write_text(SCENE.format(frames=frames, poses=poses, part=MESHES / "bracket.stl"))
 
-    def send():
-        message = Message(POSES, COUNT)
+    def pose():
+        message, now_ns = Message(POSES, COUNT), time.monotonic_ns()
         message.records["finger"] = np.arange(COUNT)
-        with open_publisher(poses) as publisher:
-            while not over.wait(0.003):
-                now_ns = time.monotonic_ns()
-                message.header["send_ns"] = message.records["pose_ns"] = now_ns
-                message.records["position"] = ABOVE + 0.03 * np.sin(6e-9 * now_ns)
-                publisher.publish(message)
+        message.header["send_ns"] = message.records["pose_ns"] = now_ns
+        message.records["position"] = ABOVE + 0.03 * np.sin(6e-9 * now_ns)
+        return message
 
-    sender = threading.Thread(target=send)
-    sender.start()
-    request.addfinalizer(sender.join)
-    request.addfinalizer(over.set)
     used, sessions = 0, set()
-    with open_subscriber(frames) as subscriber:
+    with publishing(poses, pose, 0.003), open_subscriber(frames) as subscriber:
 
         def look():
             nonlocal used

@@ -1,6 +1,5 @@
 """A part that is held while it is served: its connections are frames of their own, with bounds that hold."""
 
-import threading
 import time
 
 import numpy as np
@@ -8,12 +7,14 @@ import pytest
 import shapes
 from fake_service import KeepingOutlet, ManualClock
 from project import MESHES
+from served_scene import served_scene
 
 from proximity import PartTracker, Pose
 from proximity.errors import ServiceError
 from proximity.message import (
     CHANGES,
     CONTACT,
+    FRAME,
     MOVES,
     ContactFlag,
     Message,
@@ -23,12 +24,10 @@ from proximity.message import (
     State,
     parts_of,
 )
-from proximity.message.frame import FRAME
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.service import HeldContacts, MovesInput, NoPoses, Service
 from proximity.service.config import check_held, read_scene_file
-from proximity.service.hosting import serve
 from proximity.transport import Publisher, open_publisher, open_subscriber
 from proximity.transport.received_frame import ReceivedFrame
 
@@ -274,25 +273,13 @@ def served(tmp_path):
     """Serve a scene file with a held part in a thread; yields subscriber, publishers and how to end it."""
     path, name = tmp_path / "cell.toml", tmp_path.name
     path.write_text(SCENE.format(name=name, file=MESHES / "assembly.step"))
-    stop, begun, ended = threading.Event(), threading.Event(), []
     with (
         open_subscriber(f"mailbox:{name}/held") as frames,
         open_publisher(f"mailbox:{name}/moves") as moves,
         open_publisher(f"mailbox:{name}/changes") as changes,
+        served_scene(path) as scene,
     ):
-        thread = threading.Thread(
-            target=lambda: ended.append(serve(path, stop=stop, begun=lambda _: begun.set()))
-        )
-        thread.start()
-        assert begun.wait(PATIENCE_S)
-
-        def finish():
-            stop.set()
-            thread.join(PATIENCE_S)
-            return ended[0]
-
-        yield frames, moves, changes, finish
-        finish()
+        yield frames, moves, changes, scene.finish
 
 
 def reading_of(frames, is_it, again=lambda: None):
@@ -330,33 +317,6 @@ def test_a_served_part_is_followed_hidden_parts_left_out_and_its_end_is_said(ser
     assert any("held part pin:" in note for note in report.notes)
     assert any("'pin' was removed" in note for note in report.notes)
     assert reading_of(frames, lambda reading: reading.state is State.STOPPING)
-
-
-@pytest.mark.parametrize(
-    ("held", "sentence"),
-    [
-        ('publish = "mailbox:h"', r"held\[0\]\.part is missing, expected the name of a part"),
-        ('part = "pin"', r"held\[0\]\.publish is missing"),
-        ('part = "pin"\npublish = "mailbox:h"\nconnections = 17', "expected a whole number from 1 to 16"),
-        ('part = "pin"\npublish = "mailbox:h"\ntolerence = 0.1', "did you mean tolerance?"),
-        ('part = "pin"\npublish = "mailbox:x"', r"has mailbox:x, which is also in service\.publish"),
-        ('part = ["pin", "pin"]\npublish = "mailbox:h"', r"has pin, which is also in held\[0\]\.part"),
-        (
-            'part = "pin"\npublish = "mailbox:h"\n[[held]]\npart = "lid"\npublish = "mailbox:h"',
-            r"held\[1\]\.publish has mailbox:h, which is also in held\[0\]\.publish",
-        ),
-    ],
-)
-def test_mistakes_are_named(tmp_path, held, sentence):
-    text = f'[service]\npublish = "mailbox:x"\n[[parts]]\nfile = "{MESHES / "assembly.step"}"\n[input]\n'
-    text += f'poses = "mailbox:p"\nmoves = "mailbox:m"\n[[held]]\n{held}\n'
-    path = tmp_path / "cell.toml"
-    path.write_text(text)
-    with pytest.raises(ServiceError, match=sentence):
-        read_scene_file(path)
-    path.write_text(text.replace('moves = "mailbox:m"', ""))
-    with pytest.raises(ServiceError, match=r"requires input\.moves|missing|expected|mean"):
-        read_scene_file(path)
 
 
 def test_a_part_that_is_not_there_is_named(tmp_path):

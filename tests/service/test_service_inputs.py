@@ -39,9 +39,7 @@ def near(pairs):
 
 def test_recording_gives_the_newest_pose_that_is_past_with_its_own_instant():
     source = RecordingInput(recording([0, 8, 16, 30]))
-
     told = played(source, [0, 1, 7, 8, 9, 20, 21])
-
     assert told == near([(0, 0), None, None, (8, 8), None, (16, 16), None])
     assert not source.is_over
     assert played(source, [30.5]) == near([(30, 30)])
@@ -59,9 +57,7 @@ AWAY = (pytest.approx(np.nan, nan_ok=True), 41)
 
 def test_recording_that_is_repeated_lets_the_hand_go_away_and_begins_anew():
     source = RecordingInput(recording([0, 10, 20, 31]), repeat=True)
-
     told = played(source, [0, 20, 31, 40, 41, 140, 141, 151])
-
     assert told == [*near([(0, 0), (20, 20), (31, 31), None]), AWAY, *near([None, (0, 141), (10, 151)])]
     assert not source.is_over
 
@@ -69,6 +65,13 @@ def test_recording_that_is_repeated_lets_the_hand_go_away_and_begins_anew():
 def test_recording_that_is_repeated_keeps_its_beat_through_rounds_slept_through():
     source = RecordingInput(recording([0, 10, 20, 31]), repeat=True)
     assert played(source, [0, 141 * 7 + 12, 141 * 8]) == near([(0, 0), (10, 141 * 7 + 10), (0, 141 * 8)])
+
+
+def started(count, origin="input"):
+    """The newest samples of so many fingers, none of which has come; they are too old after 100 ms."""
+    newest = NewestSamples(FingerPoses(count), 100 * MS, origin)
+    newest.start(NOW)
+    return newest
 
 
 @pytest.mark.parametrize("jump", [0.002, 0.1])
@@ -80,8 +83,7 @@ def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
     source = RecordingInput(
         Recording(np.arange(rows) * np.int64(MS), positions, ((0, 1),)), latency=0.0, repeat=True
     )
-    newest = NewestSamples(FingerPoses(1), 100 * MS)
-    newest.start(NOW)
+    newest = started(1)
     motions = np.zeros((1, ESTIMATES), ESTIMATE)
     fastest = abs(jump) / (rows - 1) / 1e-3 + 1e-6
 
@@ -99,7 +101,6 @@ def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
 
 def test_recording_of_one_instant_is_over_at_once_or_comes_again_and_again():
     once, again = RecordingInput(recording([0])), RecordingInput(recording([0]), repeat=True)
-
     assert played(once, [0]) == near([(0, 0)]) and once.is_over
     assert played(again, [0, 999, 1000])[:2] == near([(0, 0), None])
     assert played(again, [1100]) == near([(0, 1100)])
@@ -133,8 +134,7 @@ OTHER_CLOCK = (
 )
 def test_first_pose_that_cannot_be_used_is_told_with_its_address_and_a_remedy(ahead_ms, sentence, caplog):
     """The service once said nothing of them until its end, and never that they were too old."""
-    newest = NewestSamples(FingerPoses(1), 100 * MS, "shm://poses")
-    newest.start(NOW)
+    newest = started(1, "shm://poses")
     newest.update(hands_at([[0, 0, 0]], NOW), NOW)
     for tick in range(3):
         newest.update(hands_at([[1, 1, 1]], NOW + ahead_ms * MS + tick), NOW + tick)
@@ -146,17 +146,14 @@ def test_first_pose_that_cannot_be_used_is_told_with_its_address_and_a_remedy(ah
 
 
 def test_pose_that_grew_old_here_is_not_counted_as_too_old():
-    newest = NewestSamples(FingerPoses(2), 100 * MS)
-    newest.start(NOW)
+    newest = started(2)
     for ms in range(300):
         newest.update(hands_at(np.zeros((2, 3)), [NOW, NOW + ms * MS]), NOW + ms * MS)
-
     assert newest.too_old == 0
 
 
 def test_what_was_told_once_and_is_not_any_more_becomes_unknown():
-    newest = NewestSamples(FingerPoses(2), 100 * MS)
-    newest.start(NOW)
+    newest = started(2)
     first = hands_at(np.zeros((2, 3)), NOW, velocities=np.ones((2, 3)))
     first.paths, first.bends = np.ones((2, 4, 3)), np.ones(2)
 
@@ -174,12 +171,9 @@ def test_what_was_told_once_and_is_not_any_more_becomes_unknown():
 
 
 def test_finger_whose_sample_is_left_out_keeps_all_of_the_one_before():
-    newest = NewestSamples(FingerPoses(2), 100 * MS)
-    newest.start(NOW)
+    newest = started(2)
     newest.update(hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))), NOW)
-
     newest.update(hands_at(np.ones((2, 3)), [NOW - 1, NOW + 1], velocities=np.ones((2, 3))), NOW + 1)
-
     assert newest.samples.positions.tolist() == [[0, 0, 0], [1, 1, 1]]
     assert newest.samples.velocities.tolist() == [[0, 0, 0], [1, 1, 1]]
     assert newest.samples.pose_ns.tolist() == [NOW, NOW + 1]
@@ -190,8 +184,7 @@ def test_finger_whose_sample_is_left_out_keeps_all_of_the_one_before():
 @pytest.mark.parametrize("axis", [0, 2])
 @pytest.mark.parametrize("pose_ns", [0, NOW + 1])
 def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis, pose_ns):
-    newest = NewestSamples(FingerPoses(1), 100 * MS)
-    newest.start(NOW)
+    newest = started(1)
     newest.update(hands_at([[1, 1, 1]], NOW), NOW)
     lost = hands_at([[1, 1, 1]], pose_ns)
     lost.positions[0, axis] = unknown
@@ -209,11 +202,8 @@ def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis,
 
 @pytest.mark.parametrize(("future_ns", "is_taken"), [(5 * MS, True), (5 * MS + 1, False)])
 def test_poses_may_be_five_milliseconds_ahead(future_ns, is_taken):
-    newest = NewestSamples(FingerPoses(1), 100 * MS)
-    newest.start(NOW)
-
+    newest = started(1)
     newest.update(hands_at([[1, 1, 1]], NOW + future_ns), NOW)
-
     assert np.isfinite(newest.samples.positions).all() == is_taken
     assert newest.future == (not is_taken)
 
@@ -221,12 +211,8 @@ def test_poses_may_be_five_milliseconds_ahead(future_ns, is_taken):
 @pytest.mark.parametrize("pose_ns", [NOW + 500 * MS, NOW - 1])
 def test_sample_that_was_left_out_is_not_given_again(pose_ns):
     """Whoever tells of one finger at a time gives all of them each time."""
-    newest, given = (
-        NewestSamples(FingerPoses(2), 100 * MS),
-        hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3))),
-    )
+    newest, given = started(2), hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3)))
     given.bends = np.zeros(2)
-    newest.start(NOW)
     newest.update(given, NOW)
     given.positions[0], given.pose_ns[0], given.velocities[0], given.bends[0] = 1, pose_ns, 1, 1
 
@@ -242,8 +228,7 @@ def test_sample_that_was_left_out_is_not_given_again(pose_ns):
 
 def test_hand_whose_fingers_are_all_at_one_place_is_lost_and_counted(caplog):
     """The left hand is sent as (0, 0, 0) while it is lost; the right one goes on."""
-    newest = NewestSamples(FingerPoses(10), 100 * MS, "shm://poses")
-    newest.start(NOW)
+    newest = started(10, "shm://poses")
     tips = np.arange(30.0).reshape(10, 3)
     lost = tips.copy()
     lost[:5] = 0.0
@@ -258,8 +243,6 @@ def test_hand_whose_fingers_are_all_at_one_place_is_lost_and_counted(caplog):
 
 
 def test_two_fingers_of_one_hand_may_be_at_one_place():
-    newest = NewestSamples(FingerPoses(2), 100 * MS)
-    newest.start(NOW)
+    newest = started(2)
     newest.update(hands_at(np.zeros((2, 3)), NOW), NOW)
-
     assert np.isfinite(newest.samples.positions).all() and newest.lost == 0

@@ -1,9 +1,9 @@
 """Frames to a log, by another thread: all of them, in order, or counted."""
 
 import threading
-import time
 
 import numpy as np
+from far_end import until
 
 from proximity.errors import RecordingError
 from proximity.message import FRAME, MAX_RECORDS
@@ -52,21 +52,12 @@ def frame(number):
     return np.full(16, number % 251, np.uint8)
 
 
-def wait_for(condition):
-    ends = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < ends, "waited for too long"
-        time.sleep(0.001)
-
-
 def test_all_frames_are_appended_in_order():
     log = KeepingLog()
     writer = LogWriter(log, 16, depth=2000)
-
     for number in range(2000):
         writer.put(frame(number))
     writer.finish()
-
     assert log.is_closed and writer.written == 2000 and writer.notes == []
     np.testing.assert_array_equal(np.array(log.frames), np.array([frame(k) for k in range(2000)]))
 
@@ -77,7 +68,7 @@ def test_frame_is_appended_without_waiting_for_the_next():
     writer = LogWriter(log, 16)
     for number in range(50):
         writer.put(frame(number))
-        wait_for(lambda expected=number + 1: len(log.frames) == expected)
+        until(lambda expected=number + 1: len(log.frames) == expected)
     writer.finish()
 
 
@@ -101,12 +92,10 @@ def test_disk_that_stands_still_delays_nobody_and_what_finds_no_room_is_counted(
 def test_frames_go_round_the_ring_unharmed():
     log = KeepingLog()
     writer = LogWriter(log, 16, depth=3)
-
     for number in range(100):
         writer.put(frame(number))
-        wait_for(lambda expected=number + 1: len(log.frames) >= expected - 2)
+        until(lambda expected=number + 1: len(log.frames) >= expected - 2)
     writer.finish()
-
     np.testing.assert_array_equal(np.array(log.frames), np.array([frame(k) for k in range(100)]))
 
 
@@ -146,9 +135,7 @@ def test_disk_that_is_full_is_said_once_and_what_follows_is_still_tried(caplog):
 def test_log_that_cannot_be_closed_harms_nobody(caplog):
     log = KeepingLog(failing_close=True)
     writer = LogWriter(log, 16)
-
     writer.finish()
-
     assert log.is_closed
     assert [record.message for record in caplog.records] == ["frames cannot be logged: cannot be closed"]
 

@@ -5,6 +5,8 @@ import numpy as np
 from proximity.kernels.layout import ModelArrays
 from proximity.mesh.bvh import LocalFrame
 from proximity.mesh.part_arrays import common_frame, part_arrays
+from proximity.mesh.topology import build_topology
+from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.pose import Pose
 from proximity.scene.model.assembly import assemble
 
@@ -18,6 +20,26 @@ def piece_of(mesh, frame: LocalFrame | None = None):
     """The arrays of one part, its faces as they are: nothing is welded, dropped or turned."""
     faces = np.ascontiguousarray(mesh[1], dtype=np.int32)
     return part_arrays(np.asarray(mesh[0], dtype=np.float64), faces, np.full_like(faces, -1), frame)
+
+
+def welded_piece_of(vertices, faces):
+    """The arrays of one part whose corners at one place are one, and whose faces know their neighbours."""
+    topology = build_topology(TriangleMesh(vertices, faces))
+    corners = np.empty((int(topology.corner_ids.max()) + 1, 3))
+    corners[topology.corner_ids.ravel()] = vertices[faces.ravel()]
+    return part_arrays(corners, topology.corner_ids, topology.neighbors)
+
+
+def welded_model_of(vertices, faces):
+    """The model of one such part, as it lies."""
+    return assemble([welded_piece_of(vertices, faces)], [Pose()])
+
+
+def folded_faces_of(solid):
+    """The faces of a solid near which the winding number decides, in order."""
+    piece = solid.snapshot().part_arrays(0)
+    bits = np.unpackbits(piece.folded[:, None], axis=1, bitorder="little")
+    return np.sort(piece.bvh.slot_faces.reshape(-1, 8)[bits == 1])
 
 
 def model_of(*meshes, poses=None, frame=None, is_fused=False):

@@ -110,9 +110,7 @@ def test_within_the_core_the_search_is_exact():
     for point in points_at(mesh, np.random.default_rng(9), 20):
         exact = walk(model, point, UNLIMITED)
         exact_within = 1.0001 * np.sqrt(exact.best_sq)
-
         found = walk(model, point, UNLIMITED, tolerance=0.3, exact_within=exact_within)
-
         assert found.lower_sq == found.best_sq == exact.best_sq
 
 
@@ -122,7 +120,6 @@ def test_with_nothing_found_ease_does_not_lower_the_limit():
         limit = 0.81 * walk(model, point, UNLIMITED).best_sq
         if limit == 0.0:
             continue  # on the surface
-
         assert walk(model, point, UNLIMITED, limit, tolerance=0.5)[:3] == (limit, NO_SLOT, limit)
 
 
@@ -133,13 +130,8 @@ def test_answer_does_not_depend_on_how_the_budget_is_divided():
         for point in [*points_at(mesh, rng, 10), mesh[0].mean(axis=0), np.zeros(3)]:
             expected = without_budget(model, point)
             needed = walk(model, point, UNLIMITED).work
-            for budget in (
-                MOST_SWEPT_STEPS,
-                4 * MOST_SWEPT_STEPS // 3,
-                4 * MOST_SWEPT_STEPS // 3 + 1,
-                MOST_SWEPT_STEPS + needed,
-                3 * needed,
-            ):
+            third = 4 * MOST_SWEPT_STEPS // 3
+            for budget in (MOST_SWEPT_STEPS, third, third + 1, MOST_SWEPT_STEPS + needed, 3 * needed):
                 found = walk(model, point, budget)
                 if found.work < budget:
                     assert found[:3] == (*expected, expected[0])
@@ -164,7 +156,6 @@ def test_each_node_and_each_leaf_is_one_step():
 def test_a_part_in_its_own_frame_costs_no_step_to_enter():
     face = (np.eye(3), [[0, 1, 2]])
     model = model_of(face, face, poses=[Pose(shapes.rotation(3), (5, 0, 0)), Pose(shapes.rotation(4))])
-
     # The root of the tree over parts, which has both entries, and the nearer entry, which is a leaf.
     assert [walk(model, (0.0, 0.0, 0.0), budget).work for budget in (1, 2, UNLIMITED)] == [1, 2, 2]
 
@@ -214,30 +205,25 @@ def test_unused_lanes_of_a_minute_part_stay_closed():
             assert found.work <= 4 + block_count(model)
 
 
+def probed(arrays, budget, best_sq=np.inf, room=None):
+    """What a walk from the origin through a tree made by hand finds, in guarded room."""
+    workspace, whole = room or guarded_room()
+    found = nearest_with_budget(
+        arrays, 0, 0, (0.0, 0.0, 0.0), (best_sq, NO_SLOT), NO_TOLERANCE, budget, workspace
+    )
+    assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
+    return found
+
+
 @pytest.mark.parametrize("best_sq", [np.inf, 1.0, 0.0])
 def test_room_suffices_where_all_is_open(best_sq):
     """With every bound 0 and nothing found each step leaves eight more waiting, as long as asked."""
-    arrays = eightfold(6)
-    workspace, whole = guarded_room()
-    for budget in [
-        1,
-        2,
-        9,
-        100,
-        1000,
-        *range(MOST_SWEPT_STEPS - 3, 8 * MOST_SWEPT_STEPS, 997),
-        4 * MOST_SWEPT_STEPS // 3,
-        2 * MOST_SWEPT_STEPS,
-    ]:
-        found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), (best_sq, NO_SLOT), NO_TOLERANCE, budget, workspace
-        )
-
-        assert found == (best_sq, NO_SLOT, 0.0, budget)
-        assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
-    assert (workspace[: MOST_WAITING - LANES] != UNTOUCHED).sum() > MOST_WAITING * 3 // 4, (
-        "the room was nearly full"
-    )
+    arrays, room = eightfold(6), guarded_room()
+    few = [1, 2, 9, 100, 1000, 4 * MOST_SWEPT_STEPS // 3, 2 * MOST_SWEPT_STEPS]
+    for budget in [*few, *range(MOST_SWEPT_STEPS - 3, 8 * MOST_SWEPT_STEPS, 997)]:
+        assert probed(arrays, budget, best_sq, room) == (best_sq, NO_SLOT, 0.0, budget)
+    is_used = room[0][: MOST_WAITING - LANES] != UNTOUCHED
+    assert is_used.sum() > MOST_WAITING * 3 // 4, "the room was nearly full"
 
 
 def test_room_suffices_for_the_deepest_trees_and_all_budgets():
@@ -245,16 +231,11 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
     depth = 2 * MAX_DEPTH + 1
     children = np.full((depth, LANES), ~0)
     children[:-1, 0] = np.arange(1, depth)
-    arrays = by_hand(depth, children)
-    workspace, whole = guarded_room()
+    arrays, room = by_hand(depth, children), guarded_room()
     total = depth + 7 * depth + 1
     for budget in [1, depth - 1, depth, 4 * depth, 4 * total, MOST_SWEPT_STEPS, UNLIMITED]:
-        found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
-        )
-
-        assert found == (np.inf, NO_SLOT, 0.0 if budget < total else np.inf, min(budget, total))
-        assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
+        lower = 0.0 if budget < total else np.inf
+        assert probed(arrays, budget, room=room) == (np.inf, NO_SLOT, lower, min(budget, total))
 
 
 def test_room_suffices_for_sweeps_after_the_deepest_descent():
@@ -267,13 +248,7 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
     children[: depth - 1, 0] = np.arange(1, depth)
     arrays = by_hand(depth + count, children)
     for budget in range(4 * MOST_SWEPT_STEPS // 3, 4 * MOST_SWEPT_STEPS // 3 + 60, 7):
-        workspace, whole = guarded_room()
-        found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
-        )
-
-        assert found == (np.inf, NO_SLOT, 0.0, budget)
-        assert (whole[:GUARD] == UNTOUCHED).all() and (whole[-GUARD:] == UNTOUCHED).all()
+        assert probed(arrays, budget) == (np.inf, NO_SLOT, 0.0, budget)
 
 
 def test_opening_a_node_does_not_lower_the_bound():
@@ -283,13 +258,8 @@ def test_opening_a_node_does_not_lower_the_bound():
     words[:48].reshape(6, LANES)[:3, 1:], words[:48].reshape(6, LANES)[3:, 1:] = np.inf, -np.inf
     words[at + MOMENT_AREA_NORMAL : at + MOMENT_AREA_NORMAL + LANES] = 2.0
     words[at + MOMENT_SLAB_LEAST : at + MOMENT_SLAB_LEAST + 2 * LANES] = 1.0  # in the plane 2 x = 1
-    workspace, _ = guarded_room()
     for budget, expected in [(1, 0.0), (2, 0.25), (3, 0.25), (7, 0.25)]:
-        found = nearest_with_budget(
-            arrays, 0, 0, (0.0, 0.0, 0.0), (np.inf, NO_SLOT), NO_TOLERANCE, budget, workspace
-        )
-
-        assert found == (np.inf, NO_SLOT, pytest.approx(expected, rel=1e-6), budget)
+        assert probed(arrays, budget) == (np.inf, NO_SLOT, pytest.approx(expected, rel=1e-6), budget)
 
 
 def test_copies_of_one_triangle_give_the_lowest_slot_or_bounds():
@@ -348,20 +318,17 @@ def test_bracket_at_the_centre_of_a_ball_is_narrow_by_its_slabs(cavity):
     blind = without_slabs(cavity)
     gaps = [gap_of(cavity, point, 800) for point in points]
     blind_gaps = [gap_of(blind, point, 800) for point in points]
-
     assert max(gaps) < 0.01 < 0.05 < min(blind_gaps)
 
 
 def test_bracket_at_the_centre_closes_with_the_budget(cavity):
     gaps = [gap_of(cavity, (1e-5, 0.0, 0.0), budget) for budget in (200, 800, 3200)]
-
     assert gaps[0] < 0.035 and gaps[1] < 0.6 * gaps[0] and gaps[2] < 0.6 * gaps[1]
 
 
 def test_a_few_steps_from_nothing_find_a_near_face_and_raise_the_bound():
     """Each sweep follows one of the nearest down to a leaf, and opens the others from the nearest on."""
     found = walk(model_of(shapes.sphere(1.0, 5)), (0.0, 0.0, 0.5), 8)
-
     assert found.slot != NO_SLOT and 0.2 < found.lower_sq <= 0.25 <= found.best_sq * 1.01 < 0.26
 
 
@@ -370,7 +337,6 @@ def test_bracket_is_narrow_all_around_the_centre(cavity):
     rng = np.random.default_rng(4)
     ways = rng.normal(size=(100, 3))
     points = ways / np.linalg.norm(ways, axis=1)[:, None] * rng.uniform(0.0, 0.1, (100, 1))
-
     assert max(gap_of(cavity, point, 600) for point in points) < 0.02
 
 

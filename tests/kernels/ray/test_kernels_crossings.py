@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapes
+from models import folded_faces_of
 from project import ROOT
 
 import oracle
@@ -87,12 +88,6 @@ MEETINGS = {
 }
 
 
-def marked_faces(solid):
-    piece = solid.snapshot().part_arrays(0)
-    bits = np.unpackbits(piece.folded[:, None], axis=1, bitorder="little")
-    return np.sort(piece.bvh.slot_faces.reshape(-1, 8)[bits == 1])
-
-
 def faces_that_pass(vertices, faces):
     """By brute force, of a mesh in general position: the faces of which one passes through the other."""
     pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
@@ -143,9 +138,7 @@ def test_faces_that_pass_are_those_of_brute_force(seed):
     turned = [(vertices @ shapes.rotation(seed + k).T, faces) for k, (vertices, faces) in enumerate(shells)]
     vertices, faces = shapes.join(*(shapes.moved(shell, rng.normal(0.0, 0.6, 3)) for shell in turned))
     solid = Solid(vertices, faces)
-
     expected = faces_that_pass(solid.mesh.vertices, solid.mesh.faces)
-
     assert expected.any() and not expected.all()
     np.testing.assert_array_equal(bare_marks(solid), expected)
 
@@ -154,7 +147,7 @@ def test_faces_that_pass_are_those_of_brute_force(seed):
 def test_side_is_right_wherever_a_body_meets_itself(name):
     vertices, faces = MEETINGS[name]
     solid = Solid(vertices, faces)
-    marked = marked_faces(solid)
+    marked = folded_faces_of(solid)
     rng = np.random.default_rng(len(name))
     assert solid.is_watertight
     if solid.sign_method is SignMethod.PSEUDONORMAL:
@@ -178,16 +171,15 @@ def test_side_is_right_wherever_a_body_meets_itself(name):
 def test_beams_that_cross_mid_edge_keep_their_normals_elsewhere(depth):
     """The samples do not see so little, so that these would have wrong sides without the marks."""
     solid = Solid(*edge_to_edge(depth))
-
     assert solid.sign_method is SignMethod.PSEUDONORMAL
-    assert 0 < len(marked_faces(solid)) < len(solid.mesh.faces)
+    assert 0 < len(folded_faces_of(solid)) < len(solid.mesh.faces)
 
 
 def test_marks_outlast_a_scene_that_gives_the_part_another_shape():
     """Whoever holds the solid before has it as it was: made anew, and its sides told as before."""
     vertices, faces = edge_to_edge(0.03, 2)
     first = Solid(vertices, faces, name="beams")
-    marked = marked_faces(first)
+    marked = folded_faces_of(first)
     scene = Scene([first])
     scene.deform("beams", 2.0 * vertices)
     second = scene.part("beams").solid
@@ -200,13 +192,13 @@ def test_marks_outlast_a_scene_that_gives_the_part_another_shape():
     assert len(marked)
     for size, solid in ((1.0, first), (2.0, second), (3.0, scene.part("beams").solid)):
         np.testing.assert_array_equal(solid.signed_distance(size * points) < 0.0, inside)
-        np.testing.assert_array_equal(marked_faces(solid), marked)
+        np.testing.assert_array_equal(folded_faces_of(solid), marked)
 
 
 @pytest.mark.parametrize("make", ["bracket.stl", "gear.stl", "plate.stl", "hollow_box.stl", "torus.ply"])
 def test_usual_parts_have_no_marks(make):
     for part in proximity.load(ROOT / "meshes" / make).parts:
-        assert len(marked_faces(part.solid)) == 0, part.solid.sign_reason
+        assert len(folded_faces_of(part.solid)) == 0, part.solid.sign_reason
 
 
 def test_lid_that_is_a_fan_of_slivers_has_no_marks():
@@ -232,14 +224,13 @@ def test_lid_that_is_a_fan_of_slivers_has_no_marks():
     solid = Solid(vertices, faces)
 
     assert solid.is_watertight
-    assert len(marked_faces(solid)) == 0
+    assert len(folded_faces_of(solid)) == 0
 
 
 @pytest.mark.parametrize("gap", [1e-3, 1e-6, 1e-9])
 def test_bodies_that_do_not_pass_through_have_no_marks(gap):
     solid = Solid(*edge_to_edge(-gap))
-
-    assert len(marked_faces(solid)) == 0, solid.sign_reason
+    assert len(folded_faces_of(solid)) == 0, solid.sign_reason
     assert "folded" not in solid.sign_reason
 
 
@@ -250,7 +241,6 @@ def test_faces_without_area_are_no_faces_to_pass_through():
         [[0, 0, 0], [0.1, 0.3, 0.2], [0.3, 0.9, 0.6 + 2e-16], [0, 0.3, 0.5], [0.2, 0.3, -0.1], [0.1, -1, 0]]
     )
     faces = np.array([[0, 1, 2], [0, 2, 5]])
-
     assert edge_contact.reaches_through(corners, faces, 1, 3, 4, 1e-10)
     assert not edge_contact.reaches_through(corners, faces, 0, 3, 4, 1e-10)
 
@@ -261,5 +251,4 @@ def test_faces_of_a_tangle_all_count_as_passing_through():
     rods = [(rod[0] @ shapes.rotation(seed).T, rod[1]) for seed in range(600)]
     solid = Solid(*shapes.join(*rods))
     marked = part_arrays.with_passing_faces(solid.snapshot().part_arrays(0)).folded
-
     assert np.unpackbits(marked).sum() == len(solid.mesh.faces)

@@ -14,19 +14,9 @@ from nodes import node_of
 import oracle
 from proximity.kernels.layout import LANES, NO_SLOT
 from proximity.kernels.scene import segment_queries
+from proximity.kernels.segment import plan as plans
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
-from proximity.kernels.segment.plan import (
-    PLAN_END,
-    PLAN_HIGH,
-    PLAN_IS_FAR,
-    PLAN_LOW,
-    PLAN_OFFSET,
-    PLAN_SIZE,
-    PLAN_START,
-    PROBE_SIZE,
-    TOUCHING,
-    make_plan,
-)
+from proximity.kernels.segment.plan import PLAN_SIZE, PROBE_SIZE, make_plan
 from proximity.kernels.segment.triangle import WITNESS_SIZE
 from proximity.kernels.segment.walk import segment_in_block
 from proximity.native.simd import bits, lane, splat32
@@ -119,8 +109,8 @@ def open_lanes(node, segments, best_sq, far, opened):
     for i in range(len(segments)):
         s = segments[i]
         make_plan(plan, probe, s[0], s[1], s[2], s[3], s[4], s[5])
-        far[i] = plan[PLAN_IS_FAR]
-        bounds = node_bounds_sq(node, 0, plan, probe, plan[PLAN_IS_FAR] != 0.0)
+        far[i] = plan[plans.PLAN_IS_FAR]
+        bounds = node_bounds_sq(node, 0, plan, probe, plan[plans.PLAN_IS_FAR] != 0.0)
         opened[i] = bits(bounds <= splat32(open_bound(plan, best_sq[i], np.inf)))
 
 
@@ -130,10 +120,10 @@ def bounds_of(node, segment):
     plan, probe, bounds = np.zeros(PLAN_SIZE), np.zeros(PROBE_SIZE, np.float32), np.zeros(LANES)
     s = segment
     make_plan(plan, probe, s[0], s[1], s[2], s[3], s[4], s[5])
-    found = node_bounds_sq(node, 0, plan, probe, plan[PLAN_IS_FAR] != 0.0)
+    found = node_bounds_sq(node, 0, plan, probe, plan[plans.PLAN_IS_FAR] != 0.0)
     for k in range(LANES):
         bounds[k] = lane(found, k)
-    return bounds, plan[PLAN_OFFSET], open_bound(plan, 0.0, 0.5)
+    return bounds, plan[plans.PLAN_OFFSET], open_bound(plan, 0.0, 0.5)
 
 
 def distance_sq_to_segment(point, start, end):
@@ -198,9 +188,7 @@ def test_unused_lanes_are_never_opened():
     node = node_of(np.zeros((1, 1, 3)))
     segments = np.array([[0.0, 0, 0, 1, 1, 1], [1e6, 1e6, 0, 2e6, 0, 0], [-1e99, 0, 0, 1e99, 1, 1]])
     opened, far = np.empty(3, np.int64), np.empty(3)
-
     open_lanes(node, segments, np.full(3, np.inf), far, opened)
-
     assert (opened == 1).all()
 
 
@@ -208,8 +196,7 @@ def test_unused_lanes_are_never_opened():
 def test_boxes_behind_a_crossing_are_closed():
     contents = np.linspace(-0.9, 0.9, LANES)[:, None, None] + np.zeros((LANES, 1, 3))
     bounds, _, limit = bounds_of(node_of(contents), np.array([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0]))
-
-    assert (bounds < 1.1 * TOUCHING).all() and (np.diff(bounds) > 0.0).all()
+    assert (bounds < 1.1 * plans.TOUCHING).all() and (np.diff(bounds) > 0.0).all()
     assert (bounds <= limit).tolist() == [True] * 4 + [False] * 4
 
 
@@ -223,9 +210,14 @@ def plan_of(start, end):
 def test_segment_near_the_part_is_kept_as_it_is():
     plan = plan_of((-2.0, 0.1, 0.2), (2.0, 0.3, 1.9))
 
-    assert plan[PLAN_START : PLAN_START + 3].tolist() == [-2.0, 0.1, 0.2]
-    assert plan[PLAN_END : PLAN_END + 3].tolist() == [2.0, 0.3, 1.9]
-    assert (plan[PLAN_LOW], plan[PLAN_HIGH], plan[PLAN_IS_FAR], plan[PLAN_OFFSET]) == (0.0, 1.0, 0.0, 0.0)
+    assert plan[plans.PLAN_START : plans.PLAN_START + 3].tolist() == [-2.0, 0.1, 0.2]
+    assert plan[plans.PLAN_END : plans.PLAN_END + 3].tolist() == [2.0, 0.3, 1.9]
+    assert (
+        plan[plans.PLAN_LOW],
+        plan[plans.PLAN_HIGH],
+        plan[plans.PLAN_IS_FAR],
+        plan[plans.PLAN_OFFSET],
+    ) == (0.0, 1.0, 0.0, 0.0)
 
 
 @pytest.mark.internals
@@ -238,8 +230,11 @@ def test_long_segment_is_cut_on_the_line_to_the_last_bit(far):
         end = -start * rng.uniform(0.1, 3.0) + rng.normal(size=3)
         plan = plan_of(start, end)
         if far > 10.0:
-            assert np.abs(plan[PLAN_START : PLAN_START + 6]).max() < 1e-3 * far
-        for at, fraction in ((PLAN_START, plan[PLAN_LOW]), (PLAN_END, plan[PLAN_HIGH])):
+            assert np.abs(plan[plans.PLAN_START : plans.PLAN_START + 6]).max() < 1e-3 * far
+        for at, fraction in (
+            (plans.PLAN_START, plan[plans.PLAN_LOW]),
+            (plans.PLAN_END, plan[plans.PLAN_HIGH]),
+        ):
             for axis in range(3):
                 exact = Fraction(start[axis]) + Fraction(fraction) * (
                     Fraction(end[axis]) - Fraction(start[axis])
@@ -258,7 +253,7 @@ def test_cut_never_takes_the_nearest_point():
             for _ in range(5):
                 p = rng.choice([-1.0, 1.0], 3)
                 t = np.clip((p - start) @ (end - start) / ((end - start) @ (end - start)), 0.0, 1.0)
-                assert plan[PLAN_LOW] - 1e-12 <= t <= plan[PLAN_HIGH] + 1e-12
+                assert plan[plans.PLAN_LOW] - 1e-12 <= t <= plan[plans.PLAN_HIGH] + 1e-12
 
 
 @pytest.mark.parametrize("length", [1e-200, 1e-15, 1e-8, 1e-2, 1.0, 10.0])
@@ -336,7 +331,6 @@ def test_long_segment_through_a_part_is_as_right_as_a_short_one():
     model = model_of(mesh)
     long = Found(model, place - far * way, place + far * way)
     short = Found(model, place - 16 * way, place + 16 * way)
-
     assert np.abs(long.distance - short.distance).max() <= 8e-15
     assert ((long.distance == 0.0) == (short.distance == 0.0)).all()
 
@@ -372,18 +366,6 @@ def test_segment_out_of_a_closed_solid_never_slips_through_an_edge_or_a_corner(s
     assert np.abs(out.on_solid - out.on_segment).max() <= 1e-15 * 4
 
 
-def test_first_of_several_crossings_is_told():
-    model = model_of(shapes.hollow_cube())
-    starts = [(-3, 0.1, 0.2), (3, 0.1, 0.2), (0, 0.1, 0.2), (-1, 0.1, 0.2), (0, 0.1, 0.2)]
-    ends = [(3, 0.1, 0.2), (-3, 0.1, 0.2), (3, 0.1, 0.2), (1, 0.1, 0.2), (0.25, 0.1, 0.2)]
-
-    found = Found(model, starts, ends)
-
-    assert found.on_solid[:4, 0] == pytest.approx([-1.5, 1.5, 0.5, -0.5], rel=1e-15)
-    assert found.distance.tolist() == [0.0, 0.0, 0.0, 0.0, 0.25]
-    assert found.fraction == pytest.approx([0.25, 0.25, 1 / 6, 0.25, 1.0])
-
-
 def test_segment_inside_that_touches_nothing_tells_how_far_the_surface_is():
     found = assert_right(shapes.cube(), (0.25, 0.5, 0.5), (0.9, 0.5, 0.5))
     assert found.distance == pytest.approx([0.1]) and found.fraction == [1.0]
@@ -409,7 +391,6 @@ def test_first_crossing_of_a_scene_is_the_first_of_its_parts(count, is_fused):
 
 def test_order_may_name_some_rows_only():
     found = Found(model_of(shapes.cube()), np.full((3, 3), 2.0), np.full((3, 3), 3.0), order=np.array([1]))
-
     assert (found.reals[[0, 2]] == 7.0).all() and (found.choices[[0, 2]] == 7).all()
     assert found.distance[1] == pytest.approx(3.0**0.5)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapes
+from models import folded_faces_of
 from scene_parts import part_of
 
 import oracle
@@ -56,17 +57,10 @@ def points_over(vertices, face, rng, count):
     return on + rng.choice([-1.0, 1.0], (count, 1)) * 10.0 ** rng.uniform(-9, -1, (count, 1)) * (0, 0, 1)
 
 
-def faces_folded(solid):
-    piece = solid.snapshot().part_arrays(0)
-    bits = np.unpackbits(piece.folded[:, None], axis=1, bitorder="little")
-    return piece.bvh.slot_faces.reshape(-1, 8)[bits == 1].tolist()
-
-
 def test_the_face_that_is_folded_over_is_found_and_said():
     vertices, faces, flipped = folded_cube()
     solid = Solid(vertices, faces)
-
-    assert sorted(faces_folded(solid)) == beside(faces, flipped)
+    assert folded_faces_of(solid).tolist() == beside(faces, flipped)
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert solid.sign_reason.endswith(
         "; 4 faces are folded over, or pass through others, or next to such faces: "
@@ -94,7 +88,6 @@ def test_side_is_right_around_a_flap_whichever_of_its_layers_is_found(seed):
 @pytest.mark.parametrize("make", ["tetrahedron", "cube", "sphere", "torus", "hollow_cube"])
 def test_nothing_else_is(make):
     solid = Solid(*getattr(shapes, make)())
-
     assert not solid.snapshot().part_arrays(0).folded.any()
     assert "folded" not in solid.sign_reason
 
@@ -104,7 +97,6 @@ def test_sharp_wedge_is_looked_at_and_found_right():
     faces = np.array([[0, 2, 1], [1, 2, 3], [0, 1, 4], [1, 5, 4], [4, 5, 2], [5, 3, 2], [0, 4, 2], [1, 3, 5]])
     solid = Solid(blade, faces)
     assert solid.is_watertight
-
     assert -np.cos(np.arctan(0.05)) < folded_faces.SHARPEST_COSINE
     assert not solid.snapshot().part_arrays(0).folded.any()
 
@@ -129,9 +121,7 @@ def test_finger_over_the_fold_is_where_it_is():
     vertices, faces, flipped = folded_cube()
     points = points_over(vertices, faces[flipped], np.random.default_rng(4), 40)
     tracker = Tracker(Scene([part_of((vertices, faces))]), fingers=len(points), radius=0.0)
-
     contacts = tracker.tick(points, 10**6, 10**6)
-
     is_inside = oracle.winding_number(vertices, faces, points) > 0.5
     assert np.array_equal(contacts["signed_distance"] < 0.0, is_inside)
     assert (contacts["lower"] <= contacts["upper"]).all()
@@ -148,6 +138,6 @@ def test_folds_outlast_another_scene_and_a_file(tmp_path):
     scene.save(tmp_path / "folded.prox")
     loaded = proximity.load(tmp_path / "folded.prox")
 
-    assert sorted(faces_folded(scene.part("folded").solid)) == beside(faces, flipped)
+    assert folded_faces_of(scene.part("folded").solid).tolist() == beside(faces, flipped)
     assert np.array_equal(scene.signed_distance(points) < 0.0, is_inside)
     assert np.array_equal(loaded.signed_distance(points) < 0.0, is_inside)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import shapes
-from test_winding import CLOSED, model_of, points_about
+from models import welded_model_of
+from test_winding import CLOSED, points_about
 
 import oracle
 from proximity.kernels.sign.winding_along_ray import _turns_ahead, winding_along_ray
@@ -22,7 +23,7 @@ DIRECTIONS = [(axis, sign) for axis in range(3) for sign in (1.0, -1.0)]
 
 def asked(mesh, points):
     """Winding numbers at points in the mesh's own frame: rounded, by the best ray, and by all six."""
-    model = model_of(*mesh)
+    model = welded_model_of(*mesh)
     scale, centre = model.frames["scale"][0], model.frames["centre"][0]
     root, moments = int(model.parts["root"][0]), int(model.parts["moments"][0])
     arrays = model.reals, model.words, root
@@ -76,7 +77,7 @@ def test_fans_of_thin_triangles_take_a_fraction_of_the_steps(rng):
     """Where a budget ends, that is what an answer takes beyond it."""
     mesh = fans()
     assert shapes.volume(*mesh) == pytest.approx(0.01 * (4.0 - 128 * 0.01 * np.sin(2.0 * np.pi / 256)))
-    model = model_of(*mesh)
+    model = welded_model_of(*mesh)
     root, moments = int(model.parts["root"][0]), int(model.parts["moments"][0])
     scale, centre = model.frames["scale"][0], model.frames["centre"][0]
     points = rng.uniform((-1.0, -1.0, -0.0001), (1.0, 1.0, 0.0099), (200, 3))

@@ -68,16 +68,9 @@ class Way:
         return max(float(unsigned(self.scene, self.at(parameter))) - self.radius, 0.0)
 
     def go(
-        self,
-        *,
-        start=0.0,
-        speed=1.0,
-        drift=0.0,
-        tolerance=0.0,
-        budget=PLENTY,
-        clearance=None,
+        self, *, start=0.0, speed=1.0, drift=0.0, tolerance=0.0, budget=PLENTY, clearance=None,
         displacement_of_parts=0.0,
-    ):
+    ):  # fmt: skip
         """Free until, expected at, part, slot, steps."""
         clearance = self.clearance(start) if clearance is None else clearance
         sphere = Sphere(self.radius, float(speed), self.balls, displacement_of_parts)
@@ -100,19 +93,14 @@ def down(things=None, **settings):
 @pytest.mark.parametrize(
     ("parameter", "place", "direction"),
     [
-        (0.0, (0, 0, 0), (0.5, 0, 0)),
-        (1.0, (0.5, 0, 0), (0.5, 0, 0)),
-        (2.0, (1, 0, 0), (0, 3, 0)),
-        (2.5, (1, 1.5, 0), (0, 3, 0)),
-        (3.0, (1, 3, 0), (0, 3, 0)),
-        (4.0, (1, 6, 0), (0, 3, 0)),
+        (0.0, (0, 0, 0), (0.5, 0, 0)), (1.0, (0.5, 0, 0), (0.5, 0, 0)), (2.0, (1, 0, 0), (0, 3, 0)),
+        (2.5, (1, 1.5, 0), (0, 3, 0)), (3.0, (1, 3, 0), (0, 3, 0)), (4.0, (1, 6, 0), (0, 3, 0)),
     ],
-)
+)  # fmt: skip
 def test_place_on_a_way_is_between_its_corners_and_the_direction_a_unit_of_stage(parameter, place, direction):
     out = np.full(9, np.nan)
     corners = np.array([(0, 0, 0), (1, 0, 0), (1, 3, 0)], float)
     point_on_path(Path(corners, np.array([0.0, 2.0, 3.0])), parameter, out)
-
     assert out[:6].tolist() == [*place, *direction]
 
 
@@ -120,7 +108,6 @@ def test_corner_that_is_there_twice_leads_on():
     corners, out = np.array([(0, 0, 0), (1, 0, 0), (1, 0, 0), (1, 1, 0)], float), np.zeros(9)
     point_on_path(Path(corners, np.array([0.0, 1.0, 1.0, 2.0])), 1.0, out)
     assert out[:6].tolist() == [1, 0, 0, 0, 1, 0]
-
     point_on_path(Path(corners[:3], np.array([0.0, 1.0, 1.0])), 1.0, out)
     assert out[:6].tolist() == [1, 0, 0, 0, 0, 0]
 
@@ -138,7 +125,6 @@ def test_outward_is_from_the_surface_to_the_point_and_nothing_on_it():
 
 def test_straight_at_a_plate_the_way_is_free_until_just_before_the_touch():
     free, expected, part, slot, steps = down().go()
-
     assert 0.0929 <= free <= 0.093
     assert expected == pytest.approx(0.093, abs=1e-9)
     assert (part, slot != NO_SLOT, steps > 0) == (0, True, True)
@@ -148,28 +134,19 @@ def test_straight_at_a_plate_the_way_is_free_until_just_before_the_touch():
 @pytest.mark.parametrize("radius", [0.0, 1e-9, RADIUS])
 def test_nothing_thin_is_passed(thing, radius):
     free, expected, *_ = down([thing], radius=radius).go()
-
     assert free <= 0.1 - radius
     assert expected == pytest.approx(0.1 - radius, abs=2 * TOUCH)
 
 
-def test_way_that_meets_nothing_is_free_to_its_end():
-    way = Way([plate()], line((0, 0, 0.1), (0, 0, 0.3)))
-    free, expected, *_ = way.go()
-
-    assert (free, expected) == (way.parameters[-1], np.inf)
-
-
-def test_way_that_ends_before_the_surface_is_free_to_its_end():
-    way = Way([plate()], line((0, 0, 0.1), (0, 0, RADIUS + 0.001)))
-
+@pytest.mark.parametrize("end", [0.3, RADIUS + 0.001], ids=["away", "until before the surface"])
+def test_way_that_meets_nothing_is_free_to_its_end(end):
+    way = Way([plate()], line((0, 0, 0.1), (0, 0, end)))
     assert way.go()[:2] == (way.parameters[-1], np.inf)
 
 
 def test_what_is_far_is_not_asked_twice():
     """Nothing nearer than the end of the way: one question says so."""
     way = Way([plate()], line((0, 0, 0.5), (0, 0, 0.3)))
-
     assert way.go(clearance=0.0)[STEPS] <= 2
 
 
@@ -188,7 +165,6 @@ def test_what_is_certified_is_free_on_any_way_with_any_budget(seed, tolerance):
 
 def test_a_start_along_the_way_counts_from_there():
     way = down()
-
     assert way.go(start=0.05)[EXPECTED] == pytest.approx(0.093, abs=1e-9)
     assert way.go(start=0.05)[FREE] >= 0.05
 
@@ -196,7 +172,6 @@ def test_a_start_along_the_way_counts_from_there():
 def test_stages_may_be_seconds():
     """0.2 m in 4 s, that is 0.05 m a second."""
     free, expected, *_ = down(parameters=(0.0, 4.0)).go(speed=0.05)
-
     assert expected == pytest.approx(0.093 / 0.05, rel=1e-9)
     assert 0.0929 / 0.05 <= free <= 0.093 / 0.05
 
@@ -205,14 +180,12 @@ def test_stages_may_be_seconds():
 def test_surfaces_that_may_come_nearer_leave_less(drift):
     """As if all surfaces came head-on."""
     free, *_ = down().go(drift=drift)
-
     assert 0.6 * 0.093 / (1.0 + drift) <= free <= 0.093 / (1.0 + drift)
 
 
 def test_balls_found_while_surfaces_stood_are_smaller_where_they_may_have_come_nearer():
     way = down()
     way.go()
-
     assert 0.0 < way.go(drift=1.0)[FREE] <= 0.093 / 2.0
 
 
@@ -220,20 +193,17 @@ def test_surface_that_may_come_from_beyond_the_end_of_the_way_is_looked_for():
     """A sphere that hardly moves: at 0.1 m/s the plate, 0.093 m away, may be there after 0.93 s of 1."""
     way = Way([plate(half=0.3)], line((0, 0, 0.1), (0.01, 0, 0.1)), parameters=(0.0, 1.0))
     free = way.go(speed=0.01, drift=0.1)[FREE]
-
     assert 0.8 <= free <= 0.9300001
 
 
 def test_sphere_that_does_not_move_among_surfaces_that_do_not_is_free_for_ever():
     way = Way([plate()], line((0, 0, 0.01), (0, 0, 0.01)), parameters=(0.0, 1.0))
-
     assert way.go(speed=0.0)[:2] == (1.0, np.inf)
 
 
 def test_with_a_budget_of_one_step_something_is_certified():
     way = down([solid(shapes.sphere(0.05, 4), "ball")])
     free, *_, steps = way.go(budget=1)
-
     assert way.clearance(0.0) * (1 - 1e-9) <= free <= 0.043
     assert steps <= 24
 
@@ -241,7 +211,6 @@ def test_with_a_budget_of_one_step_something_is_certified():
 def test_second_time_balls_answer_and_certify_no_less_than_is_true():
     way = Way([solid(shapes.sphere(0.05, 4), "ball")], line((-0.2, 0, 0.04), (0.2, 0, 0.04)))
     first, second = way.go(), way.go()
-
     assert second[STEPS] < first[STEPS]
     assert way.is_free(0.0, second[FREE])
     assert second[FREE] == pytest.approx(first[FREE], rel=0.05)
@@ -253,7 +222,6 @@ def test_balls_are_free_of_surface_and_the_oldest_goes_first():
         way.corners[:, 2] = height
         way.go(clearance=0.0)
     x, y, z, radius, _ = way.balls[: 5 * BALL_COUNT].reshape(5, BALL_COUNT)
-
     assert (radius > 0.0).all()
     assert (radius <= unsigned(way.scene, np.stack([x, y, z], axis=1)) + 1e-15).all()
     assert z.min() > 0.2  # those of the first ways are gone
@@ -282,7 +250,6 @@ def test_moved_parts_are_met_where_they_are_now():
     way.go()
     way.scene.move("plate", np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.08], [0, 0, 0, 1.0]]))
     free, expected, *_ = way.go(displacement_of_parts=0.08)
-
     assert free <= 0.013
     assert expected == pytest.approx(0.013, abs=1e-6)
 
@@ -295,12 +262,10 @@ def test_sphere_touches_what_is_nearer_than_its_radius(height, expected):
     is_touch, steps = touches(
         way.model, (0.0, 0.0, height), RADIUS, 0, NO_SLOT, PLENTY, way.scratch.workspace
     )
-
     assert is_touch == expected and steps > 0
 
 
 def test_without_steps_left_a_touch_is_not_claimed():
     ball = down([solid(shapes.sphere(0.05, 4), "ball")])
     is_touch, _ = touches(ball.model, (0.0, 0.0, 0.0), 0.0499, 0, NO_SLOT, 1, ball.scratch.workspace)
-
     assert not is_touch
