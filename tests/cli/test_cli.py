@@ -128,6 +128,7 @@ def test_help_has_examples(run, arguments, words):
 
 def test_help_fits_one_screen_and_names_every_command(run):
     lines = run("--help").out.splitlines()
+
     assert len(lines) <= 32 and max(map(len, lines)) <= 80
     names = [line[10:].split()[0] for line in lines if line[10:11].isalpha() and line[9:10] == " "]
     assert set(cli.COMMANDS) <= set(names)
@@ -144,6 +145,7 @@ def test_types_of_flags_and_arguments_are_not_shown(run):
 @pytest.mark.parametrize("word", [*cli.MEANT, "qurey"])
 def test_unknown_command_names_the_right_one(run, word):
     result = run(word)
+
     expected = cli.MEANT.get(word, "query")
     assert (result.code, f"Did you mean '{expected}'?" in result.words) == (2, True)
     assert expected.split()[0] in cli.COMMANDS and word not in cli.COMMANDS
@@ -152,7 +154,9 @@ def test_unknown_command_names_the_right_one(run, word):
 def test_slow_reading_names_the_command_that_avoids_it(run, monkeypatch):
     monkeypatch.setattr("proximity.cli.options.SLOW_S", -1.0)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+
     result = run("query", "ball.stl", 1, 2, 3)
+
     assert re.match(
         r"proximity: note: reading took \d+\.\d s; a file of `proximity compile ball\.stl`", result.err
     )
@@ -242,7 +246,9 @@ def test_table_on_a_narrow_terminal_leaves_out_columns_and_cuts_no_number(run, m
     """Was: -0.004579 in one line, which looks complete, and 43201 in the next."""
     terminal(monkeypatch)
     monkeypatch.setenv("COLUMNS", str(width))
+
     result = run("query", "ball.stl", 1, 1, 1, -1, 1, -1234)
+
     lines = result.out.splitlines()
     assert lines[0].strip() == title
     assert all(len(line) < width for line in lines)
@@ -253,7 +259,9 @@ def test_table_on_a_narrow_terminal_leaves_out_columns_and_cuts_no_number(run, m
 def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
     terminal(monkeypatch)
     monkeypatch.setenv("COLUMNS", "200")
+
     result = run("query", "ball.stl", *[0, 0, 1] * 101)
+
     assert len(result.out.splitlines()) == 1 + answer_text.TERMINAL_ROWS
     assert result.err == "proximity: these are 100 of 101; --csv FILE or a pipe shows all\n"
 
@@ -269,7 +277,9 @@ def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
 )
 def test_check_says_which_columns_a_narrow_terminal_leaves_out(run, monkeypatch, width, left_out):
     screen = terminal(monkeypatch, width=width)
+
     result = run("check", "ball.stl")
+
     title, row = (line for line in screen.getvalue().splitlines() if line.startswith(("part ", "ball ")))
     assert "watertight" in title and "oriented" in title
     assert "20 × 20 × 20" in row and "pseudo-normals" in row

@@ -54,6 +54,7 @@ def test_certificate_is_told_in_tables(run, tmp_path):
 def test_picture_and_numbers_are_written(run, tmp_path):
     assert run(BRACKET, "--out", "cell.png").err == "proximity: wrote cell.png\n"
     assert run(BRACKET, "--out", "cell.json").err == "proximity: wrote cell.json\n"
+
     assert (tmp_path / "cell.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads((tmp_path / "cell.json").read_text())["schema"] == 2
 
@@ -65,6 +66,7 @@ def test_certificate_names_the_inputs_that_it_does_not_measure(run):
 
 def test_gate_that_is_not_met_exits_with_1_and_one_sentence(run):
     result = run(BRACKET, "--gate", "5kHz", "--out", "cell.json")
+
     assert result.code == 1
     last = result.err.splitlines()[-1]
     assert last.startswith("proximity: the scene does not fit 0.2 ms: 99.9 % of the ticks of every motion")
@@ -74,20 +76,25 @@ def test_gate_that_is_not_met_exits_with_1_and_one_sentence(run):
 
 def test_machine_that_wakes_late_fails_no_scene(run):
     run.given = {"report": loop(late_us=4000, missed=6000)}
+
     result = run(BRACKET, "--gate", "1ms", "--out", "cell.json")
+
     assert result.code == 0
     assert "did not keep 1 ms: 6000 of 8000 deadlines missed" in " ".join(result.out.split())
 
 
 def test_without_a_gate_the_exit_code_is_0(run):
     run.given = {"timings": [timing("random", 9000)]}
+
     result = run(BRACKET, "--out", "cell.json")
+
     assert result.code == 0
     assert "the scene does not fit 1 ms" in result.out
 
 
 def test_json_is_one_document_and_nothing_is_written(run, tmp_path):
     result = run(BRACKET, "--json", "--gate", "200us")
+
     document = json.loads(result.out)
     assert result.code == 1
     assert document["schema"] == 2 and document["verdict"]["fits"] is False
@@ -97,13 +104,16 @@ def test_json_is_one_document_and_nothing_is_written(run, tmp_path):
 
 def test_picture_that_cannot_be_drawn_is_refused_before_anything_is_measured(run, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+
     result = run(BRACKET, "--gate", "1ms", "--out", "cell.png")
+
     assert (result.code, result.asked, list(tmp_path.iterdir())) == (2, [], [])
     assert "figures need matplotlib, which is not installed" in result.err
 
 
 def test_scene_file_says_how_it_is_ticked(run):
     result = run(DEMO, "--out", "cell.json", "--seed", 3, "--ticks", 1234, "--limit", 0.5)
+
     asked = result.asked[0]
     assert (asked.tick_count, asked.seconds, asked.seed) == (1234, 0.5, 3)
     assert asked.subject.files == (DEMO, BRACKET, HAND)
@@ -114,6 +124,7 @@ def test_scene_file_says_how_it_is_ticked(run):
 def test_recording_is_given_or_a_sample(run):
     given = run(BRACKET, "--out", "a.json", "--recording", HAND, "--fingers", 3).asked[-1].subject
     sample = run(BRACKET, "--out", "a.json").asked[-1].subject
+
     assert given.fingers == 3 and sample.fingers == 5
     assert given.files == sample.files == (BRACKET, HAND)
     assert given.recording.positions.shape == (5194, 5, 3)

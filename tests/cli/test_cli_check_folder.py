@@ -42,6 +42,7 @@ def test_all_loaded_is_code_0_and_json_has_every_report(run, catalogue):
         (catalogue / name).unlink()
     result = run(catalogue, "--json")
     document = json.loads(result.out)
+
     assert result.code == 0
     assert [each["status"] for each in document["files"]] == ["loaded", "loaded", "noted"]
     assert document["files"][0]["report"]["total"]["face_count"] == 12

@@ -128,6 +128,7 @@ def test_parts_of_several_files_are_measured_where_they_are(run, folder):
         vertices, faces = shapes.cube(0.01, (middle, 0.0, 0.0))
         (folder / f"{name}.stl").write_bytes(mesh_files.stl_binary(1e3 * vertices, faces))
     files = ("base.prox", "near.stl", "far.stl")
+
     pairs = pairs_of(run, *files, "base")
     assert [(pair["second"], round(pair["distance"], 4)) for pair in pairs] == [("near", 2.0), ("far", 10.0)]
     assert "no part is named 'none.stl'" in run(*files, "none.stl").words

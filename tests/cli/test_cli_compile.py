@@ -22,6 +22,7 @@ def folder(monkeypatch, tmp_path):
 
 def test_one_line_says_what_was_written(run, tmp_path):
     result = run("compile", MESHES / "assembly.glb", "--out", "cell.prox")
+
     size = (tmp_path / "cell.prox").stat().st_size
     assert (result.code, result.err) == (0, "")
     assert result.out == f"cell.prox: 4 parts, 1192 faces, {size} bytes\n"
@@ -40,7 +41,9 @@ poses = "shm://cell/poses"
 
 def test_several_files_are_one_scene(run):
     files = MESHES / "bracket.stl", MESHES / "gear.stl"
+
     result = run("compile", *files, MESHES / "gear.stl", "--out", "a.prox")
+
     scene = proximity.load("a.prox")
     assert (result.code, result.err) == (0, "")
     assert [part.name for part in scene.parts] == ["bracket", "gear", "gear#2"]
@@ -49,7 +52,9 @@ def test_several_files_are_one_scene(run):
 
 def test_scene_file_is_compiled_with_parts_where_it_places_them(run, tmp_path):
     (tmp_path / "cell.toml").write_text(SCENE_FILE.format(MESHES))
+
     assert run("compile", "cell.toml").code == 0
+
     scene = proximity.load("cell.prox")
     assert [part.name for part in scene.parts] == ["bracket", "gear"]
     assert scene["gear"].pose.translation.tolist() == [0.2, 0.0, 0.0]
@@ -60,7 +65,9 @@ def test_scene_file_is_compiled_with_parts_where_it_places_them(run, tmp_path):
 
 def test_lengths_of_a_file_with_a_wrong_unit_are_scaled(run):
     files = MESHES / "assembly.glb", "--scale", 0.5
+
     shown = json.loads(run("check", *files, "--json").out)
+
     whole = json.loads(run("check", MESHES / "assembly.glb", "--json").out)
     assert np.allclose(shown["size"], 0.5 * np.array(whole["size"]))
     assert shown["notes"][-1] == "all lengths are multiplied by 0.5, as was asked for"
@@ -71,7 +78,9 @@ def test_lengths_of_a_file_with_a_wrong_unit_are_scaled(run):
 @pytest.mark.parametrize("options", [("--json",), ("--ray", 0, 0, -1)])
 def test_compiled_scene_answers_as_its_file(options, run):
     run("compile", MESHES / "assembly.glb", "--out", "cell.prox")
+
     compiled = run("query", "cell.prox", 30, 20, 7.5, *options)
+
     assert compiled.code == 0
     asked = run("query", MESHES / "assembly.glb", 30, 20, 7.5, *options)
     assert compiled.out == asked.out.replace(str(MESHES / "assembly.glb"), "cell.prox")
@@ -90,8 +99,10 @@ def test_check_says_what_the_scene_was_compiled_from(run):
 
 def test_check_as_json_is_that_of_the_file(run):
     run("compile", MESHES / "assembly.glb", "--out", "cell.prox")
+
     compiled = json.loads(run("check", "cell.prox", "--json").out)
     direct = json.loads(run("check", MESHES / "assembly.glb", "--json").out)
+
     assert compiled.pop("compiled_from") == str(MESHES / "assembly.glb")
     assert direct.pop("compiled_from") is None
     assert {**compiled, "file": direct["file"]} == direct

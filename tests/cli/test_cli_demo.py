@@ -224,12 +224,15 @@ def test_faults_have_a_reason():
     ]
     drums.bench.fingers[0].reasons["no sample for 200 ms"] += 2
     lines = [text.plain for text in demo_view.closing_lines(REPORT, demo_view.TouchWatch(), drums)]
+
     assert lines[2] == "✗ 0 touches held with 0.0 N at most (limit 20 N): 2 x no sample for 200 ms"
 
 
 def test_service_that_fails_ends_the_demo(run):
     run.service = {"failure": ServiceError("demo.toml: the service has failed with exit code 1: oh")}
+
     result = run("--limit", 30)
+
     assert result.code == 2
     assert result.err == "proximity: demo.toml: the service has failed with exit code 1: oh\n"
 
@@ -250,13 +253,16 @@ def test_ctrl_c_while_the_service_starts_is_quiet(run, monkeypatch):
 
 def test_demo_without_frames_is_exit_code_1(run):
     run.service = {"count": 0}
+
     result = run("--limit", 0.3)
+
     assert result.code == 1
     assert "0 touches held" in result.out
 
 
 def test_samples_are_beside_the_package_or_in_it(tmp_path, monkeypatch):
     assert demo.sample("demo.toml").parent.name == "meshes"
+
     package = tmp_path / "proximity"
     (package / "samples").mkdir(parents=True)
     monkeypatch.setattr(proximity, "__file__", str(package / "__init__.py"))
@@ -273,6 +279,7 @@ def test_wheel_brings_the_samples_along():
     settings = tomllib.loads((demo.sample("demo.toml").parent.parent / "pyproject.toml").read_text())
     brought = settings["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
     scene = tomllib.loads(demo.sample("demo.toml").read_text(encoding="utf-8"))
+
     needed = ["demo.toml", scene["input"]["recording"], *(part["file"] for part in scene["parts"])]
     assert brought == {f"meshes/{name}": f"proximity/samples/{name}" for name in needed}
 

@@ -109,6 +109,7 @@ def test_table_has_a_row_for_each_finger():
     stream = io.StringIO()
     Console(file=stream, width=100).print(drum_loop.table(reading(0, 0.3, 3), bench, 2))
     rows = stream.getvalue().splitlines()
+
     assert rows[0].strip() == "OK, 3 fingers"
     assert [row.split()[:2] for row in rows[2:]] == [["0", "approach"], ["1", "approach"]]
 
@@ -135,6 +136,7 @@ def test_late_sample_is_a_fault_that_is_counted_and_begun_anew():
     for now_ms in (0, 1, 2, 3, 40, 41, 42, 43):
         step(bench, reading(now_ms * MS, 0.3))
     told = drum_loop.summary(bench, ADDRESS, Counts(received=8), 0.043)["fingers"][0]
+
     assert told["faults"] == 1
     assert told["samples"] == {"retracted": 1 + 1, "approach": 3 + 2, "fault": 1}
     assert told["state"] == "approach"
@@ -146,6 +148,7 @@ def test_clock_of_another_machine_that_is_learnt_anew_is_no_fault():
     for sample in range(90):
         now_ns += MS + {20: 3_600_000 * MS, 40: 23 * MS}.get(sample, 0)
         bench.step(reading(now_ns, 0.3), sample * MS)
+
     (finger,) = bench.fingers
     assert finger.faults == 0
     assert abs(finger.plant.position - finger.path.position(WALL)) < 1e-3
@@ -157,12 +160,14 @@ def test_untracked_finger_stays_where_it_was():
     lost = reading(MS, 0.4)
     lost.contacts["flags"] &= ~np.uint32(ContactFlag.TRACKED)
     step(bench, lost)
+
     assert bench.fingers[0].bend == pytest.approx(0.3)
 
 
 def test_pipe_gets_plain_lines(run, service, monkeypatch):
     monkeypatch.setattr(tables, "LINE_EVERY_S", 0.2)
     result = run(ADDRESS, "--limit", 0.8, "--rate", 200)
+
     lines = result.out.splitlines()
     assert (result.code, result.err) == (0, "")
     assert len(lines) >= 2
@@ -173,6 +178,7 @@ def test_pipe_gets_plain_lines(run, service, monkeypatch):
 def test_json_is_a_summary(run, service):
     result = run(ADDRESS, "--limit", 0.5, "--json")
     told = json.loads(result.out)
+
     assert result.code == 0
     assert told["address"] == ADDRESS
     assert told["frames"] > 0 and told["seconds"] >= 0.5
@@ -204,6 +210,7 @@ def test_calibration_is_given_on_the_command_line(run, service, tmp_path):
     path = glove_files.write(tmp_path / "glove.json")
     result = run(ADDRESS, "--limit", 0.6, "--json", "--glove", path)
     told = json.loads(result.out)["fingers"][0]
+
     assert (result.code, result.err) == (0, "")
     glove = read_glove(path)
     if told["state"] == "approach":  # on a machine that is not too busy
@@ -213,6 +220,7 @@ def test_calibration_is_given_on_the_command_line(run, service, tmp_path):
 def test_calibrations_of_another_number_of_fingers_are_refused_with_the_first_frame(run, service, tmp_path):
     path = glove_files.write(tmp_path / "glove.json")
     result = run(ADDRESS, "--limit", 20, *["--glove", path] * 3)
+
     assert result.code == 2
     assert result.err == ("proximity: 3 calibrations for 2 fingers, expected one for all, or one for each\n")
 

@@ -46,6 +46,7 @@ def test_commands_in_the_shipped_design_exist(experiment, tmp_path):
     path = tmp_path / "comparison.toml"
     experiment("new", "--out", path)
     named = re.findall(r"# proximity experiment (\w+) \S+((?: p\d+)?(?: --\w+ \S+)*)", path.read_text())
+
     assert [name for name, _ in named] == ["plan", "simulate", "report", "run"]
     for name, rest in named:
         help_of = experiment(name, "--help")[1]
@@ -70,6 +71,7 @@ def test_whole_experiment_from_design_to_figure(experiment, tmp_path):
 
 def test_power_is_a_table(experiment, tmp_path):
     code, out, _ = experiment("power", write_design(tmp_path), "--participants", 8, "--participants", 12)
+
     assert code == 0
     assert [line.split()[:2] for line in out.splitlines()[1:]] == [["8", "stiffness"], ["12", "stiffness"]]
     assert out.splitlines()[0].split("  ")[-1].strip() == "80 % find"
@@ -151,5 +153,6 @@ def test_refused_consent_keeps_no_data(experiment, tmp_path, monkeypatch, pressi
     code, _, err = experiment(
         "run", write_design(tmp_path, PERSON), "p01", "--address", ADDRESS, "--data", data
     )
+
     assert code == 130 and err.endswith("p01 does not agree: no data were kept\n")
     assert not data.exists()

@@ -122,7 +122,9 @@ def test_parquet_has_the_same_numbers(run, tmp_path, monkeypatch):
 def test_without_a_name_csv_goes_to_standard_output(run, tmp_path, options):
     log = tmp_path / "run.frames"
     log.write_bytes(sealed([3, 4], count=2))
+
     result = run(log, *options)
+
     assert [row["sequence"] for row in lines_of(result.out)] == ["3", "3", "4", "4"]
     assert list(tmp_path.iterdir()) == [log]
 
@@ -146,6 +148,7 @@ def test_damage_is_left_out_and_told(run, tmp_path):
 def test_log_without_frames_is_a_table_without_lines(run, tmp_path, kind):
     log = tmp_path / "run.frames"
     log.touch()
+
     result = run(log, kind, "out")
     assert (result.code, result.out) == (0, "out: 0 frames, 0 lines\n")
 
@@ -178,7 +181,9 @@ def test_table_is_there_wholly_or_not_at_all(run, tmp_path, kind, monkeypatch):
 def test_full_disk_is_one_sentence(run, tmp_path, kind):
     log = tmp_path / "run.frames"
     log.write_bytes(sealed(range(50)))
+
     result = run(log, kind, "/dev/full")
+
     assert result.code == 2
     assert result.err == "proximity: /dev/full: cannot be written (No space left on device)\n"
 

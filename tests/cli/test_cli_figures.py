@@ -45,6 +45,7 @@ def test_figures_are_written_and_progress_is_told(run, tmp_path):
 
 def test_json_is_the_summary_of_figures_as_a_document(run, tmp_path):
     result = run("figures", "5d", "--out", "paper", "--format", "svg", "--json")
+
     told = json.loads(result.out)
     assert result.code == 0
     assert told["out"] == "paper" and told["seconds"] >= told["figures"][0].pop("seconds") > 0.0
@@ -70,6 +71,7 @@ def test_press_on_every_wall_is_told(run, tmp_path, wall):
 def test_wall_that_shakes_is_called_unstable(run):
     gains = ("--stiffness", 3900, "--damping", 60, "--rate", 200, "--latency", 0)
     result = run("simulate", "--wall", "coupled", *gains)
+
     assert result.code == 0
     assert "with these gains a wall is unstable, or nearly so" in result.out
 
@@ -77,6 +79,7 @@ def test_wall_that_shakes_is_called_unstable(run):
 def test_json_of_a_press_is_the_models(run):
     options = ("--latency", 10, "--rate", 500, "--drum", "gear111", "--policy", "latched")
     result = run("simulate", *options, "--speed", 1, "--json")
+
     expected = document(simulate(Setup(Wall.DECAFF, 1.0, 0.010, 500.0, gear="gear111", policy="latched")))
     assert (result.code, result.err) == (0, "")
     assert json.loads(result.out) == expected
@@ -84,6 +87,7 @@ def test_json_of_a_press_is_the_models(run):
 
 def test_wall_out_of_control_is_told_in_short_numbers(run):
     result = run("simulate", "--wall", "coupled", "--stiffness", 1e6, "--damping", 1e4, "--speed", 1)
+
     assert result.code == 0
     assert re.search(r"peak force \[N\] +\d\.\d+e\+\d+ +6\.000", result.out)
     assert max(map(len, result.out.splitlines())) < 80
@@ -115,6 +119,7 @@ FAST = ("--scene", BOX, "--at", 20, 15, 25, "--speed", 1)
 
 def test_press_on_a_part_is_told_beside_the_ideal_and_the_real(run, tmp_path):
     result = run("simulate", *FAST, "--latency", 3, "--csv", "press.csv")
+
     assert (result.code, result.err) == (0, "proximity: wrote press.csv\n")
     assert "part            box, rigid, touched at (20.00, 15.00, 20.00) mm, incidence 1.000" in result.out
     assert "reported by     the tracker at 1000 Hz, 3 ms late" in result.out
@@ -125,6 +130,7 @@ def test_press_on_a_part_is_told_beside_the_ideal_and_the_real(run, tmp_path):
 
 def test_json_of_a_press_on_a_part_is_the_models(run):
     result = run("simulate", *FAST, "--drum", "gear14", "--stiffness", 800, "--damping", 2, "--json")
+
     scene = load(BOX)
     scene.set_surface("box", stiffness=800.0, damping=2.0)
     setup = EngineSetup(drum=with_random_phases(DRUMS["gear14"], 1)[0])
@@ -135,6 +141,7 @@ def test_json_of_a_press_on_a_part_is_the_models(run):
 
 def test_cable_of_a_press_on_a_part_is_told_and_made_up_for(run):
     left, made_up = (run("simulate", *FAST, "--cable", 1212, *how) for how in ((), ("--stretch", "sensor")))
+
     assert "cable           1212 N/m at the fingertip, its stretch left" in left.out
     assert (
         "cable           1212 N/m at the fingertip, its stretch made up for by a force sensor" in made_up.out

@@ -22,7 +22,9 @@ def folder(tmp_path, monkeypatch):
 
 def test_picture_is_written(run, tmp_path):
     (tmp_path / "points.csv").write_text("x,y,z\n20,15,25\n20,15,10\n")
+
     result = run(BOX, "--points", "points.csv", "--slice", "z=-3", "--size", "640x360", "-o", "box.png")
+
     assert (result.code, result.err) == (0, "")
     assert result.out.startswith("box.png: 640 x 360 pixels, ")
     with Image.open(tmp_path / "box.png") as image:
@@ -58,6 +60,8 @@ def test_what_cannot_be_drawn_is_refused(run, tmp_path, options, sentence):
 
 def test_missing_library_is_reported_before_the_file_is_read(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvista", None)
+
     result = run("none.stl", "-o", "none.png")
+
     assert (result.code, result.out) == (2, "")
     assert 'pip install "cad-proximity[picture]"' in result.words

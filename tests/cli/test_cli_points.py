@@ -71,7 +71,9 @@ def test_points_before_a_bad_line_come_before_the_error():
 
 def test_other_columns_of_points_are_kept():
     text = 'z,Name,y,Id,x\n3,"a, b #1",2,7,1\n6,,5,8,4\n9,c#2,8,9,7\n'
+
     first, second = parse_points(text.splitlines(), "points.csv", limit=2)
+
     assert first.kept == {"name": ["a, b #1", ""], "Id": ["7", "8"]}
     assert second.kept == {"name": ["c#2"], "Id": ["9"]}
     assert list(second.coordinates) == [7.0, 8.0, 9.0]
@@ -178,7 +180,9 @@ def test_distance_ends_where_its_coordinates_end():
     surface = np.column_stack((np.sign(x) * 0.01, nothing, nothing))
     distances = np.abs(points[:, 0]) - np.abs(surface[:, 0])
     distances[-1] = np.inf
+
     result = in_units(distances, 0.001, points, surface)
+
     np.testing.assert_array_equal(result, [3.0, 1.0, 0.7, 0.1, 0.0001, 2.34, 0.0, np.nan, np.inf])
 
 
@@ -208,7 +212,9 @@ def test_vertices_of_a_ply_file_are_points(tmp_path, faces):
     properties = "".join(f"property float {name}\n" for name in ("x", "red", "y", "z", "quality"))
     path = tmp_path / "scan.PLY"
     path.write_text(f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}{faces}end_header\n{rows}")
+
     chunks = list(read_points(str(path), limit=2))
+
     assert [list(chunk.coordinates) for chunk in chunks] == [[1, 2, 3, 4, 5, 6], [7, 8, 9]]
 
 

@@ -78,6 +78,7 @@ def started(code, stdin=None):
 )
 def test_help_and_version_import_nothing_heavy(arguments):
     result = run_python(AS_PROGRAM.format(arguments=arguments, heavy=HEAVY))
+
     assert result.stderr.splitlines()[-1] == "imported"
 
 
@@ -97,6 +98,7 @@ def test_nothing_waits_for_the_compiler(arguments, tmp_path):
     arguments = [word.format(out=tmp_path) for word in arguments]
     heavy = {"numba", "llvmlite"} | ({"pydantic"} if arguments[0] == "query" else set())
     result = run_python(AS_PROGRAM.format(arguments=arguments, heavy=heavy), cwd=MESHES)
+
     assert result.returncode == 0, result.stderr
     assert result.stderr.splitlines()[-1] == "imported"
 
@@ -201,6 +203,7 @@ def test_output_that_does_not_fit_the_disk_is_refused_in_one_sentence(arguments)
 def test_output_that_is_closed_is_refused_in_one_sentence(option):
     before = "sys.stdout = None"  # as Python has it after >&-
     result = run_python(on_a_sphere("query", "ball.stl", "1", "2", "3", option, before=before))
+
     expected = "standard output is closed, expected a terminal, a file or a pipe to write to"
     assert (result.returncode, result.stderr) == (2, f"proximity: {expected}\n")
 
@@ -211,6 +214,7 @@ def test_ctrl_c_ends_quietly():
     program = started(on_a_sphere("check", "a.stl", before=before))
     assert program.stdout.readline() == "reading\n"
     program.send_signal(signal.SIGINT)
+
     _, complaint = program.communicate(timeout=60)
     assert program.returncode == 130
     assert complaint == ""
@@ -264,6 +268,7 @@ def test_completion_works_in_bash(tmp_path):
 def test_key_is_made_once(run, tmp_path):
     path = tmp_path / "poses.key"
     made, again = run("client", "key", "--out", path), run("client", "key", "--out", path)
+
     assert (made.code, made.err) == (0, "")
     assert made.out == f'{path}: made; name it at both ends: "udp://HOST:PORT?key={path}"\n'
     assert key_of(parse(f"udp://127.0.0.1:9100?key={path}")) is not None
@@ -276,6 +281,7 @@ def test_header_is_printed_or_written(run, tmp_path):
         run("client", "header"),
         run("client", "header", "--out", tmp_path / "proximity_message.h"),
     )
+
     assert (printed.code, printed.out, printed.err) == (0, header_text(), "")
     assert (written.code, written.out) == (0, "")
     assert (tmp_path / "proximity_message.h").read_text(encoding="ascii") == header_text()

@@ -110,7 +110,9 @@ def test_log_is_continued_and_what_was_torn_is_told(run, tmp_path):
     path = tmp_path / "run.frames"
     path.write_bytes(sealed([0, 1])[:-7])
     publish(2, fingers=1)
+
     result = run(ADDRESS, "--out", path, "--limit", 0.05)
+
     torn = FRAME.size(1) - 7
     assert result.err == f"proximity: {path}: {torn} bytes of a torn frame at its end were cut off\n"
     assert sequences(path) == [0, 0, 1]
@@ -118,7 +120,9 @@ def test_log_is_continued_and_what_was_torn_is_told(run, tmp_path):
 
 def test_no_frame_is_exit_code_1(run, tmp_path, monkeypatch):
     monkeypatch.setattr(record, "ANNOUNCE_AFTER_S", 0.02)
+
     result = run(ADDRESS, "--out", tmp_path / "run.frames", "--limit", 0.2)
+
     assert result.code == 1
     assert result.err == f"proximity: no frame has come from {ADDRESS} yet\n"
     assert ": 0 frames in 0.2 s, 0 lost, 0 refused\n" in result.out

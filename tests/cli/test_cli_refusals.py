@@ -188,7 +188,9 @@ def folder(tmp_path, monkeypatch):
 def test_refusal_says_what_was_expected_and_changes_no_file(run, folder, line):
     command, _, words = line.rpartition(" | ")
     before = {path: path.read_bytes() for path in folder.iterdir()}
+
     result = run(*shlex.split(command), stdin="")
+
     assert (result.code, result.out) == (2, "")
     assert words in result.words
     is_one_line = result.err.startswith("proximity: ") and result.err.count("\n") == 1

@@ -102,7 +102,9 @@ def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_rep
     monkeypatch.setattr(output, "WIDTH", 1000)  # lines are not wrapped
     path = scene_path.parent / "hand.csv"
     path.write_text(path.read_text()[:-1])
+
     result = run(scene_path, "--ticks", 5)
+
     note = f"{path}: the last line has no line end: the file may be cut off"
     assert f"proximity: {note}\n" in result.err and f"note            {note}\n" in result.out
 
@@ -110,14 +112,18 @@ def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_rep
 def test_part_of_an_unlikely_size_is_told_with_the_likely_unit(run, scene_path):
     """`query` and `check` told it; the service, whose distances are as wrong, did not."""
     scene_path.write_text(SCENE.replace('"box.stl"', '"box.stl"\nunits = "um"'))
+
     result = run(scene_path, "--ticks", 5)
+
     note = r"proximity: \S+box\.stl: the part is \S+ mm across: the file declares no unit and was read in um"
     assert re.search(note, result.err), result.err
 
 
 def test_log_is_told(run, scene_path, tmp_path):
     log = tmp_path / "run.frames"
+
     result = run(scene_path, "--ticks", 10, "--log", log)
+
     assert f"proximity: 500 Hz to mailbox:a, mailbox:b, logged in {log}\n" in result.err
     assert "log             13 frames, 0 lost\n" in result.out
     assert sum(len(frames) for frames in FrameReader(log)) == 13
@@ -185,6 +191,7 @@ def test_realtime_is_asked_for_only_where_it_is_wanted_and_what_came_of_it_is_sa
 
 def test_without_options_the_file_holds(run, scene_path, calls):
     run(scene_path)
+
     ((_, given),) = calls
     assert [given[key] for key in ("rate_hz", "publish", "log", "real_time")] == [None] * 4
     assert given["seconds"] is given["tick_count"] is None
@@ -208,7 +215,9 @@ def test_end_of_standard_input_ends_it():
     stop = threading.Event()
     thread = stop_at_input(stop, there)
     assert not stop.wait(0.05)
+
     os.close(here)
+
     thread.join(60.0)
     os.close(there)
     assert stop.is_set()

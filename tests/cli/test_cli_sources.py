@@ -50,7 +50,9 @@ def test_sources_are_written_and_examples_are_left_alone(run, words, sources, tm
 def test_package_for_unity_has_the_library_that_was_compiled(run, tmp_path, monkeypatch):
     (tmp_path / "proximity.dll").write_bytes(b"library")
     monkeypatch.setattr(c_package, "library_path", lambda: tmp_path / "proximity.dll")
+
     result = run("client", "csharp", "--out", tmp_path / "package")
+
     plugin = tmp_path / "package" / "Runtime" / "Plugins" / "proximity.dll"
     assert plugin.read_bytes() == b"library" and f"{plugin}: written" in result.out
     assert json.loads((tmp_path / "package" / "package.json").read_text())["version"] == proximity.__version__
@@ -58,12 +60,15 @@ def test_package_for_unity_has_the_library_that_was_compiled(run, tmp_path, monk
 
 def test_stiffness_of_the_cable_is_a_number_in_the_sources(run, tmp_path):
     run("controller", "--out", tmp_path, "--cable", 1212)
+
     assert ".cable_stiffness = 1212.0,\n" in (tmp_path / "decaff_glove.c").read_text(encoding="ascii")
 
 
 def test_file_that_cannot_be_written_is_told(run, tmp_path):
     (tmp_path / "proximity_client.hpp").mkdir()
+
     result = run("client", "cpp", "--out", tmp_path)
+
     assert result.code == 2
     assert result.err == (
         f"proximity: {tmp_path}/proximity_client.hpp: cannot be written (it is no regular file)\n"

@@ -32,7 +32,9 @@ COMPLAINT = "proximity: standard input, line 4: 2 values, expected 3\n"
 def test_answers_before_a_bad_line_are_written_as_csv(ball, run, monkeypatch):
     # Was: none.
     monkeypatch.setattr(query, "POINTS_PER_CHUNK", 2)
+
     result = run("query", "ball.stl", "--points", "-", "--csv", "-", stdin=BAD)
+
     rows = list(csv.DictReader(io.StringIO(result.out)))
     assert [row["signed_distance_mm"] for row in rows] == ["1.0", "2.0", "3.0"]
     assert (result.code, result.err) == (2, COMPLAINT)
@@ -41,7 +43,9 @@ def test_answers_before_a_bad_line_are_written_as_csv(ball, run, monkeypatch):
 def test_segments_before_one_without_an_end_are_answered(ball, run, monkeypatch):
     monkeypatch.setattr(query, "POINTS_PER_CHUNK", 1)
     stdin = "0 0 12\n0 0 30\n" * 2 + "0 0 40\n"
+
     result = run("query", "ball.stl", "--points", "-", "--segment", "--csv", "-", stdin=stdin)
+
     assert [row["distance_mm"] for row in csv.DictReader(io.StringIO(result.out))] == ["2.0", "2.0"]
     assert result.code == 2
     assert result.err == "proximity: points are taken in pairs (start, end), but there are 5\n"
@@ -92,6 +96,7 @@ def test_own_csv_is_read_again_with_its_names_and_parts(ball, run, monkeypatch):
     scene = FakeScene(name="pin#2, left")
     monkeypatch.setitem(vars(proximity), "load", lambda path, **options: scene)
     written = run("query", "b.stl", "--points", "-", "--csv", "-", stdin=NAMED).out
+
     assert run("query", "b.stl", "--points", "-", "--csv", "-", stdin=written).out == written
 
 
@@ -113,8 +118,10 @@ def test_distances_to_a_cube_are_as_they_are_written(run, tmp_path, units):
 
 def test_query_and_check_name_the_likely_unit(run, tmp_path):
     path = cube_of(0.2, tmp_path)
+
     asked, checked = run("query", path, 0, 0, 1), run("check", path)
     asked_in_metres = run("query", path, 0, 0, 1, "--units", "m")
+
     assert asked.err.startswith("proximity: note: the part is 0.2 mm across: the file declares no unit")
     assert "the likely unit is m (metres)" in asked.err
     assert "\nnote            the part is 0.2 mm across: the file declares no unit" in checked.out

@@ -64,5 +64,6 @@ def test_help_names_the_extra_that_is_needed(run):
 def test_mistake_in_a_study_has_its_line(run, presses):
     presses.write_text(PRESSES.replace("speed", "sped"))
     found = run("run", presses)
+
     assert found.code == 2
     assert f"{presses}:8: [factors] has no key 'sped': did you mean speed?" in found.words

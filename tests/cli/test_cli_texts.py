@@ -121,4 +121,5 @@ def test_what_is_printed_is_as_recorded(name, transcript, monkeypatch):
     replaced = {"load": lambda path, units, **options: make(), "kernels_are_cached": lambda: True}
     for what, by in replaced.items():
         monkeypatch.setitem(vars(proximity), what, by)
+
     transcript(name, commands, POINTS)

@@ -114,14 +114,18 @@ def test_readings_are_drawn_and_told_in_a_line_as_recorded(recorded):
 
 def test_before_the_first_frame_the_silence_is_told():
     never = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT))
+
     lines = drawn(never, seen=watch_view.Seen(ADDRESS, Counts(), 0.0, 2.0))
+
     assert len(lines) == 2 and "no frame has come from queue:proximity yet, for 2.0 s" in lines[0]
 
 
 @pytest.mark.parametrize("width", [70, 120])
 def test_touch_is_a_red_field(width):
     shown = reading(signed_distance=-0.0012, lower=-0.0012, upper=-0.0012, time_to_contact=0.0)
+
     row = row_of(0, shown, width=width, color=True)
+
     red = re.search(r"\x1b\[1;37;41m([^\x1b]+)\x1b", row)
     assert "1.20 mm inside" in red[1]
     assert "now" in row
@@ -138,6 +142,7 @@ def test_stale_is_a_red_line():
 @pytest.mark.parametrize("width", [14, 60])
 def test_bar_is_as_wide_as_its_ruler_and_grows_with_the_distance(width):
     free = [finger_view.bar(mm, mm, np.nan, width, "green").plain for mm in (0.5, 30.0, 60.0, 119.0, 500.0)]
+
     assert all(len(text) == width for text in [*free, finger_view.ruler(width)])
     assert finger_view.ruler(width).split()[-1] == "120"
     full = [text.count("█") for text in free]
@@ -189,7 +194,9 @@ def service():
 
 def test_pipe_gets_plain_lines(run, service, monkeypatch):
     monkeypatch.setattr(tables, "LINE_EVERY_S", 0.1)
+
     result = run(ADDRESS, "--limit", 1)
+
     lines = result.out.splitlines()
     assert (result.code, result.err) == (0, "")
     assert len(lines) >= 2
@@ -223,7 +230,9 @@ def test_json_names_parts_states_and_numbers_that_are_not_known():
     message.records["part"], message.records["mode"] = [1, 7], [Mode.FORCE, 99]
     message.header["state"] = State.LATE
     (one,) = message.seal(SESSION, 3).view(frame_type(FRAME.size(2)))
+
     told = frame_document(one, ("lid", "box"))
+
     assert (told["state"], told["sequence"]) == ("late", 3)
     assert [finger["part_name"] for finger in told["fingers"]] == ["box", None]
     assert [finger["mode"] for finger in told["fingers"]] == ["force", "99"]
@@ -231,6 +240,7 @@ def test_json_names_parts_states_and_numbers_that_are_not_known():
 
 def test_json_of_nothing_is_exit_code_1(run):
     result = run(ADDRESS, "--limit", 0.1, "--json")
+
     assert (result.code, result.out) == (1, "")
 
 
@@ -258,6 +268,7 @@ def test_terminal_gets_a_table_until_told_to_stop(run, service, monkeypatch, num
 
 def test_nothing_that_comes_is_exit_code_1(run):
     result = run(ADDRESS, "--limit", 0.3)
+
     assert result.code == 1
     assert "STALE: 0 Hz, 0 lost, 0 refused; no frame has come from queue:proximity yet, for 0." in result.out
 
@@ -269,6 +280,7 @@ def test_key_of_another_is_told(run, tmp_path):
     address = f"udp://127.0.0.1:{port}"
     with publishing(address, lambda: frame(now_ns=time.monotonic_ns()), 0.01):
         result = run(f"{address}?key={path}", "--limit", 1.2)
+
     assert result.code == 1
     assert f"messages are not verified by the key of {address}?key={path}" in result.out
 

@@ -156,6 +156,7 @@ np.savez({str(path)!r}, **test_kernels_uncompiled.answers(pytest.MonkeyPatch()))
 @pytest.mark.skipif(MODE == INTERPRETED, reason="there is nothing compiled to compare with")
 def test_interpreted_kernels_give_the_same_bits(interpreted, monkeypatch):
     compiled = answers(monkeypatch)
+
     assert interpreted.keys() >= compiled.keys()
     for name, expected in compiled.items():
         found = interpreted[name]

@@ -37,6 +37,7 @@ def test_histogram_tells_what_its_times_do():
 
 def test_tick_of_exactly_the_period_is_in_time():
     times_ns = np.array([999_999, 1_000_000, 1_000_001, 5_000_000])
+
     assert times.over_count(times_ns, 0.001) == 2
 
 
@@ -61,6 +62,7 @@ def test_what_is_no_period_is_refused(text):
 def test_forty_milliseconds_mean_what_the_paper_says():
     """As docs/science/paper.md has it: 4 mm at 0.1 m/s, 0.8 N, 6 mJ."""
     found = felt(0.040, 0.1)
+
     assert found["penetration"] == pytest.approx(0.004, rel=1e-12)
     assert found["force_error"] == pytest.approx(0.8, rel=1e-12)
     assert found["energy_error"] == pytest.approx(6.0e-3, rel=1e-9)
@@ -80,6 +82,7 @@ def changed(part, **fields):
 
 def test_hash_does_not_depend_on_order_and_names(parts):
     renamed = [changed(parts[1], name="x"), changed(parts[0], name="y")]
+
     assert fingerprint(Scene(parts)) == fingerprint(Scene(renamed))
     assert len(fingerprint(Scene(parts))) == 64
 
@@ -103,5 +106,6 @@ def test_hash_changes_with_whatever_matters(parts, fields):
 def test_hash_of_a_file_is_that_of_the_compiled_scene(tmp_path):
     scene = proximity.load(str(make.FOLDER / "box.stl"))
     scene.save(tmp_path / "box.prox")
+
     assert fingerprint(proximity.load(tmp_path / "box.prox")) == fingerprint(scene)
     assert fingerprint(proximity.load(str(make.FOLDER / "box.stl"))) == fingerprint(scene)

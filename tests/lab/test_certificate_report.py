@@ -32,6 +32,7 @@ def test_scene_fits_as_long_as_its_slowest_motion_does():
 
 def test_motion_without_a_budget_does_not_judge_the_scene():
     unlimited = timing("worst, exact", 80_000, counts=False)
+
     assert certificate([timing("random", 100), unlimited]).verdict(0.001)["fits"]
 
 
@@ -39,7 +40,9 @@ def test_interruptions_of_one_run_do_not_fail_a_scene():
     """The gate goes by the shortest of three runs."""
     timed = timing("random", 100)
     timed.thread_ns[-200:] = 5_000_000
+
     verdict = certificate([timed]).verdict(0.001)
+
     assert verdict["fits"] and "; 0 of " in verdict["sentence"]
 
 
@@ -58,6 +61,7 @@ def test_loop_that_computes_too_long_fails_a_scene_and_waking_late_does_not():
 )
 def test_deadlines_of_the_machine_are_a_verdict_of_their_own(missed, kept, sentence):
     verdict = certificate(report=loop(missed=missed)).machine_verdict()
+
     assert verdict == {
         "period_s": 0.001, "kept": kept, "missed": missed, "due": 2000 + missed, "sentence": sentence,
     }  # fmt: skip
@@ -65,6 +69,7 @@ def test_deadlines_of_the_machine_are_a_verdict_of_their_own(missed, kept, sente
 
 def test_where_so_few_ticks_tell_no_tail_the_longest_counts():
     found = load("short", np.array([1000, 2000, 9_000_000]), 0.001)
+
     assert (found.measure, found.tail_ns, found.over_count) == ("max", 9e6, 1)
 
 
@@ -110,12 +115,14 @@ def test_document_has_what_its_schema_says(told):
 
 def test_ticks_over_the_period_are_counted():
     case = document(certificate(), 0.0002)["cases"][1]["compute"]
+
     assert case["max"] == pytest.approx(400e3) and case["over_period"] == pytest.approx(TICKS / 2, abs=3)
     assert case["tail"][0][1] == TICKS
 
 
 def test_delay_is_computing_and_waking(told):
     found = told["at_the_finger"]
+
     assert found["delay_s"] == pytest.approx(400e-6 + 20e-6, rel=0.02)
     assert [each["speed"] for each in found["speeds"]] == [0.1, 0.5, 1.0]
     for each in found["speeds"]:
@@ -140,6 +147,7 @@ def test_picture_shows_all_motions_and_worst_positions(told, tmp_path):
 def test_numbers_are_written_as_json_without_nan(told, tmp_path):
     odd = told | {"search": [{"typical_work": float("nan")}]}
     report.write_report(tmp_path / "cell.json", odd, ball_subject().scene)
+
     assert json.loads((tmp_path / "cell.json").read_text())["search"] == [{"typical_work": None}]
 
 
@@ -159,6 +167,7 @@ def test_inputs_that_are_not_measured_are_named(tmp_path):
     path = tmp_path / "cell.toml"
     text = '[[parts]]\nfile = "{}"\n[input]\n'.format(MESHES / "box.stl")
     path.write_text(text + 'poses = "mailbox:p"\nmoves = "mailbox:m"\n')
+
     assert read_subject(path).not_measured == ("paths of fingers", "parts that move")
     assert read_subject(MESHES / "held.toml").not_measured[-1] == "held parts"
     assert read_subject(MESHES / "box.stl").not_measured == ()
@@ -188,20 +197,24 @@ def test_motions_are_timed_with_as_many_ticks_as_asked_for():
 
 def test_fingers_that_pass_go_through_their_places_at_the_speed_said():
     places = np.array([[0.1, 0.2, 0.3], [0.0, 0.0, 0.0]])
+
     way = motions.passing(places, 5, 4000, np.random.default_rng(2))
     speeds = np.linalg.norm(np.diff(way, axis=0), axis=2) * 1000.0
+
     assert speeds.max() == pytest.approx(motions.PASSING_SPEED, rel=0.01)
     assert np.linalg.norm(way - places[[0, 1, 0, 1, 0]], axis=2).min(axis=0).max() < 1e-4
 
 
 def test_recording_in_which_nobody_is_seen_is_refused():
     hand = Recording(np.arange(3) * 1_000_000, np.full((3, 1, 3), np.nan), ((0, 1),), "empty.csv")
+
     with pytest.raises(ValueError, match=r"empty\.csv: no finger is tracked at any tick"):
         measurement.measure(ball_subject(recording=hand), found(), 1000, 1)
 
 
 def test_loop_runs_as_long_as_said_and_counts_computing_apart():
     report = measurement.run_loop(ball_subject(real_time=False), found(), 0.05, 3)
+
     assert report.ticks + report.missed >= 50 and report.ticks <= 50
     assert report.compute.count == report.lateness.count == report.ticks
     assert report.publish_failures == {measurement.ADDRESS: 0}

@@ -38,7 +38,9 @@ def test_centre_of_a_ball_is_found_by_balls_that_shrink(ball, monkeypatch):
     """And by nothing else: places at random, near the surface and in the middles of parts are left out."""
     monkeypatch.setattr(starting_positions, "centres", lambda scene: np.zeros((0, 3)))
     at_centre = Probe(ball, COLD_EXACT).contacts(np.zeros((1, 3)))["work"][0]
+
     found = search(ball, 3, counts=(0, 0, 20))[COLD_EXACT]
+
     worst = found.positions[0]
     assert worst.work >= 0.95 * at_centre
     assert np.linalg.norm(worst.position) < 0.002
@@ -60,6 +62,7 @@ def test_every_goal_has_its_places_the_dearest_first(searched, ball):
 
 def test_budget_bounds_the_work_and_leaves_a_bracket(searched, ball):
     worst = searched[SearchGoal(StartMode.COLD, True)].positions[0]
+
     assert ball.budget <= worst.work <= ball.budget + 16
     true = ball.scene.signed_distance(worst.position) - 0.007
     assert worst.lower <= true <= worst.upper
@@ -71,6 +74,7 @@ def test_same_seed_finds_the_same_and_another_one_elsewhere(ball):
     one, again, other = (
         search(ball, seed, counts=(20, 20, 4), most_steps=20_000)[GOALS[0]] for seed in (5, 5, 6)
     )
+
     assert [worst.work for worst in one.positions] == [worst.work for worst in again.positions]
     np.testing.assert_array_equal(one.positions[0].position, again.positions[0].position)
     assert not np.array_equal(one.positions[0].position, other.positions[0].position)
@@ -78,6 +82,7 @@ def test_same_seed_finds_the_same_and_another_one_elsewhere(ball):
 
 def test_search_that_has_spent_its_steps_ends_and_says_so(ball):
     found = search(ball, 3, counts=(400, 400, 20), most_steps=20_000)
+
     assert not found[COLD_EXACT].is_complete
     assert found[COLD_EXACT].start_count < found[SearchGoal(StartMode.COLD, True)].start_count
 
@@ -87,13 +92,16 @@ def test_ascent_never_goes_down(ball, goal):
     probe, rng = Probe(ball, goal), np.random.default_rng(11)
     for start in rng.uniform(-0.1, 0.1, (3, 3)):
         position, gained = ascend(probe, start, 0.01, rng, most_steps=np.inf)
+
         assert (np.diff(gained) >= 0.0).all()
         assert gained[-1] == worth(probe.contacts(position[None]))[0]
 
 
 def test_shrunk_balls_touch_the_ball_and_hold_none_of_it(ball):
     points, normals = starting_positions.surface_samples(ball.scene, 8, np.random.default_rng(2))
+
     inside = starting_positions.medial_positions(ball, points, normals)[8:]
+
     touching = np.linalg.norm(inside - points, axis=1)
     # Near the centre the nearest face is known within the budget only.
     np.testing.assert_allclose(ball.scene.distance(inside), touching, rtol=0.02)
@@ -103,7 +111,9 @@ def test_shrunk_balls_between_two_walls_are_in_the_middle():
     walls = [Solid(*shapes.box([-0.1, -0.1, z], [0.1, 0.1, z + 0.005]), name=f"{z}") for z in (-0.025, 0.020)]
     subject = Subject(Scene(walls))
     points, normals = np.array([[0.01, 0.0, 0.020]]), np.array([[0.0, 0.0, -1.0]])
+
     positions = starting_positions.medial_positions(subject, points, normals)
+
     np.testing.assert_allclose(positions[0], [0.01, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(positions[1], [0.01, 0.0, 0.0225], atol=1e-9)
 

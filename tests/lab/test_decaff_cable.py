@@ -44,6 +44,7 @@ def test_cable_in_series_with_the_drum_lowers_the_force_at_rest_as_springs_in_a_
     """Separately simulated: 9.4 % of force error at 0.1 m/s, -74 mN at rest; without a cable 1.7 %."""
     found = pressed(SMOOTH, hold=0.2)
     rest = steady_force(HAND, HAND.press(0.1).depth, 1.0 / (1.0 / CABLE.stiffness + 1.0 / 50e3))
+
     assert found.error == pytest.approx(0.094, abs=0.006)
     assert found.steady_error == pytest.approx(rest - 0.8, abs=1e-3) == pytest.approx(-0.074, abs=2e-3)
 
@@ -51,6 +52,7 @@ def test_cable_in_series_with_the_drum_lowers_the_force_at_rest_as_springs_in_a_
 def test_stiff_cable_without_friction_is_no_cable():
     with_cable = decaff(HAND, HAND.press(0.25), replace(GLOVE, cable=TipCable(1e6)))
     without = decaff(HAND, HAND.press(0.25), GLOVE)
+
     assert deviation(with_cable).error == pytest.approx(deviation(without).error, abs=2e-3)
 
 
@@ -58,6 +60,7 @@ def test_sheath_drags_in_free_motion_and_keeps_back_what_the_capstan_says():
     glove = with_transmission(GLOVE, CABLE)
     free = decaff(HAND, HAND.press(0.1), glove)
     is_free = (free.times > -0.05) & (free.times < -0.01)
+
     assert free.force[is_free] == pytest.approx(CABLE.drag, abs=1e-6)
     # At rest the thimble sticks: the finger feels the drum's force, give or take what the sheath holds.
     resting = decaff(HAND, HAND.press(0.1, hold=LONG), glove)
@@ -73,6 +76,7 @@ def test_stretch_is_made_up_for_and_the_drum_stays_still(stretch, steady, swing,
     """Less than is felt at rest; without it the finger is 60 to 90 mN too lightly pushed."""
     assert pressed(CABLE, speed=speed).steady_error < -0.060
     found = pressed(CABLE, stretch, speed)
+
     assert abs(found.steady_error) < steady
     assert found.swing < swing
 
@@ -81,6 +85,7 @@ def test_quick_smoothing_of_the_torque_makes_the_drum_swing():
     """Why it is smoothed at 2 Hz: the torque that moves the drum is taken for a force on it."""
     glove = with_transmission(GLOVE, CABLE, Stretch.TORQUE)
     quick = replace(glove, holding=replace(glove.holding, smoothing=20.0))
+
     assert deviation(decaff(HAND, HAND.press(0.1, hold=LONG), quick)).swing > 1.0
 
 
@@ -102,6 +107,7 @@ def test_cable_that_is_needed_keeps_the_error_and_a_softer_one_does_not():
 def test_policy_outside_compiled_code_does_the_same_with_a_cable(stretch):
     glove, press = with_transmission(GLOVE, CABLE, stretch), HAND.press(0.5)
     policy = TargetPolicy(Target.TIME_STAMPED, glove.holding)
+
     found, expected = decaff(HAND, press, glove, policy), decaff(HAND, press, glove)
     for name in ("force", "finger", "link", "thimble", "drum", "contact"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-9)
@@ -158,4 +164,5 @@ def test_current_takes_its_time_and_the_motors_speed_its_voltage():
 def test_what_cannot_be_is_named(make, message):
     with pytest.raises(ArgumentError) as caught:
         make()
+
     assert message in str(caught.value)

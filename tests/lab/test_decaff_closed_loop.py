@@ -55,6 +55,7 @@ def test_hand_goes_as_the_press_says(speed):
     times = np.linspace(-0.05, press.loss_time + 0.05, 401)
     found = [press_kernels.intent(np.array([press.speed, press.depth, press.release_time]), t) for t in times]
     expected = press.at(times)
+
     np.testing.assert_allclose([one[0] for one in found], expected.position, atol=1e-15)
     np.testing.assert_allclose([one[1] for one in found], expected.velocity, atol=1e-12)
 
@@ -62,6 +63,7 @@ def test_hand_goes_as_the_press_says(speed):
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_real_wall_answers_at_once_and_rests_at_0_8_newtons(speed):
     response = real_wall(HAND, HAND.press(speed))
+
     assert response.times[response.zero] == 0.0
     assert not response.force[: response.zero].any()
     assert response.force[response.zero] == pytest.approx(HAND.pad_damping * speed)  # a step, c v
@@ -96,6 +98,7 @@ def test_work_on_a_real_wall(speed, printed, first):
     """
     press = HAND.press(speed)
     exact = exact_press(press)
+
     assert metrics.work(real_wall(HAND, press)) == pytest.approx(exact.y[2, -1], rel=1e-3)
     times = np.arange(1 - first, press.release_time / 1e-4) * 1e-4
     position, velocity, _ = exact.sol(times)
@@ -107,6 +110,7 @@ def test_real_wall_is_the_exact_one():
     response, exact = real_wall(HAND, HAND.press(0.5)), exact_press(HAND.press(0.5))
     rows = slice(response.zero, response.zero + 20_000, 100)
     position, velocity, _ = exact.sol(response.times[rows])
+
     np.testing.assert_allclose(response.finger[rows], position, atol=4e-6)
     np.testing.assert_allclose(response.force[rows], 200.0 * position + 6.0 * velocity, atol=6e-3)
 
@@ -116,6 +120,7 @@ def test_floor_without_that_sampling_lies_within_its_spread(speed):
     """1.4 / 4.2 / 8.8 / 17.4 %; the reference has 1.7 / 4.8 / 10.0 / 14.4."""
     position = SPEEDS.index(speed)
     found = deviation(ideal_drum(HAND, HAND.press(speed)))
+
     assert found.error == pytest.approx([0.017, 0.048, 0.100, 0.144][position], abs=SHIFT[position])
     assert abs(found.onset) < 1e-4
     # F = D/(1/k_h + 1/k_f + 1/K), with the contact's 50 kN/m.
@@ -144,6 +149,7 @@ def test_finger_shakes_above_the_critical_stiffness_and_not_below(delay):
         stiffness = share * critical_stiffness(HAND, PAPER_DEVICE, delay)
         wall = CoupledWall(stiffness, 0.0, 5000.0, delay - 1e-4, resolution=0.0)
         ripples[share] = deviation(coupled_wall(HAND, HAND.press(0.1, hold=1.5), wall)).ripple
+
     assert ripples[0.9] < 2e-3
     assert ripples[1.1] > 0.1
 
@@ -172,6 +178,7 @@ def test_steady_force_is_that_of_springs_in_a_row(latency, stiffness, damping):
     wall = CoupledWall(stiffness, damping, 1000.0, latency)
     press = HAND.press(0.1)
     found = deviation(coupled_wall(HAND, press, wall)).steady_error
+
     assert found == pytest.approx(steady_force(HAND, press.depth, stiffness) - 0.8, abs=stiffness * 31e-6)
     assert found < 0.0  # less than a real wall's, not more
 
@@ -253,6 +260,7 @@ def test_drum_beats_the_best_coupled_wall_at_every_latency():
 def test_naive_drum_is_late_by_what_the_finger_goes_meanwhile(target, latency, speed):
     """Reference: v (tau + 0.5 to 0.9 ms), within 10 %."""
     offset = drum_offset(decaff(HAND, HAND.press(speed), with_sensing(latency=latency), target))
+
     assert 0.9 * speed * (latency + 0.5e-3) < offset < 1.1 * speed * (latency + 0.9e-3)
 
 
@@ -289,12 +297,14 @@ def test_drums_and_servos(name, rate, errors, travel):
 def test_time_stamped_drum_reaches_the_floor_at_any_rate(rate):
     """Reference: latency of one period; 2.1-2.6 % at 0.1 m/s, 14-15 % at 1 m/s."""
     found = sweeps.drum_row(HAND, with_latency(GLOVE, 1.0 / rate, rate), speeds=(0.1, 1.0)).errors
+
     assert (np.abs(found - (0.023, 0.145)) < (0.012, 0.05)).all()
 
 
 def test_ten_distances_a_second_are_too_few_at_1_metre_a_second():
     """Reference: the look-ahead is used up."""
     found = sweeps.drum_row(HAND, with_latency(GLOVE, 0.1, 10.0)).errors
+
     assert (found[:3] < (0.03, 0.05, 0.11)).all()
     assert found[3] > 0.9
 
@@ -304,6 +314,7 @@ def test_bias_shifts_the_wall(bias):
     """Reference: -120 N/m times the bias: 12, 60, 120 mN; contact early or late by e/v."""
     plain = deviation(decaff(HAND, HAND.press(0.1), GLOVE))
     far, near = (deviation(decaff(HAND, HAND.press(0.1), with_sensing(bias=e))) for e in (bias, -bias))
+
     assert far.steady_error - plain.steady_error == pytest.approx(-120.0 * bias, abs=1e-3)
     assert near.steady_error - plain.steady_error == pytest.approx(120.0 * bias, abs=1e-3)
     assert far.onset == pytest.approx(bias / 0.1, abs=1e-4)
@@ -325,6 +336,7 @@ def test_moving_wall_is_missed_by_what_it_goes_meanwhile(wall_speed, printed):
 
 def test_noise_is_the_same_on_every_run():
     one, other = (decaff(HAND, HAND.press(1.0), with_sensing(noise=1e-4)) for _ in range(2))
+
     np.testing.assert_array_equal(curves(one), curves(other))
 
 
@@ -381,6 +393,7 @@ def test_loop_can_be_taken_sample_by_sample():
 def test_what_cannot_be_is_named(make, message):
     with pytest.raises(ArgumentError) as caught:
         make()
+
     assert message in str(caught.value)
 
 

@@ -55,6 +55,7 @@ def run(finger, speed=0.5, hold=0.2, **setup):
 
 def test_finger_touches_where_it_was_asked_to(flat):
     point = flat.point(flat.contact_bend)
+
     assert flat.scene.signed_distance(point) == pytest.approx(0.007, abs=1e-8)
     np.testing.assert_allclose(point, (0.0, 0.0, 0.007), atol=1e-7)
     assert flat.incidence == pytest.approx(1.0, abs=1e-9)
@@ -65,6 +66,7 @@ def test_hand_is_turned_until_the_way_is_free():
     """The upright of the bracket stands in the way of most attitudes."""
     scene = load(MESHES / "bracket.stl")
     finger = place_finger(scene, (0.048, 0.03, 0.02))
+
     bends = np.linspace(0.0, finger.contact_bend, 400)[:-1]
     points = finger.world_from_hand.point(finger.glove.finger.point_hand(bends))
     assert (scene.signed_distance(points) > 0.007).all()
@@ -103,6 +105,7 @@ def test_engine_is_the_ideal_distance_on_a_flat_part(flat, speed):
 def test_engine_knows_curved_and_needle_meshed_parts_as_well(mesh, at):
     finger = place_finger(load(MESHES / mesh), at)
     press = run(finger, 0.5, latency=0.003)
+
     assert press.reported_error < SAGITTA / finger.incidence
     assert abs(press.reported_contact) < press.reported_error + SAGITTA / finger.incidence
     assert press.error.share < 0.11  # the reference has 10 % at 0.5 m/s, and a shift of 0.1 ms makes 3 points
@@ -130,6 +133,7 @@ def test_figures_of_the_page_are_those_of_the_loop():
 def test_latency_costs_nothing_where_distances_are_read_with_their_own_pose(flat):
     """Reference, the row TS: 10.0, 10.0, 10.0, 10.1 % at 0.5 m/s."""
     errors = [run(flat, latency=latency).error.share for latency in (0.0, 0.003, 0.010)]
+
     assert max(errors) - min(errors) < 0.01
     assert max(errors) < 0.11
 
@@ -141,6 +145,7 @@ def test_latency_shows_where_distances_are_read_with_the_present_pose(flat):
         press = run(flat, speed, latency=latency, reading=Target.LATCHED)
         assert 0.2e-3 < drum_offset(press.response) / speed - latency < 0.9e-3
         errors[speed, latency] = press.error.share
+
     assert errors[0.5, 0.001] < errors[0.5, 0.003] < errors[0.5, 0.010]
     assert errors[0.25, 0.003] < errors[0.5, 0.003]
     assert errors[0.5, 0.010] > 5.0 * 0.11  # what the controller stays below, at every latency
@@ -149,6 +154,7 @@ def test_latency_shows_where_distances_are_read_with_the_present_pose(flat):
 def test_service_that_is_always_late_leaves_the_drum_away(flat):
     """Frames that are older than 20 ms whenever they are read are not acted upon (reference value)."""
     press = run(flat, latency=0.025)
+
     assert set(press.states) == {"retracted"}
     assert press.response.drum.min() > 0.99 * flat.retraction
     assert press.response.contact.max() == 0.0
@@ -195,6 +201,7 @@ def test_drum_that_was_sent_away_does_not_meet_the_finger_at_speed(flat, late, s
     response = press.response
     met = int(np.flatnonzero(response.contact > 0.0)[0])
     ms = round(1e-3 / response.step)
+
     assert press.advances == 0
     assert (response.drum[met - ms] - response.drum[met]) / 1e-3 < press.setup.drum.speed_limit / 20.0
     assert response.force.max() < press.real.force.max()
@@ -203,6 +210,7 @@ def test_drum_that_was_sent_away_does_not_meet_the_finger_at_speed(flat, late, s
 def test_same_run_gives_the_same_bits(flat):
     latencies = tuple(1e-3 * np.random.default_rng(3).gamma(2.0, 0.5, 200))
     first, second = (run(flat, latency=latencies) for _ in range(2))
+
     for name in ("force", "finger", "link", "drum", "contact"):
         assert getattr(first.response, name).tobytes() == getattr(second.response, name).tobytes()
     assert first.states == second.states
@@ -251,6 +259,7 @@ def test_what_makes_no_sense_is_refused(make, sentence):
 def test_teleoperation_changes_to_force_when_that_is_steady(flat, speed, switch):
     """Reference: instants of the change, and bumps of some 20 mN at most."""
     press = run(flat, speed, hold=0.4, distances=Distances.SENSOR)
+
     assert press.switched_at == pytest.approx(switch, abs=0.003)
     row = press.response.zero + round(press.switched_at / press.response.step)
     after = slice(row, row + round(AFTER_SWITCH / press.response.step))
@@ -283,6 +292,7 @@ def test_deformable_part_is_displayed_to_any_finger_that_yields(yields, stiffnes
     setup = EngineSetup(start_distance=START_DISTANCE, drum=EngineSetup().drum)
     press = press_on_part(finger, hand.press(0.1, hold=0.6), setup, hand)
     row = press.response.zero + round(0.6 / press.response.step)
+
     assert set(press.states) == {"retracted", "approach", "force"}
     assert press.response.force[row] == pytest.approx(press.real.force[row], rel=0.005)
     assert press.error.share < share

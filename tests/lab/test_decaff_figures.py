@@ -38,12 +38,14 @@ def test_table_keeps_every_digit(tmp_path):
     path = tmp_path / "table.csv"
     written = np.array([0.1, 1.0 / 3.0, 1e-300, np.inf])
     style.write_table(path, Table({"a_m": written, "count": [1, 2, 3, 4]}))
+
     assert path.read_text().splitlines()[:2] == ["a_m,count", "0.1,1"]
     np.testing.assert_array_equal(read_columns(path)["a_m"], written)
 
 
 def test_table_gives_the_rows_that_are_asked_for():
     table = Table({"name": ["a", "b", "a"], "k": [1, 1, 2]}).where(name="a", k=2)
+
     assert {name: column.tolist() for name, column in table.columns.items()} == {"name": ["a"], "k": [2]}
 
 
@@ -53,6 +55,7 @@ def test_numbers_beside_figure_5_are_the_models(name, tmp_path):
     style.write_table(tmp_path / "5.csv", catalogue.PLATES[name].numbers())
     found = read_columns(tmp_path / "5.csv")
     times = figure_5.sample_times(1e-4)
+
     np.testing.assert_array_equal(found["time_s"], times)
     np.testing.assert_array_equal(found["real_force_N"], figure_5.real_wall(times))
     if name != "5a":
@@ -74,6 +77,7 @@ def test_force_lags_the_position_that_is_drawn():
 
 def test_figure_5e_is_the_force_experienced():
     table = figure_5_plots.numbers("5e")
+
     np.testing.assert_array_equal(table["force_N"], figure_5_plots.numbers("5b")["force_N"])
     assert figure_5_plots.all_numbers()["5e_force_N"].max() == pytest.approx(1.64876, abs=5e-6)
 
@@ -100,6 +104,7 @@ def test_drums_of_the_figure_are_in_place_after_their_settling_time():
 @pytest.mark.parametrize("form", style.FORMATS)
 def test_figure_is_written_with_its_numbers(form, tmp_path):
     paths = catalogue.write_figure("5h", tmp_path / "new" / "folder", form)
+
     assert [path.name for path in paths] == [f"figure-5h.{form}", "figure-5h.csv"]
     assert paths[0].read_bytes().startswith(STARTS[form])
     assert sorted(path.name for path in paths[0].parent.iterdir()) == sorted(path.name for path in paths)
@@ -119,6 +124,7 @@ def test_figure_has_the_width_that_is_asked_for_and_no_caption(tmp_path):
 @pytest.mark.parametrize("name", ["5", "5a", "stability"])
 def test_every_kind_of_figure_is_drawn(name, tmp_path):
     image, _ = catalogue.write_figure(name, tmp_path, "svg")
+
     text = image.read_text()
     assert "[ms]" in text or "[N·s/m]" in text  # text stays text, and axes have units
 
@@ -134,6 +140,7 @@ def test_every_kind_of_figure_is_drawn(name, tmp_path):
 )
 def test_sweeps_are_drawn_with_their_parameters_and_whose_they_are(draw, numbers):
     drawn = style.render(draw, numbers(), (7.0, 3.0), "svg")
+
     assert drawn.startswith(STARTS["svg"])
     text = drawn.decode()
     assert "(ours)" in text and re.search(r"\d (kg|g|kHz|Hz)\b", text)
@@ -144,6 +151,7 @@ def test_error_against_latency_is_the_staircase_that_it_is(monkeypatch):
     monkeypatch.setattr(error_plots, "LATENCIES", (0.001,))
     table = error_plots.numbers_against_latency().where(speed_m_per_s=0.1)
     naive = table["naive_error"][np.isnan(table["coupled_error"])]
+
     assert len(naive) == 2 * error_plots.STAIRS
     np.testing.assert_array_equal(naive[1:-1:2], naive[2::2])
     assert (naive[1::2] > naive[0::2]).all() and naive[1] > 10.0 * naive[0]
@@ -156,6 +164,7 @@ def test_same_figure_is_the_same_file_and_leaves_no_trace_in_matplotlib(tmp_path
     first, _ = catalogue.write_figure("drum-motion", tmp_path, "svg")
     content = first.read_bytes()
     again, _ = catalogue.write_figure("drum-motion", tmp_path, "svg")
+
     assert again.read_bytes() == content
     assert {name: matplotlib.rcParams[name] for name in style.LOOK} == before
 
@@ -177,7 +186,8 @@ def test_folder_that_is_a_file_is_refused(tmp_path):
 def test_missing_matplotlib_is_told_with_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(
-        MissingLibraryError, match=r'^figures need matplotlib, which is not installed: pip .*\[sim\]"'
+        MissingLibraryError,
+        match=r'^figures need matplotlib, which is not installed: pip .*\[sim\]"',
     ):
         catalogue.write_figure("5a", tmp_path / "folder")
     assert not list(tmp_path.iterdir())
@@ -226,6 +236,7 @@ def test_document_of_a_press_has_what_concerns_its_wall():
     setup = Setup(Wall.COUPLED, speed=1.0, stiffness=1000.0, damping=2.0)
     press = simulate(setup)
     told = simulated_press.document(press)
+
     assert told["stiffness"] == 1000.0 and "drum" not in told
     assert told["felt"] == asdict(press.felt)
     assert "latency" not in simulated_press.document(simulate(Setup(Wall.REAL, speed=1.0)))

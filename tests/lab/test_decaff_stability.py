@@ -26,6 +26,7 @@ def radius(device, stiffness, damping):
 def test_polynomial_of_equation_1_is_the_printed_one():
     a, b = 0.07, 0.2
     found = sampled_mass.characteristic(UNIT[1], a * UNIT[1].stiffness_unit, b * UNIT[1].damping_unit)
+
     np.testing.assert_allclose(found, [1.0, -2.0, 1.0 + a + b, a, -b], rtol=1e-15)
 
 
@@ -121,6 +122,7 @@ def test_jury_tells_where_roots_are(half, first):
     if (np.abs(modulus - 1.0) < 1e-3).any():
         return
     polynomial = first * np.poly(np.concatenate([half, np.conj(half)])).real
+
     assert is_within_by_jury(polynomial) == (modulus < 1.0).all()
 
 
@@ -139,6 +141,7 @@ def jury_limit(b):
 )  # fmt: skip
 def test_limit_of_equation_1(b, expected):
     found = stiffness_limit(UNIT[1], b * UNIT[1].damping_unit) / UNIT[1].stiffness_unit
+
     assert found == pytest.approx(expected, abs=1e-9)
     assert found == pytest.approx(jury_limit(b), rel=1e-11)
 
@@ -159,6 +162,7 @@ def test_region_is_what_the_boundary_encloses(delay_samples):
 
 def test_boundary_is_where_the_radius_is_one():
     stiffness, damping = stability.boundary(PAPER_WALL, 50)
+
     inner = sampled_mass.spectral_radius(sampled_mass.characteristic(PAPER_WALL, stiffness, damping))
     np.testing.assert_allclose(inner, 1.0, atol=3e-7)  # the double root of the start splits by rounding
     assert (stiffness[0], damping[0], stiffness[-1]) == (0.0, 0.0, 0.0)
@@ -168,6 +172,7 @@ def test_boundary_is_where_the_radius_is_one():
 
 def test_walls_with_no_damping_or_too_much_have_no_stiffness():
     limits = stiffness_limit(PAPER_WALL, [0.0, 116.0, 115.9])
+
     assert limits[:2] == pytest.approx([0.0, 0.0], abs=1e-9) and limits[2] > 0.0
 
 
@@ -185,6 +190,7 @@ def test_walls_with_no_damping_or_too_much_have_no_stiffness():
 def test_largest_stiffness_by_delay(delay_samples, stiffness, damping, paper_stiffness, paper_damping):
     unit = sampled_mass.maximum_stiffness(UNIT[delay_samples])
     paper = sampled_mass.maximum_stiffness(SampledMass(0.7, 0.005, delay_samples))
+
     assert (unit.stiffness, unit.damping) == pytest.approx((stiffness, damping), abs=1e-8)
     assert (unit.stiffness, unit.damping) == pytest.approx((stiffness, damping), rel=1e-6)
     assert paper.stiffness == pytest.approx(paper_stiffness, abs=5.1e-3)
@@ -196,6 +202,7 @@ def test_largest_stiffness_by_delay(delay_samples, stiffness, damping, paper_sti
 )
 def test_damping_window(stiffness, low, high):
     found = sampled_mass.damping_window(PAPER_WALL, stiffness)
+
     assert found[0] == pytest.approx(low, abs=5.1e-4)
     assert found[1] == pytest.approx(high, abs=5.1e-2 if stiffness == 100 else 5.1e-3)
     for edge in found:
@@ -212,6 +219,7 @@ def test_soft_walls_need_damping_for_their_delay(delay_samples):
     device = SampledMass(0.7, 0.005, delay_samples)
     stiffness = 1e-6 * device.stiffness_unit
     low, high = sampled_mass.damping_window(device, stiffness)
+
     assert low == pytest.approx(stiffness * (delay_samples + 0.5) * device.period, rel=1e-3)
     assert high == pytest.approx(stability.largest_damping(device), rel=1e-3)
     if delay_samples == 1:
@@ -229,6 +237,7 @@ def test_soft_walls_need_damping_for_their_delay(delay_samples):
 )
 def test_love_and_book_say_what_destabilises(stiffness, damping, expected):
     found = stability.verdict(PAPER_WALL, Gains(stiffness, damping))
+
     assert found is expected
     assert bool(is_stable(PAPER_WALL, stiffness, damping)) is (expected is Verdict.STABLE)
 
@@ -256,6 +265,7 @@ def test_slowest_period_of_the_largest_stiffness_is_its_own():
 def test_best_damped_servo():
     """Reference, for the drum's servo: a fifth of the largest stiffness."""
     found = servo.best_damped(PAPER_WALL)
+
     assert found.stiffness / PAPER_WALL.stiffness_unit == pytest.approx(0.01445, abs=5.1e-6)
     assert found.damping / PAPER_WALL.damping_unit == pytest.approx(0.12576, abs=5.1e-6)
     assert radius(PAPER_WALL, found.stiffness, found.damping) == pytest.approx(0.7736, abs=5.1e-5)

@@ -24,6 +24,7 @@ COMPARISONS = {
 
 def test_press_has_the_instants_of_the_paper():
     deep = PRESS.deeper(figure_5.PENETRATION)
+
     assert deep.depth - PRESS.depth == pytest.approx(4.0 * MM, rel=1e-12)
     assert (PRESS.rise_time, PRESS.stop_time, PRESS.loss_time) == pytest.approx((0.080, 0.130, 0.360))
     assert (deep.rise_time, deep.stop_time, deep.loss_time) == pytest.approx((0.160, 0.210, 0.440))
@@ -106,6 +107,7 @@ def test_conventions_differ_by_the_inertia():
 def test_force_jumps_at_the_touch_and_would_pull_at_the_loss():
     after, before = PRESS.touch_time + 1e-12, PRESS.loss_time - 1e-12
     motion = PRESS.at([PRESS.touch_time, after, before])
+
     assert walls.contact_force(motion, FINGER)[:2] == pytest.approx([0.0, 0.6], abs=1e-9)
     assert walls.contact_force(motion, FINGER, can_pull=True)[2] == pytest.approx(-0.6, abs=1e-9)
     assert walls.contact_force(motion, FINGER)[2] == 0.0
@@ -163,6 +165,7 @@ CRITICAL = {1: 0.019157, 2: 0.061728, 5: 0.238095, 10: 0.555556, 20: 1.111111, 4
 @pytest.mark.parametrize("step_ms", CRITICAL)
 def test_critical_gain_is_that_of_the_paper_and_of_the_roots(step_ms):
     gain = figure_5.critical_gain(FINGER, step_ms * MS)
+
     assert gain * 1e3 == pytest.approx(CRITICAL[step_ms], abs=5.1e-7)
     assert growth(FINGER, 0.999 * gain, step_ms * MS) < 1.0
     assert growth(FINGER, gain, step_ms * MS) == pytest.approx(1.0, abs=1e-12)
@@ -175,6 +178,7 @@ def test_disturbance_grows_as_the_roots_say(step_ms, factor):
     gain = 1.5 * figure_5.critical_gain(FINGER, step)
     press = Press(release_time=100.0)
     reaction = figure_5.react(press, FINGER, gain, step, end=PRESS.stop_time + 100 * step, can_pull=True)
+
     assert growth(FINGER, gain, step) == pytest.approx(factor, abs=5e-4)
     steady = FINGER.stiffness * press.depth / (1.0 + gain * FINGER.stiffness)
     disturbance = np.abs(reaction.force - steady)[-20:]
@@ -186,6 +190,7 @@ def test_wall_that_cannot_pull_ends_the_growth_in_a_limit_cycle():
     gain = 1.5 * figure_5.critical_gain(FINGER, step)
     press = Press(release_time=100.0)
     force = figure_5.react(press, FINGER, gain, step, end=20.0).force
+
     later, last = force[1000:1500], force[1500:2000]
     assert later.max() == pytest.approx(last.max(), rel=1e-6)
     assert (later.min(), last.min()) == (0.0, 0.0)
@@ -196,6 +201,7 @@ def test_stable_operator_comes_to_rest():
     gain = 0.5 * figure_5.critical_gain(FINGER, 0.040)
     press = Press(release_time=100.0)
     reaction = figure_5.react(press, FINGER, gain, 0.040, end=8.0)
+
     expected = FINGER.stiffness * press.depth / (1.0 + gain * FINGER.stiffness)
     assert reaction.force[-1] == pytest.approx(expected, rel=1e-9)
     assert reaction.position[-1] == pytest.approx(expected / FINGER.stiffness, rel=1e-9)
@@ -206,6 +212,7 @@ def test_figure_5f_holds_the_forces_of_the_recursion():
     gain = figure_5.GAIN_SHARE * figure_5.critical_gain(FINGER, 0.040)
     deep = PRESS.deeper(figure_5.PENETRATION)  # of the paper: "from the xs+f data"
     reaction = figure_5.react(deep, FINGER, gain, 0.040, end=0.520)
+
     np.testing.assert_array_equal(figure_5.operator_reacts(reaction.times + 0.010), reaction.force)
     assert figure_5.operator_reacts(np.array([-0.001, 0.0])).tolist() == [0.0, 0.0]
     np.testing.assert_allclose(
@@ -278,4 +285,5 @@ def test_energy_excess_is_that_of_the_two_presses():
     """(13) to (15) against the energies of the motions themselves: their kinetic energy is the same."""
     real, simulated = (energies(press, FINGER)[1] for press in (PRESS, PRESS.deeper(0.004)))
     found = walls.energy_excess(PRESS, 0.004, FINGER, factor=SMOOTH)
+
     assert found == pytest.approx(simulated - real, abs=1e-12)

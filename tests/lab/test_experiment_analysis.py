@@ -89,12 +89,14 @@ def test_fast_threshold_is_that_of_psignifit():
     rng = np.random.default_rng(8)
     right, wrong = np.moveaxis([asked(rng, threshold, 5) for threshold in (0.1, 0.3, 0.8)], 0, -1)
     fitted = [fit(LEVELS, right[:, i], wrong[:, i], TRUE).threshold for i in range(3)]
+
     assert threshold_means(LEVELS, right, wrong, TRUE) == pytest.approx(np.log10(fitted), abs=0.003)
 
 
 def test_p_and_interval_are_those_of_scipy():
     rng = np.random.default_rng(7)
     drawn = rng.normal(0.1, 0.2, (5, 12))
+
     np.testing.assert_allclose(paired_p(drawn), stats.ttest_1samp(drawn, 0.0, axis=1).pvalue, rtol=1e-9)
     found = stats.ttest_1samp(drawn[0], 0.0).confidence_interval(0.95)
     mean = interval_of_mean(drawn[0])
@@ -111,6 +113,7 @@ def test_known_thresholds_are_recovered_within_their_intervals(shipped, rows):
     """Of 48 intervals of 95 % two or three miss the true threshold, six at most."""
     functions = analyse(shipped, rows).functions
     true = {key: 10.0 ** Observer(shipped, int(key[2])).thresholds[key[1]] for key in functions}
+
     assert len(functions) == 48
     assert sum(one.lower <= true[key] <= one.upper for key, one in functions.items()) >= 42
     assert abs(np.mean([np.log(one.threshold / true[key]) for key, one in functions.items()])) < 0.08
@@ -118,6 +121,7 @@ def test_known_thresholds_are_recovered_within_their_intervals(shipped, rows):
 
 def test_planned_comparisons_find_the_difference_that_was_put_in(shipped, rows):
     found = {(one.task, one.pair): one for one in analyse(shipped, rows).comparisons}
+
     assert len(found) == 6
     late = found["stiffness", ("coupled10ms", "coupled1ms")]
     assert late.p < 0.05 and late.difference.lower < math.log10(0.40 / 0.28) < late.difference.upper
@@ -130,17 +134,20 @@ def test_no_difference_is_found_where_there_is_none(shipped):
     found = [
         one.p < 0.05 for seed in range(6) for one in analyse(design, answers(design, seed=seed)).comparisons
     ]
+
     assert len(found) == 36 and sum(found) <= 4  # Holm: about 5 % of 12 families
 
 
 def test_too_few_participants_are_not_compared(shipped, rows):
     two = [row for row in rows if row["participant"] in ("0", "1")]
+
     assert analyse(shipped, two).comparisons == []
     assert compare(shipped, shipped.tasks[0], {}) == []
 
 
 def test_shipped_design_has_80_percent_power_and_fewer_participants_have_less(shipped):
     full, few = power(shipped, shipped.participants), power(shipped, 8)
+
     assert len(full) == 6 and all(one.share >= 0.8 for one in full)
     assert all(a.share >= b.share for a, b in zip(full, few, strict=True))
     for one in full:  # 80 % are for the strictest test of Holm's, the power is for all
@@ -155,6 +162,7 @@ def test_smallest_effect_has_80_percent_power(shipped):
     )
     task = replace(shipped.tasks[0], comparisons=("decaff10ms against decaff1ms",))
     alone = power(replace(shipped, conditions=conditions, tasks=(task,)), 16, 4000)[0]
+
     assert alone.share >= 0.8  # alone: it was found for the strictest of four tests
 
 
@@ -184,6 +192,7 @@ def altered(rows, condition, **changes):
 )  # fmt: skip
 def test_rules_leave_out_participants_and_trials(shipped, rows, which, changes, expected):
     kept, sentences = exclude(shipped, altered(rows, which, **changes))
+
     assert sentences and all(expected in sentence for sentence in sentences)
     assert {row["stage"] for row in kept} == {"main"}
     assert not [row for row in kept if which(row)]
@@ -192,17 +201,20 @@ def test_rules_leave_out_participants_and_trials(shipped, rows, which, changes, 
 
 def test_stopped_trials_do_not_count(shipped, rows):
     some = altered(rows, lambda r: r["number"] == 101, stopped="beyond the limit", is_right=None, answer=None)
+
     assert not [row for row in exclude(shipped, some)[0] if row["number"] == 101]
 
 
 def test_simulated_participant_is_the_same_on_every_run(shipped, rows):
     own = [row for row in rows if row["participant"] == "1"]
+
     assert answers(shipped, [1]) == own != answers(shipped, [1], seed=1)
 
 
 def test_findings_say_how_many_are_simulated(shipped, rows):
     some = altered(rows, lambda r: r["participant"] != "3", apparatus="simulated drum")
     people = altered(rows, lambda r: True, apparatus="drum with a motor")
+
     assert analyse(shipped, rows).simulated_note == "All 12 participants are simulated observers."
     assert analyse(shipped, some).simulated_note == "1 of 12 participants are simulated observers."
     assert analyse(shipped, people).simulated_note == ""

@@ -22,6 +22,7 @@ from proximity.lab.simulation.sweeps import best_coupled_wall
 def test_each_condition_follows_each_other_equally_often(count):
     rows = latin_square(count)
     pairs = Counter((a, b) for row in rows for a, b in pairwise(row))
+
     assert all(sorted(row) == list(range(count)) for row in rows)
     assert {n for column in zip(*rows, strict=True) for n in Counter(column).values()} == {len(rows) // count}
     assert len(pairs) == count * (count - 1) and len(set(pairs.values())) <= 1
@@ -30,6 +31,7 @@ def test_each_condition_follows_each_other_equally_often(count):
 def test_shipped_design_takes_45_minutes_and_is_balanced():
     design = read_design(SHIPPED)
     plans = [plan(design, slot) for slot in range(design.participants)]
+
     assert {round(minutes(design, steps)) for steps in plans} == {43}
     first = Counter(trials_of(steps)[4].condition.name for steps in plans)
     assert set(first.values()) == {8} and len(first) == 4
@@ -40,6 +42,7 @@ def test_shipped_design_takes_45_minutes_and_is_balanced():
 def test_gains_of_the_shipped_design_are_equal_and_the_best_for_the_late_wall():
     coupled = [one for one in read_design(SHIPPED).conditions if one.wall == "coupled"]
     best = best_coupled_wall(Hand(), DISTANCE_RATE, max(one.latency for one in coupled))
+
     assert len({one.latency for one in coupled}) == 2
     assert {(one.stiffness, one.damping) for one in coupled} == {(232.0, 1.7)}
     assert best.stiffness == pytest.approx(232.0, rel=1e-3) and best.damping == pytest.approx(1.7, rel=2e-3)
@@ -47,6 +50,7 @@ def test_gains_of_the_shipped_design_are_equal_and_the_best_for_the_late_wall():
 
 def test_plan_is_the_same_every_time_and_differs_between_participants():
     design = read_design(SHIPPED)
+
     assert plan(design, 3) == plan(design, 3) != plan(design, 11)  # of the same orders
 
 
@@ -70,6 +74,7 @@ def test_levels_and_intervals_are_balanced_and_equal_pairs_are_among_them():
 def test_steps_come_in_order(tmp_path):
     design = read_design(write_design(tmp_path))
     steps = plan(design, 0)
+
     assert steps[0] == Text("welcome", "Press.") and steps[-1] == Text("goodbye", "Thanks.")
     assert [one.number for one in trials_of(steps)] == list(range(len(trials_of(steps))))
     assert {one.condition.name for one in trials_of(steps) if one.task.name == "which"} == {"late"}
@@ -150,6 +155,7 @@ def test_file_that_is_no_design_is_refused(tmp_path, text, sentence):
 def test_every_display_of_the_shipped_design_has_the_same_surface():
     design = read_design(SHIPPED)
     surfaces = {interval_of(design.tasks[0], one, 0.19)[1:3] for one in design.conditions}
+
     assert surfaces == {(100.0 * 1.19, 1.0)}
 
 
@@ -163,6 +169,7 @@ def test_interval_that_differs_is_where_the_plan_has_it(odd):
     design = read_design(SHIPPED)
     stiffer = trial_of(design, 0, "decaff1ms", odd, 0.5)
     real = intervals_of(trial_of(design, 1, "decaff1ms", odd, 0.0))
+
     assert [one.stiffness for one in intervals_of(stiffer)] == [150.0, 100.0][:: 3 - 2 * odd]
     assert [one.wall for one in real] == ["real", "decaff"][:: 3 - 2 * odd]
     assert row_of(stiffer, [], odd, 1.0)["is_right"] == 1

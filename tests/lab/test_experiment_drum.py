@@ -73,6 +73,7 @@ def held(felt):
 
 def test_rigid_wall_of_the_drum_stands_at_the_surface():
     felt = press(Wall.DECAFF, None)
+
     assert not felt.stopped
     assert held(felt) == pytest.approx(200.0 * 0.004, rel=0.05)  # the pad's
     assert abs(felt.frames["wall"][350]) < 3e-4
@@ -90,23 +91,27 @@ def in_series(stiffness, depth=0.004):
 )
 def test_soft_wall_gives_way_by_its_spring(wall, stiffness, rel):
     felt = press(wall, stiffness, latency=0.001 if wall is Wall.DECAFF else 0.003)
+
     assert not felt.stopped
     assert held(felt) == pytest.approx(in_series(stiffness), rel=rel)
 
 
 def test_late_coupled_wall_swings():
     early, late = (press(Wall.COUPLED, 200.0, latency=latency).frames for latency in (0.001, 0.050))
+
     assert np.ptp(late["force"][600:1400]) > 2.0 * np.ptp(early["force"][600:1400])
 
 
 def test_real_surface_has_the_drum_out_of_the_path():
     felt = press(Wall.REAL, None, seconds=0.8)
+
     assert felt.peak == 0.0 and not felt.stopped
     assert felt.frames["time"][-1] == pytest.approx(0.8, abs=0.002)
 
 
 def test_force_beyond_the_limit_ends_the_interval_and_the_drum_retracts():
     felt = press(Wall.DECAFF, None, depth=0.008, force=0.9)
+
     assert felt.stopped.endswith("are beyond the limit of 0.9 N")
     assert felt.frames["time"][-1] < 0.35
 
@@ -115,6 +120,7 @@ def test_emergency_stop_ends_the_interval_and_the_drum_retracts():
     felt = press(
         Wall.DECAFF, None, at=lambda display, ms: display.stop("emergency stop") if ms == 300 else None
     )
+
     assert felt.stopped == "emergency stop" and felt.frames["time"][-1] < 0.31
 
 
@@ -126,12 +132,14 @@ def test_stop_before_an_interval_counts_as_well():
     felt = display.present(Interval(Wall.DECAFF, None, 2.0, 0.001, 1500.0, 0.2), 4.0, 3.0)
     for ms in range(1, 400):
         display.step(reading(ms, 0.004), ms * MS)
+
     assert felt.stopped == "emergency stop" and len(felt.frames) == 0 and felt.peak == 0.0
     assert display.fingers[0].peak_force == 0.0
 
 
 def test_surface_that_the_drum_cannot_display_is_refused():
     design = read_design(SHIPPED)
+
     DrumDisplay(1000.0).check(design)
     with pytest.raises(
         ArgumentError, match=r"task stiffness, condition decaff1ms: 188 N/m with 1 N s/m are asked"

@@ -97,6 +97,7 @@ def test_table_that_is_not_a_visit_is_refused_by_line(design, folder, edit, sent
     simulate(design, folder, "p01")
     path = folder / "p01.csv"
     path.write_text("\n".join(edit(path.read_text().splitlines())) + "\n")
+
     with pytest.raises(RecordingError, match=sentence):
         read_visit(design, path)
 
@@ -104,6 +105,7 @@ def test_table_that_is_not_a_visit_is_refused_by_line(design, folder, edit, sent
 def test_visit_of_another_design_is_refused(tmp_path, design, folder):
     simulate(design, folder, "p01")
     other = read_design(write_design(tmp_path, SMALL.replace("seed = 7", "seed = 8")))
+
     with pytest.raises(RecordingError, match=r"p01.csv:2: belongs to another design"):
         read_visits(other, folder)
 
@@ -124,6 +126,7 @@ def test_force_beyond_the_limit_ends_the_trial_whatever_the_design_says(tmp_path
     )
     rows = simulate(read_design(write_design(tmp_path, text)), folder, "p01")
     late = [row for row in rows if row["task"] == "stiffness" and row["condition"] == "late"]
+
     assert late and all(row["stopped"].endswith("are beyond the limit of 4 N") for row in late)
     assert all(row["answer"] is None and row["is_right"] is None for row in late)
     assert max(max(row["peak_force_1_N"], row["peak_force_2_N"] or 0.0) for row in rows) <= 4.0
@@ -132,6 +135,7 @@ def test_force_beyond_the_limit_ends_the_trial_whatever_the_design_says(tmp_path
 def test_frames_end_at_either_limit_and_where_a_force_is_not_known():
     frames = np.zeros(5, FRAME)
     frames["time"], frames["force"] = np.arange(5), (0.0, 1.0, 2.0, 3.0, 0.0)
+
     assert len(cut_at_limits(frames, 2.5, 10.0).frames) == 3
     assert cut_at_limits(frames, 2.5, 10.0).stopped == "3.0 N are beyond the limit of 2.5 N"
     assert len(cut_at_limits(frames, 5.0, 2.0).frames) == 3
@@ -145,6 +149,7 @@ def test_first_contact_is_measured_from_the_surface():
     frames["finger"], frames["wall"] = (-0.001, 0.0, 0.001, 0.002), (0.0, 0.0, 0.0005, 0.001)
     frames["force"] = (0.0, 0.0, 0.05, 0.2)
     felt = Presentation(frames)
+
     assert felt.onset == pytest.approx(0.002) and felt.depth == pytest.approx(0.001)
     assert np.isnan(Presentation(frames[:2]).onset)
 
@@ -187,6 +192,7 @@ def test_consent_is_asked_once(design, folder):
 @pytest.mark.parametrize("stiffness", [None, 300.0])
 def test_hand_feels_every_wall(design, wall, stiffness):
     felt = Observer(design, 0).present(Interval(wall, stiffness, 2.0, 0.001, 1500.0, 0.2), 4.0, 8.0)
+
     assert not felt.stopped
     assert 0.5 < felt.peak < 1.1
     assert abs(felt.onset) < 0.02
@@ -195,6 +201,7 @@ def test_hand_feels_every_wall(design, wall, stiffness):
 def test_nothing_personal_is_in_the_data(design, folder):
     simulate(design, folder, "p01")
     content = (folder / "p01.csv").read_text()
+
     assert not re.search(r"20[2-9]\d-\d\d-\d\d", content)
     for word in (getpass.getuser(), socket.gethostname(), str(Path.home()), str(folder.parent)):
         assert not re.search(r"\b" + re.escape(word) + r"\b", content), word
@@ -212,6 +219,7 @@ def test_place_of_a_deleted_participant_is_free(design, folder):
     with pytest.raises(RecordingError, match="all 4 places of the design are taken, expected one of: p01"):
         simulate(design, folder, "p05")
     (folder / "p02.csv").unlink()
+
     assert simulate(design, folder, "p05")[0]["slot"] == 1
 
 
@@ -224,6 +232,7 @@ def test_place_of_a_deleted_participant_is_free(design, folder):
 )
 def test_people_and_simulated_observers_are_not_mixed(design, folder, first, second, there, new):
     rows = [{"participant": "p01", "apparatus": first, "slot": 0}]
+
     for name in ("p01", "p02"):
         with pytest.raises(RecordingError, match=f"has data of {there}, expected another folder for {new}"):
             place(design, rows, name, second, folder)

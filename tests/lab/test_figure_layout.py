@@ -6,7 +6,11 @@ import matplotlib.text
 import numpy as np
 import pytest
 
-from proximity.lab.figures import catalogue, error_plots, style
+from proximity.lab.figures import (
+    catalogue,
+    error_plots,
+    style,
+)
 
 WIDTHS = (0.086, 0.120, 0.178)  # m: a column, one and a half, and a page
 OVERLAP = 0.5  # pixels of 300 an inch that rounding may cost

@@ -51,6 +51,7 @@ def test_finger_that_goes_back_leaves_the_link_behind_by_the_backlash(play, spee
     pressing = tight.times < tight.press.release_time
     left = [int(np.flatnonzero(one.drum - one.link < 0.5e-3)[-1]) for one in (tight, loose)]
     behind = loose.link - loose.thimble
+
     np.testing.assert_allclose(loose.force[pressing], tight.force[pressing], atol=1e-6)
     assert play < behind.max() < play + 0.6e-3  # and what the tension stretches that then pulls the link
     assert play - 0.05e-3 < tight.thimble[left[0]] - loose.thimble[left[1]] < play + 0.35e-3
@@ -61,6 +62,7 @@ def test_service_loses_the_backlash_where_a_finger_turns():
     glove = Glove(cable=replace(Glove().cable, backlash=1e-3))
     plant = DrumPlant(FingerPath(glove))
     play = float(glove.tip_per_radian(0.5)) * 1e-3 / glove.cable.replica_pulley
+
     assert play == pytest.approx(4.06e-3, rel=1e-2)
     found = [plant.follow(finger) for finger in (0.05, 0.06, 0.06 - 0.5 * play, 0.06 - 3.0 * play, 0.055)]
     assert found == pytest.approx([0.05, 0.06, 0.06, 0.06 - 2.0 * play, 0.055])
@@ -82,6 +84,7 @@ def swung(drum, torques, rate=SERVO_RATE):
 def test_torque_acts_later_by_the_latency_and_not_otherwise(samples):
     torques = free_chirp(GEAR51).torques(SERVO_RATE)[:600]
     soon, later = swung(GEAR51, torques), swung(late(GEAR51, samples / SERVO_RATE), torques)
+
     assert np.array_equal(later[samples:], soon[:-samples])
     assert np.ptp(soon) > 0.1 and not np.array_equal(later, soon)
 
@@ -93,6 +96,7 @@ def test_chirp_of_the_simulated_drum_gives_its_latency_back(latency):
     times, found = np.arange(len(torques)) / SERVO_RATE, []
     for drum in (GEAR51, late(GEAR51, latency)):
         found.append(identify_free(DrumRecord(times, torques, swung(drum, torques), torques), GEAR51))
+
     assert found[0]["latency"] == pytest.approx(1.0 / SERVO_RATE, abs=0.3e-3)
     assert found[1]["latency"] - found[0]["latency"] == pytest.approx(latency, abs=0.02e-3)
     assert found[1]["inertia"] == pytest.approx(found[0]["inertia"], rel=1e-3)
@@ -105,6 +109,7 @@ def test_drum_with_a_latency_has_a_servo_that_settles_and_is_softer_for_it(name,
     drum = late(DRUMS[name], latency)
     servo, slowest = servo_for(drum, SERVO_RATE), servo_for(late(DRUMS[name], MOST_LATENCY), SERVO_RATE)
     later = (latency + 1.5 * servo.period) / (MOST_LATENCY + 1.5 * servo.period)
+
     assert servo.stiffness * later**2 == pytest.approx(slowest.stiffness, rel=0.2)
     assert settling_time(drum, servo, 0.03, longest=4.0) < 100.0 * latency + 0.2
     assert move(drum, servo, 0.03, 1.0)[1].max() < 0.03 + 8e-3
@@ -115,6 +120,7 @@ def test_wall_is_softer_the_later_the_drum_acts():
     press, errors = Hand().press(0.5), []
     for latency in (0.0, 1e-3, 2e-3, 5e-3):
         errors.append(deviation(decaff(Hand(), press, Decaff(late(GEAR51, latency)))).error)
+
     assert errors == sorted(errors)
     assert errors[0] < 0.09 and errors[1] < 0.11 and errors[3] > 2.0 * errors[0]
 
@@ -125,6 +131,7 @@ def test_surface_before_a_late_drum_is_displayed_as_stiff_as_is_passive(damping,
     settings = ControllerSettings(SERVO_RATE, late(GEAR51, samples / SERVO_RATE))
     law = SurfaceLaw(settings)
     stiffness, displayed = law.displayed(1e6, damping)
+
     assert required_damping(stiffness, displayed, 1.0 / SERVO_RATE, 1 + samples) <= 2.0 + 1e-9
     assert stiffness < SurfaceLaw(ControllerSettings(SERVO_RATE, GEAR51)).displayed(1e6, damping)[0]
     assert law.lacking(1e6, damping) == pytest.approx(
@@ -165,4 +172,5 @@ def test_calibrated_drum_is_the_one_that_simulation_service_and_firmware_have(tm
 def test_calibration_file_keeps_the_latency_of_the_drum(tmp_path):
     worn = read_any_glove(glove_files.write(tmp_path / "glove.json", drum_latency=1.2e-3))
     older = read_any_glove(glove_files.write(tmp_path / "older.json"))
+
     assert (worn.glove.motor.latency, older.glove.motor.latency) == (1.2e-3, 0.0)

@@ -42,6 +42,7 @@ def written(tmp_path, **parts):
 def test_gear_of_4_on_a_hand_is_a_soft_and_light_drum():
     """Reference: 1.6 g, 9.2 N, 420 N/m and 96 µm at the fingertip, not 0.24 kg, 100 N, 62 kN/m and 8 µm."""
     drum = paper_drum(4.0)
+
     assert 1e3 * drum.mass == pytest.approx(1.6, abs=0.05)
     assert drum.force_limit == pytest.approx(9.2, abs=0.05)
     assert servo_for(drum, 3000.0).stiffness == pytest.approx(420.0, abs=0.5)
@@ -56,6 +57,7 @@ def test_gear_of_4_on_a_hand_is_a_soft_and_light_drum():
 def test_force_error_follows_from_the_total_gearing(ratio, errors):
     """Reference, at 0.1 to 1 m/s and 1 ms; where its encoder counts makes a few tenths."""
     drum = with_random_phases(paper_drum(ratio), 1)[0]
+
     found = 100.0 * sweeps.drum_row(Hand(), Decaff(drum)).errors
     np.testing.assert_allclose(found, errors, rtol=0.045, atol=0.6)
 
@@ -65,6 +67,7 @@ def test_torque_of_a_newton_is_one_number_for_firmware_motors_and_simulation(gea
     glove = with_gear(Glove(), gear)
     path, turns = FingerPath(glove), glove.gear.ratio
     angle = path.drum_angle(path.position(CONTACT_BEND))
+
     expected = float(glove.replica_torque(CONTACT_BEND, 1.0)) / turns  # the drum is an arm about the replica
     assert float(glove.lever(CONTACT_BEND)) / turns == pytest.approx(expected, rel=1e-12)
     assert DRUMS[gear].motor_torque(1.0) == path.drum.motor_torque(1.0) == pytest.approx(expected, rel=1e-12)
@@ -177,6 +180,7 @@ def test_drum_weighs_over_the_whole_bend_what_its_rotor_moves(bend):
 def test_builder_writes_his_own_drum_into_the_gloves_file(tmp_path):
     gear = {"name": "mine", "ratio": 20.0, "efficiency": 0.8}
     glove = read_any_glove(written(tmp_path, motor={"inertia": 2e-6}, gear=gear, drum={"arm": 0.035}))
+
     assert (glove.motor.inertia, glove.gear, glove.drum) == (2e-6, Gear("mine", 20.0, 0.8), ArmDrum(0.035))
     assert FingerPath(glove).drum.mass == pytest.approx(2e-6 * (20.0 / float(glove.lever(CONTACT_BEND))) ** 2)
 

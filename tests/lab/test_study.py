@@ -37,6 +37,7 @@ def values_of(*arguments, **options):
 
 def test_grid_has_every_combination_once(tmp_path):
     found = values_of(tmp_path, "number = [1, 2, 3, 2]\nspeed = [0.5, 1.5]")
+
     assert sorted((one["number"], one["speed"]) for one in found) == [
         (number, speed) for number in (1, 2, 3) for speed in (0.5, 1.5)
     ]
@@ -46,6 +47,7 @@ def test_grid_has_every_combination_once(tmp_path):
 def test_each_row_of_conditions_has_every_combination_of_the_factors(tmp_path):
     rows = '[[conditions]]\nnumber = [1, 2]\nspeed = 2\n[[conditions]]\nnumber = 3\nstiffness = ["none", 9]'
     found = values_of(tmp_path, 'wall = ["hard", "soft"]', tail=rows)
+
     assert [(one["number"], one["speed"], one["stiffness"]) for one in found if one["wall"] == "soft"] == [
         (1, 2.0, None), (2, 2.0, None), (3, 1.0, None), (3, 1.0, 9.0),
     ]  # fmt: skip
@@ -87,6 +89,7 @@ def test_mistake_is_named_by_its_line(tmp_path, job, factors, sentence):
 
 def test_job_may_be_a_function_of_a_module(tmp_path):
     study = study_of(tmp_path, "number = 1", job="study_jobs:count")
+
     assert study.job is not None and len(study.conditions) == 1
 
 
@@ -95,12 +98,14 @@ def test_studies_that_are_shipped_can_be_read(monkeypatch):
     counts = {
         name: len(read_study(folder / f"{name}.toml", JOBS).conditions) for name in ("force-error", "hunting")
     }
+
     assert counts == {"force-error": 5 * 4 * (9 + 1), "hunting": 6 * 4 * 3 * 2 * 8}
 
 
 @pytest.mark.parametrize("job", [press, certificate], ids=["press", "certificate"])
 def test_page_of_the_documentation_names_every_factor(job):
     page = (ROOT / "docs" / "guide" / "studies.md").read_text(encoding="utf-8")
+
     assert f"**`{job.__name__}`**" in page
     for name in job.__kwdefaults__:
         assert f"`{name}`" in page, name
@@ -108,6 +113,7 @@ def test_page_of_the_documentation_names_every_factor(job):
 
 def test_press_with_all_defaults_is_that_of_simulate():
     found, simulated = press(), simulate(Setup())
+
     assert found["force_error"] == simulated.force_error
     assert found["peak"] == simulated.felt.peak
 
@@ -115,6 +121,7 @@ def test_press_with_all_defaults_is_that_of_simulate():
 def test_press_on_a_coupled_wall_is_tuned_unless_it_has_gains():
     tuned = press(wall="coupled", speed=0.5, latency=0.003)
     given = press(wall="coupled", stiffness=734.0, damping=4.4, latency=0.003)
+
     assert tuned["force_error"] == simulate(Setup(Wall.COUPLED, 0.5, 0.003)).force_error
     setup = Setup(Wall.COUPLED, latency=0.003, stiffness=734.0, damping=4.4)
     assert given["force_error"] == simulate(setup).force_error
@@ -142,6 +149,7 @@ def test_press_on_a_real_wall_has_no_error():
 
 def test_certificate_holds_or_does_not():
     found = certificate(scene=MESHES / "box.stl", ticks=1000, loop_seconds=0.02)
+
     assert found["worst_work"] >= found["typical_work"] > 0.0
     assert found["faces"] == 12 and found["fits"] in (0.0, 1.0) and "1 ms" in found["verdict"]
 
@@ -189,6 +197,7 @@ def test_second_run_does_only_the_missing_conditions(tmp_path):
     run_study(study_of(tmp_path, "number = [1, 2, 3]"), out)
     study = study_of(tmp_path, "number = [2, 3, 4, 5]")
     ended = run_study(study, out)
+
     assert (ended.total, ended.earlier, ended.done) == (4, 2, 2)
     assert set(done().values()) == {1}
     assert [row["number"] for row in read_rows(out, study.conditions)] == [2, 3, 4, 5]
@@ -212,6 +221,7 @@ def test_failed_job_is_a_row_with_its_error_and_is_tried_again_by_the_next_run(t
     out, study = tmp_path / "out", study_of(tmp_path, "number = [12, 13, 14]")
     ended, again = run_study(study, out), run_study(study, out)
     row = next(row for row in read_rows(out, study.conditions) if row["number"] == 13)
+
     assert (ended.done, ended.failed) == (3, 1) and (again.earlier, again.done, again.failed) == (2, 1, 1)
     assert row["failure"] == "13 is an unlucky number" and row.get("square") is None
     assert len(read_rows(out, study.conditions)) == 3
@@ -221,6 +231,7 @@ def test_job_that_takes_its_worker_along_is_a_row_and_the_others_continue(tmp_pa
     out, study = tmp_path / "out", study_of(tmp_path, "number = [1, 2, 3, 666, 4, 5, 6, 7]")
     ended = run_study(study, out)
     failures = {row["number"]: row["failure"] for row in read_rows(out, study.conditions) if row["failure"]}
+
     assert (ended.total, ended.done, ended.failed) == (8, 8, 1)
     assert list(failures) == [666] and failures[666].startswith("its worker was lost: ")
     assert done()[666] == 3
@@ -228,6 +239,7 @@ def test_job_that_takes_its_worker_along_is_a_row_and_the_others_continue(tmp_pa
 
 def test_progress_has_rate_and_time_left():
     seen = Progress(total=100, earlier=20, done=30, failed=0, seconds=60.0)
+
     assert seen.rate == 0.5 and seen.seconds_left == 100.0
     assert Progress(5, 0, 0, 0, 0.0).seconds_left == float("inf")
 

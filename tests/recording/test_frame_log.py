@@ -131,7 +131,9 @@ def test_frames_of_another_version_are_left_out_and_counted(path):
     message = frame()
     message.header["version"] = 1
     path.write_bytes(sealed([0]) + message.seal(SESSION, 1).tobytes() + sealed([2]))
+
     reader, found = read(path)
+
     assert [sequence for _, sequence, _ in found] == [0, 2]
     assert (reader.foreign_count, reader.damage) == (1, [])
     assert reader.notes == ["1 frame of another version of the message were skipped"]
@@ -179,6 +181,7 @@ def test_what_is_no_log_is_refused(path, content, message):
 def test_log_is_continued(path):
     append(path, sealed(range(3)))
     log = append(path, sealed(range(3, 5)))
+
     assert sequences(path) == [0, 1, 2, 3, 4]
     assert log.cut_size == 0
 
@@ -187,7 +190,9 @@ def test_log_is_continued(path):
 @pytest.mark.parametrize("before", [0, 3])
 def test_torn_frame_is_cut_before_the_log_is_continued(path, before, torn):
     path.write_bytes(sealed(range(before)) + sealed([77])[:torn])
+
     log = append(path, sealed([8]))
+
     assert log.cut_size == torn
     assert path.read_bytes() == sealed(range(before)) + sealed([8])
 
@@ -196,6 +201,7 @@ def test_frame_of_another_version_at_the_end_is_not_torn(path):
     message = frame()
     message.header["version"] = 1
     path.write_bytes(sealed([0]) + message.seal(SESSION, 1).tobytes())
+
     assert append(path, sealed([2])).cut_size == 0
     assert sequences(path) == [0, 2]
 
@@ -204,7 +210,9 @@ def test_more_damage_than_a_crash_leaves_is_not_cut(path, monkeypatch):
     monkeypatch.setattr(frame_log, "LARGEST_FRAME", 2 * SIZE)
     whole = sealed(range(2)) + bytes(2 * SIZE + 1)
     path.write_bytes(whole)
+
     log = append(path, sealed([2]))
+
     assert log.cut_size == 0
     assert path.read_bytes() == whole + sealed([2])
     assert sequences(path) == [0, 1, 2]
@@ -313,7 +321,9 @@ def test_full_disk_leaves_whole_frames_and_writing_goes_on_when_there_is_room(pa
 def test_frame_that_is_taken_in_pieces_is_whole(path, monkeypatch):
     write = os.write
     monkeypatch.setattr(os, "write", lambda file, data: write(file, data[:100]))
+
     append(path, sealed(range(3)))
+
     assert path.read_bytes() == sealed(range(3))
 
 
@@ -362,6 +372,8 @@ def test_largest_frame_fits(path):
     message = Message(FRAME, 4096)
     data = message.seal(SESSION, 0).tobytes()
     path.write_bytes(data + data[:-1])
+
     log = append(path, sealed([1]))
+
     assert log.cut_size == len(data) - 1
     assert [run["contacts"].shape[1] for run in FrameReader(path)] == [4096, 1]

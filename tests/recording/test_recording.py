@@ -34,6 +34,7 @@ def recording_of(times_s, points, *, fingers=((0, 1),)):
 
 def test_samples_become_instants_and_fingers(read):
     recording = read(PLAIN)
+
     assert recording.times_ns.tolist() == [0, 10_000_000, 20_000_000]
     assert recording.fingers == ((0, 0), (0, 1))
     np.testing.assert_array_equal(recording.positions[:, 0], [[1, 2, 3], [1.5, 2, 3], [2, 2, 3]])
@@ -52,6 +53,7 @@ def test_hand_that_is_lost_at_the_origin_touches_nothing(read):
     there = [(0.01 * k, 0.02, 0.3) for k in range(5)]
     lost = [(0.0, 0.0, 0.0)] * 5
     recording = read(HEADER + hand_lines(0.0, there) + hand_lines(0.01, lost) + hand_lines(0.01, there, 1))
+
     assert recording.is_present.tolist() == [[True] * 5 + [False] * 5, [False] * 5 + [True] * 5]
     assert recording.notes == (
         "5 of 15 positions are of a hand with all fingers at one place: it is lost there",
@@ -97,6 +99,7 @@ def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
 )  # fmt: skip
 def test_same_recording_in_other_clothes(read, content):
     expected, found = read(PLAIN), read(content)
+
     np.testing.assert_array_equal(found.positions, expected.positions)
     np.testing.assert_array_equal(found.times_ns, expected.times_ns)
     assert found.fingers == expected.fingers
@@ -104,6 +107,7 @@ def test_same_recording_in_other_clothes(read, content):
 
 def test_columns_stand_in_any_order_and_others_are_named(read):
     recording = read("z_m,confidence,finger,hand,y_m,time_s,x_m\n3,good,4,7,2,0.5,1\n")
+
     assert recording.fingers == ((7, 4),)
     np.testing.assert_array_equal(recording.positions, [[[1, 2, 3]]])
     assert recording.notes == ("ignored columns: confidence",)
@@ -184,7 +188,9 @@ def test_recordings_of_real_hands_are_read():
 
 def test_ticks_lie_on_the_line_between_two_samples():
     recording = recording_of([1.0, 1.010, 1.025], [[0, 0, 0], [1, 0, 0], [1, 3, 0]])
+
     ticks = recording.resampled(0.001)
+
     assert ticks.times_ns.tolist() == list(range(1_000_000_000, 1_025_000_001, 1_000_000))
     np.testing.assert_allclose(ticks.positions[:11, 0, 0], np.arange(11) / 10, atol=1e-15)
     np.testing.assert_allclose(ticks.positions[10:, 0, 1], np.arange(16) / 5, atol=1e-15)
@@ -193,7 +199,9 @@ def test_ticks_lie_on_the_line_between_two_samples():
 
 def test_gap_is_not_bridged_and_its_ends_are_kept():
     recording = recording_of([0.0, 0.010, 0.061, 0.070], [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]])
+
     present = recording.resampled(0.001).is_present[:, 0]
+
     assert present.tolist() == [True] * 11 + [False] * 50 + [True] * 10
     assert recording.gap_count() == 1
     assert recording.resampled(0.001, gap_limit_s=0.051).is_present.all()
@@ -272,6 +280,7 @@ def test_generated_recording_is_what_the_script_makes():
 
 def test_generated_recording_is_small_and_has_what_sensors_do():
     recording = read_recording(make_recording.FOLDER / make_recording.NAME)
+
     assert (make_recording.FOLDER / make_recording.NAME).stat().st_size < 200_000
     assert recording.fingers == tuple((0, finger) for finger in range(5))
     assert 4.0 < recording.duration_s < 6.0

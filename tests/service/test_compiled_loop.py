@@ -264,6 +264,7 @@ def test_frames_of_a_sensor_are_those_that_python_makes_to_the_bit(seed):
 def test_frames_are_those_that_python_makes_to_the_bit(scene, seed):
     """What the loop does by itself is what NumPy and the tracker do with the same messages."""
     (ones, theirs), (others, ours) = (frames_of(scene, seed, in_python=way) for way in (True, False))
+
     assert_same(ones, others)
     reports = [
         {**each.as_dict(), "compute": 0, "lateness": 0, "publish_failures": 0} for each in (theirs, ours)

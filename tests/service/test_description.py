@@ -2,7 +2,15 @@
 
 import numpy as np
 import pytest
-from fake_service import FakeAnswers, KeepingOutlet, ManualClock, ScriptedInput, publisher, serve, steady
+from fake_service import (
+    FakeAnswers,
+    KeepingOutlet,
+    ManualClock,
+    ScriptedInput,
+    publisher,
+    serve,
+    steady,
+)
 from wire import Reader, frame
 
 from proximity.message import DESCRIPTION, FRAME, Defect, Message, parts_of
@@ -74,7 +82,9 @@ def test_description_comes_every_tenth_of_a_tenth_and_when_it_is_asked_for():
     describer, tenth = Describer(["thumb"], [0.007]), 100_000_000
     is_due = [describer.message(0, now, labels(1)) is not None for now in (0, 1, tenth - 1, tenth, tenth + 1)]
     assert is_due == [True, False, False, True, False]
+
     describer.ask()
+
     assert describer.message(0, tenth + 2, labels(1)) is not None
     assert describer.message(0, tenth + 3, labels(1)) is None
 
@@ -104,6 +114,7 @@ def test_service_publishes_it_behind_the_first_frame():
     answers = FakeAnswers()
     answers.labels = labels(2)
     _, outlet, _, _ = serve(answers=answers, describer=Describer(["thumb", "index"], [0.007] * 2), ticks=3)
+
     kinds = [int(data[:4].view("<u4")[0]) for data in outlet.sent]
     assert kinds[:4] == [FRAME.magic, DESCRIPTION.magic, FRAME.magic, FRAME.magic]
     header, records = parts_of(outlet.sent[1], DESCRIPTION)

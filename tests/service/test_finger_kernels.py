@@ -84,7 +84,9 @@ def test_hand_is_lost_only_where_all_its_fingers_are_given_at_one_position(how, 
 @HOW
 def test_samples_from_before_an_instant_are_dropped(how):
     newest_ns, newest = np.array([9, 10, 11]), np.ones((3, 3))
+
     how(finger_kernels.drop_stale)(newest_ns, newest, 10)
+
     assert np.isnan(newest[:, 0]).tolist() == [True, False, False]
     assert newest_ns.tolist() == [9, 10, 11]
 

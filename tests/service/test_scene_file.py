@@ -84,6 +84,7 @@ def test_files_of_addresses_lie_beside_the_scene_file(read, folder):
         + PART
         + '[input]\nposes = "udp://127.0.0.1:9101?key=/keys/poses.key"\nmoves = "zenoh://m?config=m.json5"\n'
     )
+
     assert settings.service.publish == (f"udp://127.0.0.1:9100?key={folder}/frames.key", "shm://proximity")
     assert settings.input.poses == "udp://127.0.0.1:9101?key=/keys/poses.key"
     assert settings.input.moves == f"zenoh://m?config={folder}/m.json5"
@@ -149,18 +150,22 @@ def test_every_key_is_read(read, folder):
 
 def test_sensor_needs_no_parts(read):
     settings = read('[fingers]\ncount = 2\n[input]\nsensor = "mailbox:sensor"\n')
+
     assert settings.parts == ()
     assert settings.input.sensor == "mailbox:sensor"
 
 
 def test_what_windows_editors_write_is_read(read):
     settings = read(b"\xef\xbb\xbf" + (PART + POSES).replace("\n", "\r\n").encode())
+
     assert len(settings.parts) == 1
 
 
 def test_sample_reads_and_names_every_key():
     text = (MESHES / "demo.toml").read_text(encoding="utf-8")
+
     settings = read_scene_file(MESHES / "demo.toml")
+
     assert settings.service == ServiceSettings()
     for keys in scene_file_reader.KEYS.values():
         for key in keys:
@@ -278,6 +283,7 @@ LARGE_MISTAKES = [
 @pytest.mark.parametrize("line", MISTAKES.strip("\n").splitlines())
 def test_mistake_is_told_by_its_line(folder, refusal, line):
     text, _, message = line.partition(" | ")
+
     told = refusal(text.format(**TABLES).replace("\\n", "\n"))
     assert told.startswith(message.replace("{FOLDER}", str(folder)))
 
@@ -289,12 +295,14 @@ def test_file_beyond_all_measure_is_told_by_its_line(refusal, text, message):
 
 def test_first_mistake_by_line_is_told_and_others_are_counted_with_their_lines(refusal):
     told = refusal("[input]\nposes = 'x'\n[service]\nrate_hz = 0\nlatency = 7\n" + PART)
+
     assert told.startswith("2: input.poses cannot be used")
     assert told.endswith("(and 2 more mistakes, on lines 4 and 5)")
 
 
 def test_lines_of_many_mistakes_are_not_all_named(refusal):
     told = refusal("[service]\n" + "".join(f"key{number} = 1\n" for number in range(20)) + PART + POSES)
+
     assert told.endswith("(and 19 more mistakes, on lines 3, 4, 5, 6, 7, 8, 9, 10 and others)")
 
 
@@ -354,6 +362,7 @@ def test_values_are_found_on_their_lines(path, line, ends):
 
 def test_statement_that_is_too_long_ends_the_telling_of_lines():
     long = "a = [\n" + "1,\n" * (MOST_LINES + 1) + "]\nb = 1\n"
+
     assert Document("\nc = 1\n" + long, "a").line_of(("c",)) == 2
     assert Document(long, "a").line_of(("b",)) == 1
 
@@ -385,6 +394,7 @@ def test_units_of_files_and_kinds_of_parts_are_taken(read):
     scene = PartFiles().scene(
         read(PART + "units = 'cm'\nkind = 'deformable'\nstiffness = 800\ndamping = 2\n" + POSES)
     )
+
     (part,) = scene.parts
     assert (part.stiffness, part.damping) == (800.0, 2.0)
     in_mm = PartFiles().scene(read(PART + POSES))
@@ -394,7 +404,9 @@ def test_units_of_files_and_kinds_of_parts_are_taken(read):
 
 def test_approximation_of_a_step_file_is_that_of_the_scene(read):
     path = (MESHES / "assembly.step").as_posix()
+
     scene = PartFiles().scene(read(f"[[parts]]\nfile = '{path}'\n" + POSES))
+
     assert scene.report.approximation == load(path).report.approximation > 0.0
 
 
@@ -403,7 +415,9 @@ def test_compiled_part_keeps_its_kind_unless_told(read, folder, kind, stiffness)
     scene = PartFiles().scene(read(PART + POSES))
     scene.set_surface("box", stiffness=500.0)
     scene.save(folder / "soft.prox")
+
     soft = PartFiles().scene(read("[[parts]]\nfile = 'soft.prox'\n" + kind + POSES))
+
     assert soft.parts[0].stiffness == stiffness
 
 
@@ -411,13 +425,16 @@ def test_part_that_moves_is_turned_with_its_velocities(read, folder):
     scene = PartFiles().scene(read(PART + POSES))
     scene.move("box", np.eye(4), velocity=(1.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 2.0))
     scene.save(folder / "moving.prox")
+
     turned = PartFiles().scene(read("[[parts]]\nfile = 'moving.prox'\nturn_degrees = [0, 90, 0]\n" + POSES))
+
     np.testing.assert_allclose(turned.parts[0].velocity, (0.0, 0.0, -1.0), atol=1e-15)
     np.testing.assert_allclose(turned.parts[0].angular_velocity, (2.0, 0.0, 0.0), atol=1e-15)
 
 
 def test_two_files_with_one_name_are_refused_with_both_lines(read):
     settings = read(PART + "\n" + PART + POSES)
+
     with pytest.raises(
         ServiceError, match=r"cell\.toml:4: parts\[1\] has a part 'box', as the one on line 1 has"
     ):
@@ -427,6 +444,7 @@ def test_two_files_with_one_name_are_refused_with_both_lines(read):
 def test_file_that_is_no_mesh_is_told_with_its_line(read, folder):
     (folder / "bad.stl").write_text("no mesh")
     settings = read(PART + "[[parts]]\nname = 'bad'\nfile = 'bad.stl'\n" + POSES)
+
     with pytest.raises(ServiceError, match=r"cell\.toml:5: parts\[1\]\.file: .*bad\.stl: "):
         PartFiles().scene(settings)
 
@@ -470,6 +488,7 @@ def test_tracker_is_made_as_told(read):
 def test_radii_that_do_not_fit_the_fingers_are_told_with_their_line(read):
     settings = read(PART + POSES + "[fingers]\nradius = [0.005, 0.006]\n")
     scene = PartFiles().scene(settings)
+
     with pytest.raises(ServiceError, match=r"cell\.toml:6: fingers: .*one for each of 5 fingers"):
         make_tracker(settings, scene, finger_count(settings, None))
 
@@ -477,6 +496,7 @@ def test_radii_that_do_not_fit_the_fingers_are_told_with_their_line(read):
 def test_fingers_are_those_of_the_recording(read):
     settings = read(PART + RECORDED)
     assert finger_count(settings, read_input(settings)) == 5
+
     settings = read(PART + RECORDED + "[fingers]\ncount = 3\n")
     with pytest.raises(
         ServiceError, match=r"cell\.toml:6: fingers\.count is 3, expected 5, as .*hand\.csv has"
@@ -487,7 +507,9 @@ def test_fingers_are_those_of_the_recording(read):
 def test_recording_is_placed(read):
     settings = read(PART + RECORDED + "position = [1, 2, 3]\nturn_degrees = [0, 0, 90]\nscale = 2\n")
     recorded = read_input(settings)
+
     placed = place_recording(settings, recorded, PartFiles().scene(settings))
+
     x, y, z = np.moveaxis(recorded.positions, 2, 0)
     expected = np.stack((1 - 2 * y, 2 + 2 * x, 3 + 2 * z), axis=2)
     np.testing.assert_allclose(placed.positions, expected, atol=1e-12)
@@ -496,7 +518,9 @@ def test_recording_is_placed(read):
 def test_recording_is_fitted_so_that_it_touches(read):
     settings = read(PART + RECORDED + "fit = true\n")
     scene = PartFiles().scene(settings)
+
     placed = place_recording(settings, read_input(settings), scene)
+
     share = (scene.signed_distance(placed.positions[placed.is_present]) <= 0.007).mean()
     assert 0.0 < share <= 0.11
 
@@ -504,6 +528,7 @@ def test_recording_is_fitted_so_that_it_touches(read):
 def test_recording_that_cannot_be_used_is_told_with_its_line(read, folder):
     settings = read(PART + RECORDED)
     (folder / "hand.csv").write_text("time_s\n")
+
     with pytest.raises(ServiceError, match=r"cell\.toml:4: input\.recording: .*hand\.csv, line 1: no column"):
         read_input(settings)
 

@@ -38,6 +38,7 @@ def told(answers, bends, *, paths=None, ticks=8, every=1):
 @pytest.mark.parametrize("every", [1, 4])
 def test_bend_that_is_told_without_a_path_is_published_with_its_rate(answers, every):
     contacts = told(answers, [0.1, 0.5, math.nan], every=every, ticks=8 * every)
+
     pose = 7 * every
     assert contacts["bend"][:2] == pytest.approx([0.1 + RATE * 1e-3 * pose, 0.5 + RATE * 1e-3 * pose])
     assert contacts["bend_rate"][:2] == pytest.approx([RATE, RATE])
@@ -69,6 +70,7 @@ def test_finger_on_a_path_keeps_what_its_path_tells(answers):
     paths = np.full((3, 2, 3), np.nan)
     paths[0] = line((0.0, 0.0, 0.05), (0.0, 0.0, -0.05))
     contacts = told(answers, [0.2, 0.2, 0.2], paths=paths)
+
     assert contacts["bend"] == pytest.approx([0.2 + RATE * 7e-3] * 3)
     assert contacts["bend_rate"] == pytest.approx([1.0, RATE, RATE])  # 0.1 m/s on 0.1 m
     assert contacts["contact_bend"][0] == pytest.approx(0.43)

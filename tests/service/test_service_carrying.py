@@ -147,7 +147,9 @@ def test_fingers_that_are_not_there_say_nothing_of_when(inlet):
     served = Served(inlet)
     inlet.put(told(NOW))
     poses = hands_at(np.full((3, 3), np.nan), [NOW - 90 * MS, 0, -(2**62)])
+
     contacts = filled(served.answers, poses, NOW + 20 * MS)
+
     assert (contacts["lower"] == -np.inf).all() and (contacts["upper"] == np.inf).all()
     np.testing.assert_allclose(served.scene.part("box").pose.translation, 0.02 * VELOCITY, atol=1e-15)
 
@@ -174,6 +176,7 @@ def test_part_is_carried_no_longer_than_it_is_believed_whatever_a_finger_says_of
     served = Served(inlet)
     inlet.put(told(NOW))
     served.tick(NOW + 99 * MS, NOW + 103 * MS)
+
     assert not served.answers.is_late
     turn, shift = world_from_box(NOW + 100 * MS)
     np.testing.assert_allclose(served.scene.part("box").pose.rotation, turn, atol=1e-12)
@@ -184,7 +187,9 @@ def test_finger_that_is_not_predicted_is_free_for_no_time_beside_a_part_of_anoth
     served = Served(inlet)
     inlet.put(told(NOW - 20 * MS))
     poses = hands_at(TIPS, [NOW - 15 * MS, NOW - MS, NOW - 40 * MS])  # the first: no velocity is known
+
     contacts = filled(served.answers, poses, NOW)
+
     assert not (contacts["flags"] & ContactFlag.PREDICTED).any() and (contacts["lower"] > 0.0).all()
     assert (contacts["time_to_contact_lower"] > 0.0).tolist() == [False, True, False]
 

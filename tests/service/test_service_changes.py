@@ -71,8 +71,10 @@ def test_parts_are_hidden_and_shown(inlet):
     inlet.put(changes(("a", PartAction.HIDE), ("b", PartAction.HIDE)))
     changing.apply(parts)
     assert hidden(parts) == ["a", "b"]
+
     inlet.put(changes(("b", PartAction.SHOW)))
     changing.apply(parts)
+
     assert hidden(parts) == ["a"]
     assert changing.notes == []
 
@@ -137,7 +139,9 @@ def test_part_is_deformed_as_a_whole(inlet):
     parts, changing = Scene([Solid(*shapes.sphere(1.0, 2), name="ball")]), source()
     before = parts.part("ball").solid.mesh.vertices
     inlet.put(deformation("ball", 2.0 * before))
+
     changing.apply(parts)
+
     np.testing.assert_array_equal(parts.part("ball").solid.mesh.vertices, 2.0 * before)
     assert changing.notes == []
 
@@ -146,7 +150,9 @@ def test_description_is_asked_for(inlet):
     asked = []
     changing = ChangesInput("queue:", SimpleQueue(), lambda: asked.append(True))
     inlet.put(changes(("", PartAction.DESCRIBE)))
+
     changing.apply(scene("a"))
+
     assert (asked, changing.notes) == ([True], [])
 
 
@@ -213,6 +219,7 @@ def test_part_is_removed_from_a_copy(changer, inlet):
     before = changer.served()
     request = asked(inlet, changes(("b", PartAction.HIDE), ("a", PartAction.REMOVE)))
     changer.carry_out(request)
+
     assert (request.is_over, request.refusal) == (True, "")
     assert (names(before), names(changer.served())) == (["a", "b"], ["b"])
     assert (hidden(before), hidden(changer.served())) == ([], ["b"])
@@ -222,6 +229,7 @@ def test_last_part_stays_and_nothing_of_its_message_is_done(changer, inlet):
     before = changer.served()
     request = asked(inlet, changes(("a", PartAction.REMOVE), ("b", PartAction.REMOVE)))
     changer.carry_out(request)
+
     assert request.refusal == "part 'b' is the only one and cannot be removed: hide it instead"
     assert changer.served() is before
     assert names(before) == ["a", "b"]
@@ -230,6 +238,7 @@ def test_last_part_stays_and_nothing_of_its_message_is_done(changer, inlet):
 def test_part_is_added_where_the_message_puts_it(changer, inlet):
     request = asked(inlet, addition(translation=(1.0, 2.0, 3.0), units=b"m"))
     changer.carry_out(request)
+
     assert (request.refusal, names(changer.served())) == ("", ["a", "b", "lid"])
     assert changer.served().part("lid").pose.translation.tolist() == [1.0, 2.0, 3.0]
 
@@ -249,6 +258,7 @@ def test_file_elsewhere_is_not_read(changer, inlet, file, reason):
     os.symlink(changer.folder.parent / "secret.stl", changer.folder / "link.stl")
     request = asked(inlet, addition(file=file))
     changer.carry_out(request)
+
     assert (request.is_over, request.refusal) == (True, reason)
     assert names(changer.served()) == ["a", "b"]
 
@@ -257,7 +267,9 @@ def test_second_folder_is_looked_into(tmp_path):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
     (tmp_path / "two" / "x.stl").write_bytes(b"")
+
     path = allowed_file("x.stl", [str(tmp_path / "one"), str(tmp_path / "two")])
+
     assert path == str((tmp_path / "two" / "x.stl").resolve())
 
 
@@ -272,6 +284,7 @@ def test_name_that_is_taken_and_file_that_is_none_are_refused(changer, inlet):
     taken, broken = asked(inlet, addition(name="a")), asked(inlet, addition(file="bad.stl"))
     changer.carry_out(taken)
     changer.carry_out(broken)
+
     assert taken.refusal == "a part is named 'a' already, expected another name"
     assert "bad.stl" in broken.refusal
     assert names(changer.served()) == ["a", "b"]

@@ -112,6 +112,7 @@ def test_finger_that_bends_beyond_its_table_goes_straight_on(gloves_of, inlet):
     source = stream(gloves_of('calibration = "glove.json"'))
     inlet.put(poses(bend=[-0.03, 1.03]))
     polled = source.poll(NOW)
+
     for row in range(2):
         tip = world(glove_files.HAND.finger.point_hand(polled.bends[row]))
         assert polled.positions[row] == pytest.approx(tip, abs=5e-4)
@@ -130,6 +131,7 @@ def test_finger_that_bends_beyond_its_table_goes_straight_on(gloves_of, inlet):
 def test_what_cannot_be_is_a_finger_that_is_not_tracked(gloves_of, inlet, fields, note):
     source = stream(gloves_of('calibration = "glove.json"'))
     inlet.put(poses(**fields))
+
     assert np.isnan(source.poll(NOW).positions).all()
     assert source.notes == ([note] if note else [])
 
@@ -171,6 +173,7 @@ def test_poses_of_fingertips_are_taken_all_the_same_and_end_the_path(gloves_of, 
 def test_without_a_glove_its_poses_are_of_a_kind_that_is_not_expected(inlet):
     source = stream(None)
     inlet.put(poses(bend=0.3))
+
     assert source.poll(NOW) is None
     assert len(source.notes) == 1
 

@@ -55,9 +55,11 @@ def frame(number):
 def test_all_frames_are_appended_in_order():
     log = KeepingLog()
     writer = LogWriter(log, 16, depth=2000)
+
     for number in range(2000):
         writer.put(frame(number))
     writer.finish()
+
     assert log.is_closed and writer.written == 2000 and writer.notes == []
     np.testing.assert_array_equal(np.array(log.frames), np.array([frame(k) for k in range(2000)]))
 
@@ -92,10 +94,12 @@ def test_disk_that_stands_still_delays_nobody_and_what_finds_no_room_is_counted(
 def test_frames_go_round_the_ring_unharmed():
     log = KeepingLog()
     writer = LogWriter(log, 16, depth=3)
+
     for number in range(100):
         writer.put(frame(number))
         until(lambda expected=number + 1: len(log.frames) >= expected - 2)
     writer.finish()
+
     np.testing.assert_array_equal(np.array(log.frames), np.array([frame(k) for k in range(100)]))
 
 
@@ -135,7 +139,9 @@ def test_disk_that_is_full_is_said_once_and_what_follows_is_still_tried(caplog):
 def test_log_that_cannot_be_closed_harms_nobody(caplog):
     log = KeepingLog(failing_close=True)
     writer = LogWriter(log, 16)
+
     writer.finish()
+
     assert log.is_closed
     assert [record.message for record in caplog.records] == ["frames cannot be logged: cannot be closed"]
 

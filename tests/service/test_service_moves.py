@@ -55,7 +55,9 @@ def test_messages_are_applied_in_order(inlet):
     parts, source = scene("a", "b"), MovesInput("queue:")
     inlet.put(moves(a=(1, 0, 0), b=(2, 0, 0)))
     inlet.put(moves(a=(3, 0, 0)))
+
     source.apply(parts, NOW)
+
     assert places(parts) == {"a": [3, 0, 0], "b": [2, 0, 0]}
 
 
@@ -81,7 +83,9 @@ def test_part_that_cannot_be_moved_is_counted_and_the_others_move(inlet, caplog,
     parts, source = scene("a", "b", "c"), MovesInput("queue:")
     inlet.put(broken(what))
     inlet.put(broken(what))
+
     source.apply(parts, NOW)
+
     assert places(parts) == {"a": [1, 0, 0], "b": [0, 0, 0], "c": [3, 0, 0]}
     assert source.notes == ["queue:: 2 moves of parts that are invalid"]
     (said,) = [record.message for record in caplog.records]
@@ -93,7 +97,9 @@ def test_part_that_is_named_twice_goes_where_it_is_told_last(inlet):
     message = moves(a=(9, 0, 0), b=(1, 0, 0), c=(3, 0, 0))
     message.records["name"][1] = b"a"
     inlet.put(message)
+
     source.apply(parts, NOW)
+
     assert places(parts) == {"a": [1, 0, 0], "b": [0, 0, 0], "c": [3, 0, 0]}
     assert source.notes == []
 
@@ -213,6 +219,7 @@ def test_velocity_lasts_from_the_pose_on_and_not_from_when_it_came(inlet):
     source.apply(parts, NOW)
     source.apply(parts, NOW + 10 * MS - 1)
     assert parts.part("a").velocity.any()
+
     source.apply(parts, NOW + 10 * MS)
     assert not parts.part("a").velocity.any() and source.is_late
 
@@ -246,7 +253,9 @@ def test_part_with_a_name_of_64_bytes_is_moved(inlet):
     name = "x" * 64
     parts, source = scene(name), MovesInput("queue:")
     inlet.put(moves(**{name: (0, 0, 1)}))
+
     source.apply(parts, NOW)
+
     assert places(parts) == {name: [0, 0, 1]}
 
 
@@ -256,6 +265,7 @@ def test_first_move_of_a_part_is_worth_nothing_when_it_is_old(inlet):
     source.apply(parts, NOW)
     assert places(parts) == {"a": [0, 0, 0], "b": [0, 0, 0]} and not source.is_late
     assert source.notes == ["queue:: 2 moves older than 50 ms"]
+
     inlet.put(moving(pose_ns=NOW - 50 * MS, speed=0.0))
     source.apply(parts, NOW)
     assert places(parts) == {"a": [1, 0, 0], "b": [2, 0, 0]}
@@ -264,7 +274,9 @@ def test_first_move_of_a_part_is_worth_nothing_when_it_is_old(inlet):
 def test_move_that_came_while_the_system_kept_the_tick_from_running_is_not_from_the_future(inlet):
     parts, source = scene("a", "b"), MovesInput("queue:", clock=lambda: NOW + 30 * MS)
     inlet.put(moving(pose_ns=NOW + 30 * MS))
+
     source.apply(parts, NOW)
+
     assert source.future == 0 and parts.part("a").velocity.any()
 
 
@@ -273,7 +285,9 @@ def test_instants_of_ticks_that_skip_ahead_are_those_of_moves_as_well(inlet):
     parts = scene("a", "b")
     source = MovesInput("queue:", clock=lambda: NOW, skipped=lambda: hour)
     inlet.put(moving())
+
     source.apply(parts, NOW + hour + 20 * MS)
+
     assert places(parts)["a"] == [1.01, 0, 0] and source.notes == []
 
 

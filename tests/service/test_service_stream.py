@@ -72,7 +72,9 @@ def test_message_need_not_have_all_fingers(inlet, what):
     source, make = received(what, 3)
     inlet.put(make([1.0, 1.5, 1.0]))
     inlet.put(make([2.0], NOW + 5, fingers=[1]))
+
     polled = source.poll(NOW)
+
     assert polled.values[:, 0].tolist() == [1.0, 2.0, 1.0]
     assert polled.pose_ns.tolist() == [NOW, NOW + 5, NOW]
 
@@ -101,6 +103,7 @@ def test_sample_that_was_refused_is_not_given_again_with_those_of_other_fingers(
         inlet.put(make([float(ms)], NOW + ms * MS, fingers=[1]))
         polled = source.poll(NOW + ms * MS)
         assert np.isnan(polled.values[0, 0])
+
     assert source.newest.future == 1 and polled.values[1, 0] == 699.0
 
 
@@ -153,6 +156,7 @@ def test_both_kinds_are_numbered_apart(inlet):
     source = stream(1)
     inlet.put(poses(np.zeros((1, 3))), sequence=5)
     inlet.put(poses(np.ones((1, 3)), kind=PATH_POSES), sequence=0)
+
     assert (source.poll(NOW).positions == 1).all()
 
 
@@ -176,6 +180,7 @@ def test_flood_takes_a_few_messages_of_a_tick_and_no_more(inlet):
     source = stream(1)
     inlet.queue = [np.zeros(200, np.uint8)] * 1000
     inlet.put(poses(np.ones((1, 3))))
+
     assert source.poll(NOW) is None
     assert len(inlet.queue) == 1001 - inbox.MOST_FLAWED
     for _ in range(1000 // inbox.MOST_FLAWED):
@@ -189,12 +194,14 @@ def test_newest_pose_counts_however_many_came_since_the_tick_before(inlet):
     for tick in range(5):
         for number in range(50):
             inlet.put(poses([[tick, number, 0.0]], NOW + number))
+
         assert source.poll(NOW).positions.tolist() == [[tick, 49, 0]]
 
 
 def test_address_that_fails_is_counted_and_said_once(inlet, caplog):
     source = stream(1)
     inlet.queue = [PublishError("queue: broken"), PublishError("queue: broken again")]
+
     assert source.poll(NOW) is None and source.poll(NOW) is None
     inlet.put(poses(np.ones((1, 3))))
     assert (source.poll(NOW).positions == 1).all()
@@ -224,7 +231,9 @@ class ForeignSender:
 
 def test_instants_of_another_machine_are_told_on_our_clock(monkeypatch):
     sender = ForeignSender(monkeypatch)
+
     ages = [sender.send(transit) for transit in (3 * MS, MS, 4 * MS, MS, MS, MS, 4 * MS, MS)]
+
     # Nothing is believed before the other clock was seen to run for 50 ms. Of the way, what exceeds the
     # fastest is seen, and 1 ms is allowed for it.
     assert ages[:5] == [None] * 5
@@ -251,6 +260,7 @@ def test_poses_that_become_late_for_good_are_not_taken_for_new_ones_of_another_c
         pass
     sender.now += 1300 * MS
     ages = [sender.send(transit=1301 * MS) for _ in range(200)]
+
     assert min(age for age in ages if age is not None) >= 1300
 
 
@@ -260,6 +270,7 @@ def test_sender_whose_clock_is_beyond_all_measure_is_left_out(monkeypatch, ahead
     sender = ForeignSender(monkeypatch)
     sender.ahead = ahead
     told = [sender.send(transit=0) for _ in range(20)]
+
     assert told == [None] * 20
     (note,) = sender.source.notes
     assert note.endswith(" messages with an impossible time")

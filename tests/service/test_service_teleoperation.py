@@ -111,6 +111,7 @@ def test_finger_that_was_not_measured_is_unknown_whatever_else_is_told():
 @pytest.mark.parametrize("error", [np.nan, -0.001, np.inf])
 def test_error_that_is_not_known_leaves_no_bounds_and_says_so(error):
     contact = answer(0.01, error=error)
+
     assert contact["lower"] == contact["predicted_lower"] == -np.inf
     assert contact["upper"] == contact["predicted_upper"] == np.inf
     assert contact["time_to_contact_lower"] == 0.0
@@ -169,6 +170,7 @@ def test_predicted_bounds_hold_however_far_off_the_sensor_says_it_is(error, widt
 
 def test_speed_that_a_sensor_tells_is_taken_at_its_word():
     contact = answer(0.01, approach_speed=0.1, error=0.0)
+
     assert contact["approach_speed"] == 0.1 and contact["flags"] & ContactFlag.PREDICTED
     assert contact["time_to_contact"] == contact["time_to_contact_lower"] == pytest.approx(0.1)
     assert contact["predicted_distance"] == pytest.approx(0.01 - 0.1 * 0.001, abs=1e-6)
@@ -178,7 +180,9 @@ def test_same_measurement_again_changes_no_speed():
     answers = SensedContacts(1)
     contacts = list(approach(answers, lambda t: 0.03 - 0.2 * t, range(4)))
     samples = measured([0.03 - 0.2 * 0.003], NOW + 3 * MS, 0.0)
+
     again = filled(answers, samples, NOW + 9 * MS)[0]
+
     assert again["approach_speed"] == contacts[-1]["approach_speed"]
     assert again["age_ns"] == 6 * MS
     # The prediction is for later: seen from the same measurement.
@@ -193,6 +197,7 @@ def test_jump_of_a_sensor_is_told():
 
 def test_speed_before_it_is_known_is_thought_the_highest():
     contact = answer(0.03, error=0.0)
+
     assert contact["time_to_contact"] == np.inf
     assert contact["time_to_contact_lower"] == pytest.approx(0.03 / 3.0)
     assert contact["predicted_lower"] == pytest.approx(0.03 - 0.001 * 3.0, abs=1e-9)
@@ -212,6 +217,7 @@ def test_speed_before_it_is_known_is_thought_the_highest():
 )
 def test_time_to_contact(distance, speed, time, free):
     contact = answer(distance, approach_speed=speed, error=0.0002)
+
     assert contact["time_to_contact"] == pytest.approx(time, rel=1e-12)
     assert contact["time_to_contact_lower"] == pytest.approx(free, rel=1e-12)
     assert contact["mode"] == (Mode.POSITION if time < np.inf else Mode.RETRACT)
@@ -247,7 +253,9 @@ def test_normals_and_surfaces_that_cannot_be_are_unknown(inlet):
     source = Newest(MessageInput("queue:", 4, is_measured=True), Measurements(4), NOW)
     normals = [(0, 0, 1), (0, 0, 1.01), (0, 0, 1e300), (0, 0, np.nan)]
     inlet.put(message([0.1] * 4, normal=normals, surface=[2, 3, 255, 1]))
+
     records = source.poll(NOW).records
+
     assert np.isnan(records["normal"]).any(axis=1).tolist() == [False, True, True, True]
     assert records["surface"].tolist() == [2, 0, 0, 1]
     assert source.notes == ["queue:: 2 normals that are not of unit length"]
@@ -276,7 +284,9 @@ def test_speed_that_a_sensor_cannot_have_measured_is_not_believed_and_costs_no_f
     """It once left an error without end, from which a prediction for now was not a number."""
     answers = SensedContacts(1, latency=0.0)
     filled(answers, measured([0.1], NOW - MS, approach_speed=speed), NOW - MS)
+
     contact = filled(answers, measured([0.1]), NOW)[0]
+
     assert contact["predicted_lower"] == contact["lower"] and contact["predicted_upper"] == contact["upper"]
     assert np.isfinite(contact["predicted_distance"])
 
@@ -331,5 +341,7 @@ def test_numbers_that_cannot_be_are_refused(fields):
 def test_rehearsal_leaves_nothing_behind():
     answers = SensedContacts(2)
     answers.rehearse()
+
     first = filled(answers, measured([0.1, 0.1]), NOW)
+
     assert not (first["flags"] & (ContactFlag.PREDICTED | ContactFlag.JUMPED)).any()

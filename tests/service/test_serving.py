@@ -241,8 +241,10 @@ def test_measured_distances_are_published_without_geometry(scene_path, folder, r
 def test_edit_that_needs_a_restart_is_refused_with_its_line(scene_path, before, after, message):
     settings = scene_service.read_scene_file(scene_path)
     edit(scene_path, before, after)
+
     with pytest.raises(ServiceError) as refused:
         scene_changes.refuse_what_needs_a_restart(settings, scene_service.read_scene_file(scene_path))
+
     assert str(refused.value).startswith(f"{scene_path}:{message}: restart the service to apply")
 
 
@@ -293,6 +295,7 @@ def test_edit_that_needs_a_restart_changes_nothing(looking):
     edit(looking.path, "rate_hz = 200", "rate_hz = 100")
     edit(looking.path, "box.stl", "sphere.stl")
     looking.look(3)
+
     assert looking.replaced == []
     assert "2: service.rate_hz was changed" in looking.said[0]
 
@@ -315,6 +318,7 @@ def test_part_that_is_replaced_by_one_of_the_same_date_and_size_is_taken(looking
 def test_refused_edit_is_said_once(looking):
     looking.path.write_text("nonsense")
     looking.look(4)
+
     assert len(looking.said) == 1
     assert looking.said[0].startswith("the edit is refused, the previous scene stays in use: ")
     assert looking.replaced == []
@@ -326,6 +330,7 @@ def test_scene_file_that_is_gone_is_said_and_may_come_back(looking):
     looking.look(3)
     looking.path.write_text(text)
     looking.look(3)
+
     assert looking.said[0].endswith(f"{looking.path}: cannot be read (No such file or directory)")
     assert len(looking.replaced) == 1
 
@@ -335,6 +340,7 @@ def test_file_that_a_refused_edit_names_is_watched(looking, folder):
     edit(looking.path, "box.stl", "new.stl")
     looking.look(3)
     assert looking.replaced == []
+
     shutil.copy(MESHES / "sphere.stl", folder / "new.stl")
     looking.look(3)
     assert len(looking.replaced) == 1
@@ -345,6 +351,7 @@ def test_mistake_of_ours_in_an_edit_is_said(looking, monkeypatch):
     monkeypatch.setattr(scene_changes, "make_tracker", None)
     edit(looking.path, "count = 2", "count = 2\nbudget = 40")
     looking.look(2)
+
     assert looking.said == [
         "the edit is refused, the previous scene stays in use: TypeError: 'NoneType' object is not callable"
     ]
@@ -483,6 +490,7 @@ def test_what_cannot_be_made_gives_all_addresses_back(scene_path, counted):
     edit(scene_path, "[[parts]]", "radius = [0.007, 0.007]\n[[parts]]")
     edit(scene_path, "count = 2\n", "")
     scene_path.write_text(re.sub("poses = .*", 'poses = "counted:poses"', scene_path.read_text()))
+
     with pytest.raises(ServiceError, match=r"cell\.toml:6: fingers: .* one for each of 5 fingers"):
         serve(scene_path, publish="counted:a")
     assert counted.opened == 0
@@ -559,6 +567,7 @@ def child():
 def test_child_s_report_is_what_stop_returns(child):
     said = []
     service = child(BEGUN + "print('proximity: edited', file=sys.stderr)" + ENDED, say=said.append)
+
     assert service.beginning == {"rate_hz": 500.0}
     assert service.is_running and "running" in repr(service)
     assert service.stop() == service.stop() == {"ticks": 7}
@@ -583,6 +592,7 @@ def test_child_is_waited_for_as_long_as_wished(child):
 def test_child_that_ends_by_itself_has_a_report(child):
     with child(BEGUN + 'print(json.dumps({"event": "ended", "ticks": 9}), flush=True)') as service:
         wait_until(lambda: not service.is_running, "it ended")
+
         assert service.stop() == {"ticks": 9}
 
 

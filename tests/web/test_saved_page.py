@@ -34,6 +34,7 @@ def saved(tmp_path_factory):
 def test_file_names_nothing_elsewhere(saved):
     content = saved.read_bytes()
     text = re.sub(rb'("application/octet-stream" id="[^"]+">)[^<]+</', rb"\1</", content).decode("ascii")
+
     assert len(text) < 50_000
     assert not re.search(r'(src|href)="(?!data:)[^"#]', text)
 
@@ -43,6 +44,7 @@ def test_page_lets_nothing_else_run_and_nothing_out(saved):
     policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]+)"', text)[1]
     rules = dict(each.split(" ", 1) for each in policy.split("; "))
     nonce = re.search(r'<script nonce="(\w{64})">', text)[1]
+
     assert rules["default-src"] == rules["base-uri"] == rules["form-action"] == "'none'"
     assert rules["script-src"] == f"'nonce-{nonce}' 'wasm-unsafe-eval' blob:"
     assert text.index("Content-Security-Policy") < text.index("<style") < text.index("<script")

@@ -198,6 +198,7 @@ def test_a_foreign_host_is_refused(bridge, host):
 
 def test_files_have_the_headers_that_shut_others_out(bridge):
     answer = bridge.get()
+
     assert answer.status == 200
     assert answer.getheader("Cross-Origin-Opener-Policy") == "same-origin"
     assert answer.getheader("Cross-Origin-Embedder-Policy") == "require-corp"
@@ -214,7 +215,9 @@ def test_files_have_the_headers_that_shut_others_out(bridge):
 def test_without_the_token_nobody_comes_in(bridge, hello):
     page = bridge.raw()
     page.send(hello)
+
     code, reason = closed(page)
+
     assert code == WRONG_TOKEN
     assert TOKEN not in reason
     assert bridge.bridge._clients == []
@@ -223,7 +226,9 @@ def test_without_the_token_nobody_comes_in(bridge, hello):
 def test_page_that_is_busy_for_too_long_is_asked_to_try_again(bridge, monkeypatch):
     """A browser that draws in software may open the connection long before it can speak."""
     monkeypatch.setattr("proximity.web.server.page_server.HELLO_S", 0.1)
+
     code, reason = closed(bridge.raw())
+
     assert code == HELD_UP
     assert "in time" in reason
 
@@ -259,6 +264,7 @@ def test_paths_reach_the_service(bridge):
     assert received(bridge.poses, POSES) is not None
     corners = np.arange(2 * 65 * 3, dtype=float).reshape(2, 65, 3) / 100
     page.send(poses(PATH_POSES, corners=corners))
+
     np.testing.assert_array_equal(received(bridge.poses, PATH_POSES)["corners"], corners)
 
 
@@ -301,6 +307,7 @@ def test_the_first_move_is_taken_where_only_the_clock_was_asked_for(bridge):
         page.send(json.dumps({"clock": now() / 1e6}))
         time.sleep(SETTLED)
     page.send(move())
+
     assert received(bridge.moves, MOVES)["translation"].tolist() == [[0.1, 0, 0]]
 
 
@@ -332,6 +339,7 @@ def test_what_a_page_hides_no_distance_knows_and_all_pages_hear_of_it(bridge):
 def test_a_page_may_hide_and_show_and_change_nothing_else(bridge, action):
     page = bridge.page()
     page.send(change(b"b", action))
+
     assert closed(page)[0] == UNFIT
     assert received(bridge.changes, CHANGES, 0.1) is None
 
@@ -442,6 +450,7 @@ def test_what_is_shown_is_given_for_the_token(bridge):
 def test_an_oversize_message_ends_the_connection(bridge):
     page = bridge.page()
     page.send(b"x" * (MOST_BYTES + 1))
+
     assert closed(page)[0] == 1009
     assert bridge.page() is not None  # the next is welcome
 
@@ -451,6 +460,7 @@ def test_a_flood_ends_the_connection(bridge):
     with contextlib.suppress(ConnectionClosed):
         for _ in range(20_000):
             page.send("ok")
+
     assert closed(page)[0] == TOO_MUCH
     assert bridge.page() is not None
 
@@ -524,7 +534,9 @@ def test_messages_that_were_held_up_end_the_connection(bridge):
     late = Message(POSES, 1)
     late.header["send_ns"] = late.records["pose_ns"] = now() - 1_400_000_000
     page.send(late.seal(1, 2).tobytes())
+
     code, reason = closed(page)
+
     assert (code, reason) == (4408, "messages of this page are delayed by more than a second")
 
 

@@ -50,6 +50,7 @@ def faint(page):
 
 def test_clashes_are_listed_with_the_deepest_first(page):
     rows = page.page.locator("#clashes button").all_inner_texts()
+
     assert (
         page.ask("document.getElementById('clashes-name').textContent") == "2 clashes, the deepest 20.02 mm"
     )

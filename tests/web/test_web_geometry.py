@@ -42,6 +42,7 @@ def test_faces_of_every_part_are_where_the_scene_has_them():
 
 def test_edges_of_a_cube_are_its_twelve_and_its_normals_are_flat():
     drawn = display_mesh(*shapes.cube(2.0))
+
     assert len(drawn.edges) == 12
     assert len(drawn.positions) == 24
     assert sorted(np.abs(drawn.normals).sum(axis=1)) == pytest.approx(np.ones(24))
@@ -51,7 +52,9 @@ def test_edges_of_a_cube_are_its_twelve_and_its_normals_are_flat():
 
 def test_a_sphere_is_smooth_and_has_no_edges():
     solid = proximity.load(MESHES / "sphere.stl").parts[0].solid
+
     drawn = display_mesh(solid.mesh.vertices, solid.mesh.faces)
+
     assert len(drawn.edges) == 0
     assert len(drawn.positions) == solid.mesh.vertex_count
     outward = drawn.positions / np.linalg.norm(drawn.positions, axis=1, keepdims=True)
@@ -74,7 +77,9 @@ def test_a_part_far_from_the_origin_keeps_its_shape():
     far = np.array([1e4, -2e4, 3e4])
     vertices, faces = shapes.cube(0.001, tuple(far))
     part = Part("small", Solid(vertices, faces), Pose(), np.arange(len(faces), dtype=np.int32))
+
     drawn = display_mesh(part.solid.mesh.vertices, part.solid.mesh.faces)
+
     restored = drawn.positions[drawn.faces].astype(float) + drawn.centre
     np.testing.assert_allclose(restored, vertices[faces], atol=1e-10)
 
@@ -83,7 +88,9 @@ def test_a_part_far_from_the_origin_keeps_its_shape():
 def test_large_parts_are_drawn_coarser_and_look_alike(is_closed):
     ball = trimesh.creation.icosphere(5)
     faces = ball.faces if is_closed else ball.faces[:-1]
+
     vertices, fewer = coarser(np.array(ball.vertices), np.array(faces, np.int64), 4000)
+
     assert 500 < len(fewer) <= 4000
     radii = np.linalg.norm(vertices[np.unique(fewer)], axis=1)
     assert radii.min() > 0.98
@@ -92,7 +99,9 @@ def test_large_parts_are_drawn_coarser_and_look_alike(is_closed):
 
 def test_a_coarser_scene_says_so():
     scene = proximity.load(MESHES / "sphere.stl")
+
     data = trimesh.load(io.BytesIO(scene_glb(scene, most_faces=400)), file_type="glb")
+
     assert len(next(iter(data.geometry.values())).faces) <= 400
     text = scene_glb(scene, most_faces=400)
     assert b'"face_count":1280' in text

@@ -190,5 +190,7 @@ def test_a_hand_that_pinches_near_a_part_takes_it_along(page):
 def test_controllers_are_a_fingertip_each(page):
     page.ask("headset.primaryInputMode = 'controller'")
     assert page.ask("page.choose('headset').then(() => page.input)") == "headset"
+
     known(page, [1, 6])
+
     page.ask("page.inputs.headset.stop()")

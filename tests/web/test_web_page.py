@@ -328,7 +328,9 @@ def test_keys_move_a_picked_part(page):
     page.page.locator("#parts .name", has_text="bracket").click()
     page.page.keyboard.press("Shift+ArrowRight")
     moved = "page.parts.list.at(-1).object.matrix.elements"
+
     page.until(f"Math.abs({moved}[12] - 0.01) < 1e-9")
+
     page.page.keyboard.press("q")
     page.until(f"Math.abs({moved}[1] - Math.sin(Math.PI / 36)) < 1e-9")
     page.page.keyboard.press("Home")
@@ -383,7 +385,9 @@ def test_a_moved_part_stops_at_contact(page, scene):
 def test_two_points_are_measured(page):
     page.page.get_by_role("button", name="Measure").click()
     page.ask("page.tools.measure.add(page.stage.box.min.clone())")
+
     said = page.ask("page.tools.measure.add(page.stage.box.min.clone().add({ x: 0.003, y: 0.004, z: 0 }))")
+
     assert said == "5.00 mm apart; along x, y, z: 3.00, 4.00, 0.00 mm."
     page.page.keyboard.press("Escape")
     assert page.ask("page.tools.measure.group.children.length") == 0
@@ -454,7 +458,9 @@ def test_without_hands_the_page_says_so(page):
     has_mouse_hand(page)
     page.until("document.getElementById('state').textContent === 'OK'")
     assert page.ask("document.getElementById('meaning').textContent") == "The right hand is tracked."
+
     page.page.get_by_role("radio", name="None").click()
+
     page.until("document.getElementById('state').textContent === 'NO HANDS'")
     page.until("page.fingers.shown.every((finger) => !finger.group.visible)")
     page.picture("no-hands")

@@ -17,6 +17,7 @@ def test_vendored_files_are_as_published(folder):
         reversed(line.split(maxsplit=1)) for line in (folder / "SHA256SUMS").read_text().splitlines()
     )
     found = {path for path in folder.rglob("*") if path.is_file() and path.name != "SHA256SUMS"}
+
     assert {folder / name for name in listed} == found
     for name, expected in listed.items():
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == expected, name
@@ -25,6 +26,7 @@ def test_vendored_files_are_as_published(folder):
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_vendored_files_have_their_licence(folder):
     (licence,) = folder.glob("*LICENSE*")
+
     assert "MIT" in licence.read_text()
 
 
@@ -58,6 +60,7 @@ def test_every_import_of_the_page_is_there():
 
 def test_only_files_of_the_page_are_given():
     files = scene_page_files()
+
     for name in ("/../bridge.py", "/vendor/three/SHA256SUMS", "/%2e%2e/bridge.py", "//etc/passwd", ""):
         assert files.get(name) is None
     assert files.get("/")[0].startswith("text/html")
@@ -66,6 +69,7 @@ def test_only_files_of_the_page_are_given():
 
 def test_the_policy_lets_nothing_in_but_what_is_served():
     policy = scene_page_files().headers["Content-Security-Policy"]
+
     assert "default-src 'none'" in policy
     assert re.search(r"script-src 'self' 'wasm-unsafe-eval' 'sha256-[^']+';", policy)
     assert "unsafe" not in policy.replace("'wasm-unsafe-eval'", "")  # compiles the engine, no text

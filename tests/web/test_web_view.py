@@ -66,6 +66,7 @@ def test_view_is_one_process_and_its_page_computes_by_itself():
         welcome = json.loads(shown_at(running.url, "welcome"))
         geometry = shown_at(running.url, "geometry")[:4]
         children = psutil.Process(running.process.pid).children()
+
     assert (geometry, children) == (b"glTF", [])
     assert (welcome["finger_count"], welcome["may_pose"], welcome["may_move"]) == (10, True, True)
     assert welcome["recording"]["name"] == "hand.csv"
@@ -73,9 +74,11 @@ def test_view_is_one_process_and_its_page_computes_by_itself():
 
 def test_points_are_given_to_the_page_in_metres(tmp_path):
     (tmp_path / "scan.csv").write_text("x,y,z\n1,2,3\n4,5,6\n")
+
     with Viewing(BRACKET, "--points", tmp_path / "scan.csv", "--units", "cm") as running:
         welcome = json.loads(shown_at(running.url, "welcome"))
         points = np.frombuffer(shown_at(running.url, "points"))
+
     assert (welcome["points"], welcome["unit"]) == ({"name": "scan.csv"}, 0.01)
     assert points.tolist() == pytest.approx([0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
 
@@ -165,6 +168,7 @@ def view(monkeypatch, tmp_path):
 
 def test_files_are_read_with_the_options_of_the_command(view):
     settings = view(BRACKET, "--scale", 2, "--step-tolerance", 0.002, "--no-cache")
+
     expected = {"scale": 2.0, "step_tolerance": 2e-6, "unpacked_limit": 2e9, "cache": False}
     assert dict(settings.reading) == expected
     assert _open_parts(settings).scene.part_sizes == pytest.approx(2 * proximity.load(BRACKET).part_sizes)
@@ -188,6 +192,7 @@ def test_clashes_are_listed_on_request(view, tmp_path):
 def test_parts_are_shown_as_was_asked_for():
     files = ("part.stl", str(BRACKET))
     settings = page_settings(files, PageSettings(files, units="in", radius=0.005))
+
     assert [part.file for part in settings.parts] == [str(Path("part.stl").absolute()), str(BRACKET)]
     assert {part.units for part in settings.parts} == {"in"}
     assert (settings.fingers.count, settings.fingers.radius) == (10, 0.005)
@@ -240,6 +245,7 @@ def logged(path, count=50, sessions=1):
 
 def test_frames_of_a_log_are_found_by_time_and_place(tmp_path):
     frames = LoggedFrames(logged(tmp_path / "run.frames"))
+
     assert (frames.count, frames.finger_count, frames.duration_ms) == (50, 2, 49.0)
     assert [frames.place_at(ms) for ms in (-1.0, 0.0, 0.9, 1.0, 30.5, 1e9)] == [0, 0, 0, 1, 30, 49]
     assert frames.ms_at(7) == 7.0

@@ -86,6 +86,7 @@ def test_box_that_holds_the_nearest_point_is_always_opened(reach, size):
     contents = np.clip(rng.uniform(-1, 1, (LANES, 1, 3)) + size * rng.uniform(-1, 1, (LANES, 4, 3)), -1, 1)
     points = points_around(rng, contents, 300, reach)
     node = node_of(contents)
+
     for box in range(LANES):
         best_sq = np.array([rounded_distance_sq(point, contents[box]) for point in points])
         opened, _ = opened_at(node, points, best_sq)
@@ -120,6 +121,7 @@ reached = st.one_of(st.floats(-2.5, 2.5), st.floats(-1e12, 1e12), st.floats(-1e9
 @example(np.zeros((2, 3)), np.array([[1e-30, 0.0, 0.0]]))
 def test_no_rounding_closes_the_box_of_the_nearest_point(content, point):
     opened, _ = opened_at(node_of(content[None]), point, np.array([rounded_distance_sq(point[0], content)]))
+
     assert opened[0, 0]
 
 
@@ -127,7 +129,9 @@ def test_no_rounding_closes_the_box_of_the_nearest_point(content, point):
 def test_point_on_its_own_box_is_opened_with_best_zero(power):
     rng = np.random.default_rng(power + 100)
     contents = np.clip(rng.normal(size=(LANES, 1, 3)) * 2.0**power, -1, 1)
+
     opened, _ = opened_at(node_of(contents), contents[:, 0], np.zeros(LANES))
+
     assert np.diagonal(opened).all()
 
 
@@ -135,7 +139,9 @@ def test_point_on_its_own_box_is_opened_with_best_zero(power):
 @pytest.mark.parametrize("distance", [0.0, 1.9, 2.1, 1e12, 1e25, 1e27, 1e99])
 def test_unused_lane_is_never_opened(best, distance):
     node = node_of(np.zeros((3, 1, 3)))
+
     opened, _ = opened_at(node, np.array([[distance, 0.0, 0.0]]), np.array([best]))
+
     assert not opened[0, 3:].any()
 
 
@@ -143,7 +149,9 @@ def test_unused_lane_is_never_opened(best, distance):
 def test_everything_is_opened_as_long_as_nothing_is_found(distance):
     # Was: from 1e26 part sizes on all bounds were infinite, and the walk read beside its arrays.
     node = node_of(np.random.default_rng(7).uniform(-1, 1, (LANES, 2, 3)))
+
     opened, _ = opened_at(node, np.array([[distance, -distance, 0.1]]), np.array([np.inf]))
+
     assert opened.all()
 
 
@@ -153,7 +161,9 @@ def test_far_point_still_tells_near_boxes_from_far_ones(distance):
     contents = np.zeros((2, 1, 3))
     contents[0, 0, 0], contents[1, 0, 0] = 0.9, -0.9
     point = np.array([[distance, 0.0, 0.0]])
+
     opened, _ = opened_at(node_of(contents), point, np.array([(distance - 0.9) ** 2]))
+
     assert opened[0, :2].tolist() == [True, False]
 
 
@@ -165,6 +175,7 @@ def test_bounds_are_tight_but_for_the_margin():
     low, high = contents.min(axis=1), contents.max(axis=1)
     gaps = np.maximum(np.maximum(low - points[:, None], points[:, None] - high), 0.0)
     exact = (gaps**2).sum(axis=-1)
+
     assert (abs(np.sqrt(bounds) - np.sqrt(exact)) <= 8.0 * BOX_MARGIN).all()
 
 
@@ -172,6 +183,7 @@ def test_bounds_are_tight_but_for_the_margin():
 def test_far_offset_is_below_the_distance_of_the_whole_cube(x, y, z):
     offset = offset_of(x, y, z)
     gaps = [max(abs(Fraction(value)) - 1, Fraction(0)) for value in (x, y, z)]
+
     if max(abs(x), abs(y), abs(z)) <= FAR:
         assert offset == 0.0
     else:
@@ -189,10 +201,12 @@ def test_far_offset_is_below_the_distance_of_the_whole_cube(x, y, z):
 @example(0.0)
 def test_rounding_outward_encloses_and_is_tight(value):
     low, high = rounded(value)
+
     assert float(low) <= value <= float(high)
     assert float(high) - float(low) <= 5e-7 * abs(value) + 3e-38
 
 
 def test_not_a_number_opens_nothing():
     opened, _ = opened_at(node_of(np.zeros((8, 1, 3))), np.array([[np.nan, 0.0, 0.0]]), np.array([np.nan]))
+
     assert not opened.any()

@@ -21,7 +21,9 @@ def place_on_curve(points):
 @pytest.mark.parametrize("spread", [(1.0, 1.0, 1.0), (1e-6, 2.0, 0.0), (1e200, 1e190, 1.0)])
 def test_cells_follow_one_another_along_the_curve(count, spread):
     points = np.random.default_rng(count).uniform(-1.0, 1.0, (count, 3)) * spread + 0.5
+
     order = morton_order(points)
+
     assert sorted(order) == list(range(count))
     if count > 1:
         places = np.array(place_on_curve(points))[order]

@@ -154,8 +154,10 @@ def test_distances_are_right_to_rounding_on_every_shape(kind, farthest):
     triangles = hard_triangles(rng, kind, 600)
     points = hard_points(rng, triangles, farthest)
     exact = exact_distances(points, triangles)
+
     walk = distances_of(points, triangles)
     closest, _ = closest_of(points, triangles)
+
     assert units(abs(walk - exact), points).max() <= ALLOWED
     assert units(abs(closest[:, CLOSEST_LENGTH] - exact), points).max() <= ALLOWED
 
@@ -208,7 +210,9 @@ def test_unused_lane_is_nan_and_disturbs_no_neighbour():
     block = in_blocks(np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], float))
     block[3::LANES] = np.nan
     distances = np.empty(LANES)
+
     block_distances_sq(np.array([[0.25, 0.25, 2.0]]), block, distances)
+
     assert np.isnan(distances[3])
     assert (np.delete(distances, 3) == 4.0).all()
 
@@ -244,7 +248,9 @@ def test_feature_is_the_one_the_point_was_made_over(name, turns):
     point, feature, which, distance = REGIONS[name]
     corners = np.roll(CORNERS, -turns, axis=0)
     expected = 0 if feature == FEATURE_FACE else (which - turns) % 3
+
     closest, features = closest_of(point, corners)
+
     assert features[0].tolist() == [feature, expected]
     assert closest[0, CLOSEST_LENGTH] == pytest.approx(distance, rel=4 * ROUNDING)
 
@@ -252,6 +258,7 @@ def test_feature_is_the_one_the_point_was_made_over(name, turns):
 def test_height_over_a_face_has_the_side_of_the_normal():
     above, _ = closest_of([0.375, 0.125, 0.5], CORNERS)
     below, _ = closest_of([0.375, 0.125, -0.5], CORNERS)
+
     np.testing.assert_array_equal(above[0, CLOSEST_NORMAL : CLOSEST_NORMAL + 3], [0, 0, 1])
     np.testing.assert_array_equal(above[0, CLOSEST_ARM : CLOSEST_ARM + 3], [0, 0, 0.5])
     np.testing.assert_array_equal(below[0, CLOSEST_ARM : CLOSEST_ARM + 3], [0, 0, -0.5])
@@ -263,6 +270,7 @@ def test_point_beyond_an_obtuse_corner_belongs_to_the_long_side():
     #          0 ------ 1     the foot lies left of edge 0, over no corner
     corners = [[0, 0, 0], [1, 0, 0], [-4, 1, 0]]
     closest, features = closest_of([-1.5, 0.625, 0.0], corners)
+
     assert features[0].tolist() == [FEATURE_EDGE, 1]
     assert closest[0, CLOSEST_LENGTH] == pytest.approx(
         distances_of([[-1.5, 0.625, 0.0]], [corners])[0], rel=1e-14
@@ -275,7 +283,9 @@ def test_closest_point_of_a_needle_thinner_than_rounding_stays_at_its_place():
     along = np.array([0.3, 0.5, 0.7])
     triangles = np.array([[along * 0.1, along * 0.8, along * t] for t in rng.uniform(0.1, 0.8, 500)])
     points = rng.uniform(0.1, 0.8, (500, 1)) * along
+
     closest, _ = closest_of(points, triangles)
+
     assert (
         np.linalg.norm(closest[:, CLOSEST_POINT : CLOSEST_POINT + 3] - points, axis=1).max() <= 4 * ROUNDING
     )
@@ -322,7 +332,9 @@ def test_edges_shorter_than_rounding_have_weights_within_a_triangle():
     # Was: a parameter of 50 on an edge of 1e-16, and so a weight of -49.
     cases = np.array([float.fromhex(number) for number in SHORT_EDGES.split()]).reshape(2, 4, 3)
     triangles, points = cases[:, :3], cases[:, 3]
+
     closest, _ = closest_of(points, triangles)
+
     assert (closest[:, CLOSEST_WEIGHT : CLOSEST_WEIGHT + 3] >= 0.0).all()
 
 
@@ -333,7 +345,9 @@ small_integers = npst.arrays(np.float64, (4, 3), elements=st.integers(-4, 4).map
 def test_points_and_corners_on_a_small_lattice_have_exact_distances(numbers):
     point, triangle = numbers[:1], numbers[None, 1:]
     exact = exact_distances(point, triangle)[0]
+
     closest, _ = closest_of(point, triangle)
+
     assert distances_of(point, triangle)[0] == pytest.approx(exact, rel=8 * ROUNDING)
     assert closest[0, CLOSEST_LENGTH] == pytest.approx(exact, rel=8 * ROUNDING)
     assert np.linalg.norm(point[0] - closest[0, CLOSEST_POINT : CLOSEST_POINT + 3]) == pytest.approx(
@@ -348,6 +362,7 @@ coordinates = st.floats(-1.0, 1.0, allow_subnormal=False)
 def test_any_triangle_has_the_exact_distance_in_any_order_of_corners(numbers, order):
     point, triangle = numbers[:1], numbers[None, 1:][:, list(order)]
     exact = exact_distances(point, triangle)
+
     assert units(abs(distances_of(point, triangle) - exact), point)[0] <= ALLOWED
     assert units(abs(closest_of(point, triangle)[0][:, CLOSEST_LENGTH] - exact), point)[0] <= ALLOWED
 
@@ -376,6 +391,7 @@ def test_difference_of_products_has_the_right_sign(a, b, c, d):
     if any(abs(product) < 1e-250 for product in (a * b, c * d)):
         return
     exact = Fraction(a) * Fraction(b) - Fraction(c) * Fraction(d)
+
     assert products(a, b, c, d) == pytest.approx(float(exact), rel=2 * ROUNDING, abs=0.0)
 
 
@@ -384,4 +400,5 @@ def test_not_a_number_is_no_nearer_than_anything():
     closest[CLOSEST_TRIANGLE : CLOSEST_TRIANGLE + 9] = CORNERS.ravel()
     distances = np.empty(1)
     scalar_distances_sq(np.array([[np.nan, 0.0, 0.0]]), CORNERS[None], distances)
+
     assert not distances[0] <= 1.0

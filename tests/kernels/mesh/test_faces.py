@@ -35,6 +35,7 @@ def expected_areas(vertices, faces):
 @pytest.mark.parametrize("place", PLACES)
 def test_areas_are_those_of_the_cross_product(name, place):
     vertices, faces = placed(name, place)
+
     np.testing.assert_allclose(double_areas(vertices, faces), expected_areas(vertices, faces), rtol=1e-12)
 
 
@@ -44,12 +45,14 @@ def test_volume_has_the_sign_of_the_winding_wherever_the_part_is(place, way):
     cube, ball = (
         signed_volume(v, f[:, ::way].copy()) for v, f in (placed(n, place) for n in ("cube", "ball"))
     )
+
     assert (np.sign(cube), np.sign(ball)) == (way, way)
     assert abs(cube) == pytest.approx(48.0, rel=1e-7)  # six times that of a cube whose half side is one
 
 
 def test_flat_and_single_points_enclose_nothing():
     vertices, faces = placed("sheet", (1.0, 0.0))
+
     assert signed_volume(vertices, faces) == 0.0
     assert signed_volume(np.ones((3, 3)), np.array([[0, 1, 2]], np.int32)) == 0.0
 
@@ -60,12 +63,14 @@ def test_ball_and_the_same_inside_out_enclose_nothing(way):
     vertices, faces = shapes.sphere(1.0, 3)
     rotated = vertices @ shapes.rotation(7).T
     both = np.concatenate([faces[:, ::way], faces[:, ::-way]]).astype(np.int32)
+
     assert signed_volume(rotated, both) == 0.0
 
 
 def test_rows_that_no_face_uses_may_hold_anything():
     vertices, faces = placed("cube", (1.0, 0.0))
     more = np.concatenate([vertices, [[np.nan, np.inf, 1e300]]])
+
     assert signed_volume(more, faces) == signed_volume(vertices, faces)
     np.testing.assert_array_equal(double_areas(more, faces), double_areas(vertices, faces))
 
@@ -77,13 +82,16 @@ def test_thin_is_what_is_no_higher_above_its_longest_side(height):
     faces = rng.integers(0, 600, (400, 3)).astype(np.int32)
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     longest = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
+
     is_thin = thin_faces(vertices, faces, height)
+
     np.testing.assert_array_equal(is_thin, expected_areas(vertices, faces) <= height * longest)
     assert height > 1.0 or 0 < is_thin.sum() < len(is_thin)
 
 
 def test_faces_with_two_corners_in_one_are_thin_whatever_the_height():
     vertices = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]])
+
     assert thin_faces(vertices, np.array([[0, 1, 1], [0, 0, 0]], np.int32), 0.0).all()
 
 
@@ -124,6 +132,7 @@ def test_half_edges_are_in_the_order_of_a_sort(corner_count, face_count):
     rng = np.random.default_rng(7)
     for _ in range(10):
         corners = rng.integers(0, corner_count, (face_count, 3)).astype(np.int32)
+
         for found, right in zip(sorted_half_edges(corners), expected(corners), strict=True):
             np.testing.assert_array_equal(found, right)
 
@@ -132,6 +141,7 @@ def test_corner_that_everything_meets_at_costs_no_more():
     # All in one place of the last pass: what is sorted within such places takes the square of it.
     rim = np.random.default_rng(7).permutation(np.arange(1, 10_001)).astype(np.int32)
     fan = np.stack([np.zeros(10_000, np.int32), rim, np.roll(rim, 1)], axis=1)
+
     for found, right in zip(sorted_half_edges(fan), expected(fan), strict=True):
         np.testing.assert_array_equal(found, right)
 
@@ -144,7 +154,9 @@ def test_labels_are_those_of_scipy(count, links, seed):
     one, other = np.random.default_rng(seed).integers(count, size=(2, links))
     graph = coo_array((np.ones(links, bool), (one, other)), shape=(count, count))
     found, expected = connected_components(graph, directed=False)
+
     labels = connected(count, one, other)
+
     assert labels.dtype == np.int32
     np.testing.assert_array_equal(labels, expected)
     assert labels.max() + 1 == found
@@ -153,6 +165,7 @@ def test_labels_are_those_of_scipy(count, links, seed):
 @pytest.mark.parametrize("turn", [1, -1])
 def test_long_chains_are_one(turn):
     row = np.ascontiguousarray(np.arange(100_000)[::turn])
+
     assert not connected(len(row), row[:-1], row[1:].copy()).any()
 
 

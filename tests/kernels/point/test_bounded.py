@@ -110,7 +110,9 @@ def test_within_the_core_the_search_is_exact():
     for point in points_at(mesh, np.random.default_rng(9), 20):
         exact = walk(model, point, UNLIMITED)
         exact_within = 1.0001 * np.sqrt(exact.best_sq)
+
         found = walk(model, point, UNLIMITED, tolerance=0.3, exact_within=exact_within)
+
         assert found.lower_sq == found.best_sq == exact.best_sq
 
 
@@ -120,6 +122,7 @@ def test_with_nothing_found_ease_does_not_lower_the_limit():
         limit = 0.81 * walk(model, point, UNLIMITED).best_sq
         if limit == 0.0:
             continue  # on the surface
+
         assert walk(model, point, UNLIMITED, limit, tolerance=0.5)[:3] == (limit, NO_SLOT, limit)
 
 
@@ -156,6 +159,7 @@ def test_each_node_and_each_leaf_is_one_step():
 def test_a_part_in_its_own_frame_costs_no_step_to_enter():
     face = (np.eye(3), [[0, 1, 2]])
     model = model_of(face, face, poses=[Pose(shapes.rotation(3), (5, 0, 0)), Pose(shapes.rotation(4))])
+
     # The root of the tree over parts, which has both entries, and the nearer entry, which is a leaf.
     assert [walk(model, (0.0, 0.0, 0.0), budget).work for budget in (1, 2, UNLIMITED)] == [1, 2, 2]
 
@@ -318,17 +322,20 @@ def test_bracket_at_the_centre_of_a_ball_is_narrow_by_its_slabs(cavity):
     blind = without_slabs(cavity)
     gaps = [gap_of(cavity, point, 800) for point in points]
     blind_gaps = [gap_of(blind, point, 800) for point in points]
+
     assert max(gaps) < 0.01 < 0.05 < min(blind_gaps)
 
 
 def test_bracket_at_the_centre_closes_with_the_budget(cavity):
     gaps = [gap_of(cavity, (1e-5, 0.0, 0.0), budget) for budget in (200, 800, 3200)]
+
     assert gaps[0] < 0.035 and gaps[1] < 0.6 * gaps[0] and gaps[2] < 0.6 * gaps[1]
 
 
 def test_a_few_steps_from_nothing_find_a_near_face_and_raise_the_bound():
     """Each sweep follows one of the nearest down to a leaf, and opens the others from the nearest on."""
     found = walk(model_of(shapes.sphere(1.0, 5)), (0.0, 0.0, 0.5), 8)
+
     assert found.slot != NO_SLOT and 0.2 < found.lower_sq <= 0.25 <= found.best_sq * 1.01 < 0.26
 
 
@@ -337,6 +344,7 @@ def test_bracket_is_narrow_all_around_the_centre(cavity):
     rng = np.random.default_rng(4)
     ways = rng.normal(size=(100, 3))
     points = ways / np.linalg.norm(ways, axis=1)[:, None] * rng.uniform(0.0, 0.1, (100, 1))
+
     assert max(gap_of(cavity, point, 600) for point in points) < 0.02
 
 

@@ -96,6 +96,7 @@ def test_scene_is_walked_from_any_block_to_the_same_end(count):
 @pytest.mark.parametrize("count", [1, 2, 7, 40])
 def test_each_slot_belongs_to_the_part_that_has_its_block(count):
     model = Scene(some_parts(count)).snapshot()
+
     for part in range(count):
         first, blocks = model.parts["first_block"][part], model.parts["block_count"][part]
         for slot in (LANES * first, LANES * (first + blocks) - 1):
@@ -106,4 +107,5 @@ def test_parts_of_a_scene_asked_alone_are_part_0():
     scene = Scene(some_parts(5))
     scene.closest((0.0, 0.0, 0.0))
     model = scene.parts[3].solid.snapshot()
+
     assert part_of_slot(model.words, model.parts, LANES * model.parts["first_block"][0]) == 0

@@ -101,6 +101,7 @@ def test_more_steps_leave_a_smaller_gap():
         _, lower, upper, *_ = ball.at((0.01, 0.02, 0.0), budget=budget)
         assert lower <= -0.97 <= upper or upper - lower < 0.05
         gaps.append(upper - lower)
+
     assert gaps == sorted(gaps, reverse=True) and gaps[0] > 0.0 and gaps[-1] == 0.0
 
 
@@ -110,6 +111,7 @@ def test_inside_a_part_the_gap_is_that_of_the_walk(budget):
     ball = Asked(Scene([part_of(shapes.sphere(1.0, 5))]))
     _, lower, upper, _, _, _, bits, _ = ball.at((0.001, 0.002, 0.0), budget=budget)
     _, least, most, *_ = ball.at((0.001, 0.002, 0.0), budget=budget, is_outside=True)
+
     assert bits & contact_record.INSIDE and most - least > 0.0
     assert (lower, upper) == pytest.approx((-most, -least), rel=1e-14)
 
@@ -155,6 +157,7 @@ def test_with_ease_a_bracket_outside_is_as_wide_and_inside_it_is_exact(asked):
 def test_inside_several_parts_the_deepest_counts_and_its_face_is_told():
     nested = Asked(Scene([part_of(shapes.cube(s, (0, 0, 0)), f"{s}") for s in (1.0, 4.0, 2.0)]))
     distance, lower, upper, clear, part, slot, bits, _ = nested.at((0.0, 0.0, 0.25))
+
     assert distance == lower == upper == -1.75
     assert part == 1 and bits == contact_record.EXACT | contact_record.SIGNED | contact_record.INSIDE
     assert clear <= 0.25 and clear == pytest.approx(0.25)
@@ -172,6 +175,7 @@ def test_with_all_parts_hidden_nothing_is_near():
     scene = Scene([part_of(shapes.cube())])
     scene.hide("part")
     distance, lower, upper, clear, _, slot, bits, _ = Asked(scene).at((0.5, 0.5, 0.5))
+
     assert distance == lower == upper == clear == np.inf
     assert slot == NO_SLOT and bits == contact_record.EXACT
 
@@ -209,6 +213,7 @@ def test_within_a_limit_only_nearer_faces_are_found(asked):
 
 def test_only_in_the_box_of_a_part_with_holes_a_point_may_slip_in(asked):
     slips = lambda *point: distance_bounds.is_in_box_with_holes(asked.arrays, tuple(map(float, point)))  # noqa: E731
+
     assert slips(3.0, 0.0, 0.0) and slips(3.9, 0.9, 0.9)
     assert not slips(4.2, 0.0, 0.0) and not slips(-2.0, 0.0, 0.0) and not slips(0.5, 0.5, 0.0)
 

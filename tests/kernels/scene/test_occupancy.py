@@ -93,7 +93,9 @@ def test_lists_name_few_parts():
     rng = np.random.default_rng(3)
     scene = scene_of(rng, 40, spread=4.0)
     points = points_around(scene, rng, 500)[:500]
+
     found = sum(len(listed(scene.snapshot(), point)) for point in points)
+
     assert found < 0.02 * 40 * len(points)
 
 
@@ -106,6 +108,7 @@ def test_scenes_of_any_size_have_their_lists(size):
     poses = [Pose(translation=size * rng.normal(size=3)) for _ in range(12)]
     scene = Scene([placed(f"part {k}", solid, pose) for k, pose in enumerate(poses)])
     model = scene.snapshot()
+
     for point in points_around(scene, rng, 60)[:120]:
         assert set(holders(model, point)) <= set(listed(model, point))
 
@@ -116,7 +119,9 @@ def test_parts_in_one_place_have_fewer_cells_instead_of_longer_tables():
     solid = Solid(*shapes.cube())
     scene = Scene([placed(f"part {k}", solid, Pose(translation=(1e-3 * k, 0, 0))) for k in range(count)])
     row = scene.snapshot().parts[-1]
+
     cells = int(row["grid_x"] * row["grid_y"] * row["grid_z"])
+
     assert cells < part_grid.CELLS_PER_PART * count / 8
     assert listed(scene.snapshot(), (0.65, 0.5, 0.5)) == list(range(count))
     assert scene.signed_distance((0.65, 0.5, 0.5)) == pytest.approx(-0.5)
@@ -128,6 +133,7 @@ def test_a_part_without_an_inside_is_not_listed():
     assert not sheet.has_inside
     scene = Scene([placed("sheet", sheet), placed("ball", ball, Pose(translation=(0.5, 0.5, 0.0)))])
     points = np.append(points_around(scene, np.random.default_rng(1), 100), [(0.5, 0.5, 0.1)], axis=0)
+
     assert {part for point in points for part in listed(scene.snapshot(), point)} == {1}
 
 
@@ -135,6 +141,7 @@ def test_a_scene_of_sheets_alone_has_no_cells():
     scene = Scene(
         [placed(f"sheet {k}", Solid(*shapes.grid()), Pose(translation=(0, 0, k))) for k in range(3)]
     )
+
     assert scene.snapshot().parts["grid_x"][-1] == 0
     assert scene.signed_distance((0.5, 0.5, 0.25)) == 0.25
 
@@ -145,6 +152,7 @@ def test_a_part_asked_alone_is_listed_nowhere_though_its_scene_has_lists():
     solid = scene.parts[1].solid
     model = solid.snapshot()
     assert model.parts["grid_x"][1] > 0  # the part's own sign grid
+
     assert list_of(model.words, model.frames, model.parts, 0.1, 0.1, 0.1) == (0, 0)
     assert solid.contains((0.1, 0.1, 0.1))
 

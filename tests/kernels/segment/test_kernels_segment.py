@@ -188,7 +188,9 @@ def test_unused_lanes_are_never_opened():
     node = node_of(np.zeros((1, 1, 3)))
     segments = np.array([[0.0, 0, 0, 1, 1, 1], [1e6, 1e6, 0, 2e6, 0, 0], [-1e99, 0, 0, 1e99, 1, 1]])
     opened, far = np.empty(3, np.int64), np.empty(3)
+
     open_lanes(node, segments, np.full(3, np.inf), far, opened)
+
     assert (opened == 1).all()
 
 
@@ -196,6 +198,7 @@ def test_unused_lanes_are_never_opened():
 def test_boxes_behind_a_crossing_are_closed():
     contents = np.linspace(-0.9, 0.9, LANES)[:, None, None] + np.zeros((LANES, 1, 3))
     bounds, _, limit = bounds_of(node_of(contents), np.array([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0]))
+
     assert (bounds < 1.1 * plans.TOUCHING).all() and (np.diff(bounds) > 0.0).all()
     assert (bounds <= limit).tolist() == [True] * 4 + [False] * 4
 
@@ -331,6 +334,7 @@ def test_long_segment_through_a_part_is_as_right_as_a_short_one():
     model = model_of(mesh)
     long = Found(model, place - far * way, place + far * way)
     short = Found(model, place - 16 * way, place + 16 * way)
+
     assert np.abs(long.distance - short.distance).max() <= 8e-15
     assert ((long.distance == 0.0) == (short.distance == 0.0)).all()
 
@@ -391,6 +395,7 @@ def test_first_crossing_of_a_scene_is_the_first_of_its_parts(count, is_fused):
 
 def test_order_may_name_some_rows_only():
     found = Found(model_of(shapes.cube()), np.full((3, 3), 2.0), np.full((3, 3), 3.0), order=np.array([1]))
+
     assert (found.reals[[0, 2]] == 7.0).all() and (found.choices[[0, 2]] == 7).all()
     assert found.distance[1] == pytest.approx(3.0**0.5)
 

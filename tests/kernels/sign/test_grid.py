@@ -108,7 +108,9 @@ MESHES = {
 def test_no_cell_contradicts_the_winding_number(name):
     grid = Grid(*MESHES[name])
     points = grid.points_in_cells(np.random.default_rng(7), 1500)
+
     states = grid.states(points)
+
     turns = np.rint(oracle.winding_number(grid.corners, grid.faces, points))
     assert (turns[states == CELL_OUTSIDE] == 0).all()
     assert (turns[states == CELL_INSIDE] >= 1).all()
@@ -135,7 +137,9 @@ def test_cells_of_any_size_tell_no_lie(name, rate):
     # Rates at which faces of the cube lie exactly on walls between cells.
     grid = Grid(*MESHES[name], rate=rate)
     points = grid.points_in_cells(np.random.default_rng(7), 800)
+
     states = grid.states(points)
+
     turns = np.rint(oracle.winding_number(grid.corners, grid.faces, points))
     assert (turns[states == CELL_OUTSIDE] == 0).all()
     assert (turns[states == CELL_INSIDE] == 1).all()
@@ -146,19 +150,23 @@ def test_cells_of_any_size_tell_no_lie(name, rate):
 def test_many_points_are_told_by_one_look(name, least):
     grid = Grid(*MESHES[name])
     states = grid.states(grid.points_in_cells(np.random.default_rng(7), 4000))
+
     assert (states != CELL_CROSSED).mean() >= least
 
 
 @pytest.mark.parametrize("name", ["cube", "turned cube", "sphere", "torus", "cavity"])
 def test_faces_and_grid_agree_where_nothing_lies_between(name):
     places, is_inside, is_clear = Grid(*MESHES[name]).uncertain_points()
+
     assert len(places) == len(is_inside) == 0
     assert is_clear.shape == (len(MESHES[name][1]),)
 
 
 def test_faces_and_grid_differ_on_faces_inside_the_body():
     grid = Grid(*shapes.join(shapes.sphere(2.0, 4), shapes.sphere(1.0, 3)))
+
     places, is_inside, is_clear = grid.uncertain_points()
+
     # Only above the inner ball, whose faces all have clear cells on both sides; more than are returned.
     distances = np.linalg.norm(places - 0.5 * (grid.corners.max(axis=0) + grid.corners.min(axis=0)), axis=1)
     assert MOST_POINTS // 2 <= len(places) <= MOST_POINTS
@@ -171,12 +179,14 @@ def test_beyond_the_grid_is_outside():
     grid = Grid(*shapes.cube())
     upper = grid.lower + grid.counts / grid.rate
     points = [grid.lower - 1e-9, upper + 1e-9, [1e30, 0, 0], [0, -1e30, 0], [np.inf, 0, 0], [np.nan, 0, 0]]
+
     assert (grid.states(np.array(points)) == CELL_OUTSIDE).all()
 
 
 @pytest.mark.parametrize("name", MESHES)
 def test_grid_is_no_larger_than_its_limit(name):
     grid = Grid(*MESHES[name])
+
     assert (grid.counts >= 1).all()
     assert grid.counts.prod() <= 2 * LARGEST_GRID
     assert len(grid.packed) == -(-grid.counts.prod() // 16)
@@ -187,5 +197,6 @@ def test_cavity_is_outside_and_wall_is_inside():
     grid = Grid(*shapes.hollow_cube(), rate=16.0)
     middle = grid.corners.mean(axis=0, keepdims=True)
     wall = middle + 2.0 / 3.0 * (grid.corners.max(axis=0) - middle)  # the cavity ends at a third
+
     assert grid.states(middle)[0] == CELL_OUTSIDE
     assert grid.states(wall)[0] == CELL_INSIDE

@@ -84,7 +84,9 @@ OPEN = {
 def test_winding_number_is_near_that_of_exact_solid_angles(name):
     mesh = (CLOSED | OPEN)[name]
     points = points_about(np.random.default_rng(7), mesh)
+
     error = abs(turns(mesh, points) - oracle.winding_number(*mesh, points))
+
     assert error.max() <= LARGEST_ERROR
 
 
@@ -92,7 +94,9 @@ def test_winding_number_is_near_that_of_exact_solid_angles(name):
 def test_side_of_a_closed_surface_is_right_everywhere(name):
     mesh = CLOSED[name]
     points = points_about(np.random.default_rng(8), mesh)
+
     found, exact = turns(mesh, points), np.rint(oracle.winding_number(*mesh, points))
+
     np.testing.assert_array_equal(np.rint(found), exact)
 
 
@@ -103,6 +107,7 @@ def test_largest_error_is_the_one_that_is_told():
         for mesh in (CLOSED["sphere"], CLOSED["bumpy sphere"], CLOSED["onion"])
         for points in [points_about(np.random.default_rng(7), mesh)]
     )
+
     assert 0.2 * LARGEST_ERROR <= worst <= LARGEST_ERROR
 
 
@@ -111,6 +116,7 @@ def test_two_sides_of_a_thin_wall_do_not_cancel_wrongly():
     mesh = CLOSED["onion"]
     points = np.random.default_rng(7).normal(size=(200, 3))
     points *= 0.3 * np.random.default_rng(8).random((200, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
+
     assert abs(turns(mesh, points)).max() <= LARGEST_ERROR
 
 
@@ -120,6 +126,7 @@ def test_copies_are_counted_however_many(way):
     corners, faces = shapes.tetrahedron()
     copies = np.tile(faces[:, ::way], (50, 1))
     points = points_about(np.random.default_rng(7), (corners, faces))
+
     np.testing.assert_array_equal(
         np.rint(turns((corners, copies), points)),
         50 * np.rint(oracle.winding_number(corners, faces[:, ::way], points)),
@@ -145,6 +152,7 @@ def test_angles_are_added_as_if_one_by_one(name, size):
         for angle in angles:
             sum_so_far = turned(*sum_so_far, size * np.cos(angle), size * np.sin(angle))
         cosine, sine, full = sum_so_far
+
         assert np.arctan2(sine, cosine) + 2.0 * np.pi * full == pytest.approx(angles.sum(), abs=1e-11)
 
 
@@ -155,12 +163,14 @@ def test_exact_quarters_and_halves_are_added(way):
     for count in range(1, 20):
         sum_so_far = turned(*sum_so_far, 0.0, way)
         cosine, sine, full = sum_so_far
+
         assert np.arctan2(sine + 0.0, cosine) + 2.0 * np.pi * full == pytest.approx(0.5 * np.pi * way * count)
 
 
 @pytest.mark.parametrize(("first", "second"), [((-1.0, 0.0), (10.0, 5e-324)), ((1.0, 0.0), (-10.0, -5e-324))])
 def test_the_least_numbers_do_not_count_a_turn(first, second):
     cosine, sine, full = turned(*first, 0.0, *second)
+
     assert abs(np.arctan2(sine + 0.0, cosine) + 2.0 * np.pi * full) == pytest.approx(np.pi)
 
 
@@ -220,6 +230,7 @@ def test_surface_itself_gives_a_number():
         vertices, faces = mesh
         points = np.concatenate([vertices, vertices[faces].mean(axis=1), vertices[faces][:, :2].mean(axis=1)])
         found = turns(mesh, points)
+
         assert np.isfinite(found).all()
         # Each of two faces that meet at the point adds half a turn or none.
         assert (found > -0.6).all() and (found < 1.6).all()
@@ -229,6 +240,7 @@ def test_faces_without_area_turn_nothing():
     points = points_about(np.random.default_rng(7), shapes.cube(), 50)
     vertices, faces = shapes.cube()
     with_slivers = np.concatenate([faces, [[0, 0, 1], [2, 2, 2], [1, 3, 1]]])
+
     np.testing.assert_allclose(
         turns((vertices, with_slivers), points), turns((vertices, faces), points), atol=1e-14
     )
@@ -237,4 +249,5 @@ def test_faces_without_area_turn_nothing():
 def test_part_all_of_whose_faces_are_degenerate_turns_nothing():
     vertices = np.linspace(0, 1, 60)[:, None] * np.ones(3)
     mesh = (vertices, np.arange(60).reshape(-1, 3))
+
     assert abs(turns(mesh, [[0.5, 0.5, 0.0], [3.0, 0.0, 0.0]])).max() <= 1e-15

@@ -84,6 +84,7 @@ def test_velocity_of_a_point_is_that_of_the_origin_and_of_turning_about_it():
     v, w = (0.3, -0.2, 0.1), (1.0, -2.0, 0.5)
     scene, point = scene_of([((0, 0, 0), (0, 0, 0)), (v, w)]), np.array([3.4, 1.2, -1.0])
     frames = scene.snapshot().frames
+
     assert velocity_of_part(frames, 0, *point) == (0.0, 0.0, 0.0)
     expected = v + np.cross(w, point - (3.0, 1.0, -2.0))
     assert velocity_of_part(frames, 1, *point) == pytest.approx(expected, rel=1e-14)
@@ -109,12 +110,14 @@ def test_parts_with_any_velocity_are_gathered_and_hidden_ones_left_out():
 
 def test_of_parts_that_only_go_straight_the_drift_is_the_largest_speed():
     scene = scene_of([((0.3, 0, 0), (0, 0, 0)), ((0, -0.5, 0), (0, 0, 0))])
+
     assert 0.5 <= drift(scene) <= 0.5 * TIGHT
     assert 0.8 <= drift(scene, (0, 0.3, 0)) <= 0.8 * TIGHT
 
 
 def test_parts_that_stand_move_relative_to_one_that_goes():
     scene = scene_of([((0, 0, 0), (0, 0, 0)), ((0, 2.0, 0), (0, 0, 0))])
+
     assert 2.0 <= drift(scene, (0, 2.0, 0)) <= 2.0 * TIGHT
     scene.hide("0")
     assert drift(scene, (0, 2.0, 0)) == 0.0
@@ -123,6 +126,7 @@ def test_parts_that_stand_move_relative_to_one_that_goes():
 @pytest.mark.parametrize(("corner", "farthest"), [(0.0, 1.0), (-0.7, 0.7), (-3.0, 3.0)])
 def test_of_a_part_that_turns_the_drift_is_that_of_the_corner_farthest_from_its_origin(corner, farthest):
     speed = 3.0 * np.sqrt(3.0) * farthest
+
     assert speed * (1.0 - 1e-15) <= drift(scene_of([((0, 0, 0), (0, 0, 3.0))], corner)) <= speed * TIGHT
 
 
@@ -163,6 +167,7 @@ def test_a_part_counts_from_when_it_can_have_come():
 
 def test_only_parts_that_may_come_in_time_are_gathered():
     scene = train(np.full(21, 1.0))
+
     for extent in (0.0, 0.1, 1.4, 3.4, 100.0):
         for off in (0.0, 0.2, 0.7):
             for unit in (0.5, 1.0):
@@ -196,6 +201,7 @@ def test_what_moves_is_never_nearer_than_gap_and_drift_allow(seed):
 def test_the_fastest_is_told_however_far_it_is(count):
     movers = movers_of(train(np.linspace(1.0, 3.0, count)))
     near, fastest = gather_near(movers, (0.0, 1.0, 0.0), (0.5, 0.5, 0.5), 0.0, 0.0, 0.5, 0.1)
+
     assert near == 0
     assert fastest == pytest.approx(0.5 * (1.0 + (3.0 if count > 1 else 1.0)))
 
@@ -253,5 +259,6 @@ def test_displacement_of_a_part_that_stands_is_nothing_and_of_a_step_its_length(
     scene = scene_of([((1, 2, 3), (4, 5, 6))])
     old = before(scene)
     assert displacement_of_parts(scene.snapshot().frames, old) == 0.0
+
     scene.move("0", Pose(shapes.rotation(0), (0.25, 1.0, -2.0)))
     assert 0.25 <= displacement_of_parts(scene.snapshot().frames, old) <= 0.25 * TIGHT

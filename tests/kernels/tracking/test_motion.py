@@ -72,6 +72,7 @@ def test_second_pose_gives_a_velocity_and_the_third_its_error():
 def test_velocity_of_two_poses_that_noise_could_have_made_is_not_known():
     finger = Finger()
     finger.see(0, (0, 0, 0))
+
     assert finger.see(100_000, (0.0001, 0, 0)) == TRACKED
     assert not finger.velocity.any() and finger.velocity_error == MAX_SPEED
     assert finger.see(2 * MS, (0.002, 0, 0)) == KNOWN
@@ -81,6 +82,7 @@ def test_rows_of_other_fingers_are_left_alone():
     finger = Finger()
     times = np.arange(6) * MS
     finger.see_all(times, [(0, 0, 0), (0.001, 0, 0), (1, 1, 1), (0.003, 0, 0), (0.004, 0, 0), (2, 0, 0)])
+
     for row in (0, 2):
         assert finger.motions[row].tobytes() == Finger().motions[row].tobytes()
 
@@ -107,11 +109,13 @@ def test_noise_of_poses_in_quick_succession_is_no_surprise():
     finger = Finger()
     for t_ns in range(0, 200 * MS, MS // 10):
         finger.see(t_ns, rng.normal(scale=5e-5, size=3))
+
         assert finger.motions["surprise"][1, 0] == 0.0
 
 
 def test_velocity_of_the_caller_is_taken_at_its_word():
     finger = Finger()
+
     assert finger.see(0, (0, 0, 0), velocity=(0.1, 0.2, 0.3)) == KNOWN | STARTED
     np.testing.assert_array_equal(finger.velocity, (0.1, 0.2, 0.3))
     assert finger.velocity_error == 0.0
@@ -127,6 +131,7 @@ def test_velocity_that_is_not_finite_is_found_from_the_poses(missing):
     for t_ns in (0, 8 * MS, 16 * MS):
         position = (1e-10 * t_ns, 0, 0)
         assert finger.see(t_ns, position, velocity=missing) == alone.see(t_ns, position)
+
     assert finger.state == alone.state and alone.velocity[0] == pytest.approx(0.1)
     assert finger.see(24 * MS, (np.nan, 0, 0), velocity=(1, 2, 3)) == 0
     assert finger.state == alone.state
@@ -153,6 +158,7 @@ def test_lost_finger_answers_nothing_and_is_remembered(lost):
     times = np.arange(5) * 8 * MS
     finger.see_all(times, steady(times, (0.5, 0, 0)))
     before = finger.state
+
     assert finger.see(times[-1] + 8 * MS, lost) == 0
     assert finger.state == before
     assert finger.see(times[-1] + 16 * MS, steady([0, 48 * MS], (0.5, 0, 0))[1]) == KNOWN
@@ -178,6 +184,7 @@ def test_estimate_starts_anew_back_in_time_and_after_a_gap(t_ns):
     finger, fresh = Finger(), Finger()
     times = np.arange(6) * 8 * MS
     assert finger.see_all(times, steady(times, (0.5, 0, 0)))[-1] == KNOWN
+
     assert finger.see(t_ns, (0, 0, 0)) == fresh.see(t_ns, (0, 0, 0)) == TRACKED | STARTED
     assert not finger.velocity.any() and finger.velocity_error == MAX_SPEED
     for later in (8 * MS, 16 * MS):
@@ -188,6 +195,7 @@ def test_estimate_starts_anew_back_in_time_and_after_a_gap(t_ns):
 def test_longest_gap_is_still_bridged():
     finger = Finger()
     times = np.array([0, 8, 16, 116]) * MS
+
     assert finger.see_all(times, steady(times, (0.5, 0, 0)))[-1] == KNOWN
     np.testing.assert_allclose(finger.velocity, (0.5, 0, 0), atol=1e-9)
 
@@ -211,6 +219,7 @@ def test_jump_is_what_speed_and_slack_do_not_allow(period_ns):
     for factor, jumped in ((0.999, 0), (1.001, JUMPED)):
         finger = Finger()
         finger.see(0, (0, 0, 0))
+
         assert finger.see(period_ns, (0, 0, factor * reach)) & JUMPED == jumped
 
 
@@ -260,6 +269,7 @@ def test_way_back_is_closed(times, strays, expected):
     positions = np.zeros((len(times), 3))
     for pose, stray in strays.items():
         positions[pose] = stray
+
     assert Finger().see_all(np.array(times) * MS, positions)[-len(expected) :] == expected
 
 
@@ -286,6 +296,7 @@ def test_places_beyond_all_numbers_jump_and_come_back():
     positions[4] = 1e300
     with np.errstate(over="ignore"):
         statuses = finger.see_all(times, positions)
+
     assert statuses[4:6] == [TRACKED | STARTED | JUMPED, KNOWN | JUMPED]
     np.testing.assert_allclose(finger.velocity, (0.5, 0, 0), atol=1e-9)
 

@@ -73,7 +73,9 @@ def cost(nodes, links):
 @pytest.mark.parametrize("count", [1, 2, 8, 9, 17, 1000])
 def test_halving_shares_out_the_faces(count, leaf_shift):
     boxes = random_boxes(np.random.default_rng(count), count)
+
     nodes, links, moved, order = halved(boxes, leaf_shift)
+
     assert_binary_tree(nodes, links, moved)
     np.testing.assert_array_equal(moved, boxes[order])
     leaves = links[links[:, LINK_LEFT] == NO_CHILD]
@@ -86,7 +88,9 @@ def test_two_heaps_are_divided_between_them(axis):
     rng = np.random.default_rng(7)
     lower = rng.uniform(-0.1, 0.1, (300, 3))
     lower[rng.permutation(300)[:77], axis] += 0.8
+
     nodes, links, _, _ = halved(records(lower, lower + 0.01))
+
     sides = nodes.reshape(-1, BOX_STRIDE)[links[0, [LINK_LEFT, LINK_RIGHT]]]
     assert (-(sides[:, axis] + sides[:, 4 + axis]) < 0.3).all(), "no side spans both"
     assert sorted(_face_count(links, side) for side in links[0, [LINK_LEFT, LINK_RIGHT]]) == [77, 223]
@@ -101,7 +105,9 @@ def _face_count(links, node):
 @pytest.mark.internals
 def test_what_no_plane_separates_is_halved_by_count():
     boxes = np.repeat(random_boxes(np.random.default_rng(7), 1), 64, axis=0)
+
     _, links, _, _ = halved(boxes)
+
     assert (links[links[:, LINK_LEFT] == NO_CHILD][:, LINK_COUNT] == LANES).all()
 
 
@@ -111,7 +117,9 @@ def test_improving_keeps_the_tree_and_lessens_its_surface():
     boxes = random_boxes(rng, 3000, size=2.0 ** -rng.uniform(0, 8, (3000, 1)))  # some large, most small
     nodes, links, moved, _ = halved(boxes)
     before, leaves = cost(nodes, links), links[links[:, LINK_LEFT] == NO_CHILD].copy()
+
     improve(nodes, links)
+
     assert_binary_tree(nodes, links, moved)
     np.testing.assert_array_equal(links[links[:, LINK_LEFT] == NO_CHILD], leaves)
     assert cost(nodes, links) < 0.97 * before
@@ -123,7 +131,9 @@ def test_improving_never_adds_surface(seed):
     rng = np.random.default_rng(seed)
     nodes, links, _, _ = halved(random_boxes(rng, int(rng.integers(1, 200)), size=rng.uniform(0, 2)), 0)
     before = cost(nodes, links)
+
     improve(nodes, links)
+
     assert cost(nodes, links) <= before * (1 + 1e-5)
 
 
@@ -197,7 +207,9 @@ def least_surface(nodes, links):
 def test_no_other_wide_tree_has_less_surface(seed):
     rng = np.random.default_rng(seed)
     nodes, links, _, order = halved(random_boxes(rng, int(rng.integers(9, 13)), size=0.5), 0)
+
     wide, _, _ = widen_tree(nodes, links, order)
+
     assert surface(wide) == pytest.approx(least_surface(nodes, links), rel=1e-5)
 
 
@@ -246,7 +258,9 @@ def test_a_chain_of_any_length_is_not_deep(count, side):
 def test_the_thinnest_of_a_nodes_boxes_has_its_first_lane():
     """A walk goes there first where several are equally near."""
     nodes, links, _, order = halved(random_boxes(np.random.default_rng(8), 5000))
+
     wide, _, _ = widen_tree(nodes, links, order)
+
     count = 0
     for boxes, _ in wide_nodes(wide):
         thickness = (boxes[:, 1] - boxes[:, 0]).min(axis=1)
@@ -279,7 +293,9 @@ def test_ordinary_mesh_fills_its_nodes():
     vertices, faces = shapes.torus(n=120, m=80)
     boxes = np.empty(BOX_STRIDE * len(faces), np.float32)
     face_boxes(vertices, faces.astype(np.int32), boxes)
+
     nodes, _, leaf_first = build_tree(boxes, FACES_SHIFT)
+
     lanes = [len(names) for _, names in wide_nodes(nodes)]
     assert np.mean(lanes) >= 5.0
     assert len(faces) / (len(leaf_first) - 1) >= 0.7 * LANES

@@ -98,7 +98,9 @@ def points_around(corners):
 @pytest.mark.parametrize("name", MESHES)
 def test_no_box_is_farther_than_a_triangle_in_it(name):
     piece = piece_of(MESHES[name])
+
     found, reaches = box_distances(piece.boxes, piece.bvh.blocks, points_around(piece.corners))
+
     assert (found <= reaches).all()
 
 
@@ -106,6 +108,7 @@ def test_no_box_is_farther_than_a_triangle_in_it(name):
 def test_axes_are_at_right_angles_and_intervals_in_order(name):
     table = piece_of(MESHES[name]).boxes.reshape(-1, ORIENTED_STRIDE)
     axes = table[:, :9].reshape(-1, 3, 3).astype(np.float64)
+
     assert np.abs(np.einsum("bxi,bxj->bij", axes, axes) - np.eye(3)).max() < 2.0**-21
     assert (table[:, LEAST:LARGEST] <= table[:, LARGEST : LARGEST + 3]).all()
 

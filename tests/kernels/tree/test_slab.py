@@ -195,6 +195,7 @@ def test_factor_scales_the_bounds(factor):
     points = np.random.default_rng(7).uniform(-3, 3, (20, 3))
     plain, scaled = bounds_at(piece.moments, points), bounds_at(piece.moments, points, factor)
     is_kept = plain.astype(np.float64) * factor > SMALLEST_BOUND
+
     np.testing.assert_array_equal(scaled[is_kept], plain[is_kept] * np.float32(factor))
     assert is_kept.any() and not scaled[~is_kept].any()
 
@@ -204,6 +205,7 @@ def test_bound_too_small_for_float32_is_none():
     """Else it would be rounded to one of the few smallest numbers, half of them too large."""
     piece = piece_named("one face")
     points = np.random.default_rng(7).uniform(-2, 2, (200, 3))
+
     assert not bounds_at(piece.moments, points, 2.0**-140).any()
     assert bounds_at(piece.moments, points, 2.0**-90)[:, 0, 0].any()
 
@@ -212,6 +214,7 @@ def test_bound_too_small_for_float32_is_none():
 def test_child_without_a_mean_normal_and_unused_lanes_bound_nothing():
     one, two = piece_named("one face"), piece_of((np.eye(3), [[0, 1, 2], [0, 2, 1]]))
     points = points_around(np.random.default_rng(7), one.corners[one.faces])
+
     assert not two.moments[MOMENT_AREA_NORMAL : MOMENT_AREA_NORMAL + 24].any()
     assert (bounds_at(two.moments, points) == 0.0).all()
     assert (bounds_at(one.moments, points)[:, 0, 0] > 0.0).sum() > 30
@@ -223,12 +226,14 @@ def test_infinite_slab_bounds_nothing_however_far_the_point():
     moments = piece_named("one face").moments.copy()
     moments[MOMENT_SLAB_LEAST], moments[MOMENT_SLAB_LARGEST] = -np.inf, np.inf
     points = np.array([[0, 0, 0], [1e30, -1e30, 1e30], [1e100, 1e100, 1e100], [-1e100, 0, 1e-100]])
+
     assert (bounds_at(moments, points) == 0.0).all()
 
 
 @pytest.mark.internals
 def test_bounds_beyond_float32_are_cut_off_below_infinity():
     bounds = bounds_at(piece_named("one face").moments, [[1e20, 1e20, 1e20], [1e100, 1e100, 1e100]])
+
     assert (bounds[:, 0, 0] > 3e38).all() and np.isfinite(bounds).all()
 
 
@@ -237,6 +242,8 @@ def test_refilled_slabs_fit_faces_that_have_moved():
     piece = piece_named("soup")
     again = piece.moments.copy()
     again.reshape(-1, MOMENT_STRIDE)[:, MOMENT_SLAB_LEAST:] = np.nan
+
     fill_slabs(piece.bvh.nodes, piece.bvh.blocks, 0, piece.bvh.node_count, again, 0)
+
     np.testing.assert_array_equal(again, piece.moments)
     assert len(piece.bvh.blocks) == BLOCK_STRIDE * piece.bvh.block_count
