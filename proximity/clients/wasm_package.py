@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import proximity
-from proximity.clients import client_files
+from proximity.clients import client_files, license_text
 from proximity.core.library_in_c import NATIVE
 from proximity.errors import ProximityError
 from proximity.message.javascript_layout import layout_types
@@ -39,6 +39,7 @@ def package_files() -> dict[str, str | bytes]:
         **own,
         **{name: client[name] for name in CLIENT_FILES},
         "layout.d.mts": layout_types(),
+        "LICENSE": license_text(),
         **{name: (NATIVE / name).read_bytes() for name in found},
     }
 

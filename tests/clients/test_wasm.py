@@ -252,7 +252,7 @@ def test_example_and_programs_of_the_guide_print_distances(folder):
     proximity.load(MESHES / "bracket.stl", units="mm").save(folder / "bracket.prox")
     assert len(programs) == 2
     for code, printed in programs:
-        (folder / "program.mjs").write_text(code.replace("./proximity/", "./"))
+        (folder / "program.mjs").write_text(code.replace("./engine/", "./"))
         assert run(folder, "program.mjs") == printed
 
 
