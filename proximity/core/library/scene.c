@@ -401,9 +401,9 @@ int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count, c
     }
     int64_t unfit = proximity_first_unfit(scene, (int64_t)count, matrices, velocities, angular_velocities);
     if (unfit >= 0) {
-        return proximity_refuse(error, PROXIMITY_BAD_POSE,
-                                "row %lld is no rigid transform, or leads too far away, or its velocity is too large",
-                                (long long)unfit);
+        return proximity_refuse_pose(scene, parts[unfit], matrices + 16 * unfit,
+                                     velocities != NULL ? velocities + 3 * unfit : NULL,
+                                     angular_velocities != NULL ? angular_velocities + 3 * unfit : NULL, error);
     }
     scene->changes++;
     for (size_t k = 0; k < count; k++) {

@@ -40,6 +40,10 @@ int proximity_refuse_scene(const proximity_scene *scene, proximity_error *error)
 int64_t proximity_first_unfit(const proximity_scene *scene, int64_t n, const double *matrices, const double *velocities,
                               const double *angular_velocities);
 
+/* The sentence why a pose of a part cannot be used, as an error. */
+int proximity_refuse_pose(const proximity_scene *scene, int64_t part, const double *matrix, const double *velocity,
+                          const double *angular_velocity, proximity_error *error);
+
 /* Discard poses posted for a part, after proximity_move has moved it. */
 void proximity_carry_no_more(proximity_scene *scene, int32_t part);
 
