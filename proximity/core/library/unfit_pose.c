@@ -19,6 +19,18 @@ static double length_of(const double *m, int first, int step)
     return sqrt(m[first] * m[first] + m[first + step] * m[first + step] + m[first + 2 * step] * m[first + 2 * step]);
 }
 
+/* How far the axes of a matrix are from being of length 1 and at right angles. */
+static double off_orthonormal(const double *m)
+{
+    double off = 0.0;
+    for (int a = 0; a < 3; a++) {
+        for (int b = a; b < 3; b++) {
+            off = fmax(off, fabs(m[a] * m[b] + m[4 + a] * m[4 + b] + m[8 + a] * m[8 + b] - (a == b)));
+        }
+    }
+    return off;
+}
+
 static double determinant(const double *m)
 {
     return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
@@ -41,7 +53,7 @@ static void describe_matrix(const double *m, char *words, size_t size)
         }
     } else if (fabs(most - 1.0) > SINGLE_TOLERANCE && most - fmin(x, fmin(y, z)) <= SINGLE_TOLERANCE * most) {
         snprintf(words, size, "scales by %g, expected 1: a part keeps its size", most);
-    } else if (fabs(fabs(determinant(m)) - 1.0) > 2.0 * SINGLE_TOLERANCE || fabs(x - 1.0) > SINGLE_TOLERANCE) {
+    } else if (off_orthonormal(m) > SINGLE_TOLERANCE) {
         snprintf(words, size, "scales or shears (its axes are %g, %g and %g long), expected a rotation", x, y, z);
     } else if (determinant(m) < 0.0) {
         snprintf(words, size, "mirrors (determinant -1), expected +1");
